@@ -1,8 +1,10 @@
 //! Whether estimates from random pixels hold the figures of all pixels, on the five mirrors.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod studio;
+
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use cloud::Progress;
 use render::{Aov, Gpu, Renderer};
@@ -13,29 +15,9 @@ use study::{
     still_settings,
 };
 
+use studio::{Studio, studio};
+
 const SIZE: [u32; 2] = [200, 150];
-
-struct Studio {
-    gpu: Arc<Gpu>,
-    renderer: Renderer,
-}
-
-static STUDIO: LazyLock<Option<Mutex<Studio>>> = LazyLock::new(|| {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            println!("skipped: {error}");
-            return None;
-        }
-    };
-    Some(Mutex::new(Studio { renderer: Renderer::new(gpu.clone()).unwrap(), gpu }))
-});
-
-/// `None` without an adapter.
-fn studio() -> Option<MutexGuard<'static, Studio>> {
-    STUDIO.as_ref().map(|studio| studio.lock().unwrap_or_else(PoisonError::into_inner))
-}
 
 /// `text` has keys and values.
 fn settings(text: &str) -> Settings {

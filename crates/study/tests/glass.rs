@@ -1,42 +1,24 @@
 //! Glass and water on the GPU against rays traced through the same scene, and laws that need no truth.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
+mod studio;
+
+use std::sync::Arc;
 
 use cloud::sampling::Placement;
 use cloud::{Chunk, Cloud, Progress, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
-use render::{Aov, ColorPlan, Gpu, Material, PointStore, Renderer};
+use render::{Aov, ColorPlan, Material, PointStore};
 use scene::five_mirrors::{self, SampledPart, Variant};
 use scene::{Camera, METHODS, Method, Mirror, Settings, Shape, Supply};
 use study::{Drawn, Subject, SubjectPart, TracedScene, Tracer, Truth, View, clear_points, delta_e};
 use trace::Exact;
 use trace::exact::{Albedo, Object};
 
+use studio::{Studio, studio};
+
 const SIZE: [u32; 2] = [128, 96];
 const POINTS: u32 = 200_000;
-
-struct Studio {
-    gpu: Arc<Gpu>,
-    renderer: Renderer,
-}
-
-static STUDIO: LazyLock<Option<Mutex<Studio>>> = LazyLock::new(|| {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            println!("skipped: {error}");
-            return None;
-        }
-    };
-    Some(Mutex::new(Studio { renderer: Renderer::new(gpu.clone()).unwrap(), gpu }))
-});
-
-/// `None` without an adapter.
-fn studio() -> Option<MutexGuard<'static, Studio>> {
-    STUDIO.as_ref().map(|studio| studio.lock().unwrap_or_else(PoisonError::into_inner))
-}
 
 /// Pictures in the points' own colours, so that they differ by geometry alone.
 fn settings(method: &str) -> Settings {

@@ -2,36 +2,17 @@
 //! are known, a patch of stray points before them, and a hole.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod studio;
+
 use std::f64::consts::PI;
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, Orientation, Progress, Random, SurfelOptions};
 use glam::{DVec3, Vec3};
-use render::{Gpu, Renderer};
 use scene::Settings;
 use study::{HoldOut, Ruler, Scan, Scanner, ScannerFrom, SightlineError, Sightlines};
 
-struct Studio {
-    gpu: Arc<Gpu>,
-    renderer: Renderer,
-}
-
-static STUDIO: LazyLock<Option<Mutex<Studio>>> = LazyLock::new(|| {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            println!("skipped: {error}");
-            return None;
-        }
-    };
-    Some(Mutex::new(Studio { renderer: Renderer::new(gpu.clone()).unwrap(), gpu }))
-});
-
-/// `None` without an adapter.
-fn studio() -> Option<MutexGuard<'static, Studio>> {
-    STUDIO.as_ref().map(|studio| studio.lock().unwrap_or_else(PoisonError::into_inner))
-}
+use studio::{Studio, studio};
 
 /// Numbers from 0 to 1.
 fn unit(random: &mut Random) -> f64 {
