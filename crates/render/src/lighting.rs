@@ -80,8 +80,8 @@ impl Lights {
         }
     }
 
-    /// Splats the points as each light sees them, except for maps in `at_hand`, which are drawn already. Returns what
-    /// the maps were drawn from.
+    /// Splats the points as each light sees them, except for maps in `at_hand`, which are drawn already; with `may_lag`,
+    /// they stay while only the points change. Returns what the maps were drawn from.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.
