@@ -383,7 +383,15 @@ impl Search<'_, '_, '_> {
             if !is_change && !is_method {
                 continue;
             }
-            let drawn = if is_change { self.drawn(&settings, still, size)?.0 } else { base.clone() };
+            let drawn = match is_change.then(|| self.drawn(&settings, still, size)) {
+                Some(Ok((drawn, _))) => drawn,
+                // A method that cannot show the scene's glossy mirrors is no choice.
+                Some(Err(error)) if matches!(error.downcast_ref(), Some(render::Error::PerfectMirrorsOnly { .. })) => {
+                    continue;
+                }
+                Some(Err(error)) => return Err(error),
+                None => base.clone(),
+            };
             let square = |error: f64, base: f64| error.powi(2) - base.powi(2);
             let squares =
                 [square(drawn.error.delta_e, base.error.delta_e), square(drawn.error.pixels, base.error.pixels)];
