@@ -89,7 +89,7 @@ impl ColorPlan {
                 cloud.column_of(name).map_or_else(|| lacks(name.into()), |index| Some(ColorSource::Column(index)))
             }
         };
-        let source = wanted.unwrap_or_else(|| automatic(cloud, has_colors, cloud.column_of("intensity")));
+        let source = wanted.unwrap_or_else(|| automatic(cloud, has_colors, cloud.column_of("intensity"), up));
         let range =
             |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&cloud.chunks, scalar, low, high));
         let (low, high) = range(f64::from(color.low), f64::from(color.high)).unwrap_or((0.0, 1.0));
@@ -122,20 +122,38 @@ impl ColorPlan {
     }
 }
 
-/// RGB if the cloud has it. A survey (scaled integer coordinates) without RGB shows its intensity, if that varies, else
-/// its height. Any other cloud is plain: the floats that meshes and reconstructions call intensity are rarely
-/// brightness.
-fn automatic(cloud: &Cloud, has_colors: bool, intensity: Option<usize>) -> ColorSource {
+/// RGB if the cloud has it. A survey (scaled integer coordinates) without RGB shows its height if it is a landscape,
+/// else its intensity, if that varies. Any other cloud is plain: the floats that meshes and reconstructions call
+/// intensity are rarely brightness.
+fn automatic(cloud: &Cloud, has_colors: bool, intensity: Option<usize>, up: DVec3) -> ColorSource {
     if has_colors {
         return ColorSource::Rgb;
     }
     if cloud.grid.is_none() {
         return ColorSource::Plain;
     }
+    if is_landscape(cloud, up) {
+        return ColorSource::Height;
+    }
     let varies = |index: &usize| {
         percentile_range(&cloud.chunks, Scalar::Column(*index), 0.01, 0.99).is_some_and(|(low, high)| high > low)
     };
     intensity.filter(varies).map_or(ColorSource::Height, ColorSource::Column)
+}
+
+/// The width in file units, mostly metres or feet, above which a cloud is no building.
+const WIDER_THAN_BUILDINGS: f64 = 100.0;
+/// How many times as wide as high a landscape is at least.
+const FLATNESS: f64 = 3.0;
+
+/// Whether a scan was most likely taken from the air: it is wide, and much wider than high. Stray points do not count.
+fn is_landscape(cloud: &Cloud, up: DVec3) -> bool {
+    let up = up_axis(up);
+    let extent = |axis: usize| {
+        percentile_range(&cloud.chunks, Scalar::Axis(axis), 0.01, 0.99).map_or(0.0, |(low, high)| high - low)
+    };
+    let width = [0, 1, 2].into_iter().filter(|axis| *axis != up).map(extent).fold(f64::INFINITY, f64::min);
+    width > WIDER_THAN_BUILDINGS && width > FLATNESS * extent(up)
 }
 
 pub(crate) fn up_axis(up: DVec3) -> usize {
