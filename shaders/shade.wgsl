@@ -26,6 +26,8 @@ override lighting: u32 = LIGHT_BY_HEADLIGHT;
 override light_count: u32 = 0u;
 // Set if the reflections of this surface's mirrors are followed.
 override is_mixed: bool = false;
+// Set if a lamp at the eye adds to lights or sun.
+override has_fill: bool = false;
 // Set if some surface shows highlights of lights.
 override has_highlights: bool = false;
 
@@ -86,6 +88,9 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
         }
         let tint = mirror_tint(settings, albedo.rgb, 0.0);
         radiance = albedo.rgb * diffuse * (share * 0.31830989) + tint * specular;
+        if has_fill {
+            radiance += albedo.rgb * (share * settings.light.fill * mix(1.0, cosine, settings.light.headlight));
+        }
     }
     textureStore(radiance_out, id, vec4f(radiance, 1.0));
 }

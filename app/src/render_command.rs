@@ -335,6 +335,9 @@ struct Stats {
     passes: Vec<PassStats>,
     frame_ms: f64,
     frames: usize,
+    /// The stops that were fitted to the picture, with those of `tone.exposure`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    exposure: Option<f32>,
     mirror_pixels: usize,
     coverage: Option<f64>,
     closed_coverage: Option<f64>,
@@ -426,6 +429,7 @@ impl Stats {
             passes,
             frame_ms: median(frames.iter().map(|frame| frame.frame_milliseconds).collect()),
             frames: frames.len(),
+            exposure: frames.last().and_then(|frame| frame.exposure).map(|exposure| exposure.stops),
             mirror_pixels,
             coverage: reflection.map(|stats| stats.coverage),
             closed_coverage: reflection.map(|stats| stats.closed_coverage),

@@ -100,11 +100,16 @@ pub fn open(
     if chunks.is_empty() && clouds.iter().any(|loaded| loaded.points > 0) {
         terminal::warn(["no cloud is seen, the scene hides all classes of their points"]);
     }
-    let light = AutoLight::around(&chunks, up);
     drop(chunks);
-    if request.lights.is_empty() && light.lamp_shines(settings.light.by, camera.eye) {
+    // Hidden points count, so that the light does not change with them.
+    let all: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
+    let light = AutoLight::around(&all, up);
+    let has_lamp = request.lights.is_empty() && light.lamp_shines(settings.light.by, camera.eye);
+    if has_lamp {
         request.lights.extend(light.lamp());
     }
+    let clues = light.clues(all.iter(), has_lamp);
+    drop(all);
     let mut resident = Resident::new(gpu.clone());
     resident.apply(Change::Visibility { visibility: request.visibility.clone() })?;
     resident.apply(Change::Expect { points: clouds.iter().map(|loaded| loaded.points).sum() })?;
@@ -127,8 +132,8 @@ pub fn open(
         parts.push(SubjectPart::of_mirror(&mirror, samples));
         mirrors.push(mirror);
     }
-    let (store, lights, sky_is_open) = (resident.store, request.lights, light.sky_is_open());
-    let subject = Subject { parts, store, mirrors, lights, sky_is_open, camera, exact };
+    let (store, lights) = (resident.store, request.lights);
+    let subject = Subject { parts, store, mirrors, lights, clues, camera, exact };
     // If some points of a mesh are hidden, its triangles are not what is drawn.
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));

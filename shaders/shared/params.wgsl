@@ -67,6 +67,7 @@ struct Edl {
 struct Light {
     by: u32,
     headlight: f32,
+    fill: f32,
     shadow_bias: f32,
     diffuse: f32,
     gloss: f32,
@@ -79,6 +80,7 @@ const LIGHT_BY_LIGHTS: u32 = 1u;
 const LIGHT_BY_SUN: u32 = 2u;
 const LIGHT_BY_HEADLIGHT: u32 = 3u;
 const LIGHT_BY_COLORS: u32 = 4u;
+const LIGHT_BY_SURROUNDINGS: u32 = 5u;
 const LIGHT_HIGHLIGHT_PHONG: u32 = 0u;
 const LIGHT_HIGHLIGHT_BLINN: u32 = 1u;
 const LIGHT_SHOW_PICTURE: u32 = 0u;
@@ -125,8 +127,12 @@ const GI_OCCLUDERS_SQUARES: u32 = 1u;
 // Tone mapping.
 struct Tone {
     exposure: f32,
+    fit: u32,
     curve: u32,
 }
+const TONE_FIT_AUTO: u32 = 0u;
+const TONE_FIT_ALWAYS: u32 = 1u;
+const TONE_FIT_LOCKED: u32 = 2u;
 const TONE_CURVE_AUTO: u32 = 0u;
 const TONE_CURVE_FILMIC: u32 = 1u;
 const TONE_CURVE_SRGB: u32 = 2u;

@@ -52,7 +52,8 @@ fn built_in_cases() -> Vec<Case> {
     cases
 }
 
-/// Real scans: a room under the lamp that it gets, a landscape under sun and sky, water that reflects, a streamed cloud.
+/// Real scans: a room under the lamp that it gets, a landscape under sun and sky, water that reflects, a streamed cloud. They
+/// name the light, the colours and the view that they were first drawn with, whatever the defaults are.
 fn scan_cases(folder: &Folder, data: &Path) -> Vec<Case> {
     let file = |name: &str| data.join(name).display().to_string();
     let office = file("terrestrial/indoor_office_tls_rgb_las14_pf7.laz");
@@ -63,11 +64,14 @@ fn scan_cases(folder: &Folder, data: &Path) -> Vec<Case> {
          normals = \"flatten\"\nspecular_intensity = 0.8\n"
     );
     folder.write("lake.toml", water);
+    const LIGHT: &str = "--camera iso --set light.by=surroundings";
+    const GREY: &str = "--set color.by=intensity";
+    let streamed = format!("{avebury} --camera iso {GREY} --set stream.pages=always --set light.by=headlight");
     vec![
-        case("office", &format!("{office} --set gi.vpls=64"), &["indirect"]),
-        case("avebury", &format!("{avebury} --set gi.bounces=0"), &["direct"]),
-        case("lake", "lake.toml", &["mirror_position"]),
-        case("streamed", &format!("{avebury} --set stream.pages=always --set light.by=headlight"), &["albedo"]),
+        case("office", &format!("{office} {LIGHT} --set gi.vpls=64"), &["indirect"]),
+        case("avebury", &format!("{avebury} {LIGHT} {GREY} --set gi.bounces=0"), &["direct"]),
+        case("lake", &format!("lake.toml {LIGHT} {GREY}"), &["mirror_position"]),
+        case("streamed", &streamed, &["albedo"]),
     ]
 }
 

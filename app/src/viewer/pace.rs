@@ -157,6 +157,7 @@ mod tests {
             clock: render::Clock::Host,
             virtual_lights: 0,
             glossy_samples: [0; 2],
+            exposure: None,
             has_compiled: false,
             dispatches: 0,
             reflection: None,

@@ -6,7 +6,9 @@ use cloud::Bounds;
 use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
-use scene::{Camera, CameraPath, ColorBy, Lighting, Mirror, Object, Projection, Settings, SpotLight, StandardView};
+use scene::{
+    Camera, CameraPath, ColorBy, LightClues, Lighting, Mirror, Object, Projection, Settings, SpotLight, StandardView,
+};
 use serde_json::json;
 use world::{CloudKey, mirrors};
 
@@ -223,6 +225,25 @@ impl Scene {
             // A slider that is dragged makes frames hurried, as a moving camera does.
             self.navigation.camera_moved(now);
         }
+    }
+
+    /// Whether the points are shown in their own colours when they are lit by `by`.
+    fn is_unlit_by(&self, by: Lighting, clouds: &[CloudEntry]) -> bool {
+        let chunks = clouds.iter().filter(|entry| entry.is_visible).flat_map(|entry| &entry.cloud.chunks);
+        let has_colors = world::has_colors(chunks);
+        let clues = LightClues { has_colors, is_guessed: self.objects.has_guess(), ..LightClues::default() };
+        let mut settings = Settings { color: self.settings.color.clone(), ..Settings::default() };
+        settings.light.by = by;
+        settings.resolved_light(!self.objects.lights.is_empty(), clues).by == Lighting::Colors
+    }
+
+    pub fn is_unlit(&self, clouds: &[CloudEntry]) -> bool {
+        self.is_unlit_by(self.settings.light.by, clouds)
+    }
+
+    /// The light that replaces the data's own colours when somebody asks for light.
+    fn lit_by(&self, clouds: &[CloudEntry]) -> Lighting {
+        if self.is_unlit_by(self.lit_by, clouds) { Lighting::Surroundings } else { self.lit_by }
     }
 
     pub fn light_by(&mut self, by: Lighting, outside: &mut Outside) {
@@ -497,8 +518,8 @@ impl Scene {
                 *strength = if *strength > 0.0 { 0.0 } else { scene::Edl::default().strength };
             }
             Action::ToggleLight => {
-                let is_lit = self.settings.light.by != Lighting::Colors;
-                self.light_by(if is_lit { Lighting::Colors } else { self.lit_by }, outside);
+                let by = if self.is_unlit(clouds) { self.lit_by(clouds) } else { Lighting::Colors };
+                self.light_by(by, outside);
             }
             Action::NextLight => {
                 let next = (self.settings.light.by as u32 + 1) % Lighting::NAMES.len() as u32;

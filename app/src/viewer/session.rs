@@ -427,7 +427,7 @@ impl Session {
 
     /// Whether the picture shows the data's own colours.
     pub fn is_unlit(&self) -> bool {
-        self.raw_colors || self.scene.settings.light.by == Lighting::Colors
+        self.raw_colors || self.scene.is_unlit(&self.loaded.clouds)
     }
 
     /// The bounds of the visible points, without stray points.
@@ -536,7 +536,7 @@ impl Session {
                 .map(|(_, mirror)| mirror.clone())
                 .collect(),
             lights: self.loaded.lights(&self.scene),
-            sky_is_open: self.loaded.sky_is_open(),
+            clues: self.loaded.clues(&self.scene),
             size: self.scene.view_size,
             revision: self.frames.revision,
             spared: None,

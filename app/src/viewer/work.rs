@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, Column, PointTest, Progress};
+use cloud::{Chunk, Cloud, Column, Progress};
 use glam::DVec3;
 use scene::{Mirror, MirrorNormals, MirrorPoints, Shape, Stream};
 use world::mirrors::{self, Marked};
@@ -70,7 +70,6 @@ pub enum Work {
     FindSurroundings {
         asked: u32,
         clouds: Vec<Cloud>,
-        test: PointTest,
         up: DVec3,
     },
     /// Finds the surface that a sight line meets.
@@ -220,8 +219,8 @@ impl Work {
                 let result = result.map_err(|error| format!("{error:#}"));
                 found(Found::Counted { wanted, result });
             }
-            Self::FindSurroundings { asked, clouds, test, up } => {
-                let chunks: Vec<Chunk> = clouds.iter().flat_map(|cloud| cloud.shown(&test).chunks).collect();
+            Self::FindSurroundings { asked, clouds, up } => {
+                let chunks: Vec<Chunk> = clouds.into_iter().flat_map(|cloud| cloud.chunks).collect();
                 found(Found::Surroundings { asked, found: AutoLight::around(&chunks, up) });
             }
             Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),

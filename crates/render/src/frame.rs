@@ -1,7 +1,7 @@
 //! The objects that a frame shows, and the camera as the shaders get it.
 
 use glam::{DMat3, DVec3, Vec4};
-use scene::{Camera, Mirror, Projection, SpotLight, ViewSettings};
+use scene::{Camera, LightClues, Mirror, Projection, SpotLight, ViewSettings};
 
 use crate::layout::Frame;
 
@@ -12,8 +12,8 @@ pub struct Objects<'a> {
     pub mirrors: &'a [Mirror],
     /// Spot lights. Only the first four shine.
     pub lights: &'a [SpotLight],
-    /// Whether the scene has no walls: without lights, a sun and a sky light it.
-    pub sky_is_open: bool,
+    /// What decides about automatic light, besides the lights.
+    pub clues: LightClues,
 }
 
 /// The camera of one frame, in full precision on the CPU side.

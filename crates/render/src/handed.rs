@@ -1,8 +1,8 @@
-//! What a frame hands to the CPU: its pass times, its counters and its picture. The frame's own commands copy them into
+//! What a frame hands to the CPU: its pass times, its counters, its exposure and its picture. The frame's own commands copy them into
 //! one buffer, which stays from frame to frame, so that one wait brings them all and nothing is copied twice.
 
 use crate::gpu::{Clock, Error, Gpu, Result, tight};
-use crate::layout::COUNTERS;
+use crate::layout::{COUNTERS, FittedExposure};
 use crate::targets::Image;
 
 /// The number of passes of a frame that the GPU times, a timestamp pair each. A frame has some twenty, with many
@@ -12,8 +12,11 @@ pub(crate) const MOST_PASSES: u32 = 512;
 const TICK_BYTES: u64 = 8;
 const TIMES_BYTES: u64 = MOST_PASSES as u64 * 2 * TICK_BYTES;
 const COUNTER_BYTES: u64 = COUNTERS as u64 * 4;
+const EXPOSURE_BYTES: u64 = size_of::<FittedExposure>() as u64;
+/// Where the exposure is.
+const EXPOSURE: u64 = TIMES_BYTES + COUNTER_BYTES;
 /// Where the picture begins; its rows follow each other.
-const PICTURE: u64 = (TIMES_BYTES + COUNTER_BYTES).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64);
+const PICTURE: u64 = (EXPOSURE + EXPOSURE_BYTES).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64);
 
 /// The buffers that bring a frame's results to the CPU.
 pub(crate) struct Handed {
@@ -55,7 +58,7 @@ impl Handed {
         self.times.as_ref().map(|(queries, _)| queries)
     }
 
-    /// Ends a frame: copies its picture, its counters and the times of its first `passes` passes, and waits for them.
+    /// Ends a frame: copies its picture, its counters, its exposure and the times of its first `passes` passes, and waits for them.
     /// Returns the timestamps.
     ///
     /// # Errors
@@ -65,7 +68,7 @@ impl Handed {
         gpu: &Gpu,
         mut encoder: wgpu::CommandEncoder,
         passes: u32,
-        counters: &wgpu::Buffer,
+        [counters, exposure]: [&wgpu::Buffer; 2],
         picture: &Image,
     ) -> Result<Vec<u64>> {
         let size = picture.size();
@@ -87,6 +90,7 @@ impl Handed {
             encoder.copy_buffer_to_buffer(resolved, 0, &buffer, 0, tick_bytes);
         }
         encoder.copy_buffer_to_buffer(counters, 0, &buffer, TIMES_BYTES, COUNTER_BYTES);
+        encoder.copy_buffer_to_buffer(exposure, 0, &buffer, EXPOSURE, EXPOSURE_BYTES);
         let layout =
             wgpu::TexelCopyBufferLayout { offset: PICTURE, bytes_per_row: Some(stride(size[0])), rows_per_image: None };
         encoder.copy_texture_to_buffer(
@@ -111,6 +115,15 @@ impl Handed {
         let Some((buffer, _)) = &self.results else { return Ok(None) };
         let bytes = mapped(buffer, TIMES_BYTES..TIMES_BYTES + COUNTER_BYTES)?;
         Ok(Some(bytemuck::pod_collect_to_vec(&bytes)))
+    }
+
+    /// The exposure of the last frame that was fitted; `None` if there is no frame.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn exposure(&self) -> Result<Option<FittedExposure>> {
+        let Some((buffer, _)) = &self.results else { return Ok(None) };
+        Ok(Some(bytemuck::pod_read_unaligned(&mapped(buffer, EXPOSURE..EXPOSURE + EXPOSURE_BYTES)?)))
     }
 
     /// The picture of the last frame; `None` if there is none.

@@ -18,6 +18,7 @@ pub(crate) struct Inputs {
     pub sample: Option<[u32; 2]>,
     frame: wgpu::Buffer,
     settings: wgpu::Buffer,
+    exposure_at: u64,
     items: wgpu::Buffer,
     pub class_masks: wgpu::Buffer,
     palette: wgpu::Buffer,
@@ -68,6 +69,8 @@ impl Inputs {
         };
         let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
         let words: Vec<u32> = settings.groups().iter().flat_map(|group| group.words()).collect();
+        let before_tone = settings.groups().into_iter().take_while(|group| group.group().name != "tone");
+        let exposure_at = before_tone.map(|group| group.words().len() as u64 * 4).sum();
         let step = list.step.max(1);
         let page = |point_count, is_first, block_count: usize| {
             let page = Page { block_count: block_count as u32, point_count, is_first: u32::from(is_first), step };
@@ -117,6 +120,7 @@ impl Inputs {
             size: camera.size,
             sample: None,
             frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
+            exposure_at,
             settings: upload("settings", storage, bytemuck::cast_slice(&words)),
             items: upload("items", storage, bytemuck::cast_slice(&list.items)),
             class_masks: upload("class masks", storage, bytemuck::cast_slice(&list.class_masks)),
@@ -139,6 +143,11 @@ impl Inputs {
     pub fn frame_from_row(&self, gpu: &Gpu, first_row: u32) -> wgpu::Buffer {
         let [sample, samples] = self.sample.unwrap_or_default();
         uniform_buffer(gpu, bytemuck::bytes_of(&Frame { first_row, sample, samples, ..self.camera.to_gpu() }))
+    }
+
+    /// The buffer with the parameters, and the byte in it at which `tone.exposure` begins.
+    pub fn exposure(&self) -> (&wgpu::Buffer, u64) {
+        (&self.settings, self.exposure_at)
     }
 
     pub fn frame_resources(&self) -> [wgpu::BindingResource<'_>; 2] {

@@ -51,6 +51,10 @@ structs! {
     Page { block_count: u32, point_count: u32, is_first: u32, step: u32 }
     /// A light with a shadow map, of shaders/shared/light.wgsl.
     LightSource { position_inner: Vec4, axis_outer: Vec4, intensity_focal: Vec4, right: Vec4, up: Vec4 }
+    /// How fast the exposure changes, of shaders/shared/exposure.wgsl.
+    Adaptation { share: f32, unused_0: u32, unused_1: u32, unused_2: u32 }
+    /// The exposure that was fitted to a picture, of shaders/shared/exposure.wgsl.
+    FittedExposure { stops: f32, shown: f32, adapts: u32, unused: u32 }
     /// The point whose error is shown, of shaders/show_error.wgsl.
     ShownPoint { position: Vec4 }
     /// The layout of the views of the light, of shaders/shared/light_view.wgsl.
@@ -160,6 +164,7 @@ elements! {
     indirect_reuse.kept: KEPT_LIGHT_BYTES = 16;
     vpl_aim.hits: AIM_HIT_BYTES = 4;
     vpl_shadow_splat.shadow_maps: VIRTUAL_TEXEL_BYTES = 4;
+    exposure_histogram.histogram: EXPOSURE_COUNT_BYTES = 4;
     probe_pixels.pixels: PROBE_PIXEL_BYTES = 4;
     probe_pixels.values: PROBE_VALUE_BYTES = 16;
 }
@@ -178,6 +183,8 @@ constants! {
     BLOCK_POINTS: u32 = 1024;
     /// The number of words per pixel for the sums of the highlights of a splatted surface.
     SPECULAR_WORDS: u64 = 4;
+    /// The number of bins of the histogram of a picture's brightness.
+    EXPOSURE_BINS: u32 = 256;
     /// Depths belong to one surface if they differ by this share or less.
     SAME_SURFACE: f32 = 0.02;
     /// The number of texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about

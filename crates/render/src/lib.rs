@@ -4,6 +4,7 @@
 //! The window calls it from a thread of its own, so that the window never waits; the command line calls it directly.
 
 mod coloring;
+mod exposure;
 mod frame;
 mod gi;
 mod gpu;
@@ -31,6 +32,7 @@ mod surface;
 mod targets;
 
 pub use coloring::{ColorPlan, ColorSource, class_color, class_name, ramp_colors};
+pub use exposure::Exposure;
 pub use frame::Objects;
 pub use gi::LightReuse;
 pub use gpu::{AdapterReport, Clock, Error, Gpu, Result, adapters, keep_pipelines_in, kind_name};

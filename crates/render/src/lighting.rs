@@ -5,7 +5,7 @@
 
 use cloud::Bounds;
 use glam::{DVec3, Vec4};
-use scene::{Camera, Lighting, Quality, Settings, Splat, SpotLight};
+use scene::{Camera, Lighting, Quality, ResolvedLight, Settings, Splat, SpotLight};
 
 use crate::frame::{FrameCamera, Objects};
 use crate::gpu::{Gpu, Result};
@@ -60,9 +60,9 @@ impl Lights {
         Self { lights, shadows: storage(&gpu.device, "shadows", 16) }
     }
 
-    /// The lighting that the settings choose, with `auto` resolved.
-    pub fn chosen(settings: &Settings, objects: Objects<'_>) -> Lighting {
-        settings.light.lighting(!objects.lights.is_empty(), objects.sky_is_open)
+    /// The light that the settings choose, with everything automatic resolved.
+    pub fn chosen(settings: &Settings, objects: Objects<'_>) -> ResolvedLight {
+        settings.resolved_light(!objects.lights.is_empty(), objects.clues)
     }
 
     /// The lights that shine, each with the camera of its shadow map. `bounds` contains all visible points.
@@ -73,10 +73,10 @@ impl Lights {
         size: [u32; 2],
         bounds: Bounds,
     ) -> Vec<MappedLight> {
-        match Self::chosen(settings, objects) {
+        match Self::chosen(settings, objects).by {
             Lighting::Lights => objects.lights.iter().take(MOST_LIGHTS).map(MappedLight::spot).collect(),
             Lighting::Sun => MappedLight::sun(settings, camera, size, bounds),
-            Lighting::Auto | Lighting::Headlight | Lighting::Colors => Vec::new(),
+            Lighting::Auto | Lighting::Surroundings | Lighting::Headlight | Lighting::Colors => Vec::new(),
         }
     }
 

@@ -335,6 +335,8 @@ passes! {
     show_shadow_maps: View over Pixels {
         views: Uniform, virtual_lights: Uniform, vpls: Read, shadow_maps: Read, picture_out: Write(Rgba8Unorm),
     }
+    exposure_histogram: View over Pixels { color_in: Texture, depth_in: Texture, histogram: ReadWrite }
+    exposure_fit: View over Pixels { adaptation: Uniform, histogram: Read, fitted: ReadWrite }
     present: View over Pixels { color_in: Texture, depth_in: Texture, picture_out: Write(Rgba8Unorm) }
     probe_pixels: View over Pixels {
         pixels: Read, first_in: Texture, second_in: Texture, third_in: Texture, fourth_in: Texture, values: ReadWrite,

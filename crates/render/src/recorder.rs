@@ -173,6 +173,12 @@ impl<'a> Recorder<'a> {
         self.over(switches, inputs, bindings, inputs.mirror_groups())
     }
 
+    /// Copies the first word of a buffer to a place in another. With the host's clock its time counts towards the
+    /// following pass.
+    pub fn copy_word(&mut self, from: &wgpu::Buffer, (to, byte): (&wgpu::Buffer, u64)) {
+        self.encoder.copy_buffer_to_buffer(from, 0, to, byte, 4);
+    }
+
     /// Copies an image. With the host's clock its time counts towards the following pass.
     pub fn copy(&mut self, from: &Image, to: &Image) {
         self.encoder.copy_texture_to_texture(
@@ -436,11 +442,17 @@ impl<'a> Recorder<'a> {
         self.gpu.wait()
     }
 
-    /// Waits for the frame, and leaves its picture and its counters in `handed`. Returns the times of the passes.
+    /// Waits for the frame, and leaves its picture, its counters and its exposure in `handed`. Returns the times of the passes.
     ///
     /// # Errors
     /// The device was lost.
-    pub fn finish_frame(self, handed: &mut Handed, counters: &wgpu::Buffer, picture: &Image) -> Result<Times> {
+    pub fn finish_frame(
+        self,
+        handed: &mut Handed,
+        counters: &wgpu::Buffer,
+        exposure: &wgpu::Buffer,
+        picture: &Image,
+    ) -> Result<Times> {
         if let Some(error) = self.failure {
             return Err(error);
         }
@@ -448,7 +460,7 @@ impl<'a> Recorder<'a> {
             return Err(Error::GivenUp);
         }
         let timed = self.queries.as_ref().map_or(0, |_| self.names.len() as u32);
-        let ticks = handed.take(self.gpu, self.encoder, timed, counters, picture)?;
+        let ticks = handed.take(self.gpu, self.encoder, timed, [counters, exposure], picture)?;
         if self.submits_each {
             let total = self.host_times.iter().map(|time| time.milliseconds).sum();
             let (splatting, dispatches) = (self.splatting, self.dispatches);

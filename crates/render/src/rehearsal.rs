@@ -9,7 +9,7 @@ use cloud::{Chunk, Progress, pack_radius};
 use glam::DVec3;
 use param::Kind;
 use rayon::prelude::*;
-use scene::{Camera, Mirror, Quality, Settings, Shape, SpotLight};
+use scene::{Camera, LightClues, Mirror, Quality, Settings, Shape, SpotLight};
 
 use crate::frame::Objects;
 use crate::gpu::{Error, Result};
@@ -26,7 +26,7 @@ pub(crate) struct Cast {
     /// Without the numbers that only change what the passes compute.
     settings: Settings,
     lights: usize,
-    sky_is_open: bool,
+    clues: LightClues,
     /// Whether there are mirrors that are drawn by their formula, mirrors that have one but are drawn as points, and
     /// points without a formula that reflect.
     mirrors: [bool; 3],
@@ -44,7 +44,7 @@ impl Cast {
         Self {
             settings: settings.only(|field| !matches!(field.kind, Kind::F32 { .. } | Kind::Color { .. })),
             lights: objects.lights.len().min(MOST_LIGHTS),
-            sky_is_open: objects.sky_is_open,
+            clues: objects.clues,
             mirrors: [
                 objects.mirrors.iter().any(is_exact),
                 objects.mirrors.iter().any(|mirror| mirror.shape.has_formula() && !is_exact(mirror)),
@@ -121,7 +121,7 @@ impl Renderer {
             outer_degrees: 40.0,
         };
         let lights = vec![lamp; cast.lights];
-        let objects = Objects { mirrors: &mirrors, lights: &lights, sky_is_open: cast.sky_is_open };
+        let objects = Objects { mirrors: &mirrors, lights: &lights, clues: cast.clues };
         let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
         let mut collect = Rehearsal::Collect(Vec::new());
         match self.draw(&store, &camera, &settings, objects, [8, 8], Some(&mut collect)) {
@@ -234,7 +234,11 @@ mod tests {
             settings.reflection.method = method;
             settings.gi.vpls = 16;
             let (mirrors, lights) = ([mirror.clone()], vec![lamp; lights]);
-            let objects = Objects { mirrors: &mirrors, lights: &lights, sky_is_open: true };
+            let objects = Objects {
+                mirrors: &mirrors,
+                lights: &lights,
+                clues: LightClues { sky_is_open: true, ..LightClues::default() },
+            };
             let progress = Arc::default();
             renderer.prepare(&store, &settings, objects, &progress).unwrap();
             assert!(progress.total() > 10 && progress.done() >= progress.total());

@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use cloud::Progress;
-use scene::{Camera, Curve, LightView, Lighting, Mirror, Quality, Settings, Show};
+use scene::{Camera, Curve, LightView, Lighting, Mirror, Quality, Settings, Show, Tone};
 
+use crate::exposure::{self, Exposure, ExposureMeter};
 use crate::frame::{FrameCamera, Objects};
 use crate::gi::{GlobalIllumination, LightReuse, Sky};
 use crate::gpu::{Clock, Error, Gpu, Result};
@@ -50,6 +51,8 @@ pub struct FrameStats {
     /// The number of samples of glossy mirrors that the picture shows, and the number asked for; 0 of 0 if mirrors are
     /// perfect.
     pub glossy_samples: [u32; 2],
+    /// The exposure of the picture, if it was fitted.
+    pub exposure: Option<Exposure>,
     /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
 }
@@ -78,8 +81,10 @@ pub struct Renderer {
     pub(crate) many_lights: GlobalIllumination,
     /// The camera of the last frame.
     pub(crate) camera: Option<FrameCamera>,
-    /// Whether the last frame's picture was mapped by the filmic curve.
+    /// How the last frame's picture was mapped.
+    tone: Tone,
     is_filmic: bool,
+    pub(crate) exposure: ExposureMeter,
     /// The identities that points had when the last frame was drawn.
     pub(crate) drawn: Arc<Identities>,
     /// How many points that the camera sees a frame may draw.
@@ -196,6 +201,7 @@ impl Renderer {
     pub(crate) fn bare(gpu: Arc<Gpu>) -> Self {
         let lights = Lights::new(&gpu);
         let handed = Handed::new(&gpu);
+        let exposure = ExposureMeter::new(&gpu);
         Self {
             gpu,
             pipelines: Pipelines::new(),
@@ -212,7 +218,9 @@ impl Renderer {
             lit: None,
             many_lights: GlobalIllumination::default(),
             camera: None,
+            tone: Tone::default(),
             is_filmic: false,
+            exposure,
             drawn: Arc::default(),
             most_points: None,
             given_up: None,
@@ -228,6 +236,13 @@ impl Renderer {
             reflections.forget();
         }
         self.gi.forget();
+        self.exposure.is_used = false;
+    }
+
+    /// Lets the frames that follow move the exposure this share of the way from that of the frame before to the one that
+    /// fits, or all the way for `None`. Exposures that nobody can tell apart from the one that fits become that.
+    pub fn adapt_exposure(&mut self, share: Option<f32>) {
+        self.exposure.share = share;
     }
 
     /// Whether the following frames may be lit by the current virtual lights and shadow maps although points have come
@@ -295,6 +310,14 @@ impl Renderer {
         rehearsal: Option<&mut Rehearsal>,
     ) -> Result<FrameStats> {
         let compiled = self.pipelines.len();
+        // The data's own colours are shown as they are, whatever exposure and curve are for light.
+        let as_they_are;
+        let settings = if Lights::chosen(settings, objects).by == Lighting::Colors && settings.tone != Tone::default() {
+            as_they_are = Settings { tone: Tone::default(), ..settings.clone() };
+            &as_they_are
+        } else {
+            settings
+        };
         self.resize(size, settings.splat.quality)?;
         let atomics64 = self.gpu.has_wide_atomics(&settings.splat);
         let bounds = store.bounds();
@@ -388,7 +411,7 @@ impl Renderer {
         let kept_shadows =
             self.lights.draw_shadows(&mut recorder, store, settings, &lights, at_hand, may_lag, atomics64)?;
         let shading = Shading::new(settings, store, objects, lights.len());
-        let sky = (shading.lighting == Lighting::Sun).then_some(Sky { up: camera.up, irradiance: settings.sun.sky });
+        let sky = (shading.light.by == Lighting::Sun).then_some(Sky { up: camera.up, irradiance: settings.sun.sky });
         let has_indirect = GlobalIllumination::is_asked(settings, &lights, sky);
         if has_indirect {
             let shadows = &self.lights.shadows;
@@ -453,9 +476,14 @@ impl Renderer {
         let samples = [summed.as_ref().map_or(0, |summed| summed.samples), if is_glossy { asks.samples } else { 0 }];
         let is_filmic = match settings.tone.curve {
             // The colours of the data are not mapped.
-            Curve::Auto => matches!(shading.lighting, Lighting::Lights | Lighting::Sun),
+            Curve::Auto => matches!(shading.light.by, Lighting::Lights | Lighting::Sun),
             curve => curve == Curve::Filmic,
         };
+        if exposure::is_fitted(settings, shading.light) {
+            self.exposure.fit(&mut recorder, &inputs, targets)?;
+        } else {
+            self.exposure.is_used = false;
+        }
         match (reflections.views(), reflections.first()) {
             _ if settings.light.show != LightView::Picture => {
                 let shown = light_views::FrameInputs {
@@ -507,7 +535,8 @@ impl Renderer {
         }
 
         let virtual_lights = self.gi.lights().filter(|_| has_indirect).map_or(0, |lights| lights.count);
-        let times = recorder.finish_frame(&mut self.handed, &reflections.counters, &targets.picture)?;
+        let times =
+            recorder.finish_frame(&mut self.handed, &reflections.counters, &self.exposure.fitted, &targets.picture)?;
         self.gi.keeper.finish();
         let gpu_bytes = store.gpu_bytes()
             + targets.bytes()
@@ -523,7 +552,8 @@ impl Renderer {
         self.splatted_from = Some(asks.points.clone());
         (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
         self.summed = summed;
-        self.is_filmic = is_filmic;
+        (self.tone, self.is_filmic) = (settings.tone.clone(), is_filmic);
+        let exposure = self.handed.exposure()?.filter(|_| self.exposure.is_used);
         Ok(FrameStats {
             passes: times.passes,
             frame_milliseconds: times.total,
@@ -536,6 +566,7 @@ impl Renderer {
             dispatches: times.dispatches,
             virtual_lights,
             glossy_samples: samples,
+            exposure: exposure.map(|fitted| Exposure { stops: fitted.stops, adapts: fitted.adapts != 0 }),
             reflection,
         })
     }
@@ -565,11 +596,13 @@ impl Renderer {
             wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * 16), rows_per_image: Some(height) };
         let texture = &image.texture;
         gpu.queue.write_texture(texture.as_image_copy(), bytemuck::cast_slice(&texels), layout, texture.size());
-        let inputs = Inputs::new(gpu, camera, settings, store, &DrawList::default());
+        let settings = Settings { tone: self.tone.clone(), ..settings.clone() };
+        let inputs = Inputs::new(gpu, camera, &settings, store, &DrawList::default());
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
         let switches = [("is_filmic", u32::from(self.is_filmic))];
+        self.exposure.give(&mut recorder, &inputs);
         recorder.over_pixels(&switches, &inputs, targets.presented(&image))?;
-        recorder.finish_frame(&mut self.handed, &reflections.counters, &targets.picture)?;
+        recorder.finish_frame(&mut self.handed, &reflections.counters, &self.exposure.fitted, &targets.picture)?;
         Ok(())
     }
 

@@ -1,6 +1,6 @@
 //! Shades a frame: direct and indirect light on each surface, and the reflections in mirrors, blended in.
 
-use scene::{Lighting, Mirror, Settings};
+use scene::{Lighting, Mirror, ResolvedLight, Settings};
 
 use crate::frame::Objects;
 use crate::gi::{GlobalIllumination, Receiver};
@@ -19,8 +19,7 @@ const MIRROR_LIGHT: (&str, PassStage) = ("mirror_light", PassStage::Light);
 /// The choices that determine how surfaces are shaded, besides the parameters.
 #[derive(Clone, Copy)]
 pub(crate) struct Shading {
-    /// The lighting, with `auto` resolved.
-    pub(crate) lighting: Lighting,
+    pub(crate) light: ResolvedLight,
     /// The number of lights with shadow maps; for a sun, the number of its maps.
     light_count: u32,
     pub(crate) has_highlights: bool,
@@ -30,13 +29,13 @@ pub(crate) struct Shading {
 
 impl Shading {
     pub(crate) fn new(settings: &Settings, store: &PointStore, objects: Objects<'_>, light_count: usize) -> Self {
-        let lighting = Lights::chosen(settings, objects);
-        let is_lit = matches!(lighting, Lighting::Lights | Lighting::Sun);
+        let light = Lights::chosen(settings, objects);
+        let is_lit = matches!(light.by, Lighting::Lights | Lighting::Sun);
         let shows_highlights = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
         let is_glossy =
             settings.light.gloss > 0.0 || store.has_highlights() || objects.mirrors.iter().any(shows_highlights);
         let has_gloss = settings.light.gloss > 0.0 || store.has_gloss();
-        Self { lighting, light_count: light_count as u32, has_highlights: is_lit && is_glossy, has_gloss }
+        Self { light, light_count: light_count as u32, has_highlights: is_lit && is_glossy, has_gloss }
     }
 }
 
@@ -88,10 +87,11 @@ impl FrameLight<'_> {
         let (shading, receiver) = (self.shading, self.receiver(index));
         let switches = [
             ("from_camera", u32::from(index == 0)),
-            ("lighting", shading.lighting as u32),
+            ("lighting", shading.light.by as u32),
             ("light_count", shading.light_count),
             ("is_mixed", u32::from(index < self.bounces)),
             ("has_highlights", u32::from(shading.has_highlights)),
+            ("has_fill", u32::from(shading.light.fill > 0.0)),
         ];
         let bindings = passes::shade {
             albedo_in: surface.albedo.bind(),

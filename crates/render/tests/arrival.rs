@@ -12,7 +12,7 @@ use glam::DVec3;
 use param::Choice as _;
 use render::{ChunkId, ColorPlan, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
-use scene::{Method, Mirror, Settings};
+use scene::{LightClues, Method, Mirror, Settings};
 
 use stage::Stage;
 
@@ -85,8 +85,11 @@ fn store(stage: &Stage, walls: &Walls, arrival: Arrival) -> PointStore {
 }
 
 fn picture(stage: &mut Stage, store: &PointStore, walls: &Walls, settings: &Settings) -> Vec<u8> {
-    let objects =
-        Objects { mirrors: std::slice::from_ref(&walls.mirror), lights: &[five_mirrors::light()], sky_is_open: false };
+    let objects = Objects {
+        mirrors: std::slice::from_ref(&walls.mirror),
+        lights: &[five_mirrors::light()],
+        clues: LightClues::default(),
+    };
     stage.renderer.forget();
     stage.renderer.render(store, &five_mirrors::camera(), settings, objects, SIZE).unwrap();
     stage.renderer.read_picture().unwrap()

@@ -11,7 +11,7 @@ use cloud::Chunk;
 use glam::{DVec3, Vec3};
 use render::{Aov, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
-use scene::{Camera, Settings, SpotLight};
+use scene::{Camera, LightClues, Settings, SpotLight};
 
 use stage::Stage;
 use walls::{ALBEDO, settings, store_of, wall};
@@ -302,7 +302,8 @@ fn no_light_is_dark_and_an_open_sky_brings_a_sun() {
     let mut stage = stage_or_skip!();
     let store = floor_with_blocker(&stage, 1.0);
     let mut brightest = |settings: &Settings, lights: &[SpotLight], sky_is_open| {
-        let objects = Objects { lights, sky_is_open, ..Objects::default() };
+        let clues = LightClues { sky_is_open, ..LightClues::default() };
+        let objects = Objects { lights, clues, ..Objects::default() };
         stage.renderer.render(&store, &slanted_camera(), settings, objects, SIZE).unwrap();
         read(&stage, Aov::Direct)
             .into_iter()
@@ -314,7 +315,7 @@ fn no_light_is_dark_and_an_open_sky_brings_a_sun() {
     assert_eq!(brightest(&by_sun(&[("sun.irradiance", "0")]), &[lamp()], true), 0.0);
     // Just above the horizon, it lights no floor.
     assert!(brightest(&by_sun(&[("sun.elevation", "0")]), &[], true) < 1e-6);
-    let sun = brightest(&settings(&[("sun.elevation", "90")]), &[], true);
+    let sun = brightest(&settings(&[("light.by", "surroundings"), ("sun.elevation", "90")]), &[], true);
     let expected = 2.5 * ALBEDO * FRAC_1_PI;
     assert!((sun / expected - 1.0).abs() < 0.003, "{sun}, expected {expected}");
     let lamp_at_eye = brightest(&settings(&[("light.headlight", "0")]), &[], false);

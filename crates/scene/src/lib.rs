@@ -21,7 +21,7 @@ pub mod whole_file;
 pub use camera::{Camera, Projection, StandardView};
 pub use camera_path::{CameraPath, Keyframe};
 pub use file::{Error, MOST_MIRRORS, SceneFile, View};
-pub use light::SpotLight;
+pub use light::{LightClues, ResolvedLight, SpotLight};
 pub use method::{LATER_METHODS, METHODS, Method, MethodRow, RAY_TRACE, Supply};
 pub use mirror::{Mirror, REFRACTION, Shape, WATER};
 pub use mirror_mesh::MirrorMesh;
@@ -32,10 +32,10 @@ pub use preferences::Preferences;
 pub use preset::{PRESETS, Preset};
 pub use settings::{
     Atomics, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement, CubeRest, CubeSampling, Curve, Distribution, Edl,
-    Gi, GlossPattern, GlossSettings, Highlight, KeptPoints, Light, LightView, Lighting, MirrorSettings, MirrorSurface,
-    Occluder, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SceneSettings, ScreenBack, ScreenCriterion,
-    ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Stream, Sun, Surface, SurfaceBorders,
-    SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    ExposureFit, Gi, GlossPattern, GlossSettings, Highlight, KeptPoints, Light, LightView, Lighting, MirrorSettings,
+    MirrorSurface, Occluder, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SceneSettings, ScreenBack,
+    ScreenCriterion, ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Stream, Sun, Surface,
+    SurfaceBorders, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::Visibility;

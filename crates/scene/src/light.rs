@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::{Light, Lighting, Sun};
+use crate::{ColorBy, Lighting, Settings, Sun};
 
 /// A spot light: even within the inner cone, falling linearly in angle to nothing at the outer one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,15 +40,43 @@ impl SpotLight {
     }
 }
 
-impl Light {
-    /// The lighting of the points, with `auto` resolved for a scene that has lights, or a sky above it.
-    pub fn lighting(&self, has_lights: bool, sky_is_open: bool) -> Lighting {
-        match self.by {
-            Lighting::Auto if has_lights => Lighting::Lights,
-            Lighting::Auto if sky_is_open => Lighting::Sun,
-            Lighting::Auto => Lighting::Headlight,
+/// What decides about automatic light, besides the lights that shine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LightClues {
+    /// Whether most of the points bring RGB colours.
+    pub has_colors: bool,
+    /// Whether nothing hangs over the points: a sun and a sky may light them.
+    pub sky_is_open: bool,
+    /// Whether the lights that shine are a guess, and not those of the scene.
+    pub is_guessed: bool,
+}
+
+/// The light of the points, with everything automatic resolved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ResolvedLight {
+    /// Neither `Auto` nor `Surroundings`.
+    pub by: Lighting,
+    /// Whether `light.by = auto` has guessed a sun or a lamp, because there is no other light.
+    pub is_guess: bool,
+    /// What a lamp at the eye adds to sun or lamp: the radiance of white.
+    pub fill: f32,
+}
+
+impl Settings {
+    /// The light of the points in a scene with or without lights.
+    pub fn resolved_light(&self, has_lights: bool, clues: LightClues) -> ResolvedLight {
+        let is_auto = self.light.by == Lighting::Auto;
+        let has_own_lights = has_lights && !clues.is_guessed;
+        let shows_colors = clues.has_colors && matches!(self.color.by, ColorBy::Auto | ColorBy::Rgb);
+        let by = match self.light.by {
+            Lighting::Auto if shows_colors && !has_own_lights => Lighting::Colors,
+            Lighting::Auto | Lighting::Surroundings if has_lights => Lighting::Lights,
+            Lighting::Auto | Lighting::Surroundings if clues.sky_is_open => Lighting::Sun,
+            Lighting::Auto | Lighting::Surroundings => Lighting::Headlight,
             chosen => chosen,
-        }
+        };
+        let is_guess = is_auto && !has_own_lights && matches!(by, Lighting::Lights | Lighting::Sun);
+        ResolvedLight { by, is_guess, fill: if is_guess { self.light.fill } else { 0.0 } }
     }
 }
 
@@ -68,6 +96,35 @@ impl Sun {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn auto_takes_own_lights_then_own_colours_then_a_guess_with_fill() {
+        let resolved = |by: Lighting, color: ColorBy, has_lights, has_colors, sky_is_open, is_guessed| {
+            let mut settings = Settings::default();
+            (settings.light.by, settings.color.by, settings.light.fill) = (by, color, 0.25);
+            let light = settings.resolved_light(has_lights, LightClues { has_colors, sky_is_open, is_guessed });
+            (light.by, light.is_guess, light.fill)
+        };
+        use Lighting::{Auto, Colors, Headlight, Lights, Sun, Surroundings};
+        for (by, color, clues, expected) in [
+            // Lights, colours, open sky, guessed lights.
+            (Auto, ColorBy::Auto, [true, true, true, false], (Lights, false, 0.0)),
+            (Auto, ColorBy::Auto, [false, true, true, false], (Colors, false, 0.0)),
+            (Auto, ColorBy::Rgb, [true, true, false, true], (Colors, false, 0.0)),
+            (Auto, ColorBy::Height, [true, true, false, true], (Lights, true, 0.25)),
+            (Auto, ColorBy::Height, [false, true, true, false], (Sun, true, 0.25)),
+            (Auto, ColorBy::Auto, [false, false, true, false], (Sun, true, 0.25)),
+            (Auto, ColorBy::Auto, [false, false, false, false], (Headlight, false, 0.0)),
+            (Surroundings, ColorBy::Auto, [false, true, true, false], (Sun, false, 0.0)),
+            (Surroundings, ColorBy::Auto, [true, true, false, true], (Lights, false, 0.0)),
+            (Surroundings, ColorBy::Auto, [false, true, false, false], (Headlight, false, 0.0)),
+            (Sun, ColorBy::Auto, [true, true, false, false], (Sun, false, 0.0)),
+            (Headlight, ColorBy::Auto, [true, true, true, true], (Headlight, false, 0.0)),
+        ] {
+            let [lights, colors, sky, guessed] = clues;
+            assert_eq!(resolved(by, color, lights, colors, sky, guessed), expected, "{by:?} {color:?} {clues:?}");
+        }
+    }
 
     #[test]
     fn a_cone_is_no_wider_than_its_shadows_reach() {

@@ -42,6 +42,7 @@ choices! {
     /// What lights the points.
     pub enum Lighting {
         Auto = "auto", Lights = "lights", Sun = "sun", Headlight = "headlight", Colors = "colors",
+        Surroundings = "surroundings",
     }
 }
 choices! {
@@ -66,6 +67,10 @@ choices! {
 choices! {
     /// How linear light becomes the colours of the screen.
     pub enum Curve { Auto = "auto", Filmic = "filmic", Srgb = "srgb" }
+}
+choices! {
+    /// Whether the exposure is fitted to the picture.
+    pub enum ExposureFit { Auto = "auto", Always = "always", Locked = "locked" }
 }
 choices! {
     /// Whether all pixels of a glossy mirror draw the same directions.
@@ -198,7 +203,7 @@ params! {
 
     /// Colour of the points.
     pub struct Color = "color" in "Colour" => affects(surface found truth) not(kept swept) {
-        /// What colours the points; auto takes RGB where a cloud has it; for LAS and LAZ without, intensity, else height; else plain.
+        /// What colours the points; auto takes RGB where a cloud has it; for LAS and LAZ without, height if the cloud is a landscape, wider than a building and much wider than high, else intensity, else height; else plain.
         by: ColorBy = ColorBy::Auto;
         /// Name of the attribute shown when color.by is attribute (any extra byte or PLY property).
         attribute: String = String::new();
@@ -222,10 +227,12 @@ params! {
 
     /// Light.
     pub struct Light = "light" in "Light" => affects(shading truth) {
-        /// What lights the points: the scene's lights, a sun and a sky, a lamp at the eye, or nothing (the data's own colours); auto takes the scene's lights, else a sun where the sky is open above the points, else inside of a closed room a lamp under its ceiling, else the lamp at the eye.
+        /// What lights the points: the scene's lights, a sun and a sky, a lamp at the eye, or nothing (the data's own colours); surroundings takes the scene's lights, else a sun where the sky is open above the points, else inside of a closed room a lamp under its ceiling, else the lamp at the eye; auto takes the scene's lights, else the points' own colours where most points are shown in RGB, else what surroundings takes, with light.fill.
         by: Lighting = Lighting::Auto => not(kept);
         /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
         headlight: f32 = 0.5, 0.0..=1.0, "share";
+        /// What a lamp at the eye adds where light.by = auto has guessed a sun or a lamp, so that no shadow is black: the radiance of white that faces it.
+        fill: f32 = 0.15, 0.0..=1.0, "";
         /// Depth by which a surface may lie behind what the light sees before it is in shadow, in texels of the shadow map.
         shadow_bias: f32 = 3.0, 0.0..=64.0, "texels";
         /// Factor of the diffuse light that surfaces send back; above 1 they may send back more than arrives.
@@ -288,8 +295,10 @@ params! {
 
     /// Tone mapping.
     pub struct Tone = "tone" in "Light" => affects(view) {
-        /// Exposure: each stop doubles the brightness.
+        /// Exposure: each stop doubles the brightness. It is added to what fits.
         exposure: f32 = 0.0, -10.0..=10.0, "stops" => not(kept);
+        /// Fits the exposure to what is lit in the picture, so that the median is middle grey and little is burnt out: auto where light.by = auto has guessed the light, always under any light, locked never.
+        fit: ExposureFit = ExposureFit::Auto => not(kept);
         /// Filmic rolls highlights off (Narkowicz 2015), srgb clips them; auto takes filmic where lights or a sun shine.
         curve: Curve = Curve::Auto;
     }

@@ -31,7 +31,7 @@ impl Room {
     /// Whether its lamp shines if it is the only light: automatically for an eye inside the room, else if it is asked
     /// for.
     pub fn lamp_shines(&self, by: Lighting, eye: DVec3) -> bool {
-        by == Lighting::Lights || (by == Lighting::Auto && self.inside.contains(eye))
+        by == Lighting::Lights || (matches!(by, Lighting::Auto | Lighting::Surroundings) && self.inside.contains(eye))
     }
 }
 

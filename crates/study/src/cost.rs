@@ -490,6 +490,7 @@ mod tests {
             clock: Clock::Gpu,
             virtual_lights: lights,
             glossy_samples: [0; 2],
+            exposure: None,
             has_compiled: false,
             dispatches: 0,
             reflection: Some(ReflectionStats { mirror_pixels: mirrors as u32, ..ReflectionStats::default() }),

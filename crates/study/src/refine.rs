@@ -134,8 +134,8 @@ impl Refinement {
 mod tests {
     use cloud::{Cloud, Progress};
     use render::Objects;
-    use scene::Settings;
     use scene::five_mirrors::{self, Variant};
+    use scene::{LightClues, Settings};
 
     use super::*;
     use crate::subject::SubjectPart;
@@ -169,7 +169,7 @@ mod tests {
         let (camera, lights) = (five_mirrors::camera(), [five_mirrors::light()]);
         let mut settings = Settings::default();
         settings.trace.samples = 5;
-        let objects = Objects { mirrors: &[], lights: &lights, sky_is_open: false };
+        let objects = Objects { mirrors: &[], lights: &lights, clues: LightClues::default() };
         let tracer = Tracer::new(&scene, View { camera: &camera, settings: &settings, objects, size: SIZE });
         let surface = surface(&scene);
         let mut refinement = Refinement::new(&tracer, &surface);

@@ -6,7 +6,7 @@ use cloud::{Chunk, Cloud};
 use glam::{DVec3, Vec3};
 use render::{ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
-use scene::{Camera, ColorBy, Mirror, Settings, SpotLight};
+use scene::{Camera, ColorBy, LightClues, Mirror, Settings, SpotLight};
 use trace::{Clear, Exact, Mesh, Vertex, linear_from_srgb};
 
 /// A loaded scene.
@@ -17,7 +17,7 @@ pub struct Subject {
     pub mirrors: Vec<Mirror>,
     pub lights: Vec<SpotLight>,
     /// The same as in [`Objects`].
-    pub sky_is_open: bool,
+    pub clues: LightClues,
     pub camera: Camera,
     /// The surfaces behind the points, if they are known.
     pub exact: Option<Exact>,
@@ -91,7 +91,7 @@ impl Subject {
             store.set_color(id, &part.cloud, &ids, &part.plan, up)?;
             kept.push(part);
         }
-        Ok(Self { parts: kept, store, mirrors, lights, sky_is_open: false, camera, exact })
+        Ok(Self { parts: kept, store, mirrors, lights, clues: LightClues::default(), camera, exact })
     }
 
     /// Adds the surfaces behind clouds whose points are the vertices of meshes: their triangles, in the colours in
@@ -107,7 +107,7 @@ impl Subject {
     }
 
     pub fn objects(&self) -> Objects<'_> {
-        Objects { mirrors: &self.mirrors, lights: &self.lights, sky_is_open: self.sky_is_open }
+        Objects { mirrors: &self.mirrors, lights: &self.lights, clues: self.clues }
     }
 
     /// Renders a frame from scratch.

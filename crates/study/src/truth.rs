@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use render::{Aov, AovImage, MOST_LIGHTS, Objects, Renderer};
 use scene::{Camera, Lighting, Method, Settings, SpotLight};
 use trace::{
-    Exact, Geometry, Gloss, Hit, Illuminant, Illumination, Indirect, Medium, MirrorPoint, PixelRays, Side, Sunlight,
-    Surfels, indirect_picture, linear_from_srgb, primary, radiance, reflected,
+    Exact, Fill, Geometry, Gloss, Hit, Illuminant, Illumination, Indirect, Medium, MirrorPoint, PixelRays, Side,
+    Sunlight, Surfels, indirect_picture, linear_from_srgb, primary, radiance, reflected,
 };
 
 use crate::accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
@@ -318,10 +318,13 @@ impl<'a> Tracer<'a> {
     /// The frame's lighting, in the form for the ray tracer.
     pub fn illumination(&self) -> Illumination<'_> {
         let Settings { light, sun, gi, trace, mirror, reflection, gloss, view, .. } = self.view.settings;
-        let source = match light.lighting(!self.lights.is_empty(), self.view.objects.sky_is_open) {
+        let resolved = self.view.settings.resolved_light(!self.lights.is_empty(), self.view.objects.clues);
+        let source = match resolved.by {
             Lighting::Lights => Illuminant::Lights(&self.lights),
             Lighting::Sun => Illuminant::Sun(Sunlight::new(sun, self.view.camera.up)),
-            Lighting::Auto | Lighting::Headlight => Illuminant::Headlight(f64::from(light.headlight)),
+            Lighting::Auto | Lighting::Surroundings | Lighting::Headlight => {
+                Illuminant::Headlight(f64::from(light.headlight))
+            }
             Lighting::Colors => Illuminant::Headlight(0.0),
         };
         let [red, green, blue, _] = view.background.bytes().map(linear_from_srgb);
@@ -329,6 +332,7 @@ impl<'a> Tracer<'a> {
         Illumination {
             gloss: Gloss { share, power, shape: light.highlight },
             diffuse: f64::from(light.diffuse),
+            fill: Fill { radiance: f64::from(resolved.fill), share: f64::from(light.headlight) },
             bounces: reflection.bounces,
             lobe: (gloss.samples > 0).then_some(gloss.lobe),
             background: DVec3::new(red, green, blue),

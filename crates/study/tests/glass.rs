@@ -10,7 +10,7 @@ use cloud::{Chunk, Cloud, Progress, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
 use render::{Aov, ColorPlan, Material, PointStore};
 use scene::five_mirrors::{self, SampledPart, Variant};
-use scene::{Camera, METHODS, Method, Mirror, Settings, Shape, Supply};
+use scene::{Camera, LightClues, METHODS, Method, Mirror, Settings, Shape, Supply};
 use study::{Drawn, Subject, SubjectPart, TracedScene, Tracer, Truth, View, clear_points, delta_e};
 use trace::Exact;
 use trace::exact::{Albedo, Object};
@@ -192,7 +192,7 @@ fn pool(studio: &Studio, refraction: f32, settings: &Settings) -> Subject {
     }
     let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.1, -1.0, 0.5), 3.0, DVec3::Z);
     let (mirrors, lights) = (Vec::new(), Vec::new());
-    Subject { parts, store, mirrors, lights, sky_is_open: false, camera, exact: None }
+    Subject { parts, store, mirrors, lights, clues: LightClues::default(), camera, exact: None }
 }
 
 #[test]

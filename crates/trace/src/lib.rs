@@ -23,7 +23,7 @@ mod tree;
 pub use camera::{PixelRays, Viewpoint};
 pub use exact::Exact;
 pub use indirect::{Indirect, indirect, indirect_picture};
-pub use light::{Illuminant, Illumination, Sunlight, direct, picture, radiance, reflected_picture};
+pub use light::{Fill, Illuminant, Illumination, Sunlight, direct, picture, radiance, reflected_picture};
 pub use mesh::{Mesh, Vertex};
 pub use ray::{Clear, Geometry, Hit, Medium, Ray, SELF_DISTANCE, Side};
 pub use reflectance::Gloss;

@@ -52,6 +52,19 @@ impl Sunlight {
     }
 }
 
+/// A lamp at the eye, or at the mirror point that sees a surface, beside other lights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fill {
+    /// The radiance of white that faces it; 0 without it.
+    pub radiance: f64,
+    /// The share that falls off with the angle between surface and view.
+    pub share: f64,
+}
+
+impl Fill {
+    pub const NONE: Self = Self { radiance: 0.0, share: 0.0 };
+}
+
 /// The light of a scene, and how far it is followed.
 #[derive(Clone, Copy, Debug)]
 pub struct Illumination<'a> {
@@ -59,6 +72,8 @@ pub struct Illumination<'a> {
     pub gloss: Gloss,
     /// The factor of the diffuse light that surfaces send back; a lamp at the eye shows the data's own colours.
     pub diffuse: f64,
+    /// What a lamp at the eye adds to lights or sun.
+    pub fill: Fill,
     /// The number of mirrors over which a ray is followed, whether of the eye or of a path of light.
     pub bounces: u32,
     /// The number of mirrors over which the eye's ray has been followed already; light takes its own way to the
@@ -77,7 +92,18 @@ impl<'a> Illumination<'a> {
     pub fn new(source: Illuminant<'a>, mirror: &'a MirrorSettings) -> Self {
         let indirect = Indirect { bounces: 0, samples: 0, seed: 0 };
         let (lobe, background) = (None, DVec3::ZERO);
-        Self { source, gloss: Gloss::NONE, diffuse: 1.0, bounces: 0, passed: 0, mirror, lobe, background, indirect }
+        Self {
+            source,
+            gloss: Gloss::NONE,
+            diffuse: 1.0,
+            fill: Fill::NONE,
+            bounces: 0,
+            passed: 0,
+            mirror,
+            lobe,
+            background,
+            indirect,
+        }
     }
 
     /// The number of mirrors over which the eye's ray may still be followed.
@@ -191,11 +217,13 @@ pub fn reflected_picture(
 /// diffuse part, by the remainder of it for a mirror whose reflection is followed, and by its highlight.
 pub fn direct(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
     let surface = Reflectance::new(hit, direction, illumination.left(), illumination);
+    let facing = |share: f64| 1.0 - share + share * direction.dot(hit.normal).abs().min(1.0);
     match illumination.source {
-        Illuminant::Headlight(share) => {
-            surface.diffuse * (1.0 - share + share * direction.dot(hit.normal).abs().min(1.0))
+        Illuminant::Headlight(share) => surface.diffuse * facing(share),
+        Illuminant::Lights(_) | Illuminant::Sun(_) => {
+            let Fill { radiance, share } = illumination.fill;
+            scattered(geometry, hit, &surface, illumination) + surface.diffuse * (radiance * facing(share))
         }
-        Illuminant::Lights(_) | Illuminant::Sun(_) => scattered(geometry, hit, &surface, illumination),
     }
 }
 

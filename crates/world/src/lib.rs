@@ -33,7 +33,7 @@ pub use chunk_key::{ChunkKey, CloudKey, Part};
 pub use error::{Error, Result};
 pub use event::{Event, IndexEntry, IndexState, Opened, StreamStats};
 pub use job::{Job, start, start_unseen};
-pub use light::AutoLight;
+pub use light::{AutoLight, has_colors};
 pub use mailbox::{IndexRequest, Mailbox, StreamView};
 pub use meshes::with_mesh;
 pub use resident::Resident;

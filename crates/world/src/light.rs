@@ -1,12 +1,14 @@
 //! The automatic light: one rule for the window, headless pictures and studies.
 //!
-//! It depends on the surroundings of the shown points. Under an open sky the sun shines, unless there are lights. A
-//! room gets a lamp if there is no light, and that lamp shines only while the eye is in the room, or when lights are
-//! asked for: from outside it would light nothing visible.
+//! It depends on all points of the clouds that are shown, also on those that are clipped or hidden, so that the light
+//! stays when somebody hides points. Most clouds that bring RGB were lit when they were scanned: their own colours are
+//! shown. For others the surroundings decide: under an open sky the sun shines, unless there are lights. A room gets a
+//! lamp if there is no light, and that lamp shines only while the eye is in the room, or when lights are asked for:
+//! from outside it would light nothing visible.
 
 use cloud::Chunk;
 use glam::DVec3;
-use scene::{Lighting, SpotLight, Surroundings};
+use scene::{LightClues, Lighting, SpotLight, Surroundings};
 
 /// The surroundings of the points, if they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -15,9 +17,19 @@ pub struct AutoLight {
 }
 
 impl AutoLight {
-    /// Finds the surroundings of all points that are shown; `up` is a unit vector.
+    /// Finds the surroundings of the points; `up` is a unit vector.
     pub fn around(chunks: &[Chunk], up: DVec3) -> Self {
         Self { surroundings: Some(Surroundings::of(cloud::spread_sample(chunks), up)) }
+    }
+
+    /// What decides about automatic light. `chunks` are those of the clouds, and `has_lamp` says whether the lights that
+    /// shine are this one's lamp.
+    pub fn clues<'a>(&self, chunks: impl Iterator<Item = &'a Chunk>, has_lamp: bool) -> LightClues {
+        LightClues {
+            has_colors: has_colors(chunks),
+            sky_is_open: self.surroundings == Some(Surroundings::OpenSky),
+            is_guessed: has_lamp,
+        }
     }
 
     pub fn sky_is_open(&self) -> bool {
@@ -39,5 +51,36 @@ impl AutoLight {
             // The lamp's room is no room any more, or nobody has looked again yet.
             _ => true,
         }
+    }
+}
+
+/// Whether at least half of the points bring RGB colours.
+pub fn has_colors<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> bool {
+    let (mut colored, mut all) = (0, 0);
+    for chunk in chunks {
+        all += chunk.len();
+        colored += if chunk.colors.is_some() { chunk.len() } else { 0 };
+    }
+    all > 0 && 2 * colored >= all
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+
+    #[test]
+    fn a_scene_has_colours_if_half_of_its_points_bring_them() {
+        let chunk = |points: usize, is_colored: bool| Chunk {
+            colors: is_colored.then(|| Arc::new(vec![[9; 4]; points])),
+            ..Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; points])
+        };
+        let found = |parts: &[(usize, bool)]| {
+            let chunks: Vec<Chunk> = parts.iter().map(|(points, is_colored)| chunk(*points, *is_colored)).collect();
+            AutoLight::default().clues(chunks.iter(), false).has_colors
+        };
+        assert!(found(&[(3, true)]) && found(&[(3, true), (3, false)]));
+        assert!(!found(&[(3, true), (4, false)]) && !found(&[(2, false)]) && !found(&[]));
     }
 }

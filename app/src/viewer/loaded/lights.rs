@@ -2,7 +2,7 @@
 //! own.
 
 use cloud::Cloud;
-use scene::{Lighting, SpotLight};
+use scene::{LightClues, Lighting, SpotLight};
 use serde_json::json;
 use world::AutoLight;
 
@@ -12,14 +12,14 @@ use crate::viewer::scene::Scene;
 use crate::viewer::work::Work;
 
 impl Loaded {
-    /// Asks a worker what surrounds the visible points, once they are all loaded.
+    /// Asks a worker what surrounds the points of the clouds that are shown, once they are all loaded. Hidden points
+    /// count: the light stays when somebody hides points.
     pub fn ask_surroundings(&mut self, beside: &mut Beside<'_>) {
         let visible = self.clouds.iter().filter(|entry| entry.is_visible);
         let clouds: Vec<Cloud> = visible.map(|entry| entry.cloud.clone()).collect();
         if !self.is_loading() && clouds.iter().any(|cloud| !cloud.chunks.is_empty()) {
             let (asked, up) = (self.light_search.ask(), beside.scene.up(&self.clouds));
-            let test = beside.scene.objects.visibility.test();
-            beside.outside.work(Work::FindSurroundings { asked, clouds, test, up });
+            beside.outside.work(Work::FindSurroundings { asked, clouds, up });
         }
     }
 
@@ -54,8 +54,15 @@ impl Loaded {
         scene.objects.lights.iter().map(|placed| placed.light).collect()
     }
 
+    /// What decides about automatic light now, besides the lights.
+    pub fn clues(&self, scene: &Scene) -> LightClues {
+        let visible = self.clouds.iter().filter(|entry| entry.is_visible);
+        let chunks = visible.flat_map(|entry| &entry.cloud.chunks);
+        self.light_search.light.clues(chunks, scene.objects.has_guess())
+    }
+
     /// How the points are lit: what `auto` means now.
     pub fn lighting(&self, scene: &Scene) -> Lighting {
-        scene.settings.light.lighting(!self.lights(scene).is_empty(), self.sky_is_open())
+        scene.settings.resolved_light(!self.lights(scene).is_empty(), self.clues(scene)).by
     }
 }

@@ -282,7 +282,6 @@ impl Loaded {
             beside.outside.change(Change::Visibility { visibility: self.drawn_visibility.clone() });
             self.samples.area_per_point = None;
             beside.frames.points_changed();
-            self.ask_surroundings(beside);
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use egui::{CollapsingHeader, RichText, Ui};
 use render::MOST_LIGHTS;
-use scene::{Lighting, Object, SpotLight};
+use scene::{ExposureFit, Lighting, Object, SpotLight};
 
 use crate::viewer::action::Action;
 use crate::viewer::input::bindings;
@@ -14,10 +14,15 @@ use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::widgets::{name_label, three};
 
-const CHOICES: [(Lighting, &str, &str); 5] = [
+const CHOICES: [(Lighting, &str, &str); 6] = [
     (
         Lighting::Auto,
         "Auto",
+        "Lights if there are any, else the data's own colours if they are RGB, else as the surroundings suggest, with fill",
+    ),
+    (
+        Lighting::Surroundings,
+        "Surroundings",
         "Lights if there are any, else a sun where the sky is open, else the lamp of the room that one is in, else one at the eye",
     ),
     (Lighting::Lights, "Lights", "The lights in the list below, with shadows"),
@@ -76,14 +81,31 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         });
     }
     if lighting != Lighting::Colors {
-        part(ui, "Tone", false, |ui| parameters(ui, &settings.tone, &[], actions));
+        part(ui, "Tone", false, |ui| {
+            parameters(ui, &settings.tone, &[], actions);
+            exposure(ui, session, actions);
+        });
     }
     part(ui, "Eye-dome lighting", false, |ui| parameters(ui, &settings.edl, &[], actions));
 }
 
+/// Shows the exposure that was fitted to the picture, which can be locked.
+fn exposure(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let Some(fitted) = session.frames.shown.as_ref().and_then(|shown| shown.stats.exposure) else { return };
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(format!("Fitted: {:+.2} stops", fitted.stops)).small().color(theme::WEAK));
+        if ui.small_button("Lock").on_hover_text("The exposure stays as it is now, whatever is seen").clicked() {
+            let mut settings = session.scene.settings.clone();
+            (settings.tone.fit, settings.tone.exposure) = (ExposureFit::Locked, fitted.stops.clamp(-10.0, 10.0));
+            actions.push(Action::ChangeSettings(Box::new(settings)));
+        }
+    });
+}
+
 /// Explains which light results from the choice.
 fn explanation(session: &Session) -> &'static str {
-    let is_auto = session.scene.settings.light.by == Lighting::Auto;
+    let by = session.scene.settings.light.by;
+    let is_auto = matches!(by, Lighting::Auto | Lighting::Surroundings);
     let lights = &session.scene.objects.lights;
     match session.loaded.lighting(&session.scene) {
         Lighting::Lights if lights.is_empty() => "There is no light in the scene: it is dark.",
@@ -99,7 +121,8 @@ fn explanation(session: &Session) -> &'static str {
             "A lamp at the eye; in the room, the lamp that is guessed."
         }
         Lighting::Headlight if is_auto => "No lights in the scene: a lamp at the eye.",
-        Lighting::Headlight | Lighting::Auto => "A lamp at the eye.",
+        Lighting::Colors if by == Lighting::Auto => "The scan's own colours; press U for light.",
+        Lighting::Headlight | Lighting::Auto | Lighting::Surroundings => "A lamp at the eye.",
         Lighting::Colors => "Data colours, no light.",
     }
 }
@@ -452,13 +475,20 @@ mod tests {
         assert!(session.is_unlit());
         session.act(Action::ToggleLight);
         assert_eq!(session.scene.settings.light.by, Lighting::Headlight);
-        let seen: Vec<Lighting> = (0..5)
+        let seen: Vec<Lighting> = (0..6)
             .map(|_| {
                 session.act(Action::NextLight);
                 session.scene.settings.light.by
             })
             .collect();
-        let expected = [Lighting::Colors, Lighting::Auto, Lighting::Lights, Lighting::Sun, Lighting::Headlight];
+        let expected = [
+            Lighting::Colors,
+            Lighting::Surroundings,
+            Lighting::Auto,
+            Lighting::Lights,
+            Lighting::Sun,
+            Lighting::Headlight,
+        ];
         assert_eq!(seen, expected);
     }
 

@@ -140,6 +140,7 @@ mod tests {
             clock: Clock::Host,
             virtual_lights: 0,
             glossy_samples: [0; 2],
+            exposure: None,
             has_compiled: false,
             dispatches: 0,
             reflection: Some(ReflectionStats {

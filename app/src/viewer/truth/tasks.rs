@@ -199,8 +199,8 @@ impl FrameRequest {
     }
 
     fn view(&self) -> View<'_> {
-        let Self { camera, settings, mirrors, lights, sky_is_open, size, .. } = self;
-        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
+        let Self { camera, settings, mirrors, lights, clues, size, .. } = self;
+        let objects = Objects { mirrors, lights, clues: *clues };
         View { camera, settings, objects, size: *size }
     }
 }
@@ -413,7 +413,7 @@ impl FrameRequest {
             settings: scene::Settings::default(),
             mirrors: Vec::new(),
             lights: Vec::new(),
-            sky_is_open: false,
+            clues: scene::LightClues::default(),
             size: [8, 6],
             revision: 1,
             spared: None,

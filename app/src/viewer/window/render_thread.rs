@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use cloud::Progress;
 use glam::DVec3;
 use render::{FrameStats, Gpu, LightReuse, Objects, Renderer};
-use scene::{Camera, GlossPattern, Mirror, MirrorSurface, Quality, Settings, SpotLight};
+use scene::{Camera, GlossPattern, LightClues, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
 
@@ -31,7 +31,8 @@ pub struct FrameRequest {
     pub settings: Settings,
     pub mirrors: Vec<Mirror>,
     pub lights: Vec<SpotLight>,
-    pub sky_is_open: bool,
+    /// What decides about automatic light, besides the lights.
+    pub clues: LightClues,
     /// The size in pixels that the picture fills in the window.
     pub size: [u32; 2],
     /// What the frame spares, if it is drawn fast because something moves.
@@ -247,6 +248,8 @@ struct Worker {
     free: Option<wgpu::Texture>,
     /// The frame that the renderer holds, and whether the picture is the whole frame's, made from its own colours.
     held: Option<(FrameRequest, bool)>,
+    /// When the last frame was drawn for the window, whose exposure the next one begins with.
+    exposed_at: Option<Instant>,
     /// The samples of glossy mirrors in the last frame that was drawn for the window.
     summed: u32,
     /// The frame in the window; points are picked from it.
@@ -268,6 +271,7 @@ impl Worker {
             shown: None,
             free: None,
             held: None,
+            exposed_at: None,
             summed: 0,
             on_screen: None,
         })
@@ -440,8 +444,8 @@ impl Worker {
         }
         let started = Instant::now();
         self.hold(request, false)?;
-        let FrameRequest { camera, mirrors, lights, sky_is_open, settings, .. } = request;
-        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
+        let FrameRequest { camera, mirrors, lights, clues, settings, .. } = request;
+        let objects = Objects { mirrors, lights, clues: *clues };
         let view = View { camera, settings, objects, size: request.drawn_size() };
         let held = self.held.take();
         let judged = study::judge(&mut self.renderer, &self.resident.store, view, study::RAYS, seed)?;
@@ -452,8 +456,8 @@ impl Worker {
 
     /// Lets `auto` choose. Pictures of the window are never enlarged.
     fn choose(&mut self, request: &FrameRequest, target: Target, model: &mut CostModel) -> anyhow::Result<Choice> {
-        let FrameRequest { mirrors, lights, sky_is_open, camera, settings, size, .. } = request;
-        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
+        let FrameRequest { mirrors, lights, clues, camera, settings, size, .. } = request;
+        let objects = Objects { mirrors, lights, clues: *clues };
         self.held = None;
         let Self { renderer, resident, .. } = self;
         renderer.let_light_lag(false);
@@ -475,20 +479,25 @@ impl Worker {
         Ok(())
     }
 
-    /// Renders a frame. Of glossy mirrors it adds at most `samples` to those of the frame before, if that was the same.
+    /// Renders a frame for the window, if `samples` is given: of glossy mirrors it adds at most so many to those of the
+    /// frame before, if that was the same, and its exposure follows that of the frame before. Other frames are final.
     fn render(&mut self, request: &FrameRequest, samples: Option<u32>) -> render::Result<FrameStats> {
-        let FrameRequest { mirrors, lights, sky_is_open, .. } = request;
-        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
+        let FrameRequest { mirrors, lights, clues, .. } = request;
+        let objects = Objects { mirrors, lights, clues: *clues };
         self.held = None;
         self.renderer.prepare(&self.resident.store, &request.settings, objects, &self.shaders)?;
         self.renderer.let_light_lag(request.light_may_lag);
         self.renderer.reuse_light(if request.hurried { LightReuse::Reuse } else { LightReuse::Keep });
         self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
         self.renderer.sum_at_once(samples);
+        let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
+        self.renderer.adapt_exposure(since.map(adapted_share));
+        self.exposed_at = samples.is_some().then(Instant::now);
         let size = request.drawn_size();
         let stats = self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, size)?;
         let [summed, asked] = stats.glossy_samples;
-        self.held = Some((request.clone(), summed == asked));
+        let adapts = stats.exposure.is_some_and(|exposure| exposure.adapts);
+        self.held = Some((request.clone(), summed == asked && !adapts));
         Ok(stats)
     }
 
@@ -526,6 +535,17 @@ impl Worker {
 }
 
 /// Whether no further frame can be drawn after this error.
+/// How long the exposure takes to go two thirds of its way: eyes take longer, but nobody wants to wait.
+const ADAPTATION: Duration = Duration::from_millis(250);
+
+/// The longest time that counts between two frames: after a rest, the way begins when the picture changes.
+const LONGEST_STEP: Duration = Duration::from_millis(100);
+
+/// The share of its way that the exposure goes in the time between two frames.
+fn adapted_share(time: Duration) -> f32 {
+    1.0 - (-time.min(LONGEST_STEP).as_secs_f32() / ADAPTATION.as_secs_f32()).exp()
+}
+
 fn is_fatal(error: &render::Error) -> bool {
     matches!(error, render::Error::Lost(_))
 }
@@ -536,11 +556,11 @@ impl FrameRequest {
         Self { settings: settings.clone(), spared: None, hurried: false, light_may_lag: false, ..self.clone() }
     }
 
-    /// Whether nothing is left to be added to the frame's picture. While something moves, one sample of glossy mirrors is
-    /// all.
+    /// Whether the frame's picture is final: nothing is left to be added, and its exposure is the one that fits. While
+    /// something moves, one sample of glossy mirrors is all, and the exposure follows.
     pub fn is_whole(&self, stats: &FrameStats) -> bool {
         let [summed, asked] = stats.glossy_samples;
-        summed == asked || self.hurried
+        summed == asked && !stats.exposure.is_some_and(|exposure| exposure.adapts) || self.hurried
     }
 
     /// The size in pixels in which the frame is drawn.

@@ -1,7 +1,7 @@
 use std::sync::mpsc::Receiver;
 
 use glam::DVec3;
-use scene::{Reflection, Shape};
+use scene::{LightClues, Reflection, Shape};
 
 use super::*;
 
@@ -29,7 +29,7 @@ fn request(size: [u32; 2]) -> Box<FrameRequest> {
         settings: Settings::default(),
         mirrors: vec![Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0)],
         lights: Vec::new(),
-        sky_is_open: false,
+        clues: LightClues::default(),
         size,
         revision: 0,
         spared: None,
