@@ -365,7 +365,8 @@ fn walk_cube(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
     var walk = Walk(WALK_OPEN, 0.0, 0u, 0u);
     var cells = 0u;
     var t = ray.start;
-    var face = face_toward(ray.origin + ray.direction * t - cubes.places[map].xyz);
+    let offset = ray.origin + ray.direction * t - cubes.places[map].xyz;
+    var face = face_toward(select(offset, ray.direction, all(offset == vec3f(0.0))));
     var starts = true;
     var goes_on = true;
     for (var i = 0; i < MOST_FACES && goes_on; i++) {

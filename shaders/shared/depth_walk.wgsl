@@ -242,7 +242,10 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
     let down = axis_of(along.down, divisor);
     var t = part.x;
     var is_start = starts;
-    let first_place = vec2f(linear_at(across.xy, t), linear_at(down.xy, t)) / linear_at(divisor, t);
+    // A ray that begins at the centre is in one texel, which its direction tells.
+    let has_depth = linear_at(divisor, t) != 0.0;
+    let place = select(vec2f(across.y, down.y), vec2f(linear_at(across.xy, t), linear_at(down.xy, t)), has_depth);
+    let first_place = place / select(divisor.y, linear_at(divisor, t), has_depth);
     var at = clamp(vec2i(floor(first_place)), vec2i(0), view.size - 1);
     var level = 0;
     var walk = Walk(WALK_ON, 0.0, 0u, 0u);

@@ -293,6 +293,148 @@ fn rays_through_cubemaps_end_where_rays_through_the_points_end() {
     }
 }
 
+/// All that is found, to the bit.
+fn bits(stage: &Stage) -> [Vec<u32>; 3] {
+    [Aov::MirrorPosition, Aov::MirrorAlbedo, Aov::MirrorNormal]
+        .map(|aov| stage.renderer.read_aov(aov).unwrap().data.iter().map(|value| value.to_bits()).collect())
+}
+
+fn by_cubemaps(pairs: &[(&str, &str)]) -> Settings {
+    by_map(&[&[("reflection.method", "cubemap_trace"), ("cubemap_trace.size", "64")], pairs].concat())
+}
+
+#[test]
+fn where_maps_tell_nothing_cubemap_trace_is_surfel_trace() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[2]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    let settings = |method, placement| {
+        by_cubemaps(&[
+            ("reflection.method", method),
+            ("reflection.bounces", "2"),
+            ("cubemap_trace.placement", placement),
+        ])
+    };
+    // A closed box within the mirror, about its map.
+    let mut hidden = Scene::new(&stage, room(&[2]), scene.mirrors.clone());
+    let half = 0.2;
+    let within: Vec<Chunk> = (0..6)
+        .map(|side| {
+            let axis = |turn: usize| DVec3::AXES[(side + turn) % 3] * half;
+            wall(if side < 3 { axis(0) } else { -axis(0) } - axis(1) - axis(2), [axis(1) * 2.0, axis(2) * 2.0])
+        })
+        .collect();
+    add_points(&mut hidden.store, within, Material::default());
+    hidden.render(&mut stage, &settings("surfel_trace", "middle"));
+    let traced = bits(&stage);
+    let stats = hidden.render(&mut stage, &settings("cubemap_trace", "middle"));
+    assert_eq!(stats.reflection.and_then(|found| found.unresolved), Some(1.0));
+    assert!(bits(&stage) == traced);
+    // Without the box maps do tell something.
+    let stats = scene.render(&mut stage, &settings("cubemap_trace", "middle"));
+    let unresolved = stats.reflection.and_then(|found| found.unresolved).unwrap();
+    assert!(unresolved < 0.1 && bits(&stage) != traced, "{unresolved}");
+}
+
+#[test]
+fn maps_show_the_points_that_stand_whatever_came_and_went() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    let settings = by_cubemaps(&[("cubemap_trace.rest", "none")]);
+    let screen = |x: f64| wall(DVec3::new(x, -0.5, -0.9), [DVec3::X * 0.4, DVec3::Y * 0.6]);
+    let drawn = |scene: &Scene, stage: &mut Stage| (draws_maps(&scene.render(stage, &settings)), bits(stage));
+    let (_, empty) = drawn(&scene, &mut stage);
+    let cloud = scene.store.add_cloud(Material::default());
+    let first = scene.store.add_chunk(cloud, &screen(-0.9), None).unwrap();
+    let second = scene.store.add_chunk(cloud, &screen(0.5), None).unwrap();
+    let (is_drawn, both) = drawn(&scene, &mut stage);
+    assert!(is_drawn && both != empty);
+    // Points that came after the walls, and those of a store that had them from the start.
+    let mut whole = Scene::new(&stage, room(&[]), scene.mirrors.clone());
+    let cloud_of_whole = whole.store.add_cloud(Material::default());
+    for x in [-0.9, 0.5] {
+        whole.store.add_chunk(cloud_of_whole, &screen(x), None).unwrap();
+    }
+    assert!(drawn(&whole, &mut stage).1 == both, "added alone, drawn whole");
+
+    // A chunk that slides into the place of another has other identities.
+    drawn(&scene, &mut stage);
+    scene.store.remove_chunk(first);
+    let slid = scene.store.add_chunk(cloud, &screen(-0.9), None).unwrap();
+    let (is_drawn, after) = drawn(&scene, &mut stage);
+    stage.renderer.forget();
+    assert!(is_drawn && after == drawn(&scene, &mut stage).1, "slid chunks");
+    let position = |bits: &[Vec<u32>; 3]| bits[0].clone();
+    assert!(position(&after) == position(&both), "the same points stand");
+
+    for chunk in [second, slid] {
+        scene.store.remove_chunk(chunk);
+    }
+    let (is_drawn, without) = drawn(&scene, &mut stage);
+    assert!(is_drawn && without == empty, "chunks that went");
+}
+
+#[test]
+fn new_colours_draw_no_map_and_change_no_place() {
+    let mut stage = stage_or_skip!();
+    let chunks = room(&[]);
+    let mut scene = Scene::new(&stage, Vec::new(), vec![sphere(DVec3::ZERO, RADIUS)]);
+    let cloud = scene.store.add_cloud(Material::default());
+    let ids: Vec<_> = chunks.iter().map(|chunk| scene.store.add_chunk(cloud, chunk, None).unwrap()).collect();
+    let settings = by_cubemaps(&[]);
+    scene.render(&mut stage, &settings);
+    let [places, albedo, _] = bits(&stage);
+    let colored = Cloud { chunks, ..Cloud::default() };
+    let (plan, _) = ColorPlan::new(&colored, &Settings::default().color, DVec3::Z);
+    scene.store.set_color(cloud, &colored, &ids, &plan, DVec3::Z).unwrap();
+    assert!(!draws_maps(&scene.render(&mut stage, &settings)));
+    let after = bits(&stage);
+    assert!(after[0] == places && after[1] != albedo);
+}
+
+#[test]
+fn atomics_of_32_bits_draw_the_same_maps() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[2]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    let [wide, narrow] = ["auto", "32"].map(|atomics| {
+        let settings = by_cubemaps(&[("cubemap_trace.rest", "none"), ("splat.atomics", atomics)]);
+        assert!(draws_maps(&scene.render(&mut stage, &settings)));
+        bits(&stage)
+    });
+    assert!(wide == narrow);
+}
+
+#[test]
+fn maps_of_odd_mirrors_and_points_give_finite_pictures() {
+    let mut stage = stage_or_skip!();
+    let mut odd = room(&[2]);
+    // Points that are nowhere, and points without a normal.
+    let mut positions = vec![[f32::NAN; 3], [f32::INFINITY, 0.0, 0.0], [0.0, -1e38, 0.0]];
+    positions.extend((0..200).map(|i| [0.004 * i as f32 - 0.4, 0.5, 0.5]));
+    odd.push(Chunk::new(0, DVec3::ZERO, positions));
+    let mirrors = [
+        vec![sphere(DVec3::ZERO, RADIUS)],
+        // Outside of the box, and next to nothing in size.
+        vec![sphere(DVec3::new(0.0, 0.0, 0.2), 0.3), sphere(DVec3::new(4.0, 0.0, -3.0), 0.5)],
+        vec![sphere(DVec3::ZERO, RADIUS), sphere(DVec3::new(0.6, 0.0, 0.0), 1e-9)],
+        Vec::new(),
+    ];
+    // With an offset of 0, maps stand on the mirror, where rays begin.
+    for (mirrors, offset) in mirrors.into_iter().zip(["0", "-0.25", "2", "-1"]) {
+        for placement in ["surface", "middle"] {
+            let count = mirrors.len();
+            let scene = Scene::new(&stage, odd.clone(), mirrors.clone());
+            scene.render(
+                &mut stage,
+                &by_cubemaps(&[("cubemap_trace.offset", offset), ("cubemap_trace.placement", placement)]),
+            );
+            let seen = pixels(&stage, &scene.camera);
+            let filled = seen.iter().filter(|seen| seen.found.is_some()).count();
+            assert!(count == 0 || filled > 200, "{count} mirrors, {offset}: {filled} of {}", seen.len());
+            assert!(seen.iter().filter_map(|seen| seen.found).all(|found| found.is_finite()), "{count} {offset}");
+        }
+    }
+}
+
 #[test]
 fn the_second_reflection_is_looked_up_like_the_first() {
     let mut stage = stage_or_skip!();

@@ -407,7 +407,10 @@ pub(super) fn walk(
     let Coordinates { across, down, divisor, depth } = coordinates(view, ray);
     let axes = [Axis::new(across, divisor), Axis::new(down, divisor)];
     let mut t = part[0];
-    let texel_of = |value: Linear, size: i32| ((value.at(t) / divisor.at(t)).floor() as i32).clamp(0, size - 1);
+    // A ray that begins at the centre is in one texel, which its direction tells.
+    let has_depth = divisor.at(t) != 0.0;
+    let place = |value: Linear| if has_depth { value.at(t) / divisor.at(t) } else { value.slope / divisor.slope };
+    let texel_of = |value: Linear, size: i32| (place(value).floor() as i32).clamp(0, size - 1);
     let mut at = [texel_of(across, size[0]), texel_of(down, size[1])];
     let mut level = 0;
     let mut cells = 0;
@@ -489,18 +492,27 @@ pub(super) fn leaf(
     Some(if counts { Answer::Hit { t, identity: texel.identity } } else { Answer::Hidden(t_in) })
 }
 
-/// Walks a ray through the six faces of a cube, of which it crosses at most four. Returns the answer and the number of
-/// cells.
+/// Walks a ray through the six faces of a cube. Returns the answer and the number of cells.
 pub(super) fn walk_cube(faces: &[Picture; 6], ray: &Ray, choices: Choices) -> (Answer, u32) {
+    through_faces(faces, ray, choices, if choices.criterion == Criterion::Plane { leaf } else { flat_leaf })
+}
+
+/// Walks a ray through the faces of a cube, of which it crosses at most four; `says` is what a texel says.
+fn through_faces(
+    faces: &[Picture; 6],
+    ray: &Ray,
+    choices: Choices,
+    says: impl Fn(&Picture, &Ray, [i32; 2], [f32; 2], bool, Choices) -> Option<Answer>,
+) -> (Answer, u32) {
     let mut t = ray.from;
-    let mut face = face_toward(ray.origin + ray.direction * t - faces[0].view.center);
+    let offset = ray.origin + ray.direction * t - faces[0].view.center;
+    let mut face = face_toward(if offset == Vec3::ZERO { ray.direction } else { offset });
     let mut cells = 0;
     let mut starts = true;
-    let says = if choices.criterion == Criterion::Plane { leaf } else { flat_leaf };
     for _ in 0..MOST_FACES {
         let (exit, side) = exit_of(&faces[face].view, ray);
         if exit > t {
-            let walked = walk(&faces[face], ray, [t, exit], starts, choices, says);
+            let walked = walk(&faces[face], ray, [t, exit], starts, choices, &says);
             cells += walked.cells;
             starts = false;
             t = exit;

@@ -273,6 +273,115 @@ fn cells_hold_the_planes_of_their_texels() {
     }
 }
 
+/// The texels that a walk asks along a ray through a cube without anything, each with the distances between which the
+/// ray is in it.
+fn walked_texels(center: Vec3, size: u32, ray: &Ray) -> Vec<(usize, [i32; 2], [f32; 2])> {
+    let empty = |index| Picture { view: face(center, index, size), texels: Vec::new(), levels: Vec::new() };
+    let faces = [0, 1, 2, 3, 4, 5].map(empty);
+    let walked = std::cell::RefCell::new(Vec::new());
+    let ask = |picture: &Picture, _: &Ray, at: [i32; 2], part: [f32; 2], _: bool, _: Choices| {
+        walked.borrow_mut().push((face_toward(picture.view.forward), at, part));
+        None
+    };
+    let (answer, _) = through_faces(&faces, ray, Choices { skip: false, ..CHOICES }, ask);
+    assert!(answer == Answer::Open || walked.borrow().len() < 4 * size as usize, "{answer:?}");
+    walked.into_inner()
+}
+
+#[test]
+fn a_walk_asks_the_texels_that_dense_samples_lie_in() {
+    let mut next = random(8);
+    let center = Vec3::new(0.2, -0.1, 0.3);
+    for size in [1_u32, 2, 16, 17, 100, 255, 256, 1000, 1024] {
+        let mut rays: Vec<Ray> = (0..12)
+            .map(|_| {
+                let ray = ray(&mut next, 1.5);
+                Ray { origin: ray.origin + center, ..ray }
+            })
+            .collect();
+        let special = |origin: Vec3, direction: Vec3| Ray {
+            origin: center + origin,
+            direction: direction.normalize(),
+            from: 0.0,
+            to: 1e30,
+        };
+        let border = 2.0 * (size / 3) as f32 / size as f32 - 1.0;
+        rays.extend([
+            // From the centre, and close by it: of rays within rounding of it, texels tell nothing.
+            special(Vec3::ZERO, Vec3::new(0.3, 0.7, -0.2)),
+            special(Vec3::new(-0.3, -0.7, 0.22), Vec3::new(0.3, 0.7, -0.2)),
+            // Along an axis, along a face's diagonal, and along a border of texels.
+            special(Vec3::new(0.1, -0.5, 0.2317), Vec3::X),
+            special(Vec3::new(0.11, -0.5, 0.1313), Vec3::new(1.0, -1.0, 0.0)),
+            special(Vec3::new(0.31, -0.5, border * 0.31), Vec3::Y),
+        ]);
+        for ray in rays {
+            let texels = walked_texels(center, size, &ray);
+            let mut faces: Vec<usize> = texels.iter().map(|(face, ..)| *face).collect();
+            faces.dedup();
+            assert!(faces.len() <= 4, "{size}: {faces:?} {ray:?}");
+            // The pieces follow one another.
+            assert!(texels.windows(2).all(|pair| pair[0].2[1] <= pair[1].2[0]), "{size}: {ray:?}");
+            let foot = (center - ray.origin).dot(ray.direction);
+            let beside = center.distance(ray.origin + ray.direction * foot);
+            assert!(beside > 1e-5 || faces.len() == 1, "{size}: {faces:?} {ray:?}");
+            let angle_of = |t: f32| (t - foot).atan2(beside.max(1e-4));
+            let samples = 4000;
+            let (first, last) = (angle_of(0.0), std::f32::consts::FRAC_PI_2 - 0.01);
+            let step = (last - first) / samples as f32;
+            let mut sampled = vec![false; texels.len()];
+            for i in 0..samples {
+                let t = foot + beside.max(1e-4) * (first + (i as f32 + 0.5) * step).tan();
+                let offset = ray.origin + ray.direction * t - center;
+                let index = face_toward(offset);
+                let view = face(center, index, size);
+                let depth = view.forward.dot(offset);
+                let half = 0.5 * size as f32;
+                let place = [view.right.dot(offset), -view.up.dot(offset)].map(|part| half + half * part / depth);
+                // Rounding decides beside a border.
+                let near = |place: f32| (place - place.round()).abs() < 2e-6 * size as f32 * (1.0 + 0.5 / depth);
+                if depth < 1e-3 || place.into_iter().any(near) {
+                    continue;
+                }
+                let at = place.map(|place| (place.floor() as i32).clamp(0, size as i32 - 1));
+                let found = texels.iter().position(|(face, texel, _)| (*face, *texel) == (index, at));
+                assert!(found.is_some(), "{size}: {index} {at:?} at {t} is not asked: {ray:?}");
+                sampled[found.unwrap_or_default()] = true;
+            }
+            for ((face, at, [t_in, t_out]), is_sampled) in texels.iter().zip(sampled) {
+                let is_long = angle_of(t_out.min(1e6)).min(last) - angle_of(*t_in) > 2.0 * step;
+                // A ray along a border is in either of two texels.
+                let is_border = ray.direction == Vec3::Y || beside < 1e-5;
+                assert!(is_sampled || !is_long || is_border, "{size}: {face} {at:?} is asked in vain: {ray:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_copy_of_a_cube_changes_nothing_and_one_more_proves_no_less() {
+    let mut next = random(9);
+    let (mut rays, mut resolved) = (0, [0_i32; 3]);
+    for _ in 0..4 {
+        let discs = scene(&mut next, 80);
+        let centers = [[0.15, 0.0, 0.0], [-0.15, 0.1, 0.0], [0.0, -0.1, 0.15], [0.1, 0.1, -0.1]];
+        let draw = |index: usize| discs_cube(centers[index].into(), 128, &discs);
+        let (cubes, with_copy) = ([0, 1, 2, 3].map(draw), [0, 0, 1].map(draw));
+        for _ in 0..1500 {
+            let ray = ray(&mut next, 0.4);
+            rays += 1;
+            let once = relay(&cubes[..2], &ray, 2, CHOICES).0;
+            assert_eq!(relay(&with_copy, &ray, 3, CHOICES).0, once, "{ray:?}");
+            for (count, resolved) in (2..).zip(&mut resolved) {
+                let answer = relay(&cubes[..count], &ray, count, CHOICES).0;
+                *resolved += i32::from(!matches!(answer, Answer::Hidden(_)));
+            }
+        }
+    }
+    let share = resolved.map(|resolved| f64::from(resolved) / f64::from(rays));
+    assert!(share[0] > 0.8 && share.windows(2).all(|pair| pair[1] > pair[0] - 0.002), "{share:?}");
+}
+
 #[test]
 fn what_is_proven_is_so() {
     let mut next = random(4);
