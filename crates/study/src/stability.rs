@@ -36,7 +36,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 20] = [
+const CASES: [Case; 23] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -135,6 +135,15 @@ const CASES: [Case; 20] = [
         range: 1.0..=20.0,
         scene: wires,
     },
+    Case { name: "screened", value: "share that the plates cover", default: 0.25, range: 0.01..=0.9, scene: screened },
+    Case {
+        name: "hanging-mirror",
+        value: "gap between mirror and wall",
+        default: 0.02,
+        range: 0.001..=0.5,
+        scene: hanging_mirror,
+    },
+    Case { name: "deep-room", value: "length of the room", default: 8.0, range: 4.0..=64.0, scene: deep_room },
 ];
 
 /// Whether the name has the form of a case, known or not.
@@ -453,6 +462,44 @@ fn wires(width: f64) -> Scene {
         Piece::wall(plate(middle, wire, 2.0), Albedo::Even([0.6, 0.5, 0.1])).spaced((0.5 * wire).min(0.008))
     });
     in_room(wires.chain([sphere(DVec3::ZERO, 0.35)]))
+}
+
+/// A sphere between lattices of square plates before both side walls.
+fn screened(share: f64) -> Scene {
+    let period = 0.25;
+    let width = period * share.sqrt();
+    let plates = (0..8 * 16 * 2).map(|index| {
+        let (row, column, side) = (index % 8, index / 8 % 16, if index < 128 { -1.0 } else { 1.0 });
+        let middle = DVec3::new(0.65 * side, period * (f64::from(row) - 3.5), period * (f64::from(column) - 7.5));
+        let edges = [DVec3::Y * width, DVec3::Z * width];
+        let surface = Surface::Rectangle { corner: middle - (edges[0] + edges[1]) * 0.5, edges };
+        Piece::wall(surface, Albedo::Even([0.6, 0.5, 0.1])).spaced((width / 6.0).min(0.016))
+    });
+    in_room(plates.chain([sphere(DVec3::ZERO, RADIUS)]))
+}
+
+/// A plane mirror close before the far wall.
+fn hanging_mirror(gap: f64) -> Scene {
+    let flat = mirror(Shape::Plane { height: 1.0 }, DVec3::new(0.2, 0.1, -2.0 + gap), 0.6);
+    in_room([Piece::mirror(flat).spaced(0.006)])
+}
+
+/// A sphere at the end of a box that reaches far behind the eye.
+fn deep_room(length: f64) -> Scene {
+    let low = DVec3::new(-1.0, -1.0, -2.0);
+    let [across, up, along] = [DVec3::X * 2.0, DVec3::Y * 2.0, DVec3::Z * length];
+    let wall =
+        |corner: DVec3, edges: [DVec3; 2]| Piece::wall(Surface::Rectangle { corner, edges }, Albedo::At(checkered));
+    let walls = [
+        wall(low, [along, across]),
+        wall(low + up, [across, along]),
+        wall(low, [up, along]),
+        wall(low + across, [along, up]),
+        wall(low, [across, up]),
+        wall(low + along, [up, across]),
+    ];
+    let pieces = walls.into_iter().chain([sphere(DVec3::ZERO, RADIUS)]).collect();
+    Scene { pieces, camera: five_mirrors::camera(), field_of_view: FIELD_OF_VIEW }
 }
 
 /// A mirror that is almost flat.

@@ -197,6 +197,25 @@ fn broken_results_miss_the_bounds() {
     }
 }
 
+#[test]
+fn doubts_of_maps_alone_mark_what_is_wrong_and_what_is_proven_is_right() {
+    let Some(mut studio) = studio() else { return };
+    // Between mirrors there is no neighbour that agrees.
+    for (variant, most) in [(Variant::Torus, 0.1), (Variant::All, 0.3)] {
+        let pairs = [("reflection.method", "cubemap_trace"), ("cubemap_trace.rest", "none")];
+        let frame = studio.frame_with(variant, &pairs);
+        let [wrong, right] = marked_shares(&frame);
+        println!("{}: {wrong:.3} of what is wrong, {right:.3} of what is right", variant.name());
+        assert!(wrong.is_nan() || wrong > 0.7, "{}: {wrong}", variant.name());
+        assert!(right < most, "{}: {right}", variant.name());
+        // Found, not closed: by planes that is proven.
+        let mut proven = frame.mirror_position.clone();
+        proven.as_chunks_mut::<4>().0.iter_mut().filter(|pixel| pixel[3] < 1.0).for_each(|pixel| pixel[3] = 0.0);
+        let figures = frame.judge(&frame.normal, &proven);
+        assert!(figures.coverage > 0.93 && figures.wrong < 0.02, "{}: {figures:?}", variant.name());
+    }
+}
+
 /// The shares of the true hits that the picture holds: all that it holds, and of these, those that the walk finds.
 fn held_and_found(truth: &Frame, walked: &Frame) -> [f64; 2] {
     let camera = five_mirrors::camera();

@@ -220,3 +220,83 @@ fn what_is_hidden_from_the_camera_misleads_depths_and_planes_know_it() {
     let found = [&planes, &behind].map(|judged| judged.same_input.recall.unwrap());
     assert!(found[1] > found[0] + 0.05 && behind.same_input.occlusion_error < 0.1, "{found:?}");
 }
+
+/// Maps alone, without closing what they leave open.
+const MAPS: &str = "cubemap_trace.rest=none splat.close_gaps=false";
+
+fn by_maps(case: &str, set: &str) -> Option<Judged> {
+    judged("cubemap_trace", case, &format!("{MAPS} {set}"))
+}
+
+#[test]
+fn what_maps_resolve_behind_a_fence_is_right_and_the_rest_of_it_is_traced() {
+    let Some(alone) = by_maps("fence:0.3", "") else { return };
+    let unresolved = alone.found.unresolved.unwrap();
+    assert!(unresolved > 0.05 && unresolved < 0.25, "{unresolved}");
+    // Slats are widened to a texel.
+    assert!(alone.same_input.occlusion_error < 0.06, "{:?}", alone.same_input);
+    let coarse = by_maps("fence:0.3", "cubemap_trace.size=32").unwrap();
+    assert!(coarse.same_input.occlusion_error > 1.5 * alone.same_input.occlusion_error, "{:?}", coarse.same_input);
+    let chained = judged("cubemap_trace", "fence:0.3", "splat.close_gaps=false").unwrap();
+    // The rays that are left are the harder ones.
+    let errors = [&alone, &chained].map(|judged| judged.same_input.occlusion_error);
+    assert!(errors[1] < errors[0] + 0.005, "{errors:?}");
+    assert!(chained.found.coverage > 0.97, "{:?}", chained.found);
+}
+
+#[test]
+fn more_maps_see_behind_more_plates() {
+    let unresolved = |maps: u32| {
+        let found = by_maps("screened:0.25", &format!("cubemap_trace.maps={maps} cubemap_trace.tries=16"))?.found;
+        found.unresolved
+    };
+    let Some(one) = unresolved(1) else { return };
+    let more = [2, 4, 8].map(|maps| unresolved(maps).unwrap());
+    assert!(one > more[0] && more[0] > more[1] && more[1] > more[2], "{one}, {more:?}");
+}
+
+#[test]
+fn a_mirror_in_its_own_maps_hides_what_it_shows() {
+    let unresolved =
+        |own: &str| by_maps("noisy-normals:0", &format!("cubemap_trace.own={own} cubemap_trace.offset=0.1"));
+    let Some(drawn) = unresolved("drawn") else { return };
+    let left_out = unresolved("left_out").unwrap();
+    let shares = [drawn, left_out].map(|judged| judged.found.unresolved.unwrap());
+    assert!(shares[0] > 0.5 && shares[1] < 0.05, "{shares:?}");
+}
+
+#[test]
+fn maps_of_a_mirror_on_a_wall_stand_before_it() {
+    for offset in ["-0.5", "-0.25", "0.25", "0.5"] {
+        let set = format!("cubemap_trace.rest=none cubemap_trace.offset={offset}");
+        let Some(found) = judged("cubemap_trace", "hanging-mirror:0.05", &set) else { return };
+        assert!(found.found.closed_coverage > 0.97, "{offset}: {:?}", found.found);
+    }
+}
+
+#[test]
+fn a_change_of_sign_fills_the_sky_and_steps_and_angles_miss_things() {
+    let published = "cubemap_trace.hit=first cubemap_trace.criterion=";
+    let Some(planes) = by_maps("open-box", "") else { return };
+    let sign = by_maps("open-box", &format!("{published}sign")).unwrap();
+    let fills = [&planes, &sign].map(|judged| judged.same_input.false_fill);
+    assert!(fills[0] < 0.005 && fills[1] > 2.0 * fills[0] + 0.003, "{fills:?}");
+    let sampled =
+        |case: &str, set: &str| by_maps(case, &format!("{published}{set}")).unwrap().same_input.occlusion_error;
+    let step = |step: &str| sampled("wires:3", &format!("sign cubemap_trace.sampling=step cubemap_trace.step={step}"));
+    let steps = [step("0.003"), step("0.1")];
+    assert!(steps[1] > 1.4 * steps[0], "{steps:?}");
+    let angle = |degrees: &str| {
+        sampled("fence:0.3", &format!("sign cubemap_trace.sampling=angle cubemap_trace.angle={degrees}"))
+    };
+    let angles = [angle("0.25"), angle("5")];
+    assert!(angles[1] > angles[0] + 0.1, "{angles:?}");
+}
+
+#[test]
+fn maps_of_hollow_and_close_mirrors_are_as_good_as_others() {
+    for case in ["eye-at-focus:1", "near-wall:0.01"] {
+        let Some(found) = judged("cubemap_trace", case, "") else { return };
+        assert!(found.same_input.closed_coverage > 0.97 && found.same_input.pixel_error.p95 < 1.0, "{case}");
+    }
+}
