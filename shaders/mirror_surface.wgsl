@@ -26,8 +26,8 @@ fn mirror_surface(@builtin(global_invocation_id) id: vec3u) {
     // Beyond the first bounce there is a surface only where the mirror before it saw something.
     let is_seen = position.w > 0.0 && (from_camera || textureLoad(from_in, id.xy, 0).w > 0.0);
     var intensity = select(0.0, max(textureLoad(albedo_in, id.xy, 0).a, 0.0), is_seen);
-    // All samples of a perfect mirror are the same, and the first one stands for them, unless it shows a glossy one.
-    if from_camera && frame.sample > 0u && settings.reflection.bounces == 1u && textureLoad(normal_in, id.xy, 0).w <= 0.0 {
+    // Further samples of a perfect mirror are the same as those before, unless it shows a glossy one.
+    if from_camera && frame.sample >= settings.reflection.samples && settings.reflection.bounces == 1u && textureLoad(normal_in, id.xy, 0).w <= 0.0 {
         intensity = 0.0;
     }
     var eye = vec4f(0.0);

@@ -140,6 +140,7 @@ const TONE_CURVE_SRGB: u32 = 2u;
 // The ray-traced truth.
 struct Trace {
     samples: u32,
+    rays: u32,
     seed: u32,
 }
 
@@ -157,6 +158,7 @@ const MIRROR_SURFACE_POINTS: u32 = 2u;
 struct Reflection {
     method: u32,
     bounces: u32,
+    samples: u32,
     keep: u32,
     show: u32,
 }

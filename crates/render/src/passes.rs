@@ -173,6 +173,10 @@ passes! {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, point_out: Write(Rgba32Float),
         eye_out: Write(Rgba32Float),
     }
+    mirror_move: Method over Pixels {
+        point_in: Texture, normal_in: Texture, mirrors: Read, point_out: Write(Rgba32Float),
+        eye_out: Write(Rgba32Float), normal_out: Write(Rgba32Float),
+    }
     gloss_normals: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, normal_out: Write(Rgba32Float),
     }

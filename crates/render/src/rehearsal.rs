@@ -106,6 +106,7 @@ impl Renderer {
         (gi.vpls, gi.sky_lights, gi.shadow_points, gi.shadow_size) = (16, 4, 256, 16);
         // The second sample adds to the first.
         settings.gloss.samples = settings.gloss.samples.min(2);
+        settings.reflection.samples = settings.reflection.samples.min(2);
         if gloss::is_refused_by(settings.reflection.method) {
             // It draws no frame with glossy mirrors.
             settings.gloss.samples = 0;

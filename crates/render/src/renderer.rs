@@ -19,7 +19,7 @@ use crate::lighting::{DrawnMap, Lights, MappedLight};
 use crate::method::{self, Views};
 use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder, Rehearsal};
-use crate::reflection::gloss::RaySet;
+use crate::reflection::gloss::{RaySet, RaySets};
 use crate::reflection::{self, ReflectionStats, Reflections, Search, SurfaceImages};
 use crate::rehearsal::Cast;
 use crate::shading::{FrameLight, Reflected, Shading};
@@ -48,8 +48,8 @@ pub struct FrameStats {
     pub dispatches: u32,
     /// The number of virtual lights that lit the frame; 0 without indirect light.
     pub virtual_lights: u32,
-    /// The number of samples of glossy mirrors that the picture shows, and the number asked for; 0 of 0 if mirrors are
-    /// perfect.
+    /// The number of samples of mirrors that the picture shows, and the number asked for; 0 of 0 if mirrors are perfect
+    /// and one ray a pixel is followed.
     pub glossy_samples: [u32; 2],
     /// The exposure of the picture, if it was fitted.
     pub exposure: Option<Exposure>,
@@ -70,9 +70,9 @@ pub struct Renderer {
     /// The inputs from which the surfaces of the points were made. They stay when a frame is given up after them.
     splatted_from: Option<PointInputs>,
     kept_shadows: Vec<DrawnMap>,
-    /// What the last frame has summed of its glossy samples.
+    /// What the last frame has summed of its samples of mirrors.
     summed: Option<Summed>,
-    /// How many glossy samples a frame may add.
+    /// How many samples of mirrors a frame may add.
     samples_at_once: Option<u32>,
     pub(crate) gi: GlobalIllumination,
     /// What the indirect light of the last frame came from; `None` if it had none.
@@ -132,11 +132,11 @@ struct SurfaceInputs {
     counts_steps: bool,
     /// Whether points are placed where their search stands.
     shows_search: bool,
-    /// The number of samples of glossy mirrors; 0 if mirrors are perfect.
-    samples: u32,
+    /// The sets of rays of mirrors.
+    rays: RaySets,
 }
 
-/// The light of the glossy samples that are summed so far.
+/// The light of the samples that are summed so far.
 #[derive(Clone, PartialEq)]
 struct SummedLight {
     /// The settings that affect shading; the others are at their defaults.
@@ -148,7 +148,7 @@ struct SummedLight {
     reuse: LightReuse,
 }
 
-/// The glossy samples that are summed so far for the surfaces of the last frame.
+/// The samples of mirrors that are summed so far for the surfaces of the last frame.
 struct Summed {
     light: SummedLight,
     samples: u32,
@@ -172,7 +172,7 @@ impl SurfaceInputs {
             settings: settings.only(|field| field.affects.found),
             counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
             shows_search: settings.reflection.show == Show::Search,
-            samples: reflection::gloss::samples(settings, store, objects.mirrors)?,
+            rays: RaySets::new(settings, store, objects.mirrors)?,
         })
     }
 }
@@ -369,7 +369,8 @@ impl Renderer {
         let mut inputs = Inputs::new(gpu, frame_camera, &larger, store, list);
         // Data that no mirror on the screen needs is not prepared.
         let has_mirrors = Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty();
-        let is_glossy = has_mirrors && asks.samples > 0;
+        let all_samples = if has_mirrors { asks.rays.summed() } else { 0 };
+        let is_sampled = all_samples > 0;
         let formulas = reflection::upload(gpu, settings, objects.mirrors, frame_camera.eye);
         if !is_kept {
             self.gi.surfaces_changed(usize::from(surface_is_kept));
@@ -393,7 +394,7 @@ impl Renderer {
             let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
             Search { supply, settings, store, mirrors: objects.mirrors, formulas, camera: camera_surface }
         };
-        let mut search = (is_glossy || has_mirrors && !is_kept).then(search);
+        let mut search = (is_sampled || has_mirrors && !is_kept).then(search);
         let has_clear = has_mirrors && reflection::clear::is_there(settings, store, objects.mirrors);
         reflections.set_clear(has_clear);
         if let Some(search) = search.as_ref().filter(|_| has_clear && !is_kept) {
@@ -402,8 +403,8 @@ impl Renderer {
         }
         if !has_mirrors {
             reflections.none();
-        } else if let Some(search) = search.as_mut().filter(|_| !is_glossy) {
-            reflections.find(&mut recorder, search, RaySet { sample: None })?;
+        } else if let Some(search) = search.as_mut().filter(|_| !is_sampled) {
+            reflections.find(&mut recorder, search, RaySet::PERFECT)?;
         }
         self.lights.upload(gpu, &lights, frame_camera.eye);
         let at_hand = std::mem::take(&mut self.kept_shadows);
@@ -443,23 +444,23 @@ impl Renderer {
             light.first_receiver = 0;
         }
         let mut summed = None;
-        let mut reflected = if let Some(search) = search.as_mut().filter(|_| is_glossy) {
+        let mut reflected = if let Some(search) = search.as_mut().filter(|_| is_sampled) {
             // A change of the light alone needs all samples anew, whose hits are not kept.
             let known = summed_before.filter(|summed| is_kept && summed.light == lit_by);
             let first = known.map_or(0, |summed| summed.samples);
-            let at_once = self.samples_at_once.filter(|_| settings.reflection.keep).unwrap_or(asks.samples);
-            let end = asks.samples.min(first.saturating_add(at_once));
+            let at_once = self.samples_at_once.filter(|_| settings.reflection.keep).unwrap_or(all_samples);
+            let end = all_samples.min(first.saturating_add(at_once));
             for sample in first..end {
-                let rays = RaySet { sample: Some([sample, asks.samples]) };
+                let rays = asks.rays.rays(sample);
                 reflections.find(&mut recorder, search, rays)?;
                 inputs.set_sample(gpu, rays.sample);
                 light.surfaces_changed();
                 light.shade_bounces(&mut recorder, &inputs, reflections.found())?;
                 reflections.sum(&mut recorder, &inputs)?;
             }
-            if first < end && end == asks.samples {
+            if first < end && end == all_samples && !asks.rays.rays(end - 1).is_perfect() {
                 // Statistics, images of what mirrors see, and probes are those of perfect mirrors.
-                reflections.find(&mut recorder, search, RaySet { sample: None })?;
+                reflections.find(&mut recorder, search, RaySet::PERFECT)?;
             }
             summed = Some(Summed { light: lit_by, samples: end });
             reflections.received().map_or(Reflected::Nothing, Reflected::Received)
@@ -473,7 +474,7 @@ impl Renderer {
             reflected = Reflected::Received(&clear.received);
         }
         light.blend(&mut recorder, &inputs, reflections.found(), 0, reflected)?;
-        let samples = [summed.as_ref().map_or(0, |summed| summed.samples), if is_glossy { asks.samples } else { 0 }];
+        let samples = [summed.as_ref().map_or(0, |summed| summed.samples), all_samples];
         let is_filmic = match settings.tone.curve {
             // The colours of the data are not mapped.
             Curve::Auto => matches!(shading.light.by, Lighting::Lights | Lighting::Sun),

@@ -7,7 +7,7 @@ mod stage;
 use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use render::{Aov, ColorPlan, Error, FrameStats, Material, Objects, PointStore};
 use scene::{Camera, METHODS, Method, Mirror, Settings, Shape, SpotLight, Supply};
 
@@ -321,4 +321,69 @@ fn a_perfect_mirror_shows_all_samples_of_a_glossy_one() {
     assert!(many > one + 3, "{one} and {many} grey pixels");
     // Without a second reflection all samples of the perfect ball are one.
     assert!(values(16, "1") == values(1, "1"));
+}
+
+#[test]
+fn rays_from_places_within_a_pixel_change_no_even_surrounding_and_no_figure() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, [WHITE, WHITE], 0.0);
+    for surface in ["exact", "points"] {
+        for method in methods() {
+            let mut drawn = Vec::new();
+            for samples in ["1", "4", "5"] {
+                stage.renderer.forget();
+                let settings = settings(method, 0, &[("reflection.samples", samples), ("mirror.surface", surface)]);
+                let stats = scene.render(&mut stage, &settings);
+                let count: u32 = samples.parse().unwrap();
+                assert_eq!(stats.glossy_samples, if count > 1 { [count; 2] } else { [0; 2] });
+                let seen = stage.renderer.read_aov(Aov::MirrorPosition).unwrap().data;
+                let what = format!("{}, {surface}, {samples} samples", method.row().name);
+                if surface == "exact" && method != Method::Sscr {
+                    // A mirror of points may show its own, which are grey.
+                    let shown = colors(&stage);
+                    for pixel in mirror_pixels(&stage) {
+                        assert!(
+                            shown[pixel].iter().all(|part| (part - 1.0).abs() < 1e-3),
+                            "{what}: {:?}",
+                            shown[pixel]
+                        );
+                    }
+                }
+                drawn.push((seen.into_iter().map(f32::to_bits).collect::<Vec<_>>(), stats.reflection));
+            }
+            // What is told of the reflection is told of the rays through the centres of pixels.
+            assert!(drawn[0] == drawn[1] && drawn[0] == drawn[2], "{}, {surface}", method.row().name);
+        }
+    }
+}
+
+#[test]
+fn a_pixel_shows_the_share_of_its_area_that_an_edge_leaves_bright() {
+    let mut stage = stage_or_skip!();
+    // A flat mirror in the middle of the room shows the wall behind the eye, whose left half is bright.
+    let mut scene = Scene::new(&stage, [WHITE, BLACK], 0.0);
+    let plane = Mirror::standing(Shape::Plane { height: 0.7 }, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.7);
+    let rotation = DQuat::from_rotation_arc(DVec3::Z, DVec3::Y);
+    scene.mirrors = vec![Mirror { position: DVec3::ZERO, rotation, specular_intensity: 1.0, ..plane }];
+    let [width, height] = SIZE.map(|edge| edge as usize);
+    let focal = height as f64 / 2.0 / 30.0_f64.to_radians().tan();
+    for (samples, tolerance) in [(1, 0.5), (5, 0.12), (16, 0.05)] {
+        for pixels in [0.05, 0.3, 0.45, 0.6, 0.8, 0.95] {
+            // From here the wall's image is 3.7 away, and the edge in it so many pixels left of the picture's middle.
+            let aside = pixels * 3.7 / focal;
+            scene.camera = Camera::looking(DVec3::X * aside, -DVec3::Y, 1.7, DVec3::Z);
+            let samples = samples.to_string();
+            let settings =
+                settings(Method::SurfelTrace, 0, &[("reflection.samples", &samples), ("mirror.surface", "exact")]);
+            stage.renderer.forget();
+            scene.render(&mut stage, &settings);
+            let shown = colors(&stage);
+            let found = shown[height / 2 * width + width / 2 - 1][0];
+            let expected = 1.0 - pixels;
+            let what = format!("{samples} rays, {pixels} of a pixel: {found} instead of {expected}");
+            println!("{what}");
+            assert!((f64::from(found) - expected).abs() <= tolerance, "{what}");
+            assert!([2, 0].map(|beside| shown[height / 2 * width + width / 2 - beside][0]) == [1.0, 0.0], "{what}");
+        }
+    }
 }

@@ -307,6 +307,8 @@ params! {
     pub struct Trace = "trace" in "Truth" => affects(truth) {
         /// Paths per pixel that indirect light and glossy mirrors are averaged over.
         samples: u32 = 16, 1..=65_536, "paths";
+        /// Rays through each pixel of the exact truth over which what its mirrors show is averaged.
+        rays: u32 = 1, 1..=4096, "rays";
         /// Seed of the paths; the same seed gives the same picture.
         seed: u32 = 1;
     }
@@ -327,6 +329,8 @@ params! {
         method: Method = Method::Auto;
         /// Reflections that are followed, one after the other.
         bounces: u32 = 1, 0..=8, "bounces" => affects(found truth);
+        /// Rays of a mirror pixel from places spread over it: the mirror shows their mean, so what it shrinks is smooth. While something moves, one. Methods that draw from a viewpoint behind the mirror take one.
+        samples: u32 = 1, 1..=256, "rays";
         /// Keep the reflected points while camera, points, mirrors and parameters stand still, and only shade them anew.
         keep: bool = true => affects() not(swept);
         /// What is shown instead of the picture: uncertain marks reflections that are not to be trusted, the others tell how a method comes to its result; light.show comes first.

@@ -349,8 +349,47 @@ impl<'a> Tracer<'a> {
         let illumination = self.illumination();
         match truth {
             Truth::SameInput => colors_in(&self.scene.surfels, seen, &illumination, progress),
+            Truth::Exact if self.view.settings.trace.rays > 1 => {
+                self.footprint_colors(self.exact()?, seen, &illumination, progress)
+            }
             Truth::Exact => colors_in(self.exact()?, seen, &illumination, progress),
         }
+    }
+
+    /// The colours of exact surfaces, those of mirrors as the mean over `trace.rays` rays through the pixel, as far as
+    /// these meet the mirror that its centre shows.
+    fn footprint_colors(
+        &self,
+        exact: &Exact,
+        seen: &[Option<(Hit, DVec3)>],
+        illumination: &Illumination,
+        progress: &Progress,
+    ) -> Result<Vec<[f32; 3]>> {
+        let rays = self.view.settings.trace.rays;
+        let color = |(pixel, seen): (usize, &Option<(Hit, DVec3)>)| {
+            if progress.is_cancelled() {
+                return None;
+            }
+            progress.add(1);
+            let Some((center, direction)) = seen else { return Some([f32::NAN; 3]) };
+            if center.specular_intensity <= 0.0 {
+                let light = radiance(exact, center, *direction, pixel, illumination);
+                return Some(light.as_vec3().to_array());
+            }
+            let (mut sum, mut count) = (DVec3::ZERO, 0);
+            for index in 0..rays {
+                let ray = self.rays.ray_of(pixel, index, rays);
+                let Some(hit) = exact.nearest(&ray).filter(|hit| hit.surface == center.surface) else { continue };
+                sum += radiance(exact, &hit, ray.direction, pixel, illumination);
+                count += 1;
+            }
+            if count == 0 {
+                (sum, count) = (radiance(exact, center, *direction, pixel, illumination), 1);
+            }
+            Some((sum / f64::from(count)).as_vec3().to_array())
+        };
+        progress.set_total(seen.len() as u64);
+        seen.par_iter().enumerate().map(color).collect::<Option<_>>().ok_or(Error::Cancelled)
     }
 
     /// [`Tracer::colors`] with the same input, but with this number of paths of indirect light and another seed than

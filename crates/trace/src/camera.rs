@@ -1,4 +1,4 @@
-//! The rays through the centres of a picture's pixels.
+//! The rays through a picture's pixels.
 
 use glam::{DMat3, DVec3};
 use scene::{Camera, Projection, ViewSettings};
@@ -75,8 +75,21 @@ impl PixelRays {
 
     /// The ray through the centre of a pixel, counted row by row.
     pub fn ray(&self, pixel: usize) -> Ray {
+        self.ray_through(pixel, [0.5; 2])
+    }
+
+    /// Ray `index` of `count` that are spread evenly over a pixel, by the points of Hammersley (1960).
+    pub fn ray_of(&self, pixel: usize, index: u32, count: u32) -> Ray {
+        let across = f64::from(index.reverse_bits()) / 2.0_f64.powi(32);
+        // Their middle is that of the pixel.
+        let most = 1.0 - 1.0 / f64::from(count.next_power_of_two());
+        self.ray_through(pixel, [(f64::from(index) + 0.5) / f64::from(count), across + (1.0 - most) / 2.0])
+    }
+
+    /// The ray through a place of a pixel, from its left and upper edge in pixels.
+    fn ray_through(&self, pixel: usize, place: [f64; 2]) -> Ray {
         let width = self.size[0] as usize;
-        let [x, y] = [pixel % width, pixel / width].map(|index| index as f64 + 0.5);
+        let [x, y] = [(pixel % width, place[0]), (pixel / width, place[1])].map(|(index, at)| index as f64 + at);
         let right = (x - f64::from(self.size[0]) / 2.0) / self.pixels_per_unit;
         let up = (f64::from(self.size[1]) / 2.0 - y) / self.pixels_per_unit;
         match self.projection {
@@ -106,6 +119,27 @@ mod tests {
         assert!(first.direction.distance(expected) < 1e-14, "{}", first.direction);
         let last = rays.ray(rays.pixel_count() - 1).direction;
         assert!(last.distance(DVec3::new(-expected.x, -expected.y, expected.z)) < 1e-14);
+    }
+
+    #[test]
+    fn rays_of_a_pixel_lie_one_in_each_row_and_column_of_it_about_its_middle() {
+        let camera = Camera::looking(DVec3::ZERO, DVec3::Z, 2.0, DVec3::Y);
+        let rays = PixelRays::new(&camera, &ViewSettings::default(), [8, 6], 0.0);
+        let place = |ray: Ray| {
+            let at = rays.world_from_view.transpose() * ray.direction;
+            [4.0 + at.x / at.z * rays.pixels_per_unit, 3.0 - at.y / at.z * rays.pixels_per_unit]
+        };
+        for count in [1, 2, 16, 64] {
+            let places: Vec<[f64; 2]> = (0..count).map(|index| place(rays.ray_of(11, index, count))).collect();
+            for axis in 0..2 {
+                let first = [3.0, 1.0][axis];
+                let mut at: Vec<f64> = places.iter().map(|place| (place[axis] - first) * f64::from(count)).collect();
+                at.sort_by(f64::total_cmp);
+                let even = at.iter().enumerate().all(|(index, at)| (at - index as f64 - 0.5).abs() < 1e-9);
+                assert!(even, "{count} rays on axis {axis}: {at:?}");
+            }
+        }
+        assert!(rays.ray_of(5, 0, 1).direction.distance(rays.ray(5).direction) < 1e-15);
     }
 
     #[test]

@@ -575,6 +575,7 @@ pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
     let mut hurried = settings.clone();
     hurried.splat.quality = Quality::Nearest;
     hurried.reflection.bounces = settings.reflection.bounces.min(1);
+    hurried.reflection.samples = 1;
     if settings.gloss.samples > 0 {
         // The one sample that is drawn would else show a perfect mirror that is turned aside.
         hurried.gloss.pattern = GlossPattern::Pixel;

@@ -83,11 +83,13 @@ fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_
 
 #[test]
 fn a_hurried_frame_spares_the_average_and_further_bounces_and_leaves_the_rest() {
-    let settings = Settings { reflection: Reflection { bounces: 3, ..Reflection::default() }, ..Settings::default() };
+    let reflection = Reflection { bounces: 3, samples: 4, ..Reflection::default() };
+    let settings = Settings { reflection, ..Settings::default() };
     let hasty = hurried(&settings, false);
-    assert_eq!((hasty.splat.quality, hasty.reflection.bounces), (Quality::Nearest, 1));
+    let Reflection { bounces, samples, .. } = hasty.reflection;
+    assert_eq!((hasty.splat.quality, bounces, samples), (Quality::Nearest, 1, 1));
     let mut back = hasty.clone();
-    (back.splat.quality, back.reflection.bounces) = (settings.splat.quality, 3);
+    (back.splat.quality, back.reflection.bounces, back.reflection.samples) = (settings.splat.quality, 3, 4);
     assert_eq!(back, settings);
     assert_eq!(hurried(&settings, true).mirror.surface, MirrorSurface::Exact);
     // Settings without bounces get none.

@@ -14,11 +14,64 @@ use crate::recorder::Recorder;
 use crate::store::PointStore;
 use crate::targets::{Image, storage};
 
-/// One set of rays from the mirror pixels that the camera sees, and how much what they receive counts.
+/// One set of rays from the mirror pixels that the camera sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct RaySet {
-    /// The number of the glossy sample and that of all samples, which count alike; `None` for perfect mirrors.
+    /// The number of the sample and that of all samples, which count alike; `None` where one set of rays is all.
     pub sample: Option<[u32; 2]>,
+    /// Whether glossy mirrors draw their directions.
+    pub is_glossy: bool,
+    /// Whether rays leave from another place than the centres of pixels.
+    pub is_moved: bool,
+}
+
+impl RaySet {
+    /// The rays from the centres of pixels, of perfect mirrors, that no picture sums.
+    pub const PERFECT: Self = Self { sample: None, is_glossy: false, is_moved: false };
+
+    /// Whether these are the rays that statistics and images tell of.
+    pub fn is_perfect(&self) -> bool {
+        !self.is_glossy && !self.is_moved
+    }
+}
+
+/// The sets of rays whose mean a frame's mirrors show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct RaySets {
+    /// The number of samples of glossy mirrors; 0 if mirrors are perfect.
+    pub glossy: u32,
+    /// The number of places within each pixel.
+    pub places: u32,
+}
+
+impl RaySets {
+    /// Returns the sets of a frame: one of perfect rays where something else than the picture is shown, which tells of
+    /// that.
+    ///
+    /// # Errors
+    /// The method knows only perfect mirrors.
+    pub fn new(settings: &Settings, store: &PointStore, mirrors: &[Mirror]) -> Result<Self> {
+        let is_picture = settings.reflection.show == Show::Picture && settings.light.show == LightView::Picture;
+        let is_moved = is_picture && settings.reflection.method.row().method != Method::MirroredViewpoint;
+        let places = if is_moved { settings.reflection.samples.max(1) } else { 1 };
+        Ok(Self { glossy: samples(settings, store, mirrors, is_picture)?, places })
+    }
+
+    /// The number of sets that are summed; 0 where one set of perfect rays is all.
+    pub fn summed(self) -> u32 {
+        let most = self.glossy.max(self.places);
+        if self.glossy == 0 && most == 1 { 0 } else { most }
+    }
+
+    /// The rays of a sample. The last one of an odd number leaves from the centres of pixels.
+    pub fn rays(self, sample: u32) -> RaySet {
+        let all = self.summed();
+        RaySet {
+            sample: Some([sample, all]),
+            is_glossy: self.glossy > 0,
+            is_moved: self.places > 1 && (sample + 1 != all || all.is_multiple_of(2)),
+        }
+    }
 }
 
 /// The images and the sums of glossy mirrors.
@@ -31,13 +84,11 @@ pub(crate) struct Gloss {
     pub received: Image,
 }
 
-/// Returns the number of glossy samples of a frame; 0 if mirrors are perfect: because none has a specular power, or
-/// something else than the picture is shown, which tells of perfect mirrors.
+/// Returns the number of glossy samples of a frame; 0 if mirrors are perfect.
 ///
 /// # Errors
 /// The method knows only perfect mirrors.
-pub(crate) fn samples(settings: &Settings, store: &PointStore, mirrors: &[Mirror]) -> Result<u32> {
-    let is_picture = settings.reflection.show == Show::Picture && settings.light.show == LightView::Picture;
+fn samples(settings: &Settings, store: &PointStore, mirrors: &[Mirror], is_picture: bool) -> Result<u32> {
     let is_glossy = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
     let has_gloss = || mirrors.iter().any(is_glossy) || store.has_glossy_mirrors();
     if settings.gloss.samples == 0 || !is_picture || !has_gloss() {

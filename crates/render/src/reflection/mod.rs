@@ -15,6 +15,7 @@ mod depth_search;
 #[cfg(test)]
 mod depth_walk;
 pub(crate) mod environment_map;
+mod footprint;
 mod formula;
 pub(crate) mod forward;
 pub(crate) mod gather;
@@ -36,6 +37,7 @@ use scene::{Method, Settings, Supply};
 
 pub(crate) use bounce::{Bounce, Search};
 use clear::Clear;
+use footprint::Footprint;
 pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet};
 pub(crate) use task::SurfaceImages;
@@ -90,6 +92,8 @@ pub(crate) struct Reflections {
     pub doubt: Image,
     /// Glossy mirrors, from the first frame on that has some.
     pub gloss: Option<Gloss>,
+    /// Mirror points that are moved within their pixels, from the first frame on that has some.
+    footprint: Option<Footprint>,
     /// Glass and water, from the first frame on that has some.
     clear: Option<Clear>,
     /// Whether the last frame has some.
@@ -109,6 +113,7 @@ impl Reflections {
             counters,
             doubt,
             gloss: None,
+            footprint: None,
             clear: None,
             has_clear: false,
         }
@@ -153,10 +158,14 @@ impl Reflections {
             self.bounces.push(Bounce::new(&gpu.device, self.size));
         }
         self.bounces.truncate(self.count);
-        let gloss = match rays.sample {
-            Some(_) => Some(&*self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size))),
-            None => None,
-        };
+        if rays.sample.is_some() {
+            self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size));
+        }
+        if rays.is_moved {
+            self.footprint.get_or_insert_with(|| Footprint::new(gpu, self.size));
+        }
+        let gloss = self.gloss.as_ref().filter(|_| rays.is_glossy);
+        let footprint = self.footprint.as_ref().filter(|_| rays.is_moved);
         recorder.clear(&self.counters);
         for index in 0..self.count {
             let (before, rest) = self.bounces.split_at(index);
@@ -172,17 +181,25 @@ impl Reflections {
                     (&onward.rays, &onward.normal)
                 }
                 None => {
+                    let footprint = footprint.filter(|_| index == 0);
                     let bindings = passes::mirror_surface {
                         albedo_in: surface.albedo.bind(),
                         normal_in: surface.normal.bind(),
                         position_in: surface.position.bind(),
                         from_in: from.bind(),
-                        point_out: bounce.mirror.point.bind(),
+                        point_out: footprint.map_or(&bounce.mirror.point, |footprint| &footprint.centers).bind(),
                         eye_out: bounce.mirror.eye.bind(),
                     };
                     let first = [("from_camera", u32::from(index == 0))];
                     recorder.over_pixels(&first, supply, bindings)?;
-                    (&bounce.mirror, surface.normal)
+                    match footprint {
+                        Some(footprint) => {
+                            let formulas = formulas.as_ref();
+                            footprint.move_points(recorder, supply, surface.normal, formulas, &bounce.mirror)?;
+                            (&bounce.mirror, &footprint.normal)
+                        }
+                        None => (&bounce.mirror, surface.normal),
+                    }
                 }
             };
             let normal = match gloss {
@@ -213,7 +230,7 @@ impl Reflections {
                 Some(clear) => clear.learn_points(recorder, &self.methods, &task)?,
                 None => false,
             };
-            if index == 0 && rays.sample.is_none() {
+            if index == 0 && rays.is_perfect() {
                 let bindings = passes::mirror_doubt {
                     point_in: bounce.mirror.point.bind(),
                     normal_in: normal.bind(),
@@ -266,7 +283,7 @@ impl Reflections {
         self.clear().map(Clear::index)
     }
 
-    /// Adds what the camera's mirrors show by the glossy sample of `inputs`, whose bounces are shaded.
+    /// Adds what the camera's mirrors show by the sample of `inputs`, whose bounces are shaded.
     ///
     /// # Errors
     /// The shader is refused.
@@ -277,7 +294,7 @@ impl Reflections {
         }
     }
 
-    /// What the camera's mirrors show by the glossy samples summed so far.
+    /// What the camera's mirrors show by the samples summed so far.
     pub fn received(&self) -> Option<&Image> {
         self.gloss.as_ref().map(|gloss| &gloss.received)
     }
@@ -314,6 +331,7 @@ impl Reflections {
 
     pub fn bytes(&self) -> u64 {
         let gloss = self.gloss.as_ref().map_or(0, Gloss::bytes) + self.clear.as_ref().map_or(0, Clear::bytes);
+        let gloss = gloss + self.footprint.as_ref().map_or(0, Footprint::bytes);
         self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes() + gloss
     }
 
