@@ -26,7 +26,7 @@ fn splat_accumulate(
 
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
-    if !is_shown(item.class_mask, point) {
+    if !is_shown(index) {
         return;
     }
     var disc: Disc;

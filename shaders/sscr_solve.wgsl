@@ -63,7 +63,7 @@ fn splat_point(item: Item, walked: u32) {
     let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     // The comparison is false for NaN, a point without a place, which is not searched for.
     let is_point = dot(q, q) < 3e38;
-    if totals.regions > 0u && pick.is_searched && is_point && is_shown(item.class_mask, point) {
+    if totals.regions > 0u && pick.is_searched && is_point && is_shown(index) {
         let identity = identities_from + index;
         var last_at = vec2f(-1.0);
         var label = drawn_label(identity, round.draw);

@@ -22,13 +22,12 @@
 @group(1) @binding(8) var<storage, read> lists: array<u32>;
 // See hit.wgsl.
 @group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
-@group(1) @binding(10) var<storage, read> points: array<vec4u>;
-@group(1) @binding(11) var<storage, read> class_masks: array<u32>;
+@group(1) @binding(10) var<storage, read> shown: array<u32>;
 // z: number of nodes and discs against which the ray was tested.
-@group(1) @binding(12) var views_out: texture_storage_2d<rgba32float, write>;
-@group(1) @binding(13) var<storage, read_write> counters: array<atomic<u32>>;
+@group(1) @binding(11) var views_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(12) var<storage, read_write> counters: array<atomic<u32>>;
 // The rays that another method has left, if only they are traced; see cubemap_trace.wgsl.
-@group(1) @binding(14) var<storage, read> rest: array<u32>;
+@group(1) @binding(13) var<storage, read> rest: array<u32>;
 
 // Set while the tests are shown.
 override count_tests: bool = false;
@@ -156,9 +155,9 @@ fn through_tree(
                 identity = place.first_identity + order[first_surfel + k] - place.first_surfel;
                 is_nearer = key < nearest.key || identity < nearest.identity;
             }
-            // The point is fetched only where it matters: points are scattered over memory.
-            if filter_classes && is_nearer {
-                is_nearer = is_shown(place.class_mask, points[order[first_surfel + k]]);
+            // The bit is fetched only where it matters: points are scattered over memory.
+            if hides_points && is_nearer {
+                is_nearer = is_shown(order[first_surfel + k]);
             }
             if is_nearer {
                 nearest = Nearest(key, hit.distance, identity, nearest.nodes_tested, nearest.discs_tested);

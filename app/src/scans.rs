@@ -49,7 +49,8 @@ fn of_file(path: &std::path::Path, test: &PointTest, settings: &Settings) -> any
         )));
     }
     let progress = Progress::default();
-    let read = || world::read_cloud(&source, &OF_SCANNER, settings, &progress);
+    let attributes: Vec<&str> = OF_SCANNER.into_iter().chain(test.filtered()).collect();
+    let read = || world::read_cloud(&source, &attributes, settings, &progress);
     let (cloud, warnings) = progress_bar::watch("reading", &progress, read)?;
     crate::interrupt::check()?;
     terminal::warn(warnings.iter().map(|warning| format!("{}: {warning}", shown(path))));

@@ -219,7 +219,7 @@ impl Scenes for Inputs {
     fn ruler(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Ruler> {
         let request = world::resolve(&[scene.to_owned()]);
         request.check()?;
-        let read = |input| scans::of_input(input, &request.visibility.test(), settings);
+        let read = |input| scans::of_input(input, &request.test(), settings);
         let mut scans: Vec<_> = request.inputs.iter().flat_map(read).collect();
         match (scans.pop(), scans.is_empty()) {
             (Some((_, scan)), true) => {

@@ -70,14 +70,18 @@ pub fn open(
         terminal::warn([format!("only the first {MOST_LIGHTS} lights shine")]);
     }
     let job = world::start_unseen(std::mem::take(&mut request.inputs), settings);
+    let test = request.test();
+    job.mailbox.set_first_test(test.clone());
     let mut loads = Loads::default();
     let is_over = loads.receive(&job, 0)?;
     if loads.is_empty() && loads.status != 0 {
         return Ok(Err(loads.status));
     }
+    for loaded in &mut loads.clouds {
+        read_filtered(loaded, &test)?;
+    }
     read_meshes(&mut request.mirrors, settings, &mut loads.status);
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
-    let test = request.visibility.test();
     let outline = loads.clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));
     let outline: Vec<DVec3> = outline.chain(own.flat_map(mirrors::outline)).collect();
     let Some(up) = loads.clouds.iter().find(|loaded| loaded.points > 0).map(|loaded| loaded.up) else {
@@ -88,7 +92,8 @@ pub fn open(
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
         let placed = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
         let (hidden, mirrors) = (BTreeSet::new(), placed.map(mirrors::bound).collect());
-        let view = StreamView { camera, size, view, stream, mirrors, hidden, share: 1.0, is_alone: false };
+        let test = test.clone();
+        let view = StreamView { camera, size, view, stream, mirrors, hidden, test, share: 1.0, is_alone: false };
         let view_number = job.mailbox.set_view(view);
         loads.receive(&job, view_number)?;
     }
@@ -98,7 +103,7 @@ pub fn open(
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
     let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.shown(&test).chunks).collect();
     if chunks.is_empty() && clouds.iter().any(|loaded| loaded.points > 0) {
-        terminal::warn(["no cloud is seen, the scene hides all classes of their points"]);
+        terminal::warn(["no cloud is seen, the scene hides all of their points"]);
     }
     drop(chunks);
     // Hidden points count, so that the light does not change with them.
@@ -111,7 +116,7 @@ pub fn open(
     let clues = light.clues(all.iter(), has_lamp);
     drop(all);
     let mut resident = Resident::new(gpu.clone());
-    resident.apply(Change::Visibility { visibility: request.visibility.clone() })?;
+    resident.apply(Change::Visibility { test: test.clone() })?;
     resident.apply(Change::Expect { points: clouds.iter().map(|loaded| loaded.points).sum() })?;
     let mut parts = Vec::new();
     for loaded in &mut clouds {
@@ -138,6 +143,22 @@ pub fn open(
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
     Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect() }))
+}
+
+/// Reads the columns that filters test and that are not in memory, and says which filters have nothing to test.
+fn read_filtered(loaded: &mut Assembly, test: &PointTest) -> anyhow::Result<()> {
+    if let Some(source) = loaded.source.clone() {
+        for column in loaded.cloud.lacks(test) {
+            let progress = Progress::default();
+            let read = || world::read_column(&source, column, &progress);
+            let columns = progress_bar::watch("reading", &progress, read)?;
+            drop(loaded.put_late_column(column, columns));
+        }
+    }
+    let unknown = test.filtered().filter(|name| loaded.cloud.column_of(name).is_none());
+    let name = &loaded.cloud.name;
+    terminal::warn(unknown.map(|filter| format!("{name}: no attribute `{filter}`, so its filter hides nothing there")));
+    Ok(())
 }
 
 /// Reads the meshes of mirrors. A mirror whose mesh cannot be read is reported and left out.
@@ -310,8 +331,8 @@ fn upload(
     }
     let marked = Arc::new(marked);
     if !marked.is_empty() {
-        let (chunks, classes, marked) = (chunks.clone(), loaded.cloud.class_column(), marked.clone());
-        resident.apply(Change::Mark { cloud, chunks, classes, marked })?;
+        let (chunks, layout, marked) = (chunks.clone(), loaded.layout(), marked.clone());
+        resident.apply(Change::Mark { cloud, chunks, layout, marked })?;
     }
     resident.apply(Change::Color { cloud, chunks, plan: plan.clone(), up })?;
     let part = |(material, chunks): (render::Material, Vec<Chunk>)| SubjectPart {

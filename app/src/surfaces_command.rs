@@ -65,7 +65,7 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
     let (mut inputs, mut status) = (Vec::new(), 0);
     let mut failed = Few::of("that cannot be judged");
     for input in &request.inputs {
-        for (path, scan) in scans::of_input(input, &request.visibility.test(), &settings) {
+        for (path, scan) in scans::of_input(input, &request.test(), &settings) {
             let judged = scan.and_then(|scan| judge(&path, &scan, arguments, &settings, &gpu, &mut renderer));
             interrupt::check()?;
             inputs.push(judged.map_or_else(

@@ -10,7 +10,7 @@ override clips: bool = false;
 
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
-    if !is_shown(item.class_mask, point) {
+    if !is_shown(index) {
         return;
     }
     if clips && dot(frame.clip.xyz, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz) < frame.clip.w {

@@ -9,5 +9,5 @@
 @group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
 @group(1) @binding(3) var<storage, read> scalars: array<f32>;
 @group(1) @binding(4) var<storage, read> items: array<Item>;
-@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
+@group(1) @binding(6) var<storage, read> shown: array<u32>;
 @group(1) @binding(7) var<storage, read> palette: array<u32>;

@@ -17,8 +17,7 @@ struct Item {
     plain: u32,
     specular_intensity: f32,
     specular_power: f32,
-    // See visibility.wgsl.
-    class_mask: u32,
+    unused: u32,
     // Height of the origin above the reference height, along the up axis `height_axis`.
     height: f32,
     // w: index of refraction; 0 where no light goes through.

@@ -17,13 +17,8 @@ struct TreePlace {
     end_node: u32,
     // The index of its first disc in the page, which is that of its first point.
     first_surfel: u32,
-    // See visibility.wgsl.
-    class_mask: u32,
     // The identity of its first point: the others follow.
     first_identity: u32,
-    unused_0: u32,
-    unused_1: u32,
-    unused_2: u32,
 }
 
 // A tile's list of runs of nodes: their number, then a place and a node for each. Longer lists cost more than the upper

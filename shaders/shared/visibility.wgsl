@@ -1,15 +1,13 @@
-// Tests whether a point is shown. The CPU does the same test in `PointTest` (crates/cloud/src/visibility.rs). The
-// importing pass binds `class_masks`.
+// Tells whether a point is shown. The CPU decides it, chunk by chunk (`ChunkTest` in crates/cloud/src/visibility.rs): a bit
+// for each point of the page, 32 in a word. The importing pass binds `shown`.
 
-// Set while a class is hidden.
-override filter_classes: bool = false;
+// Set while some points are hidden; else there are no bits.
+override hides_points: bool = false;
 
-// `class_mask` is the first of the eight words of the class masks to test. `point` has its class in the third byte of
-// w.
-fn is_shown(class_mask: u32, point: vec4u) -> bool {
-    if !filter_classes {
+// `index` is that of the point in the page.
+fn is_shown(index: u32) -> bool {
+    if !hides_points {
         return true;
     }
-    let class_code = (point.w >> 16u) & 0xffu;
-    return (class_masks[class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) != 0u;
+    return (shown[index >> 5u] & (1u << (index & 31u))) != 0u;
 }

@@ -39,8 +39,9 @@ fn las<'a>(points: impl Iterator<Item = &'a Point> + Clone) -> Vec<u8> {
     }
     for point in points {
         file.extend(point.position.iter().flat_map(|value| ((value / STEP).round() as i32).to_le_bytes()));
-        // Intensity; the only return.
-        file.extend([0, 0, 0b1001, point.class, 0, 0, 0, 0]);
+        // Intensity; the only return; class; scan angle; user data; source. Some noise has other user data.
+        let user_data = if point.class == 7 { 4 } else { 5 };
+        file.extend([0, 0, 0b1001, point.class, 0, user_data, 0, 0]);
         file.extend(point.color.iter().flat_map(|value| (u16::from(*value) * 257).to_le_bytes()));
     }
     file
@@ -49,6 +50,11 @@ fn las<'a>(points: impl Iterator<Item = &'a Point> + Clone) -> Vec<u8> {
 /// A floor and two walls of classes 2 and 6; then noise, so far from them that their normals do not know of it: some of it right
 /// before the camera, and some far beyond the walls.
 fn points() -> Vec<Point> {
+    points_of(60_000)
+}
+
+/// The same with another number of points, a quarter of them noise.
+fn points_of(count: u32) -> Vec<Point> {
     let even = |index: u32| [0.754_877_666, 0.569_840_29].map(|step: f64| (f64::from(index) * step).fract());
     let wall = |index: u32| {
         let ([u, v], axis) = (even(index), (index % 3) as usize);
@@ -64,7 +70,7 @@ fn points() -> Vec<Point> {
             if index.is_multiple_of(2) { [5.0, 3.0 * u + 3.0, 3.0 * v + 1.0] } else { [60.0 + u, 90.0, 30.0 * v] };
         Point { position, color: [20, 250, 20], class: if index.is_multiple_of(3) { 7 } else { 18 } }
     };
-    (0..45_000).map(wall).chain((0..15_000).map(noise)).collect()
+    (0..count / 4 * 3).map(wall).chain((0..count / 4).map(noise)).collect()
 }
 
 const SCENE: &str = "[camera]\neye = [7.0, 6.0, 3.5]\npivot = [1.0, 1.0, 1.0]\nup = [0.0, 0.0, 1.0]\n\
@@ -73,6 +79,21 @@ const SCENE: &str = "[camera]\neye = [7.0, 6.0, 3.5]\npivot = [1.0, 1.0, 1.0]\nu
     [[lights]]\nposition = [3.0, 3.0, 3.8]\ntarget = [0.5, 0.5, 0.0]\nintensity = [20.0, 19.0, 17.0]\n\
     inner_degrees = 40.0\nouter_degrees = 60.0\n";
 const HIDING: &str = "[visibility]\nhidden_classes = [7, 18]\n";
+/// Ways to hide the noise: by class, by places, and by attributes.
+const HIDINGS: [(&str, &str); 3] = [
+    ("classes", HIDING),
+    (
+        "clips",
+        "[[clips]]\nname = \"room\"\nposition = [2.0, 2.0, 2.0]\nsize = [4.0, 4.0, 4.0]\n\
+         [[clips]]\nshape = \"sphere\"\nposition = [60.5, 90.0, 15.0]\nsize = [60.0, 60.0, 60.0]\nkeep = \"outside\"\n\
+         [[clips]]\nshape = \"slab\"\non = false\n",
+    ),
+    (
+        "filters",
+        "[visibility]\nfilters = [{ attribute = \"classification\", high = 17.0 }, \
+         { attribute = \"user_data\", low = 5.0, high = 6.0 }, { attribute = \"of_no_file\", low = 1.0 }]\n",
+    ),
+];
 
 /// All that a run writes by name: the picture, images of it and of its truth, and what its statistics say of points and accuracy.
 fn rendered(folder: &Folder, scene: &str, method: &str, arguments: &[&str]) -> Option<BTreeMap<&'static str, Vec<u8>>> {
@@ -111,21 +132,24 @@ fn hidden_points_are_as_good_as_absent_in_pictures_and_in_their_truth() {
     folder.write("all.las", las(points.iter()));
     folder.write("shown.las", las(points.iter().filter(|point| ![7, 18].contains(&point.class))));
     folder.write("all.toml", format!("clouds = [\"all.las\"]\n{SCENE}"));
-    folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{HIDING}"));
     folder.write("shown.toml", format!("clouds = [\"shown.las\"]\n{SCENE}"));
     folder.write("view.toml", format!("{SCENE}{HIDING}"));
     for method in ["surfel_trace", "sscr"] {
         let Some(mut shown) = rendered(&folder, "shown.toml", method, &[]) else { return };
-        let hiding = rendered(&folder, "hiding.toml", method, &[]).expect("an adapter");
         assert!(shown["mirror pixels"].len() >= 3, "{method}: fewer than 100 mirror pixels");
         if method == "surfel_trace" {
             // Discs have their places in boxes that hold hidden points too, in steps of a 1023rd of these.
             ["mirror_position", "accuracy"].iter().for_each(|name| drop(shown.remove(name)));
         }
-        for (name, written) in &shown {
-            assert!(hiding[name] == *written, "{method}: {name}");
+        for (how, hiding) in HIDINGS {
+            folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{hiding}"));
+            let hiding = rendered(&folder, "hiding.toml", method, &[]).expect("an adapter");
+            for (name, written) in &shown {
+                assert!(hiding[name] == *written, "{method}: {how}: {name}");
+            }
         }
     }
+    folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{HIDING}"));
     let all = rendered(&folder, "all.toml", "surfel_trace", &[]).expect("an adapter");
     let hiding = rendered(&folder, "hiding.toml", "surfel_trace", &[]).expect("an adapter");
     let view = rendered(&folder, "all.toml", "surfel_trace", &["--camera", "view.toml"]).expect("an adapter");
@@ -143,7 +167,40 @@ fn hidden_points_are_as_good_as_absent_in_pictures_and_in_their_truth() {
     assert!(framed("a.png", "hiding.toml") == framed("b.png", "shown.toml"), "framing differs");
     folder.write("none.toml", "clouds = [\"all.las\"]\n[visibility]\nhidden_classes = [2, 6, 7, 18]\n");
     let outcome = folder.glint(["render", "none.toml", "-o", "none.png", "--size", "96x72"]);
-    assert!(outcome.status == Some(0) && outcome.messages.contains("hides all classes"), "{outcome}");
+    assert!(outcome.status == Some(0) && outcome.messages.contains("hides all of their points"), "{outcome}");
+}
+
+/// What a scene file clips of streamed points is neither drawn nor loaded.
+#[test]
+fn clipped_points_of_a_streamed_cloud_are_as_good_as_absent_and_most_are_not_loaded() {
+    let folder = Folder::new();
+    // More than a node of an index holds.
+    let points = points_of(300_000);
+    let [low, high] = [[0.0, 0.0, 0.5], [4.0, 2.5, 4.0]];
+    let written = |value: f64| (value / STEP).round() * STEP;
+    let is_in = |point: &&Point| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&written(point.position[axis])));
+    folder.write("all.las", las(points.iter()));
+    let kept = points.iter().filter(is_in).count() as u64;
+    let clip = "[[clips]]\nposition = [2.0, 1.25, 2.25]\nsize = [4.0, 2.5, 3.5]\n";
+    folder.write("clipped.toml", format!("clouds = [\"all.las\"]\n{clip}"));
+    for pages in ["stream.pages=never", "stream.pages=always"] {
+        let picture = ["render", "clipped.toml", "-o", "clipped.png", "--size", "96x72", "--stats", "stats.json"];
+        let streamed = ["--set", pages, "--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
+        let outcome = folder.glint(picture.iter().chain(&streamed));
+        if lacks_adapter(&outcome) {
+            return;
+        }
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
+        let stats: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        assert_eq!(stats["points"]["drawn"].as_u64(), Some(kept), "{pages}: {stats}");
+        if let Some(resident) = stats["stream"]["points_resident"].as_u64() {
+            // The root of the index is always loaded, and so are the nodes that the border cuts.
+            assert!((kept..points.len() as u64 * 9 / 10).contains(&resident), "{resident} of {kept} loaded");
+        } else {
+            assert!(pages.ends_with("never"), "{stats}");
+        }
+    }
 }
 
 #[test]

@@ -1,9 +1,10 @@
-//! The user's side of the scene apart from the clouds: mirrors, points that are turned into mirrors, lights, and the
-//! rule that says which points are shown. Undo restores all of them in one step. `Loaded::sync_objects` and
+//! The user's side of the scene apart from the clouds: mirrors, points that are turned into mirrors, lights, clip
+//! volumes, and the other rules that say which points are shown. Undo restores all of them in one step. `Loaded::sync_objects` and
 //! `Loaded::sync_visibility` send them to the render thread; lights go with each frame request.
 
+use cloud::PointTest;
 use glam::DVec3;
-use scene::{Mirror, MirrorPoints, Object, ObjectKind, SceneFile, Shape, SpotLight, Visibility, five_mirrors};
+use scene::{Clip, Mirror, MirrorPoints, Object, ObjectKind, SceneFile, Shape, SpotLight, Visibility, five_mirrors};
 use world::{CloudKey, built_in_name};
 
 /// Identifies a mirror or a light. An object that comes back by undo has its old number; no other object ever gets it.
@@ -60,13 +61,25 @@ pub struct Objects {
     pub lights: Vec<PlacedLight>,
     /// True after a person removed the last light: then no lamp is guessed.
     pub no_guess: bool,
-    /// The rule that says which points of the clouds are shown.
+    /// The clip volumes: with the visibility they say which points of the clouds are shown.
+    pub clips: Vec<PlacedClip>,
     pub visibility: Visibility,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlacedClip {
+    pub id: ObjectId,
+    pub clip: Clip,
 }
 
 impl Objects {
     pub fn mirror(&self, id: ObjectId) -> Option<&Mirror> {
         self.mirrors.iter().find(|placed| placed.id == id).map(|placed| &placed.mirror)
+    }
+
+    /// Decides which points of the clouds are shown.
+    pub fn test(&self) -> PointTest {
+        self.visibility.test(self.clips.iter().map(|placed| &placed.clip))
     }
 
     pub fn light(&self, id: ObjectId) -> Option<&SpotLight> {
@@ -210,6 +223,7 @@ impl Objects {
             mirror_points: mirror_points.collect(),
             lights: self.lights.iter().filter(|_| !are_brought).map(|placed| placed.light).collect(),
             visibility: self.visibility.clone(),
+            clips: self.clips.iter().map(|placed| placed.clip.clone()).collect(),
             ..SceneFile::default()
         }
     }

@@ -7,7 +7,8 @@ use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
 use scene::{
-    Camera, CameraPath, ColorBy, LightClues, Lighting, Mirror, Object, Projection, Settings, SpotLight, StandardView,
+    Camera, CameraPath, Clip, ColorBy, LightClues, Lighting, Mirror, Object, Projection, Settings, SpotLight,
+    StandardView, Visibility,
 };
 use serde_json::json;
 use world::{CloudKey, mirrors};
@@ -18,7 +19,7 @@ use crate::viewer::input::lens::{Lens, to_vector};
 use crate::viewer::input::navigation::Navigation;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::messages::Level;
-use crate::viewer::objects::{ObjectId, Objects, Origin, Placed, PlacedLight, spot, unnamed};
+use crate::viewer::objects::{ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, spot, unnamed};
 use crate::viewer::outside::Outside;
 use crate::viewer::tools::inspection::{Ray, Target};
 use crate::viewer::window::render_thread::{Command, PickPurpose};
@@ -133,6 +134,16 @@ impl Scene {
             objects.lights.extend(brought.iter().filter(is_new).cloned());
         });
         self.warn_of_dark_lights(outside);
+    }
+
+    /// Adds what a scene file hides and its clip volumes.
+    pub fn bring_visibility(&mut self, visibility: &Visibility, clips: Vec<Clip>) {
+        let placed = |clip| PlacedClip { id: self.next_object_id(), clip };
+        let clips: Vec<PlacedClip> = clips.into_iter().map(placed).collect();
+        self.rewrite_objects(|objects| {
+            objects.visibility.hide(visibility);
+            objects.clips.extend(clips.iter().cloned());
+        });
     }
 
     /// Warns the user if there are more lights than can shine.
@@ -468,8 +479,7 @@ impl Scene {
         let (_, beside) = lens.ray(pixel + DVec2::X * CAST_RADIUS);
         let is_parallel = self.settings.view.projection == Projection::Orthographic;
         let width = lens.units_per_pixel(self.camera.pivot).filter(|_| is_parallel).unwrap_or(0.0) * CAST_RADIUS;
-        let test = self.objects.visibility.test();
-        Ray { origin, direction, spread: direction.distance(beside), width, targets, test }
+        Ray { origin, direction, spread: direction.distance(beside), width, targets }
     }
 
     /// Carries out an action if it concerns only the scene. Returns all other actions.

@@ -331,7 +331,7 @@ impl Session {
             self.scene.bring_mirror(mirror, None, &mut self.outside);
         }
         self.loaded.awaited_markings.extend(request.mirror_points);
-        self.scene.rewrite_objects(|objects| objects.visibility.hide(&request.visibility));
+        self.scene.bring_visibility(&request.visibility, request.clips);
         self.scene.paths.retain(|known| !request.paths.iter().any(|path| path.name == known.name));
         self.scene.paths.extend(request.paths);
         if !request.inputs.is_empty() {
@@ -622,7 +622,7 @@ impl Session {
             clouds: &self.loaded.clouds,
             samples: &self.loaded.samples,
             settings: &self.scene.settings,
-            visibility: &self.scene.objects.visibility,
+            test: self.scene.objects.test(),
             frames: &self.frames,
             raw_colors: self.raw_colors,
             is_swept: self.sweeps.under_way.is_some(),

@@ -9,7 +9,7 @@ use crate::command_line::quoted;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::short_name;
-use crate::viewer::objects::Placed;
+use crate::viewer::objects::{Placed, PlacedClip};
 use crate::viewer::outside::Outside;
 use crate::viewer::scene::Scene;
 use crate::viewer::window::render_thread::{Command, FrameRequest};
@@ -38,8 +38,8 @@ impl Scene {
         }
     }
 
-    /// Takes over the mirrors, lights and hidden classes of a view. A mirror replaces the one of the same name, or is
-    /// added. The view's lights, if it has any, replace all others. Its hidden classes replace those before.
+    /// Takes over the mirrors, lights, clips and visibility of a view. A mirror replaces the one of the same name, or is
+    /// added. The view's lights, if it has any, replace all others. Its clips and visibility replace those before.
     fn take_objects(&mut self, file: &SceneFile, outside: &mut Outside) {
         for mirror in &file.mirrors {
             let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
@@ -60,6 +60,11 @@ impl Scene {
             self.warn_of_dark_lights(outside);
         }
         self.objects.visibility = file.visibility.clone();
+        self.objects.clips.clear();
+        for clip in &file.clips {
+            let id = self.next_object_id();
+            self.objects.clips.push(PlacedClip { id, clip: clip.clone() });
+        }
         self.history.after_jump(&self.settings, &self.objects);
     }
 

@@ -182,8 +182,8 @@ impl Work {
         match self {
             Self::FindFigures { key, cloud, basis, up, kept } => {
                 let figures = Box::new(match kept {
-                    Some(kept) => kept.recounted(&cloud, &basis.visibility, up),
-                    None => Figures::of(&cloud, &basis.color, &basis.visibility, up),
+                    Some(kept) => kept.recounted(&cloud, &basis.test, up),
+                    None => Figures::of(&cloud, &basis.color, &basis.test, up),
                 });
                 found(Found::Figures { key, basis, figures });
             }

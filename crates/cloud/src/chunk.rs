@@ -156,18 +156,23 @@ impl Cloud {
     /// A point's coordinates as the file has them: exact doubles if the chunk has them, else snapped to the file's
     /// grid. Snapping undoes the rounding of the f32 offset, as chunks wider than 8 million grid steps keep doubles.
     pub fn world_position(&self, chunk: &Chunk, index: usize) -> DVec3 {
-        if let Some(exact) = &chunk.exact_positions {
-            return DVec3::from(exact[index]);
-        }
-        let position = chunk.position(index);
-        match self.grid {
-            Some(grid) => ((position - grid.offset) / grid.scale).round() * grid.scale + grid.offset,
-            None => position,
-        }
+        world_position(self.grid, chunk, index)
     }
 
     pub fn size_in_bytes(&self) -> usize {
         self.chunks.iter().map(Chunk::size_in_bytes).sum()
+    }
+}
+
+/// See `Cloud::world_position`; `grid` is that of the cloud.
+pub(crate) fn world_position(grid: Option<Grid>, chunk: &Chunk, index: usize) -> DVec3 {
+    if let Some(exact) = &chunk.exact_positions {
+        return DVec3::from(exact[index]);
+    }
+    let position = chunk.position(index);
+    match grid {
+        Some(grid) => ((position - grid.offset) / grid.scale).round() * grid.scale + grid.offset,
+        None => position,
     }
 }
 

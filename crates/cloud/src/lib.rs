@@ -16,6 +16,7 @@ mod smoothing;
 mod surfels;
 mod triangle_mesh;
 mod visibility;
+mod volume;
 
 pub use bounds::Bounds;
 pub use chunk::{Chunk, Cloud, Grid};
@@ -30,7 +31,8 @@ pub use surfels::{
     guess_orientation, normals_from_triangles, provisional_radius,
 };
 pub use triangle_mesh::TriangleMesh;
-pub use visibility::PointTest;
+pub use visibility::{ChunkTest, ClipVolume, CloudLayout, Filter, PointTest, ShownPoints};
+pub use volume::{Cover, Volume, VolumeShape};
 
 /// The most points of a chunk when a reader is free to choose (2.4 MB of 36-byte LAS records).
 pub const CHUNK_POINTS: usize = 65_536;

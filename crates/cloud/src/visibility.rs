@@ -1,39 +1,229 @@
-//! Tests on the CPU whether a point is shown; everything that is computed from points asks it. `scene::Visibility`
-//! keeps and saves what is hidden; shaders/shared/visibility.wgsl does the same test on the GPU.
+//! Tests on the CPU which points are shown; everything that is computed from points asks it. `scene::Visibility` and
+//! `scene::Clip` keep and save what is hidden. The GPU reads one bit a point, which is made here
+//! (shaders/shared/visibility.wgsl).
 
-use crate::{Chunk, Cloud, Column};
+use std::collections::BTreeSet;
+use std::sync::Arc;
 
-/// Decides which points are shown. A point without a class is never hidden by class.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+use glam::DVec3;
+
+use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, Volume};
+
+/// Decides which points are shown: those that are in no hidden class, whose attributes are in the ranges of all
+/// filters, and whose positions the clip volumes keep.
+///
+/// - A point without a class is never hidden by class, and a cloud without an attribute is not filtered by it. A value
+///   that is not a number is in no range.
+/// - Points are kept that are in at least one of the volumes that keep their inside, if there is any, and in none of
+///   those that keep their outside.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointTest {
-    /// A bit for each class; 1 means shown.
-    class_words: [u32; 8],
+    rule: Arc<Rule>,
 }
 
-impl Default for PointTest {
+#[derive(Debug, PartialEq)]
+struct Rule {
+    /// A bit for each class; 1 means shown.
+    class_words: [u32; 8],
+    filters: Vec<Filter>,
+    volumes: Vec<ClipVolume>,
+}
+
+impl Default for Rule {
     fn default() -> Self {
-        Self { class_words: [u32::MAX; 8] }
+        Self { class_words: [u32::MAX; 8], filters: Vec::new(), volumes: Vec::new() }
     }
+}
+
+/// Shows the points whose attribute is in a range, ends included.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Filter {
+    pub attribute: String,
+    pub low: f64,
+    pub high: f64,
+}
+
+/// A volume that keeps the points on one side of its border. The border counts as inside.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClipVolume {
+    pub volume: Volume,
+    pub keeps_inside: bool,
 }
 
 impl PointTest {
+    pub fn new(hidden: impl IntoIterator<Item = u8>, filters: Vec<Filter>, volumes: Vec<ClipVolume>) -> Self {
+        let mut rule = Rule { filters, volumes, ..Rule::default() };
+        hidden.into_iter().for_each(|class| rule.class_words[usize::from(class >> 5)] &= !(1 << (class & 31)));
+        Self { rule: Arc::new(rule) }
+    }
+
     pub fn hiding(classes: impl IntoIterator<Item = u8>) -> Self {
-        let mut test = Self::default();
-        classes.into_iter().for_each(|class| test.class_words[usize::from(class >> 5)] &= !(1 << (class & 31)));
-        test
+        Self::new(classes, Vec::new(), Vec::new())
     }
 
     pub fn shows_all(&self) -> bool {
-        *self == Self::default()
+        *self.rule == Rule::default()
     }
 
-    /// The words that the GPU tests: class `c` is shown if bit `c % 32` of word `c / 32` is set.
-    pub fn class_words(&self) -> [u32; 8] {
-        self.class_words
+    pub fn shows_class(&self, class: u8) -> bool {
+        self.rule.class_words[usize::from(class >> 5)] & (1 << (class & 31)) != 0
     }
 
-    pub fn shows(&self, class: Option<u8>) -> bool {
-        class.is_none_or(|class| self.class_words[usize::from(class >> 5)] & (1 << (class & 31)) != 0)
+    /// The names of the attributes that the filters test.
+    pub fn filtered(&self) -> impl Iterator<Item = &str> {
+        self.rule.filters.iter().map(|filter| filter.attribute.as_str())
+    }
+
+    /// How many of the points in a box the clip volumes keep.
+    pub fn cover(&self, bounds: Bounds) -> Cover {
+        let (mut is_kept, mut has_kept, mut may_be_kept) = (true, false, false);
+        let (mut is_wanted, mut wants) = (false, false);
+        for ClipVolume { volume, keeps_inside } in &self.rule.volumes {
+            match (volume.cover(bounds), keeps_inside) {
+                (Cover::Inside, false) => return Cover::Outside,
+                (Cover::Outside, false) => {}
+                (Cover::Partly, false) => is_kept = false,
+                (cover, true) => {
+                    wants = true;
+                    is_wanted |= cover == Cover::Inside;
+                    may_be_kept |= cover != Cover::Outside;
+                }
+            }
+            has_kept |= *keeps_inside;
+        }
+        match (wants, may_be_kept) {
+            (true, false) => Cover::Outside,
+            _ if is_kept && (is_wanted || !has_kept) => Cover::Inside,
+            _ => Cover::Partly,
+        }
+    }
+
+    fn keeps(&self, place: DVec3) -> bool {
+        let (mut wants, mut is_wanted) = (false, false);
+        for ClipVolume { volume, keeps_inside } in &self.rule.volumes {
+            if *keeps_inside && is_wanted {
+                continue;
+            }
+            let is_in = volume.contains(place);
+            if is_in && !keeps_inside {
+                return false;
+            }
+            wants |= *keeps_inside;
+            is_wanted |= is_in && *keeps_inside;
+        }
+        is_wanted || !wants
+    }
+
+    /// The test of the chunks of a cloud.
+    pub fn of(&self, layout: &CloudLayout) -> ChunkTest {
+        let filter = |filter: &Filter| {
+            let column = layout.attributes.iter().position(|known| known.name == filter.attribute)?;
+            Some((column, filter.low, filter.high))
+        };
+        let classes = layout.class_column().filter(|_| self.rule.class_words != [u32::MAX; 8]);
+        let filters = self.rule.filters.iter().filter_map(filter).collect();
+        ChunkTest { test: self.clone(), classes, filters, grid: layout.grid }
+    }
+}
+
+/// What a test has to know of a cloud besides its chunks.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CloudLayout {
+    /// The attributes that the columns of chunks hold, in order.
+    pub attributes: Vec<Attribute>,
+    /// The grid on which the points lie, if they do.
+    pub grid: Option<Grid>,
+}
+
+impl CloudLayout {
+    /// The index of the column that holds the classes of the points.
+    pub fn class_column(&self) -> Option<usize> {
+        self.attributes.iter().position(|attribute| attribute.name == "classification")
+    }
+}
+
+/// The test of the points of one cloud.
+#[derive(Clone, Debug)]
+pub struct ChunkTest {
+    test: PointTest,
+    /// The column with the classes, if any class is hidden.
+    classes: Option<usize>,
+    /// Columns and the ranges of their values.
+    filters: Vec<(usize, f64, f64)>,
+    grid: Option<Grid>,
+}
+
+impl ChunkTest {
+    /// Whether a point of a chunk is shown. A column that has not been read yet hides nothing.
+    pub fn shows(&self, chunk: &Chunk, index: usize) -> bool {
+        let column = |column: usize| chunk.columns.get(column)?.as_deref();
+        chunk.classes(self.classes).is_none_or(|classes| self.test.shows_class(classes[index]))
+            && self.filters.iter().all(|(filtered, low, high)| {
+                column(*filtered).is_none_or(|column| (*low..=*high).contains(&column.value(index)))
+            })
+            && (self.test.rule.volumes.is_empty()
+                || self.test.keeps(crate::chunk::world_position(self.grid, chunk, index)))
+    }
+
+    /// Which points of a chunk are shown; `bounds` are those of its points.
+    pub fn shown(&self, chunk: &Chunk, bounds: Bounds) -> ShownPoints {
+        let tests_columns = chunk.classes(self.classes).is_some()
+            || self.filters.iter().any(|(column, ..)| chunk.columns.get(*column).is_some_and(Option::is_some));
+        let cover = if self.test.rule.volumes.is_empty() {
+            Cover::Inside
+        } else {
+            self.test.cover(self.widened(chunk, bounds))
+        };
+        match cover {
+            Cover::Outside => ShownPoints::None,
+            Cover::Inside if !tests_columns => ShownPoints::All,
+            Cover::Inside | Cover::Partly => ShownPoints::of(chunk.len(), |index| self.shows(chunk, index)),
+        }
+    }
+
+    /// The bounds of the file's own coordinates, which f32 offsets round.
+    fn widened(&self, chunk: &Chunk, bounds: Bounds) -> Bounds {
+        if bounds.is_empty() {
+            return bounds;
+        }
+        let reach = (bounds.min - chunk.origin).abs().max((bounds.max - chunk.origin).abs()).max_element();
+        let by = self.grid.map_or(DVec3::ZERO, |grid| grid.scale.abs()) + reach * f64::from(f32::EPSILON);
+        Bounds { min: bounds.min - by, max: bounds.max + by }
+    }
+}
+
+/// Which points of a chunk are shown.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ShownPoints {
+    All,
+    None,
+    /// Point `i` is shown if bit `i % 32` of word `i / 32` is set.
+    Some(Vec<u32>),
+}
+
+impl ShownPoints {
+    fn of(points: usize, shows: impl Fn(usize) -> bool) -> Self {
+        let mut words = vec![0; points.div_ceil(32)];
+        (0..points).filter(|index| shows(*index)).for_each(|index| words[index / 32] |= 1 << (index % 32));
+        let count: u32 = words.iter().map(|word: &u32| word.count_ones()).sum();
+        match count as usize {
+            0 => Self::None,
+            count if count == points => Self::All,
+            _ => Self::Some(words),
+        }
+    }
+
+    pub fn has(&self, index: usize) -> bool {
+        match self {
+            Self::All => true,
+            Self::None => false,
+            Self::Some(words) => words[index / 32] & (1 << (index % 32)) != 0,
+        }
+    }
+
+    /// The indices of the shown ones among the first `points`.
+    pub fn indices(&self, points: usize) -> impl Iterator<Item = usize> {
+        (0..points).filter(|index| self.has(*index))
     }
 }
 
@@ -46,12 +236,12 @@ impl Chunk {
         }
     }
 
-    /// The points that are shown; `classes` is the index of the column that holds their classes.
-    pub fn shown(&self, classes: Option<usize>, test: &PointTest) -> Self {
-        let Some(classes) = self.classes(classes).filter(|_| !test.shows_all()) else { return self.clone() };
-        let is_shown = |index: &u32| test.shows(Some(classes[*index as usize]));
-        let indices: Vec<u32> = (0..self.len() as u32).filter(is_shown).collect();
-        if indices.len() == self.len() { self.clone() } else { self.select(&indices) }
+    /// The points that are shown.
+    pub fn shown(&self, test: &ChunkTest) -> Self {
+        match test.shown(self, self.bounds()) {
+            ShownPoints::All => self.clone(),
+            shown => self.select(&shown.indices(self.len()).map(|index| index as u32).collect::<Vec<_>>()),
+        }
     }
 }
 
@@ -61,31 +251,45 @@ impl Cloud {
         self.column_of("classification")
     }
 
+    pub fn layout(&self) -> CloudLayout {
+        CloudLayout { attributes: self.attributes.clone(), grid: self.grid }
+    }
+
+    /// The test of its points.
+    pub fn test(&self, test: &PointTest) -> ChunkTest {
+        test.of(&self.layout())
+    }
+
+    /// The columns that a test reads and some chunk lacks.
+    pub fn lacks(&self, test: &PointTest) -> Vec<usize> {
+        let lacks =
+            |column: &usize| self.chunks.iter().any(|chunk| chunk.columns.get(*column).is_none_or(Option::is_none));
+        let columns: BTreeSet<usize> = test.filtered().filter_map(|name| self.column_of(name)).collect();
+        columns.into_iter().filter(lacks).collect()
+    }
+
     /// The points that are shown, in chunks of which none is empty.
     pub fn shown(&self, test: &PointTest) -> Self {
-        let classes = self.class_column();
-        let chunks = self.chunks.iter().map(|chunk| chunk.shown(classes, test)).filter(|chunk| !chunk.is_empty());
-        let chunks = chunks.collect();
+        let test = (!test.shows_all()).then(|| self.test(test));
+        let shown = |chunk: &Chunk| test.as_ref().map_or_else(|| chunk.clone(), |test| chunk.shown(test));
+        let chunks = self.chunks.iter().map(shown).filter(|chunk| !chunk.is_empty()).collect();
         Self { name: self.name.clone(), attributes: self.attributes.clone(), grid: self.grid, chunks }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
-    use glam::DVec3;
+    use glam::DQuat;
 
     use super::*;
-    use crate::{Attribute, ColumnType};
+    use crate::{ColumnType, VolumeShape};
 
     #[test]
     fn every_class_is_told_from_every_other() {
         for hidden in 0..=255 {
             let test = PointTest::hiding([hidden]);
-            assert!((0..=255).all(|class| test.shows(Some(class)) == (class != hidden)), "{hidden}");
-            assert_eq!(test.class_words().iter().map(|word| word.count_zeros()).sum::<u32>(), 1);
-            assert!(test.shows(None) && !test.shows_all());
+            assert!((0..=255).all(|class| test.shows_class(class) == (class != hidden)), "{hidden}");
+            assert!(!test.shows_all());
         }
         assert!(PointTest::hiding([]).shows_all());
     }
@@ -107,5 +311,110 @@ mod tests {
         assert_eq!(cloud.shown(&PointTest::default()).len(), 12);
         let unnamed = Cloud { attributes: Vec::new(), ..cloud };
         assert_eq!(unnamed.shown(&PointTest::hiding([2, 6, 7])).len(), 12);
+    }
+
+    /// Points on a line, with an attribute.
+    fn line(values: Vec<f32>) -> Cloud {
+        let mut chunk = Chunk::new(0, DVec3::X * 5e5, (0..values.len()).map(|at| [at as f32, 0.0, 0.0]).collect());
+        chunk.columns = vec![Some(Arc::new(Column::F32(values)))];
+        let attributes = vec![Attribute { name: "intensity".into(), column_type: ColumnType::F32 }];
+        Cloud { attributes, chunks: vec![chunk], ..Cloud::default() }
+    }
+
+    fn places(cloud: &Cloud) -> Vec<f64> {
+        let place = |chunk: &Chunk| (0..chunk.len()).map(|i| chunk.position(i).x - 5e5).collect::<Vec<_>>();
+        cloud.chunks.iter().flat_map(place).collect()
+    }
+
+    #[test]
+    fn filters_show_what_is_in_all_ranges_and_what_lacks_the_attribute() {
+        let cloud = line(vec![1.0, 2.0, f32::NAN, 3.0, f32::INFINITY]);
+        let filter = |attribute: &str, low, high| Filter { attribute: attribute.into(), low, high };
+        let shown = |filters| places(&cloud.shown(&PointTest::new([], filters, Vec::new())));
+        assert_eq!(shown(vec![filter("intensity", 2.0, 3.0)]), [1.0, 3.0]);
+        assert_eq!(shown(vec![filter("intensity", 2.0, 9.0), filter("intensity", 0.0, 2.0)]), [1.0]);
+        assert_eq!(shown(vec![filter("intensity", f64::NEG_INFINITY, f64::INFINITY)]), [0.0, 1.0, 3.0, 4.0]);
+        assert_eq!(shown(vec![filter("amplitude", 2.0, 3.0)]).len(), 5, "no point has it");
+        assert_eq!(shown(vec![filter("intensity", 7.0, 8.0)]).len(), 0);
+        let of_intensity =
+            PointTest::new([], vec![filter("amplitude", 2.0, 3.0), filter("intensity", 2.0, 3.0)], Vec::new());
+        assert_eq!(cloud.lacks(&of_intensity), [0; 0]);
+        let mut unread = cloud.clone();
+        unread.chunks[0].columns[0] = None;
+        assert_eq!(unread.lacks(&of_intensity), [0]);
+        assert_eq!(unread.shown(&PointTest::new([], vec![filter("intensity", 2.0, 3.0)], Vec::new())).len(), 5);
+    }
+
+    #[test]
+    fn points_are_kept_in_any_inside_and_in_no_outside() {
+        let cloud = line(vec![0.0; 20]);
+        let slab = |middle: f64, width: f64, keeps_inside| {
+            let (at, size) = (DVec3::new(5e5 + middle, 0.0, 0.0), DVec3::new(width, 1.0, 1.0));
+            ClipVolume { volume: Volume::new(VolumeShape::Box, at, DQuat::IDENTITY, size), keeps_inside }
+        };
+        let shown = |volumes: &[ClipVolume]| {
+            let test = PointTest::new([], Vec::new(), volumes.to_vec());
+            let chunk = &cloud.chunks[0];
+            let one_by_one = cloud.test(&test);
+            let places = places(&cloud.shown(&test));
+            assert_eq!((0..20).filter(|i| one_by_one.shows(chunk, *i)).map(|i| i as f64).collect::<Vec<_>>(), places);
+            places
+        };
+        assert_eq!(shown(&[slab(3.0, 4.0, true)]), [1.0, 2.0, 3.0, 4.0, 5.0]);
+        assert_eq!(shown(&[slab(3.0, 4.0, true), slab(10.0, 2.0, true)]), [1.0, 2.0, 3.0, 4.0, 5.0, 9.0, 10.0, 11.0]);
+        assert_eq!(shown(&[slab(3.0, 4.0, true), slab(4.0, 2.0, false)]), [1.0, 2.0]);
+        assert_eq!(shown(&[slab(10.0, 18.0, false)]), [0.0]);
+        assert_eq!(shown(&[slab(10.0, 90.0, false)]), [0.0; 0]);
+        assert_eq!(shown(&[slab(90.0, 9.0, true)]), [0.0; 0]);
+        assert_eq!(shown(&[slab(90.0, 9.0, false)]).len(), 20);
+        assert_eq!(shown(&[slab(10.0, 90.0, true), slab(90.0, 9.0, true)]).len(), 20);
+    }
+
+    #[test]
+    fn what_is_kept_of_a_box_is_kept_of_every_point_in_it() {
+        let mut drawn = 0;
+        let mut unit = || {
+            drawn += 1;
+            crate::random::unit(5, drawn)
+        };
+        let mut seen = [0; 3];
+        for _ in 0..3000 {
+            let volumes = [true, false, true].map(|keeps_inside| {
+                let at = DVec3::new(unit(), unit(), unit()) * 4.0;
+                let turn = DQuat::from_xyzw(unit(), unit(), unit(), 0.5).normalize();
+                let shape = if unit() < 0.5 { VolumeShape::Box } else { VolumeShape::Sphere };
+                ClipVolume { volume: Volume::new(shape, at, turn, DVec3::splat(1.0 + 3.0 * unit())), keeps_inside }
+            });
+            let test = PointTest::new([], Vec::new(), volumes.to_vec());
+            let corner = DVec3::new(unit(), unit(), unit()) * 4.0;
+            let bounds = Bounds { min: corner, max: corner + unit() * 0.8 };
+            let cover = test.cover(bounds);
+            seen[cover as usize] += 1;
+            for place in bounds.corners() {
+                match cover {
+                    Cover::Inside => assert!(test.keeps(place)),
+                    Cover::Outside => assert!(!test.keeps(place)),
+                    Cover::Partly => {}
+                }
+            }
+        }
+        assert!(seen.iter().all(|count| *count > 100), "{seen:?}");
+    }
+
+    #[test]
+    fn a_border_holds_the_file_s_own_coordinates() {
+        // A millimetre grid, and offsets that f32 rounds to either side.
+        let grid = Grid { scale: DVec3::splat(0.001), offset: DVec3::ZERO };
+        let (origin, border) = (DVec3::X * 300.7, 333.333);
+        for steps in [-1_i32, 0, 1] {
+            let x = f64::from(333_333 + steps) * 0.001;
+            let chunk = Chunk::new(0, origin, vec![[(x - origin.x) as f32, 0.0, 0.0]]);
+            assert!(steps != 0 || chunk.position(0).x != x, "the f32 offset alone is exact: the test proves nothing");
+            let cloud = Cloud { grid: Some(grid), chunks: vec![chunk], ..Cloud::default() };
+            let size = DVec3::new(2.0 * border, 1.0, 1.0);
+            let volume = Volume::new(VolumeShape::Box, DVec3::ZERO, DQuat::IDENTITY, size);
+            let test = PointTest::new([], Vec::new(), vec![ClipVolume { volume, keeps_inside: true }]);
+            assert_eq!(cloud.shown(&test).len(), u64::from(steps <= 0), "{steps}");
+        }
     }
 }

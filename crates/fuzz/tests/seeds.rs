@@ -6,14 +6,14 @@ use std::collections::BTreeSet;
 use std::io::{Cursor, Seek as _, SeekFrom};
 use std::sync::Arc;
 
-use cloud::{Orientation, Progress, SurfelOptions};
+use cloud::{Bounds, Orientation, Progress, SurfelOptions};
 use fuzz::{MOST_BYTES, TARGETS, Target, folder, join};
 use glam::{DVec3, Vec3};
 use laz::laszip::{ChunkTable, LazItemRecordBuilder};
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
 use scene::{
-    Camera, CameraPath, Keyframe, Mirror, MirrorNormals, MirrorPoints, PointChoice, Preferences, SceneFile, Settings,
-    Shape, SpotLight,
+    Camera, CameraPath, Clip, ClipShape, Filter, Keep, Keyframe, Mirror, MirrorNormals, MirrorPoints, PointChoice,
+    Preferences, Prism, SceneFile, Settings, Shape, SpotLight,
 };
 
 /// The most bytes of all seeds together.
@@ -407,6 +407,12 @@ fn scene() -> String {
         .map(|(points, normals)| MirrorPoints { points, normals, ..MirrorPoints::whole("office.laz".into()) })
         .collect();
     file.visibility.hidden_classes = [7, 18].into();
+    file.visibility.filters = vec![Filter { attribute: "intensity".into(), low: 100.0, high: f64::INFINITY }];
+    let prism = Prism { points: vec![DVec3::ZERO, DVec3::X, DVec3::Y], direction: DVec3::Z, eye: Some(-DVec3::Z) };
+    let shapes = [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab, ClipShape::Prism(prism)];
+    let around = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
+    file.clips = shapes.into_iter().map(|shape| Clip::around(shape, around)).collect();
+    file.clips[1].keep = Keep::Outside;
     let keyframe = |time: f64| {
         let Camera { eye, pivot, up } = level();
         Keyframe { time, eye: eye + DVec3::Y * time, pivot, up }

@@ -20,12 +20,12 @@ pub(crate) struct Inputs {
     settings: wgpu::Buffer,
     exposure_at: u64,
     items: wgpu::Buffer,
-    pub class_masks: wgpu::Buffer,
     palette: wgpu::Buffer,
-    pub filter_classes: bool,
+    /// Whether some points are hidden.
+    pub hides_points: bool,
     pub pages: Vec<PageInputs>,
-    /// The chunks that are drawn, and the first word of each in the class masks.
-    pub chunks: Vec<(ChunkId, u32)>,
+    /// The chunks that are drawn.
+    pub chunks: Vec<ChunkId>,
 }
 
 pub(crate) struct PageInputs {
@@ -35,6 +35,8 @@ pub(crate) struct PageInputs {
     pub points: wgpu::Buffer,
     attributes: wgpu::Buffer,
     scalars: wgpu::Buffer,
+    /// The bits that say which points are shown, if some are hidden.
+    pub shown: wgpu::Buffer,
     pub items_of_runs: wgpu::Buffer,
     pub lists: Vec<ListInputs>,
 }
@@ -97,6 +99,7 @@ impl Inputs {
                 points: draw.points.clone(),
                 attributes: draw.attributes.clone(),
                 scalars: draw.scalars.clone(),
+                shown: draw.shown.clone(),
                 items_of_runs: upload("items of runs", storage, bytemuck::cast_slice(&draw.items_of_runs)),
                 lists: lists(draw),
             })
@@ -110,22 +113,22 @@ impl Inputs {
                 points: nothing.clone(),
                 attributes: nothing.clone(),
                 scalars: nothing.clone(),
+                shown: nothing.clone(),
                 items_of_runs: nothing,
                 lists: Vec::new(),
             });
         }
         Self {
             camera,
-            chunks: list.chunks.iter().copied().zip(list.items.iter().map(|item| item.class_mask)).collect(),
+            chunks: list.chunks.clone(),
             size: camera.size,
             sample: None,
             frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
             exposure_at,
             settings: upload("settings", storage, bytemuck::cast_slice(&words)),
             items: upload("items", storage, bytemuck::cast_slice(&list.items)),
-            class_masks: upload("class masks", storage, bytemuck::cast_slice(&list.class_masks)),
             palette: upload("palette", storage, bytemuck::cast_slice(&store.palette())),
-            filter_classes: list.filter_classes,
+            hides_points: list.hides_points,
             pages,
         }
     }
@@ -161,10 +164,10 @@ impl Inputs {
         uniform: &'a wgpu::Buffer,
         runs: wgpu::BindingResource<'a>,
     ) -> [wgpu::BindingResource<'a>; 8] {
-        let [uniform, points, attributes, scalars, items, class_masks, palette] =
-            [uniform, &page.points, &page.attributes, &page.scalars, &self.items, &self.class_masks, &self.palette]
+        let [uniform, points, attributes, scalars, items, shown, palette] =
+            [uniform, &page.points, &page.attributes, &page.scalars, &self.items, &page.shown, &self.palette]
                 .map(|buffer| buffer.as_entire_binding());
-        [uniform, points, attributes, scalars, items, runs, class_masks, palette]
+        [uniform, points, attributes, scalars, items, runs, shown, palette]
     }
 
     /// The number of workgroups of a pass over the pixels where mirrors may be seen.

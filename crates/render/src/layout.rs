@@ -42,7 +42,7 @@ structs! {
     Item {
         origin_radius: Vec4,
         low: f32, inverse_range: f32, color_source: u32, plain: u32,
-        specular_intensity: f32, specular_power: f32, class_mask: u32, height: f32,
+        specular_intensity: f32, specular_power: f32, unused: u32, height: f32,
         height_axis: Vec4,
     }
     /// The points that one workgroup splats, of shaders/shared/splat.wgsl.
@@ -98,8 +98,7 @@ structs! {
     }
     /// A chunk's tree among those of its page, of shaders/shared/surfel_tree.wgsl.
     TreePlace {
-        origin_margin: Vec4, first_node: u32, end_node: u32, first_surfel: u32, class_mask: u32,
-        first_identity: u32, unused_0: u32, unused_1: u32, unused_2: u32,
+        origin_margin: Vec4, first_node: u32, end_node: u32, first_surfel: u32, first_identity: u32,
     }
     /// The maps of `cubemap_trace`; their middles follow. Of shaders/shared/cubemaps.wgsl.
     Cubes {

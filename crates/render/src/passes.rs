@@ -104,7 +104,7 @@ const fn page(runs: &'static str) -> [(&'static str, Slot); 8] {
         ("scalars", Read),
         ("items", Read),
         (runs, Read),
-        ("class_masks", Read),
+        ("shown", Read),
         ("palette", Read),
     ]
 }
@@ -204,7 +204,7 @@ passes! {
     }
     surfel_trace: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, places: Read, nodes: Read, surfels: Read,
-        order: Read, lists: Read, hits: ReadWrite, points: Read, class_masks: Read, views_out: Write(Rgba32Float),
+        order: Read, lists: Read, hits: ReadWrite, shown: Read, views_out: Write(Rgba32Float),
         counters: ReadWrite, rest: Read,
     }
     gather_resolve: Method over Pages {

@@ -289,7 +289,7 @@ impl<'a> Recorder<'a> {
             let Some(bindings) = bindings(page) else { continue };
             let mut switches = switches.to_vec();
             switches.push(("pixels_only", u32::from(list.pixels_only)));
-            switches.push(("filter_classes", u32::from(inputs.filter_classes)));
+            switches.push(("hides_points", u32::from(inputs.hides_points)));
             // A part of the list begins where bindings may.
             let together = list.blocks_per_workgroup;
             let alignment = self.gpu.device.limits().min_storage_buffer_offset_alignment.div_ceil(BLOCK_BYTES);

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use cloud::{Chunk, Progress, pack_radius};
+use cloud::{Chunk, PointTest, Progress, pack_radius};
 use glam::DVec3;
 use param::Kind;
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ pub(crate) struct Cast {
     has_highlights: bool,
     /// Whether light goes through mirrors with a formula, and through points.
     clear: [bool; 2],
-    /// Whether some classes are hidden.
+    /// Whether some points are hidden.
     filters: bool,
 }
 
@@ -179,8 +179,7 @@ impl Renderer {
         let mirrors = [(exact, false), (as_points, true)].into_iter().filter(|(is_there, _)| *is_there);
         let mirrors = mirrors.map(|(_, as_points)| mirror(as_points)).collect();
         if cast.filters {
-            let hidden_classes = [7].into();
-            store.set_visibility(&scene::Visibility { hidden_classes });
+            store.set_visibility(&PointTest::hiding([7]));
         }
         Ok((store, mirrors))
     }

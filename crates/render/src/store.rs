@@ -1,19 +1,22 @@
 //! The points on the GPU: pages of buffers, the chunks in them, and what each frame draws of them.
 //!
 //! A point takes 16 bytes that every splatting pass reads (position, radius, class), 8 more that are read only for
-//! visible points (colour, normal), and 4 for the attribute shown, while one is shown.
+//! visible points (colour, normal), 4 for the attribute shown, while one is shown, and a bit that says whether it is
+//! shown, while some points are hidden.
 
 pub(crate) mod draw_list;
 mod pages;
+mod shown;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, OnceLock};
 
-use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, PointTest, unpack_radius};
+use cloud::{Bounds, Chunk, Cloud, CloudLayout, Column, NO_NORMAL, PointTest, ShownPoints};
 use glam::DVec3;
 use pages::{PageBuffers, buffer, room_of};
 use rayon::prelude::*;
-use scene::{Mirror, Ramp, Settings, Splat, Visibility};
+use scene::{Mirror, Ramp, Settings, Splat};
+use shown::{Shown, shown_of};
 
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
 use crate::gpu::{Error, Gpu, Result};
@@ -83,39 +86,15 @@ struct StoredChunk {
     tint: Option<[u8; 4]>,
     /// The column in its scalars, and the value that was subtracted from them.
     scalars: Option<(usize, f64)>,
-    /// The points themselves, shared with the loader; without columns except that of the classes.
+    /// The points themselves, shared with the loader.
     points: Chunk,
+    /// The bounds of all its points, shown or not.
+    bounds: Bounds,
+    /// What its columns hold. No rule hides the points of a chunk without it: they stand for an object.
+    layout: Option<Arc<CloudLayout>>,
     /// A number that is different after each change of the points.
     revision: u64,
 }
-
-/// Figures of the shown points of a chunk.
-struct Shown {
-    points: u32,
-    bounds: Bounds,
-    /// The largest known splat radius in world units.
-    largest_radius: f32,
-    lacks_radii: bool,
-}
-
-impl Shown {
-    fn of(points: &Chunk, test: &PointTest) -> Self {
-        // Other columns need not be copied.
-        let chunk = Chunk { exact_positions: None, colors: None, normals: None, ..points.clone() };
-        let chunk = chunk.shown(CLASSES, test);
-        // Packed radii grow with the radius.
-        let largest = chunk.radii.as_ref().and_then(|radii| radii.iter().max());
-        Self {
-            points: chunk.len() as u32,
-            bounds: chunk.bounds(),
-            largest_radius: largest.and_then(|packed| unpack_radius(*packed)).unwrap_or(0.0),
-            lacks_radii: chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS)),
-        }
-    }
-}
-
-/// The index of the column in which chunks of the store have the classes of their points.
-const CLASSES: Option<usize> = Some(0);
 
 impl StoredChunk {
     /// The range of the page that it takes.
@@ -144,7 +123,7 @@ pub(crate) struct PlacedChunk<'a> {
     /// The radius of points whose own is not known yet, in world units.
     pub provisional_radius: f32,
     pub largest_radius: f32,
-    pub shown: ShownPoints<'a>,
+    pub shown: &'a ShownPoints,
 }
 
 /// A chunk of a cloud that is shown.
@@ -155,25 +134,7 @@ pub(crate) struct VisibleChunk<'a> {
     /// The radius of points whose own is not known yet, in world units.
     pub provisional_radius: f32,
     pub shown_points: usize,
-    pub shown: ShownPoints<'a>,
-}
-
-/// Tells which points of a chunk are shown.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct ShownPoints<'a> {
-    /// The classes of the points and the test of them, if the points have classes and the test hides any.
-    tested: Option<(&'a [u8], PointTest)>,
-}
-
-impl<'a> ShownPoints<'a> {
-    pub fn of(points: &'a Chunk, test: &PointTest) -> Self {
-        let classes = points.classes(CLASSES).filter(|_| !test.shows_all());
-        Self { tested: classes.map(|classes| (classes, *test)) }
-    }
-
-    pub fn has(&self, index: usize) -> bool {
-        self.tested.is_none_or(|(classes, test)| test.shows(Some(classes[index])))
-    }
+    pub shown: &'a ShownPoints,
 }
 
 fn next_revision() -> u64 {
@@ -284,11 +245,12 @@ impl PointStore {
         id
     }
 
-    /// Uploads a chunk. `classes` is the index of the column that holds the classes of its points, if it has one.
+    /// Uploads a chunk. `layout` says what its columns hold; points without one stand for an object, and are shown
+    /// whatever the visibility says.
     ///
     /// # Errors
     /// More points than a page holds, or no more memory.
-    pub fn add_chunk(&mut self, cloud: CloudId, chunk: &Chunk, classes: Option<usize>) -> Result<ChunkId> {
+    pub fn add_chunk(&mut self, cloud: CloudId, chunk: &Chunk, layout: Option<&Arc<CloudLayout>>) -> Result<ChunkId> {
         self.check_size(chunk.len())?;
         let (page, range) = self.allocate(chunk.len() as u32)?;
         let id = ChunkId(self.next_chunk);
@@ -300,14 +262,16 @@ impl PointStore {
                 page,
                 range,
                 origin: chunk.origin,
-                shown: Shown { points: 0, bounds: Bounds::EMPTY, largest_radius: 0.0, lacks_radii: true },
+                shown: Shown::of(&chunk.select(&[]), ShownPoints::None),
                 tint: None,
                 scalars: None,
                 points: Chunk::new(chunk.first_point, chunk.origin, Vec::new()),
+                bounds: Bounds::EMPTY,
+                layout: None,
                 revision: 0,
             },
         );
-        self.update_chunk(id, chunk, classes)?;
+        self.update_chunk(id, chunk, layout)?;
         Ok(id)
     }
 
@@ -318,7 +282,7 @@ impl PointStore {
     /// # Errors
     /// The chunk is not in the store, has more points than a page holds, or there is no more memory: then it is
     /// removed.
-    pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<usize>) -> Result<()> {
+    pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, layout: Option<&Arc<CloudLayout>>) -> Result<()> {
         self.fit(id, chunk.len())?;
         self.change();
         let stored = self.chunks.get_mut(&id).ok_or_else(not_stored)?;
@@ -327,12 +291,15 @@ impl PointStore {
         let has_same_looks = Arc::ptr_eq(&stored.points.positions, &chunk.positions)
             && is_same(&stored.points.colors, &chunk.colors)
             && is_same(&stored.points.normals, &chunk.normals);
-        let column = classes.and_then(|index| chunk.columns.get(index));
-        stored.points = Chunk { columns: column.cloned().into_iter().collect(), ..chunk.clone() };
-        stored.shown = Shown::of(&stored.points, &self.test);
-        stored.revision = self.revision;
-        let classes = chunk.classes(classes);
-        let page = &self.pages[stored.page];
+        stored.bounds = chunk.bounds();
+        let which = shown_of(&self.test, layout.map(Arc::as_ref), chunk, stored.bounds);
+        stored.shown = Shown::of(chunk, which);
+        (stored.points, stored.layout, stored.revision) = (chunk.clone(), layout.cloned(), self.revision);
+        let classes = chunk.classes(layout.and_then(|layout| layout.class_column()));
+        let page = &mut self.pages[stored.page];
+        if !self.test.shows_all() {
+            page.mark_shown(&self.gpu, stored.range.start, &stored.shown.words(chunk.len()));
+        }
         let first = u64::from(stored.range.start);
         let points: Vec<[u32; 4]> = (0..chunk.len())
             .map(|i| {
@@ -476,13 +443,31 @@ impl PointStore {
     }
 
     /// Sets which points of all clouds are shown.
-    pub fn set_visibility(&mut self, visibility: &Visibility) {
-        let test = visibility.test();
-        if self.test != test {
-            self.test = test;
-            self.change();
-            self.chunks.par_iter_mut().for_each(|(_, chunk)| chunk.shown = Shown::of(&chunk.points, &test));
+    pub fn set_visibility(&mut self, test: &PointTest) {
+        if self.test == *test {
+            return;
         }
+        self.test = test.clone();
+        self.change();
+        let changed = self.chunks.par_iter_mut().filter_map(|(_, chunk)| {
+            let which = shown_of(test, chunk.layout.as_deref(), &chunk.points, chunk.bounds);
+            if which != chunk.shown.which {
+                chunk.shown = Shown::of(&chunk.points, which);
+                return Some(&*chunk);
+            }
+            // A page that has no bits yet gets those of all its chunks.
+            Some(&*chunk).filter(|chunk| self.pages[chunk.page].shown.is_none())
+        });
+        let changed: Vec<&StoredChunk> = changed.collect();
+        if test.shows_all() {
+            self.pages.iter_mut().for_each(|page| page.shown = None);
+            return;
+        }
+        for chunk in changed {
+            let words = chunk.shown.words(chunk.points.len());
+            self.pages[chunk.page].mark_shown(&self.gpu, chunk.range.start, &words);
+        }
+        self.gpu.queue.submit([]);
     }
 
     /// Whether some points are hidden.
@@ -582,7 +567,7 @@ impl PointStore {
             } else {
                 chunk.shown.largest_radius
             },
-            shown: ShownPoints::of(&chunk.points, &self.test),
+            shown: &chunk.shown.which,
         })
     }
 
@@ -626,7 +611,7 @@ impl PointStore {
                 first_identity,
                 provisional_radius: cloud.provisional_radius,
                 shown_points: chunk.shown.points as usize,
-                shown: ShownPoints::of(&chunk.points, &self.test),
+                shown: &chunk.shown.which,
             })
         });
         let mut visible: Vec<_> = visible.collect();
@@ -642,7 +627,8 @@ impl PointStore {
     pub fn gpu_bytes(&self) -> u64 {
         let bytes = |page: &PageBuffers| {
             let scalars = if page.scalars.is_some() { SCALAR_BYTES } else { 0 };
-            u64::from(page.capacity()) * (POINT_BYTES + ATTRIBUTE_BYTES + scalars)
+            let shown = page.shown.as_ref().map_or(0, |shown| shown.size());
+            u64::from(page.capacity()) * (POINT_BYTES + ATTRIBUTE_BYTES + scalars) + shown
         };
         self.pages.iter().map(bytes).sum()
     }

@@ -11,13 +11,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use cloud::{Chunk, Cloud, Column, pack_normal, pack_radius};
+use cloud::{
+    Attribute, Chunk, ClipVolume, Cloud, CloudLayout, Column, ColumnType, PointTest, Volume, VolumeShape, pack_normal,
+    pack_radius,
+};
 use glam::{DMat3, DQuat, DVec3};
 use param::{Field, Group, Kind, Value};
 use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore};
-use scene::{
-    Camera, METHODS, Method, MethodRow, Mirror, MirrorSurface, Settings, Shape, SpotLight, Supply, Visibility,
-};
+use scene::{Camera, METHODS, Method, MethodRow, Mirror, MirrorSurface, Settings, Shape, SpotLight, Supply};
 
 use stage::Stage;
 
@@ -75,6 +76,18 @@ struct Scene {
     green: CloudId,
 }
 
+/// What the columns of chunks with a class hold.
+fn classified() -> Arc<CloudLayout> {
+    let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+    Arc::new(CloudLayout { attributes, grid: None })
+}
+
+/// A clip volume that keeps one side of an upright box.
+fn clip(middle: [f64; 3], size: [f64; 3], keeps_inside: bool) -> ClipVolume {
+    let volume = Volume::new(VolumeShape::Box, middle.into(), DQuat::IDENTITY, size.into());
+    ClipVolume { volume, keeps_inside }
+}
+
 /// The chunk with one class for all of its points.
 fn of_class(chunk: &Chunk, class: u8) -> Chunk {
     Chunk { columns: vec![Some(Arc::new(Column::U8(vec![class; chunk.len()])))], ..chunk.clone() }
@@ -94,7 +107,8 @@ fn scene_of(stage: &Stage, turn: DMat3, refraction: Option<f32>) -> Scene {
     let mut store = PointStore::new(stage.gpu.clone());
     let mut add = |chunks: Vec<(Chunk, u8)>, material| {
         let id = store.add_cloud(material);
-        let add = |(chunk, class): &(Chunk, u8)| store.add_chunk(id, &of_class(chunk, *class), Some(0)).unwrap();
+        let add =
+            |(chunk, class): &(Chunk, u8)| store.add_chunk(id, &of_class(chunk, *class), Some(&classified())).unwrap();
         let ids: Vec<_> = chunks.iter().map(add).collect();
         let cloud = Cloud { chunks: chunks.into_iter().map(|(chunk, _)| chunk).collect(), ..Cloud::default() };
         let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
@@ -356,12 +370,16 @@ fn hidden_points_are_never_reflected() {
         scene.store.set_visible(scene.green, false);
         let of_class = green(&scene);
         assert!(all > of_class && of_class > 0, "{}: {all}, {of_class} green pixels", method.name);
-        scene.store.set_visibility(&Visibility { hidden_classes: [GREEN_CLASS].into() });
-        assert_eq!(green(&scene), 0, "{}", method.name);
+        let clipped = PointTest::new([], Vec::new(), vec![clip([1.1, -2.6, -0.2], [1.45, 0.02, 2.05], false)]);
+        for test in [PointTest::hiding([GREEN_CLASS]), clipped] {
+            scene.store.set_visibility(&test);
+            assert_eq!(green(&scene), 0, "{}: {test:?}", method.name);
+        }
+        scene.store.set_visibility(&PointTest::hiding([GREEN_CLASS]));
         scene.store.set_visible(scene.green, true);
         let of_cloud = green(&scene);
         assert!(of_cloud > 0 && of_cloud < all, "{}: {of_cloud} of {all}", method.name);
-        scene.store.set_visibility(&Visibility::default());
+        scene.store.set_visibility(&PointTest::default());
         assert_eq!(green(&scene), all, "{}: what is shown again is reflected again", method.name);
     }
 }
@@ -392,17 +410,21 @@ fn hidden_points_leave_no_trace() {
     let far = wall(DVec3::new(30.0, 40.0, 20.0), [DVec3::X * 5.0, DVec3::Z * 5.0], GREEN);
     let cloud = scene.store.add_cloud(Material::default());
     for chunk in [near, far] {
-        scene.store.add_chunk(cloud, &of_class(&chunk, GREEN_CLASS + 1), Some(0)).unwrap();
+        scene.store.add_chunk(cloud, &of_class(&chunk, GREEN_CLASS + 1), Some(&classified())).unwrap();
     }
     for (method, (picture, ..)) in METHODS.iter().zip(&without) {
         assert!(render(&scene, method).0 != *picture, "{}: the points are seen", method.name);
     }
-    scene.store.set_visibility(&Visibility { hidden_classes: [GREEN_CLASS + 1].into() });
-    for (method, (picture, indirect, stats)) in METHODS.iter().zip(&without) {
-        let hidden = render(&scene, method);
-        assert!(hidden.0 == *picture, "{}", method.name);
-        assert!(hidden.1 == *indirect, "{}: indirect light", method.name);
-        assert_eq!(hidden.2.points_drawn, stats.points_drawn, "{}", method.name);
+    // All but the wall far away, and nothing of the near one.
+    let clips = vec![clip([0.0, -0.5, 0.0], [4.2, 4.4, 2.6], true), clip([0.0, 0.8, 0.0], [2.1, 0.1, 2.1], false)];
+    for test in [PointTest::hiding([GREEN_CLASS + 1]), PointTest::new([], Vec::new(), clips)] {
+        scene.store.set_visibility(&test);
+        for (method, (picture, indirect, stats)) in METHODS.iter().zip(&without) {
+            let hidden = render(&scene, method);
+            assert!(hidden.0 == *picture, "{}: {test:?}", method.name);
+            assert!(hidden.1 == *indirect, "{}: indirect light, {test:?}", method.name);
+            assert_eq!(hidden.2.points_drawn, stats.points_drawn, "{}: {test:?}", method.name);
+        }
     }
 }
 
@@ -430,13 +452,15 @@ fn what_is_kept_equals_what_is_made_anew() {
         settings.sun.sky = 1.0;
         (settings.gi.bounces, settings.gi.vpls, settings.gi.sky_lights, settings.gi.shadow_points) = (1, 16, 4, 256);
         type Change = fn(&mut Scene, &mut Settings);
-        let changes: [(&str, Change); 9] = [
+        let changes: [(&str, Change); 10] = [
             ("nothing", |_, _| ()),
             ("the tint", |_, settings| settings.mirror.tint = 0.5),
             ("the camera", |scene, _| scene.camera.orbit(0.02, 0.01)),
             ("a cloud less", |scene, _| scene.store.set_visible(scene.green, false)),
-            ("a class less", |scene, _| {
-                scene.store.set_visibility(&Visibility { hidden_classes: [GREEN_CLASS].into() })
+            ("a class less", |scene, _| scene.store.set_visibility(&PointTest::hiding([GREEN_CLASS]))),
+            ("a clip", |scene, _| {
+                let volumes = vec![clip([0.0; 3], [9.0, 9.0, 1.5], true)];
+                scene.store.set_visibility(&PointTest::new([GREEN_CLASS], Vec::new(), volumes))
             }),
             ("a mirror elsewhere", |scene, _| scene.mirrors[1].position.x += 0.1),
             ("another bounce", |_, settings| settings.reflection.bounces = 2),

@@ -7,11 +7,11 @@ mod stage;
 
 use std::sync::Arc;
 
-use cloud::{Attribute, Chunk, Cloud, Column, ColumnType, pack_normal, pack_radius};
+use cloud::{Attribute, Chunk, Cloud, CloudLayout, Column, ColumnType, PointTest, pack_normal, pack_radius};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use param::{Kind, Value};
 use render::{Aov, ColorPlan, Material, Objects, PointStore};
-use scene::{Camera, Settings, Visibility};
+use scene::{Camera, Settings};
 
 use stage::Stage;
 
@@ -267,7 +267,10 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
     let classes: Vec<u8> = (0..2_000).map(|i| if i % 2 == 0 { 2 } else { 200 }).collect();
     let mut chunk = chunk(&points, DVec3::ZERO);
     chunk.columns = vec![None, Some(Arc::new(Column::U8(classes)))];
-    store.add_chunk(cloud, &chunk, Some(1)).unwrap();
+    let attribute = |name: &str| Attribute { name: name.into(), column_type: ColumnType::U8 };
+    let attributes = vec![attribute("return_number"), attribute("classification")];
+    let layout = Arc::new(CloudLayout { attributes, grid: None });
+    store.add_chunk(cloud, &chunk, Some(&layout)).unwrap();
     let mut drawn = |store: &PointStore| {
         stage
             .renderer
@@ -276,7 +279,7 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
         stage.renderer.read_aov(Aov::Depth).unwrap().data.iter().filter(|depth| !depth.is_nan()).count()
     };
     let all = drawn(&store);
-    let hiding = |classes: &[u8]| Visibility { hidden_classes: classes.iter().copied().collect() };
+    let hiding = |classes: &[u8]| PointTest::hiding(classes.iter().copied());
     store.set_visibility(&hiding(&[200]));
     let half = drawn(&store);
     assert!(half > all / 3 && half < all * 3 / 4, "{half} of {all}");

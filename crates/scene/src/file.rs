@@ -10,6 +10,12 @@
 //! "splat.size" = 2.0
 //! [visibility]
 //! hidden_classes = [7, 18]
+//! filters = [{ attribute = "intensity", low = 100.0, high = 4000.0 }]
+//! [[clips]]                            # shown: inside at least one, if any keeps its inside; and outside the others
+//! shape = "box"                        # or "sphere", "slab", { prism = { points = [...], direction = [0, 0, 1] } }
+//! position = [5.0, 5.0, 1.5]
+//! size = [4.0, 3.0, 2.0]
+//! keep = "inside"                      # or "outside"
 //! [[mirrors]]
 //! name = "ball"
 //! shape = "sphere"                     # or { plane = { height = 0.75 } }, { mesh = "statue.ply" }, ...
@@ -44,10 +50,18 @@ use serde::{Deserialize, Serialize};
 use toml::de::DeTable;
 
 use crate::camera_path::PathProblem;
-use crate::{Camera, CameraPath, Mirror, MirrorPoints, Settings, Shape, SpotLight, Visibility, shown, whole_file};
+use crate::{
+    Camera, CameraPath, Clip, Mirror, MirrorPoints, Settings, Shape, SpotLight, Visibility, shown, whole_file,
+};
 
 /// The most mirrors of a scene. Each brings at least 20,000 points, and the reflection of each in each is searched for.
 pub const MOST_MIRRORS: usize = 64;
+
+/// The most clip volumes of a scene: every point is tested against each.
+pub const MOST_CLIPS: usize = 64;
+
+/// The most filters of a scene: every point is tested against each.
+const MOST_FILTERS: usize = 64;
 
 /// The most clouds of a scene: a process may have 1,024 files open. A folder of tiles is one cloud.
 const MOST_CLOUDS: usize = 1000;
@@ -91,6 +105,9 @@ pub struct SceneFile {
     /// Which points of the clouds are shown.
     #[serde(default, skip_serializing_if = "Visibility::shows_all")]
     pub visibility: Visibility,
+    /// The clip volumes, which say where points are shown.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub clips: Vec<Clip>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mirrors: Vec<Mirror>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -171,6 +188,8 @@ impl SceneFile {
         };
         let counts = [
             (self.clouds.len(), MOST_CLOUDS, "clouds"),
+            (self.visibility.filters.len(), MOST_FILTERS, "filters"),
+            (self.clips.len(), MOST_CLIPS, "clips"),
             (self.mirrors.len(), MOST_MIRRORS, "mirrors"),
             (self.mirror_points.len(), MOST_MIRROR_POINTS, "mirror_points"),
             (self.paths.len(), MOST_PATHS, "paths"),
@@ -179,13 +198,18 @@ impl SceneFile {
         if let Some((count, most, what)) = counts.into_iter().find(|(count, most, _)| count > most) {
             return Some(format!("{count} {what}, expected at most {most}"));
         }
+        let filters = self.visibility.filters.iter().enumerate();
+        let mut filters = filters.filter_map(|(i, filter)| numbered("filter", i, &filter.attribute, filter.problem()));
+        let clips = self.clips.iter().enumerate();
+        let mut clips = clips.filter_map(|(i, clip)| numbered("clip", i, &clip.name, clip.problem()));
         let mirrors = self.mirrors.iter().enumerate();
         let mut mirrors = mirrors.filter_map(|(i, mirror)| numbered("mirror", i, &mirror.name, mirror.problem()));
         let lights = self.lights.iter().enumerate();
         let mut lights = lights.filter_map(|(i, light)| numbered("light", i, "", light.problem()));
         let points = self.mirror_points.iter().enumerate();
         let mut points = points.filter_map(|(i, points)| numbered("mirror points", i, &points.cloud, points.problem()));
-        mirrors.next().or_else(|| lights.next()).or_else(|| points.next())
+        let mut rules = filters.by_ref().chain(clips.by_ref());
+        rules.next().or_else(|| mirrors.next()).or_else(|| lights.next()).or_else(|| points.next())
     }
 
     /// Reads the scene, and resolves its clouds and meshes: a name is a path beside the scene file if something is
@@ -376,6 +400,7 @@ mod tests {
         let file = SceneFile::parse(example).unwrap();
         assert_eq!((file.mirrors.len(), file.lights.len(), file.mirror_points.len()), (2, 1, 1));
         assert_eq!(file.visibility.hidden_classes, [7, 18].into());
+        assert_eq!((file.visibility.filters.len(), file.clips.len()), (1, 1));
         assert_eq!((file.paths.len(), file.paths[0].keyframes.len()), (1, 2));
         assert!(file.view().warnings.is_empty());
     }

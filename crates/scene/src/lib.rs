@@ -2,6 +2,7 @@
 
 mod camera;
 mod camera_path;
+mod clip;
 mod file;
 pub mod five_mirrors;
 mod light;
@@ -20,7 +21,8 @@ pub mod whole_file;
 
 pub use camera::{Camera, Projection, StandardView};
 pub use camera_path::{CameraPath, Keyframe};
-pub use file::{Error, MOST_MIRRORS, SceneFile, View};
+pub use clip::{Clip, ClipShape, Keep, Prism};
+pub use file::{Error, MOST_CLIPS, MOST_MIRRORS, SceneFile, View};
 pub use light::{LightClues, ResolvedLight, SpotLight};
 pub use method::{LATER_METHODS, METHODS, Method, MethodRow, RAY_TRACE, Supply};
 pub use mirror::{Mirror, REFRACTION, Shape, WATER};
@@ -38,4 +40,4 @@ pub use settings::{
     SurfaceBorders, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
-pub use visibility::Visibility;
+pub use visibility::{Filter, Visibility};

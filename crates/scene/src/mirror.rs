@@ -115,7 +115,7 @@ impl Shape {
 /// The linear grey of mirrors without a colour of their own, as seen where they do not reflect.
 pub const MIRROR_GREY: f32 = 0.5;
 
-fn identity() -> DQuat {
+pub(crate) fn identity() -> DQuat {
     DQuat::IDENTITY
 }
 
@@ -161,7 +161,7 @@ pub struct Mirror {
 }
 
 /// The tolerance of the length of a written quaternion: the precision of eight printed digits.
-const UNIT_TOLERANCE: f64 = 1e-4;
+pub(crate) const UNIT_TOLERANCE: f64 = 1e-4;
 
 /// The indices of refraction that are taken: from no other medium to one beyond every clear material.
 pub const REFRACTION: std::ops::RangeInclusive<f32> = 1.0..=4.0;

@@ -1,5 +1,5 @@
 //! Which points of the clouds are shown, in the form that is kept, saved and undone. The test of a point is
-//! `cloud::PointTest`, or on the GPU shaders/shared/visibility.wgsl.
+//! `cloud::PointTest`.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -8,6 +8,8 @@ use cloud::PointTest;
 use serde::de::{Error, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::Clip;
+
 /// `[visibility]` of a scene file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -15,20 +17,72 @@ pub struct Visibility {
     /// The classes whose points are hidden, in every cloud. Points without a class are shown.
     #[serde(default, deserialize_with = "classes")]
     pub hidden_classes: BTreeSet<u8>,
+    /// The ranges of attributes outside of which points are hidden. Points are shown that pass all of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub filters: Vec<Filter>,
+}
+
+/// Hides the points whose attribute is outside of a range; its ends are inside. A value that is not a number is in no
+/// range. Clouds without the attribute are shown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Filter {
+    /// The name of the attribute, as `glint info` gives it.
+    pub attribute: String,
+    #[serde(default = "lowest", skip_serializing_if = "is_infinite")]
+    pub low: f64,
+    #[serde(default = "highest", skip_serializing_if = "is_infinite")]
+    pub high: f64,
+}
+
+fn lowest() -> f64 {
+    f64::NEG_INFINITY
+}
+
+fn highest() -> f64 {
+    f64::INFINITY
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+fn is_infinite(end: &f64) -> bool {
+    end.is_infinite()
+}
+
+impl Filter {
+    /// Why it is not a valid filter, in words.
+    pub(crate) fn problem(&self) -> Option<String> {
+        let Self { attribute, low, high } = self;
+        // NaN fails the comparison.
+        let is_range = low <= high && *low < f64::INFINITY && *high > f64::NEG_INFINITY;
+        if attribute.is_empty() {
+            return Some("the attribute has no name".into());
+        }
+        (!is_range).then(|| format!("the range of {attribute} from {low} to {high} is empty"))
+    }
 }
 
 impl Visibility {
+    /// Whether neither classes nor filters hide a point.
     pub fn shows_all(&self) -> bool {
-        self.test().shows_all()
+        *self == Self::default()
     }
 
-    pub fn test(&self) -> PointTest {
-        PointTest::hiding(self.hidden_classes.iter().copied())
+    /// The test of points by these rules and by the clip volumes that are on.
+    pub fn test<'a>(&self, clips: impl IntoIterator<Item = &'a Clip>) -> PointTest {
+        let filter = |Filter { attribute, low, high }: &Filter| cloud::Filter {
+            attribute: attribute.clone(),
+            low: *low,
+            high: *high,
+        };
+        let volumes = clips.into_iter().filter(|clip| clip.on).map(Clip::volume);
+        let filters = self.filters.iter().map(filter);
+        PointTest::new(self.hidden_classes.iter().copied(), filters.collect(), volumes.collect())
     }
 
     /// Hides everything that `other` hides, too.
     pub fn hide(&mut self, other: &Self) {
         self.hidden_classes.extend(&other.hidden_classes);
+        self.filters.extend(other.filters.iter().cloned());
     }
 }
 
@@ -82,13 +136,14 @@ mod tests {
 
     #[test]
     fn hidden_classes_survive_the_text_and_nothing_is_written_where_all_is_shown() {
-        let visibility = Visibility { hidden_classes: [18, 0, 255, 7].into() };
+        let visibility = Visibility { hidden_classes: [18, 0, 255, 7].into(), ..Visibility::default() };
         let file = SceneFile { visibility, ..SceneFile::default() };
         assert_eq!(file.to_text(), "[visibility]\nhidden_classes = [0, 7, 18, 255]\n");
         assert_eq!(SceneFile::parse(&file.to_text()).unwrap(), file);
         assert_eq!(SceneFile::default().to_text(), "");
         let twice = SceneFile::parse("[visibility]\nhidden_classes = [7, 7]\n").unwrap().visibility;
-        assert!(!twice.test().shows(Some(7)) && twice.test().shows(Some(8)) && twice.test().shows(None));
+        let test = twice.test([]);
+        assert!(!test.shows_class(7) && test.shows_class(8));
         assert!(SceneFile::parse("[visibility]\n").unwrap().visibility.shows_all());
     }
 
@@ -108,5 +163,34 @@ mod tests {
         assert!(refusal("{ ground = 2 }").contains("expected a list of classes"));
         let unknown = SceneFile::parse("[visibility]\nhiden_classes = [7]\n").unwrap_err().to_string();
         assert!(unknown.contains("line 2") && unknown.contains("hiden_classes"), "{unknown}");
+    }
+
+    #[test]
+    fn filters_survive_the_text_and_odd_ones_are_refused_by_number() {
+        let filter = |attribute: &str, low, high| Filter { attribute: attribute.into(), low, high };
+        let filters = vec![
+            filter("intensity", 100.0, 4000.0),
+            filter("Deviation, 2nd", -0.1, f64::INFINITY),
+            filter("gps_time", f64::NEG_INFINITY, 1.0 / 3.0),
+        ];
+        let visibility = Visibility { filters, ..Visibility::default() };
+        let file = SceneFile { visibility, ..SceneFile::default() };
+        assert_eq!(SceneFile::parse(&file.to_text()).unwrap(), file, "{}", file.to_text());
+        let short = "[visibility]\nfilters = [{ attribute = \"intensity\", low = 100, high = 4000.0 }]\n";
+        assert_eq!(SceneFile::parse(short).unwrap().visibility.filters, file.visibility.filters[..1]);
+        let refusal = |odd: &str| {
+            let text = format!("[visibility]\nfilters = [{{ attribute = \"a\" }}, {odd}]\n");
+            SceneFile::parse(&text).unwrap_err().to_string()
+        };
+        for (odd, problem) in [
+            ("{ attribute = \"b\", low = 2.0, high = 1.0 }", "filter 2 (`b`): the range of b from 2 to 1 is empty"),
+            ("{ attribute = \"b\", low = nan }", "is empty"),
+            ("{ attribute = \"b\", low = inf }", "is empty"),
+            ("{ attribute = \"\", low = 1.0 }", "has no name"),
+            ("{ low = 1.0 }", "attribute"),
+            ("{ attribute = \"b\", least = 1.0 }", "least"),
+        ] {
+            assert!(refusal(odd).contains(problem), "{odd}: {}", refusal(odd));
+        }
     }
 }

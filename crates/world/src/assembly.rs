@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk, Cloud, Column, Surfels};
+use cloud::{Bounds, Chunk, Cloud, CloudLayout, Column, Surfels};
 use glam::DVec3;
 use stream::Octree;
 
@@ -92,7 +92,7 @@ impl Assembly {
                 self.chunk_bounds.insert(index, bounds);
             }
         }
-        Change::Put { key: self.key.chunk(part), chunk, classes: self.cloud.class_column() }
+        Change::Put { key: self.key.chunk(part), chunk, layout: self.layout() }
     }
 
     /// Removes a chunk; returns `None` if the cloud does not have it.
@@ -139,20 +139,25 @@ impl Assembly {
         self.puts()
     }
 
-    /// Adds a column that was read after the points, by the first records of the chunks. The changes upload the
-    /// classes; other columns are shown by the next `Change::Color`.
+    /// Adds a column that was read after the points, by the first records of the chunks. The changes tell the GPU of it;
+    /// its colours are shown by the next `Change::Color`.
     pub fn put_late_column(&mut self, attribute: usize, columns: BTreeMap<u64, Arc<Column>>) -> Vec<Change> {
         for chunk in &mut self.cloud.chunks {
             put_column(chunk, attribute, &columns);
         }
         self.late_columns.insert(attribute, columns);
-        if self.cloud.class_column() == Some(attribute) { self.puts() } else { Vec::new() }
+        self.puts()
     }
 
     fn puts(&self) -> Vec<Change> {
-        let classes = self.cloud.class_column();
-        let put = |(part, chunk)| Change::Put { key: self.key.chunk(part), chunk, classes };
+        let layout = self.layout();
+        let put = |(part, chunk)| Change::Put { key: self.key.chunk(part), chunk, layout: layout.clone() };
         self.chunks().into_iter().map(put).collect()
+    }
+
+    /// What the test of its points needs to know.
+    pub fn layout(&self) -> Arc<CloudLayout> {
+        Arc::new(self.cloud.layout())
     }
 
     /// All changes that put the cloud on the GPU, in a fixed order.
@@ -239,7 +244,8 @@ mod tests {
         let mut cloud = opened();
         for part in [Part::Node(NodeId(2)), Part::Preview(0), Part::Node(NodeId(0))] {
             let change = cloud.put(part, classes(0, &[1, 2]));
-            assert!(matches!(change, Change::Put { key, classes: Some(0), .. } if key == CloudKey(3).chunk(part)));
+            assert!(matches!(change, Change::Put { key, layout, .. }
+                if key == CloudKey(3).chunk(part) && layout.class_column() == Some(0)));
         }
         let parts = |cloud: &Assembly| cloud.chunk_bounds().map(|(part, _)| part).collect::<Vec<_>>();
         assert_eq!(parts(&cloud), [Part::Preview(0), Part::Node(NodeId(0)), Part::Node(NodeId(2))]);
@@ -257,7 +263,7 @@ mod tests {
         let bare = |first_point| Chunk { columns: Vec::new(), ..classes(first_point, &[0]) };
         cloud.put(Part::Block(0), bare(0));
         let columns = [0, 1].map(|first| (first, Arc::new(Column::U8(vec![first as u8 + 7]))));
-        assert_eq!(cloud.put_late_column(0, columns.into()).len(), 1, "classes are sent again");
+        assert_eq!(cloud.put_late_column(0, columns.into()).len(), 1, "the chunk is sent again");
         cloud.put(Part::Block(1), bare(1));
         for (block, class) in [(0, 7), (1, 8)] {
             let column = cloud.chunk(Part::Block(block)).and_then(|chunk| chunk.columns[0].clone());

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk};
+use cloud::{Bounds, Chunk, CloudLayout, PointTest};
 use glam::DVec3;
 use render::ColorPlan;
-use scene::{Mirror, Visibility};
+use scene::Mirror;
 
 use crate::chunk_key::{ChunkKey, CloudKey, Part};
 use crate::mirrors::Marked;
@@ -25,12 +25,11 @@ pub enum Change {
         cloud: CloudKey,
         bounds: Bounds,
     },
-    /// Adds the chunk, or replaces the one with the same key. `classes` is the index of the column that holds the
-    /// classes.
+    /// Adds the chunk, or replaces the one with the same key.
     Put {
         key: ChunkKey,
         chunk: Chunk,
-        classes: Option<usize>,
+        layout: Arc<CloudLayout>,
     },
     TakeOut {
         key: ChunkKey,
@@ -52,13 +51,13 @@ pub enum Change {
     },
     /// Sets which points of all clouds are shown.
     Visibility {
-        visibility: Visibility,
+        test: PointTest,
     },
     /// Sets which points of a cloud reflect, by lists for these chunks; they become clouds of their own on the GPU.
     Mark {
         cloud: CloudKey,
         chunks: Vec<(Part, Chunk)>,
-        classes: Option<usize>,
+        layout: Arc<CloudLayout>,
         marked: Arc<Vec<Marked>>,
     },
     /// Adds the points that represent a mirror, or replaces those with the same key.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
-use cloud::Bounds;
+use cloud::{Bounds, Cover, PointTest};
 use glam::DVec2;
 use scene::{Projection, Settings};
 use stream::{
@@ -254,15 +254,26 @@ impl Director {
             })
             .collect();
         let detail = f64::from(stream.detail);
+        let first_test = || self.mailbox.first_test();
+        let test = self.viewpoint.as_ref().map_or_else(first_test, |viewpoint| viewpoint.test.clone());
+        let is_clipped = |node: &Node| shows_nothing(&test, node.bounds);
         let cut = |budget: Budget| match self.viewpoint.as_ref().map(measure) {
             Some(measure) => {
-                choose(&trees, |_, octree: &Octree, node: &Node| measure.pixels(octree, node), budget, detail)
+                let pixels = |octree: &Octree, node: &Node| match is_clipped(node) {
+                    true => 0.0,
+                    false => measure.pixels(octree, node),
+                };
+                choose(&trees, |_, octree: &Octree, node: &Node| pixels(octree, node), budget, detail)
             }
             None => {
                 let all = trees.iter().filter_map(|tree| tree.octree.nodes.first());
                 let all = all.fold(Bounds::EMPTY, |all, root| all.union(root.bounds));
                 let scale = WIDTH_UNSEEN / all.size().max_element().max(f64::MIN_POSITIVE);
-                choose(&trees, |_, octree, node| octree.spacing_at(node.level) * scale, budget, detail)
+                let pixels = |octree: &Octree, node: &Node| match is_clipped(node) {
+                    true => 0.0,
+                    false => octree.spacing_at(node.level) * scale,
+                };
+                choose(&trees, |_, octree, node| pixels(octree, node), budget, detail)
             }
         };
         let wanted = cut(budget(CUT_SHARE));
@@ -393,6 +404,13 @@ fn demand(cut: &[Wanted], trees: &[Tree], budget: Budget) -> f64 {
     share(points, budget.points).max(share(bytes + 2 * largest, budget.bytes)).min(1.0)
 }
 
+/// Whether a test shows no point in the bounds of a node. Its points are decoded a little beside their places.
+fn shows_nothing(test: &PointTest, bounds: Bounds) -> bool {
+    let rounding = bounds.size().max_element() * f64::from(f32::EPSILON);
+    let bounds = Bounds { min: bounds.min - rounding, max: bounds.max + rounding };
+    test.cover(bounds) == Cover::Outside
+}
+
 /// The measure of how large places appear in a view.
 fn measure(viewpoint: &StreamView) -> ViewMeasure {
     let StreamView { camera, size: [width, height], view, stream, .. } = viewpoint;
@@ -490,6 +508,7 @@ mod tests {
                     stream,
                     mirrors: Vec::new(),
                     hidden,
+                    test: PointTest::default(),
                     share,
                     is_alone: false,
                 })

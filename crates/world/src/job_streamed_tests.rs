@@ -56,6 +56,7 @@ fn viewpoint(settings: &Settings) -> StreamView {
         stream,
         mirrors: Vec::new(),
         hidden: Default::default(),
+        test: Default::default(),
         share: 1.0,
         is_alone: false,
     }

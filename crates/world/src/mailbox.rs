@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use cloud::SurfelOptions;
+use cloud::{PointTest, SurfelOptions};
 use scene::{Camera, Stream, ViewSettings};
 use stream::{MirrorBound, Pages};
 
@@ -26,6 +26,8 @@ pub struct StreamView {
     pub mirrors: Vec<MirrorBound>,
     /// The clouds that are not shown, by the job's own numbers.
     pub hidden: BTreeSet<usize>,
+    /// Decides which points are shown: nodes without any are not wanted.
+    pub test: PointTest,
     /// The share of the job's budgets that may be used, 0 to 1.
     pub share: f64,
     /// Whether it is shown as the first view would be: what only earlier views needed goes, so that the points that are
@@ -44,6 +46,8 @@ pub struct Mailbox {
 struct Mail {
     /// The latest view, with its number.
     view: Option<(u64, StreamView)>,
+    /// Decides which points are shown until the first view.
+    first_test: PointTest,
     /// The requests for the streaming thread.
     stream_requests: Vec<StreamRequest>,
     /// The requests for the thread that makes indexes.
@@ -112,6 +116,15 @@ impl Mailbox {
         mail.view = Some((number, view));
         self.notify(&mut mail);
         number
+    }
+
+    /// Sets which points are shown until the first view.
+    pub fn set_first_test(&self, test: PointTest) {
+        self.mail().first_test = test;
+    }
+
+    pub(crate) fn first_test(&self) -> PointTest {
+        self.mail().first_test.clone()
     }
 
     /// Stops streaming a cloud of the job.

@@ -23,16 +23,11 @@ const LOOKED_AT: usize = 61;
 pub fn area_per_point<'a>(clouds: impl Iterator<Item = &'a Cloud>, test: &PointTest) -> f64 {
     let mut radii: Vec<u16> = Vec::new();
     for cloud in clouds {
-        let column = cloud.class_column().filter(|_| !test.shows_all());
+        let test = cloud.test(test);
         for chunk in &cloud.chunks {
             let Some(own) = &chunk.radii else { continue };
-            match chunk.classes(column) {
-                Some(classes) => {
-                    let shown = own.iter().zip(classes).filter(|(_, class)| test.shows(Some(**class)));
-                    radii.extend(shown.map(|(radius, _)| radius).step_by(LOOKED_AT));
-                }
-                None => radii.extend(own.iter().step_by(LOOKED_AT)),
-            }
+            let shown = test.shown(chunk, chunk.bounds());
+            radii.extend(shown.indices(own.len()).map(|index| own[index]).step_by(LOOKED_AT));
         }
     }
     let middle = radii.len() / 2;
@@ -127,14 +122,14 @@ pub fn part(chunk: &Chunk, index: usize, marked: &[Marked]) -> Parted {
 /// Divides the shown points of a cloud: first those that reflect nothing, then the points of each list, without empty
 /// chunks.
 pub fn parts(cloud: &Cloud, marked: &[Marked], test: &PointTest) -> Vec<(Material, Vec<Chunk>)> {
-    let classes = cloud.class_column();
+    let test = cloud.test(test);
     let materials = std::iter::once(Material::default()).chain(marked.iter().map(|marked| marked.material));
     let mut parts: Vec<(Material, Vec<Chunk>)> = materials.map(|material| (material, Vec::new())).collect();
     for (index, chunk) in cloud.chunks.iter().enumerate() {
         let Parted { rest, reflecting } = part(chunk, index, marked);
         let taken = std::iter::once(rest).chain(reflecting.into_iter().map(|(taken, _)| taken));
         for ((_, chunks), part) in parts.iter_mut().zip(taken) {
-            let shown = part.shown(classes, test);
+            let shown = part.shown(&test);
             chunks.extend((!shown.is_empty()).then_some(shown));
         }
     }

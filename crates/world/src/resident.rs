@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud};
+use cloud::{Chunk, Cloud, CloudLayout};
 use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, ColorSource, Gpu, Material, PointStore, Result};
 
@@ -102,7 +102,7 @@ impl Resident {
                     self.store.set_bounds(resident.id, bounds);
                 }
             }
-            Change::Put { key, chunk, classes } => return self.put(key, chunk, classes),
+            Change::Put { key, chunk, layout } => return self.put(key, chunk, &layout),
             Change::TakeOut { key } => {
                 let chunks = self.clouds.get_mut(&key.cloud).map(|resident| &mut resident.chunks);
                 if let Some(id) = chunks.and_then(|chunks| chunks.remove(&key.part)) {
@@ -134,8 +134,8 @@ impl Resident {
                     resident.ids().for_each(|id| self.store.set_visible(id, is_visible));
                 }
             }
-            Change::Visibility { visibility } => self.store.set_visibility(&visibility),
-            Change::Mark { cloud, chunks, classes, marked } => return self.mark(cloud, &chunks, classes, &marked),
+            Change::Visibility { test } => self.store.set_visibility(&test),
+            Change::Mark { cloud, chunks, layout, marked } => return self.mark(cloud, &chunks, &layout, &marked),
             Change::Mirror { cloud, mirror, samples } => {
                 self.close(cloud);
                 let (id, ids) = mirrors::upload(&mut self.store, &mirror, &samples)?;
@@ -168,11 +168,11 @@ impl Resident {
         Some((*key, index))
     }
 
-    fn put(&mut self, key: ChunkKey, chunk: Chunk, classes: Option<usize>) -> Result<()> {
+    fn put(&mut self, key: ChunkKey, chunk: Chunk, layout: &Arc<CloudLayout>) -> Result<()> {
         let Some(resident) = self.clouds.get_mut(&key.cloud) else { return Ok(()) };
         let id = match resident.chunks.get(&key.part) {
             Some(&id) => {
-                if let Err(error) = self.store.update_chunk(id, &chunk, classes) {
+                if let Err(error) = self.store.update_chunk(id, &chunk, Some(layout)) {
                     // The chunk has no points left, or the store's chunk does not fit any more.
                     self.store.remove_chunk(id);
                     resident.chunks.remove(&key.part);
@@ -183,7 +183,7 @@ impl Resident {
             }
             None if self.is_full => return Ok(()),
             None => {
-                let added = self.store.add_chunk(resident.id, &chunk, classes);
+                let added = self.store.add_chunk(resident.id, &chunk, Some(layout));
                 let id = added.inspect_err(|_| self.is_full = true)?;
                 resident.chunks.insert(key.part, id);
                 self.origins.insert(id, (key, None));
@@ -205,7 +205,7 @@ impl Resident {
         &mut self,
         cloud: CloudKey,
         chunks: &[(Part, Chunk)],
-        classes: Option<usize>,
+        layout: &Arc<CloudLayout>,
         marked: &[Marked],
     ) -> Result<()> {
         let Some(resident) = self.clouds.get_mut(&cloud) else { return Ok(()) };
@@ -221,12 +221,12 @@ impl Resident {
         for (index, (part, chunk)) in chunks.iter().enumerate() {
             let Some(id) = resident.chunks.get(part) else { continue };
             let parted = mirrors::part(chunk, index, marked);
-            self.store.update_chunk(*id, &parted.rest, classes)?;
+            self.store.update_chunk(*id, &parted.rest, Some(layout))?;
             for (reflecting, (taken, indices)) in resident.reflecting.iter_mut().zip(parted.reflecting) {
                 if taken.is_empty() {
                     continue;
                 }
-                let id = self.store.add_chunk(reflecting.id, &taken, classes)?;
+                let id = self.store.add_chunk(reflecting.id, &taken, Some(layout))?;
                 self.origins.insert(id, (cloud.chunk(*part), Some(indices.clone())));
                 reflecting.chunks.insert(*part, (id, indices));
             }

@@ -4,7 +4,10 @@ use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use scene::{CameraPath, Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, Visibility, five_mirrors, shown};
+use cloud::PointTest;
+use scene::{
+    CameraPath, Clip, Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, Visibility, five_mirrors, shown,
+};
 
 use crate::error::{Error, Result};
 
@@ -61,8 +64,9 @@ pub struct Request {
     pub mirror_points: Vec<MirrorPoints>,
     /// The lights of scene files.
     pub lights: Vec<SpotLight>,
-    /// Which points are shown: classes that one scene file hides are hidden in all clouds.
+    /// Which points are shown: what one scene file hides is hidden in all clouds.
     pub visibility: Visibility,
+    pub clips: Vec<Clip>,
     /// The camera paths of scene files. Of paths with the same name the last one counts.
     pub paths: Vec<CameraPath>,
     pub warnings: Vec<String>,
@@ -109,8 +113,13 @@ impl Request {
         (self.lights.is_empty() && self.inputs.iter().any(is_built_in)).then(five_mirrors::light)
     }
 
-    /// Applies a view to the scene that it belongs to: the view's lights replace all lights, its hidden classes replace
-    /// the hidden classes, and its mirrors and marked points replace those of the same name.
+    /// Decides which points are shown.
+    pub fn test(&self) -> PointTest {
+        self.visibility.test(&self.clips)
+    }
+
+    /// Applies a view to the scene that it belongs to: the view's lights replace all lights, its visibility and its clips
+    /// replace those of the scene, and its mirrors and marked points replace those of the same name.
     pub fn refurnish(&mut self, file: &SceneFile) {
         if !file.lights.is_empty() {
             self.lights.clear();
@@ -118,13 +127,16 @@ impl Request {
         if !file.visibility.shows_all() {
             self.visibility = Visibility::default();
         }
+        if !file.clips.is_empty() {
+            self.clips.clear();
+        }
         let is_same = |a: &Mirror, b: &Mirror| a == b || (!a.name.is_empty() && a.name == b.name);
         self.mirrors.retain(|known| !file.mirrors.iter().any(|mirror| is_same(known, mirror)));
         self.mirror_points.retain(|known| !file.mirror_points.contains(known));
         self.furnish(file);
     }
 
-    /// Adds the mirrors, lights and paths of a scene file, and hides what it hides.
+    /// Adds the mirrors, lights, clips and paths of a scene file, and hides what it hides.
     pub fn furnish(&mut self, file: &SceneFile) {
         self.paths.retain(|known| !file.paths.iter().any(|path| path.name == known.name));
         self.paths.extend(file.paths.iter().cloned());
@@ -132,6 +144,7 @@ impl Request {
         self.mirror_points.extend(file.mirror_points.iter().cloned());
         self.lights.extend(file.lights.iter().copied());
         self.visibility.hide(&file.visibility);
+        self.clips.extend(file.clips.iter().cloned());
         for input in &mut self.inputs {
             if let Input::BuiltIn { without, .. } = input {
                 without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));

@@ -21,7 +21,7 @@ impl Loaded {
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
             let basis = Basis {
                 color: color.clone(),
-                visibility: beside.scene.objects.visibility.clone(),
+                test: beside.scene.objects.test(),
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
                 late_columns: entry.late_columns(),
@@ -30,7 +30,7 @@ impl Loaded {
             if entry.figures_basis.as_ref() != Some(&basis) {
                 entry.figures_under_way = true;
                 let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
-                let is_same = |old: &Basis| old.color == basis.color && old.visibility == basis.visibility;
+                let is_same = |old: &Basis| old.color == basis.color && old.test == basis.test;
                 let same_color = entry.figures_basis.as_ref().is_some_and(is_same);
                 // The ramp of a streamed cloud must not change with the points that happen to be loaded.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
@@ -58,7 +58,7 @@ impl Loaded {
             old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
         });
         // The camera stays where it is when someone hides points.
-        let same_visibility = entry.figures_basis.as_ref().is_none_or(|old| old.visibility == basis.visibility);
+        let same_visibility = entry.figures_basis.as_ref().is_none_or(|old| old.test == basis.test);
         // Chunks of streamed clouds are coloured when they arrive.
         let same_points = same_points || entry.is_indexed();
         entry.figures_basis = Some(basis);

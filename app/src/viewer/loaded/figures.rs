@@ -1,15 +1,14 @@
 //! What a worker thread computes for a cloud: its colours, the histogram, its classes, and the box to frame.
 
-use cloud::{Bounds, Cloud};
+use cloud::{Bounds, Cloud, PointTest};
 use glam::DVec3;
 use render::ColorPlan;
-use scene::Visibility;
 
 /// What the figures depend on. When it changes, new figures are requested.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Basis {
     pub color: scene::Color,
-    pub visibility: Visibility,
+    pub test: PointTest,
     /// How often the number of points has doubled while loading. Figures are renewed at each doubling, not for each
     /// chunk.
     pub doublings: u32,
@@ -39,8 +38,8 @@ pub struct Figures {
 const HISTOGRAM_BINS: usize = 128;
 
 impl Figures {
-    pub fn of(cloud: &Cloud, color: &scene::Color, visibility: &Visibility, up: DVec3) -> Self {
-        let shown = cloud.shown(&visibility.test());
+    pub fn of(cloud: &Cloud, color: &scene::Color, test: &PointTest, up: DVec3) -> Self {
+        let shown = cloud.shown(test);
         let (plan, warning) = ColorPlan::new(&shown, color, up);
         let histogram = plan.histogram(&shown, up, HISTOGRAM_BINS);
         let bounds = cloud::robust_bounds(&shown.chunks);
@@ -49,8 +48,8 @@ impl Figures {
     }
 
     /// Counts the loaded points of a cloud again; colours and bounds stay.
-    pub fn recounted(self, cloud: &Cloud, visibility: &Visibility, up: DVec3) -> Self {
-        let histogram = self.plan.histogram(&cloud.shown(&visibility.test()), up, HISTOGRAM_BINS);
+    pub fn recounted(self, cloud: &Cloud, test: &PointTest, up: DVec3) -> Self {
+        let histogram = self.plan.histogram(&cloud.shown(test), up, HISTOGRAM_BINS);
         Self { histogram, classes: classes(cloud), ..self }
     }
 }
@@ -115,15 +114,14 @@ mod tests {
         let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
         let color = scene::Color { by: scene::ColorBy::Height, ..scene::Color::default() };
         let of = |hidden_classes: &[u8]| {
-            let visibility = Visibility { hidden_classes: hidden_classes.iter().copied().collect() };
-            Figures::of(&cloud, &color, &visibility, DVec3::Z)
+            Figures::of(&cloud, &color, &PointTest::hiding(hidden_classes.iter().copied()), DVec3::Z)
         };
         let (all, some, none) = (of(&[]), of(&[7]), of(&[2, 7]));
         assert_eq!((all.bounds.max, some.bounds.max), (DVec3::splat(39.0), DVec3::splat(29.0)));
         assert_eq!((all.plan.full_range.1, some.plan.full_range.1), (39.0, 29.0));
         assert!(none.bounds.is_empty() && none.outline.is_empty());
         assert_eq!(some.classes, [(2, 30), (7, 10)]);
-        let again = all.recounted(&cloud, &Visibility { hidden_classes: [2].into() }, DVec3::Z);
+        let again = all.recounted(&cloud, &PointTest::hiding([2]), DVec3::Z);
         assert_eq!(again.histogram.iter().sum::<u32>(), 10);
     }
 }

@@ -84,7 +84,7 @@ impl Loaded {
             return;
         }
         self.refuse_marking_streamed(beside);
-        let (clouds, test) = (&self.clouds, beside.scene.objects.visibility.test());
+        let (clouds, test) = (&self.clouds, beside.scene.objects.test());
         let area_per_point = *self
             .samples
             .area_per_point
@@ -151,9 +151,9 @@ impl Loaded {
             Ok(Some(marked)) => {
                 let marked = Arc::new(marked);
                 (entry.marked, entry.marks) = (wanted, marked.clone());
-                let (chunks, classes, name) = (entry.chunks(), entry.cloud.class_column(), entry.cloud.name.clone());
+                let (chunks, layout, name) = (entry.chunks(), entry.layout(), entry.cloud.name.clone());
                 let count: u64 = marked.iter().map(|marked| marked.count).sum();
-                beside.outside.change(Change::Mark { cloud: key, chunks, classes, marked });
+                beside.outside.change(Change::Mark { cloud: key, chunks, layout, marked });
                 beside.frames.points_changed();
                 beside.outside.log(json!({ "event": "marked", "name": name, "points": count }));
             }

@@ -13,9 +13,9 @@ pub mod streams;
 use std::sync::Arc;
 use std::time::Instant;
 
-use cloud::Progress;
+use cloud::{PointTest, Progress};
 use glam::DVec3;
-use scene::{Mirror, MirrorPoints, Visibility};
+use scene::{Mirror, MirrorPoints};
 use world::{CloudKey, Input, Mailbox};
 
 use crate::viewer::frames::Frames;
@@ -44,9 +44,9 @@ pub struct Loaded {
     pub cache_size: Option<u64>,
     /// True while streamed points are coloured by level.
     pub levels_are_shown: bool,
-    /// The number of points and the visibility that the render thread was last told.
+    /// The number of points and the test of what is shown that the render thread was last told.
     pub expected_points: u64,
-    pub drawn_visibility: Visibility,
+    pub drawn_test: PointTest,
     next_cloud: u32,
     next_job: u32,
 }

@@ -82,7 +82,7 @@ impl Loaded {
         beside.outside.change(change);
         if let Some((cloud, chunks, up)) = uncolored {
             // Points that are drawn before the figures are known have colours, too.
-            let shown = cloud.shown(&beside.scene.objects.visibility.test());
+            let shown = cloud.shown(&beside.scene.objects.test());
             let (plan, _) = ColorPlan::new(&shown, &beside.scene.settings.color, up);
             if plan.missing_column(&cloud).is_none() {
                 beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
@@ -237,6 +237,7 @@ impl Loaded {
         beside.scene.rewrite_objects(|objects| {
             if is_last {
                 objects.visibility = Visibility::default();
+                objects.clips.clear();
             }
             objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
             objects.no_guess &= !is_last;
@@ -276,10 +277,10 @@ impl Loaded {
 
     /// Updates the render thread to the current visibility. Called before each frame is requested.
     pub fn sync_visibility(&mut self, beside: &mut Beside<'_>) {
-        let visibility = &beside.scene.objects.visibility;
-        if *visibility != self.drawn_visibility {
-            self.drawn_visibility = visibility.clone();
-            beside.outside.change(Change::Visibility { visibility: self.drawn_visibility.clone() });
+        let test = beside.scene.objects.test();
+        if test != self.drawn_test {
+            self.drawn_test = test.clone();
+            beside.outside.change(Change::Visibility { test });
             self.samples.area_per_point = None;
             beside.frames.points_changed();
         }

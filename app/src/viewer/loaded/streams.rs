@@ -124,16 +124,16 @@ impl Loaded {
         let (camera, size, stream) =
             (beside.scene.camera, beside.scene.view_size, beside.scene.settings.stream.clone());
         let mirrors: Vec<_> = beside.mirrors().map(|(_, mirror)| world::mirrors::bound(mirror)).collect();
-        let is_alone = beside.is_recorded;
+        let (test, is_alone) = (beside.scene.objects.test(), beside.is_recorded);
         let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
         let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
         let hidden: Vec<BTreeSet<usize>> = streaming().map(|job| self.hidden(job)).collect();
         let jobs = self.jobs.iter_mut().filter(|job| job.has_streamed);
         for (job, (hidden, share)) in jobs.zip(hidden.into_iter().zip(shares(&demands))) {
-            let (view, stream, mirrors) = (view.clone(), stream.clone(), mirrors.clone());
+            let (view, stream, mirrors, test) = (view.clone(), stream.clone(), mirrors.clone(), test.clone());
             job.share = share;
-            job.look =
-                job.mailbox.set_view(StreamView { camera, size, view, stream, mirrors, hidden, share, is_alone });
+            let view = StreamView { camera, size, view, stream, mirrors, hidden, test, share, is_alone };
+            job.look = job.mailbox.set_view(view);
         }
     }
 
@@ -479,8 +479,8 @@ mod tests {
             });
             let Some((key, cloud, basis, up, kept)) = asked else { return false };
             let figures = match kept {
-                Some(kept) => kept.recounted(&cloud, &basis.visibility, up),
-                None => crate::viewer::loaded::figures::Figures::of(&cloud, &basis.color, &basis.visibility, up),
+                Some(kept) => kept.recounted(&cloud, &basis.test, up),
+                None => crate::viewer::loaded::figures::Figures::of(&cloud, &basis.color, &basis.test, up),
             };
             session.on_found(Found::Figures { key, basis, figures: Box::new(figures) });
             true

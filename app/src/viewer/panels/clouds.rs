@@ -99,7 +99,7 @@ mod tests {
         session.with_loaded(Loaded::renew_figures);
         for effect in std::mem::take(&mut session.outside.effects) {
             if let Effect::Work(Work::FindFigures { key, cloud, basis, up, .. }) = effect {
-                let figures = Box::new(Figures::of(&cloud, &basis.color, &basis.visibility, up));
+                let figures = Box::new(Figures::of(&cloud, &basis.color, &basis.test, up));
                 session.on_found(Found::Figures { key, basis, figures });
             }
         }

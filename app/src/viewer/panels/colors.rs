@@ -178,7 +178,7 @@ fn class_list(ui: &mut Ui, session: &Session, classes: &BTreeMap<u8, u64>, actio
         });
     });
     for (class, count) in classes {
-        let visible = session.scene.objects.visibility.test().shows(Some(*class));
+        let visible = !session.scene.objects.visibility.hidden_classes.contains(class);
         let name = class_name(*class);
         let name = if name.is_empty() { "user-defined or reserved" } else { name };
         ui.horizontal(|ui| {

@@ -226,9 +226,9 @@ mod tests {
         });
         session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Finished, beside));
         let (key, cloud) = (session.loaded.clouds[0].key, session.loaded.clouds[0].cloud.clone());
-        let (color, visibility) = (session.scene.settings.color.clone(), session.scene.objects.visibility.clone());
-        let figures = Box::new(Figures::of(&cloud, &color, &visibility, DVec3::Z));
-        let basis = Basis { color, visibility, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
+        let (color, test) = (session.scene.settings.color.clone(), session.scene.objects.test());
+        let figures = Box::new(Figures::of(&cloud, &color, &test, DVec3::Z));
+        let basis = Basis { color, test, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
         session.on_found(Found::Figures { key, basis, figures });
         session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
         session

@@ -5,7 +5,9 @@
 //! The surface under the cursor is found by following the sight line through the points, on a worker thread. The
 //! picture cannot tell it, since it shows the mirror in front of the surface.
 
-use cloud::{Bounds, Chunk, PointTest, unpack_normal, unpack_radius};
+use std::sync::Arc;
+
+use cloud::{Bounds, Chunk, ChunkTest, unpack_normal, unpack_radius};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 use scene::{Mirror, Shape};
@@ -56,8 +58,6 @@ pub struct Ray {
     pub spread: f64,
     pub width: f64,
     pub targets: Vec<Target>,
-    /// Decides which points are shown. The line does not meet the others.
-    pub test: PointTest,
 }
 
 /// A chunk that a sight line may meet.
@@ -65,8 +65,8 @@ pub struct Ray {
 pub struct Target {
     pub chunk: Chunk,
     pub bounds: Bounds,
-    /// The index of the column that holds the classes of the points.
-    pub classes: Option<usize>,
+    /// Decides which points are shown. The line does not meet the others.
+    pub test: Arc<ChunkTest>,
 }
 
 /// Shares of the distance to the eye, so that the mirror has the same size on the screen near and far: a quarter of the
@@ -138,9 +138,8 @@ pub fn cast(ray: &Ray) -> Option<Surface> {
     let reached: Vec<&Target> = ray.targets.iter().filter(is_reached).collect();
     // The depths of the points that the ray meets. f32 offsets from the chunk's origin are precise enough for a ray
     // that is a few pixels wide.
-    let hits = |Target { chunk, classes, .. }: &Target| -> Vec<(f64, usize)> {
-        let classes = chunk.classes(*classes);
-        let is_shown = |index: &usize| ray.test.shows(classes.map(|classes| classes[*index]));
+    let hits = |Target { chunk, test, .. }: &Target| -> Vec<(f64, usize)> {
+        let is_shown = |index: &usize| test.shows(chunk, *index);
         let origin = (ray.origin - chunk.origin).as_vec3();
         let direction = ray.direction.as_vec3();
         let hit = |(index, position): (usize, &[f32; 3])| {
@@ -187,9 +186,7 @@ impl Ray {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
-    use cloud::{Column, pack_normal, pack_radius};
+    use cloud::{Attribute, Cloud, Column, ColumnType, PointTest, pack_normal, pack_radius};
 
     use super::*;
 
@@ -204,15 +201,14 @@ mod tests {
                 radii: Some(Arc::new(vec![pack_radius(0.1); positions.len()])),
                 ..Chunk::new(first_point, DVec3::new(635_000.0, 848_000.0, 0.0), positions)
             };
-            Target { bounds: chunk.bounds(), chunk, classes: None }
+            Target { bounds: chunk.bounds(), chunk, test: Arc::new(Cloud::default().test(&PointTest::default())) }
         };
         vec![wall(20.0, 0), wall(10.0, 10_000)]
     }
 
     fn ray(direction: DVec3) -> Ray {
         let origin = DVec3::new(635_000.0, 848_000.0, 0.0);
-        let (direction, test) = (direction.normalize(), PointTest::default());
-        Ray { origin, direction, spread: 1e-3, width: 0.0, targets: walls(), test }
+        Ray { origin, direction: direction.normalize(), spread: 1e-3, width: 0.0, targets: walls() }
     }
 
     #[test]
@@ -231,10 +227,11 @@ mod tests {
         let mut ray = ray(DVec3::X);
         let near = &mut ray.targets[1];
         near.chunk.columns = vec![Some(Arc::new(Column::U8(vec![7; near.chunk.len()])))];
-        near.classes = Some(0);
+        let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+        let classified = Cloud { attributes, ..Cloud::default() };
         let distance = |ray: &Ray| (cast(ray).unwrap().position.x - ray.origin.x).round();
         assert_eq!(distance(&ray), 10.0);
-        ray.test = PointTest::hiding([7]);
+        ray.targets[1].test = Arc::new(classified.test(&PointTest::hiding([7])));
         assert_eq!(distance(&ray), 20.0);
     }
 

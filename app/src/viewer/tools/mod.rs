@@ -6,7 +6,9 @@ pub mod gizmo;
 pub mod inspection;
 pub mod pick;
 
-use cloud::{Bounds, Chunk};
+use std::sync::Arc;
+
+use cloud::{Bounds, Chunk, CloudLayout, PointTest};
 use glam::DVec3;
 use scene::{Mirror, Object, Shape};
 use serde_json::json;
@@ -171,9 +173,10 @@ impl Tools {
         }
         held.asked = Some(pixel);
         let visible = loaded.clouds.iter().filter(|entry| entry.is_visible);
+        let test = scene.objects.test();
         let targets = |entry: &CloudEntry| {
-            let (classes, chunks) = (entry.cloud.class_column(), entry.cloud.chunks.iter().cloned());
-            let target = |(chunk, (_, bounds))| Target { chunk, bounds, classes };
+            let (test, chunks) = (Arc::new(entry.cloud.test(&test)), entry.cloud.chunks.iter().cloned());
+            let target = |(chunk, (_, bounds))| Target { chunk, bounds, test: test.clone() };
             chunks.zip(entry.chunk_bounds()).map(target).collect::<Vec<_>>()
         };
         let ray = scene.sight_line(pixel, visible.flat_map(targets).collect());
@@ -195,10 +198,15 @@ impl Tools {
 /// The nearest mirror under a pixel, and the place where the pixel meets it, by the points sampled on the mirrors.
 fn mirror_at(pixel: [u32; 2], scene: &Scene, loaded: &Loaded) -> Option<(ObjectId, DVec3)> {
     let lens = scene.lens();
+    // What hides points of clouds hides no mirror.
+    let everything = Arc::new(PointTest::default().of(&CloudLayout::default()));
     let hit = |placed: &Placed| {
         let sample = loaded.samples.of.get(&placed.id)?;
-        let target =
-            |(chunk, bounds): &(Chunk, Bounds)| Target { chunk: chunk.clone(), bounds: *bounds, classes: None };
+        let target = |(chunk, bounds): &(Chunk, Bounds)| Target {
+            chunk: chunk.clone(),
+            bounds: *bounds,
+            test: everything.clone(),
+        };
         let ray = scene.sight_line(pixel, sample.chunks.iter().map(target).collect());
         Some((placed.id, inspection::cast(&ray)?.position))
     };

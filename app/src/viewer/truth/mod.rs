@@ -19,9 +19,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use cloud::Progress;
+use cloud::{PointTest, Progress};
 use render::ColorPlan;
-use scene::{Settings, Visibility};
+use scene::Settings;
 use serde_json::json;
 
 use crate::viewer::action::Look;
@@ -41,7 +41,7 @@ pub struct Around<'a> {
     pub clouds: &'a [CloudEntry],
     pub samples: &'a Samples,
     pub settings: &'a Settings,
-    pub visibility: &'a Visibility,
+    pub test: PointTest,
     pub frames: &'a Frames,
     /// The frame on the screen, if it is final.
     pub still: Option<FrameRequest>,
@@ -60,7 +60,7 @@ impl Around<'_> {
             let (cloud, up) = (entry.cloud.clone(), entry.up);
             let plan = entry.figures.as_ref().map(|figures| figures.plan.clone());
             let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud, &self.settings.color, up).0);
-            Source::Cloud { cloud, plan, up, marked: entry.marks.clone(), test: self.visibility.test() }
+            Source::Cloud { cloud, plan, up, marked: entry.marks.clone(), test: self.test.clone() }
         });
         let mirrors = self.samples.of.values().map(|sample| {
             let chunks = sample.chunks.iter().map(|(chunk, _)| chunk.clone()).collect();

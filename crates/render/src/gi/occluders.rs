@@ -243,10 +243,9 @@ fn morton(key: u64) -> u64 {
 mod tests {
     use std::sync::Arc;
 
-    use cloud::{Chunk, Column, PointTest, pack_radius};
+    use cloud::{Attribute, Chunk, Cloud, Column, ColumnType, PointTest, ShownPoints, pack_radius};
 
     use super::*;
-    use crate::store::ShownPoints;
 
     #[derive(Clone, Copy, Debug, PartialEq)]
     struct Point {
@@ -300,13 +299,21 @@ mod tests {
         choose_shown(chunks, per_subset, &PointTest::default())
     }
 
+    /// A cloud whose first column holds classes.
+    fn classified(chunks: Vec<Chunk>) -> Cloud {
+        let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+        Cloud { attributes, chunks, ..Cloud::default() }
+    }
+
     fn choose_shown(chunks: &[Chunk], per_subset: u32, test: &PointTest) -> Occluders {
         let mut first_identity = 0;
+        let test = classified(Vec::new()).test(test);
+        let shown: Vec<ShownPoints> = chunks.iter().map(|chunk| test.shown(chunk, chunk.bounds())).collect();
         let visible: Vec<VisibleChunk<'_>> = chunks
             .iter()
-            .map(|points| {
-                let shown = ShownPoints::of(points, test);
-                let shown_points = (0..points.len()).filter(|index| shown.has(*index)).count();
+            .zip(&shown)
+            .map(|(points, shown)| {
+                let shown_points = shown.indices(points.len()).count();
                 let chunk = VisibleChunk { points, first_identity, provisional_radius: 0.0, shown_points, shown };
                 first_identity += points.len() as u32;
                 chunk
@@ -403,7 +410,7 @@ mod tests {
             chunk.columns = vec![Some(Arc::new(Column::U8(classes(chunk.len()))))];
         }
         let test = PointTest::hiding([7]);
-        let rest: Vec<Chunk> = all.iter().map(|chunk| chunk.shown(Some(0), &test)).collect();
+        let rest = classified(all.clone()).shown(&test).chunks;
         for per_subset in [2000, 100_000] {
             let (hidden, absent) = (choose_shown(&all, per_subset, &test), choose(&rest, per_subset));
             assert_eq!((hidden.subsets, hidden.radius, hidden.area), (absent.subsets, absent.radius, absent.area));

@@ -130,7 +130,7 @@ impl Clear {
         // Rays beneath the water meet none of its points. Where there are solids, water is seen through them, and only
         // the points near to the start of a ray are passed.
         if !formula::exact(settings, mirrors).any(|mirror| formula::is_clear(mirror) && mirror.shape.is_closed()) {
-            supply.chunks.retain(|(chunk, _)| !store.is_clear(*chunk));
+            supply.chunks.retain(|chunk| !store.is_clear(*chunk));
         }
         for index in 0..count {
             let (before, rest) = bounces.split_at(index);

@@ -239,7 +239,7 @@ fn farthest(samples: &[(DVec3, DVec3)], count: usize) -> Vec<usize> {
 
 /// The chunks of the mirrors that may see themselves, with their class masks: they are left out of their own maps, so
 /// rays are traced through their points.
-fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVec3) -> Vec<(ChunkId, u32)> {
+fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVec3) -> Vec<ChunkId> {
     let sees_itself = |mirror: &MirrorPlace| match own {
         OwnPoints::Auto => !is_convex(&mirror.samples, eye),
         OwnPoints::LeftOut | OwnPoints::Drawn => false,
@@ -253,7 +253,7 @@ fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVe
         .filter(|(cloud, _)| clouds.contains(cloud))
         .flat_map(|(_, chunks)| chunks)
         .collect();
-    task.supply.chunks.iter().filter(|(chunk, _)| chunks.contains(chunk)).copied().collect()
+    task.supply.chunks.iter().filter(|chunk| chunks.contains(chunk)).copied().collect()
 }
 
 /// Whether no ray that a mirror reflects meets the mirror again: its surface curves away from the eye's side

@@ -1,14 +1,13 @@
 //! Lists the mirrors of a scene, for methods that look at the scene from each of them, and uploads them so that shaders
 //! find the mirror on which a place lies.
 
-use cloud::{Bounds, Chunk, unpack_normal, unpack_radius};
+use cloud::{Bounds, Chunk, ShownPoints, unpack_normal, unpack_radius};
 use glam::{DVec3, Vec4};
 
 use super::task::Task;
 use crate::gpu::Gpu;
 use crate::identities::CloudId;
 use crate::layout::{MappedMirror, MappedMirrors, NEAREST_BYTES};
-use crate::store::ShownPoints;
 use crate::targets::storage;
 
 /// The most points that represent a mirror: enough for a mean that is right to a few hundredths of the mirror's size.
@@ -54,12 +53,12 @@ fn widened(bounds: Bounds, by: f64) -> Bounds {
 }
 
 /// Chunks whose points are all shown.
-pub(crate) fn whole(chunks: &[Chunk]) -> Vec<(&Chunk, ShownPoints<'_>)> {
-    chunks.iter().map(|chunk| (chunk, ShownPoints::default())).collect()
+pub(crate) fn whole(chunks: &[Chunk]) -> Vec<(&Chunk, &ShownPoints)> {
+    chunks.iter().map(|chunk| (chunk, &ShownPoints::All)).collect()
 }
 
 /// At most `MOST_SAMPLES` points, evenly among those of the chunks, without those that are hidden or have no normal.
-pub(crate) fn samples(chunks: &[(&Chunk, ShownPoints<'_>)]) -> Vec<(DVec3, DVec3)> {
+pub(crate) fn samples(chunks: &[(&Chunk, &ShownPoints)]) -> Vec<(DVec3, DVec3)> {
     let count: usize = chunks.iter().map(|(chunk, _)| chunk.len()).sum();
     let step = count.div_ceil(MOST_SAMPLES).max(1);
     let mut samples = Vec::new();

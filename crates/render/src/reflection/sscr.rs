@@ -215,7 +215,7 @@ impl Sscr {
             return Ok(());
         }
         let eye = task.supply.camera.eye;
-        let sphere = |(chunk, _): &(ChunkId, u32)| {
+        let sphere = |chunk: &ChunkId| {
             let bounds = task.store.placed(*chunk).map_or(Bounds::EMPTY, |placed| placed.bounds);
             // Rounding must not leave a point outside.
             let radius = bounds.radius() * 1.0001 + bounds.center().distance(eye) * 1e-6;

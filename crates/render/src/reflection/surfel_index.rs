@@ -67,7 +67,7 @@ impl SurfelIndex {
         self.pages.get(number)
     }
 
-    /// Updates the index for `chunks` of `supply` (with their class masks), and places them relative to this frame's eye.
+    /// Updates the index for `chunks` of `supply`, and places them relative to this frame's eye.
     ///
     /// # Errors
     /// No memory for the index, or the frame is given up: the trees that are made stay.
@@ -76,22 +76,22 @@ impl SurfelIndex {
         recorder: &Recorder<'_>,
         store: &PointStore,
         supply: &Inputs,
-        chunks: &[(ChunkId, u32)],
+        chunks: &[ChunkId],
         splat_size: f32,
     ) -> Result<Vec<FrameTrees>> {
         let gpu = recorder.gpu;
         self.make_room(gpu, store)?;
-        let place = |(id, class_mask): &(ChunkId, u32)| Some((*id, store.placed(*id)?, *class_mask));
+        let place = |id: &ChunkId| Some((*id, store.placed(*id)?));
         let placed: Vec<_> = chunks.iter().filter_map(place).collect();
         // Chunks that have changed, have gone or belong to another store: their room may already belong to others.
         self.chunks.retain(|id, indexed| store.placed(*id).is_some_and(|chunk| Basis::of(&chunk) == indexed.basis));
-        let stale: Vec<_> = placed.iter().filter(|(id, ..)| !self.chunks.contains_key(id)).collect();
+        let stale: Vec<_> = placed.iter().filter(|(id, _)| !self.chunks.contains_key(id)).collect();
         // In batches: the trees of a whole large cloud would take as much memory as the cloud.
         for batch in stale.chunks(16) {
             recorder.go_on()?;
             let trees: Vec<SurfelTree> =
-                batch.par_iter().map(|(_, chunk, _)| SurfelTree::new(chunk.points, chunk.provisional_radius)).collect();
-            for ((id, chunk, _), tree) in batch.iter().zip(trees) {
+                batch.par_iter().map(|(_, chunk)| SurfelTree::new(chunk.points, chunk.provisional_radius)).collect();
+            for ((id, chunk), tree) in batch.iter().zip(trees) {
                 let page = &self.pages[chunk.page];
                 let first = u64::from(chunk.first);
                 let order: Vec<u32> = tree.order.iter().map(|index| chunk.first + index).collect();
@@ -110,7 +110,7 @@ impl SurfelIndex {
         let mut frames = Vec::new();
         for page in supply.pages.iter().map(|page| page.number).filter(|page| *page < self.pages.len()) {
             let (mut boxes, mut places) = (Vec::new(), Vec::new());
-            for (id, chunk, class_mask) in placed.iter().filter(|(_, chunk, _)| chunk.page == page) {
+            for (id, chunk) in placed.iter().filter(|(_, chunk)| chunk.page == page) {
                 let Some(indexed) = self.chunks.get(id).filter(|indexed| indexed.nodes > 0) else { continue };
                 let relative = |corner: glam::DVec3| (corner - supply.camera.eye).as_vec3();
                 let radius = chunk.largest_radius * splat_size.max(1.0);
@@ -122,9 +122,7 @@ impl SurfelIndex {
                     first_node,
                     end_node: indexed.nodes,
                     first_surfel: chunk.first,
-                    class_mask: *class_mask,
                     first_identity: chunk.first_identity,
-                    ..TreePlace::default()
                 });
             }
             if boxes.is_empty() {

@@ -41,7 +41,7 @@ pub(super) fn trace(
     index: &mut SurfelIndex,
     gather: &Gather,
     task: &Task<'_>,
-    chunks: &[(ChunkId, u32)],
+    chunks: &[ChunkId],
     use_beams: bool,
     rest: Option<&wgpu::Buffer>,
 ) -> Result<()> {
@@ -76,8 +76,7 @@ pub(super) fn trace(
             order: page.order.as_entire_binding(),
             lists: lists.as_entire_binding(),
             hits: gather.hits.as_entire_binding(),
-            points: inputs.points.as_entire_binding(),
-            class_masks: task.supply.class_masks.as_entire_binding(),
+            shown: inputs.shown.as_entire_binding(),
             views_out: gather.views.bind(),
             counters: task.counters.as_entire_binding(),
             rest: rest.unwrap_or(&lists).as_entire_binding(),
@@ -85,7 +84,7 @@ pub(super) fn trace(
         let switches = [
             ("use_lists", u32::from(use_beams)),
             ("use_rest", u32::from(rest.is_some())),
-            ("filter_classes", u32::from(task.supply.filter_classes)),
+            ("hides_points", u32::from(task.supply.hides_points)),
             ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
         ];
         recorder.by_rows(&switches, task.supply, bindings, task.supply.mirror_groups())?;

@@ -8,7 +8,7 @@ use crate::frame::FrameCamera;
 use crate::identities::{ChunkId, CloudId};
 use crate::layout::{BLOCK_POINTS, Block, Item};
 use crate::store::pages::PageBuffers;
-use crate::store::{CLASSES, PointStore, StoredChunk, StoredCloud};
+use crate::store::{PointStore, StoredChunk, StoredCloud};
 
 /// The chunks that a frame selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,9 +25,6 @@ pub(crate) enum Selection {
     EverywhereWithMirrors,
 }
 
-/// The words of the class masks: those of points without a class come first, then those of all others.
-const UNCLASSED: [u32; 8] = [u32::MAX; 8];
-
 /// What a frame draws of one page.
 pub(crate) struct PageDraw {
     /// The number of the page in the store.
@@ -36,6 +33,8 @@ pub(crate) struct PageDraw {
     pub points: wgpu::Buffer,
     pub attributes: wgpu::Buffer,
     pub scalars: wgpu::Buffer,
+    /// The bits that say which points are shown, if some are hidden.
+    pub shown: wgpu::Buffer,
     /// The blocks of discs, and those of points that cover one pixel: two kernels draw them.
     pub blocks: [Vec<Block>; 2],
     /// The item of each run of `BLOCK_POINTS` points of the page; then, for each run of as many identities of the
@@ -50,8 +49,8 @@ pub(crate) struct DrawList {
     pub items: Vec<Item>,
     /// The chunk of each item.
     pub chunks: Vec<ChunkId>,
-    pub class_masks: Vec<u32>,
-    pub filter_classes: bool,
+    /// Whether some points are hidden.
+    pub hides_points: bool,
     pub points: u64,
     /// One point in so many of each block is drawn; 0 stands for 1.
     pub step: u32,
@@ -96,6 +95,7 @@ impl PointStore {
             points: page.points.clone(),
             attributes: page.attributes.clone(),
             scalars: page.scalars.clone().unwrap_or_else(|| self.nothing.clone()),
+            shown: page.shown.clone().unwrap_or_else(|| self.nothing.clone()),
             blocks: Default::default(),
             items_of_runs: vec![u32::MAX; runs_of(page.capacity()) + runs_of(identities.end())],
         };
@@ -115,9 +115,8 @@ impl PointStore {
             if !cloud.visible || bounds.is_empty() || !is_seen || is_left_out {
                 continue;
             }
-            let mask = chunk.points.classes(CLASSES).map_or(0, |_| UNCLASSED.len() as u32);
             let item = items.len() as u32;
-            items.push(self.item(chunk, cloud, camera, mask));
+            items.push(self.item(chunk, cloud, camera));
             chunk_ids.push(*id);
             points += u64::from(chunk.shown.points);
             let kind = usize::from(asks_where_seen && chunk.is_of_single_pixels(cloud, camera, splat));
@@ -131,12 +130,10 @@ impl PointStore {
             }
         }
         pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
-        let class_masks = [UNCLASSED, self.test.class_words()].concat();
-        let filter_classes = !self.test.shows_all();
-        DrawList { pages, items, chunks: chunk_ids, class_masks, filter_classes, points, step: 1 }
+        DrawList { pages, items, chunks: chunk_ids, hides_points: self.hides_points(), points, step: 1 }
     }
 
-    fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera, class_mask: u32) -> Item {
+    fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera) -> Item {
         let mut height_axis = Vec3::ZERO;
         height_axis[cloud.up_axis] = 1.0;
         // Heights are relative to the ramp's lower end, so that f32 has enough digits for them.
@@ -151,7 +148,7 @@ impl PointStore {
             plain: u32::from_le_bytes(chunk.tint.unwrap_or(cloud.plain)),
             specular_intensity: cloud.material.specular_intensity,
             specular_power: cloud.material.specular_power,
-            class_mask,
+            unused: 0,
             height: (chunk.origin[cloud.up_axis] - reference) as f32,
             height_axis: height_axis.extend(if cloud.material.is_clear() { cloud.material.refraction } else { 0.0 }),
         }

@@ -18,12 +18,21 @@ pub(super) struct PageBuffers {
     pub(super) attributes: wgpu::Buffer,
     /// The scalars, made when the first chunk of the page shows an attribute.
     pub(super) scalars: Option<wgpu::Buffer>,
+    /// A bit for each point that says whether it is shown; made when some points are hidden.
+    pub(super) shown: Option<wgpu::Buffer>,
     pub(super) room: PageSpace,
 }
 
 impl PageBuffers {
     pub(super) fn capacity(&self) -> u32 {
         self.room.capacity()
+    }
+
+    /// Uploads the bits of the points from `first` on, which is the first of a block.
+    pub(super) fn mark_shown(&mut self, gpu: &Gpu, first: u32, words: &[u32]) {
+        let bytes = u64::from(self.capacity() / 8);
+        let shown = self.shown.get_or_insert_with(|| buffer(gpu, "shown points", bytes));
+        gpu.queue.write_buffer(shown, u64::from(first / 8), bytemuck::cast_slice(words));
     }
 }
 
@@ -62,19 +71,25 @@ impl PointStore {
         let mut moved: Vec<&mut StoredChunk> = self.chunks.values_mut().filter(lies_there).collect();
         moved.sort_by_key(|chunk| chunk.range.start);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let PageBuffers { points, attributes, scalars, room, .. } = &mut self.pages[page];
-        let buffers =
-            [(Some(points), POINT_BYTES), (Some(attributes), ATTRIBUTE_BYTES), (scalars.as_mut(), SCALAR_BYTES)];
-        for (buffer, bytes) in buffers.into_iter().filter_map(|(buffer, bytes)| Some((buffer?, bytes))) {
+        let PageBuffers { points, attributes, scalars, shown, room } = &mut self.pages[page];
+        // The buffers, and the bits that a point takes in each.
+        let buffers = [
+            (Some(points), POINT_BYTES * 8),
+            (Some(attributes), ATTRIBUTE_BYTES * 8),
+            (scalars.as_mut(), SCALAR_BYTES * 8),
+            (shown.as_mut(), 1),
+        ];
+        for (buffer, bits) in buffers.into_iter().filter_map(|(buffer, bits)| Some((buffer?, bits))) {
+            let bytes = |points: u32| u64::from(points) * bits / 8;
             // Copies within one buffer are not allowed.
-            let between = self::buffer(&self.gpu, "slid points", u64::from(taken) * bytes);
+            let between = self::buffer(&self.gpu, "slid points", bytes(taken));
             let mut to = 0;
             for part in moved.iter().map(|chunk| chunk.room()) {
-                let size = part.len() as u64 * bytes;
-                encoder.copy_buffer_to_buffer(buffer, u64::from(part.start) * bytes, &between, to, size);
+                let size = bytes(part.len() as u32);
+                encoder.copy_buffer_to_buffer(buffer, bytes(part.start), &between, to, size);
                 to += size;
             }
-            encoder.copy_buffer_to_buffer(&between, 0, buffer, u64::from(stretch.start) * bytes, to);
+            encoder.copy_buffer_to_buffer(&between, 0, buffer, bytes(stretch.start), to);
         }
         self.gpu.queue.submit([encoder.finish()]);
         let mut to = stretch.start;
@@ -115,7 +130,7 @@ impl PointStore {
                 problem: format!("no memory for more points: {error}"),
             });
         }
-        self.pages.push(PageBuffers { points, attributes, scalars: None, room: PageSpace::new(capacity) });
+        self.pages.push(PageBuffers { points, attributes, scalars: None, shown: None, room: PageSpace::new(capacity) });
         Ok(self.pages.len() - 1)
     }
 

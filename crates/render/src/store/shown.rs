@@ -1,0 +1,58 @@
+//! Which points of a chunk of the store are shown, and figures of these.
+
+use cloud::{Bounds, Chunk, CloudLayout, NO_RADIUS, PointTest, ShownPoints, unpack_radius};
+use glam::Vec3;
+
+/// Figures of the shown points of a chunk.
+pub(super) struct Shown {
+    pub which: ShownPoints,
+    pub points: u32,
+    pub bounds: Bounds,
+    /// The largest known splat radius in world units.
+    pub largest_radius: f32,
+    pub lacks_radii: bool,
+}
+
+impl Shown {
+    pub fn of(points: &Chunk, which: ShownPoints) -> Self {
+        let mut shown = Self { which, points: 0, bounds: Bounds::EMPTY, largest_radius: 0.0, lacks_radii: true };
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let (mut count, mut largest, mut lacks_radii) = (0, None, points.radii.is_none());
+        for index in shown.which.indices(points.len()) {
+            let position = Vec3::from(points.positions[index]);
+            if position.is_finite() {
+                (low, high) = (low.min(position), high.max(position));
+            }
+            if let Some(radii) = &points.radii {
+                // Packed radii grow with the radius.
+                largest = largest.max(Some(radii[index]));
+                lacks_radii |= radii[index] == NO_RADIUS;
+            }
+            count += 1;
+        }
+        if low.cmple(high).all() {
+            shown.bounds = Bounds { min: points.origin + low.as_dvec3(), max: points.origin + high.as_dvec3() };
+        }
+        shown.largest_radius = largest.and_then(unpack_radius).unwrap_or(0.0);
+        (shown.points, shown.lacks_radii) = (count, lacks_radii);
+        shown
+    }
+
+    /// The bits of the points, for a page of the store.
+    pub fn words(&self, points: usize) -> Vec<u32> {
+        let words = points.div_ceil(u32::BITS as usize);
+        match &self.which {
+            ShownPoints::All => vec![u32::MAX; words],
+            ShownPoints::None => vec![0; words],
+            ShownPoints::Some(bits) => bits.clone(),
+        }
+    }
+}
+
+/// Which points of a chunk with these bounds a test shows.
+pub(super) fn shown_of(test: &PointTest, layout: Option<&CloudLayout>, points: &Chunk, bounds: Bounds) -> ShownPoints {
+    match layout.filter(|_| !test.shows_all()) {
+        Some(layout) => test.of(layout).shown(points, bounds),
+        None => ShownPoints::All,
+    }
+}
