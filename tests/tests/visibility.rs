@@ -184,7 +184,8 @@ fn clipped_points_of_a_streamed_cloud_are_as_good_as_absent_and_most_are_not_loa
     let clip = "[[clips]]\nposition = [2.0, 1.25, 2.25]\nsize = [4.0, 2.5, 3.5]\n";
     folder.write("clipped.toml", format!("clouds = [\"all.las\"]\n{clip}"));
     for pages in ["stream.pages=never", "stream.pages=always"] {
-        let picture = ["render", "clipped.toml", "-o", "clipped.png", "--size", "96x72", "--stats", "stats.json"];
+        // So large that the finest points are more than `stream.detail` apart.
+        let picture = ["render", "clipped.toml", "-o", "clipped.png", "--size", "384x288", "--stats", "stats.json"];
         let streamed = ["--set", pages, "--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
         let outcome = folder.glint(picture.iter().chain(&streamed));
         if lacks_adapter(&outcome) {
