@@ -34,8 +34,8 @@ const LEVERS: [(&str, &[&str]); 7] = [
     ("splat.quality", &["nearest"]),
     ("reflection.bounces", &["1"]),
     ("gi.bounces", &["0", "1"]),
-    ("gi.vpls", &["1024", "64", "16"]),
-    ("gi.interleave", &["2", "8"]),
+    ("gi.vpls", &["1024", "128", "64", "32", "16"]),
+    ("gi.interleave", &["1", "2", "8"]),
 ];
 
 /// The most pixels of the small pictures by which single changes are judged.
@@ -45,7 +45,7 @@ const SMALL: f64 = 320.0 * 240.0;
 const MOST_DRAWN: usize = 8;
 
 /// After each combination that did not keep to the target, predictions must keep to this share of what they had to
-/// before.
+/// before, until one keeps to it.
 const MARGIN: f64 = 0.87;
 
 /// The weight of what was learned of other scenes beside one frame of this one.
@@ -247,9 +247,9 @@ impl Explored {
                 Some(Candidate { settings: settings.clone(), milliseconds, error, is_drawn: known.is_some() })
             };
             let candidates: Vec<Candidate> = combinations.iter().filter_map(candidate).collect();
-            let misses =
-                drawn.iter().skip(self.drawn.len()).filter(|drawn| !target.is_kept(drawn.milliseconds, &drawn.error));
-            let margin = MARGIN.powi(misses.count() as i32);
+            let misses = |drawn: &&Drawn| !target.is_kept(drawn.milliseconds, &drawn.error);
+            let in_a_row = drawn[self.drawn.len()..].iter().rev().take_while(misses).count();
+            let margin = MARGIN.powi(in_a_row as i32);
             let Some(next) = promising(target, margin, &candidates).filter(|next| !next.is_drawn) else { break };
             let (found, _) = search.drawn(&next.settings, &self.still, self.size)?;
             let measured = target.error(&found.error);
