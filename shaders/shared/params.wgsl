@@ -319,14 +319,16 @@ const SSCR_SEEDS_LAST_FRAME: u32 = 2u;
 struct Surface {
     neighbours: u32,
     orientation: u32,
-    borders: u32,
+    radii: u32,
+    carve: u32,
 }
 const SURFACE_ORIENTATION_AUTO: u32 = 0u;
 const SURFACE_ORIENTATION_UP: u32 = 1u;
 const SURFACE_ORIENTATION_INWARD: u32 = 2u;
 const SURFACE_ORIENTATION_OUTWARD: u32 = 3u;
-const SURFACE_BORDERS_FULL: u32 = 0u;
-const SURFACE_BORDERS_NARROW: u32 = 1u;
+const SURFACE_RADII_FULL: u32 = 0u;
+const SURFACE_RADII_NARROW: u32 = 1u;
+const SURFACE_RADII_SPREAD: u32 = 2u;
 
 // Streaming: clouds that are larger than memory are drawn from pages on disk.
 struct Stream {

@@ -4,6 +4,7 @@
 //! and f32 offsets from it, so that coordinates of seven digits lose no precision on the way to the screen.
 
 mod bounds;
+mod carve;
 mod chunk;
 mod column;
 mod neighbours;
@@ -19,6 +20,7 @@ mod visibility;
 mod volume;
 
 pub use bounds::Bounds;
+pub use carve::is_depth_image;
 pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
 pub use packing::{NO_NORMAL, NO_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
@@ -27,7 +29,7 @@ pub use random::{Random, hash};
 pub use robust::{Scalar, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
-    Borders, MeshNormals, Orientation, RadiusCount, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
+    MeshNormals, Orientation, RadiusCount, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
     guess_orientation, normals_from_triangles, provisional_radius,
 };
 pub use triangle_mesh::TriangleMesh;

@@ -93,7 +93,12 @@ pub fn refitted_normals(
             Chunk::new(chunk.first_point, chunk.origin, positions.map(|(position, _)| *position).collect())
         })
         .collect();
-    let options = SurfelOptions { neighbours, orientation: Orientation::Up(Vec3::Z), borders: crate::Borders::Full };
+    let options = SurfelOptions {
+        neighbours,
+        orientation: Orientation::Up(Vec3::Z),
+        radii: crate::RadiusRule::Full,
+        seen_from: None,
+    };
     let fitted = estimate(&marked, &options, progress)?;
     let refit = |((chunk, marks), fitted): ((&Chunk, &Vec<bool>), crate::Surfels)| {
         let mut fitted = fitted.normals.into_iter();

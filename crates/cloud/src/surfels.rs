@@ -9,13 +9,15 @@
 //! radius 2 r / sqrt(k): discs wide enough to close the surface between evenly spread points.
 //!
 //! At the border of a surface the neighbours lie on one side, so that the k-th is further away, and half of the splat
-//! stands beside the surface. `Borders::Narrow` makes such splats smaller.
+//! stands beside the surface. A stray point's neighbours are all far away, and where there is no surface, as in a tree,
+//! discs stand in free space. `RadiusRule` says which radii follow.
 
 use std::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
+use crate::carve::carve;
 use crate::neighbours::{Neighbourhood, Points, Tiles};
 use crate::robust::{robust_bounds, spread_sample};
 use crate::{Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, pack_normal, pack_radius, unpack_radius};
@@ -29,8 +31,17 @@ const AMID: f32 = 0.2;
 /// neighbours is bare, in a corner three quarters: their share of area asks for 0.71 and 0.5 of the radius, and this
 /// line gives 0.73 and 0.52.
 const BORDER: f32 = 1.2;
-/// The least share of a radius that is left, for points beside a surface.
+/// The least share of a radius that is left, for points beside a surface and where there is none.
 const LEAST_SHARE: f32 = 0.4;
+/// The least spread of neighbours that counts: a point ever so far from a speck of points stays visible near by.
+const LEAST_SPREAD: f32 = 0.1;
+/// The spread of the neighbours is taken as this much wider: that of 16 points at random differs from place to place,
+/// and no radius is larger than by how far they reach.
+const WIDER: f32 = 1.1;
+/// A neighbourhood as thick as this share of its width is still a surface, as rough as depth cameras measure it ...
+const FLAT: f32 = 0.3;
+/// ... and this share of the radius is taken off for each unit more.
+const ROUGH: f32 = 1.0;
 /// The largest radius of a splat relative to the median one. The spacing of a scan from one place grows with the
 /// distance, and five times the median distance covers most of it, while a stray point in the sky stays a dot instead
 /// of hiding everything else.
@@ -50,14 +61,17 @@ pub enum Orientation {
     AwayFrom(DVec3),
 }
 
-/// The radii of points at the border of a surface.
+/// What the radii of points follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Borders {
-    /// As in the middle of a surface.
+pub enum RadiusRule {
+    /// How far the neighbours reach.
     #[default]
     Full,
-    /// Smaller, the more the neighbours lie on one side.
+    /// The same, but smaller, the more the neighbours lie on one side.
     Narrow,
+    /// How far the neighbours are spread about their own middle, and smaller where they form no surface. In the middle
+    /// of an even surface it is the same; a stray point gets the radius of the points that it is far from.
+    Spread,
 }
 
 /// How normals and radii are estimated.
@@ -66,13 +80,16 @@ pub struct SurfelOptions {
     /// The number of neighbours of a point, itself not counted; clamped to 3 ..= 64.
     pub neighbours: usize,
     pub orientation: Orientation,
-    pub borders: Borders,
+    pub radii: RadiusRule,
+    /// The place that all points were seen from, if that is known: then discs end before they hide other points from
+    /// it (`estimate` alone).
+    pub seen_from: Option<DVec3>,
 }
 
 impl SurfelOptions {
     /// 16 neighbours: about the two rings around a point of an even grid.
     pub fn new(orientation: Orientation) -> Self {
-        Self { neighbours: 16, orientation, borders: Borders::Full }
+        Self { neighbours: 16, orientation, radii: RadiusRule::Full, seen_from: None }
     }
 }
 
@@ -104,6 +121,9 @@ pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) 
             .par_iter_mut()
             .flat_map(|surfels| &mut surfels.radii)
             .for_each(|radius| *radius = largest.min(*radius));
+        if let Some(place) = options.seen_from {
+            carve(part, &mut estimated, place, progress)?;
+        }
         surfels.extend(estimated);
     }
     Some(surfels)
@@ -124,8 +144,9 @@ fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
     parts
 }
 
-/// The same as [`estimate`] for a part of a cloud, with two differences: radii are not limited, since the limit follows
-/// from all of the cloud's radii ([`RadiusCount`]), and the total of `progress` is not set. For less than 2^32 points.
+/// The same as [`estimate`] for a part of a cloud, with three differences: radii are not limited, since the limit
+/// follows from all of the cloud's radii ([`RadiusCount`]), they are not carved, and the total of `progress` is not
+/// set. For less than 2^32 points.
 pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     let points = Points::new(chunks);
     let tiles = Tiles::new(&points, progress)?;
@@ -147,9 +168,11 @@ pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progr
             let visit = |index: u32, neighbourhood: &Neighbourhood| {
                 let (chunk, local) = points.locate(index);
                 let (normals, radii) = &results[chunk];
-                radii[local].store(pack_radius(splat_radius(neighbourhood, options.borders)), Ordering::Relaxed);
+                let shape = Shape::of(neighbourhood);
+                let radius = splat_radius(neighbourhood, shape.as_ref(), options.radii);
+                radii[local].store(pack_radius(radius), Ordering::Relaxed);
                 if normals[local].load(Ordering::Relaxed) == NO_NORMAL
-                    && let Some(normal) = normal(neighbourhood)
+                    && let Some(normal) = shape.and_then(|shape| shape.normal())
                 {
                     let normal = orient(normal, chunks[chunk].position(local), options.orientation);
                     normals[local].store(pack_normal(normal), Ordering::Relaxed);
@@ -178,11 +201,15 @@ pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progr
     Some(surfels.collect())
 }
 
-fn splat_radius(neighbourhood: &Neighbourhood, borders: Borders) -> f32 {
+fn splat_radius(neighbourhood: &Neighbourhood, shape: Option<&Shape>, rule: RadiusRule) -> f32 {
     let radius = SPLAT_OVERLAP * (neighbourhood.distance_squared / neighbourhood.count as f32).sqrt();
-    match borders {
-        Borders::Full => radius,
-        Borders::Narrow => radius * (1.0 - BORDER * (aside(neighbourhood) - AMID)).clamp(LEAST_SHARE, 1.0),
+    match (rule, shape) {
+        (RadiusRule::Narrow, _) => radius * (1.0 - BORDER * (aside(neighbourhood) - AMID)).clamp(LEAST_SHARE, 1.0),
+        (RadiusRule::Spread, Some(shape)) => {
+            let share = (WIDER * shape.spread).clamp(LEAST_SPREAD, 1.0);
+            radius * share * (1.0 - ROUGH * (shape.roughness() - FLAT)).clamp(LEAST_SHARE, 1.0)
+        }
+        _ => radius,
     }
 }
 
@@ -223,56 +250,101 @@ impl RadiusCount {
     }
 }
 
-/// The direction in which a point and its neighbours are thinnest; its sign is arbitrary.
-fn normal(neighbourhood: &Neighbourhood) -> Option<Vec3> {
-    if neighbourhood.count < 2 {
-        return None;
-    }
-    // In units of the neighbourhood's size, so that nothing under- or overflows.
-    let scale = neighbourhood.distance_squared.sqrt().recip();
-    let (mut members, mut sum, mut diagonal, mut mixed) = (1.0_f32, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-    for offset in neighbourhood.offsets() {
-        let offset = offset * scale;
-        members += 1.0;
-        sum += offset;
-        diagonal += offset * offset;
-        mixed += Vec3::new(offset.y * offset.z, offset.z * offset.x, offset.x * offset.y);
-    }
-    let mean = sum / members;
-    let diagonal = (diagonal / members - mean * mean).as_dvec3();
-    let mixed = (mixed / members - Vec3::new(mean.y * mean.z, mean.z * mean.x, mean.x * mean.y)).as_dvec3();
-    smallest_eigenvector(DMat3::from_cols(
-        DVec3::new(diagonal.x, mixed.z, mixed.y),
-        DVec3::new(mixed.z, diagonal.y, mixed.x),
-        DVec3::new(mixed.y, mixed.x, diagonal.z),
-    ))
+/// The shape of a point and its neighbours, in units of the distance to the last of them, so that nothing under- or
+/// overflows.
+struct Shape {
+    covariance: DMat3,
+    /// Of the covariance; none for a place, a ball and numbers that are not finite.
+    eigenvalues: Option<Eigenvalues>,
+    /// How far the neighbours are spread about their own middle: the root of twice the trace of their covariance, which
+    /// is 1 for an even disc about the point.
+    spread: f32,
 }
 
-/// The unit eigenvector of the smallest eigenvalue of a covariance, if the two smaller ones differ and the points are
-/// not on a line. The eigenvalues have a closed form (Smith 1961); it is in f64 because two nearly equal ones lose half
-/// the digits.
+impl Shape {
+    fn of(neighbourhood: &Neighbourhood) -> Option<Self> {
+        if neighbourhood.count < 2 {
+            return None;
+        }
+        let scale = neighbourhood.distance_squared.sqrt().recip();
+        let (mut members, mut sum, mut diagonal, mut mixed) = (1.0_f32, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+        for offset in neighbourhood.offsets() {
+            let offset = offset * scale;
+            members += 1.0;
+            sum += offset;
+            diagonal += offset * offset;
+            mixed += Vec3::new(offset.y * offset.z, offset.z * offset.x, offset.x * offset.y);
+        }
+        let neighbours = members - 1.0;
+        let squares = diagonal.element_sum() / neighbours - (sum / neighbours).length_squared();
+        let mean = sum / members;
+        let diagonal = (diagonal / members - mean * mean).as_dvec3();
+        let mixed = (mixed / members - Vec3::new(mean.y * mean.z, mean.z * mean.x, mean.x * mean.y)).as_dvec3();
+        let covariance = DMat3::from_cols(
+            DVec3::new(diagonal.x, mixed.z, mixed.y),
+            DVec3::new(mixed.z, diagonal.y, mixed.x),
+            DVec3::new(mixed.y, mixed.x, diagonal.z),
+        );
+        let eigenvalues = Eigenvalues::of(covariance);
+        Some(Self { covariance, eigenvalues, spread: (2.0 * squares).max(0.0).sqrt() })
+    }
+
+    /// The direction in which the points are thinnest; its sign is arbitrary.
+    fn normal(&self) -> Option<Vec3> {
+        self.eigenvalues.as_ref()?.smallest_eigenvector(self.covariance)
+    }
+
+    /// How thick the points are relative to their width: 0 for a surface, 1 for a ball.
+    fn roughness(&self) -> f32 {
+        let thickness =
+            |values: &Eigenvalues| (2.0 * values.smallest.max(0.0) / (values.middle + values.largest)).sqrt();
+        self.eigenvalues.as_ref().map_or(1.0, |values| thickness(values) as f32)
+    }
+}
+
+/// The eigenvalues of a covariance. They have a closed form (Smith 1961); it is in f64 because two nearly equal ones
+/// lose half the digits.
+struct Eigenvalues {
+    smallest: f64,
+    middle: f64,
+    largest: f64,
+}
+
+impl Eigenvalues {
+    /// `None` where all are equal, or not finite.
+    fn of(covariance: DMat3) -> Option<Self> {
+        let mean = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z) / 3.0;
+        let centred = covariance - DMat3::from_diagonal(DVec3::splat(mean));
+        let squares =
+            centred.x_axis.length_squared() + centred.y_axis.length_squared() + centred.z_axis.length_squared();
+        let spread = (squares / 6.0).sqrt();
+        if !(spread > 0.0 && spread.is_finite()) {
+            return None;
+        }
+        let angle = ((centred * (1.0 / spread)).determinant() / 2.0).clamp(-1.0, 1.0).acos() / 3.0;
+        let largest = mean + 2.0 * spread * angle.cos();
+        let smallest = mean + 2.0 * spread * (angle + std::f64::consts::TAU / 3.0).cos();
+        Some(Self { smallest, middle: 3.0 * mean - largest - smallest, largest })
+    }
+
+    /// The unit eigenvector of the smallest one, if the two smaller ones differ and the points are not on a line.
+    fn smallest_eigenvector(&self, covariance: DMat3) -> Option<Vec3> {
+        if self.middle <= THINNEST * self.largest {
+            return None;
+        }
+        // The rows of the shifted matrix span the other two eigenvectors; the longest of their cross products is the
+        // exact one.
+        let shifted = covariance - DMat3::from_diagonal(DVec3::splat(self.smallest));
+        let [x, y, z] = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
+        let crosses = [x.cross(y), y.cross(z), z.cross(x)];
+        let longest = crosses.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
+        longest.try_normalize().map(|normal| normal.as_vec3())
+    }
+}
+
+/// The direction in which points with this covariance are thinnest.
 pub(crate) fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
-    let mean = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z) / 3.0;
-    let centred = covariance - DMat3::from_diagonal(DVec3::splat(mean));
-    let squares = centred.x_axis.length_squared() + centred.y_axis.length_squared() + centred.z_axis.length_squared();
-    let spread = (squares / 6.0).sqrt();
-    if !(spread > 0.0 && spread.is_finite()) {
-        return None;
-    }
-    let angle = ((centred * (1.0 / spread)).determinant() / 2.0).clamp(-1.0, 1.0).acos() / 3.0;
-    let largest = mean + 2.0 * spread * angle.cos();
-    let smallest = mean + 2.0 * spread * (angle + std::f64::consts::TAU / 3.0).cos();
-    let middle = 3.0 * mean - largest - smallest;
-    if middle <= THINNEST * largest {
-        return None;
-    }
-    // The rows of the shifted matrix span the other two eigenvectors; the longest of their cross products is the exact
-    // one.
-    let shifted = covariance - DMat3::from_diagonal(DVec3::splat(smallest));
-    let [x, y, z] = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
-    let crosses = [x.cross(y), y.cross(z), z.cross(x)];
-    let longest = crosses.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
-    longest.try_normalize().map(|normal| normal.as_vec3())
+    Eigenvalues::of(covariance)?.smallest_eigenvector(covariance)
 }
 
 /// Turns a normal at a world position to the side that `orientation` asks for; the result is the same for both signs of

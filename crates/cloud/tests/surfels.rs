@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use cloud::sampling::{Surface, SurfacePoint};
 use cloud::{
-    Bounds, Chunk, NO_NORMAL, NO_RADIUS, Orientation, Progress, SurfelOptions, Surfels, estimate, guess_orientation,
-    normals_from_triangles, pack_normal, provisional_radius, unpack_normal, unpack_radius,
+    Bounds, Chunk, NO_NORMAL, NO_RADIUS, Orientation, Progress, RadiusRule, SurfelOptions, Surfels, estimate,
+    guess_orientation, normals_from_triangles, pack_normal, provisional_radius, unpack_normal, unpack_radius,
 };
 use glam::{DVec3, Vec3};
 
@@ -125,7 +125,12 @@ fn radii_are_those_of_exhaustive_search() {
     cloud.extend((0..3000).map(|i| [random(i), random(5000 + i), random(9000 + i)].map(|v| 100.0 + 0.1 * v as f32)));
     cloud.extend([[1e6, 1e6, 1e6], [-1e6, 5.0, 0.0]]);
     let neighbours = 9;
-    let options = SurfelOptions { neighbours, orientation: Orientation::Up(Vec3::Z), borders: cloud::Borders::Full };
+    let options = SurfelOptions {
+        neighbours,
+        orientation: Orientation::Up(Vec3::Z),
+        radii: cloud::RadiusRule::Full,
+        seen_from: None,
+    };
     let surfels = estimate(&chunked(&cloud, 40_000), &options, &Progress::default()).expect("not cancelled");
     let radii: Vec<u16> = surfels.into_iter().flat_map(|surfels| surfels.radii).collect();
     let largest = unpack_radius(*radii.iter().max().expect("points")).expect("a radius");
@@ -347,7 +352,8 @@ fn neighbour_counts_at_and_beyond_their_limits_work() {
         let options = SurfelOptions {
             neighbours,
             orientation: Orientation::AwayFrom(DVec3::ZERO),
-            borders: cloud::Borders::Full,
+            radii: cloud::RadiusRule::Full,
+            seen_from: None,
         };
         let surfels = estimate(&cloud, &options, &Progress::default()).expect("not cancelled");
         let close = |(&normal, position): (&u32, &[f32; 3])| {
@@ -493,20 +499,64 @@ fn points_that_another_chunk_rounds_otherwise_are_at_one_place() {
     assert!(angles[angles.len() * 9 / 10] < 5.0, "{} degrees", angles[angles.len() * 9 / 10]);
 }
 
+fn radii_by(rule: RadiusRule, positions: &[[f32; 3]]) -> Vec<f32> {
+    let options = SurfelOptions { radii: rule, ..SurfelOptions::new(Orientation::Up(Vec3::Z)) };
+    let surfels = estimate(&chunked(positions, 500), &options, &Progress::default()).expect("not cancelled");
+    surfels
+        .iter()
+        .flat_map(|surfels| surfels.radii.iter().map(|radius| unpack_radius(*radius).expect("a radius")))
+        .collect()
+}
+
+/// A grid of 41 x 41 points: an inner point has the index 20 * 41 + 20, one on the border 20, one in a corner 0.
+fn grid() -> Vec<[f32; 3]> {
+    (0..41 * 41).map(|at| [(at % 41) as f32, (at / 41) as f32, 0.0]).collect()
+}
+
 #[test]
 fn narrow_borders_make_splats_smaller_where_their_neighbours_lie_on_one_side() {
-    // A grid of 41 x 41 points: an inner point, one on the border and one in a corner.
-    let grid: Vec<[f32; 3]> = (0..41 * 41).map(|at| [(at % 41) as f32, (at / 41) as f32, 0.0]).collect();
-    let radii = |borders: cloud::Borders| {
-        let options = SurfelOptions { borders, ..SurfelOptions::new(Orientation::Up(Vec3::Z)) };
-        let surfels = estimate(&chunked(&grid, 500), &options, &Progress::default()).expect("not cancelled");
-        surfels.iter().flat_map(|surfels| surfels.radii.clone()).collect::<Vec<u16>>()
-    };
-    let (full, narrow) = (radii(cloud::Borders::Full), radii(cloud::Borders::Narrow));
-    assert_eq!(full, run(&chunked(&grid, 500), Orientation::Up(Vec3::Z)).radii, "the default");
-    let share = |at: usize| unpack_radius(narrow[at]).expect("a radius") / unpack_radius(full[at]).expect("a radius");
+    let grid = grid();
+    let (full, narrow) = (radii_by(RadiusRule::Full, &grid), radii_by(RadiusRule::Narrow, &grid));
+    let share = |at: usize| narrow[at] / full[at];
     assert_eq!(narrow[20 * 41 + 20], full[20 * 41 + 20]);
     // The middle of the neighbours on the border is 18 / (16 * 3) = 0.375 aside, in the corner 25 sqrt(2) / (16 * 4).
     assert!((share(20) - 0.79).abs() < 0.01, "{}", share(20));
     assert!((share(0) - 0.577).abs() < 0.01, "{}", share(0));
+}
+
+#[test]
+fn radii_by_spread_are_those_of_an_even_surface_at_its_border_too() {
+    // At random, so that shares of area are those of a surface: the mean radius inside, along borders and in corners.
+    let square: Vec<[f32; 3]> =
+        (0..40_000).map(|at| [random(2 * at) as f32 * 200.0, random(2 * at + 1) as f32 * 200.0, 0.0]).collect();
+    let (full, spread) = (radii_by(RadiusRule::Full, &square), radii_by(RadiusRule::Spread, &square));
+    assert!(full.iter().zip(&spread).all(|(full, spread)| *spread <= full * 1.001));
+    let mean = |radii: &[f32], is_wanted: &dyn Fn(f32, f32) -> bool| {
+        let wanted = || square.iter().zip(radii).filter(|([x, y, _], _)| is_wanted(*x, *y));
+        wanted().map(|(_, radius)| radius).sum::<f32>() / wanted().count() as f32
+    };
+    let inside = |x: f32, y: f32| x.min(200.0 - x).min(y).min(200.0 - y) > 5.0;
+    let border = |x: f32, y: f32| x.min(200.0 - x) < 0.3 && y.min(200.0 - y) > 5.0;
+    // A point has an area of 1, so the disc of 16 neighbours has a radius of 2.26 and the splat half of it.
+    let area = 2.0 / std::f32::consts::PI.sqrt();
+    assert!((mean(&spread, &inside) / area - 0.98).abs() < 0.03, "{}", mean(&spread, &inside));
+    // In a half disc of radius R the spread is R sqrt(1 - 32 / (9 pi^2)) = 0.8 R, and R is the root of 2 larger; a tenth
+    // is added to the spread.
+    let (wide, even) = (mean(&full, &border), mean(&spread, &border));
+    assert!((wide / area - 1.41).abs() < 0.1 && (even / area - 1.24).abs() < 0.06, "{wide}, {even}");
+}
+
+#[test]
+fn radii_by_spread_make_dots_of_stray_points_and_of_what_is_no_surface() {
+    let mut points = grid();
+    points.push([20.3, 20.4, 8.0]);
+    let (full, spread) = (radii_by(RadiusRule::Full, &points), radii_by(RadiusRule::Spread, &points));
+    let stray = points.len() - 1;
+    // Its neighbours are a patch of the grid, as wide as those of a point of the grid.
+    assert!(full[stray] > 3.5 && spread[stray] < 1.6, "{}, {}", full[stray], spread[stray]);
+    // Points at random in a cube are as thick as wide; the floor of the share is 0.4.
+    let tree: Vec<[f32; 3]> = (0..8000).map(|at| [0, 1, 2].map(|axis| random(3 * at + axis) as f32 * 20.0)).collect();
+    let (full, spread) = (radii_by(RadiusRule::Full, &tree), radii_by(RadiusRule::Spread, &tree));
+    let share = spread.iter().zip(&full).map(|(spread, full)| spread / full).sum::<f32>() / tree.len() as f32;
+    assert!(share > 0.5 && share < 0.8, "{share}");
 }

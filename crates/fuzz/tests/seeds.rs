@@ -358,8 +358,12 @@ fn index() -> Vec<u8> {
     let cache = stream::Cache::new(folder.path().join("cache"), u64::MAX);
     let progress = Progress::default();
     let pages = stream::build(&[source], &cache, &stream::BuildOptions::default(), &progress, &|_| ()).unwrap();
-    let options =
-        SurfelOptions { neighbours: 16, orientation: Orientation::Up(Vec3::Z), borders: cloud::Borders::Full };
+    let options = SurfelOptions {
+        neighbours: 16,
+        orientation: Orientation::Up(Vec3::Z),
+        radii: cloud::RadiusRule::Full,
+        seen_from: None,
+    };
     stream::estimate_surfels(&pages, &options, 64 << 20, &progress).unwrap();
     let file = |name: &str| std::fs::read(pages.folder().join(name)).unwrap();
     let mut nodes = file("nodes");

@@ -37,7 +37,7 @@ pub use settings::{
     ExposureFit, Gi, GlossPattern, GlossSettings, Highlight, KeptPoints, Light, LightView, Lighting, MirrorSettings,
     MirrorSurface, Occluder, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SceneSettings, ScreenBack,
     ScreenCriterion, ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Stream, Sun, Surface,
-    SurfaceBorders, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::{Filter, Visibility};

@@ -30,7 +30,7 @@ choices! {
 }
 choices! {
     /// The radii of points at the border of a surface.
-    pub enum SurfaceBorders { Full = "full", Narrow = "narrow" }
+    pub enum SurfaceRadii { Full = "full", Narrow = "narrow", Spread = "spread" }
 }
 
 choices! {
@@ -481,8 +481,10 @@ params! {
         neighbours: u32 = 16, 4..=64, "points";
         /// Which way normals point that are estimated when a cloud is read; auto guesses from its shape.
         orientation: SurfaceOrientation = SurfaceOrientation::Auto;
-        /// Radii of points at the border of a surface when a cloud is read: full ones, or smaller ones that stand less beside it.
-        borders: SurfaceBorders = SurfaceBorders::Full;
+        /// What the radii of points follow when a cloud is read: how far their neighbours reach (full), the same but smaller at the border of a surface (narrow), or how far their neighbours are spread among themselves (spread), which stray points and vegetation do not make larger.
+        radii: SurfaceRadii = SurfaceRadii::Spread;
+        /// In depth images, which are seen from the origin, end splats before they hide the points behind them.
+        carve: bool = true;
     }
 
     /// Streaming: clouds that are larger than memory are drawn from pages on disk.

@@ -619,7 +619,8 @@ mod tests {
         let options = cloud::SurfelOptions {
             neighbours: 8,
             orientation: cloud::Orientation::Up(glam::Vec3::Z),
-            borders: cloud::Borders::Full,
+            radii: cloud::RadiusRule::Full,
+            seen_from: None,
         };
         let flip_last = |name: &str| {
             let path = cache.entry(&Identity::of(&inputs).unwrap()).join(name);

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use cloud::{Borders, Bounds, Chunk, Orientation, Progress, RadiusCount, SurfelOptions, Surfels};
+use cloud::{Bounds, Chunk, Orientation, Progress, RadiusCount, RadiusRule, SurfelOptions, Surfels};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -138,8 +138,9 @@ pub(crate) fn pack(surfels: &Surfels) -> Vec<u8> {
     normals.chain(surfels.radii.iter().flat_map(|radius| radius.to_le_bytes())).collect()
 }
 
-/// The bit of the orientation's kind that says that borders are narrow.
+/// The bits of the orientation's kind that say which rule the radii follow.
 const NARROW: u8 = 0x80;
+const SPREAD: u8 = 0x40;
 
 /// The bytes that identify the input of the estimate.
 fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
@@ -152,25 +153,37 @@ fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
     bytes.extend((octree.nodes.len() as u32).to_le_bytes());
     bytes.extend(octree.points().to_le_bytes());
     bytes.extend((options.neighbours as u32).to_le_bytes());
-    bytes.push(kind | if options.borders == Borders::Narrow { NARROW } else { 0 });
+    bytes.push(
+        kind | match options.radii {
+            RadiusRule::Full => 0,
+            RadiusRule::Narrow => NARROW,
+            RadiusRule::Spread => SPREAD,
+        },
+    );
     direction.to_array().into_iter().for_each(|value| bytes.extend(value.to_le_bytes()));
     bytes
 }
 
-/// Reads neighbours, orientation and borders as `identity` writes them.
+/// Reads neighbours, orientation and the rule of the radii as `identity` writes them.
 fn read_options(bytes: &[u8]) -> Option<SurfelOptions> {
     let (neighbours, rest) = bytes.split_first_chunk::<4>()?;
     let (kind, rest) = rest.split_first()?;
     let numbers: Vec<f64> = rest.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
     let direction = DVec3::from_slice(numbers.get(..3)?);
-    let orientation = match kind & !NARROW {
+    let orientation = match kind & !(NARROW | SPREAD) {
         0 => Orientation::Up(direction.as_vec3()),
         1 => Orientation::Toward(direction),
         2 => Orientation::AwayFrom(direction),
         _ => return None,
     };
-    let borders = if kind & NARROW == 0 { Borders::Full } else { Borders::Narrow };
-    Some(SurfelOptions { neighbours: u32::from_le_bytes(*neighbours) as usize, orientation, borders })
+    let radii = match kind & (NARROW | SPREAD) {
+        0 => RadiusRule::Full,
+        NARROW => RadiusRule::Narrow,
+        SPREAD => RadiusRule::Spread,
+        _ => return None,
+    };
+    let neighbours = u32::from_le_bytes(*neighbours) as usize;
+    Some(SurfelOptions { neighbours, orientation, radii, seen_from: None })
 }
 
 /// The points of the levels nearest to the root that have up to `points` points together, but at least the root's:
@@ -196,7 +209,7 @@ pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
 ///
 /// The result is that of `cloud::estimate` over the whole cloud, except for ties between neighbours at equal distances
 /// and for points whose nearest neighbours are further outside their group than the margin (docs/scale.md says how
-/// many).
+/// many). No radius is carved (`SurfelOptions::seen_from`): that takes all points at once.
 ///
 /// # Errors
 /// `Cancelled`; finished groups are kept for the next time. `Damaged` if points are, or if the index was replaced or

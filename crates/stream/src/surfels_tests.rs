@@ -7,8 +7,12 @@ use glam::Vec3;
 use super::*;
 use crate::{BuildOptions, Cache, build};
 
-const OPTIONS: SurfelOptions =
-    SurfelOptions { neighbours: 16, orientation: Orientation::Up(Vec3::Z), borders: cloud::Borders::Full };
+const OPTIONS: SurfelOptions = SurfelOptions {
+    neighbours: 16,
+    orientation: Orientation::Up(Vec3::Z),
+    radii: cloud::RadiusRule::Spread,
+    seen_from: None,
+};
 
 /// Hills on a millimetre grid with 5 points a square metre, and a sparse corner.
 fn hills(points: u64) -> Vec<[i32; 3]> {
@@ -212,11 +216,13 @@ fn other_options_replace_what_is_there_and_the_same_do_not() {
     let down = SurfelOptions {
         neighbours: 8,
         orientation: Orientation::Toward(DVec3::new(431_000.0, 5_412_000.0, -1e6)),
-        borders: cloud::Borders::Full,
+        radii: cloud::RadiusRule::Narrow,
+        seen_from: None,
     };
     assert_ne!(estimate(&down), first);
     let pages = reopened(&pages);
-    assert_eq!(pages.surfel_options().map(|options| options.orientation), Some(down.orientation));
+    let made = pages.surfel_options().map(|options| (options.orientation, options.radii));
+    assert_eq!(made, Some((down.orientation, down.radii)));
     let normals = all(&pages).into_iter().flat_map(|chunk| chunk.normals.unwrap().to_vec());
     assert!(normals.filter_map(unpack_normal).all(|normal| normal.z < 0.0));
     let leftovers = [UNFINISHED, DONE].map(|name| pages.folder().join(name).exists());

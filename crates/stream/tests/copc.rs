@@ -140,7 +140,12 @@ fn a_copc_file_streams_whole_with_nodes_that_are_empty() {
     let paged = PagedCloud {
         octree: octree.clone(),
         point_bytes: pages.point_bytes(),
-        missing: Missing::Estimate(SurfelOptions { neighbours: 8, orientation, borders: cloud::Borders::Full }),
+        missing: Missing::Estimate(SurfelOptions {
+            neighbours: 8,
+            orientation,
+            radii: cloud::RadiusRule::Full,
+            seen_from: None,
+        }),
         read: Arc::new(move |node| Ok(Page { chunk: reader.read(node)?, disk_bytes: reader.page_bytes(node) as u64 })),
     };
     streamer.add(0, paged);

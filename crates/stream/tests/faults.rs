@@ -396,8 +396,12 @@ fn what_is_no_file_in_an_index_is_set_aside_and_the_index_made_again() {
             make(&entry.join(name));
             let pages = set.build(&inputs).unwrap_or_else(|error| panic!("{kind} {name}: {error}"));
             assert_eq!((pages.folder(), points(&pages)), (entry.as_path(), 5_000), "{kind} {name}");
-            let options =
-                SurfelOptions { neighbours: 8, orientation: Orientation::Up(Vec3::Z), borders: cloud::Borders::Full };
+            let options = SurfelOptions {
+                neighbours: 8,
+                orientation: Orientation::Up(Vec3::Z),
+                radii: cloud::RadiusRule::Full,
+                seen_from: None,
+            };
             let estimated = estimate_surfels(&pages, &options, 1 << 30, &Progress::default());
             let is_lost = name == "surfels" && kind == 1;
             assert!(estimated.is_ok() || is_lost, "{kind} {name}: {estimated:?}");

@@ -5,7 +5,7 @@
 //! McGaughey 2019), and without such pulses the scan is seen from above. Where none of that helps, places are
 //! estimated: those from which most points are seen, one after another.
 
-use cloud::{Bounds, Chunk, Orientation, guess_orientation, hash, robust_bounds, spread_sample};
+use cloud::{Bounds, Chunk, Orientation, guess_orientation, hash, is_depth_image, robust_bounds, spread_sample};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -89,53 +89,6 @@ fn above(chunks: &[Chunk], up: DVec3) -> Scanner {
     let height = size.dot(up.abs());
     let distance = if height > 0.0 { size.length().min(10.0 * height) } else { size.length() };
     Scanner::Above { down: -up, distance: distance.max(f64::MIN_POSITIVE) }
-}
-
-/// The number of points by which a depth image is told, some of each cell of directions.
-const PER_CELL: usize = 4;
-/// In a depth image, this share of the points that are neighbours as seen from the origin are near to one another ...
-const SAME_SURFACE: f64 = 0.9;
-/// ... which is: their distances differ by less than this share of what those of any two points differ by.
-const NEAR: f64 = 0.25;
-/// Distances that differ by less tell nothing: the origin is far from the scan.
-const LEAST_DEPTH: f64 = 0.02;
-/// In a depth image, pixels are evenly spread: this share of the points is in cells with at most three times as many
-/// points as the middle one.
-const EVEN: f64 = 0.9;
-
-/// Whether each direction from the origin meets one surface, with points spread evenly over the directions.
-pub(crate) fn is_depth_image(chunks: &[Chunk]) -> bool {
-    let sample: Vec<DVec3> = spread_sample(chunks).filter(|point| point.length_squared() > 0.0).collect();
-    if sample.len() < 100 {
-        return false;
-    }
-    let cells = |fineness: f64| {
-        let cell = |point: &DVec3| (point.normalize() * fineness).floor().as_ivec3().to_array();
-        let mut placed: Vec<([i32; 3], f64)> = sample.iter().map(|point| (cell(point), point.length())).collect();
-        placed.sort_by_key(|(cell, _)| *cell);
-        placed
-    };
-    // As fine as a few points in each cell allow.
-    let is_fine = |placed: &[([i32; 3], f64)]| placed.chunk_by(|a, b| a.0 == b.0).count() * PER_CELL > placed.len();
-    let fineness = (0..24).map(|power| 2.0_f64.powi(power)).find(|fineness| is_fine(&cells(*fineness)));
-    let Some(placed) = fineness.map(cells) else { return false };
-    let apart = |a: f64, b: f64| (a - b).abs() / a.min(b);
-    let near: Vec<f64> =
-        placed.windows(2).filter(|two| two[0].0 == two[1].0).map(|two| apart(two[0].1, two[1].1)).collect();
-    let mut any: Vec<f64> = (0..sample.len())
-        .map(|index| {
-            let other = hash(index as u64) as usize % sample.len();
-            apart(sample[index].length(), sample[other].length())
-        })
-        .collect();
-    let middle = any.len() / 2;
-    let usual = *any.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let same = near.iter().filter(|apart| **apart < NEAR * usual).count();
-    let mut counts: Vec<usize> = placed.chunk_by(|a, b| a.0 == b.0).map(<[_]>::len).collect();
-    counts.sort_unstable();
-    let most = 3 * counts[counts.len() / 2];
-    let even: usize = counts.iter().filter(|count| **count <= most).sum();
-    usual > LEAST_DEPTH && same as f64 >= SAME_SURFACE * near.len() as f64 && even as f64 >= EVEN * placed.len() as f64
 }
 
 /// The places of a scanner at times, in seconds, in order.

@@ -82,7 +82,9 @@ fn normals_and_radii_are_estimated_once_for_each_file_and_setting() {
     let mut turned = other.clone();
     turned.surface.orientation = scene::SurfaceOrientation::Inward;
     assert!(open(&path, &cache, &turned).is_estimated);
-    turned.surface.borders = scene::SurfaceBorders::Narrow;
+    turned.surface.radii = scene::SurfaceRadii::Narrow;
+    assert!(open(&path, &cache, &turned).is_estimated);
+    turned.surface.carve = false;
     assert!(open(&path, &cache, &turned).is_estimated);
     turned.view.up = scene::UpAxis::Y;
     assert!(open(&path, &cache, &turned).is_estimated);

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Borders, Chunk, Cloud, Column, Orientation, Progress, SurfelOptions};
+use cloud::{Chunk, Cloud, Column, Orientation, Progress, RadiusRule, SurfelOptions};
 use glam::DVec3;
-use scene::{ColorBy, Settings, SurfaceBorders, SurfaceOrientation, UpAxis};
+use scene::{ColorBy, Settings, SurfaceOrientation, SurfaceRadii, UpAxis};
 use stream::Pages;
 
 /// The number of points that are read to guess the kind of cloud.
@@ -108,18 +108,20 @@ pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOp
         SurfaceOrientation::Inward => Orientation::Toward(center()),
         SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
     };
-    let borders = match settings.surface.borders {
-        SurfaceBorders::Full => Borders::Full,
-        SurfaceBorders::Narrow => Borders::Narrow,
+    let radii = match settings.surface.radii {
+        SurfaceRadii::Full => RadiusRule::Full,
+        SurfaceRadii::Narrow => RadiusRule::Narrow,
+        SurfaceRadii::Spread => RadiusRule::Spread,
     };
-    SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, borders }
+    let seen_from = (settings.surface.carve && cloud::is_depth_image(chunks)).then_some(DVec3::ZERO);
+    SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, radii, seen_from }
 }
 
 /// Everything beside a file that decides its normals and radii, in words that differ where one of them does.
 pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
-    let scene::Surface { neighbours, orientation, borders } = &settings.surface;
+    let scene::Surface { neighbours, orientation, radii, carve } = &settings.surface;
     let (version, up) = (env!("CARGO_PKG_VERSION"), up.to_array());
-    format!("glint {version}, {neighbours} neighbours, {orientation:?}, {borders:?} borders, up {up:?}")
+    format!("glint {version}, {neighbours} neighbours, {orientation:?}, {radii:?} radii, carve {carve}, up {up:?}")
 }
 
 /// The same for an index, from its coarse pages.
