@@ -7,6 +7,7 @@
 #import mirror_ray
 #import cubemaps
 #import counters
+#import hit
 
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
@@ -23,6 +24,8 @@
 // z: number of cells that the ray was tested against.
 @group(1) @binding(9) var views_out: texture_storage_2d<rgba32float, write>;
 @group(1) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
+// The rays that another method has left, if only they are walked; as `rest`.
+@group(1) @binding(11) var<storage, read> listed: array<u32>;
 
 // Set for the first bounce, whose figures are told.
 override counts: bool = false;
@@ -32,6 +35,9 @@ override hit: u32 = CUBEMAP_TRACE_HIT_RELAY;
 override criterion: u32 = CUBEMAP_TRACE_CRITERION_PLANE;
 override rest_of_rays: u32 = CUBEMAP_TRACE_REST_SURFEL_TRACE;
 
+// Set if only the listed rays are walked, from where they are known to be free.
+override use_listed: bool = false;
+
 // How often a ray may change to another map.
 const MOST_ROUNDS: u32 = 8u;
 // The faces that a ray crosses are at most four; it may touch others at their corners.
@@ -40,8 +46,19 @@ const MOST_FACES: i32 = 6;
 const FARTHEST: f32 = 1e30;
 
 @compute @workgroup_size(8, 8)
-fn cubemap_trace(@builtin(global_invocation_id) thread: vec3u) {
-    let id = mirror_pixel(frame, whole_thread(frame, thread));
+fn cubemap_trace(@builtin(global_invocation_id) invocation: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let thread = whole_thread(frame, invocation);
+    var id = mirror_pixel(frame, thread);
+    var start = 0.0;
+    if use_listed {
+        let entry = (thread.y / 8u * groups.x + thread.x / 8u) * 64u + thread.y % 8u * 8u + thread.x % 8u;
+        if entry >= listed[0] {
+            return;
+        }
+        let pixel = listed[1u + 2u * entry];
+        id = vec2u(pixel % frame.width, pixel / frame.width);
+        start = bitcast<f32>(listed[2u + 2u * entry]);
+    }
     if id.x >= frame.width || id.y >= frame.height {
         return;
     }
@@ -54,7 +71,7 @@ fn cubemap_trace(@builtin(global_invocation_id) thread: vec3u) {
     let before = hits[pixel];
     let end = select(FARTHEST, bitcast<f32>(before.z), before.y != 0u);
     let mirror = mirror_at(point.xyz);
-    let ray = WalkRay(reflected.origin, reflected.direction, 0.0, end);
+    let ray = WalkRay(reflected.origin, reflected.direction, start, end);
     var walk = Walk(WALK_HIDDEN, 0.0, 0u, 0u);
     if criterion == CUBEMAP_TRACE_CRITERION_PLANE && hit == CUBEMAP_TRACE_HIT_RELAY {
         walk = relay(ray, mirror);
@@ -62,10 +79,16 @@ fn cubemap_trace(@builtin(global_invocation_id) thread: vec3u) {
         walk = through_each(ray, mirror);
     }
     let shown = shown_for(walk, ray, mirror);
+    let tests = select(0u, before.w, use_listed) + walk.cells;
     if shown.kind == WALK_HIT {
-        hits[pixel] = vec4u(bitcast<u32>(shown.t), shown.identity + 1u, bitcast<u32>(shown.t), walk.cells);
+        let is_proven = walk.kind == WALK_HIT && criterion == CUBEMAP_TRACE_CRITERION_PLANE;
+        let key = bitcast<u32>(shown.t) | select(HIT_UNPROVEN, 0u, is_proven);
+        hits[pixel] = vec4u(key, shown.identity + 1u, bitcast<u32>(shown.t), tests);
     } else {
-        hits[pixel].w = walk.cells;
+        hits[pixel].w = tests;
+        if before.y == 0u && walk.kind == WALK_HIDDEN && rest_of_rays != CUBEMAP_TRACE_REST_SURFEL_TRACE {
+            hits[pixel].x = HIT_UNKNOWN;
+        }
     }
     if walk.kind == WALK_HIDDEN {
         let place = atomicAdd(&rest[0], 1u);
@@ -73,7 +96,7 @@ fn cubemap_trace(@builtin(global_invocation_id) thread: vec3u) {
         atomicStore(&rest[2u + 2u * place], bitcast<u32>(walk.t));
     }
     if counts {
-        textureStore(views_out, id, vec4f(0.0, 0.0, f32(walk.cells), 0.0));
+        textureStore(views_out, id, vec4f(0.0, 0.0, f32(tests), 0.0));
         atomicAdd(&counters[NODES_TESTED], walk.cells);
         atomicAdd(&counters[RAYS_LEFT], select(0u, 1u, walk.kind == WALK_HIDDEN));
     }

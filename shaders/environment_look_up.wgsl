@@ -4,6 +4,7 @@
 #import mirror_places
 #import point_surface
 #import mirror_ray
+#import hit
 
 @group(2) @binding(0) var point_in: texture_2d<f32>;
 @group(2) @binding(1) var normal_in: texture_2d<f32>;
@@ -11,17 +12,25 @@
 // x: identity of the texel's nearest point. y: nearness, 0: empty.
 @group(2) @binding(3) var<storage, read> maps: array<vec2u>;
 @group(2) @binding(4) var<storage, read> mirrors: MappedMirrors;
-@group(2) @binding(5) var albedo_out: texture_storage_2d<rgba16float, write>;
-@group(2) @binding(6) var normal_out: texture_storage_2d<rgba32float, write>;
-// xyz: position relative to the eye, w: 1, or 0 where nothing was found.
-@group(2) @binding(7) var position_out: texture_storage_2d<rgba32float, write>;
+// See hit.wgsl.
+@group(2) @binding(5) var<storage, read> hits: array<vec4u>;
+@group(2) @binding(6) var albedo_out: texture_storage_2d<rgba16float, write>;
+@group(2) @binding(7) var normal_out: texture_storage_2d<rgba32float, write>;
+// xyz: position relative to the eye, w: coverage, 0 where nothing was found.
+@group(2) @binding(8) var position_out: texture_storage_2d<rgba32float, write>;
 // A look-up takes no steps.
-@group(2) @binding(8) var views_out: texture_storage_2d<rgba32float, write>;
+@group(2) @binding(9) var views_out: texture_storage_2d<rgba32float, write>;
+
+// Set for the rest of another method: the rays of which it knows nothing. What they show is not proven.
+override only_rest: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
     let id = mirror_pixel(frame, thread);
     if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id, 0).w == 0.0 {
+        return;
+    }
+    if only_rest && !is_unknown(hits[id.y * frame.width + id.x]) {
         return;
     }
     let point = textureLoad(point_in, id, 0).xyz;
@@ -45,7 +54,8 @@ fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
             // The ray at linear depth 1, as the face sees it.
             let along = direction / largest_part(direction);
             let width = 2.0 * depth / f32(settings.environment_map.size);
-            position = vec4f(center + along * distance_to_point(index, center, along, depth, width), 1.0);
+            let place = center + along * distance_to_point(index, center, along, depth, width);
+            position = vec4f(place, select(1.0, 0.75, only_rest));
             let surface = surface_of_point(index, normalize(point - position.xyz));
             albedo = surface.albedo;
             normal = surface.normal;
@@ -55,7 +65,9 @@ fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
         textureStore(albedo_out, id, albedo);
         textureStore(normal_out, id, normal);
         textureStore(position_out, id, position);
-        textureStore(views_out, id, vec4f(0.0));
+        if !only_rest {
+            textureStore(views_out, id, vec4f(0.0));
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 #import frame_group
 #import counters
 #import mirror_ray
+#import hit
 
 // xyz: mirror point, w: specular intensity.
 @group(1) @binding(0) var point_in: texture_2d<f32>;
@@ -14,9 +15,14 @@
 @group(1) @binding(3) var seen_in: texture_2d<f32>;
 // xyz: its normal.
 @group(1) @binding(4) var seen_normal_in: texture_2d<f32>;
-// 0: trusted, or nothing found; else the reason.
+// 0: trusted, or known to be open; else the reason.
 @group(1) @binding(5) var doubt_out: texture_storage_2d<r32float, write>;
 @group(1) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
+// See hit.wgsl.
+@group(1) @binding(7) var<storage, read> hits: array<vec4u>;
+
+// Set if the method tells which rays it knows nothing about.
+override knows_rest: bool = false;
 
 // Closed from its neighbours.
 const CLOSED: f32 = 1.0;
@@ -24,7 +30,7 @@ const CLOSED: f32 = 1.0;
 const OFF_ITS_RAY: f32 = 2.0;
 // Its neighbours show other surfaces: one of them hides the other, or is missing.
 const ALONE: f32 = 3.0;
-// Found, but something may stand before it.
+// Found, but something may stand before it; or nothing was found, and nothing is known.
 const UNPROVEN: f32 = 4.0;
 // The coverage from which on something was found, and that from which on it is proven.
 const FOUND: f32 = 0.75;
@@ -55,9 +61,11 @@ fn mirror_doubt(@builtin(global_invocation_id) thread: vec3u) {
             if is_found && seen.w < PROVEN {
                 doubt = UNPROVEN;
             }
-            if doubt > 0.0 {
-                atomicAdd(&counters[DOUBTED_PIXELS], 1u);
-            }
+        } else if knows_rest && is_unknown(hits[id.y * frame.width + id.x]) {
+            doubt = UNPROVEN;
+        }
+        if doubt > 0.0 {
+            atomicAdd(&counters[DOUBTED_PIXELS], 1u);
         }
     }
     textureStore(doubt_out, id, vec4f(doubt));

@@ -49,10 +49,12 @@ fn screen_trace(@builtin(global_invocation_id) thread: vec3u) {
     if walk.kind == WALK_HIT {
         // A disc of the layer behind is a point, whose key is the distance.
         var key = select(HIT_IN_PICTURE, bitcast<u32>(walk.t), is_in_back);
-        key |= select(0u, HIT_UNPROVEN, passed_behind < NEVER || by_depth);
-        hits[pixel] = vec4u(key, walk.identity + 1u, bitcast<u32>(walk.t), walk.cells);
+        key |= select(0u, HIT_UNPROVEN, passed_behind < NEVER || by_depth || (meets_unsure && !is_in_back));
+        let identity = select(walk.identity & PIXEL_NUMBER, walk.identity, is_in_back);
+        hits[pixel] = vec4u(key, identity + 1u, bitcast<u32>(walk.t), walk.cells);
     } else {
-        hits[pixel].w = walk.cells;
+        let is_left = walk.kind == WALK_HIDDEN;
+        hits[pixel] = vec4u(select(0u, HIT_UNKNOWN, is_left && !is_continued()), 0u, 0u, walk.cells);
     }
     if walk.kind == WALK_HIDDEN {
         let place = atomicAdd(&rest[0], 1u);
@@ -60,9 +62,11 @@ fn screen_trace(@builtin(global_invocation_id) thread: vec3u) {
         atomicStore(&rest[2u + 2u * place], bitcast<u32>(walk.t));
     }
     if counts {
+        // The maps count what they leave.
+        let is_left_here = walk.kind == WALK_HIDDEN && settings.screen_trace.rest != SCREEN_TRACE_REST_CUBEMAP_TRACE;
         textureStore(views_out, id, vec4f(0.0, 0.0, f32(walk.cells), 0.0));
         atomicAdd(&counters[NODES_TESTED], walk.cells);
-        atomicAdd(&counters[RAYS_LEFT], select(0u, 1u, walk.kind == WALK_HIDDEN));
+        atomicAdd(&counters[RAYS_LEFT], select(0u, 1u, is_left_here));
     }
 }
 

@@ -272,6 +272,8 @@ const SCREEN_TRACE_BACK_CULLED: u32 = 1u;
 const SCREEN_TRACE_BACK_PEELED: u32 = 2u;
 const SCREEN_TRACE_REST_NONE: u32 = 0u;
 const SCREEN_TRACE_REST_SURFEL_TRACE: u32 = 1u;
+const SCREEN_TRACE_REST_CUBEMAP_TRACE: u32 = 2u;
+const SCREEN_TRACE_REST_ENVIRONMENT_MAP: u32 = 3u;
 
 // Screen-space curved reflections (Preiner 2010).
 struct Sscr {

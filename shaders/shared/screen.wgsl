@@ -43,11 +43,19 @@ fn cell_bounds(layer: u32, level: i32, cell: vec2i) -> vec2f {
 var<private> is_between: bool = false;
 // Whether what the ray meets is in the layer behind.
 var<private> is_in_back: bool = false;
+// Whether the ray meets a pixel where another surface may be met.
+var<private> meets_unsure: bool = false;
 // Where the ray first passed behind something that may hide more; NEVER: nowhere.
 var<private> passed_behind: f32 = NEVER;
 
 // Discs of the layer behind are known: how far beside one its plane counts, in pixels.
 const BACK_SLACK: f32 = 0.5;
+
+// Whether another method traces the rays that the picture does not resolve.
+fn is_continued() -> bool {
+    let rest = settings.screen_trace.rest;
+    return rest == SCREEN_TRACE_REST_SURFEL_TRACE || rest == SCREEN_TRACE_REST_CUBEMAP_TRACE;
+}
 
 fn said_at(view: DepthView, ray: WalkRay, at: vec2i, part: vec2f, starts: bool, choices: WalkChoices) -> Walk {
     var said = Walk(WALK_ON, 0.0, 0u, 0u);
@@ -55,13 +63,22 @@ fn said_at(view: DepthView, ray: WalkRay, at: vec2i, part: vec2f, starts: bool, 
         said = said_by_depth(ray, at, part);
     } else {
         let is_edge_on = (texel_record(0u, at).x & EDGE_ON) != 0u;
+        let is_blind = starts && (texel_record(0u, at).x & BLIND) != 0u;
         // A ray may begin on a surface that is seen edge-on.
-        if !is_between && !(starts && is_edge_on) {
+        if is_blind {
+            said = Walk(WALK_HIDDEN, part.x, 0u, 0u);
+        } else if !is_between && !(starts && is_edge_on) {
             said = said_by_texel(view, ray, at, part, starts, choices);
-            // Where such a surface is met is not known.
-            said.kind = select(said.kind, WALK_HIDDEN, said.kind == WALK_HIT && is_edge_on);
+            // Where such a surface is met is not known, nor where one that hides the ray's beginning is.
+            let is_met = said.kind == WALK_HIT;
+            let is_vague = is_edge_on || (starts && said.t <= part.x);
+            // What may not be met there is left to the next method; without one it is shown, and not proven.
+            let is_unsure = is_met && (texel_record(0u, at).x & UNSURE) != 0u;
+            said.t = select(said.t, part.x, is_unsure && is_continued());
+            said.kind = select(said.kind, WALK_HIDDEN, is_met && (is_vague || (is_unsure && is_continued())));
+            meets_unsure = is_unsure;
         }
-        if said.kind == WALK_HIDDEN && settings.screen_trace.back != SCREEN_TRACE_BACK_NONE {
+        if said.kind == WALK_HIDDEN && !is_blind && settings.screen_trace.back != SCREEN_TRACE_BACK_NONE {
             is_between = true;
             // The nearest back side of a disc may stand behind a front side.
             let hides_more = settings.screen_trace.back == SCREEN_TRACE_BACK_CULLED;

@@ -10,7 +10,7 @@ use crate::reflection::environment_map::EnvironmentMap;
 use crate::reflection::forward::Forward;
 use crate::reflection::gather::Gather;
 use crate::reflection::mirrored_viewpoint::MirroredViewpoint;
-use crate::reflection::screen_trace::ScreenTrace;
+use crate::reflection::screen_trace::{Links, ScreenTrace};
 use crate::reflection::sscr::Sscr;
 use crate::reflection::surfel_index::SurfelIndex;
 use crate::reflection::surfel_trace;
@@ -101,7 +101,9 @@ impl Methods {
             }
             Method::ScreenTrace => {
                 let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
-                self.screen.run(recorder, &mut self.index, gather, task)?;
+                let links =
+                    Links { index: &mut self.index, cubemaps: &mut self.cubemaps, environment: &mut self.environment };
+                self.screen.run(recorder, links, gather, task)?;
                 Some(Origin::Walk)
             }
             Method::SurfelTrace | Method::SscrHierarchical => {
@@ -123,6 +125,11 @@ impl Methods {
     /// The hits of the method that ran last, see shaders/surfel_trace.wgsl; `None` if it keeps none.
     pub fn hits(&self) -> Option<&wgpu::Buffer> {
         self.gather.as_ref().filter(|_| self.keeps_hits).map(|gather| &gather.hits)
+    }
+
+    /// The hits of the method that ran last, if it marks the rays of which nothing is known (shaders/shared/hit.wgsl).
+    pub fn marked_hits(&self) -> Option<&wgpu::Buffer> {
+        self.gather.as_ref().filter(|_| self.leaves_rays()).map(|gather| &gather.hits)
     }
 
     /// The views of the method that ran last.

@@ -196,7 +196,7 @@ passes! {
     }
     mirror_doubt: View over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, seen_in: Texture, seen_normal_in: Texture,
-        doubt_out: Write(R32Float), counters: ReadWrite,
+        doubt_out: Write(R32Float), counters: ReadWrite, hits: Read,
     }
     beam_lists: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, places: Read, nodes: Read,
@@ -212,7 +212,7 @@ passes! {
         normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
     }
     environment_look_up: Method over Pages {
-        point_in: Texture, normal_in: Texture, eye_in: Texture, maps: Read, mirrors: Read,
+        point_in: Texture, normal_in: Texture, eye_in: Texture, maps: Read, mirrors: Read, hits: Read,
         albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
         views_out: Write(Rgba32Float),
     }
@@ -220,9 +220,11 @@ passes! {
     cube_bounds: Method over Pixels { cubes: Read, records: Read, bounds: ReadWrite, work: Read }
     cubemap_trace: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, cubes: Read, records: Read, bounds: Read,
-        hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite,
+        hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite, listed: Read,
     }
-    screen_planes: Method over Pixels { normal_in: Texture, position_in: Texture, records: ReadWrite }
+    screen_planes: Method over Pixels {
+        normal_in: Texture, position_in: Texture, records: ReadWrite, albedo_in: Texture,
+    }
     splat_behind: Method over Blocks { records: Read, nearest: ReadWrite }
     screen_bounds: Method over Pixels { screen: Read, records: Read, bounds: ReadWrite }
     screen_trace: Method over Pixels {

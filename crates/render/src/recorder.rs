@@ -323,10 +323,24 @@ impl<'a> Recorder<'a> {
         bindings: B,
         groups: [u32; 3],
     ) -> Result<()> {
+        self.over_pages(&[], inputs, bindings, groups)
+    }
+
+    /// The same with switches.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn over_pages<'r, B: Bindings<'r, Over = Pages>>(
+        &mut self,
+        switches: Switches<'_>,
+        inputs: &Inputs,
+        bindings: B,
+        groups: [u32; 3],
+    ) -> Result<()> {
         let resources = bindings.resources();
         let dispatches = inputs.pages.iter().map(|page| {
             let page = inputs.page_resources(page, &page.page, page.items_of_runs.as_entire_binding()).to_vec();
-            (Vec::new(), vec![inputs.frame_resources().to_vec(), page, resources.clone()], groups)
+            (switches.to_vec(), vec![inputs.frame_resources().to_vec(), page, resources.clone()], groups)
         });
         let dispatches = dispatches.collect();
         self.dispatch(B::PASS, dispatches)

@@ -60,7 +60,7 @@ fn vectors<const N: usize>(stage: &Stage, aov: Aov) -> Vec<[f32; N]> {
 }
 
 #[test]
-fn a_picture_that_shows_nothing_of_what_is_reflected_leaves_all_to_surfel_trace_bit_for_bit() {
+fn a_picture_that_shows_nothing_of_what_is_reflected_leaves_all_to_the_next_method_bit_for_bit() {
     let mut stage = stage_or_skip!();
     // The camera sees the mirror alone, and all it reflects, through the open front or not, is behind the camera.
     let mut scene = furnished(&stage);
@@ -75,8 +75,9 @@ fn a_picture_that_shows_nothing_of_what_is_reflected_leaves_all_to_surfel_trace_
     (of_points.mirrors, of_points.camera) = (Vec::new(), scene.camera);
     for (scene, bounces) in [(&scene, "1"), (&scene, "2"), (&of_points, "1")] {
         let pairs = [("reflection.bounces", bounces)];
-        let mut drawn = |method: &str| {
-            let settings = settings(&[&[("reflection.method", method)], &pairs[..]].concat());
+        let mut drawn = |method: &str, rest: &str| {
+            let chosen = [("reflection.method", method), ("screen_trace.rest", rest)];
+            let settings = settings(&[&chosen, &pairs[..]].concat());
             let stats = scene.render(&mut stage, &settings, [64, 48]);
             let found = [Aov::MirrorPosition, Aov::MirrorAlbedo, Aov::MirrorNormal].map(|aov| {
                 let image = stage.renderer.read_aov(aov).unwrap();
@@ -84,11 +85,39 @@ fn a_picture_that_shows_nothing_of_what_is_reflected_leaves_all_to_surfel_trace_
             });
             (stats.reflection.unwrap(), found, stage.renderer.read_picture().unwrap())
         };
-        let (figures, found, picture) = drawn("screen_trace");
-        let (traced, points, expected) = drawn("surfel_trace");
-        assert_eq!(figures.unresolved, Some(1.0), "bounces {bounces}, {figures:?}");
-        assert!(traced.mirror_pixels > 2000 && traced.coverage > 0.4, "{traced:?}");
-        assert!(found == points && picture == expected, "bounces {bounces}");
+        for next in ["surfel_trace", "cubemap_trace", "environment_map"] {
+            let (figures, found, picture) = drawn("screen_trace", next);
+            let (traced, mut expected_points, expected) = drawn(next, "none");
+            if next == "environment_map" {
+                // Nothing proves what a map shows in a direction.
+                let places = &mut expected_points[0];
+                let proven = places.iter_mut().skip(3).step_by(4).filter(|coverage| **coverage == 1_f32.to_bits());
+                proven.for_each(|coverage| *coverage = 0.75_f32.to_bits());
+            }
+            let left = if next == "cubemap_trace" { traced.unresolved } else { Some(1.0) };
+            assert_eq!(figures.unresolved, left, "bounces {bounces}, {next}: {figures:?}");
+            assert!(traced.mirror_pixels > 2000 && traced.coverage > 0.4, "{next}: {traced:?}");
+            assert!(found == expected_points && picture == expected, "bounces {bounces}, {next}");
+        }
+    }
+}
+
+#[test]
+fn a_picture_that_resolves_every_ray_leaves_the_next_method_nothing() {
+    let mut stage = stage_or_skip!();
+    // A mirror that lies flat reflects the lines of sight into the upper part of the picture, where nothing is. The
+    // wall behind the camera is never reflected.
+    let behind = wall(DVec3::new(-1.0, -1.0, 6.0), [DVec3::X * 2.0, DVec3::Y * 2.0]);
+    let scene = Scene {
+        store: store_of(&stage, vec![behind], Material::default()),
+        mirrors: vec![flat(DVec3::ZERO, DVec3::Y, 0.6)],
+        camera: Camera::looking(DVec3::ZERO, DVec3::new(0.0, 0.26, 1.0), 1.5, DVec3::Y),
+    };
+    for rest in ["none", "surfel_trace", "cubemap_trace", "environment_map"] {
+        let settings = by_screen(&[("screen_trace.rest", rest), ("view.field_of_view", "120")]);
+        let stats = scene.render(&mut stage, &settings, [240, 180]).reflection.unwrap();
+        assert!(stats.mirror_pixels > 200, "{stats:?}");
+        assert_eq!((stats.unresolved, stats.coverage, stats.uncertain), (Some(0.0), 0.0, 0.0), "{rest}: {stats:?}");
     }
 }
 
@@ -261,7 +290,9 @@ fn a_layer_behind_tells_more_of_what_is_hidden_and_no_less_rightly() {
         let [none, culled, peeled] = ["none", "culled", "peeled"].map(&mut judge);
         println!("{projection}: unresolved, compared, wrong, unproven: {none:?}, {culled:?}, {peeled:?}");
         assert!(peeled.0 < none.0 - 0.01 && peeled.1 > none.1, "{none:?} {peeled:?}");
-        assert!(peeled.2 * 25 < peeled.1 && none.3 == 0 && peeled.3 == 0, "{none:?} {peeled:?}");
+        assert!(peeled.2 * 25 < peeled.1 && peeled.3 * 8 < peeled.1, "{none:?} {peeled:?}");
+        // Beside outlines nothing is proven.
+        assert!(none.3 * 8 < none.1, "{none:?}");
         assert!(culled.1 >= none.1, "{none:?} {culled:?}");
     }
 }
@@ -279,24 +310,24 @@ fn published_criteria_find_more_and_less_rightly_and_are_marked_as_unproven() {
     let place = |found: &[f32; 4]| Vec3::new(found[0], found[1], found[2]);
     let pixels = f64::from(traced.mirror_pixels);
     // The shares that something is found in, and that something else should be.
-    let mut judge = |pairs: &[(&str, &str)], coverage: f32| {
+    let mut judge = |pairs: &[(&str, &str)], is_proven: bool| {
         let (figures, seen) = found(pairs);
         // The other mirror, put in front by its formula, is proven.
-        let there = seen.iter().filter(|seen| seen[3] >= coverage).count() as f64;
+        let there = seen.iter().filter(|seen| seen[3] >= 0.75).count() as f64;
         assert!((there / pixels - figures.coverage).abs() < 1e-3, "{pairs:?}: {there} of {pixels}, {figures:?}");
-        assert!(coverage == 1.0 || figures.uncertain > figures.coverage - 0.02, "{figures:?}");
+        assert!(is_proven || figures.uncertain > figures.coverage - 0.02, "{figures:?}");
         let is_wrong = |(a, b): &(&[f32; 4], &[f32; 4])| {
-            a[3] >= coverage && (b[3].is_nan() || b[3] == 1.0 && place(a).distance(place(b)) > 0.05)
+            a[3] >= 0.75 && (b[3].is_nan() || b[3] == 1.0 && place(a).distance(place(b)) > 0.05)
         };
         (there / pixels, seen.iter().zip(&truth).filter(is_wrong).count() as f64 / pixels)
     };
-    let plane = judge(&[], 1.0);
-    let behind = judge(&[("screen_trace.criterion", "behind")], 0.75);
-    let thin = judge(&[("screen_trace.criterion", "thickness"), ("screen_trace.thickness", "0.02")], 0.75);
+    let plane = judge(&[], true);
+    let behind = judge(&[("screen_trace.criterion", "behind")], false);
+    let thin = judge(&[("screen_trace.criterion", "thickness"), ("screen_trace.thickness", "0.02")], false);
     let layers = [("screen_trace.criterion", "layers"), ("screen_trace.back", "culled")];
-    let layers = judge(&layers, 0.75);
-    let steps = judge(&[("screen_trace.sampling", "step")], 1.0);
-    let long_steps = judge(&[("screen_trace.sampling", "step"), ("screen_trace.step", "32")], 1.0);
+    let layers = judge(&layers, false);
+    let steps = judge(&[("screen_trace.sampling", "step")], true);
+    let long_steps = judge(&[("screen_trace.sampling", "step"), ("screen_trace.step", "32")], true);
     println!("{plane:?} {behind:?} {thin:?} {layers:?} {steps:?} {long_steps:?}");
     assert!(behind.0 > plane.0 && behind.1 > 3.0 * plane.1, "{behind:?} {plane:?}");
     assert!(thin.0 < behind.0 && thin.1 < behind.1, "{thin:?} {behind:?}");

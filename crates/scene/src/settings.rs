@@ -118,7 +118,12 @@ choices! {
 }
 choices! {
     /// What finds the rays that the camera's picture does not resolve.
-    pub enum ScreenRest { None = "none", SurfelTrace = "surfel_trace" }
+    pub enum ScreenRest {
+        None = "none",
+        SurfelTrace = "surfel_trace",
+        CubemapTrace = "cubemap_trace",
+        EnvironmentMap = "environment_map",
+    }
 }
 choices! {
     /// What is shown instead of the picture.
@@ -419,7 +424,7 @@ params! {
         jump: f32 = 1.0, 0.0..=8.0, "pixels";
         /// Steps through the picture after which a ray is given up.
         max_steps: u32 = 8192, 16..=8192, "steps";
-        /// What rays show that leave the picture or pass behind something: nothing, or what surfel_trace finds from where they are known to be free.
+        /// What rays show that leave the picture or pass behind something: nothing, or what surfel_trace or cubemap_trace finds from where they are known to be free, or what environment_map has in their direction.
         rest: ScreenRest = ScreenRest::SurfelTrace;
     }
 

@@ -2,10 +2,11 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use cloud::Progress;
-use render::{Gpu, Renderer};
+use render::{Error, Gpu, Renderer};
 use scene::five_mirrors::{self, Variant};
-use scene::{Method, Settings};
-use study::{Subject, TracedScene, Tracer, Truth, View};
+use scene::{METHODS, Method, Settings, Shape};
+use study::auto::{self, Hands};
+use study::{CostModel, Subject, Target, TracedScene, Tracer, Truth, View};
 
 const SIZE: [u32; 2] = [96, 72];
 
@@ -60,5 +61,62 @@ fn the_error_falls_with_the_root_of_the_samples() {
             println!("{what}: {errors:.5?}, as samples to the power of {slope:.2}");
             assert!(slope <= -0.4, "{what}: {errors:?}");
         }
+    }
+}
+
+#[test]
+fn auto_chooses_no_method_that_refuses_the_glossy_mirrors_of_a_scene() {
+    let gpu = match Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => return println!("skipped: {error}"),
+    };
+    let mut renderer = Renderer::new(gpu.clone()).unwrap();
+    let mut settings = Settings::default();
+    (settings.gi.bounces, settings.gloss.samples) = (0, 2);
+    let mut parts = five_mirrors::sample(Variant::Sphere, 20_000, 1);
+    for mirror in parts.iter_mut().filter_map(|part| part.mirror.as_mut()) {
+        // A flat mirror shows what any method that refuses it would show best.
+        (mirror.shape, mirror.specular_power) = (Shape::Plane { height: 1.0 }, 300.0);
+    }
+    let (lights, camera) = (vec![five_mirrors::light()], five_mirrors::camera());
+    let subject = Subject::sampled(&gpu, parts, lights, camera, None, &settings).unwrap();
+    let mut refused = Vec::new();
+    for row in METHODS.iter() {
+        let drawn = subject.render(
+            &mut renderer,
+            &Settings {
+                reflection: scene::Reflection { method: row.method, ..settings.reflection.clone() },
+                ..settings.clone()
+            },
+            [48, 36],
+        );
+        match drawn {
+            Ok(_) => {}
+            Err(Error::PerfectMirrorsOnly { .. }) => refused.push(row.method),
+            Err(error) => panic!("{}: {error}", row.name),
+        }
+    }
+    assert!(refused.contains(&Method::MirroredViewpoint), "{refused:?}");
+    // Only the method and its parameters are free.
+    let fixed = [
+        "view.resolution",
+        "splat.step",
+        "splat.quality",
+        "reflection.bounces",
+        "gi.bounces",
+        "gi.vpls",
+        "gi.interleave",
+    ];
+    let fixed = fixed.map(str::to_owned);
+    for target in [Target::Milliseconds(0.001), Target::Milliseconds(1e6), Target::Pixels(1e3)] {
+        let mut draw =
+            |renderer: &mut Renderer, settings: &Settings, size| Ok(subject.render(renderer, settings, size)?);
+        let mut hands = Hands { renderer: &mut renderer, draw: &mut draw, model: &mut CostModel::default() };
+        let choice = auto::choose(target, &settings, &fixed, (&camera, [48, 36]), &mut hands).unwrap();
+        let mut chosen = settings.clone();
+        choice.apply(&mut chosen).unwrap();
+        assert!(!refused.contains(&chosen.reflection.method), "{target}: {choice:?}");
+        subject.render(&mut renderer, &chosen, [48, 36]).unwrap();
     }
 }

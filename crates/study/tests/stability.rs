@@ -5,8 +5,9 @@
 use std::sync::{Arc, LazyLock, Mutex};
 
 use cloud::Progress;
-use render::{Gpu, ReflectionStats, Renderer};
-use study::{Accuracy, TracedScene, Tracer, Truth, View, stability};
+use render::{Aov, Gpu, ReflectionStats, Renderer};
+use scene::five_mirrors::Variant;
+use study::{Accuracy, Subject, TracedScene, Tracer, Truth, View, stability};
 
 /// Half of the height for which widths in pixels are given.
 const SIZE: [u32; 2] = [160, 120];
@@ -298,5 +299,69 @@ fn maps_of_hollow_and_close_mirrors_are_as_good_as_others() {
     for case in ["eye-at-focus:1", "near-wall:0.01"] {
         let Some(found) = judged("cubemap_trace", case, "") else { return };
         assert!(found.same_input.closed_coverage > 0.97 && found.same_input.pixel_error.p95 < 1.0, "{case}");
+    }
+}
+
+/// What the mark of doubt tells of a frame.
+#[derive(Debug)]
+struct Doubts {
+    /// The share that it marks of the pixels that are wrong, or show nothing where the truth sees something.
+    marked: f64,
+    /// The share that is wrong of the pixels found whose rays are proven to be free.
+    wrong: f64,
+}
+
+/// The doubts of a case, or of five-mirrors/torus.
+fn doubts(method: &str, case: &str, set: &str) -> Option<Doubts> {
+    let (gpu, renderer) = RENDERER.as_ref()?;
+    let mut renderer = renderer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let name = format!("{}{case}", stability::PREFIX);
+    let mut settings = if case == "torus" { scene::Settings::default() } else { stability::settings(&name).unwrap() };
+    settings.set_text("scene.points", "200000").unwrap();
+    settings.set_text("reflection.method", method).unwrap();
+    for (key, value) in set.split_whitespace().filter_map(|word| word.split_once('=')) {
+        settings.set_text(key, value).unwrap();
+    }
+    let subject = match case {
+        "torus" => Subject::five_mirrors(gpu, Variant::Torus, &settings),
+        _ => stability::subject(gpu, &name, &settings),
+    };
+    let subject = subject.unwrap();
+    subject.render(&mut renderer, &settings, SIZE).unwrap();
+    let progress = Progress::default();
+    let traced = TracedScene::new(&subject.parts, subject.exact.clone(), settings.splat.size, &progress).unwrap();
+    let view = View { camera: &subject.camera, settings: &settings, objects: subject.objects(), size: SIZE };
+    let tracer = Tracer::new(&traced, view);
+    let drawn = tracer.drawn(&renderer).unwrap();
+    let marks = renderer.read_aov(Aov::Uncertain).unwrap().data;
+    let hits = tracer.first_hits(&tracer.seen(&drawn.surface), &progress).unwrap();
+    let errors = tracer.pixel_errors(&drawn, &progress).unwrap();
+    let (mut bad, mut marked, mut proven, mut wrong) = (0.0, 0.0, 0.0, 0.0);
+    for pixel in (0..errors.len()).filter(|pixel| drawn.surface.is_mirror(*pixel)) {
+        let is_wrong = errors[pixel].as_ref().map_or(hits[pixel].is_some(), study::metrics::PixelError::is_wrong);
+        bad += f64::from(u8::from(is_wrong));
+        marked += f64::from(u8::from(is_wrong && marks[pixel] > 0.0));
+        let is_proven = drawn.found[pixel * 4 + 3] == 1.0;
+        proven += f64::from(u8::from(is_proven));
+        wrong += f64::from(u8::from(is_proven && is_wrong));
+    }
+    assert!(proven > 100.0, "{case}: {proven}");
+    Some(Doubts { marked: marked / bad, wrong: wrong / proven })
+}
+
+#[test]
+fn doubt_marks_most_of_what_is_wrong_or_unresolved_and_what_is_proven_is_right() {
+    for (method, set) in [
+        ("screen_trace", "screen_trace.rest=none"),
+        ("cubemap_trace", "cubemap_trace.rest=none cubemap_trace.own=trace"),
+    ] {
+        for case in ["torus", "fence:0.3"] {
+            let Some(doubts) = doubts(method, case, set) else { return };
+            println!("{method}, {case}: {doubts:.4?}");
+            // The first run left 0.069 wrong of what the camera's picture proves on the fence, whose slats are four
+            // pixels wide there, and 0.014 of what the maps prove.
+            let most = if method == "screen_trace" && case != "torus" { 0.09 } else { 0.02 };
+            assert!(doubts.marked >= 0.8 && doubts.wrong <= most, "{method}, {case}: {doubts:?}");
+        }
     }
 }

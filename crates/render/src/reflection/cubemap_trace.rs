@@ -107,6 +107,23 @@ impl CubemapTrace {
         gather: &Gather,
         task: &Task<'_>,
     ) -> Result<()> {
+        recorder.clear(&gather.hits);
+        self.trace(recorder, index, gather, task, None)?;
+        gather.resolve(recorder, task)
+    }
+
+    /// Finds what rays meet; `listed` are the only ones (see `rest_list`).
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn trace(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        index: &mut SurfelIndex,
+        gather: &Gather,
+        task: &Task<'_>,
+        listed: Option<&wgpu::Buffer>,
+    ) -> Result<()> {
         let settings = &task.settings.cubemap_trace;
         let mirrors = mirror_places(task);
         let layout = Layout::new(settings.size);
@@ -162,10 +179,9 @@ impl CubemapTrace {
         };
         let places = upload(recorder.gpu, &mirrors, task.store.bounds(), eye, map_of);
 
-        recorder.clear(&gather.hits);
         let own = own_chunks(task, &mirrors, settings.own, eye);
         if !own.is_empty() {
-            surfel_trace::trace(recorder, index, gather, task, &own, false, None)?;
+            surfel_trace::trace(recorder, index, gather, task, &own, false, listed)?;
         }
         let rest = rest_list(recorder, &mut self.rest, task.supply.size);
         let bindings = passes::cubemap_trace {
@@ -180,8 +196,10 @@ impl CubemapTrace {
             rest: rest.as_entire_binding(),
             views_out: gather.views.bind(),
             counters: task.counters.as_entire_binding(),
+            listed: listed.unwrap_or(&cubes).as_entire_binding(),
         };
         let switches = [
+            ("use_listed", u32::from(listed.is_some())),
             ("counts", u32::from(task.bounce == 0)),
             ("only_planes", u32::from(settings.criterion == CubeCriterion::Plane)),
             ("criterion", settings.criterion as u32),
@@ -193,7 +211,7 @@ impl CubemapTrace {
         if settings.rest == CubeRest::SurfelTrace {
             surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, false, Some(rest))?;
         }
-        gather.resolve(recorder, task)
+        Ok(())
     }
 }
 

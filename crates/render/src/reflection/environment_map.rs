@@ -13,7 +13,7 @@ use scene::{MirrorSurface, Quality, Settings, Splat};
 
 use super::gather::Gather;
 use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
-use super::task::Task;
+use super::task::{MirrorGBuffer, Task};
 use crate::frame::FrameCamera;
 use crate::gpu::Result;
 use crate::identities::CloudId;
@@ -59,6 +59,21 @@ impl EnvironmentMap {
     /// # Errors
     /// A shader is refused, or there is no memory.
     pub fn run(&mut self, recorder: &mut Recorder<'_>, gather: &Gather, task: &Task<'_>) -> Result<()> {
+        gather.complete(recorder, task, |recorder, found| self.fill(recorder, gather, task, found, false))
+    }
+
+    /// Writes what the maps show; `only_rest`: of the rays of which the hits say that nothing is known.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn fill(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        gather: &Gather,
+        task: &Task<'_>,
+        found: &MirrorGBuffer,
+        only_rest: bool,
+    ) -> Result<()> {
         let places = mirror_places(task);
         let size = task.settings.environment_map.size;
         let face_bytes = map_bytes([size; 2]);
@@ -90,21 +105,21 @@ impl EnvironmentMap {
             Some(MirrorMap { map, view: (mapped[map].bounds.center() - eye).as_vec3().extend(0.0) })
         };
         let mirrors = upload(recorder.gpu, &places, task.store.bounds(), eye, map_of);
-        gather.complete(recorder, task, |recorder, found| {
-            let [albedo_out, normal_out, position_out] = found.bind();
-            let bindings = passes::environment_look_up {
-                point_in: task.mirror.point.bind(),
-                normal_in: task.normal.bind(),
-                eye_in: task.mirror.eye.bind(),
-                maps: maps.as_entire_binding(),
-                mirrors: mirrors.as_entire_binding(),
-                albedo_out,
-                normal_out,
-                position_out,
-                views_out: gather.views.bind(),
-            };
-            recorder.over_page_pixels(task.supply, bindings, task.supply.mirror_groups())
-        })
+        let [albedo_out, normal_out, position_out] = found.bind();
+        let bindings = passes::environment_look_up {
+            point_in: task.mirror.point.bind(),
+            normal_in: task.normal.bind(),
+            eye_in: task.mirror.eye.bind(),
+            maps: maps.as_entire_binding(),
+            mirrors: mirrors.as_entire_binding(),
+            hits: gather.hits.as_entire_binding(),
+            albedo_out,
+            normal_out,
+            position_out,
+            views_out: gather.views.bind(),
+        };
+        let switches = [("only_rest", u32::from(only_rest))];
+        recorder.over_pages(&switches, task.supply, bindings, task.supply.mirror_groups())
     }
 }
 

@@ -46,8 +46,8 @@ use task::Task;
 use crate::gpu::Result;
 use crate::inputs::Inputs;
 use crate::layout::{
-    CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, MIRROR_PIXELS, NODES_TESTED, POINTS_FOUND,
-    POINTS_TRIED, POINTS_UNCONVERGED, RAYS_LEFT, REGIONS,
+    CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, HIT_BYTES, MIRROR_PIXELS, NODES_TESTED,
+    POINTS_FOUND, POINTS_TRIED, POINTS_UNCONVERGED, RAYS_LEFT, REGIONS,
 };
 use crate::method::{Methods, Views, behind_clear};
 use crate::passes;
@@ -88,6 +88,8 @@ pub(crate) struct Reflections {
     pub count: usize,
     pub methods: Methods,
     pub counters: wgpu::Buffer,
+    /// Bound where a method marks none.
+    no_hits: wgpu::Buffer,
     /// The doubtful pixels of the first bounce; see shaders/mirror_doubt.wgsl.
     pub doubt: Image,
     /// Glossy mirrors, from the first frame on that has some.
@@ -103,6 +105,7 @@ pub(crate) struct Reflections {
 impl Reflections {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
+        let no_hits = storage(device, "no hits", HIT_BYTES);
         let doubt = Image::new(device, size, "doubt", wgpu::TextureFormat::R32Float);
         let methods = Methods::new(size);
         Self {
@@ -111,6 +114,7 @@ impl Reflections {
             count: 0,
             methods,
             counters,
+            no_hits,
             doubt,
             gloss: None,
             footprint: None,
@@ -231,6 +235,7 @@ impl Reflections {
                 None => false,
             };
             if index == 0 && rays.is_perfect() {
+                let hits = self.methods.marked_hits();
                 let bindings = passes::mirror_doubt {
                     point_in: bounce.mirror.point.bind(),
                     normal_in: normal.bind(),
@@ -239,8 +244,9 @@ impl Reflections {
                     seen_normal_in: bounce.seen.normal.bind(),
                     doubt_out: self.doubt.bind(),
                     counters: self.counters.as_entire_binding(),
+                    hits: hits.unwrap_or(&self.no_hits).as_entire_binding(),
                 };
-                recorder.over_mirrors(&[], supply, bindings)?;
+                recorder.over_mirrors(&[("knows_rest", u32::from(hits.is_some()))], supply, bindings)?;
             }
             if let Some(clear) = &mut self.clear {
                 clear.knows_points = learnt;

@@ -1,11 +1,13 @@
 //! Screen-space tracing (after Johnsson 2012, whose rays march through the camera's picture): reflected rays walk through
-//! the depths of what the camera sees, mirrors included. What the picture cannot tell is left to `surfel_trace`, from
+//! the depths of what the camera sees, mirrors included. What the picture cannot tell is left to another method, from
 //! where a ray is known to be free. docs/methods/screen_trace.md has the rules.
 
 use std::num::NonZeroU64;
 
 use scene::{ScreenBack, ScreenRest, Settings};
 
+use super::cubemap_trace::CubemapTrace;
+use super::environment_map::EnvironmentMap;
 use super::gather::{Gather, rest_list};
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace;
@@ -16,6 +18,13 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::store::PointStore;
 use crate::targets::storage;
+
+/// The methods that may find the rays that the picture does not resolve.
+pub(crate) struct Links<'a> {
+    pub index: &'a mut SurfelIndex,
+    pub cubemaps: &'a mut CubemapTrace,
+    pub environment: &'a mut EnvironmentMap,
+}
 
 /// The picture as rays walk through it. The first bounce of a frame makes it, and all bounces use it.
 #[derive(Default)]
@@ -55,8 +64,11 @@ impl Picture {
             normal_in: task.camera.normal.bind(),
             position_in: task.camera.position.bind(),
             records: self.records.as_entire_binding(),
+            albedo_in: task.camera.albedo.bind(),
         };
-        recorder.over_pixels(&[], task.supply, bindings)?;
+        let is_continued =
+            matches!(task.settings.screen_trace.rest, ScreenRest::SurfelTrace | ScreenRest::CubemapTrace);
+        recorder.over_pixels(&[("is_continued", u32::from(is_continued))], task.supply, bindings)?;
         for level in 1..=levels(self.size) {
             let screen = upload(recorder, task, level);
             let bindings = passes::screen_bounds {
@@ -104,10 +116,11 @@ impl ScreenTrace {
     pub fn run(
         &mut self,
         recorder: &mut Recorder<'_>,
-        index: &mut SurfelIndex,
+        links: Links<'_>,
         gather: &Gather,
         task: &Task<'_>,
     ) -> Result<()> {
+        let Links { index, cubemaps, environment } = links;
         let size = task.supply.size;
         let has_back = task.settings.screen_trace.back != ScreenBack::None;
         let kept = self.picture.take().filter(|picture| picture.size == size && picture.has_back == has_back);
@@ -133,8 +146,13 @@ impl ScreenTrace {
         };
         let counts = [("counts", u32::from(task.bounce == 0))];
         recorder.by_rows(&counts, task.supply, bindings, task.supply.mirror_groups())?;
-        if task.settings.screen_trace.rest == ScreenRest::SurfelTrace {
-            surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, false, Some(rest))?;
+        let next = task.settings.screen_trace.rest;
+        match next {
+            ScreenRest::SurfelTrace => {
+                surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, false, Some(rest))?;
+            }
+            ScreenRest::CubemapTrace => cubemaps.trace(recorder, index, gather, task, Some(rest))?,
+            ScreenRest::None | ScreenRest::EnvironmentMap => {}
         }
         gather.complete(recorder, task, |recorder, found| {
             let [albedo_out, normal_out, position_out] = found.bind();
@@ -150,7 +168,11 @@ impl ScreenTrace {
                 position_out,
             };
             recorder.over_mirrors(&[], task.supply, bindings)?;
-            gather.resolve_points(recorder, task, found)
+            gather.resolve_points(recorder, task, found)?;
+            if next == ScreenRest::EnvironmentMap {
+                environment.fill(recorder, gather, task, found, true)?;
+            }
+            Ok(())
         })
     }
 }
@@ -301,7 +323,7 @@ mod tests {
                 let near = |t: f32, other: f32| (t - other).abs() <= 1e-4 * (1.0 + other);
                 let is_same = match walked.answer {
                     Answer::Hit { t, identity } => {
-                        key == 0x7fff_ffff && found == identity + 1 && near(f32::from_bits(distance), t)
+                        key & 0x7fff_ffff == 0x7fff_ffff && found == identity + 1 && near(f32::from_bits(distance), t)
                     }
                     Answer::Open => found == 0 && !left.contains_key(&(pixel as u32)),
                     Answer::Hidden(t) => left.get(&(pixel as u32)).is_some_and(|from| near(*from, t)),
