@@ -5,6 +5,7 @@
 //! shown, while some points are hidden.
 
 pub(crate) mod draw_list;
+mod material;
 mod pages;
 mod shown;
 
@@ -13,9 +14,10 @@ use std::sync::{Arc, OnceLock};
 
 use cloud::{Bounds, Chunk, Cloud, CloudLayout, Column, NO_NORMAL, PointTest, ShownPoints};
 use glam::DVec3;
+pub use material::Material;
 use pages::{PageBuffers, buffer, room_of};
 use rayon::prelude::*;
-use scene::{Mirror, Ramp, Settings, Splat};
+use scene::{Ramp, Settings, Splat};
 use shown::{Shown, shown_of};
 
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
@@ -25,39 +27,6 @@ use crate::layout::{ATTRIBUTE_BYTES, POINT_BYTES, SCALAR_BYTES};
 
 /// The largest count in a leaf of a chunk's tree (reflection/surfel_tree.rs); loaded chunks are far smaller.
 const MOST_CHUNK_POINTS: usize = 1 << 24;
-
-/// How a cloud reflects: a specular intensity above 0 makes it a mirror, one below 0 makes it glossy.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Material {
-    /// The share of the light that a mirror reflects, 0 to 1; or, with a minus, that a highlight of lights takes from
-    /// the diffuse light.
-    pub specular_intensity: f32,
-    pub specular_power: f32,
-    /// The index of refraction of a mirror through which light goes; 0 for an opaque one.
-    pub refraction: f32,
-    /// Whether the points are samples of a mirror that the renderer may also draw by its formula.
-    pub has_formula: bool,
-    /// Whether the mirror is drawn as these samples unless `mirror.surface` asks for the formula.
-    pub as_points: bool,
-}
-
-impl Material {
-    /// The material of the points that represent a mirror with a formula or a mesh.
-    pub fn of_mirror(mirror: &Mirror) -> Self {
-        Self {
-            specular_intensity: mirror.specular_intensity,
-            specular_power: mirror.specular_power,
-            refraction: mirror.refraction.unwrap_or(0.0),
-            has_formula: mirror.shape.has_formula(),
-            as_points: mirror.as_points,
-        }
-    }
-
-    /// Whether light goes through.
-    pub fn is_clear(&self) -> bool {
-        self.specular_intensity > 0.0 && self.refraction > 0.0
-    }
-}
 
 struct StoredCloud {
     /// The order of clouds: those with a smaller number come first.
@@ -424,6 +393,19 @@ impl PointStore {
             u64::from(chunk.range.start) * SCALAR_BYTES,
             bytemuck::cast_slice(&scalars),
         );
+    }
+
+    /// Sets how a cloud reflects. Where that changes only how much and how sharply, the points count as they were.
+    pub fn set_material(&mut self, cloud: CloudId, material: Material) {
+        let Some(before) = self.clouds.get(&cloud).map(|cloud| cloud.material) else { return };
+        match before {
+            _ if before == material => return,
+            _ if before.is_alike(&material) => self.revision = next_revision(),
+            _ => self.change(),
+        }
+        if let Some(cloud) = self.clouds.get_mut(&cloud) {
+            cloud.material = material;
+        }
     }
 
     pub fn set_visible(&mut self, cloud: CloudId, visible: bool) {

@@ -29,6 +29,8 @@ struct ResidentCloud {
     reflecting: Vec<Reflecting>,
     /// How the cloud and its reflecting points are coloured.
     color: Option<(ColorPlan, DVec3)>,
+    /// The points of a mirror.
+    samples: Vec<Chunk>,
     is_visible: bool,
 }
 
@@ -39,10 +41,22 @@ struct Reflecting {
     chunks: HashMap<Part, (ChunkId, Vec<u32>)>,
 }
 
+/// Whether these are the points of a mirror that is resident, apart from their colour.
+fn has_places(resident: &ResidentCloud, samples: &[Chunk]) -> bool {
+    let is_same = |(known, sample): (&Chunk, &Chunk)| {
+        let geometry = |chunk: &Chunk| (chunk.first_point, chunk.origin, chunk.radii.clone(), chunk.normals.clone());
+        known.positions == sample.positions && geometry(known) == geometry(sample)
+    };
+    !samples.is_empty()
+        && resident.samples.len() == samples.len()
+        && resident.chunks.len() == samples.len()
+        && resident.samples.iter().zip(samples).all(is_same)
+}
+
 impl ResidentCloud {
     fn new(id: CloudId) -> Self {
         let chunks = HashMap::new();
-        Self { id, chunks, reflecting: Vec::new(), color: None, is_visible: true }
+        Self { id, chunks, reflecting: Vec::new(), color: None, samples: Vec::new(), is_visible: true }
     }
 
     fn ids(&self) -> impl Iterator<Item = CloudId> {
@@ -137,13 +151,25 @@ impl Resident {
             Change::Visibility { test } => self.store.set_visibility(&test),
             Change::Mark { cloud, chunks, layout, marked } => return self.mark(cloud, &chunks, &layout, &marked),
             Change::Mirror { cloud, mirror, samples } => {
+                if let Some(resident) = self.clouds.get_mut(&cloud).filter(|resident| has_places(resident, &samples)) {
+                    // Only the look of the mirror has changed: all that is known of its points' places stays.
+                    self.store.set_material(resident.id, Material::of_mirror(&mirror));
+                    for sample in &samples {
+                        let id = resident.chunks.get(&Part::Block(sample.first_point));
+                        let color = sample.colors.as_ref().and_then(|colors| colors.first().copied());
+                        if let Some(id) = id {
+                            self.store.set_tint(*id, color);
+                        }
+                    }
+                    return Ok(());
+                }
                 self.close(cloud);
                 let (id, ids) = mirrors::upload(&mut self.store, &mirror, &samples)?;
                 self.store.set_order(id, MIRRORS_FROM + order_of(cloud, 0));
                 let parts = samples.iter().map(|chunk| Part::Block(chunk.first_point));
                 let chunks: HashMap<Part, ChunkId> = parts.zip(ids).collect();
                 self.origins.extend(chunks.iter().map(|(part, id)| (*id, (cloud.chunk(*part), None))));
-                self.clouds.insert(cloud, ResidentCloud { chunks, ..ResidentCloud::new(id) });
+                self.clouds.insert(cloud, ResidentCloud { chunks, samples, ..ResidentCloud::new(id) });
             }
             Change::Close { cloud } => self.close(cloud),
         }
@@ -239,5 +265,59 @@ impl Resident {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use render::{Objects, Renderer};
+    use scene::{Camera, Mirror, Settings, Shape};
+
+    use super::*;
+
+    #[test]
+    fn a_mirror_of_another_look_is_not_uploaded_again_and_its_picture_is_that_of_a_new_one() {
+        let gpu = match Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => return println!("skipped: {error}"),
+        };
+        let mut renderer = Renderer::new(gpu.clone()).unwrap();
+        let before = Mirror {
+            color: [0.2, 0.5, 0.8],
+            specular_intensity: 0.5,
+            specular_power: 30.0,
+            as_points: true,
+            ..Mirror::standing(Shape::Torus { tube: 0.4 }, DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0)
+        };
+        let after = Mirror { color: [0.9, 0.3, 0.1], specular_intensity: 0.8, specular_power: 300.0, ..before.clone() };
+        let key = CloudKey(7);
+        let put = |resident: &mut Resident, mirror: &Mirror| {
+            let samples = mirror.sample(3000, 1);
+            resident.apply(Change::Mirror { cloud: key, mirror: mirror.clone(), samples }).unwrap();
+            resident.store.uploaded_bytes()
+        };
+        let mut picture = |resident: &Resident, mirror: &Mirror| {
+            let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, -1.0, 0.6), 3.0, DVec3::Z);
+            let mut settings = Settings::default();
+            settings.gloss.samples = 2;
+            let objects = Objects { mirrors: std::slice::from_ref(mirror), ..Objects::default() };
+            renderer.forget();
+            renderer.render(&resident.store, &camera, &settings, objects, [64, 48]).unwrap();
+            renderer.read_picture().unwrap()
+        };
+        let mut changed = Resident::new(gpu.clone());
+        let uploaded = put(&mut changed, &before);
+        let first = picture(&changed, &before);
+        assert!(uploaded > 0 && put(&mut changed, &after) == uploaded);
+        let mut fresh = Resident::new(gpu);
+        put(&mut fresh, &after);
+        let shown = picture(&changed, &after);
+        assert!(shown == picture(&fresh, &after) && shown != first);
+        // A mirror that moves, and one of other points.
+        let moved = Mirror { position: DVec3::X * 0.1, ..after.clone() };
+        assert!(put(&mut changed, &moved) > uploaded);
+        put(&mut fresh, &moved);
+        assert!(picture(&changed, &moved) == picture(&fresh, &moved));
     }
 }
