@@ -1,6 +1,7 @@
-// Sums what the samples of glossy mirrors receive, and keeps their mean; a mirror that sees no point receives the
-// background. One thread a pixel.
+// Sums what the samples of mirrors receive by their weights, and keeps their mean; a mirror that sees no point
+// receives the background. One thread a pixel.
 #import frame_group
+#import gloss_pixel
 #import packing
 
 // w: 0 where the sample has no ray.
@@ -8,12 +9,16 @@
 // w: coverage of the reflected surface.
 @group(1) @binding(1) var seen_in: texture_2d<f32>;
 @group(1) @binding(2) var reflected_in: texture_2d<f32>;
-// rgb: the sum of what the rays receive, a: their number.
-@group(1) @binding(3) var<storage, read_write> sums: array<vec4f>;
-@group(1) @binding(4) var received_out: texture_storage_2d<rgba16float, write>;
+@group(1) @binding(3) var<storage, read> pixels: array<GlossPixel>;
+// rgb: the sum of what the rays receive, a: that of their weights.
+@group(1) @binding(4) var<storage, read_write> sums: array<vec4f>;
+@group(1) @binding(5) var received_out: texture_storage_2d<rgba16float, write>;
+
+// Set if rays have weights.
+override is_weighed: bool = false;
 
 @compute @workgroup_size(8, 8)
-fn gloss_sum(@builtin(global_invocation_id) thread: vec3u) {
+fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let id = mirror_pixel(frame, thread);
     if id.x >= frame.width || id.y >= frame.height {
         return;
@@ -26,8 +31,9 @@ fn gloss_sum(@builtin(global_invocation_id) thread: vec3u) {
     if textureLoad(point_in, id, 0).w > 0.0 {
         let background = linear_from_srgb(unpack4x8unorm(settings.view.background).wzy);
         let found = textureLoad(seen_in, id, 0).w > 0.0;
-        sum += vec4f(select(background, textureLoad(reflected_in, id, 0).rgb, found), 1.0);
+        let weight = select(1.0, pixels[place_of_thread(thread, groups)].weight, is_weighed);
+        sum += weight * vec4f(select(background, textureLoad(reflected_in, id, 0).rgb, found), 1.0);
     }
     sums[index] = sum;
-    textureStore(received_out, id, vec4f(sum.rgb / max(sum.a, 1.0), 1.0));
+    textureStore(received_out, id, vec4f(sum.rgb / select(1.0, sum.a, sum.a > 0.0), 1.0));
 }

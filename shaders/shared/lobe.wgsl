@@ -65,3 +65,37 @@ fn lobe_normal(is_blinn: bool, incoming: vec3f, normal: vec3f, across: mat2x3f, 
     }
     return normalize(reflect(lobe_direction(incoming, across, numbers, power), normal) - incoming);
 }
+
+// A normal drawn from another lobe than the surface's, and how much the ray counts.
+struct WeighedNormal {
+    normal: vec3f,
+    weight: f32,
+}
+
+// Draws ray `index` of `count` half from a lobe of power `drawn_power`, half from one of `spread` times less power. The
+// weight is the density of the surface's lobe over that of both together (the balance heuristic); both densities of a
+// direction come from those of the normal by the same factor. A direction below the surface counts nothing.
+fn weighed_normal(
+    is_blinn: bool,
+    incoming: vec3f,
+    normal: vec3f,
+    across: mat2x3f,
+    index: u32,
+    count: u32,
+    seed: u32,
+    drawn_power: f32,
+    spread: f32,
+    power: f32,
+) -> WeighedNormal {
+    let wide_power = drawn_power / spread;
+    let is_wide = index % 2u == 1u;
+    let from_power = select(drawn_power, wide_power, is_wide);
+    let numbers = lobe_numbers(index / 2u, lobe_hash(seed + select(1u, 2u, is_wide)));
+    let drawn = lobe_normal(is_blinn, incoming, normal, across, numbers, from_power);
+    let log_cosine = log(numbers.x) / (from_power + 1.0);
+    let narrow_share = f32((count + 1u) / 2u) / f32(count);
+    let narrow = narrow_share * (drawn_power + 1.0) * exp((drawn_power - power) * log_cosine);
+    let wide = (1.0 - narrow_share) * (wide_power + 1.0) * exp((wide_power - power) * log_cosine);
+    let is_above = dot(reflect(incoming, drawn), normal) > 0.0;
+    return WeighedNormal(select(normal, drawn, is_above), select(0.0, (power + 1.0) / (narrow + wide), is_above));
+}

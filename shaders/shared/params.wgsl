@@ -192,6 +192,10 @@ struct Gloss {
     lobe: u32,
     pattern: u32,
     seed: u32,
+    cache: u32,
+    cache_power: f32,
+    cache_spread: f32,
+    cache_trust: f32,
 }
 const GLOSS_LOBE_PHONG: u32 = 0u;
 const GLOSS_LOBE_BLINN: u32 = 1u;

@@ -62,7 +62,7 @@ use crate::interrupt;
 
 /// A message from another thread to the window.
 enum Wake {
-    News(News),
+    News(Box<News>),
     /// The files chosen in the system's dialog, and how long the dialog was open.
     Chosen(Option<Vec<PathBuf>>, Duration),
     /// Ctrl-C was pressed in the terminal.
@@ -84,7 +84,7 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
         session.outside.say(Level::Warning, problem);
     }
     let wake = event_loop.create_proxy();
-    let tell = move |news| wake.send_event(Wake::News(news)).is_ok();
+    let tell = move |news| wake.send_event(Wake::News(Box::new(news))).is_ok();
     let mut viewer = Viewer {
         wake: event_loop.create_proxy(),
         session,
@@ -173,10 +173,12 @@ impl ApplicationHandler<Wake> for Viewer {
 
     fn user_event(&mut self, event_loop: &ActiveEventLoop, event: Wake) {
         self.session.outside.now = Instant::now();
-        let is_chunk =
-            matches!(event, Wake::News(News::Loading(_, world::Event::Chunk { .. } | world::Event::Dropped { .. }, _)));
+        let is_of_chunk = |news: &News| {
+            matches!(news, News::Loading(_, world::Event::Chunk { .. } | world::Event::Dropped { .. }, _))
+        };
+        let is_chunk = matches!(&event, Wake::News(news) if is_of_chunk(news));
         match event {
-            Wake::News(news) => self.on_news(news),
+            Wake::News(news) => self.on_news(*news),
             Wake::Interrupted => {
                 self.keep_preferences();
                 self.failure = Some(Interrupted.into());

@@ -126,6 +126,7 @@ sizes! {
     RegionTotals: REGION_TOTALS_BYTES = 8;
     MirrorPixel: MIRROR_PIXEL_BYTES = 32;
     Solution: SOLUTION_BYTES = 8;
+    GlossPixel: GLOSS_PIXEL_BYTES = 16;
 }
 
 /// Declares the size in bytes of an element of a buffer without structs, and a pass and slot to which it is bound.
@@ -158,6 +159,7 @@ elements! {
     label_start.sizes: LABEL_BYTES = 4;
     region_scan.runs: RUN_BYTES = 8;
     gloss_sum.sums: GLOSS_SUM_BYTES = 16;
+    gloss_keep.kept: KEPT_WORD_BYTES = 4;
     mirror_average.nearest: NEAREST_REFLECTION_BYTES = 4;
     shade.shadows: SHADOW_TEXEL_BYTES = 8;
     indirect_reuse.kept: KEPT_LIGHT_BYTES = 16;
@@ -227,6 +229,8 @@ constants! {
     DISCS_TESTED: usize = 8;
     DOUBTED_PIXELS: usize = 9;
     RAYS_LEFT: usize = 10;
+    RAYS_TRACED: usize = 11;
+    RAYS_KEPT: usize = 13;
     /// The sources of a point's colour.
     COLOR_PLAIN: u32 = 0;
     COLOR_RGB: u32 = 1;
@@ -245,7 +249,7 @@ constants! {
 
 /// The number of counters that the buffer has room for.
 pub const COUNTERS: usize = 16;
-const _: () = assert!(RAYS_LEFT < COUNTERS);
+const _: () = assert!(RAYS_KEPT + 1 < COUNTERS);
 
 /// The name, the size and the fields of a struct.
 #[cfg(test)]

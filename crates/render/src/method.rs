@@ -9,8 +9,9 @@ use crate::reflection::cubemap_trace::CubemapTrace;
 use crate::reflection::environment_map::EnvironmentMap;
 use crate::reflection::forward::Forward;
 use crate::reflection::gather::Gather;
+use crate::reflection::kept_hits::KnownRays;
 use crate::reflection::mirrored_viewpoint::MirroredViewpoint;
-use crate::reflection::screen_trace::{Links, ScreenTrace};
+use crate::reflection::screen_trace::ScreenTrace;
 use crate::reflection::sscr::Sscr;
 use crate::reflection::surfel_index::SurfelIndex;
 use crate::reflection::surfel_trace;
@@ -72,14 +73,21 @@ impl Methods {
     /// # Errors
     /// A shader is refused, or there is no memory for the index.
     pub fn trace(&mut self, recorder: &mut Recorder<'_>, gather: &Gather, task: &Task<'_>) -> Result<()> {
-        surfel_trace::run(recorder, &mut self.index, gather, task, false)
+        surfel_trace::search(recorder, &mut self.index, gather, task, false)?;
+        gather.resolve(recorder, task)
     }
 
-    /// Finds what the mirror pixels of a bounce see.
+    /// Finds what the mirror pixels of a bounce see; `known` tells what some rays meet.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.
-    pub fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
+    pub fn run(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        method: Method,
+        task: &Task<'_>,
+        known: Option<&KnownRays<'_>>,
+    ) -> Result<()> {
         self.keeps_hits = matches!(method, Method::CubemapTrace | Method::SurfelTrace | Method::SscrHierarchical);
         self.views = match method {
             // The method that `auto` resolves to runs in its place.
@@ -94,23 +102,30 @@ impl Methods {
                 self.mirrored.run(recorder, gather, task)?;
                 Some(Origin::Gather)
             }
-            Method::CubemapTrace => {
-                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
-                self.cubemaps.run(recorder, &mut self.index, gather, task)?;
-                Some(Origin::Walk)
-            }
-            Method::ScreenTrace => {
-                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
-                let links =
-                    Links { index: &mut self.index, cubemaps: &mut self.cubemaps, environment: &mut self.environment };
-                self.screen.run(recorder, links, gather, task)?;
-                Some(Origin::Walk)
-            }
-            Method::SurfelTrace | Method::SscrHierarchical => {
-                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
-                let use_beams = method == Method::SscrHierarchical;
-                surfel_trace::run(recorder, &mut self.index, gather, task, use_beams)?;
-                Some(Origin::Gather)
+            Method::CubemapTrace | Method::ScreenTrace | Method::SurfelTrace | Method::SscrHierarchical => {
+                let Self { index, cubemaps, screen, environment, gather, .. } = self;
+                let gather = gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                if !known.is_some_and(|known| known.all) {
+                    let task = &Task { mirror: known.and_then(|known| known.unknown).unwrap_or(task.mirror), ..*task };
+                    match method {
+                        Method::CubemapTrace => cubemaps.search(recorder, index, gather, task)?,
+                        Method::ScreenTrace => screen.search(recorder, index, cubemaps, gather, task)?,
+                        _ => {
+                            let use_beams = method == Method::SscrHierarchical;
+                            surfel_trace::search(recorder, index, gather, task, use_beams)?;
+                        }
+                    }
+                }
+                if let Some(known) = known {
+                    known.exchange(recorder, gather, task)?;
+                }
+                if method == Method::ScreenTrace {
+                    ScreenTrace::resolve(recorder, environment, gather, task)?;
+                } else {
+                    gather.resolve(recorder, task)?;
+                }
+                let walks = matches!(method, Method::CubemapTrace | Method::ScreenTrace);
+                Some(if walks { Origin::Walk } else { Origin::Gather })
             }
             Method::Sscr => {
                 let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
@@ -189,6 +204,12 @@ pub(crate) fn supply_of(method: Method) -> Selection {
         Supply::Nothing | Supply::Everything => Selection::Everywhere,
         Supply::WithMirrors => Selection::EverywhereWithMirrors,
     }
+}
+
+/// Whether a frame's method follows a ray for each mirror pixel, and so has hits that may be kept.
+pub(crate) fn follows_rays(settings: &Settings) -> bool {
+    use Method::{CubemapTrace, ScreenTrace, SscrHierarchical, SurfelTrace};
+    matches!(settings.reflection.method.chosen(), SurfelTrace | SscrHierarchical | CubemapTrace | ScreenTrace)
 }
 
 /// The method that finds what is seen through clear surfaces: the frame's, unless that traces no rays of any kind, or

@@ -177,11 +177,15 @@ passes! {
         point_in: Texture, normal_in: Texture, mirrors: Read, point_out: Write(Rgba32Float),
         eye_out: Write(Rgba32Float), normal_out: Write(Rgba32Float),
     }
+    gloss_trust: Method over Pixels { point_in: Texture, normal_in: Texture, eye_in: Texture, pixels: ReadWrite }
     gloss_normals: Method over Pixels {
-        point_in: Texture, normal_in: Texture, eye_in: Texture, normal_out: Write(Rgba32Float),
+        point_in: Texture, normal_in: Texture, eye_in: Texture, kept: Read, pixels: ReadWrite,
+        normal_out: Write(Rgba32Float), rays_out: Write(Rgba32Float),
     }
+    gloss_keep: Method over Pixels { point_in: Texture, pixels: Read, kept: ReadWrite, hits: ReadWrite, counters: ReadWrite }
     gloss_sum: Light over Pixels {
-        point_in: Texture, seen_in: Texture, reflected_in: Texture, sums: ReadWrite, received_out: Write(Rgba16Float),
+        point_in: Texture, seen_in: Texture, reflected_in: Texture, pixels: Read, sums: ReadWrite,
+        received_out: Write(Rgba16Float),
     }
     clear_surface: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, points_in: Texture, mirrors: Read,

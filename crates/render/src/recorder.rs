@@ -188,6 +188,11 @@ impl<'a> Recorder<'a> {
         );
     }
 
+    /// Copies the same range of bytes of two buffers.
+    pub fn copy_part(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, bytes: std::ops::Range<u64>) {
+        self.encoder.copy_buffer_to_buffer(from, bytes.start, to, bytes.start, bytes.end - bytes.start);
+    }
+
     /// Runs a pass with the given number of workgroups.
     ///
     /// # Errors

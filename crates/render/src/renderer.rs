@@ -20,6 +20,7 @@ use crate::method::{self, Views};
 use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder, Rehearsal};
 use crate::reflection::gloss::{RaySet, RaySets};
+use crate::reflection::kept_hits::{GlossCache, Scenery};
 use crate::reflection::{self, ReflectionStats, Reflections, Search, SurfaceImages};
 use crate::rehearsal::Cast;
 use crate::shading::{FrameLight, Reflected, Shading};
@@ -53,6 +54,11 @@ pub struct FrameStats {
     pub glossy_samples: [u32; 2],
     /// The exposure of the picture, if it was fitted.
     pub exposure: Option<Exposure>,
+    /// Whether what the rays of glossy mirrors meet is kept for the next frame.
+    pub glossy_hits: GlossCache,
+    /// If it is: the number of rays of glossy mirrors that the frame traced, and of those whose hits it knew from frames
+    /// before.
+    pub glossy_rays: [u64; 2],
     /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
 }
@@ -234,6 +240,7 @@ impl Renderer {
         (self.made_from, self.splatted_from, self.kept_shadows) = (None, None, Vec::new());
         if let Some(reflections) = &mut self.reflections {
             reflections.forget();
+            reflections.forget_hits();
         }
         self.gi.forget();
         self.exposure.is_used = false;
@@ -444,23 +451,33 @@ impl Renderer {
             light.first_receiver = 0;
         }
         let mut summed = None;
+        let mut glossy_hits = GlossCache::NoGloss;
+        if !is_sampled || asks.rays.glossy == 0 {
+            reflections.forget_hits();
+        }
         let mut reflected = if let Some(search) = search.as_mut().filter(|_| is_sampled) {
-            // A change of the light alone needs all samples anew, whose hits are not kept.
+            // A change of the light needs all samples anew, by their hits.
             let known = summed_before.filter(|summed| is_kept && summed.light == lit_by);
             let first = known.map_or(0, |summed| summed.samples);
+            if asks.rays.glossy > 0 {
+                let scenery = Scenery::new(frame_camera, &asks.settings, step, store, objects.mirrors);
+                glossy_hits = reflections.begin_gloss(&mut recorder, search, scenery, all_samples, first == 0);
+            }
+            let kept_as = |set: u32| (glossy_hits == GlossCache::Kept).then_some(set);
             let at_once = self.samples_at_once.filter(|_| settings.reflection.keep).unwrap_or(all_samples);
             let end = all_samples.min(first.saturating_add(at_once));
             for sample in first..end {
-                let rays = asks.rays.rays(sample);
+                let rays = RaySet { kept_as: kept_as(sample), ..asks.rays.rays(sample) };
                 reflections.find(&mut recorder, search, rays)?;
                 inputs.set_sample(gpu, rays.sample);
                 light.surfaces_changed();
                 light.shade_bounces(&mut recorder, &inputs, reflections.found())?;
-                reflections.sum(&mut recorder, &inputs)?;
+                reflections.sum(&mut recorder, &inputs, asks.rays.glossy > 0 && settings.gloss.cache_power > 0.0)?;
             }
             if first < end && end == all_samples && !asks.rays.rays(end - 1).is_perfect() {
                 // Statistics, images of what mirrors see, and probes are those of perfect mirrors.
-                reflections.find(&mut recorder, search, RaySet::PERFECT)?;
+                let rays = RaySet { kept_as: kept_as(all_samples), ..RaySet::PERFECT };
+                reflections.find(&mut recorder, search, rays)?;
             }
             summed = Some(Summed { light: lit_by, samples: end });
             reflections.received().map_or(Reflected::Nothing, Reflected::Received)
@@ -547,6 +564,9 @@ impl Renderer {
             + self.many_lights.bytes()
             + self.handed.bytes();
         let counters = self.handed.counters()?.filter(|_| Reflections::asked(settings) > 0);
+        let glossy_rays = counters.as_ref().filter(|_| glossy_hits == GlossCache::Kept);
+        let glossy_rays = glossy_rays.map_or([0; 2], |counters| Reflections::glossy_rays(counters));
+        reflections.end_gloss();
         let reflection = counters.map(|counters| reflections.stats(settings, &counters));
         let Shading { has_highlights, has_gloss, .. } = shading;
         self.lit = has_indirect.then_some(Lit { lights, sky, has_highlights, has_gloss });
@@ -568,6 +588,8 @@ impl Renderer {
             virtual_lights,
             glossy_samples: samples,
             exposure: exposure.map(|fitted| Exposure { stops: fitted.stops, adapts: fitted.adapts != 0 }),
+            glossy_hits,
+            glossy_rays,
             reflection,
         })
     }

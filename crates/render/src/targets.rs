@@ -4,7 +4,8 @@ use crate::gpu::Gpu;
 use crate::layout::NEAREST_BYTES;
 use crate::passes;
 
-/// A picture-sized image.
+/// A picture-sized image; a clone is the same image.
+#[derive(Clone)]
 pub(crate) struct Image {
     pub texture: wgpu::Texture,
     view: wgpu::TextureView,

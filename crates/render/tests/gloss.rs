@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DQuat, DVec3};
-use render::{Aov, ColorPlan, Error, FrameStats, Material, Objects, PointStore};
+use render::{Aov, CloudId, ColorPlan, ColorSource, Error, FrameStats, GlossCache, Material, Objects, PointStore};
 use scene::{Camera, METHODS, Method, Mirror, Settings, Shape, SpotLight, Supply};
 
 use stage::Stage;
@@ -45,6 +45,7 @@ fn room(colors: [[u8; 3]; 2]) -> Chunk {
 
 struct Scene {
     store: PointStore,
+    room: CloudId,
     mirrors: Vec<Mirror>,
     lights: Vec<SpotLight>,
     camera: Camera,
@@ -60,15 +61,16 @@ impl Scene {
             let cloud = Cloud { chunks, ..Cloud::default() };
             let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
             store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+            id
         };
-        add(vec![room(colors)], Material::default());
+        let room = add(vec![room(colors)], Material::default());
         let sphere = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.7);
         let sphere = Mirror { position: DVec3::ZERO, specular_intensity: 1.0, specular_power: power, ..sphere };
         let material =
             Material { specular_intensity: 1.0, specular_power: power, has_formula: true, ..Material::default() };
         add(sphere.sample(2000, 1), material);
         let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, -1.0, 0.1), 1.7, DVec3::Z);
-        Self { store, mirrors: vec![sphere], lights: Vec::new(), camera }
+        Self { store, room, mirrors: vec![sphere], lights: Vec::new(), camera }
     }
 
     fn render(&self, stage: &mut Stage, settings: &Settings) -> FrameStats {
@@ -384,6 +386,158 @@ fn a_pixel_shows_the_share_of_its_area_that_an_edge_leaves_bright() {
             println!("{what}");
             assert!((f64::from(found) - expected).abs() <= tolerance, "{what}");
             assert!([2, 0].map(|beside| shown[height / 2 * width + width / 2 - beside][0]) == [1.0, 0.0], "{what}");
+        }
+    }
+}
+
+/// The picture as bytes, and all images that are read from it.
+fn images(stage: &Stage) -> Vec<Vec<u8>> {
+    let bits = |aov| -> Vec<u8> {
+        stage.renderer.read_aov(aov).unwrap().data.iter().flat_map(|value| value.to_bits().to_le_bytes()).collect()
+    };
+    vec![stage.renderer.read_picture().unwrap(), bits(Aov::Color), bits(Aov::MirrorPosition)]
+}
+
+#[test]
+fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as_tracing_all() {
+    let mut stage = stage_or_skip!();
+    for method in methods() {
+        let mut scene = Scene::new(&stage, [WHITE, BLACK], 50.0);
+        // Another glossy ball, which the first one shows, and whose power stays.
+        scene.mirrors.push(Mirror {
+            position: DVec3::new(0.5, -0.9, 0.9),
+            size: 0.4,
+            specular_power: 20.0,
+            ..scene.mirrors[0].clone()
+        });
+        scene.lights = vec![SpotLight {
+            position: DVec3::new(-1.5, -1.0, 1.0),
+            target: DVec3::new(2.0, 1.0, 0.0),
+            intensity: [10.0; 3],
+            inner_degrees: 50.0,
+            outer_degrees: 60.0,
+        }];
+        let chosen = [
+            ("light.by", "lights"),
+            ("gi.vpls", "16"),
+            ("gi.shadow_points", "256"),
+            ("gloss.pattern", "pixel"),
+            ("reflection.bounces", "2"),
+            ("mirror.surface", "exact"),
+            ("reflection.samples", "2"),
+            ("screen_trace.rest", "environment_map"),
+        ];
+        let mut settings = settings(method, 5, &chosen);
+        stage.renderer.forget();
+        let built = scene.render(&mut stage, &settings);
+        let keeps = !matches!(method, Method::EnvironmentMap | Method::Sscr);
+        let name = method.row().name;
+        assert_eq!(built.glossy_hits, if keeps { GlossCache::Kept } else { GlossCache::NoHits }, "{name}");
+        if !keeps {
+            assert_eq!(built.glossy_rays, [0, 0]);
+            continue;
+        }
+        let all = built.glossy_rays[0];
+        let seen = mirror_pixels(&stage).len() as u64;
+        assert!(built.glossy_rays[1] == 0 && all > 6 * seen, "{name}: {:?} rays for {seen} pixels", built.glossy_rays);
+        // Each change in turn; the picture must be that of a renderer that has drawn nothing before.
+        for change in ["light", "color", "exposure", "tint", "power"] {
+            match change {
+                "light" => scene.lights[0].intensity = [4.0, 6.0, 8.0],
+                "color" => {
+                    let (plan, _) = ColorPlan::new(&Cloud::default(), &Settings::default().color, DVec3::Z);
+                    let plan = ColorPlan { source: ColorSource::Plain, plain: [200, 40, 90, 255], ..plan };
+                    scene.store.set_color(scene.room, &Cloud::default(), &[], &plan, DVec3::Z).unwrap();
+                }
+                "exposure" => settings.light.diffuse = 1.5,
+                "tint" => scene.mirrors[1].color = [0.9, 0.5, 0.2],
+                _ => scene.mirrors[1].specular_power = 60.0,
+            }
+            // A picture of less quality in between, as while a slider moves.
+            let mut hurried = settings.clone();
+            hurried.splat.quality = scene::Quality::Nearest;
+            stage.renderer.sum_at_once(Some(1));
+            scene.render(&mut stage, &hurried);
+            // The picture at rest, in steps.
+            stage.renderer.sum_at_once(Some(2));
+            let (mut traced, mut known) = (0, 0);
+            let told = loop {
+                let stats = scene.render(&mut stage, &settings);
+                (traced, known) = (traced + stats.glossy_rays[0], known + stats.glossy_rays[1]);
+                if stats.glossy_samples == [5, 5] {
+                    break stats.reflection;
+                }
+            };
+            stage.renderer.sum_at_once(None);
+            let shown = images(&stage);
+            stage.renderer.forget();
+            let fresh = scene.render(&mut stage, &settings);
+            assert!(images(&stage) == shown, "{name}, {change}: another picture than from scratch");
+            assert_eq!(fresh.reflection, told, "{name}, {change}");
+            assert_eq!((traced + known, fresh.glossy_rays[1]), (fresh.glossy_rays[0], 0), "{name}, {change}");
+            if change == "power" {
+                // The rays of the first ball stay, and those of perfect mirrors.
+                assert!(traced > 0 && traced < all / 2, "{name}: {traced} of {all} rays traced");
+            } else {
+                assert_eq!((traced, known), (0, all), "{name}, {change}");
+            }
+        }
+        // Another camera, and another mirror, trace all.
+        scene.camera.eye.x += 0.01;
+        assert_eq!(scene.render(&mut stage, &settings).glossy_rays[1], 0, "{name}");
+        scene.mirrors[0].size += 0.01;
+        assert_eq!(scene.render(&mut stage, &settings).glossy_rays[1], 0, "{name}");
+        settings.gloss.cache = false;
+        let stats = scene.render(&mut stage, &settings);
+        assert_eq!((stats.glossy_hits, stats.glossy_rays), (GlossCache::Off, [0, 0]));
+        let without = images(&stage);
+        settings.gloss.cache = true;
+        stage.renderer.forget();
+        scene.render(&mut stage, &settings);
+        assert!(images(&stage) == without, "{name}: another picture with the cache");
+    }
+}
+
+#[test]
+fn a_cache_of_one_power_shows_others_without_a_ray() {
+    let mut stage = stage_or_skip!();
+    for (lobe, pattern, method) in
+        [("phong", "pixel", Method::SurfelTrace), ("blinn", "shared", Method::SscrHierarchical)]
+    {
+        let mut scene = Scene::new(&stage, [WHITE, BLACK], 1000.0);
+        let chosen = [("gloss.lobe", lobe), ("gloss.pattern", pattern), ("gloss.cache_power", "1000")];
+        let cached = settings(method, 16, &chosen);
+        stage.renderer.forget();
+        let all = scene.render(&mut stage, &cached).glossy_rays[0];
+        for power in [3000.0, 300.0, 100.0, 1000.0] {
+            (scene.mirrors[0].specular_power, scene.mirrors[0].color) = (power, [power / 3000.0, 0.5, 0.9]);
+            let stats = scene.render(&mut stage, &cached);
+            assert_eq!(stats.glossy_rays, [0, all], "{lobe}, power {power}");
+            let shown = images(&stage);
+            stage.renderer.forget();
+            scene.render(&mut stage, &cached);
+            assert!(images(&stage) == shown, "{lobe}, power {power}: another picture than from scratch");
+        }
+        // Rays of so wide a lobe cannot be told from those of a narrow one: pixels trace their own, as without a cache.
+        scene.mirrors[0].specular_power = 3.0;
+        let stats = scene.render(&mut stage, &cached);
+        assert!(stats.glossy_rays[0] > all / 2, "{lobe}: {:?} of {all}", stats.glossy_rays);
+        let trusts_none = [
+            ("gloss.lobe", lobe),
+            ("gloss.pattern", pattern),
+            ("gloss.cache_power", "1000"),
+            ("gloss.cache_trust", "1"),
+        ];
+        scene.render(&mut stage, &settings(method, 16, &trusts_none));
+        let shown = images(&stage);
+        scene.render(&mut stage, &settings(method, 16, &trusts_none[..2]));
+        assert!(images(&stage) == shown, "{lobe}: another picture than by the own lobe");
+        // An even surrounding stays even.
+        let white = Scene::new(&stage, [WHITE, WHITE], 200.0);
+        white.render(&mut stage, &cached);
+        let shown = colors(&stage);
+        for pixel in mirror_pixels(&stage) {
+            assert!(shown[pixel].iter().all(|part| (part - 1.0).abs() < 1e-3), "{lobe}: {:?}", shown[pixel]);
         }
     }
 }

@@ -354,6 +354,14 @@ params! {
         pattern: GlossPattern = GlossPattern::Shared;
         /// Seed of the directions; the same seed gives the same picture.
         seed: u32 = 1;
+        /// Keep what the rays meet, so that new colours and lights trace none. The picture is the same; 512 MB at most.
+        cache: bool = true => affects();
+        /// Specular power whose lobe all glossy mirrors draw from; rays then weigh by the mirror's own lobe, and another power of the mirror traces none. 0 draws from the mirror's own lobe.
+        cache_power: f32 = 0.0, 0.0..=1_000_000.0, "";
+        /// Every other ray is drawn from a lobe of so many times less power, for mirrors less polished than gloss.cache_power; 1 draws from one lobe, as published.
+        cache_spread: f32 = 10.0, 1.0..=100.0, "ratio";
+        /// Share of the rays that must count in effect; a pixel with less draws from its mirror's own lobe.
+        cache_trust: f32 = 0.25, 0.0..=1.0, "share";
     }
 
     /// Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).

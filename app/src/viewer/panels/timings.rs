@@ -141,6 +141,8 @@ mod tests {
             virtual_lights: 0,
             glossy_samples: [0; 2],
             exposure: None,
+            glossy_hits: render::GlossCache::NoGloss,
+            glossy_rays: [0; 2],
             has_compiled: false,
             dispatches: 0,
             reflection: Some(ReflectionStats {

@@ -1,8 +1,8 @@
 //! Clear surfaces: glass and water. They split what a mirror reflects between its reflection and what is seen through
-//! it (Fresnel). A ray that goes through is one more ray of its pixel: it starts where it leaves the surface or the solid
-//! (shaders/clear_surface.wgsl), and every method that traces reflected rays finds what it meets, as
-//! docs/methods/glass.md tells. The camera's clear surfaces have both rays; of those that are seen in mirrors or through
-//! others, only the stronger one is followed.
+//! it (Fresnel). A ray that goes through is one more ray of its pixel: it starts where it leaves the surface or the
+//! solid (shaders/clear_surface.wgsl), and every method that traces reflected rays finds what it meets, as
+//! docs/methods/glass.md tells. The camera's clear surfaces have both rays; of those that are seen in mirrors or
+//! through others, only the stronger one is followed.
 
 use scene::{Mirror, Settings};
 
@@ -154,7 +154,7 @@ impl Clear {
                 formulas: formulas.as_ref(),
                 counters: &self.counters,
             };
-            methods.run(recorder, method, &task)?;
+            methods.run(recorder, method, &task, None)?;
             self.take(recorder, &task, surface, index == 0, bounce)?;
             self.knows_points = self.learn_points(recorder, methods, &task)?;
         }
@@ -262,8 +262,8 @@ impl Clear {
         recorder.over_pixels(&[], task.supply, bindings)
     }
 
-    /// Looks up the index of refraction of the points that a task has found, for the next bounce; `knows_points` is then
-    /// to be set to the result. Methods that keep no hits do not tell.
+    /// Looks up the index of refraction of the points that a task has found, for the next bounce; `knows_points` is
+    /// then to be set to the result. Methods that keep no hits do not tell.
     ///
     /// # Errors
     /// The shader is refused.

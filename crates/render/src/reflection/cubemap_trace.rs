@@ -96,11 +96,11 @@ impl CubemapTrace {
         self.maps = None;
     }
 
-    /// Fills the Mirror G-Buffer of one bounce.
+    /// Finds what the rays of a bounce meet.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.
-    pub fn run(
+    pub fn search(
         &mut self,
         recorder: &mut Recorder<'_>,
         index: &mut SurfelIndex,
@@ -108,8 +108,7 @@ impl CubemapTrace {
         task: &Task<'_>,
     ) -> Result<()> {
         recorder.clear(&gather.hits);
-        self.trace(recorder, index, gather, task, None)?;
-        gather.resolve(recorder, task)
+        self.trace(recorder, index, gather, task, None)
     }
 
     /// Finds what rays meet; `listed` are the only ones (see `rest_list`).
@@ -583,8 +582,8 @@ pub(super) mod tests {
                 let most_cells = if sampling == CubeSampling::Texel { 1 } else { 8 };
                 apart += u32::from(!is_same || walked.abs_diff(cells) > most_cells);
             }
-            // Rounding decides for a ray that passes through the corner of a texel, and where a texel has one depth, for
-            // rays that are about as deep.
+            // Rounding decides for a ray that passes through the corner of a texel, and where a texel has one depth,
+            // for rays that are about as deep.
             let most = if hit == CubeHit::Relay { 200 } else { 50 };
             let about = format!("{size} {criterion:?} {sampling:?} {hit:?}: {kinds:?}");
             assert!(rays > 500 && apart * most <= rays, "{about}: {apart} of {rays} differ");

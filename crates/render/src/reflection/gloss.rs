@@ -1,6 +1,6 @@
 //! Glossy mirrors: a mirror with a specular power shows the mean of what many rays meet, drawn by its lobe. A sample is
-//! another mirror normal for each pixel, so that every method that traces a mirror pixel's ray finds it as it finds that of
-//! a perfect mirror. Samples are found, shaded and summed one after the other (docs/methods/gloss.md).
+//! another mirror normal for each pixel, so that every method that traces a mirror pixel's ray finds it as it finds
+//! that of a perfect mirror. Samples are found, shaded and summed one after the other (docs/methods/gloss.md).
 
 use scene::{GlossPattern, LightView, Method, Mirror, Settings, Show, Supply};
 
@@ -8,7 +8,7 @@ use super::bounce::Bounce;
 use super::task::MirrorSurface;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
-use crate::layout::GLOSS_SUM_BYTES;
+use crate::layout::{GLOSS_PIXEL_BYTES, GLOSS_SUM_BYTES};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::store::PointStore;
@@ -23,11 +23,13 @@ pub(crate) struct RaySet {
     pub is_glossy: bool,
     /// Whether rays leave from another place than the centres of pixels.
     pub is_moved: bool,
+    /// Its number among the sets whose hits are kept, if they are.
+    pub kept_as: Option<u32>,
 }
 
 impl RaySet {
     /// The rays from the centres of pixels, of perfect mirrors, that no picture sums.
-    pub const PERFECT: Self = Self { sample: None, is_glossy: false, is_moved: false };
+    pub const PERFECT: Self = Self { sample: None, is_glossy: false, is_moved: false, kept_as: None };
 
     /// Whether these are the rays that statistics and images tell of.
     pub fn is_perfect(&self) -> bool {
@@ -63,13 +65,14 @@ impl RaySets {
         if self.glossy == 0 && most == 1 { 0 } else { most }
     }
 
-    /// The rays of a sample. The last one of an odd number leaves from the centres of pixels.
+    /// The rays of a sample, whose hits are not kept. The last one of an odd number leaves from the centres of pixels.
     pub fn rays(self, sample: u32) -> RaySet {
         let all = self.summed();
         RaySet {
             sample: Some([sample, all]),
             is_glossy: self.glossy > 0,
             is_moved: self.places > 1 && (sample + 1 != all || all.is_multiple_of(2)),
+            kept_as: None,
         }
     }
 }
@@ -78,7 +81,12 @@ impl RaySets {
 pub(crate) struct Gloss {
     /// The drawn normals of the bounce that is being found; w: specular power.
     pub normal: Image,
-    /// For each pixel the sum of what its rays receive, and their number.
+    /// The mirror pixels of the bounce whose rays are to be traced, if some are known; the origins are the bounce's
+    /// own.
+    rays: Image,
+    /// What the passes note for each pixel of the tiles where mirrors may be.
+    pub pixels: wgpu::Buffer,
+    /// For each pixel the sum of what its rays receive, and that of their weights.
     sums: wgpu::Buffer,
     /// The mean so far of what each mirror pixel receives.
     pub received: Image,
@@ -106,21 +114,53 @@ pub(crate) fn is_refused_by(method: Method) -> bool {
     method == Method::MirroredViewpoint
 }
 
+/// Whether all pixels draw the same directions.
+fn is_shared(settings: &Settings) -> bool {
+    // Forward methods, which alone search points of mirrors, take neighbouring mirror pixels for one surface.
+    let is_forward = settings.reflection.method.row().supply == Supply::WithMirrors;
+    is_forward || settings.gloss.pattern == GlossPattern::Shared
+}
+
 impl Gloss {
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
         let [width, height] = size.map(u64::from);
+        let tiles = width.div_ceil(8) * height.div_ceil(8);
         Self {
             normal: Image::new(&gpu.device, size, "drawn normals", wgpu::TextureFormat::Rgba32Float),
+            rays: Image::new(&gpu.device, size, "unknown rays", wgpu::TextureFormat::Rgba32Float),
+            pixels: storage(&gpu.device, "glossy pixels", tiles * 64 * GLOSS_PIXEL_BYTES),
             sums: storage(&gpu.device, "sums of glossy samples", width * height * GLOSS_SUM_BYTES),
             received: Image::new(&gpu.device, size, "received", wgpu::TextureFormat::Rgba16Float),
         }
     }
 
     pub fn bytes(&self) -> u64 {
-        self.normal.bytes() + self.sums.size() + self.received.bytes()
+        let images = self.normal.bytes() + self.rays.bytes() + self.received.bytes();
+        images + self.pixels.size() + self.sums.size()
     }
 
-    /// Draws the normals of a bounce's mirror pixels for the sample of `inputs`.
+    /// Finds out which pixels draw from the lobe of `gloss.cache_power`, before the first sample.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn judge_weights(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        settings: &Settings,
+        (mirror, normal): (&MirrorSurface, &Image),
+    ) -> Result<()> {
+        let bindings = passes::gloss_trust {
+            point_in: mirror.point.bind(),
+            normal_in: normal.bind(),
+            eye_in: mirror.eye.bind(),
+            pixels: self.pixels.as_entire_binding(),
+        };
+        recorder.over_mirrors(&[("is_shared", u32::from(is_shared(settings)))], inputs, bindings)
+    }
+
+    /// Draws the normals of a bounce's mirror pixels for the sample of `inputs`, and finds out which of the rays `kept`
+    /// knows.
     ///
     /// # Errors
     /// The shader is refused.
@@ -130,34 +170,46 @@ impl Gloss {
         inputs: &Inputs,
         settings: &Settings,
         bounce: usize,
-        mirror: &MirrorSurface,
-        normal: &Image,
+        (mirror, normal): (&MirrorSurface, &Image),
+        kept: Option<&wgpu::Buffer>,
     ) -> Result<()> {
-        // Forward methods, which alone search points of mirrors, take neighbouring mirror pixels for one surface.
-        let is_forward = settings.reflection.method.row().supply == Supply::WithMirrors;
-        let is_shared = is_forward || settings.gloss.pattern == GlossPattern::Shared;
         let bindings = passes::gloss_normals {
             point_in: mirror.point.bind(),
             normal_in: normal.bind(),
             eye_in: mirror.eye.bind(),
+            kept: kept.unwrap_or(&self.sums).as_entire_binding(),
+            pixels: self.pixels.as_entire_binding(),
             normal_out: self.normal.bind(),
+            rays_out: self.rays.bind(),
         };
-        let switches = [("bounce", bounce as u32), ("is_shared", u32::from(is_shared))];
+        let switches = [
+            ("bounce", bounce as u32),
+            ("is_shared", u32::from(is_shared(settings))),
+            ("is_kept", u32::from(kept.is_some())),
+            ("is_weighed", u32::from(bounce == 0 && settings.gloss.cache_power > 0.0)),
+        ];
         recorder.over_mirrors(&switches, inputs, bindings)
     }
 
-    /// Adds what the sample of `inputs` receives; the first sample starts the sums anew.
+    /// The rays of a bounce that are to be traced, as `draw_normals` found them.
+    pub fn unknown(&self, mirror: &MirrorSurface) -> MirrorSurface {
+        MirrorSurface { point: self.rays.clone(), eye: mirror.eye.clone() }
+    }
+
+    /// Adds what the sample of `inputs` receives, by the weights of its rays if they have some; the first sample starts the sums
+    /// anew.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn add(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first: &Bounce) -> Result<()> {
+    pub fn add(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first: &Bounce, is_weighed: bool) -> Result<()> {
         let bindings = passes::gloss_sum {
             point_in: first.mirror.point.bind(),
             seen_in: first.seen.position.bind(),
             reflected_in: first.blended.bind(),
+            pixels: self.pixels.as_entire_binding(),
             sums: self.sums.as_entire_binding(),
             received_out: self.received.bind(),
         };
-        recorder.over_mirrors(&[], inputs, bindings)
+        recorder.over_mirrors(&[("is_weighed", u32::from(is_weighed))], inputs, bindings)
     }
 }

@@ -85,6 +85,39 @@ pub fn sampled_normal(
     tries.into_iter().find(|drawn| reflect(incoming, *drawn).dot(normal) > 0.0).unwrap_or(normal)
 }
 
+/// A ray of another lobe: its normal and its weight, as `gloss_normals` draws it with `gloss.cache_power`.
+#[derive(Clone, Copy)]
+pub struct Other {
+    pub power: f32,
+    pub spread: f32,
+    pub count: u32,
+    pub seed: u32,
+}
+
+impl Other {
+    pub fn drawn(
+        self,
+        lobe: Highlight,
+        incoming: Vec3,
+        normal: Vec3,
+        [right, up, forward]: [Vec3; 3],
+        index: u32,
+        power: f32,
+    ) -> (Vec3, f32) {
+        let Self { power: narrow_power, spread, count, seed } = self;
+        let reference = if lobe == Highlight::Blinn { -forward } else { forward };
+        let wide_power = narrow_power / spread;
+        let (from, side) = if index % 2 == 1 { (wide_power, 2) } else { (narrow_power, 1) };
+        let numbers = numbers(index / 2, hash(seed.wrapping_add(side)));
+        let drawn = lobe_normal(lobe, incoming, normal, [right, up, reference], numbers, from);
+        let log_cosine = numbers.x.ln() / (from + 1.0);
+        let share = count.div_ceil(2) as f32 / count as f32;
+        let density = |other: f32| (other + 1.0) * ((other - power) * log_cosine).exp();
+        let weight = (power + 1.0) / (share * density(narrow_power) + (1.0 - share) * density(wide_power));
+        if reflect(incoming, drawn).dot(normal) > 0.0 { (drawn, weight) } else { (normal, 0.0) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -203,6 +236,119 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    /// The mean of `value` over rays of another lobe, by their weights.
+    fn weighed(
+        other: Other,
+        lobe: Highlight,
+        [incoming, normal]: [Vec3; 2],
+        power: f32,
+        value: impl Fn(Vec3) -> f64,
+    ) -> f64 {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for index in 0..other.count {
+            let (drawn, weight) = other.drawn(lobe, incoming, normal, VIEW, index, power);
+            sum += f64::from(weight) * value(reflect(incoming, drawn));
+            weights += f64::from(weight);
+        }
+        sum / weights
+    }
+
+    #[test]
+    fn rays_of_the_same_lobe_weigh_one_to_the_bit() {
+        for lobe in [Highlight::Phong, Highlight::Blinn] {
+            for power in [1.0, 30.0, 1000.0, 1e6] {
+                for (degrees, incoming, normal) in incidences() {
+                    for index in 0..63 {
+                        let other = Other { power, spread: 1.0, count: 63, seed: 5 };
+                        let (_, weight) = other.drawn(lobe, incoming, normal, VIEW, index, power);
+                        // Only rays that lead below the surface count nothing.
+                        let may_lead_below = power < 50.0 || degrees > 60.0;
+                        assert!(weight == 1.0 || weight == 0.0 && may_lead_below, "{lobe:?} {power}: {weight}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn means_by_weights_are_those_of_the_own_lobe() {
+        // The mean of many caches of 64 rays each, against the same lobe's own rays; grazing views lose some below the
+        // surface.
+        const CACHES: u32 = 10_000;
+        for lobe in [Highlight::Phong, Highlight::Blinn] {
+            for (degrees, incoming, normal) in incidences().step_by(2) {
+                let side = reflect(incoming, normal).any_orthonormal_vector();
+                // A surrounding with an edge, and a bright middle.
+                let light = |direction: Vec3| {
+                    let middle = direction.dot(reflect(incoming, normal)).max(0.0).powi(800);
+                    f64::from(middle) + if direction.dot(side) > 0.02 { 1.0 } else { 0.0 }
+                };
+                for power in [100.0, 300.0, 3000.0] {
+                    let own = |index| {
+                        let drawn = sampled_normal(lobe, incoming, normal, VIEW, power, [index, 3]);
+                        light(reflect(incoming, drawn))
+                    };
+                    let expected = (0..COUNT).map(own).sum::<f64>() / f64::from(COUNT);
+                    let (mut sum, mut squares) = (0.0, 0.0);
+                    for cache in 0..CACHES {
+                        let other = Other { power: 1000.0, spread: 10.0, count: 64, seed: hash(cache) };
+                        let found = weighed(other, lobe, [incoming, normal], power, light);
+                        (sum, squares) = (sum + found, squares + found * found);
+                    }
+                    let count = f64::from(CACHES);
+                    let mean = sum / count;
+                    let deviation = ((squares / count - mean * mean) / count).sqrt();
+                    // Dividing by the sum of weights leaves a bias that falls as one over the rays.
+                    let bound = 3.0 * deviation + 2e-3;
+                    let what = format!("{lobe:?} at {degrees} degrees, power {power}");
+                    assert!((mean - expected).abs() < bound, "{what}: {mean} instead of {expected}, {deviation}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_share_of_rays_that_count_is_that_of_its_closed_form() {
+        // One lobe without a horizon: E[w^2] = (n2+1)^2 / ((n1+1) (2 n2 - n1 + 1)).
+        let (incoming, normal) = (Vec3::Z, -Vec3::Z);
+        for (drawn, power) in [(1000.0_f32, 800.0_f32), (1000.0, 1000.0), (1000.0, 3000.0), (300.0, 500.0)] {
+            let other = Other { power: drawn, spread: 1.0, count: 4096, seed: 9 };
+            let weight = |index| f64::from(other.drawn(Highlight::Phong, incoming, normal, VIEW, index, power).1);
+            let sum: f64 = (0..4096).map(weight).sum();
+            let squares: f64 = (0..4096).map(|index| weight(index).powi(2)).sum();
+            let (n1, n2) = (f64::from(drawn), f64::from(power));
+            let expected = (n1 + 1.0) * (2.0 * n2 - n1 + 1.0) / (n2 + 1.0).powi(2);
+            let found = sum * sum / (4096.0 * squares);
+            assert!((found / expected - 1.0).abs() < 0.05, "{drawn} shown at {power}: {found} instead of {expected}");
+        }
+    }
+
+    #[test]
+    fn every_other_ray_from_a_wide_lobe_lets_a_cache_of_1000_show_powers_about_it() {
+        // The power that is shown, by the mean height of directions, and the share of rays that count in effect.
+        let (incoming, normal) = (Vec3::Z, -Vec3::Z);
+        for (power, least_share) in [(30.0, 0.0), (100.0, 0.5), (300.0, 0.5), (1000.0, 0.5), (3000.0, 0.2)] {
+            let shown = |spread: f32| {
+                let (mut heights, mut share) = (0.0, 0.0);
+                for seed in 0..400 {
+                    let other = Other { power: 1000.0, spread, count: 8, seed: hash(seed) };
+                    let height = |direction: Vec3| 1.0 - f64::from(direction.dot(Vec3::NEG_Z));
+                    heights += weighed(other, Highlight::Phong, [incoming, normal], power, height) / 400.0;
+                    let weight =
+                        |index| f64::from(other.drawn(Highlight::Phong, incoming, normal, VIEW, index, power).1);
+                    let sum: f64 = (0..8).map(weight).sum();
+                    share += sum * sum / (8.0 * (0..8).map(|index| weight(index).powi(2)).sum::<f64>()) / 400.0;
+                }
+                // The mean height is 1 / (n + 2).
+                (1.0 / heights - 2.0, share)
+            };
+            let ((one, _), (two, share)) = (shown(1.0), shown(10.0));
+            println!("asked {power}, shown {one:.0} by one lobe, {two:.0} by two, share {share:.2}");
+            let off = |shown: f64| (shown / f64::from(power)).ln().abs();
+            assert!(share > least_share && off(two) < off(one).max(0.3), "{power}: {one} {two} {share}");
         }
     }
 }

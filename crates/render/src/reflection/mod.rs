@@ -20,6 +20,7 @@ mod formula;
 pub(crate) mod forward;
 pub(crate) mod gather;
 pub(crate) mod gloss;
+pub(crate) mod kept_hits;
 #[cfg(test)]
 mod lobe;
 mod mirror_places;
@@ -40,6 +41,7 @@ use clear::Clear;
 use footprint::Footprint;
 pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet};
+use kept_hits::{GlossCache, KeptHits, KnownRays, Scenery};
 pub(crate) use task::SurfaceImages;
 use task::Task;
 
@@ -47,7 +49,7 @@ use crate::gpu::Result;
 use crate::inputs::Inputs;
 use crate::layout::{
     CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, HIT_BYTES, MIRROR_PIXELS, NODES_TESTED,
-    POINTS_FOUND, POINTS_TRIED, POINTS_UNCONVERGED, RAYS_LEFT, REGIONS,
+    POINTS_FOUND, POINTS_TRIED, POINTS_UNCONVERGED, RAYS_KEPT, RAYS_LEFT, RAYS_TRACED, REGIONS,
 };
 use crate::method::{Methods, Views, behind_clear};
 use crate::passes;
@@ -96,10 +98,22 @@ pub(crate) struct Reflections {
     pub gloss: Option<Gloss>,
     /// Mirror points that are moved within their pixels, from the first frame on that has some.
     footprint: Option<Footprint>,
+    /// What the rays of glossy mirrors meet.
+    kept: KeptHits,
     /// Glass and water, from the first frame on that has some.
     clear: Option<Clear>,
     /// Whether the last frame has some.
     has_clear: bool,
+    /// Whether the weights of the frame's glossy samples are still to be judged.
+    weights_are_new: bool,
+}
+
+/// The bytes of the counters that a search for one set of rays counts in.
+const OF_SEARCH: std::ops::Range<u64> = 0..RAYS_TRACED as u64 * 4;
+
+/// The number of pixels in the tiles where mirrors may be.
+fn places_of(inputs: &Inputs) -> u64 {
+    inputs.mirror_groups().iter().map(|groups| u64::from(*groups)).product::<u64>() * 64
 }
 
 impl Reflections {
@@ -118,8 +132,10 @@ impl Reflections {
             doubt,
             gloss: None,
             footprint: None,
+            kept: KeptHits::default(),
             clear: None,
             has_clear: false,
+            weights_are_new: false,
         }
     }
 
@@ -140,6 +156,11 @@ impl Reflections {
     /// Forgets what methods keep from frame to frame.
     pub fn forget(&mut self) {
         self.methods.forget();
+    }
+
+    /// Forgets what the rays of glossy mirrors meet.
+    pub fn forget_hits(&mut self) {
+        self.kept.forget();
     }
 
     /// Records that no mirror can be seen in the frame.
@@ -168,9 +189,20 @@ impl Reflections {
         if rays.is_moved {
             self.footprint.get_or_insert_with(|| Footprint::new(gpu, self.size));
         }
-        let gloss = self.gloss.as_ref().filter(|_| rays.is_glossy);
+        recorder.clear_part(&self.counters, OF_SEARCH);
+        let gloss = self.gloss.as_ref().filter(|_| rays.is_glossy || rays.kept_as.is_some());
+        let drawn = gloss.filter(|_| rays.is_glossy);
         let footprint = self.footprint.as_ref().filter(|_| rays.is_moved);
-        recorder.clear(&self.counters);
+        let places = places_of(supply);
+        if let Some(set) = rays.kept_as {
+            self.kept.take_up(set);
+        }
+        // All rays of perfect mirrors are known, or none.
+        let is_perfect = rays.kept_as.is_some() && rays.is_perfect();
+        let known_counters = self.kept.known_counters().filter(|_| is_perfect).cloned();
+        if let Some(counters) = &known_counters {
+            recorder.copy_part(counters, &self.counters, OF_SEARCH);
+        }
         for index in 0..self.count {
             let (before, rest) = self.bounces.split_at(index);
             let bounce = &rest[0];
@@ -206,9 +238,14 @@ impl Reflections {
                     }
                 }
             };
-            let normal = match gloss {
+            let kept = rays.kept_as.and_then(|set| self.kept.of_bounce(gpu, set, index, places));
+            let normal = match drawn {
                 Some(gloss) => {
-                    gloss.draw_normals(recorder, supply, settings, index, mirror, normal)?;
+                    if index == 0 && settings.gloss.cache_power > 0.0 && self.weights_are_new {
+                        gloss.judge_weights(recorder, supply, settings, (mirror, normal))?;
+                        self.weights_are_new = false;
+                    }
+                    gloss.draw_normals(recorder, supply, settings, index, (mirror, normal), kept)?;
                     &gloss.normal
                 }
                 None => normal,
@@ -226,7 +263,17 @@ impl Reflections {
                 formulas: formulas.as_ref(),
                 counters: &self.counters,
             };
-            self.methods.run(recorder, method, &task)?;
+            let unknown = drawn.map(|gloss| gloss.unknown(mirror));
+            let known = gloss.zip(kept).map(|(gloss, kept)| KnownRays {
+                kept,
+                pixels: &gloss.pixels,
+                unknown: unknown.as_ref(),
+                all: known_counters.is_some(),
+            });
+            self.methods.run(recorder, method, &task, known.as_ref())?;
+            if index == 0 && is_perfect {
+                self.kept.keep_counters(recorder, &self.counters, OF_SEARCH);
+            }
             if let Some(clear) = clear {
                 clear.take(recorder, &task, surface, false, bounce)?;
             }
@@ -253,6 +300,37 @@ impl Reflections {
             }
         }
         Ok(())
+    }
+
+    /// Begins a frame with so many glossy samples, whose rays meet what is in this scenery; `is_first` if it draws the
+    /// first of them. Returns whether their hits are kept.
+    pub fn begin_gloss(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        search: &Search<'_>,
+        scenery: Scenery,
+        samples: u32,
+        is_first: bool,
+    ) -> GlossCache {
+        recorder.clear(&self.counters);
+        self.weights_are_new = is_first;
+        let places = places_of(&search.supply);
+        let kept = KeptHits::can(search.settings, samples, places, self.has_clear, recorder.gpu);
+        match kept {
+            GlossCache::Kept => self.kept.begin(scenery),
+            _ => self.kept.forget(),
+        }
+        kept
+    }
+
+    /// Ends a frame whose hits are kept.
+    pub fn end_gloss(&mut self) {
+        self.kept.end();
+    }
+
+    /// The numbers of rays of glossy mirrors that the last frame traced, and of those that it knew.
+    pub fn glossy_rays(counters: &[u32]) -> [u64; 2] {
+        [RAYS_TRACED, RAYS_KEPT].map(|at| u64::from(counters[at]) | u64::from(counters[at + 1]) << 32)
     }
 
     /// Finds what is seen through clear surfaces, before a set of rays is reflected; `points` as in `Clear::find`.
@@ -289,13 +367,14 @@ impl Reflections {
         self.clear().map(Clear::index)
     }
 
-    /// Adds what the camera's mirrors show by the sample of `inputs`, whose bounces are shaded.
+    /// Adds what the camera's mirrors show by the sample of `inputs`, whose bounces are shaded; `is_weighed` if its rays
+    /// have weights.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn sum(&self, recorder: &mut Recorder<'_>, inputs: &Inputs) -> Result<()> {
+    pub fn sum(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, is_weighed: bool) -> Result<()> {
         match (&self.gloss, self.first()) {
-            (Some(gloss), Some(first)) => gloss.add(recorder, inputs, first),
+            (Some(gloss), Some(first)) => gloss.add(recorder, inputs, first, is_weighed),
             _ => Ok(()),
         }
     }
@@ -337,7 +416,7 @@ impl Reflections {
 
     pub fn bytes(&self) -> u64 {
         let gloss = self.gloss.as_ref().map_or(0, Gloss::bytes) + self.clear.as_ref().map_or(0, Clear::bytes);
-        let gloss = gloss + self.footprint.as_ref().map_or(0, Footprint::bytes);
+        let gloss = gloss + self.footprint.as_ref().map_or(0, Footprint::bytes) + self.kept.bytes();
         self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes() + gloss
     }
 

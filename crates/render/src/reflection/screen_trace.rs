@@ -1,6 +1,6 @@
-//! Screen-space tracing (after Johnsson 2012, whose rays march through the camera's picture): reflected rays walk through
-//! the depths of what the camera sees, mirrors included. What the picture cannot tell is left to another method, from
-//! where a ray is known to be free. docs/methods/screen_trace.md has the rules.
+//! Screen-space tracing (after Johnsson 2012, whose rays march through the camera's picture): reflected rays walk
+//! through the depths of what the camera sees, mirrors included. What the picture cannot tell is left to another
+//! method, from where a ray is known to be free. docs/methods/screen_trace.md has the rules.
 
 use std::num::NonZeroU64;
 
@@ -18,13 +18,6 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::store::PointStore;
 use crate::targets::storage;
-
-/// The methods that may find the rays that the picture does not resolve.
-pub(crate) struct Links<'a> {
-    pub index: &'a mut SurfelIndex,
-    pub cubemaps: &'a mut CubemapTrace,
-    pub environment: &'a mut EnvironmentMap,
-}
 
 /// The picture as rays walk through it. The first bounce of a frame makes it, and all bounces use it.
 #[derive(Default)]
@@ -109,18 +102,18 @@ impl ScreenTrace {
         picture.chain(&self.rest).map(wgpu::Buffer::size).sum()
     }
 
-    /// Fills the Mirror G-Buffer of one bounce.
+    /// Finds what the rays of a bounce meet.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory for the index.
-    pub fn run(
+    pub fn search(
         &mut self,
         recorder: &mut Recorder<'_>,
-        links: Links<'_>,
+        index: &mut SurfelIndex,
+        cubemaps: &mut CubemapTrace,
         gather: &Gather,
         task: &Task<'_>,
     ) -> Result<()> {
-        let Links { index, cubemaps, environment } = links;
         let size = task.supply.size;
         let has_back = task.settings.screen_trace.back != ScreenBack::None;
         let kept = self.picture.take().filter(|picture| picture.size == size && picture.has_back == has_back);
@@ -146,14 +139,26 @@ impl ScreenTrace {
         };
         let counts = [("counts", u32::from(task.bounce == 0))];
         recorder.by_rows(&counts, task.supply, bindings, task.supply.mirror_groups())?;
-        let next = task.settings.screen_trace.rest;
-        match next {
+        match task.settings.screen_trace.rest {
             ScreenRest::SurfelTrace => {
                 surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, false, Some(rest))?;
             }
             ScreenRest::CubemapTrace => cubemaps.trace(recorder, index, gather, task, Some(rest))?,
             ScreenRest::None | ScreenRest::EnvironmentMap => {}
         }
+        Ok(())
+    }
+
+    /// Fills the Mirror G-Buffer from the hits, and from the environment maps where they take the rest.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn resolve(
+        recorder: &mut Recorder<'_>,
+        environment: &mut EnvironmentMap,
+        gather: &Gather,
+        task: &Task<'_>,
+    ) -> Result<()> {
         gather.complete(recorder, task, |recorder, found| {
             let [albedo_out, normal_out, position_out] = found.bind();
             let bindings = passes::screen_resolve {
@@ -169,7 +174,7 @@ impl ScreenTrace {
             };
             recorder.over_mirrors(&[], task.supply, bindings)?;
             gather.resolve_points(recorder, task, found)?;
-            if next == ScreenRest::EnvironmentMap {
+            if task.settings.screen_trace.rest == ScreenRest::EnvironmentMap {
                 environment.fill(recorder, gather, task, found, true)?;
             }
             Ok(())

@@ -15,11 +15,11 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::storage;
 
-/// Fills the Mirror G-Buffer of one bounce.
+/// Finds the nearest hits of a bounce's rays.
 ///
 /// # Errors
 /// A shader is refused, or there is no memory for the index.
-pub(crate) fn run(
+pub(crate) fn search(
     recorder: &mut Recorder<'_>,
     index: &mut SurfelIndex,
     gather: &Gather,
@@ -27,12 +27,11 @@ pub(crate) fn run(
     use_beams: bool,
 ) -> Result<()> {
     recorder.clear(&gather.hits);
-    trace(recorder, index, gather, task, &task.supply.chunks, use_beams, None)?;
-    gather.resolve(recorder, task)
+    trace(recorder, index, gather, task, &task.supply.chunks, use_beams, None)
 }
 
-/// Finds the nearest hits on the discs of `chunks` (with their class masks), nearer than those in `gather.hits`. `rest` lists the
-/// only rays to trace (see `rest_list`).
+/// Finds the nearest hits on the discs of `chunks` (with their class masks), nearer than those in `gather.hits`. `rest`
+/// lists the only rays to trace (see `rest_list`).
 ///
 /// # Errors
 /// A shader is refused, or there is no memory for the index.
