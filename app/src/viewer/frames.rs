@@ -112,6 +112,13 @@ impl Frames {
         self.revision += 1;
     }
 
+    /// Returns how many samples of glossy mirrors the picture shows, and of how many, while more are to come.
+    pub fn samples_under_way(&self) -> Option<[u32; 2]> {
+        let shown = self.shown.as_ref()?;
+        let samples @ [summed, asked] = shown.stats.glossy_samples;
+        (summed < asked).then_some(samples)
+    }
+
     /// Returns the share of the shaders that are compiled; `None` if none is being compiled.
     pub fn compiled(&self) -> Option<f32> {
         let (done, total) = (self.shaders.done(), self.shaders.total());

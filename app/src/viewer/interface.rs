@@ -319,6 +319,9 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             } else if session.adapter.is_none() {
                 ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
                 ui.ctx().request_repaint_after(Duration::from_millis(100));
+            } else if let Some([summed, asked]) = session.frames.samples_under_way() {
+                ui.label(RichText::new(format!("sample {summed} of {asked}")).color(theme::WEAK));
+                progress_bar(ui, summed as f32 / asked as f32);
             }
         }
         if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {

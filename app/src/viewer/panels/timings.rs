@@ -2,7 +2,7 @@
 //! history.
 
 use egui::{Align, Layout, RichText, Ui};
-use render::{Clock, ReflectionStats};
+use render::{Clock, FrameStats, GlossCache, ReflectionStats};
 
 use crate::viewer::auto::slowest_text;
 use crate::viewer::reflection_figures::FIGURES;
@@ -20,6 +20,29 @@ fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
         row(ui, "Bounces", &stats.bounces.to_string(), None);
     }
     ui.separator();
+}
+
+/// How far a picture with glossy mirrors is, and whether its rays had to be traced.
+fn gloss(ui: &mut Ui, stats: &FrameStats) {
+    let [summed, asked] = stats.glossy_samples;
+    if asked == 0 {
+        return;
+    }
+    row(ui, "Glossy samples", &format!("{summed} of {asked}"), Some(summed as f32 / asked as f32));
+    let why = match stats.glossy_hits {
+        GlossCache::Kept => {
+            let [traced, known] = stats.glossy_rays;
+            row(ui, "Glossy rays traced", &grouped(traced), None);
+            row(ui, "Known from before", &grouped(known), None);
+            return;
+        }
+        GlossCache::NoGloss => return,
+        GlossCache::Off => "gloss.cache is off".to_owned(),
+        GlossCache::NoHits => "the method keeps no hits".to_owned(),
+        GlossCache::Clear => "there is glass or water".to_owned(),
+        GlossCache::TooLarge(size) => format!("they would take {}", bytes(size)),
+    };
+    ui.label(RichText::new(format!("Rays are traced for each change of light: {why}")).small().color(theme::WEAK));
 }
 
 /// Draws a line of values over the middle of a row, scaled from the least to the largest of them.
@@ -60,6 +83,7 @@ pub fn show(ui: &mut Ui, session: &Session) {
         row(ui, pass.name, &format!("{:.2} ms", pass.milliseconds), Some((pass.milliseconds / longest) as f32));
     }
     ui.separator();
+    gloss(ui, stats);
     row(ui, "Frame", &format!("{:.1} ms", stats.frame_milliseconds), None);
     row(ui, "With transfer", &format!("{:.1} ms", shown.total_milliseconds), None);
     let [width, height] = shown.request.drawn_size();
@@ -173,5 +197,29 @@ mod tests {
             assert!(harness.query_all_by_label(shown).next().is_some(), "{shown}");
         }
         assert!(harness.query_by_label("Hit rate").is_none());
+    }
+
+    #[test]
+    fn samples_of_glossy_mirrors_are_counted_and_a_cache_that_keeps_nothing_is_told() {
+        let mut frame = stats(0.5);
+        (frame.glossy_samples, frame.glossy_hits, frame.glossy_rays) = ([5, 16], GlossCache::Kept, [0, 98_765]);
+        let shows = |frame: &FrameStats, text: &str| {
+            let mut harness =
+                egui_kittest::Harness::builder().with_size([300.0, 200.0]).build_ui(|ui| gloss(ui, frame));
+            harness.run();
+            harness.query_all_by_label_contains(text).next().is_some()
+        };
+        assert!(shows(&frame, "5 of 16") && shows(&frame, "98,765") && !shows(&frame, "Rays are traced"));
+        for (kept, text) in [
+            (GlossCache::Off, "gloss.cache is off"),
+            (GlossCache::NoHits, "keeps no hits"),
+            (GlossCache::Clear, "glass"),
+            (GlossCache::TooLarge(600 << 20), "629 MB"),
+        ] {
+            frame.glossy_hits = kept;
+            assert!(shows(&frame, text) && shows(&frame, "5 of 16"), "{kept:?}");
+        }
+        frame.glossy_samples = [0, 0];
+        assert!(!shows(&frame, "Glossy"));
     }
 }
