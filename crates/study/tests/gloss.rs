@@ -1,6 +1,8 @@
 //! Glossy mirrors of the renderer against those of the ray tracer.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::sync::Arc;
+
 use cloud::Progress;
 use render::{Error, Gpu, Renderer};
 use scene::five_mirrors::{self, Variant};
@@ -10,13 +12,59 @@ use study::{CostModel, Subject, Target, TracedScene, Tracer, Truth, View};
 
 const SIZE: [u32; 2] = [96, 72];
 
+/// `None` without an adapter.
+fn gpu() -> Option<Arc<Gpu>> {
+    match Gpu::headless(None) {
+        Ok(gpu) => Some(gpu),
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => {
+            println!("skipped: {error}");
+            None
+        }
+    }
+}
+
+/// A glossy mirror in a box, and the colours that the ray tracer finds for its pixels.
+struct Judged {
+    subject: Subject,
+    traced: TracedScene,
+    truth: Option<Vec<[f32; 3]>>,
+}
+
+impl Judged {
+    fn new(gpu: &Arc<Gpu>, variant: Variant, power: f32, settings: &Settings) -> Self {
+        let mut parts = five_mirrors::sample(variant, 60_000, 1);
+        parts.iter_mut().filter_map(|part| part.mirror.as_mut()).for_each(|mirror| mirror.specular_power = power);
+        let (lights, camera) = (vec![five_mirrors::light()], five_mirrors::camera());
+        let subject = Subject::sampled(gpu, parts, lights, camera, None, settings).unwrap();
+        let traced = TracedScene::new(&subject.parts, None, settings.splat.size, &Progress::default()).unwrap();
+        Self { subject, traced, truth: None }
+    }
+
+    /// Draws a picture, and returns the root of the mean square of its errors.
+    fn error(&mut self, renderer: &mut Renderer, settings: &Settings) -> f64 {
+        let Self { subject, traced, truth } = self;
+        subject.render(renderer, settings, SIZE).unwrap();
+        let view = View { camera: &subject.camera, settings, objects: subject.objects(), size: SIZE };
+        let tracer = Tracer::new(traced, view);
+        let drawn = tracer.drawn(renderer).unwrap();
+        let truth = truth.get_or_insert_with(|| {
+            let seen = study::mirrors_of(&tracer.seen(&drawn.surface));
+            tracer.colors(Truth::SameInput, &seen, &Progress::default()).unwrap()
+        });
+        let (mut squares, mut count) = (0.0, 0.0);
+        for (shown, traced) in drawn.color.iter().zip(truth.iter()).filter(|(_, traced)| !traced[0].is_nan()) {
+            let parts = shown.iter().zip(traced).map(|(a, b)| f64::from(a - b).powi(2));
+            (squares, count) = (squares + parts.sum::<f64>(), count + 3.0);
+        }
+        assert!(count > 1000.0);
+        (squares / count).sqrt()
+    }
+}
+
 #[test]
 fn the_error_falls_with_the_root_of_the_samples() {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => return println!("skipped: {error}"),
-    };
+    let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let mut settings = Settings::default();
     (settings.gi.bounces, settings.trace.samples) = (0, 1024);
@@ -24,11 +72,6 @@ fn the_error_falls_with_the_root_of_the_samples() {
     for (variant, power, lobe) in
         [(Variant::Sphere, 30.0, "phong"), (Variant::Torus, 100.0, "blinn"), (Variant::Sphere, 100.0, "blinn")]
     {
-        let mut parts = five_mirrors::sample(variant, 60_000, 1);
-        parts.iter_mut().filter_map(|part| part.mirror.as_mut()).for_each(|mirror| mirror.specular_power = power);
-        let (lights, camera) = (vec![five_mirrors::light()], five_mirrors::camera());
-        let subject = Subject::sampled(&gpu, parts, lights, camera, None, &settings).unwrap();
-        let traced = TracedScene::new(&subject.parts, None, settings.splat.size, &Progress::default()).unwrap();
         settings.set_text("gloss.lobe", lobe).unwrap();
         // Lamps that one glossy mirror shows in another are seen by few rays, each very bright.
         settings.set_text("light.by", if variant == Variant::Torus { "colors" } else { "lights" }).unwrap();
@@ -36,26 +79,11 @@ fn the_error_falls_with_the_root_of_the_samples() {
         settings.reflection.bounces = if variant == Variant::Torus { 2 } else { 1 };
         for method in [Method::SurfelTrace, Method::SscrHierarchical] {
             settings.reflection.method = method;
-            let (mut errors, mut truth) = (Vec::new(), None);
-            for samples in [1, 4, 16, 64] {
+            let mut judged = Judged::new(&gpu, variant, power, &settings);
+            let errors = [1, 4, 16, 64].map(|samples| {
                 settings.gloss.samples = samples;
-                subject.render(&mut renderer, &settings, SIZE).unwrap();
-                let view =
-                    View { camera: &subject.camera, settings: &settings, objects: subject.objects(), size: SIZE };
-                let tracer = Tracer::new(&traced, view);
-                let drawn = tracer.drawn(&renderer).unwrap();
-                let truth = truth.get_or_insert_with(|| {
-                    let seen = study::mirrors_of(&tracer.seen(&drawn.surface));
-                    tracer.colors(Truth::SameInput, &seen, &Progress::default()).unwrap()
-                });
-                let (mut squares, mut count) = (0.0, 0.0);
-                for (shown, traced) in drawn.color.iter().zip(truth.iter()).filter(|(_, traced)| !traced[0].is_nan()) {
-                    let parts = shown.iter().zip(traced).map(|(a, b)| f64::from(a - b).powi(2));
-                    (squares, count) = (squares + parts.sum::<f64>(), count + 3.0);
-                }
-                assert!(count > 1000.0);
-                errors.push((squares / count).sqrt());
-            }
+                judged.error(&mut renderer, &settings)
+            });
             let slope = (errors[3] / errors[0]).ln() / 64_f64.ln();
             let what = format!("{}, power {power}, {lobe}, {}", variant.name(), method.row().name);
             println!("{what}: {errors:.5?}, as samples to the power of {slope:.2}");
@@ -65,12 +93,36 @@ fn the_error_falls_with_the_root_of_the_samples() {
 }
 
 #[test]
+fn rays_of_one_lobe_show_other_powers_with_a_little_more_noise() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(gpu.clone()).unwrap();
+    let mut settings = Settings::default();
+    (settings.trace.samples, settings.gloss.samples) = (1024, 16);
+    settings.reflection.method = Method::SurfelTrace;
+    for (key, value) in [("light.by", "colors"), ("gloss.pattern", "pixel"), ("gloss.cache_trust", "0")] {
+        settings.set_text(key, value).unwrap();
+    }
+    for power in [100.0, 300.0, 1000.0, 3000.0] {
+        let mut judged = Judged::new(&gpu, Variant::Sphere, power, &settings);
+        let [own, two, one] = [(0.0, 1.0), (1000.0, 10.0), (1000.0, 1.0)].map(|(cache_power, spread)| {
+            (settings.gloss.cache_power, settings.gloss.cache_spread) = (cache_power, spread);
+            let squares = (1..=4).map(|seed| {
+                settings.gloss.seed = seed;
+                judged.error(&mut renderer, &settings).powi(2)
+            });
+            (squares.sum::<f64>() / 4.0).sqrt()
+        });
+        let what = format!("power {power}: {own:.4}, by two lobes {:.2}, by one {:.2}", two / own, one / own);
+        println!("{what}");
+        assert!(two < 2.0 * own, "{what}");
+        // Of a mirror that is less polished one lobe alone has too few rays.
+        assert!(power >= 1000.0 || one > 1.5 * two, "{what}");
+    }
+}
+
+#[test]
 fn auto_chooses_no_method_that_refuses_the_glossy_mirrors_of_a_scene() {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => return println!("skipped: {error}"),
-    };
+    let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let mut settings = Settings::default();
     (settings.gi.bounces, settings.gloss.samples) = (0, 2);
