@@ -22,7 +22,7 @@ mod terminal;
 mod truth;
 mod viewer;
 
-use std::path::Path;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser as _;
@@ -79,11 +79,11 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
             let request = world::resolve(&arguments.inputs);
             request.check()?;
             if !environment::has_display() {
-                let name = arguments.inputs.first().map_or("five-mirrors/sphere".as_ref(), Path::new);
+                let name = arguments.inputs.first().map_or_else(|| PathBuf::from(world::first_scene()), PathBuf::from);
                 return Err(NoScreen(format!(
                     "no display (neither DISPLAY nor WAYLAND_DISPLAY is set); to write a picture instead: \
                      glint render {} -o picture.png",
-                    scene::shown(name)
+                    scene::shown(&name)
                 ))
                 .into());
             }

@@ -30,7 +30,7 @@ pub fn of_input(input: &Input, test: &PointTest, settings: &Settings) -> Vec<(St
             for part in five_mirrors::sample(*variant, points.into(), seed.into()) {
                 cloud.chunks.extend(part.chunks);
             }
-            let camera = five_mirrors::camera();
+            let camera = variant.camera();
             vec![(input.name(), Ok(Scan { cloud, up: camera.up, places: vec![camera.eye] }))]
         }
         Input::Unknown { name, error } => vec![(name.clone(), Err(usage(error.clone())))],

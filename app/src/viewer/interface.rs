@@ -231,15 +231,9 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         let [red, green, blue, _] = session.scene.settings.view.background.bytes();
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
         // Until there is a picture, the place of the picture says what it waits for.
-        if let Some(share) = session.frames.compiled().filter(|_| !session.loaded.clouds.is_empty()) {
-            let text = format!("{}; the first start takes longest", compiling(share));
-            ui.painter().text(
-                rect.center(),
-                Align2::CENTER_CENTER,
-                text,
-                egui::FontId::proportional(16.0),
-                theme::WEAK,
-            );
+        let is_empty = session.loaded.clouds.is_empty() && !session.loaded.is_loading();
+        if let Some(share) = session.frames.compiled().filter(|_| !is_empty) {
+            caption(ui, rect.center(), &format!("{}; the first start takes longest", compiling(share)));
         }
     }
     panels::truth::paint(ui, rect, session, actions);
@@ -252,6 +246,9 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     if session.loaded.clouds.is_empty() && !session.loaded.is_loading() {
         empty_state(ui, rect, actions);
     }
+    if session.first_look.is_some() && session.frames.shown.is_some() && !session.interface_is_hidden {
+        caption(ui, rect.center_bottom() - egui::vec2(0.0, 24.0), FIRST_LOOK);
+    }
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
         ui.painter().rect_filled(rect, 0.0, Color32::from_black_alpha(150));
         let font = egui::FontId::proportional(22.0);
@@ -259,7 +256,18 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     }
 }
 
-/// Draws the page that a newcomer sees first.
+/// What a newcomer can do.
+const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a LAS, LAZ or PLY file here, or press Ctrl+O.";
+
+/// Writes a line over the picture that can be read whatever is behind it.
+fn caption(ui: &Ui, middle: egui::Pos2, text: &str) {
+    let galley = ui.painter().layout_no_wrap(text.into(), egui::FontId::proportional(15.0), Color32::WHITE);
+    let area = Rect::from_center_size(middle, galley.size());
+    ui.painter().rect_filled(area.expand2(egui::vec2(12.0, 6.0)), 6.0, Color32::from_black_alpha(170));
+    ui.painter().galley(area.min, galley, Color32::WHITE);
+}
+
+/// Draws the page that is left when everything is closed.
 fn empty_state(ui: &mut Ui, rect: Rect, actions: &mut Vec<Action>) {
     let size = egui::vec2(420.0, 230.0).min(rect.size());
     let area = Rect::from_center_size(rect.center(), size);
@@ -273,7 +281,7 @@ fn empty_state(ui: &mut Ui, rect: Rect, actions: &mut Vec<Action>) {
                 actions.push(Action::OpenDialog);
             }
             ui.add_space(14.0);
-            ui.label(RichText::new("or look at a built-in scene: five mirrors").color(theme::WEAK));
+            ui.label(RichText::new("or look at a built-in scene").color(theme::WEAK));
             ui.add_space(4.0);
         });
         let names = world::built_in_names();

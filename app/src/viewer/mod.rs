@@ -10,6 +10,7 @@ mod action;
 mod auto;
 #[cfg(test)]
 mod bench;
+mod first_look;
 mod frames;
 mod headless;
 mod history;
@@ -301,7 +302,11 @@ impl Viewer {
         self.screen = Some(screen);
         self.log.write(&json!({ "event": "window" }));
         if let Some(request) = self.request.take() {
-            self.session.open_request(request);
+            if request.inputs.is_empty() && request.view.is_none() {
+                self.session.open_first_look();
+            } else {
+                self.session.open_request(request);
+            }
         }
         self.do_effects();
         self.request_paint();
@@ -385,7 +390,8 @@ impl Viewer {
         if let Some(screen) = self.screen.as_ref().filter(|_| !self.session.is_full_screen) {
             self.session.preferences.window = screen.size();
         }
-        self.session.preferences.remember_settings(&self.session.scene.settings);
+        let settings = self.session.own_settings().clone();
+        self.session.preferences.remember_settings(&settings);
         if let Err(error) = preferences::save(&self.session.preferences) {
             self.session.outside.warning(format!("settings are not kept: {error:#}"));
         }

@@ -14,6 +14,7 @@ use serde_json::json;
 
 use crate::viewer::action::{Action, Handles};
 use crate::viewer::auto::Auto;
+use crate::viewer::first_look::FirstLook;
 use crate::viewer::frames::{Frames, Situation};
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded, all_mirrors};
@@ -58,6 +59,8 @@ pub struct Session {
     pub adapter: Option<String>,
     pub frames: Frames,
     pub auto: Auto,
+    /// Set while the window shows what it does when nothing is named.
+    pub first_look: Option<FirstLook>,
     /// The reason why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
@@ -88,6 +91,7 @@ impl Session {
             adapter: None,
             frames: Frames::default(),
             auto: Auto::default(),
+            first_look: None,
             fatal: None,
             wants_to_quit: false,
             is_recorded: false,
@@ -134,7 +138,12 @@ impl Session {
             Action::ShowCloud(key, is_visible) => {
                 self.with_loaded(|loaded, beside| loaded.set_visible(key, is_visible, beside))
             }
-            Action::RemoveCloud(key) => self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside)),
+            Action::RemoveCloud(key) => {
+                self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
+                if self.loaded.clouds.is_empty() {
+                    self.leave_first_look();
+                }
+            }
             Action::StopMaking(key) => self.loaded.stop_making(key),
             Action::ResumeMaking(key) => self.loaded.resume_making(key),
             Action::DeleteIndex(key) => self.with_loaded(|loaded, beside| loaded.delete_index(key, beside)),
@@ -309,6 +318,9 @@ impl Session {
     }
 
     pub fn open_request(&mut self, request: world::Request) {
+        if !request.inputs.is_empty() {
+            self.leave_first_look();
+        }
         let built_in_light = request.built_in_light();
         for warning in request.warnings {
             self.outside.say(Level::Warning, warning);
@@ -344,6 +356,7 @@ impl Session {
         match news {
             News::Loading(job, event, pass) => {
                 self.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+                self.offer_ball();
                 if let Some(pass) = pass {
                     self.outside.render(Command::Arrived(pass));
                 }

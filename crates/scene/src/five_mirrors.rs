@@ -13,7 +13,7 @@ use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
 use glam::{DQuat, DVec3};
 
 use crate::mirror::MIRROR_GREY;
-use crate::{Camera, Mirror, MirrorMesh, Shape, SpotLight};
+use crate::{Camera, Mirror, MirrorMesh, Settings, Shape, SpotLight, pool};
 
 /// The objects in the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,10 +28,12 @@ pub enum Variant {
     Bunny,
     Bowl,
     OpenBox,
+    /// The courtyard of `pool`, which is no box.
+    Pool,
 }
 
 impl Variant {
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::None,
         Self::Sphere,
         Self::Parabolic,
@@ -42,11 +44,17 @@ impl Variant {
         Self::Bunny,
         Self::Bowl,
         Self::OpenBox,
+        Self::Pool,
     ];
     /// The mirrors that `All` shows, from left to right.
     const SINGLE: [Self; 5] = [Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral];
 
-    /// The name as in `five-mirrors/sphere`.
+    /// The first part of the name.
+    pub fn family(self) -> &'static str {
+        if self == Self::Pool { "courtyard" } else { "five-mirrors" }
+    }
+
+    /// The second part of the name, as in `five-mirrors/sphere`.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -59,6 +67,7 @@ impl Variant {
             Self::Bunny => "bunny",
             Self::Bowl => "bowl",
             Self::OpenBox => "open-box",
+            Self::Pool => "pool",
         }
     }
 
@@ -74,6 +83,7 @@ impl Variant {
             Self::Bunny => "a hare as a mesh, in place of the Stanford bunny",
             Self::Bowl => "a sphere that is partly diffuse, and a bowl",
             Self::OpenBox => "a hare, and a sphere on a torus, in a box that is open behind the camera",
+            Self::Pool => "a ball, a ring and water in the sun: what opens when nothing is named",
         }
     }
 
@@ -84,6 +94,7 @@ impl Variant {
             Self::Bunny => return vec![hare(DVec3::ZERO)],
             Self::Bowl => return bowl(),
             Self::OpenBox => return open_box(),
+            Self::Pool => return pool::mirrors(),
             Self::All => {
                 let place = |(index, variant): (usize, Self)| {
                     let aside = DVec3::X * 0.36 * (index as f64 - 2.0);
@@ -113,13 +124,32 @@ impl Variant {
         }]
     }
 
-    /// The walls of the box.
+    /// The walls of the box, or whatever else is no mirror.
     pub fn walls(self) -> Vec<(Surface, Albedo)> {
+        if self == Self::Pool {
+            return pool::walls();
+        }
         let mut walls = walls().to_vec();
         if self == Self::OpenBox {
             walls.pop();
         }
         walls
+    }
+}
+
+impl Variant {
+    pub fn camera(self) -> Camera {
+        if self == Self::Pool { pool::camera() } else { camera() }
+    }
+
+    /// The scene's only light; none under the sun.
+    pub fn light(self) -> Option<SpotLight> {
+        (self != Self::Pool).then(light)
+    }
+
+    /// The parameters that belong to the scene.
+    pub fn settings(self) -> Settings {
+        if self == Self::Pool { pool::settings() } else { Settings::default() }
     }
 }
 

@@ -12,6 +12,7 @@ mod mirror_mesh;
 mod mirror_points;
 mod object;
 mod path_text;
+pub mod pool;
 mod preferences;
 mod preset;
 mod settings;

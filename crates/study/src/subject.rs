@@ -51,7 +51,8 @@ impl Subject {
     pub fn five_mirrors(gpu: &Arc<Gpu>, variant: Variant, settings: &Settings) -> anyhow::Result<Self> {
         let parts = five_mirrors::sample(variant, settings.scene.points.into(), settings.scene.seed.into());
         let exact = Exact::five_mirrors(variant);
-        Self::sampled(gpu, parts, vec![five_mirrors::light()], five_mirrors::camera(), Some(exact), settings)
+        let lights = variant.light().into_iter().collect();
+        Self::sampled(gpu, parts, lights, variant.camera(), Some(exact), settings)
     }
 
     /// A scene that was sampled from formulas. Its mirrors are those of the parts.

@@ -5,9 +5,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use cloud::PointTest;
-use scene::{
-    CameraPath, Clip, Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, Visibility, five_mirrors, shown,
-};
+use scene::{CameraPath, Clip, Mirror, MirrorPoints, SceneFile, SpotLight, View, Visibility, five_mirrors, shown};
 
 use crate::error::{Error, Result};
 
@@ -109,8 +107,8 @@ impl Request {
 
     /// The light of a built-in scene; lights of scene files replace it.
     pub fn built_in_light(&self) -> Option<SpotLight> {
-        let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
-        (self.lights.is_empty() && self.inputs.iter().any(is_built_in)).then(five_mirrors::light)
+        let light = |input: &Input| if let Input::BuiltIn { variant, .. } = input { variant.light() } else { None };
+        self.inputs.iter().filter(|_| self.lights.is_empty()).find_map(light)
     }
 
     /// Decides which points are shown.
@@ -193,16 +191,12 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
     }
     open_once(&mut request);
     files.iter().for_each(|file| request.furnish(file));
-    let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
-    let built_in_alone = !request.inputs.is_empty() && request.inputs.iter().all(is_built_in);
-    if built_in_alone {
-        let camera = five_mirrors::camera();
-        let view = request.view.get_or_insert_with(|| View {
-            camera: None,
-            settings: Settings::default(),
-            warnings: Vec::new(),
-        });
-        view.camera.get_or_insert(camera);
+    let variant = |input: &Input| if let Input::BuiltIn { variant, .. } = input { Some(*variant) } else { None };
+    let built_in: Option<Vec<five_mirrors::Variant>> = request.inputs.iter().map(variant).collect();
+    if let Some(first) = built_in.and_then(|variants| variants.first().copied()) {
+        let view =
+            request.view.get_or_insert_with(|| View { camera: None, settings: first.settings(), warnings: Vec::new() });
+        view.camera.get_or_insert(first.camera());
     }
     request
 }
@@ -287,7 +281,12 @@ fn files_beside(path: &Path) -> Vec<String> {
 }
 
 pub fn built_in_name(mirror: five_mirrors::Variant) -> String {
-    format!("five-mirrors/{}", mirror.name())
+    format!("{}/{}", mirror.family(), mirror.name())
+}
+
+/// The scene that opens when nothing is named.
+pub fn first_scene() -> String {
+    built_in_name(five_mirrors::Variant::Pool)
 }
 
 pub fn built_in_names() -> Vec<String> {
@@ -399,7 +398,7 @@ mod tests {
         std::fs::write(&scene, format!("{text}{light}")).unwrap();
         let lit = resolve(&words(&[scene.to_str().unwrap()]));
         assert_eq!((lit.lights.len(), lit.built_in_light()), (1, None));
-        let mut settings = Settings::default();
+        let mut settings = scene::Settings::default();
         settings.scene.points = 10_000;
         let job = start(request.inputs, &settings);
         let brought = job.events.iter().filter_map(|event| match event {

@@ -20,8 +20,8 @@ use needs::{Display, Machine, Need, Remedy};
 
 const HELP: &str = "\
 cargo xtask run [INPUT...]   Open the viewer on point clouds (.las, .laz, .ply), scene files (.toml) or built-in scenes.
-                             Without INPUT: the built-in scene five-mirrors/sphere. Without a display: renders the same
-                             to glint.png in the current folder.
+                             Without INPUT: the built-in scene courtyard/pool. Without a display: renders the same to
+                             glint.png in the current folder.
 cargo xtask baseline         Write the checksums of pictures in tests/baseline anew, for this machine's adapter. Only where a
                              change is meant to change pictures; `cargo xtask test` fails where they differ.
 cargo xtask fuzz [TARGET] [--minutes N]
@@ -43,8 +43,8 @@ Environment of `fuzz`: the files in the folder that GLINT_TEST_DATA names are se
 
 Options of the program itself: cargo run --release --package glint -- --help";
 
-/// Shown when no INPUT is given.
-const FIRST_SCENE: &str = "five-mirrors/sphere";
+/// Rendered when no INPUT is given and there is no display; the viewer opens it by itself.
+const FIRST_SCENE: &str = "courtyard/pool";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -77,12 +77,12 @@ fn misunderstood() -> ExitCode {
 fn run(inputs: &[&str]) -> Result<ExitCode> {
     let display = Display::from_environment(|name| std::env::var(name).ok());
     provide(needs::needs_to_run(display))?;
-    let inputs = if inputs.is_empty() { &[FIRST_SCENE] } else { inputs };
     let mut command = cargo();
     // By its manifest, so that INPUT and glint.png are relative to where the user stands.
     command.args(["run", "--release", "--locked", "--package", "glint", "--manifest-path"]);
     command.arg(root()?.join("Cargo.toml")).arg("--");
     if display == Display::None {
+        let inputs = if inputs.is_empty() { &[FIRST_SCENE] } else { inputs };
         println!(
             "No display (neither DISPLAY nor WAYLAND_DISPLAY is set): rendering {} to glint.png",
             inputs.join(" ")

@@ -222,7 +222,7 @@ impl JobEntry {
 
 /// The last part of a path; other names are returned whole.
 pub fn short_name(input: &str) -> &str {
-    if input.starts_with("five-mirrors/") {
+    if world::built_in_names().iter().any(|name| name == input) {
         return input;
     }
     std::path::Path::new(input).file_name().and_then(|name| name.to_str()).unwrap_or(input)

@@ -1,0 +1,130 @@
+//! What the window shows when nothing is named: a built-in scene with a ball to take in hand. It makes room for the
+//! first file that is opened, and leaves no trace in the parameters that are kept.
+
+use scene::{Settings, pool};
+use world::CloudKey;
+
+use crate::viewer::history::History;
+use crate::viewer::session::Session;
+
+pub struct FirstLook {
+    /// The person's own parameters, which come back when something else is opened.
+    own: Settings,
+    /// Whether the ball has been selected.
+    has_ball: bool,
+}
+
+impl Session {
+    /// Opens the scene with its own sun and sky; the other parameters stay as the person has them.
+    pub fn open_first_look(&mut self) {
+        let own = self.scene.settings.clone();
+        let mut request = world::resolve(&[world::first_scene()]);
+        if let Some(view) = &mut request.view {
+            let mut settings = own.clone();
+            for (key, text) in view.settings.differing() {
+                if let Err(error) = settings.set_text(&key, &text) {
+                    tracing::warn!("{error}");
+                }
+            }
+            view.settings = settings;
+        }
+        self.open_request(request);
+        self.first_look = Some(FirstLook { own, has_ball: false });
+    }
+
+    /// Selects the ball when it has come, so that its handles invite a hand.
+    pub fn offer_ball(&mut self) {
+        let Some(first) = self.first_look.as_mut().filter(|first| !first.has_ball) else { return };
+        let ball = self.scene.objects.mirrors.iter().find(|placed| placed.mirror.name == pool::BALL);
+        if let Some(ball) = ball {
+            first.has_ball = true;
+            self.scene.selected = Some(ball.id);
+        }
+    }
+
+    /// Closes the scene, and brings the person's parameters back.
+    pub fn leave_first_look(&mut self) {
+        let Some(first) = self.first_look.take() else { return };
+        self.with_loaded(crate::viewer::loaded::Loaded::stop_loading);
+        let keys: Vec<CloudKey> = self.loaded.clouds.iter().map(|entry| entry.key).collect();
+        for key in keys {
+            self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
+        }
+        self.scene.selected = None;
+        self.scene.settings = first.own;
+        // Nobody wants the scene back by undoing.
+        self.scene.history = History::default();
+    }
+
+    /// The parameters to keep for the next start.
+    pub fn own_settings(&self) -> &Settings {
+        self.first_look.as_ref().map_or(&self.scene.settings, |first| &first.own)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::viewer::action::Action;
+    use crate::viewer::outside::{Effect, News};
+    use crate::viewer::preferences::Preferences;
+
+    use super::*;
+
+    /// A session that has read its first look.
+    fn session() -> Session {
+        let mut session = Session::new(Preferences::default());
+        (session.scene.settings.scene.points, session.scene.settings.view.frame_ms) = (3000, 77.0);
+        session.open_first_look();
+        read(&mut session);
+        session
+    }
+
+    /// Reads what the session wants to load.
+    fn read(session: &mut Session) {
+        for effect in std::mem::take(&mut session.outside.effects) {
+            let Effect::Load { inputs } = effect else { continue };
+            let job = world::start(inputs.clone(), &session.scene.settings);
+            let id = session.loaded.add_job(&inputs, job.progress.clone(), job.mailbox.clone(), session.outside.now);
+            job.events.iter().for_each(|event| session.on_news(News::Loading(id, event, None)));
+        }
+    }
+
+    #[test]
+    fn the_ball_is_selected_and_own_parameters_are_kept() {
+        let session = session();
+        let selected = session.scene.selected.and_then(|id| session.scene.objects.mirror(id));
+        assert_eq!(selected.map(|mirror| mirror.name.as_str()), Some(pool::BALL));
+        let settings = &session.scene.settings;
+        assert_eq!((settings.view.frame_ms, settings.reflection.bounces), (77.0, 2));
+        let own = session.own_settings();
+        assert_eq!((own.view.frame_ms, own.reflection.bounces), (77.0, Settings::default().reflection.bounces));
+    }
+
+    #[test]
+    fn a_file_takes_the_place_of_the_first_look() {
+        let mut session = session();
+        let own = session.own_settings().clone();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("three.ply");
+        let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+            end_header\n0 0 0\n1 0 0\n0 1 0\n";
+        std::fs::write(&path, text).unwrap();
+        session.act(Action::Open(path.display().to_string().into()));
+        assert!(session.loaded.clouds.is_empty() && session.scene.objects.mirrors.is_empty());
+        assert!(!session.scene.camera_is_placed && session.scene.settings == own);
+        read(&mut session);
+        let names: Vec<&str> = session.loaded.clouds.iter().map(|entry| entry.cloud.name.as_str()).collect();
+        assert_eq!(names, ["three.ply"]);
+        // A second file comes beside the first.
+        session.act(Action::Open("five-mirrors/none".into()));
+        assert_eq!(session.loaded.clouds.len(), 1);
+    }
+
+    #[test]
+    fn closing_the_scene_by_hand_brings_the_own_parameters_back() {
+        let mut session = session();
+        let own = session.own_settings().clone();
+        session.act(Action::RemoveCloud(session.loaded.clouds[0].key));
+        assert!(session.first_look.is_none() && session.scene.settings == own);
+    }
+}
