@@ -2,6 +2,7 @@
 //! when the camera rests there, and that `glint render` writes: all points that the view needs are loaded, and the
 //! quality is full.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
 use render::{Gpu, Renderer};
-use scene::{Camera, CameraPath, Settings, View, whole_file};
+use scene::{Camera, CameraPath, ExposureFit, Settings, View, whole_file};
 use serde::{Deserialize, Serialize};
 use world::{Input, Request};
 
@@ -203,6 +204,37 @@ impl Recording<'_> {
         Ok(viewer.status())
     }
 
+    /// Gives the picture at a time the exposures that fit the keyframes before and after it, mixed by time, so that the
+    /// exposure does not jump with what comes into view. `fitted` keeps those of keyframes.
+    fn expose(
+        &self,
+        viewer: &mut Headless,
+        time: f64,
+        now: Instant,
+        fitted: &mut BTreeMap<usize, f32>,
+        bar: &Bar,
+    ) -> anyhow::Result<()> {
+        if viewer.tone.fit == ExposureFit::Locked {
+            return Ok(());
+        }
+        let keyframes = &self.path.keyframes;
+        let next = keyframes.partition_point(|keyframe| keyframe.time <= time);
+        let around = [next.saturating_sub(1), next.min(keyframes.len().saturating_sub(1))];
+        let mut stops = [0.0; 2];
+        for (stops, index) in stops.iter_mut().zip(around) {
+            *stops = match (fitted.get(&index), self.path.camera(keyframes[index].time)) {
+                (Some(known), _) => *known,
+                (None, Some(camera)) => viewer.exposure(camera, now, bar)?,
+                (None, None) => viewer.tone.exposure,
+            };
+            fitted.insert(index, *stops);
+        }
+        let [from, to] = around.map(|index| keyframes[index].time);
+        let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) as f32 } else { 0.0 };
+        viewer.lock_exposure((stops[0] + (stops[1] - stops[0]) * share).clamp(-10.0, 10.0));
+        Ok(())
+    }
+
     /// Writes the pictures. Returns false if there is nothing to show. `start` is the time of the path's beginning on
     /// the clock that the viewer is given; that clock advances with the frames and not with real time.
     fn write(&self, viewer: &mut Headless, start: Instant) -> anyhow::Result<bool> {
@@ -214,9 +246,11 @@ impl Recording<'_> {
         }
         let bar = Bar::counted();
         let mut is_told = false;
+        let mut fitted = BTreeMap::new();
         for (done, frame) in self.frames.clone().enumerate() {
             bar.set(done as u64, self.frames.len() as u64);
             let now = start + Duration::from_secs_f64(self.time(frame));
+            self.expose(viewer, self.time(frame), now, &mut fitted, &bar)?;
             let Some(points) = viewer.write(&self.picture(frame), self.camera(frame)?, now, &bar)? else {
                 return Ok(false);
             };

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use render::Gpu;
-use scene::Camera;
+use scene::{Camera, ExposureFit, Tone};
 use world::{Event, Request};
 
 use crate::failure::{FAILED, UNUSABLE};
@@ -30,6 +30,8 @@ pub struct Headless {
     status: u8,
     /// The number of messages that were handled so far.
     told: usize,
+    /// The tone that the scene asks for.
+    pub tone: Tone,
 }
 
 /// The longest wait for news. Ctrl-C is checked after each wait.
@@ -55,7 +57,8 @@ impl Headless {
         (session.outside.now, session.is_recorded) = (now, true);
         session.set_view_size(size);
         session.open_request(request);
-        let mut headless = Self { session, effects, news, status: 0, told: 0 };
+        let tone = session.scene.settings.tone.clone();
+        let mut headless = Self { session, effects, news, status: 0, told: 0, tone };
         headless.do_effects();
         Ok(headless)
     }
@@ -84,6 +87,23 @@ impl Headless {
                 return Ok(Some(points));
             }
         }
+    }
+
+    /// Returns the exposure of the final picture that the camera sees: the one that fits it, or the scene's if none is
+    /// fitted. `now` and `bar` have the meaning of those of `settle`.
+    ///
+    /// # Errors
+    /// Those of `settle`.
+    pub fn exposure(&mut self, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<f32> {
+        self.session.scene.settings.tone = self.tone.clone();
+        self.settle(camera, now, bar)?;
+        let fitted = self.session.frames.shown.as_ref().and_then(|shown| shown.stats.exposure);
+        Ok(fitted.map_or(self.tone.exposure, |fitted| fitted.stops))
+    }
+
+    /// Gives the pictures that follow this exposure.
+    pub fn lock_exposure(&mut self, stops: f32) {
+        self.session.scene.settings.tone = Tone { fit: ExposureFit::Locked, exposure: stops, ..self.tone.clone() };
     }
 
     /// Steps the session until the picture that the camera sees is final. Returns `None` if there is nothing to show.
