@@ -29,6 +29,9 @@ fn splat_point(item: Item, index: u32) {
     if !is_shown(index) {
         return;
     }
+    if hides_backs && is_turned_away(item, point, index) {
+        return;
+    }
     var disc: Disc;
     if !pixels_only {
         disc = disc_of_point(frame, settings.splat, item, point);

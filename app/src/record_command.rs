@@ -159,7 +159,7 @@ impl Recording<'_> {
             let (camera, size) = (self.camera(0)?, arguments.size);
             // What cannot be read is reported again when it is recorded.
             let LoadedSubject { subject, .. } =
-                match subject::open(gpu, request.clone(), &settings, size, |_, _| camera)? {
+                match subject::open(gpu, request.clone(), &settings, size, |_, _, _| camera)? {
                     Ok(opened) => opened,
                     Err(status) => return Ok(status),
                 };

@@ -11,7 +11,7 @@ use anyhow::Context as _;
 use glam::DVec3;
 use param::Choice as _;
 use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
-use scene::{Camera, Method, SceneFile, Settings, StandardView, whole_file};
+use scene::{Camera, Method, SceneFile, Settings, StandardView, Start, whole_file};
 use serde::Serialize;
 use study::results::Spread;
 use study::{Estimate, Subject, View};
@@ -68,7 +68,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     check_size(&gpu, arguments.size)?;
     terminal::warn(&request.warnings);
 
-    let camera = |outline: &[DVec3], up| viewpoint.camera(outline, up, &settings, arguments.size);
+    let camera = |outline: &[DVec3], up, room| viewpoint.camera(outline, up, room, &settings, arguments.size);
     let LoadedSubject { mut subject, status, stream, sources } =
         match subject::open(&gpu, request, &settings, arguments.size, camera)? {
             Ok(opened) => opened,
@@ -252,6 +252,8 @@ fn needs_extension(path: &Path, extension: &str) -> anyhow::Result<()> {
 /// How the camera of the picture is found.
 enum Viewpoint {
     Camera(Camera),
+    /// The camera stands where `view.start` says.
+    Start,
     /// The camera looks from this side and has everything in the picture.
     Framing(StandardView),
 }
@@ -262,7 +264,7 @@ impl Viewpoint {
     fn new(word: Option<&OsStr>, request: &mut Request, settings: &mut Settings) -> anyhow::Result<Self> {
         let own = request.view.as_ref().and_then(|view| view.camera);
         let Some(word) = word else {
-            return Ok(own.map_or(Self::Framing(StandardView::Isometric), Self::Camera));
+            return Ok(own.map_or(Self::Start, Self::Camera));
         };
         if word == "scene" {
             let none =
@@ -295,11 +297,23 @@ impl Viewpoint {
         view.camera.map(Self::Camera).ok_or_else(|| usage(format!("--camera {word}: there is no [camera] in it")))
     }
 
-    fn camera(&self, outline: &[DVec3], up: DVec3, settings: &Settings, size: [u32; 2]) -> Camera {
+    /// `room` is a camera in the room, if the scene is one.
+    fn camera(
+        &self,
+        outline: &[DVec3],
+        up: DVec3,
+        room: Option<Camera>,
+        settings: &Settings,
+        size: [u32; 2],
+    ) -> Camera {
         let aspect = f64::from(size[0]) / f64::from(size[1]);
+        let framing = |view| Camera::framing(outline, view, up, settings.view.field_of_view, aspect);
         match self {
             Self::Camera(camera) => *camera,
-            Self::Framing(view) => Camera::framing(outline, *view, up, settings.view.field_of_view, aspect),
+            Self::Start => {
+                room.filter(|_| settings.view.start == Start::Auto).unwrap_or_else(|| framing(StandardView::Isometric))
+            }
+            Self::Framing(view) => framing(*view),
         }
     }
 }
@@ -567,7 +581,7 @@ mod tests {
         let viewpoint = Viewpoint::new(Some(path.as_os_str()), &mut Request::default(), &mut settings).unwrap();
         settings.set_text("splat.size", "4").unwrap();
         assert_eq!((settings.splat.size, settings.edl.strength), (4.0, 2.0));
-        let seen = viewpoint.camera(&[], DVec3::Z, &settings, [8, 8]);
+        let seen = viewpoint.camera(&[], DVec3::Z, None, &settings, [8, 8]);
         assert!(seen.eye.distance(camera.eye) < 1e-12);
     }
 

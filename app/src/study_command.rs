@@ -203,7 +203,7 @@ impl Scenes for Inputs {
         let field_of_view = settings.view.field_of_view;
         let framing =
             |outline: &[glam::DVec3], up| Camera::framing(outline, StandardView::Isometric, up, field_of_view, ASPECT);
-        let camera = |outline: &[glam::DVec3], up| own.unwrap_or_else(|| framing(outline, up));
+        let camera = |outline: &[glam::DVec3], up, _| own.unwrap_or_else(|| framing(outline, up));
         let opened = subject::open(gpu, request, settings, STREAMED_FOR, camera)?;
         match opened {
             Ok(LoadedSubject { mut subject, status: 0, sources, .. }) => {

@@ -50,8 +50,8 @@ pub struct StreamReport {
     pub built_index: bool,
 }
 
-/// Reads the inputs and puts them on the GPU. `camera` gets points around the outline of the scene and its up
-/// direction, and returns the camera. Of streamed clouds, this loads the points that a picture of `size` pixels from
+/// Reads the inputs and puts them on the GPU. `camera` gets points around the outline of the scene, its up direction,
+/// and a camera in the room if the scene is one, and returns the camera. Of streamed clouds, this loads the points that a picture of `size` pixels from
 /// that camera needs. If no input can be shown, returns the exit status; the reasons have been reported then.
 ///
 /// # Errors
@@ -61,7 +61,7 @@ pub fn open(
     mut request: Request,
     settings: &Settings,
     size: [u32; 2],
-    camera: impl FnOnce(&[DVec3], DVec3) -> Camera,
+    camera: impl FnOnce(&[DVec3], DVec3, Option<Camera>) -> Camera,
 ) -> anyhow::Result<Result<LoadedSubject, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
     let exact = request.built_in().map(Exact::five_mirrors);
@@ -87,7 +87,10 @@ pub fn open(
     let Some(up) = loads.clouds.iter().find(|loaded| loaded.points > 0).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", names.join(", "))));
     };
-    let camera = camera(&outline, up);
+    let read: Vec<Chunk> = loads.clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
+    let mut light = AutoLight::around(&read, up);
+    drop(read);
+    let camera = camera(&outline, up, light.camera_inside(up));
     if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
         let placed = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
@@ -108,7 +111,10 @@ pub fn open(
     drop(chunks);
     // Hidden points count, so that the light does not change with them.
     let all: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
-    let light = AutoLight::around(&all, up);
+    if stream.is_some() {
+        // Other points have come for the view.
+        light = AutoLight::around(&all, up);
+    }
     let has_lamp = request.lights.is_empty() && light.lamp_shines(settings.light.by, camera.eye);
     if has_lamp {
         request.lights.extend(light.lamp());

@@ -8,12 +8,22 @@
 // Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
 override pixels_only: bool = false;
 
+// Set if surfaces whose back is turned to the eye are hidden.
+override hides_backs: bool = false;
+
 // A point's identity is this plus its index in the page. Identities follow the order of clouds, chunks and files, never that of
 // places in the store (crates/render/src/identities.rs).
 var<private> identities_from: u32;
 // The item of the block at hand, and the number of its points.
 var<private> item_of_block: u32;
 var<private> points_of_block: u32;
+
+// Points without a normal have no back.
+fn is_turned_away(item: Item, point: vec4u, index: u32) -> bool {
+    let from_eye = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
+    let sight = select(from_eye, frame.forward.xyz, frame.orthographic != 0u);
+    return dot(unpack_normal(attributes[index].y), sight) > 0.0;
+}
 
 // The share of invocation `lane` of a workgroup of 128.
 fn splat_block(group: vec3u, groups: vec3u, lane: u32) {

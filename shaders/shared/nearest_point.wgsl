@@ -16,6 +16,9 @@ fn splat_point(item: Item, index: u32) {
     if clips && dot(frame.clip.xyz, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz) < frame.clip.w {
         return;
     }
+    if hides_backs && is_turned_away(item, point, index) {
+        return;
+    }
     let identity = identities_from + index;
     if pixels_only {
         let single = single_of_point(frame, item, point);

@@ -5,6 +5,7 @@ struct View {
     projection: u32,
     field_of_view: f32,
     up: u32,
+    start: u32,
     background: u32,
     point_budget: u32,
     resolution: f32,
@@ -16,6 +17,8 @@ const VIEW_PROJECTION_ORTHOGRAPHIC: u32 = 1u;
 const VIEW_UP_AUTO: u32 = 0u;
 const VIEW_UP_Y: u32 = 1u;
 const VIEW_UP_Z: u32 = 2u;
+const VIEW_START_AUTO: u32 = 0u;
+const VIEW_START_OUTSIDE: u32 = 1u;
 
 // Splatting: how points become surfaces.
 struct Splat {
@@ -25,6 +28,7 @@ struct Splat {
     max_pixels: f32,
     depth_offset: f32,
     close_gaps: u32,
+    back_faces: u32,
     step: u32,
     atomics: u32,
 }

@@ -64,6 +64,10 @@ pub enum Action {
     Travel(DVec3),
     PivotHere,
     FrameAll,
+    /// Into the room.
+    GoInside,
+    /// Out of the room, which is then seen without the backs of its walls.
+    DollHouse,
     FrameCloud(CloudKey),
     ToggleMode,
     LookFrom(StandardView),

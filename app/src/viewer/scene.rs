@@ -8,7 +8,7 @@ use param::Choice as _;
 use render::MOST_LIGHTS;
 use scene::{
     Camera, CameraPath, Clip, ColorBy, LightClues, Lighting, Mirror, Object, Projection, Settings, SpotLight,
-    StandardView, Visibility,
+    StandardView, Start, Visibility,
 };
 use serde_json::json;
 use world::{CloudKey, mirrors};
@@ -43,6 +43,8 @@ pub struct Scene {
     pub camera: Camera,
     /// True if a person or a file chose the camera: then loading no longer moves it.
     pub camera_is_placed: bool,
+    /// A camera in the room that is open, if it is one.
+    pub room: Option<Camera>,
     pub mode: Mode,
     pub navigation: Navigation,
     pub history: History,
@@ -63,6 +65,7 @@ impl Scene {
             selected: None,
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
             camera_is_placed: false,
+            room: None,
             mode: Mode::Orbit,
             navigation: Navigation::default(),
             history: History::default(),
@@ -351,13 +354,15 @@ impl Scene {
         Camera::framing(outline, view, self.up(clouds), self.settings.view.field_of_view, self.aspect())
     }
 
-    /// Moves the camera to show everything, unless it has been chosen. It frames the clouds' outlines, or `bounds`
-    /// while no outline is known.
+    /// Moves the camera to where it stands when clouds open, unless it has been chosen: into a room, or to where it sees
+    /// everything. It frames the clouds' outlines, or `bounds` while no outline is known.
     pub fn frame_while_unplaced(&mut self, bounds: Bounds, clouds: &[CloudEntry]) {
         if self.camera_is_placed {
             return;
         }
-        if clouds.iter().any(|entry| entry.is_visible && entry.figures.is_some()) {
+        if let Some(room) = self.room.filter(|_| self.settings.view.start == Start::Auto) {
+            self.camera = room;
+        } else if clouds.iter().any(|entry| entry.is_visible && entry.figures.is_some()) {
             self.camera = self.framed(&self.outline(clouds), StandardView::Isometric, clouds);
         } else if !bounds.is_empty() {
             self.camera = self.framed(&bounds.corners(), StandardView::Isometric, clouds);
@@ -370,6 +375,15 @@ impl Scene {
             camera.frame(&self.outline(clouds), self.settings.view.field_of_view, self.aspect());
             self.jump(now, self.settings.clone(), camera);
         }
+    }
+
+    /// Goes into the room, or out of it, from where it looks like a doll's house: without the backs of its walls.
+    fn show_room(&mut self, is_inside: bool, clouds: &[CloudEntry], outside: &mut Outside) {
+        let Some(room) = self.room else { return outside.note("No closed room is open") };
+        let mut settings = self.settings.clone();
+        settings.splat.back_faces = is_inside;
+        let camera = if is_inside { room } else { self.framed(&self.outline(clouds), StandardView::Isometric, clouds) };
+        self.jump(outside.now, settings, camera);
     }
 
     pub fn look_from(&mut self, view: StandardView, clouds: &[CloudEntry], now: Instant) {
@@ -499,6 +513,8 @@ impl Scene {
             Action::Travel(way) => self.travel(way, outside.now),
             Action::PivotHere => self.pick_under_cursor(PickPurpose::Pivot, outside),
             Action::FrameAll => self.frame_all(clouds, outside.now),
+            Action::GoInside => self.show_room(true, clouds, outside),
+            Action::DollHouse => self.show_room(false, clouds, outside),
             Action::FrameCloud(key) => self.frame_cloud(key, clouds, outside.now),
             Action::ToggleMode => {
                 self.mode = if self.mode == Mode::Orbit { Mode::Fly } else { Mode::Orbit };

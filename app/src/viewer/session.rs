@@ -234,6 +234,8 @@ impl Session {
             | Action::FlySpeed { .. }
             | Action::Travel { .. }
             | Action::FrameAll
+            | Action::GoInside
+            | Action::DollHouse
             | Action::FrameCloud { .. }
             | Action::ToggleMode
             | Action::LookFrom { .. }

@@ -130,3 +130,49 @@ fn point_size_and_field_of_view_stop_at_their_ranges() {
     }
     assert_eq!((session.scene.settings.splat.size, session.scene.settings.view.field_of_view), (20.0, 1.0));
 }
+
+/// A session that has read clouds with these points.
+fn session_of(clouds: &[(&str, Vec<[f32; 3]>)]) -> Session {
+    let mut session = Session::new(Preferences::default());
+    let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+    let mut load = |event| session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+    for (cloud, (name, points)) in clouds.iter().enumerate() {
+        let (name, expected_points) = ((*name).to_owned(), points.len() as u64);
+        let opened = Opened { input: name.clone(), name, expected_points, up: DVec3::Z, ..Opened::default() };
+        load(Event::Opened { cloud, opened });
+        let chunk = cloud::Chunk::new(0, DVec3::ZERO, points.clone());
+        load(Event::Chunk { cloud, part: Part::Block(0), chunk });
+    }
+    load(Event::Finished);
+    session
+}
+
+#[test]
+fn a_room_opens_from_inside_and_each_side_is_a_key_away() {
+    let mut points = Vec::new();
+    for (x, y) in (0..=80).flat_map(|x| (0..=50).map(move |y| (x as f32 * 0.1, y as f32 * 0.1))) {
+        points.extend([[x, y, 0.0], [x, y, 3.0]]);
+    }
+    for z in (0..=30).map(|z| z as f32 * 0.1) {
+        points.extend((0..=80).flat_map(|x| [[x as f32 * 0.1, 0.0, z], [x as f32 * 0.1, 5.0, z]]));
+        points.extend((0..=50).flat_map(|y| [[0.0, y as f32 * 0.1, z], [8.0, y as f32 * 0.1, z]]));
+    }
+    let mut session = session_of(&[("room.ply", points)]);
+    let asked = std::mem::take(&mut session.outside.effects).into_iter().find_map(|effect| match effect {
+        Effect::Work(Work::FindSurroundings { asked, clouds, up }) => Some((asked, clouds[0].chunks.clone(), up)),
+        _ => None,
+    });
+    let (asked, chunks, up) = asked.expect("the surroundings are asked for");
+    session.on_found(Found::Surroundings { asked, found: world::AutoLight::around(&chunks, up) });
+    let is_inside = |session: &Session| {
+        let eye = session.scene.camera.eye;
+        eye.cmpgt(DVec3::ZERO).all() && eye.cmplt(DVec3::new(8.0, 5.0, 3.0)).all()
+    };
+    assert!(is_inside(&session) && session.scene.settings.splat.back_faces, "{:?}", session.scene.camera);
+    session.act(Action::DollHouse);
+    assert!(!is_inside(&session) && !session.scene.settings.splat.back_faces);
+    session.act(Action::GoInside);
+    assert!(is_inside(&session) && session.scene.settings.splat.back_faces);
+    session.act(Action::Undo);
+    assert!(!is_inside(&session) && !session.scene.settings.splat.back_faces, "one step of undo");
+}

@@ -21,7 +21,9 @@ pub(crate) fn splat_surface(
 ) -> Result<()> {
     recorder.clear(&targets.nearest);
     let nearest = targets.nearest.as_entire_binding();
-    recorder.nearest_points(&[], inputs, nearest.clone(), atomics64)?;
+    let backs = [("hides_backs", 1)];
+    let switches = if settings.splat.back_faces { &[][..] } else { &backs };
+    recorder.nearest_points(switches, inputs, nearest.clone(), atomics64)?;
     let [albedo, normal, depth] = targets.surfaces[0].bind();
     match (settings.splat.quality, &targets.sums) {
         (Quality::High, Some(sums)) => {
@@ -37,7 +39,7 @@ pub(crate) fn splat_surface(
                 specular_sums: specular_sums.clone(),
                 carries: carries.clone(),
             };
-            recorder.over_points(&[], inputs, bindings)?;
+            recorder.over_points(switches, inputs, bindings)?;
             let bindings = passes::splat_average {
                 nearest,
                 color_sums,

@@ -384,3 +384,27 @@ fn the_lamp_of_five_mirrors_lights_its_walls_as_the_closed_form_does_within_a_hu
     // The right wall, the floor and the far wall are lit.
     assert!(compared.iter().filter(|count| **count > 300).count() == 3, "{compared:?}");
 }
+
+#[test]
+fn surfaces_that_turn_their_back_are_left_out_if_asked_for_and_the_inside_of_a_room_is_seen() {
+    let mut stage = stage_or_skip!();
+    let plane = |z: f64, edges: [DVec3; 2]| {
+        let corner = -(edges[0] + edges[1]) * 0.5 + DVec3::Z * z;
+        wall(corner, edges)
+    };
+    // A ceiling whose normal points down, above a floor whose normal points up.
+    let chunks = vec![plane(1.0, [DVec3::Y * 4.0, DVec3::X * 4.0]), plane(0.0, [DVec3::X * 4.0, DVec3::Y * 4.0])];
+    let store = store_of(&stage, chunks, Material::default());
+    for projection in ["perspective", "orthographic"] {
+        for quality in ["high", "nearest"] {
+            for (backs, expected) in [("true", 1.0), ("false", 2.0)] {
+                let pairs = [("splat.back_faces", backs), ("splat.quality", quality), ("view.projection", projection)];
+                let camera = Camera::looking(DVec3::ZERO, DVec3::Z, 2.0, DVec3::Y);
+                let objects = Objects::default();
+                stage.renderer.render(&store, &camera, &settings(&pairs), objects, [64, 48]).unwrap();
+                let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data[24 * 64 + 32];
+                assert!((f64::from(depth) - expected).abs() < 0.01, "{projection} {quality} {backs}: {depth}");
+            }
+        }
+    }
+}

@@ -37,8 +37,8 @@ pub use settings::{
     Atomics, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement, CubeRest, CubeSampling, Curve, Distribution, Edl,
     ExposureFit, Gi, GlossPattern, GlossSettings, Highlight, KeptPoints, Light, LightView, Lighting, MirrorSettings,
     MirrorSurface, Occluder, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SceneSettings, ScreenBack,
-    ScreenCriterion, ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Stream, Sun, Surface,
-    SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    ScreenCriterion, ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Stream, Sun,
+    Surface, SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::{Filter, Visibility};

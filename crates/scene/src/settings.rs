@@ -69,6 +69,10 @@ choices! {
     pub enum Curve { Auto = "auto", Filmic = "filmic", Srgb = "srgb" }
 }
 choices! {
+    /// Where the camera stands when a cloud opens.
+    pub enum Start { Auto = "auto", Outside = "outside" }
+}
+choices! {
     /// Whether the exposure is fitted to the picture.
     pub enum ExposureFit { Auto = "auto", Always = "always", Locked = "locked" }
 }
@@ -174,6 +178,8 @@ params! {
         field_of_view: f32 = 60.0, 1.0..=150.0, "degrees";
         /// Axis that points up when a cloud is read; auto takes z for LAS and LAZ and for PLY clouds, y for PLY meshes.
         up: UpAxis = UpAxis::Auto => affects(points truth) not(kept swept);
+        /// Where the camera stands when clouds open without one: auto inside of a closed room, else outside, where it sees all of them.
+        start: Start = Start::Auto => affects() not(swept);
         /// Colour where there is no point.
         background: param::Color = param::Color(0x1d20_25ff) => affects(shading truth);
         /// Most points of streamed clouds that are drawn at once.
@@ -200,6 +206,8 @@ params! {
         depth_offset: f32 = 1.0, 0.01..=10.0, "radii";
         /// Close pixels that see through a gap between splats: empty or far behind, with a nearer surface around them.
         close_gaps: bool = true;
+        /// Draw surfaces whose back is turned to the camera, too. Without them one looks into a room from outside, as into a doll's house; mirrors and light see all.
+        back_faces: bool = true => affects(surface found) not(kept);
         /// One point in so many is drawn of those that the camera sees, and each larger; mirrors and light still see all points.
         step: u32 = 1, 1..=64, "points" => affects(surface found);
         /// Width of the atomics; auto takes 64 bits where the adapter has them.

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use cloud::Bounds;
 use glam::DVec3;
 
-use crate::{Lighting, SpotLight};
+use crate::{Camera, Lighting, SpotLight};
 
 /// The surroundings of a viewer of a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,9 +25,18 @@ pub struct Room {
     /// The bounds around the lamp between the room's walls, from floor to ceiling, in world units: seen from outside,
     /// the lamp lights nothing visible.
     pub inside: Bounds,
+    /// Where to stand in it: at eye height between the middle of the largest part and the wall behind.
+    pub eye: DVec3,
+    /// What to look at from there: the other end.
+    pub pivot: DVec3,
 }
 
 impl Room {
+    /// A camera that stands in the room.
+    pub fn camera(&self, up: DVec3) -> Camera {
+        Camera::from_eye(self.eye, self.pivot, up)
+    }
+
     /// Whether its lamp shines if it is the only light: automatically for an eye inside the room, else if it is asked
     /// for.
     pub fn lamp_shines(&self, by: Lighting, eye: DVec3) -> bool {
@@ -43,6 +52,9 @@ const POINTS_PER_CELL: f64 = 40.0;
 const FEWEST: usize = 12;
 /// The share of the points that may be stray on either side of an axis.
 const STRAY: f64 = 0.01;
+
+/// The height of the eye as a share of that of the ceiling.
+const EYE_HEIGHT: f64 = 0.6;
 
 /// The free heights that people build: in metres from a crawl space to a hall, in feet from a cupboard to a living
 /// room.
@@ -190,7 +202,9 @@ impl GroundPlan {
     fn room(&self, frame: &Frame) -> Option<Room> {
         let lamp = self.lamp()?;
         let mut inside = Bounds::EMPTY;
-        for (x, y) in self.around(&lamp) {
+        let around = self.around(&lamp);
+        let (eye, pivot) = self.stand(&lamp, &around);
+        for (x, y) in around {
             let gap = self.covered[&(x, y)];
             // Including the cells of the walls.
             let corner = self.corner + DVec3::new(f64::from(x - 1), f64::from(y - 1), 0.0) * self.edge;
@@ -198,7 +212,31 @@ impl GroundPlan {
             inside.include(frame.world(corner.with_z(gap.floor)));
             inside.include(frame.world(opposite.with_z(gap.ceiling)));
         }
-        Some(Room { lamp: lamp.in_world(frame), inside })
+        Some(Room { lamp: lamp.in_world(frame), inside, eye: frame.world(eye), pivot: frame.world(pivot) })
+    }
+
+    /// Where to stand in these cells, and what to look at: from the middle, the line of sight goes to the farthest cell, and
+    /// the eye steps back from it half as far as the room allows.
+    fn stand(&self, lamp: &Lamp, cells: &[(i32, i32)]) -> (DVec3, DVec3) {
+        let center =
+            |(x, y): (i32, i32)| self.corner + DVec3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, 0.0) * self.edge;
+        let (middle, known) = (center(lamp.cell), cells.iter().copied().collect::<HashSet<_>>());
+        let far = |cell: &(i32, i32)| (center(*cell).distance_squared(middle), *cell);
+        let farthest = cells.iter().max_by(|a, b| {
+            let ((a, of_a), (b, of_b)) = (far(a), far(b));
+            a.total_cmp(&b).then(of_a.cmp(&of_b))
+        });
+        let target = farthest.map_or(middle + DVec3::X, |cell| center(*cell));
+        let sight = (target - middle).normalize_or(DVec3::X);
+        let is_free = |steps: &i32| {
+            let cell = ((middle - sight * (f64::from(*steps) * self.edge) - self.corner) / self.edge).floor();
+            known.contains(&(cell.x as i32, cell.y as i32))
+        };
+        let steps = (1..CELLS as i32).take_while(is_free).last().unwrap_or(0);
+        let at = |place: DVec3, share: f64| place.with_z(lamp.floor + lamp.height * share);
+        // Most ceilings are two and a half metres high, and eyes one and a half.
+        let eye = at(middle - sight * (f64::from(steps) * 0.5 * self.edge), EYE_HEIGHT);
+        (eye, at(middle + (target - middle) * 0.5, EYE_HEIGHT * 0.8))
     }
 
     /// The covered cells that are connected with the lamp's, as far as it lights the floor: walls and the dark end
@@ -356,7 +394,12 @@ mod tests {
 
     #[test]
     fn a_room_gets_a_lamp_under_its_ceiling_that_shines_down_in_its_middle() {
-        let Room { lamp, inside } = room_of(&room(), DVec3::Z);
+        let Room { lamp, inside, eye, pivot } = room_of(&room(), DVec3::Z);
+        assert!(inside.contains(eye) && inside.contains(pivot), "{eye} {pivot}");
+        // The longer side is x: one looks along it, from the far half, at eye height.
+        let sight = (pivot - eye).normalize();
+        assert!(sight.x.abs() > sight.y.abs() && eye.distance(pivot) > 3.0, "{eye} {pivot}");
+        assert!((eye.z - inside.min.z - 0.6 * 3.0).abs() < 0.1, "{eye}");
         assert_eq!(lamp.problem(), None);
         assert!(inside.contains(lamp.position) && (inside.size() - DVec3::new(8.0, 5.0, 3.0)).length() < 0.5);
         let at = lamp.position - DVec3::new(2_635_000.0, 1_248_000.0, 410.0);
@@ -370,7 +413,7 @@ mod tests {
         let next_door: Vec<DVec3> = room().into_iter().map(|point| point + 8.01 * DVec3::X).collect();
         let mut points = room();
         points.extend(next_door.into_iter().filter(|point| point.x < 2_635_012.0));
-        let Room { lamp, inside } = room_of(&points, DVec3::Z);
+        let Room { lamp, inside, .. } = room_of(&points, DVec3::Z);
         assert!(lamp.position.x < 2_635_008.0 && inside.contains(lamp.position - DVec3::Z));
         assert!((7.0..8.8).contains(&inside.size().x), "{}", inside.size());
     }

@@ -8,7 +8,7 @@
 
 use cloud::Chunk;
 use glam::DVec3;
-use scene::{LightClues, Lighting, SpotLight, Surroundings};
+use scene::{Camera, LightClues, Lighting, SpotLight, Surroundings};
 
 /// The surroundings of the points, if they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,6 +40,14 @@ impl AutoLight {
     pub fn lamp(&self) -> Option<SpotLight> {
         match self.surroundings {
             Some(Surroundings::Room(room)) => Some(room.lamp),
+            _ => None,
+        }
+    }
+
+    /// A camera that stands in the room, if the surroundings are one.
+    pub fn camera_inside(&self, up: DVec3) -> Option<Camera> {
+        match self.surroundings {
+            Some(Surroundings::Room(room)) => Some(room.camera(up)),
             _ => None,
         }
     }

@@ -93,6 +93,8 @@ pub const BINDINGS: &[Binding] = {
         bind(MOVE, key(Key::F), A::PivotHere, "Pivot on the point under the cursor"),
         bind(VIEWS, key(Key::Home), A::FrameAll, "Frame all"),
         bind(VIEWS, key(Key::R), A::FrameAll, "Frame all"),
+        bind(VIEWS, key(Key::N), A::GoInside, "Inside of the room"),
+        bind(VIEWS, key(Key::O), A::DollHouse, "The room as a doll's house"),
         bind(VIEWS, Numpad(NONE, 1), A::LookFrom(StandardView::Front), "From the front, the back"),
         bind(VIEWS, Numpad(CTRL, 1), A::LookFrom(StandardView::Back), "From the front, the back"),
         bind(VIEWS, Numpad(NONE, 3), A::LookFrom(StandardView::Right), "From the right, the left"),

@@ -29,6 +29,8 @@ impl Loaded {
             return;
         }
         let (id, lamp) = (beside.scene.next_object_id(), found.lamp());
+        beside.scene.room = found.camera_inside(beside.scene.up(&self.clouds));
+        beside.scene.frame_while_unplaced(beside.scene.bounds(&self.clouds), &self.clouds);
         beside.scene.rewrite_objects(|objects| objects.guess(id, lamp));
         beside.outside.log(json!({
             "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": beside.scene.objects.lights.len(),

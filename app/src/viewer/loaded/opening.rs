@@ -259,6 +259,7 @@ impl Loaded {
         self.note_loaded(beside);
         if is_last {
             beside.scene.camera_is_placed = false;
+            beside.scene.room = None;
             beside.scene.paths.clear();
             beside.frames.shown = None;
             self.light_search.forget();

@@ -238,7 +238,8 @@ mod tests {
     fn room(session: &Session) -> Surroundings {
         let lamp = spot(DVec3::new(5.0, 5.0, 2.7), DVec3::new(5.0, 5.0, 0.0), 140.0);
         let (eye, half) = (session.scene.camera.eye, DVec3::ONE);
-        Surroundings::Room(Room { lamp, inside: Bounds { min: eye - half, max: eye + half } })
+        let inside = Bounds { min: eye - half, max: eye + half };
+        Surroundings::Room(Room { lamp, inside, eye, pivot: session.scene.camera.pivot })
     }
 
     #[test]
