@@ -2,8 +2,9 @@
 //! place.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
-use cloud::{Bounds, Progress};
+use cloud::{Bounds, Chunk, Column, Progress};
 use codec::{Format, Info};
 use scene::shown;
 use serde::Serialize;
@@ -58,6 +59,9 @@ struct AttributeReport {
     name: String,
     #[serde(rename = "type")]
     type_name: &'static str,
+    /// The value that all points have, if all were read and it is the same.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    constant: Option<f64>,
 }
 
 /// Reports all inputs. Returns exit status 2 if one of them cannot be read, and says so on standard error, too.
@@ -134,10 +138,27 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     };
     let small = std::fs::metadata(path).is_ok_and(|metadata| metadata.len() <= READ_WITHOUT_ASKING);
     if scan || small {
-        let selection = codec::Selection { positions: true, ..Default::default() };
+        let attributes = vec![true; info.attributes.len()];
+        let selection = codec::Selection { positions: true, attributes, ..Default::default() };
         let progress = Progress::default();
-        let read = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &|_| {}));
+        let ranges = Mutex::new(vec![Range::NONE; info.attributes.len()]);
+        let look = |chunk: Chunk| {
+            for (index, column) in chunk.columns.iter().enumerate() {
+                let range = column.as_ref().map_or(Range::NONE, |column| Range::of(column));
+                if let Some(known) = ranges.lock().unwrap_or_else(PoisonError::into_inner).get_mut(index) {
+                    *known = known.with(range);
+                }
+            }
+        };
+        let read = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &look));
         let summary = read?;
+        let ranges = ranges.into_inner().unwrap_or_else(PoisonError::into_inner);
+        for (attribute, range) in info.attributes.iter().zip(ranges).filter(|_| summary.points > 1) {
+            let reported = report.attributes.iter_mut().find(|reported| reported.name == attribute.name);
+            if let Some(reported) = reported {
+                reported.constant = range.constant();
+            }
+        }
         report.points = summary.points;
         report.bounds = summary.bounds.and_then(bounds_report);
         for warning in summary.warnings {
@@ -149,6 +170,32 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
         report.warnings.push("the header gives no believable bounds; --scan reads all points to find them".into());
     }
     Ok(report)
+}
+
+/// The smallest and the largest value; the first is larger if there is none.
+#[derive(Clone, Copy)]
+struct Range([f64; 2]);
+
+impl Range {
+    const NONE: Self = Self([f64::INFINITY, f64::NEG_INFINITY]);
+
+    fn of(column: &Column) -> Self {
+        (0..column.len()).map(|index| column.value(index)).fold(Self::NONE, |range, value| range.with(Self([value; 2])))
+    }
+
+    fn with(self, other: Self) -> Self {
+        let ([low, high], [other_low, other_high]) = (self.0, other.0);
+        // A NaN beside other values is none of them.
+        if other_low.is_nan() {
+            Self([f64::NEG_INFINITY, f64::INFINITY])
+        } else {
+            Self([low.min(other_low), high.max(other_high)])
+        }
+    }
+
+    fn constant(self) -> Option<f64> {
+        (self.0[0] == self.0[1]).then_some(self.0[0])
+    }
 }
 
 fn format_name(format: Format) -> &'static str {
@@ -163,6 +210,7 @@ fn attributes(info: &Info) -> Vec<AttributeReport> {
     let report = |attribute: &cloud::Attribute| AttributeReport {
         name: attribute.name.clone(),
         type_name: attribute.column_type.name(),
+        constant: None,
     };
     info.properties.iter().map(report).collect()
 }
@@ -201,8 +249,14 @@ fn lines(report: &FileReport) -> Vec<String> {
         }
         None => line("extent", "unknown"),
     }
-    let attributes: Vec<String> =
-        report.attributes.iter().map(|attribute| format!("{} {}", attribute.name, attribute.type_name)).collect();
+    let attributes: Vec<String> = report
+        .attributes
+        .iter()
+        .map(|attribute| {
+            let always = attribute.constant.map_or(String::new(), |value| format!(" ({value} everywhere)"));
+            format!("{} {}{always}", attribute.name, attribute.type_name)
+        })
+        .collect();
     for (index, some) in wrapped(&attributes, 90).iter().enumerate() {
         line(if index == 0 { "attributes" } else { "" }, some);
     }

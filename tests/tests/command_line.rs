@@ -185,6 +185,11 @@ fn info_tells_what_a_file_holds_in_full_precision() {
             assert_eq!(info["bounds"], bounds);
         }
     }
+    let marked = THREE_POINTS.replace("end_header", "property uchar mark\nend_header");
+    let marked = marked.replace(" 0 0\n", " 0 0 7\n").replace(" 255 0\n", " 255 0 7\n").replace(" 255\n", " 255 7\n");
+    folder.write("marked.ply", marked);
+    let text = folder.glint(["info", "marked.ply"]);
+    assert!(text.text().contains("blue u8, mark u8 (7 everywhere)"), "{text}");
     let text = folder.glint(["info", "--scan", "cloud.ply"]);
     assert_done(&text);
     assert!(text.text().contains("cloud.ply") && text.text().contains("2500000.125"), "{text}");

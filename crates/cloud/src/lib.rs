@@ -26,7 +26,7 @@ pub use column::{Attribute, Column, ColumnType};
 pub use packing::{NO_NORMAL, NO_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
 pub use progress::Progress;
 pub use random::{Random, hash};
-pub use robust::{Scalar, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
+pub use robust::{Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
     MeshNormals, Orientation, RadiusCount, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,

@@ -42,6 +42,15 @@ impl Scalar {
     }
 }
 
+/// The value that all points have; `None` if values differ, if a chunk lacks the scalar, or if there are fewer than two
+/// points.
+pub fn constant(chunks: &[Chunk], scalar: Scalar) -> Option<f64> {
+    let first = chunks.iter().find(|chunk| !chunk.is_empty()).map(|chunk| scalar.value(chunk, 0))?;
+    let is_same = |chunk: &Chunk| scalar.is_in(chunk) && (0..chunk.len()).all(|at| scalar.value(chunk, at) == first);
+    let has_several = chunks.iter().map(Chunk::len).sum::<usize>() > 1;
+    (has_several && chunks.iter().all(is_same)).then_some(first)
+}
+
 /// Up to `SAMPLE_POINTS` pairs of a chunk and an index: one from each of as many equal stretches, at a place drawn by
 /// hash, so that the sample does not follow a regular pattern in the file.
 fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> impl Iterator<Item = (&'a Chunk, usize)> {

@@ -1,6 +1,6 @@
 //! Interprets the `color.*` parameters for a cloud: the source of the colour, the range of values, and the ramps.
 
-use cloud::{Cloud, Scalar, histogram, percentile_range};
+use cloud::{Cloud, Scalar, constant, histogram, percentile_range};
 use glam::DVec3;
 
 use scene::{Color, ColorBy, Ramp};
@@ -89,6 +89,13 @@ impl ColorPlan {
                 cloud.column_of(name).map_or_else(|| lacks(name.into()), |index| Some(ColorSource::Column(index)))
             }
         };
+        let wanted = wanted.filter(|source| {
+            let constant = constant_of(cloud, *source, up);
+            if let Some((what, value)) = constant {
+                warning = Some(format!("{}: {what} is {value} everywhere; colouring is automatic", cloud.name));
+            }
+            constant.is_none()
+        });
         let source = wanted.unwrap_or_else(|| automatic(cloud, has_colors, cloud.column_of("intensity"), up));
         let range =
             |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&cloud.chunks, scalar, low, high));
@@ -120,6 +127,17 @@ impl ColorPlan {
     pub fn histogram(&self, cloud: &Cloud, up: DVec3, bins: usize) -> Vec<u32> {
         scalar_of(self.source, up).map_or(Vec::new(), |scalar| histogram(&cloud.chunks, scalar, self.full_range, bins))
     }
+}
+
+/// The name and the value of what would colour all points alike. `None` if it varies, or is not loaded.
+fn constant_of(cloud: &Cloud, source: ColorSource, up: DVec3) -> Option<(&str, f64)> {
+    let (scalar, name) = match source {
+        ColorSource::Class => (Scalar::Column(cloud.class_column()?), "classification"),
+        ColorSource::Column(index) => (Scalar::Column(index), cloud.attributes[index].name.as_str()),
+        ColorSource::Height => (Scalar::Axis(up_axis(up)), "height"),
+        _ => return None,
+    };
+    Some((name, constant(&cloud.chunks, scalar)?))
 }
 
 /// RGB if the cloud has it. A survey (scaled integer coordinates) without RGB shows its height if it is a landscape,
@@ -345,6 +363,18 @@ mod tests {
         let (plan, warning) = ColorPlan::new(&cloud(vec![1; 100]), &color, DVec3::Z);
         assert_eq!(plan.source, ColorSource::Height);
         assert_eq!(warning.unwrap(), "test: no attribute `treeID`; colouring is automatic");
+    }
+
+    #[test]
+    fn an_attribute_that_is_the_same_everywhere_is_said_and_not_shown() {
+        let color = Color { by: ColorBy::Intensity, ..Color::default() };
+        let (plan, warning) = ColorPlan::new(&cloud(vec![7; 100]), &color, DVec3::Z);
+        assert_eq!(plan.source, ColorSource::Height);
+        assert_eq!(warning.unwrap(), "test: intensity is 7 everywhere; colouring is automatic");
+        let mut values = vec![7; 100];
+        values[50] = 8;
+        let (plan, warning) = ColorPlan::new(&cloud(values), &color, DVec3::Z);
+        assert_eq!((plan.label.as_str(), warning), ("intensity", None));
     }
 
     #[test]

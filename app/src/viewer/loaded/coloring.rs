@@ -64,7 +64,8 @@ impl Loaded {
         entry.figures_basis = Some(basis);
         let outline_changed = entry.figures.as_ref().is_none_or(|old| old.outline != figures.outline);
         let (name, up, plan) = (entry.cloud.name.clone(), entry.up, figures.plan.clone());
-        let warning = figures.warning.clone();
+        // What the first points have in common, others may not.
+        let warning = figures.warning.clone().filter(|_| entry.is_read);
         entry.figures = Some(figures);
         let chunks = entry.chunks();
         if !(same_plan && same_points) {
