@@ -16,8 +16,8 @@ use scene::{Camera, Mirror, MirrorPoints, MirrorSurface, Settings};
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
 use world::{
-    Assembly, AutoLight, Change, CloudKey, CloudTask, Event, Input, Job, Request, Resident, StreamStats, StreamView,
-    mirrors,
+    Apart, Assembly, AutoLight, Change, CloudKey, CloudTask, Event, Input, Job, Request, Resident, StreamStats,
+    StreamView, mirrors,
 };
 
 use crate::failure::{FAILED, UNUSABLE, usage};
@@ -82,7 +82,11 @@ pub fn open(
     }
     read_meshes(&mut request.mirrors, settings, &mut loads.status);
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
-    let outline = loads.clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));
+    let apart =
+        Apart::of(loads.clouds.iter().map(|loaded| (loaded, cloud::robust_bounds(&loaded.cloud.shown(&test).chunks))));
+    terminal::warn(param::few(apart.warnings, "clouds that lie elsewhere"));
+    let near = loads.clouds.iter().zip(apart.is_near).filter(|(_, is_near)| *is_near);
+    let outline = near.flat_map(|(loaded, _)| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));
     let outline: Vec<DVec3> = outline.chain(own.flat_map(mirrors::outline)).collect();
     let Some(up) = loads.clouds.iter().find(|loaded| loaded.points > 0).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", names.join(", "))));

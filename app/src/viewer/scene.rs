@@ -11,7 +11,7 @@ use scene::{
     StandardView, Start, Visibility,
 };
 use serde_json::json;
-use world::{CloudKey, mirrors};
+use world::{Apart, CloudKey, mirrors};
 
 use crate::viewer::action::{Action, Mode};
 use crate::viewer::history::History;
@@ -55,6 +55,12 @@ pub struct Scene {
     /// The camera paths of the scene files.
     pub paths: Vec<CameraPath>,
     next_object: u32,
+}
+
+/// Whether clouds can be seen together.
+pub fn apart(clouds: &[&CloudEntry]) -> Apart {
+    let bounds = |entry: &CloudEntry| entry.figures.as_ref().map_or(entry.bounds, |figures| figures.bounds);
+    Apart::of(clouds.iter().map(|entry| (&***entry, bounds(entry))))
 }
 
 impl Scene {
@@ -340,7 +346,10 @@ impl Scene {
 
     /// Returns the outermost points of the visible clouds and the mirrors, which framing keeps in the picture.
     pub fn outline(&self, clouds: &[CloudEntry]) -> Vec<DVec3> {
-        let visible = clouds.iter().filter(|entry| entry.is_visible);
+        self.outline_of(clouds.iter().filter(|entry| entry.is_visible))
+    }
+
+    fn outline_of<'a>(&self, visible: impl Iterator<Item = &'a CloudEntry>) -> Vec<DVec3> {
         let of = |entry: &CloudEntry| match &entry.figures {
             Some(figures) => figures.outline.clone(),
             None if entry.bounds.is_empty() => Vec::new(),
@@ -363,7 +372,12 @@ impl Scene {
         if let Some(room) = self.room.filter(|_| self.settings.view.start == Start::Auto) {
             self.camera = room;
         } else if clouds.iter().any(|entry| entry.is_visible && entry.figures.is_some()) {
-            self.camera = self.framed(&self.outline(clouds), StandardView::Isometric, clouds);
+            // Of clouds that lie far apart, the largest.
+            let visible: Vec<&CloudEntry> = clouds.iter().filter(|entry| entry.is_visible).collect();
+            let is_near = apart(&visible).is_near;
+            let near = visible.into_iter().zip(is_near).filter(|(_, is_near)| *is_near);
+            let outline = self.outline_of(near.map(|(entry, _)| entry));
+            self.camera = self.framed(&outline, StandardView::Isometric, clouds);
         } else if !bounds.is_empty() {
             self.camera = self.framed(&bounds.corners(), StandardView::Isometric, clouds);
         }

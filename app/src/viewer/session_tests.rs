@@ -176,3 +176,13 @@ fn a_room_opens_from_inside_and_each_side_is_a_key_away() {
     session.act(Action::Undo);
     assert!(!is_inside(&session) && !session.scene.settings.splat.back_faces, "one step of undo");
 }
+
+#[test]
+fn of_clouds_that_lie_far_apart_the_largest_is_framed_and_the_distance_of_others_is_said() {
+    let near = vec![[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0]];
+    let session = session_of(&[("far.ply", vec![[1e5, 0.0, 0.0], [1e5 + 3.0, 4.0, 0.0]]), ("near.ply", near)]);
+    let camera = session.scene.camera;
+    assert!(camera.pivot.length() < 10.0 && camera.eye.length() < 100.0, "{camera:?}");
+    let said: Vec<&str> = session.outside.messages.all.iter().map(|message| message.text.as_str()).collect();
+    assert!(said.contains(&"far.ply lies 99997 units away from near.ply, which is in the view"), "{said:?}");
+}

@@ -24,6 +24,8 @@ pub struct Assembly {
     pub input: String,
     /// The file, if all of its points are in memory.
     pub source: Option<Arc<codec::Source>>,
+    /// The coordinate system, as the file names it.
+    pub crs: Option<String>,
     /// The up direction, a unit vector.
     pub up: DVec3,
     /// The radius of points whose own is not known yet, in world units.
@@ -49,7 +51,7 @@ pub struct Assembly {
 impl Assembly {
     /// A cloud without points yet. The caller shows `opened.warnings`.
     pub fn open(key: CloudKey, opened: Opened) -> (Self, Change) {
-        let Opened { name, input, source, attributes, grid, expected_points, up, provisional_radius, warnings } =
+        let Opened { name, input, source, attributes, grid, crs, expected_points, up, provisional_radius, warnings } =
             opened;
         let assembly = Self {
             key,
@@ -58,6 +60,7 @@ impl Assembly {
             chunk_bounds: Vec::new(),
             input,
             source,
+            crs,
             up,
             provisional_radius,
             expected_points,

@@ -20,6 +20,8 @@ pub struct Opened {
     pub source: Option<Arc<codec::Source>>,
     pub attributes: Vec<Attribute>,
     pub grid: Option<Grid>,
+    /// The coordinate system, as the file names it.
+    pub crs: Option<String>,
     /// The number of points that a full read should yield.
     pub expected_points: u64,
     /// The up direction, a unit vector.

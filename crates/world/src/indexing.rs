@@ -155,20 +155,30 @@ impl Loader {
         let points = infos().map(|info| info.points).sum();
         let bounds = infos().filter_map(|info| info.bounds).fold(Bounds::EMPTY, Bounds::union);
         let up = infos().next().map_or(DVec3::Z, |info| up_of(info, &self.settings));
+        let crs = infos().next().and_then(|info| info.crs.clone());
+        let mut warnings: Vec<String> = match sources.as_slice() {
+            [one] => one.info().warnings.clone(),
+            several => several.iter().flat_map(|source| file_warnings(source.info())).collect(),
+        };
+        let name = file_name(&path);
+        if let Some(other) = infos().find(|info| info.crs.is_some() && crs.is_some() && info.crs != crs) {
+            warnings.push(format!(
+                "{} has another coordinate system than the first file of {name}",
+                scene::shown(&other.path)
+            ));
+        }
         let opened = Opened {
-            name: file_name(&path),
+            name,
             input: scene::shown(&path),
             // Points come in the order of pages: looking up a point's number in a file would give another point.
             source: None,
             attributes,
             grid,
+            crs,
             expected_points: points,
             up,
             provisional_radius: if bounds.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) },
-            warnings: match sources.as_slice() {
-                [one] => one.info().warnings.clone(),
-                several => several.iter().flat_map(|source| file_warnings(source.info())).collect(),
-            },
+            warnings,
         };
         self.send(Event::Opened { cloud, opened })?;
         let input = scene::shown(&path);

@@ -4,6 +4,7 @@
 //! [`resolve`] finds what each word names. [`start`] opens and reads it on threads of its own and sends [`Event`]s. If
 //! clouds are streamed, the [`Mailbox`] gives those threads the view to stream for.
 
+mod apart;
 mod assembly;
 mod budget;
 mod cache;
@@ -25,6 +26,7 @@ mod source;
 mod task;
 mod words;
 
+pub use apart::Apart;
 pub use assembly::Assembly;
 pub use budget::{half_of, most_points, most_preview_points};
 pub use cache::{cache, delete, folder_named_by, pipelines_folder};

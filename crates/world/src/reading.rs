@@ -114,6 +114,7 @@ impl Loader {
             source: Some(source.clone()),
             attributes: info.attributes.clone(),
             grid: info.grid,
+            crs: info.crs.clone(),
             expected_points: info.points,
             up,
             provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),

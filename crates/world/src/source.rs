@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Chunk, Cloud, Column, Orientation, Progress, RadiusRule, SurfelOptions};
+use cloud::{Bounds, Chunk, Cloud, Column, Orientation, Progress, RadiusRule, SurfelOptions};
 use glam::DVec3;
 use scene::{ColorBy, Settings, SurfaceOrientation, SurfaceRadii, UpAxis};
 use stream::Pages;
+
+use crate::apart::groups;
 
 /// The number of points that are read to guess the kind of cloud.
 const KIND_POINTS: u64 = 500_000;
@@ -28,12 +30,21 @@ pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
     info.warnings.iter().map(|warning| format!("{}: {warning}", scene::shown(&info.path)))
 }
 
-/// Groups streamed files into clouds: if all of them are COPC, one cloud each; else one cloud of all.
+/// Groups streamed files into clouds: if all of them are COPC, one cloud each; else one cloud of all that are near each
+/// other.
 pub fn parts(sources: Vec<Arc<codec::Source>>) -> Vec<(Vec<Arc<codec::Source>>, Option<Pages>)> {
     let native = |source: &Arc<codec::Source>| Pages::copc(source);
     match sources.iter().map(native).collect::<Option<Vec<Pages>>>() {
         Some(native) => sources.into_iter().zip(native).map(|(source, pages)| (vec![source], Some(pages))).collect(),
-        None => vec![(sources, None)],
+        None => {
+            let bounds: Vec<Bounds> =
+                sources.iter().map(|source| source.info().bounds.unwrap_or(Bounds::EMPTY)).collect();
+            let mut parts: BTreeMap<usize, Vec<Arc<codec::Source>>> = BTreeMap::new();
+            for (group, source) in groups(&bounds).into_iter().zip(sources) {
+                parts.entry(group).or_default().push(source);
+            }
+            parts.into_values().map(|sources| (sources, None)).collect()
+        }
     }
 }
 

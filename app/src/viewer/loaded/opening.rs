@@ -10,6 +10,7 @@ use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, short_name};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::messages::Level;
 use crate::viewer::objects::Origin;
+use crate::viewer::scene::apart;
 use crate::viewer::theme::grouped;
 
 impl Loaded {
@@ -181,6 +182,13 @@ impl Loaded {
         self.samples.area_per_point = None;
         self.place_awaited_markings(beside);
         self.ask_surroundings(beside);
+        let visible: Vec<&CloudEntry> = self.clouds.iter().filter(|entry| entry.is_visible).collect();
+        let unsaid = |warning: &String| !self.warned.contains(warning);
+        let warnings: Vec<String> = apart(&visible).warnings.into_iter().filter(unsaid).collect();
+        for warning in param::few(warnings, "clouds that lie elsewhere") {
+            beside.outside.say(Level::Warning, warning.clone());
+            self.warned.push(warning);
+        }
         let points = self.points();
         beside.outside.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
     }

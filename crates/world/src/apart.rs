@@ -1,0 +1,146 @@
+//! Clouds that cannot be seen together: tiles that lie far apart, or have different coordinate systems.
+
+use cloud::Bounds;
+
+use crate::assembly::Assembly;
+
+/// Clouds with a gap of more than so many times the larger one's diameter are apart: seen together, each would be a few
+/// pixels wide.
+const FAR: f64 = 10.0;
+
+/// What is wrong with seeing clouds together.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Apart {
+    /// For each cloud, whether it is near the one with the most points.
+    pub is_near: Vec<bool>,
+    /// What a person should know.
+    pub warnings: Vec<String>,
+}
+
+impl Apart {
+    /// `bounds` are those of the clouds, in the same order, without stray points.
+    pub fn of<'a>(clouds: impl Iterator<Item = (&'a Assembly, Bounds)>) -> Self {
+        let places: Vec<Place> = clouds
+            .map(|(assembly, bounds)| Place {
+                name: &assembly.cloud.name,
+                bounds,
+                points: assembly.points,
+                system: assembly.crs.as_deref(),
+            })
+            .collect();
+        Self::of_places(&places)
+    }
+
+    fn of_places(places: &[Place]) -> Self {
+        let bounds: Vec<Bounds> = places.iter().map(|place| place.bounds).collect();
+        let groups = groups(&bounds);
+        let seen = (0..places.len()).filter(|index| !bounds[*index].is_empty());
+        let Some(largest) = seen.max_by_key(|index| (places[*index].points, usize::MAX - index)) else {
+            return Self { is_near: vec![true; places.len()], warnings: Vec::new() };
+        };
+        let shown = &places[largest];
+        let is_near: Vec<bool> = groups.iter().map(|group| *group == groups[largest]).collect();
+        let mut warnings = Vec::new();
+        for (place, is_near) in places.iter().zip(&is_near).filter(|(place, _)| !place.bounds.is_empty()) {
+            let differs = place.differs_from(shown);
+            if !is_near {
+                warnings.push(format!(
+                    "{} lies {} units away from {}, which is in the view{}",
+                    place.name,
+                    rounded(gap(shown.bounds, place.bounds)),
+                    shown.name,
+                    if differs { "; they have different coordinate systems" } else { "" }
+                ));
+            } else if differs {
+                warnings.push(format!("{} has another coordinate system than {}", place.name, shown.name));
+            }
+        }
+        Self { is_near, warnings }
+    }
+}
+
+/// A number for each of these bounds, the same for those that are near each other: what is near something near is near.
+/// What is empty is near nothing.
+pub(crate) fn groups(bounds: &[Bounds]) -> Vec<usize> {
+    let mut groups: Vec<usize> = (0..bounds.len()).collect();
+    for first in 0..bounds.len() {
+        let mut next = vec![first];
+        while let Some(from) = next.pop().filter(|_| groups[first] == first) {
+            for other in first + 1..bounds.len() {
+                if groups[other] == other && are_near(bounds[from], bounds[other]) {
+                    groups[other] = first;
+                    next.push(other);
+                }
+            }
+        }
+    }
+    groups
+}
+
+struct Place<'a> {
+    name: &'a str,
+    bounds: Bounds,
+    points: u64,
+    system: Option<&'a str>,
+}
+
+impl Place<'_> {
+    fn differs_from(&self, other: &Self) -> bool {
+        matches!((self.system, other.system), (Some(own), Some(other)) if own.trim() != other.trim())
+    }
+}
+
+fn rounded(distance: f64) -> String {
+    if distance < 10.0 { format!("{distance:.2}") } else { format!("{distance:.0}") }
+}
+
+fn are_near(a: Bounds, b: Bounds) -> bool {
+    let largest = a.radius().max(b.radius()) * 2.0;
+    !a.is_empty() && !b.is_empty() && gap(a, b) <= FAR * largest.max(f64::MIN_POSITIVE)
+}
+
+/// The distance between two boxes that are not empty; 0 if they touch.
+fn gap(a: Bounds, b: Bounds) -> f64 {
+    (b.min - a.max).max(a.min - b.max).max(glam::DVec3::ZERO).length()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    fn place(name: &'static str, x: f64, points: u64, system: Option<&'static str>) -> Place<'static> {
+        let min = DVec3::new(x, 0.0, 0.0);
+        Place { name, bounds: Bounds { min, max: min + DVec3::splat(100.0) }, points, system }
+    }
+
+    #[test]
+    fn the_largest_tile_and_its_neighbours_are_near_and_others_are_told_with_their_distance() {
+        let places = [
+            place("small", 9e5, 10, Some("A")),
+            place("large", 100.0, 1000, Some("A")),
+            place("beside", 200.0, 5, Some("A")),
+            place("row", 1500.0, 5, None),
+            place("other", 5e6, 7, Some("B")),
+        ];
+        let apart = Apart::of_places(&places);
+        assert_eq!(apart.is_near, [false, true, true, true, false]);
+        assert_eq!(
+            apart.warnings,
+            [
+                "small lies 899800 units away from large, which is in the view",
+                "other lies 4999800 units away from large, which is in the view; they have different coordinate systems"
+            ]
+        );
+    }
+
+    #[test]
+    fn tiles_side_by_side_with_different_systems_are_told() {
+        let apart = Apart::of_places(&[place("a", 0.0, 2, Some("A")), place("b", 50.0, 1, Some("B"))]);
+        assert_eq!(apart.is_near, [true, true]);
+        assert_eq!(apart.warnings, ["b has another coordinate system than a"]);
+        let empty = Place { name: "c", bounds: Bounds::EMPTY, points: 0, system: None };
+        assert_eq!(Apart::of_places(&[empty]), Apart { is_near: vec![true], warnings: Vec::new() });
+    }
+}
