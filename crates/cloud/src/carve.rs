@@ -10,8 +10,11 @@ use crate::{Chunk, Progress, Surfels, hash, pack_radius, spread_sample, unpack_n
 /// distance: nearer ones are of the same surface, as rough as it is measured.
 const BEHIND: f32 = 0.01;
 /// A disc that would hide a point ends at this share of the way to that point's sightline. The border of the surface is
-/// somewhere on that way; half of it leaves more holes.
-const WAY: f32 = 0.6;
+/// somewhere on that way.
+const WAY: f32 = 0.5;
+/// Discs are made so much wider before: one that hides no point closes holes, and stands in free space nowhere that is
+/// known.
+const WIDER: f32 = 1.2;
 /// The least share of a radius that is left.
 const LEAST_LEFT: f32 = 0.2;
 /// The most cells that a disc is searched in along an axis, to either side: larger discs are larger than any surface
@@ -104,8 +107,8 @@ fn cell(direction: Vec3, fineness: f32) -> IVec3 {
     (direction * fineness).floor().as_ivec3()
 }
 
-/// Makes discs smaller that would hide other points from the place that all of them were seen from. `None` when
-/// cancelled.
+/// Makes discs smaller that would hide other points from the place that all of them were seen from, and the others a
+/// little wider. `None` when cancelled.
 pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, progress: &Progress) -> Option<()> {
     let points = || chunks.iter().zip(surfels.iter());
     let angle = |chunk: &Chunk, surfels: &Surfels, index: usize| {
@@ -129,11 +132,10 @@ pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, pro
         for index in 0..chunk.len() {
             let way = (chunk.position(index) - place).as_vec3();
             let known = unpack_radius(surfels.radii[index]).zip(unpack_normal(surfels.normals[index]));
-            let Some((radius, normal)) = known else { continue };
+            let Some((radius, normal)) = known.map(|(radius, normal)| (WIDER * radius, normal)) else { continue };
             let nearest = nearest_hidden(&directions, way, radius, normal);
-            if nearest < radius {
-                surfels.radii[index] = pack_radius(radius * (WAY * nearest / radius).max(LEAST_LEFT));
-            }
+            let share = if nearest < radius { (WAY * nearest / radius).max(LEAST_LEFT) } else { 1.0 };
+            surfels.radii[index] = pack_radius(radius * share);
         }
     });
     (!progress.is_cancelled()).then_some(())
@@ -192,14 +194,15 @@ mod tests {
         assert_eq!(is_rim.iter().filter(|rim| **rim).count(), 50);
         for ((full, carved), is_rim) in full.iter().zip(&carved).zip(&is_rim) {
             // The rim is half a step before the edge, and the nearest sightline half a step behind it.
-            let expected = if *is_rim { WAY * 2.0 * step } else { *full };
-            assert!(!is_rim || *full > 1.1 * expected, "{full}");
+            let expected = WAY * 2.0 * step;
+            assert!(!is_rim || *full > expected, "{full}");
             assert!(!is_rim || (carved / expected - 1.0).abs() < 0.01, "{carved} instead of {expected}");
-            assert!(*carved <= *full);
+            assert!(*carved <= WIDER * *full * 1.001);
         }
         // The wall behind hides nothing, and neither does the one before it further than a disc from its edge.
-        let same = full.iter().zip(&carved).filter(|(full, carved)| full == carved).count();
-        assert!(same > full.len() * 95 / 100, "{same} of {}", full.len());
+        let is_wider = |(full, carved): &(&f32, &f32)| (**carved / (WIDER * **full) - 1.0).abs() < 1e-3;
+        let wider = full.iter().zip(&carved).filter(is_wider).count();
+        assert!(wider > full.len() * 95 / 100, "{wider} of {}", full.len());
     }
 
     #[test]
