@@ -1,7 +1,7 @@
 // High quality: every fragment within the depth offset of the pixel's nearest one adds its colour, normal and depth, by its
 // weight (Botsch et al. 2005, visibility splatting; here with integer atomics, so the order of the points cannot matter).
 // Sums are fixed-point words with 16 bits of carry each, so that a pixel can take all points there are.
-#import blocks
+#import large_discs
 #import color
 
 // Two words a pixel: identity of the point, nearness.
@@ -21,7 +21,7 @@ fn splat_accumulate(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    splat_block(group, groups, lane);
+    splat_discs(group, groups, lane);
 }
 
 fn splat_point(item: Item, index: u32) {
@@ -58,19 +58,36 @@ fn splat_point(item: Item, index: u32) {
         }
         return;
     }
+    if disc.radius_pixels > LARGE {
+        put_off(index);
+        return;
+    }
     let surface = surface_of_point(item, point, index, disc.center);
     disc.normal = surface.normal_in_view;
-    let offset = disc.radius * settings.splat.depth_offset;
     for (var y = disc.first.y; y <= disc.last.y; y++) {
         for (var x = disc.first.x; x <= disc.last.x; x++) {
-            let fragment = fragment_of_disc(frame, disc, vec2i(x, y));
-            if fragment.depth > 0.0 {
-                let pixel = u32(y) * frame.width + u32(x);
-                let front = front_depth(pixel);
-                if fragment.depth <= front + offset {
-                    add(pixel, item, surface, fragment, front);
-                }
-            }
+            add_fragment(disc, vec2i(x, y), item, surface);
+        }
+    }
+}
+
+fn splat_large(item: Item, index: u32, lane: u32) {
+    let point = points[index];
+    var disc = disc_of_point(frame, settings.splat, item, point);
+    let surface = surface_of_point(item, point, index, disc.center);
+    disc.normal = surface.normal_in_view;
+    for (var i = lane; i < pixels_of_disc(disc); i += LANES) {
+        add_fragment(disc, pixel_of_disc(disc, i), item, surface);
+    }
+}
+
+fn add_fragment(disc: Disc, at: vec2i, item: Item, surface: PointSurface) {
+    let fragment = fragment_of_disc(frame, disc, at);
+    if fragment.depth > 0.0 {
+        let pixel = u32(at.y) * frame.width + u32(at.x);
+        let front = front_depth(pixel);
+        if fragment.depth <= front + disc.radius * settings.splat.depth_offset {
+            add(pixel, item, surface, fragment, front);
         }
     }
 }

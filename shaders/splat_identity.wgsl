@@ -11,7 +11,7 @@ fn splat_identity(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    splat_block(group, groups, lane);
+    splat_discs(group, groups, lane);
 }
 
 // Two compilations of the same arithmetic may differ in the last bits; without slack such a pixel would stay empty.

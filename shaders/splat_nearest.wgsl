@@ -11,7 +11,7 @@ fn splat_nearest(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    splat_block(group, groups, lane);
+    splat_discs(group, groups, lane);
 }
 
 fn put(pixel: u32, depth: f32, identity: u32) {

@@ -14,7 +14,8 @@ override hides_backs: bool = false;
 // A point's identity is this plus its index in the page. Identities follow the order of clouds, chunks and files, never that of
 // places in the store (crates/render/src/identities.rs).
 var<private> identities_from: u32;
-// The item of the block at hand, and the number of its points.
+// The block at hand, its item, and the number of its points.
+var<private> block_at_hand: u32;
 var<private> item_of_block: u32;
 var<private> points_of_block: u32;
 
@@ -36,12 +37,18 @@ fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     if block_index >= min(page.block_count, arrayLength(&blocks)) {
         return;
     }
-    let block = blocks[block_index];
+    let block = enter_block(block_index);
     let item = items[block.item];
-    identities_from = block.first_identity - block.first;
-    item_of_block = block.item;
-    points_of_block = block.count;
     for (var i = (lane % lanes) * page.step; i < block.count; i += lanes * page.step) {
         splat_point(item, block.first + i);
     }
+}
+
+fn enter_block(index: u32) -> Block {
+    let block = blocks[index];
+    identities_from = block.first_identity - block.first;
+    block_at_hand = index;
+    item_of_block = block.item;
+    points_of_block = block.count;
+    return block;
 }

@@ -1,7 +1,7 @@
 // Offers every fragment of a point to its pixel. The importing pass defines `put(pixel, depth, identity)`, which keeps
 // the nearest. Among discs in one plane the one whose middle is nearest should win, or colours would spread beyond
 // their edges: so discs are hollow, by RIM of their radius, which is far below the precision of the points' positions.
-#import blocks
+#import large_discs
 
 const RIM: f32 = 0.001;
 
@@ -35,14 +35,30 @@ fn splat_point(item: Item, index: u32) {
     if disc.radius_pixels == 0.0 {
         return;
     }
+    if disc.radius_pixels > LARGE {
+        put_off(index);
+        return;
+    }
     disc.normal = normal_toward_eye(frame, disc.center, attributes[index].y);
     for (var y = disc.first.y; y <= disc.last.y; y++) {
         for (var x = disc.first.x; x <= disc.last.x; x++) {
-            let fragment = fragment_of_disc(frame, disc, vec2i(x, y));
-            if fragment.depth > 0.0 {
-                let depth = fragment.depth + RIM * disc.radius * (1.0 - fragment.weight);
-                put(u32(y) * frame.width + u32(x), depth, identity);
-            }
+            offer(disc, vec2i(x, y), identity);
         }
+    }
+}
+
+fn splat_large(item: Item, index: u32, lane: u32) {
+    var disc = disc_of_point(frame, settings.splat, item, points[index]);
+    disc.normal = normal_toward_eye(frame, disc.center, attributes[index].y);
+    for (var i = lane; i < pixels_of_disc(disc); i += LANES) {
+        offer(disc, pixel_of_disc(disc, i), identities_from + index);
+    }
+}
+
+fn offer(disc: Disc, pixel: vec2i, identity: u32) {
+    let fragment = fragment_of_disc(frame, disc, pixel);
+    if fragment.depth > 0.0 {
+        let depth = fragment.depth + RIM * disc.radius * (1.0 - fragment.weight);
+        put(u32(pixel.y) * frame.width + u32(pixel.x), depth, identity);
     }
 }

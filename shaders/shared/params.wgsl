@@ -26,6 +26,7 @@ struct Splat {
     size: f32,
     min_pixels: f32,
     max_pixels: f32,
+    rest_pixels: f32,
     depth_offset: f32,
     close_gaps: u32,
     back_faces: u32,

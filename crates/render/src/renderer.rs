@@ -166,11 +166,12 @@ impl SurfaceInputs {
     fn new(
         camera: FrameCamera,
         settings: &Settings,
+        seen: &Settings,
         step: u32,
         store: &PointStore,
         objects: Objects<'_>,
     ) -> Result<Self> {
-        let seen = settings.only(|field| field.affects.surface);
+        let seen = seen.only(|field| field.affects.surface);
         Ok(Self {
             points: PointInputs { camera, settings: seen, step, revision: store.revision() },
             formulas: reflection::exact(settings, objects.mirrors).cloned().collect(),
@@ -338,17 +339,20 @@ impl Renderer {
         if self.most_points.is_some() && lights.first().is_some_and(|light| light.camera.orthographic) {
             lights.truncate(1);
         }
-        let mut points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
+        let mut seen = settings.clone();
+        if self.most_points.is_none() {
+            seen.splat.max_pixels = seen.splat.max_pixels.max(seen.splat.rest_pixels);
+        }
+        let mut points_drawn = store.draw_list(&frame_camera, &seen, Selection::Seen);
         let most_points = self.most_points.unwrap_or(u64::MAX).max(1);
         let step = (points_drawn.points.div_ceil(most_points).clamp(1, MOST_STEP) as u32).max(settings.splat.step);
-        let mut larger = settings.clone();
         if step > 1 {
             // The larger splats cover as much of the picture as all would.
-            larger.splat.size *= (step as f32).sqrt();
-            points_drawn = store.draw_list(&frame_camera, &larger, Selection::Seen);
+            seen.splat.size *= (step as f32).sqrt();
+            points_drawn = store.draw_list(&frame_camera, &seen, Selection::Seen);
             points_drawn.thin(step);
         }
-        let asks = SurfaceInputs::new(without_mirrors, settings, step, store, objects)?;
+        let asks = SurfaceInputs::new(without_mirrors, settings, &seen, step, store, objects)?;
         let made_from = self.made_from.as_ref().filter(|_| settings.reflection.keep);
         let is_kept = made_from == Some(&asks);
         let is_surface = |made: &SurfaceInputs| made.points == asks.points && made.formulas == asks.formulas;
@@ -373,7 +377,7 @@ impl Renderer {
         recorder.give_up_when(self.given_up.as_deref(), self.longest_piece);
         let nothing = DrawList::default();
         let list = if points_are_kept { &nothing } else { &points_drawn };
-        let mut inputs = Inputs::new(gpu, frame_camera, &larger, store, list);
+        let mut inputs = Inputs::new(gpu, frame_camera, &seen, store, list);
         // Data that no mirror on the screen needs is not prepared.
         let has_mirrors = Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty();
         let all_samples = if has_mirrors { asks.rays.summed() } else { 0 };

@@ -274,7 +274,13 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
     let mut drawn = |store: &PointStore| {
         stage
             .renderer
-            .render(store, &front_camera(), &settings(&[("splat.max_pixels", "1")]), Objects::default(), SIZE)
+            .render(
+                store,
+                &front_camera(),
+                &settings(&[("splat.max_pixels", "1"), ("splat.rest_pixels", "1")]),
+                Objects::default(),
+                SIZE,
+            )
             .unwrap();
         stage.renderer.read_aov(Aov::Depth).unwrap().data.iter().filter(|depth| !depth.is_nan()).count()
     };
@@ -702,4 +708,84 @@ fn a_scene_without_mirrors_runs_no_pass_of_reflections() {
     assert_eq!(stats.reflection.unwrap().mirror_pixels, 0);
     let seen = stage.renderer.read_aov(Aov::MirrorPosition).unwrap();
     assert!(seen.data.iter().all(|value| value.is_nan()));
+}
+
+#[test]
+fn a_large_disc_covers_the_pixels_and_depths_of_its_ellipse() {
+    let mut stage = stage_or_skip!();
+    let packed = pack_normal(Vec3::new(0.5, -1.0, 0.3).normalize());
+    let normal = cloud::unpack_normal(packed).unwrap();
+    let (position, radius) = (DVec3::new(0.1, 0.2, -0.1), 1.1);
+    let disc = Point { position, normal, color: [200; 3], radius };
+    let normal = normal.as_dvec3();
+    let radius = f64::from(cloud::unpack_radius(pack_radius(radius)).unwrap());
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
+    let focal = 60.0 / 30_f64.to_radians().tan();
+    let center = camera.view_from_world() * (position - camera.eye);
+    let middle = DVec2::new(80.0 + focal * center.x / center.z, 60.0 - focal * center.y / center.z);
+    for (quality, atomics) in [("nearest", "auto"), ("nearest", "32"), ("high", "auto")] {
+        let settings = settings(&[
+            ("splat.quality", quality),
+            ("splat.atomics", atomics),
+            ("splat.close_gaps", "false"),
+            ("view.field_of_view", "60"),
+        ]);
+        draw(&mut stage, vec![chunk(&[disc], DVec3::ZERO)], &camera, &settings);
+        let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
+        let mut covered = 0;
+        for (pixel, depth) in depth.iter().enumerate() {
+            let at = DVec2::new((pixel % 160) as f64 + 0.5, (pixel / 160) as f64 + 0.5);
+            let slope = DVec3::new((at.x - 80.0) / focal, (60.0 - at.y) / focal, 1.0);
+            let direction = camera.view_from_world().transpose() * slope;
+            let expected = normal.dot(position - camera.eye) / normal.dot(direction);
+            let outside = (camera.eye + direction * expected).distance(position) / radius;
+            // Pixels are looked for in the square about a ball of that radius; the near side of the ellipse may leave it.
+            let aside = (at - middle).abs().max_element() / (radius * focal / center.z);
+            if (outside - 1.0).abs() > 1e-3 && (aside - 1.0).abs() > 1e-3 {
+                assert_eq!(
+                    !depth.is_nan(),
+                    outside < 1.0 && aside < 1.0,
+                    "{quality} {atomics}: pixel {at}, {outside} radii"
+                );
+            }
+            if !depth.is_nan() {
+                covered += 1;
+                // The nearest of all points is found with discs that are hollow by a thousandth of the radius.
+                let error = f64::from(*depth) - expected;
+                assert!((-1e-4..1.1e-3 * radius).contains(&error), "{quality} {atomics}: {error} at {at}");
+            }
+        }
+        assert!(covered > 5_000, "{covered} pixels");
+    }
+}
+
+#[test]
+fn a_near_wall_is_closed_at_rest_and_capped_while_moving() {
+    let mut stage = stage_or_skip!();
+    let point = |i: u32| Point {
+        position: DVec3::new(f64::from(i % 9) - 4.0, 0.0, f64::from(i / 9) - 4.0),
+        normal: Vec3::NEG_Y,
+        color: [(i * 3) as u8, 90, 200],
+        radius: 0.8,
+    };
+    let wall: Vec<Point> = (0..81).map(point).collect();
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 1.7, DVec3::Z);
+    let near = |stage: &mut Stage, pairs: &[(&str, &str)], moves: bool| {
+        let settings = settings(&[pairs, &[("view.field_of_view", "60"), ("splat.close_gaps", "false")]].concat());
+        stage.renderer.thin(moves.then_some(u64::MAX));
+        let (_, picture) = draw(stage, vec![chunk(&wall, DVec3::ZERO)], &camera, &settings);
+        stage.renderer.thin(None);
+        let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
+        (depth.iter().filter(|depth| depth.is_nan()).count(), picture)
+    };
+    for quality in ["nearest", "high"] {
+        let quality = ("splat.quality", quality);
+        assert_eq!(near(&mut stage, &[quality], false).0, 0);
+        let (moving, capped) = (near(&mut stage, &[quality], true), [quality, ("splat.rest_pixels", "1")]);
+        assert!(moving.0 > 1_000, "{} pixels are open", moving.0);
+        assert_eq!(near(&mut stage, &capped, false), moving);
+        // Discs that are larger than one invocation takes are the same as those that are asked for by their size.
+        let larger = [quality, ("splat.rest_pixels", "1"), ("splat.max_pixels", "512")];
+        assert_eq!(near(&mut stage, &larger, true).1, near(&mut stage, &[quality], false).1);
+    }
 }

@@ -200,8 +200,10 @@ params! {
         size: f32 = 1.0, 0.05..=20.0, "x spacing";
         /// Smallest diameter of a splat on the screen.
         min_pixels: f32 = 1.0, 0.0..=64.0, "pixels";
-        /// Largest diameter of a splat on the screen: bounds the cost of points close to the eye.
+        /// Largest diameter of a splat on the screen: bounds the cost of points close to the eye while something moves, in mirrors and in shadow maps.
         max_pixels: f32 = 64.0, 1.0..=512.0, "pixels";
+        /// The same, where it is larger, for what the camera sees in pictures at rest, so that near surfaces stay closed.
+        rest_pixels: f32 = 512.0, 1.0..=4096.0, "pixels" => affects(surface);
         /// High quality: how far behind the front point others still count, in splat radii.
         depth_offset: f32 = 1.0, 0.01..=10.0, "radii";
         /// Close pixels that see through a gap between splats: empty or far behind, with a nearer surface around them.
