@@ -66,6 +66,7 @@ const COLOR_RAMP_SPECTRAL: u32 = 4u;
 struct Edl {
     strength: f32,
     radius: f32,
+    ignored: f32,
 }
 
 // Light.

@@ -154,6 +154,7 @@ passes! {
     splat_resolve: Surface over Pages {
         nearest: Read, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), depth_out: Write(R32Float),
     }
+    splat_radii: Surface over Pages { nearest: Read, radius_out: Write(R32Float) }
     close_gaps: Surface over Pixels {
         albedo_in: Texture, normal_in: Texture, depth_in: Texture, albedo_out: Write(Rgba16Float),
         normal_out: Write(Rgba32Float), depth_out: Write(R32Float),
@@ -347,7 +348,9 @@ passes! {
     }
     exposure_histogram: View over Pixels { color_in: Texture, depth_in: Texture, histogram: ReadWrite }
     exposure_fit: View over Pixels { adaptation: Uniform, histogram: Read, fitted: ReadWrite }
-    present: View over Pixels { color_in: Texture, depth_in: Texture, picture_out: Write(Rgba8Unorm) }
+    present: View over Pixels {
+        color_in: Texture, depth_in: Texture, radius_in: Texture, picture_out: Write(Rgba8Unorm),
+    }
     probe_pixels: View over Pixels {
         pixels: Read, first_in: Texture, second_in: Texture, third_in: Texture, fourth_in: Texture, values: ReadWrite,
     }

@@ -26,7 +26,7 @@ use crate::rehearsal::Cast;
 use crate::shading::{FrameLight, Reflected, Shading};
 use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, Selection};
-use crate::surface::{lay_mirrors, see_clear_points, splat_surface};
+use crate::surface::{lay_mirrors, see_clear_points, see_radii, splat_surface};
 use crate::targets::{Image, Targets, storage, uniform_buffer};
 
 /// The cost and the content of a frame.
@@ -123,6 +123,8 @@ struct PointInputs {
     /// One point in so many is drawn.
     step: u32,
     revision: u64,
+    /// Whether eye-dome lighting asks for the radii of splats.
+    with_radii: bool,
 }
 
 /// All inputs of the surfaces and the reflected points of a frame.
@@ -172,8 +174,9 @@ impl SurfaceInputs {
         objects: Objects<'_>,
     ) -> Result<Self> {
         let seen = seen.only(|field| field.affects.surface);
+        let with_radii = settings.edl.strength > 0.0 && settings.edl.ignored > 0.0;
         Ok(Self {
-            points: PointInputs { camera, settings: seen, step, revision: store.revision() },
+            points: PointInputs { camera, settings: seen, step, revision: store.revision(), with_radii },
             formulas: reflection::exact(settings, objects.mirrors).cloned().collect(),
             mirrors: objects.mirrors.to_vec(),
             settings: settings.only(|field| field.affects.found),
@@ -387,6 +390,9 @@ impl Renderer {
             self.gi.surfaces_changed(usize::from(surface_is_kept));
             if !points_are_kept {
                 splat_surface(&mut recorder, &inputs, settings, targets, atomics64)?;
+                if asks.points.with_radii {
+                    see_radii(&mut recorder, &inputs, targets)?;
+                }
                 if store.has_clear_points(settings) {
                     see_clear_points(&mut recorder, &inputs, targets)?;
                 }

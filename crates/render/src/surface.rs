@@ -79,6 +79,18 @@ pub(crate) fn splat_surface(
     Ok(())
 }
 
+/// Looks up the radius of the splat of the point that the camera sees at each pixel.
+///
+/// # Errors
+/// A shader is refused.
+pub(crate) fn see_radii(recorder: &mut Recorder<'_>, inputs: &Inputs, targets: &mut Targets) -> Result<()> {
+    let size = targets.size;
+    let make = || Image::new(&recorder.gpu.device, size, "radii", wgpu::TextureFormat::R32Float);
+    let image = targets.radii.get_or_insert_with(make);
+    let bindings = passes::splat_radii { nearest: targets.nearest.as_entire_binding(), radius_out: image.bind() };
+    recorder.over_page_pixels(inputs, bindings, inputs.pixel_groups())
+}
+
 /// Looks up the index of refraction of the points that the camera sees.
 ///
 /// # Errors

@@ -79,6 +79,8 @@ pub(crate) struct Targets {
     pub nearest: wgpu::Buffer,
     /// The sums of the high quality and their carries, made when they are first needed.
     pub sums: Option<[wgpu::Buffer; 4]>,
+    /// The splat radius of each pixel's nearest point, made when eye-dome lighting first asks for it.
+    pub radii: Option<Image>,
     /// The index of refraction of each pixel's nearest point, made when light first goes through points.
     pub clear_points: Option<Image>,
     /// Two surfaces: passes over pixels read one and write the other.
@@ -105,6 +107,7 @@ impl Targets {
             size,
             nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * NEAREST_BYTES),
             sums: None,
+            radii: None,
             clear_points: None,
             surfaces: [GBuffer::new(device, size), GBuffer::new(device, size)],
             splatted: 0,
@@ -121,11 +124,13 @@ impl Targets {
         &self.surfaces[self.shown]
     }
 
-    /// The bindings of `present`, which makes the picture.
+    /// The bindings of `present`, which makes the picture. Without radii its settings do not ask for them.
     pub fn presented<'r>(&'r self, color: &'r Image) -> passes::present<'r> {
+        let depth = &self.surface().depth;
         passes::present {
             color_in: color.bind(),
-            depth_in: self.surface().depth.bind(),
+            depth_in: depth.bind(),
+            radius_in: self.radii.as_ref().unwrap_or(depth).bind(),
             picture_out: self.picture.bind(),
         }
     }
@@ -133,8 +138,8 @@ impl Targets {
     pub fn bytes(&self) -> u64 {
         let sums = self.sums.iter().flatten().map(wgpu::Buffer::size).sum::<u64>();
         let images = [&self.position, &self.direct, &self.color, &self.picture].map(Image::bytes).iter().sum::<u64>();
-        let clear = self.clear_points.as_ref().map_or(0, Image::bytes);
-        self.nearest.size() + sums + images + clear + self.surfaces.iter().map(GBuffer::bytes).sum::<u64>()
+        let made = [&self.radii, &self.clear_points].into_iter().flatten().map(Image::bytes).sum::<u64>();
+        self.nearest.size() + sums + images + made + self.surfaces.iter().map(GBuffer::bytes).sum::<u64>()
     }
 }
 

@@ -789,3 +789,36 @@ fn a_near_wall_is_closed_at_rest_and_capped_while_moving() {
         assert_eq!(near(&mut stage, &larger, true).1, near(&mut stage, &[quality], false).1);
     }
 }
+
+#[test]
+fn eye_dome_lighting_shows_no_steps_from_disc_to_disc_and_all_larger_ones() {
+    let mut stage = stage_or_skip!();
+    // A wall as rough as half a radius of its discs, and a board before it.
+    let spot = |i: u32, step: f64, depth: f64| Point {
+        position: DVec3::new(f64::from(i % 40) - 19.5, depth / step, f64::from(i / 40) - 19.5) * step,
+        normal: Vec3::NEG_Y,
+        color: [200; 3],
+        radius: 0.15,
+    };
+    let wall = (0..1600).map(|i| spot(i, 0.1, if i % 9 == 0 { -0.07 } else { 0.0 }));
+    let board = (0..1600).map(|i| spot(i, 0.01, -0.4));
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 1.5, DVec3::Z);
+    let mut seen = |points: Vec<Point>, strength: &str, ignored: &str| {
+        let settings = settings(&[
+            ("splat.quality", "nearest"),
+            ("light.by", "colors"),
+            ("edl.strength", strength),
+            ("edl.ignored", ignored),
+        ]);
+        draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &camera, &settings).1
+    };
+    let wall: Vec<Point> = wall.collect();
+    let plain = seen(wall.clone(), "0", "1");
+    assert_eq!(seen(wall.clone(), "0.4", "1"), plain);
+    let ringed = share_different(&seen(wall.clone(), "0.4", "0"), &plain, 8);
+    assert!(ringed > 0.05, "{ringed}");
+    let both: Vec<Point> = wall.into_iter().chain(board).collect();
+    let plain = seen(both.clone(), "0", "1");
+    let outlined = share_different(&seen(both, "0.4", "1"), &plain, 8);
+    assert!(outlined > 0.002 && outlined < 0.05, "{outlined}");
+}

@@ -238,6 +238,8 @@ params! {
         strength: f32 = 0.4, 0.0..=10.0, "";
         /// Distance of the eight neighbours that are compared.
         radius: f32 = 1.4, 0.5..=10.0, "pixels";
+        /// How far a pixel may lie behind its neighbours before it darkens, in radii of its splat, where splats are discs of 32 pixels and more, so that near surfaces show no rings around them; in part from 8 pixels on.
+        ignored: f32 = 1.0, 0.0..=10.0, "radii";
     }
 
     /// Light.
