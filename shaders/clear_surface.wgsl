@@ -1,6 +1,7 @@
-// Where rays go on behind clear surfaces: the point at which a ray leaves, beneath a surface of points, a
-// plane or a paraboloid, or behind a solid, to its second interface and through total reflections; and an origin and a
-// normal from which the methods get its direction as that of a reflected ray. One thread a pixel.
+// Where rays go on behind clear surfaces: the point at which a ray leaves, beneath a surface of points, a plane or a
+// paraboloid, or behind a solid, to its second interface and through total reflections; and an origin and a normal from
+// which the methods get its direction as that of a reflected ray. Also the ways of such rays inside a solid, one by
+// one. One thread a pixel.
 #import frame_group
 #import mirror_formula
 #import refraction
@@ -14,6 +15,7 @@
 @group(1) @binding(4) var<storage, read> mirrors: array<FormulaMirror>;
 // xyz: where the ray leaves, w: as in `point_in`, 0 where no light goes through.
 @group(1) @binding(5) var point_out: texture_storage_2d<rgba32float, write>;
+// w: the distance of the origin; of a way inside a solid, its length.
 @group(1) @binding(6) var eye_out: texture_storage_2d<rgba32float, write>;
 // w: the share that is reflected of what is not diffuse; if `is_only`, the specular power of what reflects.
 @group(1) @binding(7) var normal_out: texture_storage_2d<rgba32float, write>;
@@ -24,6 +26,9 @@
 override has_points: bool = false;
 // Set if the rays that are reflected have none of their own: then the stronger of both parts is followed.
 override is_only: bool = false;
+// The number of the way inside the solid that is asked for, from one interface to the next; 0: the ray behind the
+// solid.
+override inner_way: u32 = 0u;
 
 // The most total reflections inside a solid.
 const INNER_REFLECTIONS: i32 = 8;
@@ -72,6 +77,10 @@ fn clear_surface(@builtin(global_invocation_id) thread: vec3u) {
     }
     let goes_on = dot(direction, direction) > 0.0 && !(is_only && share >= 0.5);
     var leaves = point.xyz;
+    // The way inside, if there is one of that number.
+    var inner_start = vec3f(0.0);
+    var inner_direction = vec3f(0.0, 0.0, 1.0);
+    var inner_length = 0.0;
     if goes_on && is_solid && !is_inside {
         let mirror = mirrors[surface.mirror];
         var is_in = true;
@@ -79,6 +88,12 @@ fn clear_surface(@builtin(global_invocation_id) thread: vec3u) {
             let hit = formula_hit(mirror, leaves, direction, 2.0 * LEAVE * mirror.z_size.w);
             is_in = hit.distance > 0.0;
             if is_in {
+                if u32(i) + 1u == inner_way {
+                    inner_start = leaves;
+                    inner_direction = direction;
+                    // Without its end, which lies on the solid itself.
+                    inner_length = hit.distance - 2.0 * LEAVE * mirror.z_size.w;
+                }
                 leaves += direction * hit.distance;
                 let inner = select(hit.normal, -hit.normal, dot(hit.normal, direction) > 0.0);
                 let outside = refracted(direction, inner, 1.0 / surface.index);
@@ -88,6 +103,15 @@ fn clear_surface(@builtin(global_invocation_id) thread: vec3u) {
                 is_in = !is_out;
             }
         }
+    }
+    if inner_way > 0u {
+        let is_way = inner_length > 0.0;
+        let seen_from = inner_start + inner_direction * max(length(inner_start), 1e-6);
+        textureStore(point_out, id, vec4f(inner_start, select(0.0, point.w, is_way)));
+        textureStore(eye_out, id, vec4f(seen_from, inner_length));
+        textureStore(normal_out, id, vec4f(inner_direction, 0.0));
+        textureStore(index_out, id, vec4f(surface.index));
+        return;
     }
     // The origin from which `direction` is the reflection at a normal of the same direction; as far from the point as
     // the eye, so that the difference keeps its digits.

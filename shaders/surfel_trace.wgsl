@@ -35,6 +35,8 @@ override count_tests: bool = false;
 override use_lists: bool = false;
 // Set if only the listed rays are traced, from where they are known to be free.
 override use_rest: bool = false;
+// Set if rays end before the distance in w of `eye_in`.
+override has_ends: bool = false;
 
 struct Nearest {
     key: f32,
@@ -73,6 +75,9 @@ fn surfel_trace(@builtin(global_invocation_id) invocation: vec3u, @builtin(num_w
     let pixel = id.y * frame.width + id.x;
     let before = hits[pixel];
     var nearest = Nearest(3e38, 3e38, NONE, 0u, 0u);
+    if has_ends {
+        nearest.key = textureLoad(eye_in, id, 0).w;
+    }
     if before.y != 0u {
         nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), before.y - 1u, 0u, 0u);
     }

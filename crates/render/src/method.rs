@@ -4,6 +4,7 @@
 use scene::{Method, Settings, Supply};
 
 use crate::gpu::Result;
+use crate::identities::ChunkId;
 use crate::recorder::Recorder;
 use crate::reflection::cubemap_trace::CubemapTrace;
 use crate::reflection::environment_map::EnvironmentMap;
@@ -14,7 +15,7 @@ use crate::reflection::mirrored_viewpoint::MirroredViewpoint;
 use crate::reflection::screen_trace::ScreenTrace;
 use crate::reflection::sscr::Sscr;
 use crate::reflection::surfel_index::SurfelIndex;
-use crate::reflection::surfel_trace;
+use crate::reflection::surfel_trace::{self, Rays};
 use crate::reflection::task::Task;
 use crate::store::draw_list::Selection;
 use crate::targets::Image;
@@ -67,13 +68,20 @@ impl Methods {
         Self { size, index: self.index, ..Self::default() }
     }
 
-    /// Fills the Mirror G-Buffer of a task of its own, whose pixels and size are not those of the frame, as
-    /// `surfel_trace` does.
+    /// Fills the Mirror G-Buffer of a task of its own, whose rays are not those of the frame, with what they meet of
+    /// `chunks`, as `surfel_trace` does.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory for the index.
-    pub fn trace(&mut self, recorder: &mut Recorder<'_>, gather: &Gather, task: &Task<'_>) -> Result<()> {
-        surfel_trace::search(recorder, &mut self.index, gather, task, false)?;
+    pub fn trace(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        gather: &Gather,
+        task: &Task<'_>,
+        chunks: &[ChunkId],
+        rays: Rays<'_>,
+    ) -> Result<()> {
+        surfel_trace::search(recorder, &mut self.index, gather, task, chunks, rays)?;
         gather.resolve(recorder, task)
     }
 
@@ -111,8 +119,8 @@ impl Methods {
                         Method::CubemapTrace => cubemaps.search(recorder, index, gather, task)?,
                         Method::ScreenTrace => screen.search(recorder, index, cubemaps, gather, task)?,
                         _ => {
-                            let use_beams = method == Method::SscrHierarchical;
-                            surfel_trace::search(recorder, index, gather, task, use_beams)?;
+                            let rays = if method == Method::SscrHierarchical { Rays::InBeams } else { Rays::All };
+                            surfel_trace::search(recorder, index, gather, task, &task.supply.chunks, rays)?;
                         }
                     }
                 }

@@ -193,6 +193,11 @@ passes! {
         point_out: Write(Rgba32Float), eye_out: Write(Rgba32Float), normal_out: Write(Rgba32Float),
         index_out: Write(R32Float),
     }
+    clear_inside: Method over Pixels {
+        point_in: Texture, eye_in: Texture, albedo_in: Texture, normal_in: Texture, position_in: Texture,
+        albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
+        from_out: Write(Rgba32Float),
+    }
     clear_hits: Method over Pages { hits: Read, index_out: Write(R32Float) }
     clear_depth: Method over Pixels {
         point_in: Texture, direction_in: Texture, index_in: Texture, own_albedo_in: Texture, own_normal_in: Texture,

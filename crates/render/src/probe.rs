@@ -18,6 +18,7 @@ use crate::layout::{COUNTERS, PROBE_PIXEL_BYTES, PROBE_VALUE_BYTES};
 use crate::passes;
 use crate::recorder::{Pipelines, Recorder};
 use crate::reflection::gather::Gather;
+use crate::reflection::surfel_trace::Rays;
 use crate::reflection::task::{MirrorGBuffer, MirrorSurface, Task};
 use crate::reflection::{self, SurfaceImages};
 use crate::renderer::{Lit, Renderer, nothing_rendered};
@@ -242,7 +243,7 @@ impl Renderer {
         };
         let mut recorder = Recorder::new(gpu, pipelines);
         recorder.give_up_when(given_up.as_deref(), *longest_piece);
-        reflections.methods.trace(&mut recorder, &gather, &task)?;
+        reflections.methods.trace(&mut recorder, &gather, &task, &task.supply.chunks, Rays::All)?;
         recorder.finish()?;
         let ends: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&gpu.read_texture(&seen.position.texture)?);
         let mut probes = Vec::with_capacity(chosen.len());

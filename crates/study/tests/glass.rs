@@ -29,8 +29,27 @@ fn settings(method: &str) -> Settings {
     settings
 }
 
+/// What lies within another mirror: a ball around a place, which is given in the axes of that mirror, its size being 1.
+struct Inner {
+    place: DVec3,
+    radius: f64,
+    is_mirror: bool,
+}
+
 /// The box of the five mirrors with one mirror of its middle, made of a clear material and drawn by its formula.
 fn in_box(studio: &Studio, shape: Shape, size: f64, refraction: Option<f32>, settings: &Settings) -> Subject {
+    filled_in_box(studio, shape, size, refraction, None, settings)
+}
+
+/// The same with something inside the mirror.
+fn filled_in_box(
+    studio: &Studio,
+    shape: Shape,
+    size: f64,
+    refraction: Option<f32>,
+    inner: Option<Inner>,
+    settings: &Settings,
+) -> Subject {
     let mut parts = five_mirrors::sample(Variant::None, POINTS.into(), 1);
     let surface = DVec3::ZERO;
     let mirror = Mirror { position: surface, refraction, ..Mirror::standing(shape, surface, DVec3::Z, DVec3::Y, size) };
@@ -40,8 +59,21 @@ fn in_box(studio: &Studio, shape: Shape, size: f64, refraction: Option<f32>, set
     let (own, placement) = mirror.surface();
     let object = Object::new(own, placement, Albedo::Even(mirror.color.map(f64::from)), 1.0);
     let object = refraction.map(|index| object.clone().with_refraction(index.into())).unwrap_or(object);
-    let exact = Exact::new(walls.chain([object]).collect());
+    let mut objects: Vec<Object> = walls.chain([object]).collect();
     let chunks = mirror.sample(20_000, 1);
+    if let Some(Inner { place, radius, is_mirror }) = inner {
+        let (place, radius) = (mirror.position + mirror.rotation * (place * mirror.size), radius * mirror.size);
+        let ball = Mirror { position: place, ..Mirror::standing(Shape::Sphere, place, DVec3::Z, DVec3::Y, radius) };
+        let (surface, placement) = ball.surface();
+        let albedo = if is_mirror { ball.color.map(f64::from) } else { [1.0, 0.0, 0.0] };
+        objects.push(Object::new(surface, placement, Albedo::Even(albedo), f64::from(u8::from(is_mirror))));
+        let mut chunks = ball.sample(20_000, 1);
+        for chunk in &mut chunks {
+            chunk.colors = Some(Arc::new(vec![[255, 0, 0, 255]; chunk.len()]));
+        }
+        parts.push(SampledPart { chunks, mirror: is_mirror.then_some(ball) });
+    }
+    let exact = Exact::new(objects);
     parts.push(SampledPart { chunks, mirror: Some(mirror) });
     let lights = vec![five_mirrors::light()];
     Subject::sampled(&studio.gpu, parts, lights, five_mirrors::camera(), Some(exact), settings).unwrap()
@@ -98,6 +130,41 @@ fn glass_of_every_closed_shape_shows_what_rays_through_it_meet() {
         let clear = studio.renderer.read_aov(Aov::Color).unwrap().data;
         let changed = drawn.iter().zip(&clear).filter(|(a, b)| (**a - **b).abs() > 0.05).count();
         assert!(changed > 1000, "{changed} values");
+    }
+}
+
+#[test]
+fn what_lies_inside_a_solid_is_seen_through_it() {
+    let Some(mut studio) = studio() else { return };
+    let off_center = DVec3::new(0.3, -0.2, 0.25);
+    // In the tube of the torus, which rays may cross by total reflections.
+    let in_tube = DVec3::X;
+    let torus = Shape::Torus { tube: 0.4 };
+    for (shape, size, place, radius, is_mirror, method, bounces) in [
+        (Shape::Sphere, 0.43, off_center, 0.35, false, "surfel_trace", 1),
+        (Shape::Sphere, 0.43, off_center, 0.35, false, "screen_trace", 1),
+        (Shape::Sphere, 0.43, off_center, 0.35, false, "cubemap_trace", 2),
+        (Shape::Sphere, 0.43, off_center, 0.35, true, "surfel_trace", 3),
+        (torus, 0.33, in_tube, 0.3, false, "sscr_hierarchical", 1),
+        (Shape::Blob, 0.4, off_center, 0.3, false, "surfel_trace", 1),
+    ] {
+        let mut settings = settings(method);
+        settings.reflection.bounces = bounces;
+        let inner = Inner { place, radius, is_mirror };
+        let subject = filled_in_box(&studio, shape.clone(), size, Some(1.5), Some(inner), &settings);
+        let found = differences(&mut studio, &subject, &settings, Truth::Exact);
+        let [median, p95] = [0.5, 0.95].map(|share| quantile(&found, share));
+        let filled = studio.renderer.read_aov(Aov::Color).unwrap().data;
+        let empty = in_box(&studio, shape.clone(), size, Some(1.5), &settings);
+        empty.render(&mut studio.renderer, &settings, SIZE).unwrap();
+        let empty = studio.renderer.read_aov(Aov::Color).unwrap().data;
+        let (filled, empty) = (filled.as_chunks::<3>().0, empty.as_chunks::<3>().0);
+        let changed = delta_e(filled, empty).iter().filter(|difference| **difference > 10.0).count();
+        let name = shape.name();
+        println!(
+            "{name} {method} {bounces}: median {median:.2}, 95th percentile {p95:.2}, {changed} pixels of the ball"
+        );
+        assert!(changed > 50 && median < 0.3 && p95 < 3.0, "{name}, {method}: {median}, {p95}, {changed} pixels");
     }
 }
 

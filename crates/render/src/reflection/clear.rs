@@ -4,12 +4,15 @@
 //! docs/methods/glass.md tells. The camera's clear surfaces have both rays; of those that are seen in mirrors or
 //! through others, only the stronger one is followed.
 
-use scene::{Mirror, Settings};
+use scene::{Mirror, Settings, Shape};
 
 use super::bounce::{Bounce, Search};
 use super::formula;
+use super::gather::Gather;
+use super::surfel_trace::Rays;
 use super::task::{MirrorGBuffer, MirrorSurface, SurfaceImages, Task};
 use crate::gpu::{Gpu, Result};
+use crate::identities::ChunkId;
 use crate::inputs::Inputs;
 use crate::layout::{COUNTERS, FormulaMirror};
 use crate::method::{self, Methods};
@@ -17,6 +20,9 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::store::PointStore;
 use crate::targets::{Image, storage};
+
+/// One more than the most total reflections inside a solid (shaders/clear_surface.wgsl).
+const MOST_WAYS: u32 = 9;
 
 /// The rays that go on from a surface.
 pub(crate) struct Onward {
@@ -27,6 +33,16 @@ pub(crate) struct Onward {
     index: Image,
 }
 
+/// The ways of rays inside solids that something else lies in.
+struct Inside {
+    /// The chunks whose points may lie in solids.
+    chunks: Vec<ChunkId>,
+    /// The number of ways that a ray may have in a solid.
+    ways: u32,
+    onward: Onward,
+    gather: Gather,
+}
+
 /// What is seen through clear surfaces, bounce by bounce.
 pub(crate) struct Clear {
     /// The mirror pixels of a surface, by which rays arrive.
@@ -35,6 +51,8 @@ pub(crate) struct Clear {
     through: Onward,
     /// The rays that go on from what a bounce has found.
     later: Onward,
+    /// `None` if solids are empty.
+    inside: Option<Inside>,
     /// The index of refraction of the points that a bounce has found.
     points: Image,
     /// Whether `points` is that of the bounce before.
@@ -55,6 +73,43 @@ pub(crate) struct Clear {
 /// Whether light goes through something in the scene.
 pub(crate) fn is_there(settings: &Settings, store: &PointStore, mirrors: &[Mirror]) -> bool {
     formula::exact(settings, mirrors).any(formula::is_clear) || store.has_clear_points(settings)
+}
+
+/// The chunks whose points may lie in clear solids, and the number of ways from one interface to the next that rays may
+/// have in those solids which may not be empty.
+fn contents(search: &Search<'_>, supply: &Inputs) -> (Vec<ChunkId>, u32) {
+    let Search { settings, store, mirrors, .. } = search;
+    let solids: Vec<&Mirror> =
+        mirrors.iter().filter(|mirror| formula::is_clear(mirror) && mirror.shape.is_closed()).collect();
+    let reach = |mirror: &Mirror| mirror.shape.reach() * mirror.size;
+    let mut filled: Vec<&Mirror> = Vec::new();
+    let mut chunks = Vec::new();
+    for id in supply.chunks.iter().filter(|chunk| !solids.is_empty() && !store.is_clear(**chunk)) {
+        let Some(chunk) = store.placed(*id) else { continue };
+        let radius = f64::from(chunk.largest_radius * settings.splat.size);
+        let is_near = |solid: &&&Mirror| {
+            let nearest = solid.position.clamp(chunk.bounds.min, chunk.bounds.max);
+            !chunk.bounds.is_empty() && nearest.distance(solid.position) <= reach(solid) + radius
+        };
+        let before = filled.len();
+        filled.extend(solids.iter().filter(is_near));
+        if filled.len() > before {
+            chunks.push(*id);
+        }
+    }
+    for other in formula::exact(settings, mirrors) {
+        let is_near = |solid: &&&Mirror| {
+            !std::ptr::eq(**solid, other) && solid.position.distance(other.position) <= reach(solid) + reach(other)
+        };
+        filled.extend(solids.iter().filter(is_near));
+    }
+    let ways = match filled.iter().all(|solid| solid.shape == Shape::Sphere) {
+        _ if filled.is_empty() => 0,
+        // What comes into a sphere may leave it at the next interface.
+        true => 1,
+        false => MOST_WAYS,
+    };
+    (chunks, ways)
 }
 
 impl Onward {
@@ -78,6 +133,7 @@ impl Clear {
             arriving: MirrorSurface::new(device, size),
             through: Onward::new(device, size),
             later: Onward::new(device, size),
+            inside: None,
             points: Image::new(device, size, "clear points found", wgpu::TextureFormat::R32Float),
             knows_points: false,
             bounces: Vec::new(),
@@ -96,7 +152,8 @@ impl Clear {
             + self.no_mirrors.size()
             + self.counters.size();
         let surfaces = self.arriving.bytes() + self.through.bytes() + self.later.bytes();
-        images + surfaces + self.bounces.iter().map(Bounce::bytes).sum::<u64>()
+        let inside = self.inside.as_ref().map_or(0, |inside| inside.onward.bytes() + inside.gather.bytes());
+        images + surfaces + inside + self.bounces.iter().map(Bounce::bytes).sum::<u64>()
     }
 
     /// The indices of refraction of the surfaces that the camera sees.
@@ -132,6 +189,18 @@ impl Clear {
         if !formula::exact(settings, mirrors).any(|mirror| formula::is_clear(mirror) && mirror.shape.is_closed()) {
             supply.chunks.retain(|chunk| !store.is_clear(*chunk));
         }
+        let (chunks, ways) = contents(search, &search.supply);
+        let kept = self.inside.take().filter(|_| ways > 0);
+        self.inside = kept.map(|kept| Inside { chunks: chunks.clone(), ways, ..kept }).or_else(|| {
+            let device = &recorder.gpu.device;
+            let size = self.received.size();
+            (ways > 0).then(|| Inside {
+                chunks,
+                ways,
+                onward: Onward::new(device, size),
+                gather: Gather::new(device, size),
+            })
+        });
         for index in 0..count {
             let (before, rest) = bounces.split_at(index);
             let (before, bounce) = (before.last(), &rest[0]);
@@ -156,6 +225,8 @@ impl Clear {
             };
             methods.run(recorder, method, &task, None)?;
             self.take(recorder, &task, surface, index == 0, bounce)?;
+            let points = if index == 0 { points } else { self.known_points() };
+            self.look_inside(recorder, methods, search, &task, surface.normal, points, index > 0, bounce)?;
             self.knows_points = self.learn_points(recorder, methods, &task)?;
         }
         self.bounces = bounces;
@@ -187,9 +258,13 @@ impl Clear {
         surface: SurfaceImages<'_>,
         from: &Image,
     ) -> Result<&Onward> {
-        let points = self.knows_points.then_some(&self.points);
-        self.start(recorder, supply, search, surface, Some(from), points, &self.later)?;
+        self.start(recorder, supply, search, surface, Some(from), self.known_points(), &self.later)?;
         Ok(&self.later)
+    }
+
+    /// The index of refraction of the points that the bounce before has found, if it tells.
+    pub fn known_points(&self) -> Option<&Image> {
+        self.knows_points.then_some(&self.points)
     }
 
     /// Makes rays; those that leave a surface seen from `from` alone are the only ones of their pixels.
@@ -212,21 +287,84 @@ impl Clear {
             eye_out: self.arriving.eye.bind(),
         };
         recorder.over_pixels(&[("from_camera", u32::from(from.is_none()))], supply, bindings)?;
+        self.leave(recorder, supply, search, surface.normal, points, from.is_some(), 0, onward)
+    }
+
+    /// Makes the rays that go on from where rays arrive: those behind surfaces and solids, or those of a way inside a
+    /// solid, from 1 on. They are the only ones of their pixels if they arrive alone.
+    fn leave(
+        &self,
+        recorder: &mut Recorder<'_>,
+        supply: &Inputs,
+        search: &Search<'_>,
+        normal: &Image,
+        points: Option<&Image>,
+        is_only: bool,
+        way: u32,
+        onward: &Onward,
+    ) -> Result<()> {
         let eye = supply.camera.eye;
         let clear = formula::upload_with_clear(recorder.gpu, search.settings, search.mirrors, eye);
         let bindings = passes::clear_surface {
             point_in: self.arriving.point.bind(),
-            normal_in: surface.normal.bind(),
+            normal_in: normal.bind(),
             eye_in: self.arriving.eye.bind(),
-            points_in: points.unwrap_or(surface.position).bind(),
+            points_in: points.unwrap_or(normal).bind(),
             mirrors: clear.as_ref().unwrap_or(&self.no_mirrors).as_entire_binding(),
             point_out: onward.rays.point.bind(),
             eye_out: onward.rays.eye.bind(),
             normal_out: onward.normal.bind(),
             index_out: onward.index.bind(),
         };
-        let switches = [("has_points", u32::from(points.is_some())), ("is_only", u32::from(from.is_some()))];
+        let switches =
+            [("has_points", u32::from(points.is_some())), ("is_only", u32::from(is_only)), ("inner_way", way)];
         recorder.over_pixels(&switches, supply, bindings)
+    }
+
+    /// Puts what rays meet inside solids, on their way to where `task` has followed them from, before what they meet
+    /// there. `points` and `is_only` are those of these rays.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn look_inside(
+        &self,
+        recorder: &mut Recorder<'_>,
+        methods: &mut Methods,
+        search: &Search<'_>,
+        task: &Task<'_>,
+        normal: &Image,
+        points: Option<&Image>,
+        is_only: bool,
+        bounce: &Bounce,
+    ) -> Result<()> {
+        let Some(Inside { chunks, ways, onward, gather }) = &self.inside else { return Ok(()) };
+        // The first is the last that is put before others.
+        for way in (1..=*ways).rev() {
+            self.leave(recorder, task.supply, search, normal, points, is_only, way, onward)?;
+            let task = Task {
+                mirror: &onward.rays,
+                normal: &onward.normal,
+                seen: &self.found,
+                counters: &self.counters,
+                ..*task
+            };
+            methods.trace(recorder, gather, &task, chunks, Rays::WithEnds)?;
+            let [albedo_in, normal_in, position_in] = self.found.bind();
+            let [albedo_out, normal_out, position_out] = bounce.seen.bind();
+            let bindings = passes::clear_inside {
+                point_in: onward.rays.point.bind(),
+                eye_in: onward.rays.eye.bind(),
+                albedo_in,
+                normal_in,
+                position_in,
+                albedo_out,
+                normal_out,
+                position_out,
+                from_out: bounce.mirror.point.bind(),
+            };
+            recorder.over_pixels(&[], task.supply, bindings)?;
+        }
+        Ok(())
     }
 
     /// Takes what a task has found into its bounce: with the own colour of deep water, which is part of `surface`.

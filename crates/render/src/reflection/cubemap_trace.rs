@@ -16,7 +16,7 @@ use super::environment_map::face_camera;
 use super::gather::{Gather, rest_list};
 use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
 use super::surfel_index::SurfelIndex;
-use super::surfel_trace;
+use super::surfel_trace::{self, Rays};
 use super::task::Task;
 use crate::gpu::{Error, Result};
 use crate::identities::{ChunkId, CloudId};
@@ -180,7 +180,7 @@ impl CubemapTrace {
 
         let own = own_chunks(task, &mirrors, settings.own, eye);
         if !own.is_empty() {
-            surfel_trace::trace(recorder, index, gather, task, &own, false, listed)?;
+            surfel_trace::trace(recorder, index, gather, task, &own, listed.map_or(Rays::All, Rays::Listed))?;
         }
         let rest = rest_list(recorder, &mut self.rest, task.supply.size);
         let bindings = passes::cubemap_trace {
@@ -208,7 +208,7 @@ impl CubemapTrace {
         ];
         recorder.by_rows(&switches, task.supply, bindings, task.supply.mirror_groups())?;
         if settings.rest == CubeRest::SurfelTrace {
-            surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, false, Some(rest))?;
+            surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, Rays::Listed(rest))?;
         }
         Ok(())
     }

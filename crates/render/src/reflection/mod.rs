@@ -276,6 +276,8 @@ impl Reflections {
             }
             if let Some(clear) = clear {
                 clear.take(recorder, &task, surface, false, bounce)?;
+                let (methods, points) = (&mut self.methods, clear.known_points());
+                clear.look_inside(recorder, methods, search, &task, surface.normal, points, true, bounce)?;
             }
             let learnt = match self.clear.as_ref().filter(|_| self.has_clear) {
                 Some(clear) => clear.learn_points(recorder, &self.methods, &task)?,

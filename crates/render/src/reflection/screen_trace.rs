@@ -10,7 +10,7 @@ use super::cubemap_trace::CubemapTrace;
 use super::environment_map::EnvironmentMap;
 use super::gather::{Gather, rest_list};
 use super::surfel_index::SurfelIndex;
-use super::surfel_trace;
+use super::surfel_trace::{self, Rays};
 use super::task::Task;
 use crate::gpu::Result;
 use crate::layout::{NEAREST_BYTES, SCREEN_CELL_BYTES, SCREEN_TEXEL_BYTES, Screen};
@@ -141,7 +141,7 @@ impl ScreenTrace {
         recorder.by_rows(&counts, task.supply, bindings, task.supply.mirror_groups())?;
         match task.settings.screen_trace.rest {
             ScreenRest::SurfelTrace => {
-                surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, false, Some(rest))?;
+                surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, Rays::Listed(rest))?;
             }
             ScreenRest::CubemapTrace => cubemaps.trace(recorder, index, gather, task, Some(rest))?,
             ScreenRest::None | ScreenRest::EnvironmentMap => {}

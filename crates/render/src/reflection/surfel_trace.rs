@@ -15,7 +15,20 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::storage;
 
-/// Finds the nearest hits of a bounce's rays.
+/// The rays that are traced, and where they start in the trees.
+#[derive(Clone, Copy)]
+pub(crate) enum Rays<'a> {
+    /// Those of all mirror pixels, at the top.
+    All,
+    /// Those of all mirror pixels, at the nodes that lie in the beam of their tile.
+    InBeams,
+    /// Those that another method has left; see `rest_list`.
+    Listed(&'a wgpu::Buffer),
+    /// Those of all mirror pixels, up to the distance in w of their eyes.
+    WithEnds,
+}
+
+/// Finds the nearest hits of a bounce's rays on the discs of `chunks`.
 ///
 /// # Errors
 /// A shader is refused, or there is no memory for the index.
@@ -24,14 +37,14 @@ pub(crate) fn search(
     index: &mut SurfelIndex,
     gather: &Gather,
     task: &Task<'_>,
-    use_beams: bool,
+    chunks: &[ChunkId],
+    rays: Rays<'_>,
 ) -> Result<()> {
     recorder.clear(&gather.hits);
-    trace(recorder, index, gather, task, &task.supply.chunks, use_beams, None)
+    trace(recorder, index, gather, task, chunks, rays)
 }
 
-/// Finds the nearest hits on the discs of `chunks` (with their class masks), nearer than those in `gather.hits`. `rest`
-/// lists the only rays to trace (see `rest_list`).
+/// Finds the nearest hits on the discs of `chunks`, nearer than those in `gather.hits`.
 ///
 /// # Errors
 /// A shader is refused, or there is no memory for the index.
@@ -41,9 +54,10 @@ pub(super) fn trace(
     gather: &Gather,
     task: &Task<'_>,
     chunks: &[ChunkId],
-    use_beams: bool,
-    rest: Option<&wgpu::Buffer>,
+    rays: Rays<'_>,
 ) -> Result<()> {
+    let use_beams = matches!(rays, Rays::InBeams);
+    let rest = if let Rays::Listed(rest) = rays { Some(rest) } else { None };
     let trees = index.update(recorder, task.store, task.supply, chunks, task.settings.splat.size)?;
     let [width, height] = task.supply.size.map(|edge| edge.div_ceil(8));
     let tiles = width * height;
@@ -83,6 +97,7 @@ pub(super) fn trace(
         let switches = [
             ("use_lists", u32::from(use_beams)),
             ("use_rest", u32::from(rest.is_some())),
+            ("has_ends", u32::from(matches!(rays, Rays::WithEnds))),
             ("hides_points", u32::from(task.supply.hides_points)),
             ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
         ];
