@@ -329,6 +329,7 @@ const SSCR_SEEDS_LAST_FRAME: u32 = 2u;
 
 // Surface estimation: normals and spacing of clouds that come without.
 struct Surface {
+    mesh_points: u32,
     neighbours: u32,
     orientation: u32,
     radii: u32,

@@ -28,6 +28,9 @@ pub struct Chunk {
     pub normals: Option<Arc<Vec<u32>>>,
     /// The splat radii, packed by `pack_radius`.
     pub radii: Option<Arc<Vec<u16>>>,
+    /// For points that are spread over a mesh, which the file does not have: the index in the file of the corner that
+    /// each is nearest to.
+    pub corners: Option<Arc<Vec<u32>>>,
     /// One column for each attribute of the cloud, in its order; `None` until it is read.
     pub columns: Vec<Option<Arc<Column>>>,
 }
@@ -43,6 +46,7 @@ impl Chunk {
             colors: None,
             normals: None,
             radii: None,
+            corners: None,
             columns: Vec::new(),
         }
     }
@@ -59,6 +63,11 @@ impl Chunk {
     /// own.
     pub fn position(&self, index: usize) -> DVec3 {
         self.origin + Vec3::from(self.positions[index]).as_dvec3()
+    }
+
+    /// The index in the file of point `index`, or of the corner that it is nearest to.
+    pub fn point_in_file(&self, index: usize) -> u64 {
+        self.corners.as_ref().map_or(self.first_point + index as u64, |corners| u64::from(corners[index]))
     }
 
     /// The bounds of the finite points.
@@ -92,6 +101,7 @@ impl Chunk {
             colors: self.colors.as_ref().map(|values| of(values, indices)),
             normals: self.normals.as_ref().map(|values| of(values, indices)),
             radii: self.radii.as_ref().map(|values| of(values, indices)),
+            corners: self.corners.as_ref().map(|values| of(values, indices)),
             columns: self.columns.iter().map(|column| Some(Arc::new(column.as_ref()?.select(indices)))).collect(),
         }
     }
@@ -103,6 +113,7 @@ impl Chunk {
             + self.colors.as_ref().map_or(0, |_| points * 4)
             + self.normals.as_ref().map_or(0, |_| points * 4)
             + self.radii.as_ref().map_or(0, |_| points * 2)
+            + self.corners.as_ref().map_or(0, |_| points * 4)
             + self.columns.iter().flatten().map(|column| column.size_in_bytes()).sum::<usize>()
     }
 }

@@ -145,6 +145,25 @@ impl Column {
         selected!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
     }
 
+    /// Columns of one type, one after the other; `None` if they are of several types, or there are none.
+    pub fn joined(parts: &[&Self]) -> Option<Self> {
+        macro_rules! joined {
+            ($($Variant:ident),*) => {
+                match parts.first()? {
+                    $( Self::$Variant(_) => {
+                        let values = |part: &&Self| match part {
+                            Self::$Variant(values) => Some(values.clone()),
+                            _ => None,
+                        };
+                        let parts: Option<Vec<_>> = parts.iter().map(values).collect();
+                        Some(Self::$Variant(parts?.concat()))
+                    } )*
+                }
+            };
+        }
+        joined!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+    }
+
     pub fn size_in_bytes(&self) -> usize {
         self.len() * self.column_type().size()
     }

@@ -87,26 +87,28 @@ impl TriangleMesh {
     /// `count` points, evenly by area: each triangle has as many as its share of the area, rounded by the sum over the
     /// triangles before it. A mesh without triangles has no points. The same seed gives the same points.
     pub fn sample(&self, count: usize, seed: u64) -> Vec<SurfacePoint> {
-        if self.is_empty() {
-            return Vec::new();
-        }
-        let share = self.area() / count as f64;
+        self.places(count, seed).map(|(triangle, shares)| self.point(triangle, shares)).collect()
+    }
+
+    /// The places of the points of `sample`: the number of the triangle, and the shares of its corners.
+    pub fn places(&self, count: usize, seed: u64) -> impl IndexedParallelIterator<Item = (usize, [f64; 3])> {
+        let count = if self.is_empty() { 0 } else { count };
+        let share = self.area() / count.max(1) as f64;
         let shift = [unit(seed, 0), unit(seed, 1)];
-        let point = |index: usize| {
+        let place = move |index: usize| {
             let at = (index as f64 + unit(seed, index as u64 + 2)) * share;
             let triangle = self.areas.partition_point(|end| *end <= at).min(self.triangles.len() - 1);
             let [u, v] = [0, 1].map(|axis| (shift[axis] + R2[axis] * index as f64).fract());
-            self.point(triangle, [u, v])
+            // Even numbers give points that are even by area.
+            let side = u.sqrt();
+            (triangle, [1.0 - side, side * (1.0 - v), side * v])
         };
-        (0..count).into_par_iter().map(point).collect()
+        (0..count).into_par_iter().map(place)
     }
 
-    /// The point of a triangle for two numbers in 0 .. 1; even numbers give points that are even by area.
-    fn point(&self, triangle: usize, [u, v]: [f64; 2]) -> SurfacePoint {
+    fn point(&self, triangle: usize, shares: [f64; 3]) -> SurfacePoint {
         let corners = self.triangles[triangle].map(|corner| corner as usize);
         let [a, b, c] = corners.map(|corner| self.positions[corner]);
-        let side = u.sqrt();
-        let shares = [1.0 - side, side * (1.0 - v), side * v];
         let own = (b - a).cross(c - a).normalize_or(DVec3::Z);
         let normals = corners.map(|corner| self.normals[corner].as_dvec3());
         let known = normals.iter().all(|normal| *normal != DVec3::ZERO);

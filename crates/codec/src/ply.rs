@@ -345,12 +345,12 @@ fn check_length(rows: &Rows, element: &Element) -> std::result::Result<(), Strin
     Err(format!("element {name} has {properties} properties, but its {count} lines only {bytes} bytes"))
 }
 
-/// Warns that faces are not shown, and says how much of the data after the vertices is missing.
+/// Warns that faces are not shown as such, and says how much of the data after the vertices is missing.
 fn face_warnings(file: &Bytes, header: &Header, vertex: usize, rows: &Rows) -> std::io::Result<Vec<String>> {
     let mut warnings = Vec::new();
     for element in header.elements.iter().filter(|element| faces::is_surface(element) && element.count > 0) {
         let what = if faces::is_polygons(element) { "faces" } else { "triangle strips" };
-        warnings.push(format!("{} {what} ignored: their vertices are shown as points", element.count));
+        warnings.push(format!("{} {what} are shown by points, not as triangles", element.count));
     }
     if rows.count == header.elements[vertex].count && file.length() - rows.end <= FACE_CHECK_BYTES {
         let mut reader = Reader::new(file, rows.end, file.length());

@@ -502,6 +502,8 @@ params! {
 
     /// Surface estimation: normals and spacing of clouds that come without.
     pub struct Surface = "surface" in "When loading" => affects(points) not(swept) {
+        /// Points that are spread over the triangles of a mesh when it is read, evenly by area; its vertices alone at 0, or if it has as many.
+        mesh_points: u32 = 1_000_000, 0..=100_000_000, "points";
         /// Nearest neighbours that a plane is fitted to when a cloud is read.
         neighbours: u32 = 16, 4..=64, "points";
         /// Which way normals point that are estimated when a cloud is read; auto guesses from its shape.

@@ -143,7 +143,7 @@ impl SubjectPart {
         if self.plan.source == ColorSource::Rgb { [u8::MAX; 4] } else { self.plan.plain }
     }
 
-    /// The points as the vertices of these triangles.
+    /// The points of the file as the vertices of these triangles.
     fn mesh(&self, faces: &Faces) -> Mesh {
         let linear = |[red, green, blue, _]: [u8; 4]| {
             let [red, green, blue] = [red, green, blue].map(|value| linear_from_srgb(value) as f32);
@@ -152,7 +152,7 @@ impl SubjectPart {
         let plain = linear(self.plain());
         let (mut vertices, mut starts) = (Vec::new(), Vec::new());
         let chunks = self.painted(DVec3::ZERO);
-        for chunk in &chunks {
+        for chunk in chunks.iter().filter(|chunk| chunk.corners.is_none()) {
             starts.push((chunk.first_point, vertices.len()));
             vertices.extend((0..chunk.len()).map(|point| {
                 let normal = chunk.normals.as_ref().filter(|_| faces.has_normals);

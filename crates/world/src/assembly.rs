@@ -11,6 +11,7 @@ use stream::Octree;
 use crate::change::Change;
 use crate::chunk_key::{CloudKey, Part};
 use crate::event::{IndexState, Opened};
+use crate::source::column_of;
 use crate::task::CloudTask;
 
 pub struct Assembly {
@@ -178,6 +179,18 @@ impl Assembly {
         self.parts.binary_search(&part).ok().map(|index| &self.cloud.chunks[index])
     }
 
+    /// The point of the file that a point is, or the corner that one spread over a mesh is nearest to.
+    pub fn point_in_file(&self, part: Part, index: usize) -> Option<(Part, usize)> {
+        let chunk = self.chunk(part)?;
+        if chunk.corners.is_none() {
+            return Some((part, index));
+        }
+        let corner = chunk.point_in_file(index);
+        let place = |chunk: &Chunk| corner.checked_sub(chunk.first_point).filter(|at| *at < chunk.len() as u64);
+        let mut places = self.parts.iter().zip(&self.cloud.chunks).filter(|(_, chunk)| chunk.corners.is_none());
+        places.find_map(|(part, chunk)| Some((*part, place(chunk)? as usize)))
+    }
+
     /// The parts that have been loaded, with the bounds of their points, in order.
     pub fn chunk_bounds(&self) -> impl ExactSizeIterator<Item = (Part, Bounds)> {
         self.parts.iter().copied().zip(self.chunk_bounds.iter().copied())
@@ -216,11 +229,11 @@ impl Assembly {
 }
 
 fn put_column(chunk: &mut Chunk, attribute: usize, columns: &BTreeMap<u64, Arc<Column>>) {
-    let Some(column) = columns.get(&chunk.first_point).filter(|column| column.len() == chunk.len()) else { return };
+    let Some(column) = column_of(chunk, columns) else { return };
     if chunk.columns.len() <= attribute {
         chunk.columns.resize(attribute + 1, None);
     }
-    chunk.columns[attribute] = Some(column.clone());
+    chunk.columns[attribute] = Some(column);
 }
 
 #[cfg(test)]
@@ -272,6 +285,27 @@ mod tests {
             let column = cloud.chunk(Part::Block(block)).and_then(|chunk| chunk.columns[0].clone());
             assert_eq!(column.map(|column| column.value(0)), Some(f64::from(class)));
         }
+    }
+
+    #[test]
+    fn a_point_on_a_mesh_stands_for_a_corner_of_the_file() {
+        let mut cloud = opened();
+        cloud.put(Part::Block(0), classes(0, &[1, 2]));
+        cloud.put(Part::Block(2), classes(2, &[3]));
+        let on_faces = Chunk { corners: Some(Arc::new(vec![2, 1])), ..classes(3, &[3, 2]) };
+        cloud.put(Part::Block(3), on_faces);
+        let found = [0, 1].map(|index| cloud.point_in_file(Part::Block(3), index));
+        assert_eq!(found, [Some((Part::Block(2), 0)), Some((Part::Block(0), 1))]);
+        assert_eq!(cloud.point_in_file(Part::Block(0), 1), Some((Part::Block(0), 1)));
+        // A column of the file reaches them by their corners, unless it ends before one of them.
+        let values = |cloud: &mut Assembly, column: usize, last: Vec<u8>| {
+            let columns = [(0, Column::U8(vec![7, 8])), (2, Column::U8(last))];
+            cloud.put_late_column(column, columns.map(|(first, column)| (first, Arc::new(column))).into());
+            let column = cloud.chunk(Part::Block(3))?.columns.get(column)?.clone()?;
+            Some([0, 1].map(|index| column.value(index)))
+        };
+        assert_eq!(values(&mut cloud, 1, vec![9]), Some([9.0, 8.0]));
+        assert_eq!(values(&mut cloud, 2, Vec::new()), None);
     }
 
     #[test]

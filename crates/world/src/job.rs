@@ -157,6 +157,7 @@ mod tests {
     use scene::five_mirrors;
 
     use super::*;
+    use crate::chunk_key::Part;
     use crate::task::TaskKind;
 
     const THREE_POINTS: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
@@ -204,6 +205,48 @@ mod tests {
         }
         assert_eq!(seen, ["failed", "opened", "chunk", "read", "task", "surfels", "finished"]);
         assert_eq!((job.progress.done(), job.progress.total()), (3, 3));
+    }
+
+    #[test]
+    fn a_mesh_comes_in_with_points_between_its_vertices() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("square.ply");
+        let chunks_of = |face: &str, mesh_points: u32| {
+            let header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                property uchar intensity\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+            std::fs::write(&path, format!("{header}0 0 0 7\n3 0 0 8\n3 1 0 9\n0 1 0 9\n{face}\n")).unwrap();
+            let mut settings = Settings::default();
+            settings.surface.mesh_points = mesh_points;
+            let job = start(vec![Input::File(path.clone())], &settings);
+            let (mut chunks, mut seen) = (Vec::new(), Vec::new());
+            for event in &job.events {
+                match event {
+                    Event::Chunk { part, chunk, .. } => {
+                        assert_eq!(part, Part::Block(chunk.first_point));
+                        chunks.push(chunk);
+                    }
+                    Event::Read { summary, .. } => assert_eq!(summary.points, 4),
+                    Event::Surfels { surfels, .. } => {
+                        assert_eq!(surfels.iter().map(|surfels| surfels.radii.len()).collect::<Vec<_>>(), [4]);
+                        seen.push("surfels");
+                    }
+                    Event::Task { .. } => seen.push("task"),
+                    _ => {}
+                }
+            }
+            (chunks, seen)
+        };
+        let (chunks, seen) = chunks_of("4 0 1 2 3", 1000);
+        assert_eq!((chunks.iter().map(Chunk::len).collect::<Vec<_>>(), seen), (vec![4, 1000], vec!["surfels"]));
+        assert_eq!((chunks[1].first_point, chunks[1].corners.is_some()), (4, true));
+        let intensity = |index| chunks[1].columns[0].as_ref().unwrap().value(index);
+        let right = (0..1000).filter(|index| chunks[1].positions[*index][0] > 1.6 && intensity(*index) > 7.0).count();
+        assert!((400..540).contains(&right), "{right} of 1000 points lie right of the middle");
+        // Its vertices alone: nothing is asked for beyond them, or its faces cannot be told.
+        for (face, mesh_points) in [("4 0 1 2 3", 0), ("4 0 1 2 3", 4), ("4 0 1 2 9", 1000), ("2 0 1", 1000)] {
+            let (chunks, seen) = chunks_of(face, mesh_points);
+            assert_eq!((chunks.len(), chunks[0].len(), seen), (1, 4, vec!["task", "surfels"]), "{face}, {mesh_points}");
+        }
     }
 
     #[test]

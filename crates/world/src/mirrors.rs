@@ -11,7 +11,7 @@ use scene::{ColorBy, Mirror, MirrorNormals, MirrorPoints, Shape};
 use stream::{MirrorBound, MirrorForm};
 
 use crate::error::{Error, Result};
-use crate::source::read_column;
+use crate::source::{column_of, read_column};
 
 /// Any seed will do; the same one gives the same picture in the window and in a file.
 const SEED: u64 = 1;
@@ -155,7 +155,7 @@ pub fn mark(
         };
         let is_loaded = |chunk: &Chunk| chunk.columns.get(index).is_some_and(Option::is_some);
         if let (false, Some(source)) = (cloud.chunks.iter().all(is_loaded), source) {
-            put_columns(&mut cloud, index, read_column(source, index, progress)?);
+            put_columns(&mut cloud, index, &read_column(source, index, progress)?);
         }
     }
     let marks: Vec<Vec<bool>> = cloud.chunks.iter().map(|chunk| wanted.points.marks(&cloud, chunk)).collect();
@@ -177,9 +177,9 @@ pub fn mark(
     Ok(lists.map(|lists| Marked { marks, normals: Some(lists), material, count }))
 }
 
-fn put_columns(cloud: &mut Cloud, index: usize, mut columns: BTreeMap<u64, Arc<cloud::Column>>) {
+fn put_columns(cloud: &mut Cloud, index: usize, columns: &BTreeMap<u64, Arc<cloud::Column>>) {
     for chunk in &mut cloud.chunks {
-        if let Some(column) = columns.remove(&chunk.first_point).filter(|column| column.len() == chunk.len()) {
+        if let Some(column) = column_of(chunk, columns) {
             let known = chunk.columns.len().max(index + 1);
             chunk.columns.resize(known, None);
             chunk.columns[index] = Some(column);

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use cloud::{Attribute, Chunk};
+use cloud::{Attribute, Chunk, MeshPoints};
 use glam::DVec3;
 use scene::{SceneSettings, five_mirrors, shown};
 use stream::{KeptSurfels, SurfelPlace};
@@ -19,6 +19,9 @@ use crate::words::{Input, built_in_name};
 
 /// Normals and radii of fewer points are not kept: a core estimates them within a second.
 const FEWEST_KEPT: u64 = 500_000;
+
+/// The points of a mesh are the same each time.
+const MESH_SEED: u64 = 1;
 
 /// A cloud that is being read. `chunks` share their columns with those that were sent.
 pub(crate) struct Loading {
@@ -100,7 +103,10 @@ impl Loader {
         };
         // Position, normal and radius; colour; the file's own coordinates where they are kept.
         let point = 12 + 4 + 2 + 4 * usize::from(info.has_colors) + 24 * usize::from(is_exact) + columns;
-        info.points.saturating_mul(point as u64)
+        // Points that are spread over a mesh also have the corner that they are nearest to.
+        let is_spread = info.faces > 0 && u64::from(self.settings.surface.mesh_points) > info.points;
+        let spread = if is_spread { u64::from(self.settings.surface.mesh_points) * (point as u64 + 4) } else { 0 };
+        info.points.saturating_mul(point as u64).saturating_add(spread)
     }
 
     /// Announces a file that is read into memory.
@@ -161,11 +167,13 @@ impl Loader {
         let found: Option<KeptSurfels> = found.ok().flatten();
         let chunks = Mutex::new(Vec::new());
         let total = self.progress.total();
+        let is_mesh = source.is_mesh();
         let emit = |mut chunk: Chunk| {
             // The reader has set the total of its own file.
             self.progress.set_total(total);
             // Should normals and radii have to be estimated, they are estimated from what the file has.
-            chunks.lock().unwrap_or_else(PoisonError::into_inner).push(Chunk { columns: Vec::new(), ..chunk.clone() });
+            let columns = if is_mesh { chunk.columns.clone() } else { Vec::new() };
+            chunks.lock().unwrap_or_else(PoisonError::into_inner).push(Chunk { columns, ..chunk.clone() });
             match found.as_ref().map(|kept| kept.of(&chunk)) {
                 Some(Ok(surfels)) => {
                     chunk.normals = Some(Arc::new(surfels.normals));
@@ -182,6 +190,10 @@ impl Loader {
         let mut read = source.read(&selection(source.info(), &self.settings), &self.progress, &emit);
         tracing::debug!(path = %source.info().path.display(), seconds = start.elapsed().as_secs_f64(), "read");
         let is_damaged = is_damaged.into_inner();
+        let mut chunks = chunks.into_inner().unwrap_or_else(PoisonError::into_inner);
+        chunks.sort_by_key(|chunk| chunk.first_point);
+        let is_whole = read.as_ref().is_ok_and(|summary| !summary.cancelled);
+        let on_faces = if is_whole { self.spread_over_faces(loading, &chunks) } else { None };
         if let Ok(summary) = &mut read {
             if is_damaged {
                 let warning = "the normals and radii kept in the cache are damaged, and are estimated anew";
@@ -189,10 +201,27 @@ impl Loader {
             }
             loading.place = place.filter(|_| !summary.cancelled);
         }
-        loading.has_kept_surfels = is_complete.into_inner() && !is_damaged;
-        loading.chunks = chunks.into_inner().unwrap_or_else(PoisonError::into_inner);
-        loading.chunks.sort_by_key(|chunk| chunk.first_point);
+        loading.has_kept_surfels = is_complete.into_inner() && !is_damaged || on_faces.is_some();
+        loading.chunks = chunks;
+        if let Some(MeshPoints { chunks, vertices }) = on_faces {
+            self.send(Event::Surfels { cloud, surfels: vertices })?;
+            for chunk in chunks {
+                self.send(Event::Chunk { cloud, part: Part::Block(chunk.first_point), chunk })?;
+            }
+        }
         self.end(loading, read)
+    }
+
+    /// The points between the vertices of a mesh, if it shows any: a face list that cannot be parsed has none.
+    fn spread_over_faces(&self, loading: &Loading, vertices: &[Chunk]) -> Option<MeshPoints> {
+        let (source, count) = (&loading.source, self.settings.surface.mesh_points);
+        if !source.is_mesh() || u64::from(count) <= source.info().points {
+            return None;
+        }
+        let start = Instant::now();
+        let points = MeshPoints::new(vertices, &source.triangles().ok()?, count as usize, MESH_SEED);
+        tracing::debug!(seconds = start.elapsed().as_secs_f64(), is_surface = points.is_some(), "points of a mesh");
+        points
     }
 
     /// The place in the cache for the normals and radii of a file, if they are worth keeping.

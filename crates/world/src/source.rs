@@ -94,6 +94,17 @@ pub fn read_column(
     Ok(columns.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
+/// The values of a chunk's points in a column that was read after them; none if the file has changed since.
+pub(crate) fn column_of(chunk: &Chunk, columns: &BTreeMap<u64, Arc<Column>>) -> Option<Arc<Column>> {
+    if let Some(corners) = &chunk.corners {
+        let parts: Vec<&Column> = columns.values().map(Arc::as_ref).collect();
+        let all = Column::joined(&parts)?;
+        let is_known = corners.iter().all(|corner| (*corner as usize) < all.len());
+        return is_known.then(|| Arc::new(all.select(corners)));
+    }
+    columns.get(&chunk.first_point).filter(|column| column.len() == chunk.len()).cloned()
+}
+
 /// The axis that points up: that of the setting, or the one that fits the data.
 pub(crate) fn up(fitting: DVec3, settings: &Settings) -> DVec3 {
     match settings.view.up {
@@ -130,7 +141,8 @@ pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOp
 
 /// Everything beside a file that decides its normals and radii, in words that differ where one of them does.
 pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
-    let scene::Surface { neighbours, orientation, radii, carve } = &settings.surface;
+    // Normals and radii that are kept are those of clouds; points on meshes bring theirs.
+    let scene::Surface { mesh_points: _, neighbours, orientation, radii, carve } = &settings.surface;
     let (version, up) = (env!("CARGO_PKG_VERSION"), up.to_array());
     format!("glint {version}, {neighbours} neighbours, {orientation:?}, {radii:?} radii, carve {carve}, up {up:?}")
 }

@@ -89,8 +89,13 @@ impl Tools {
 
     fn select(&mut self, point: PickedPoint, world: DVec3, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
         let Some(entry) = loaded.cloud(point.chunk.cloud) else { return };
-        let Some(chunk) = entry.chunk(point.chunk.part) else { return };
-        let number = chunk.first_point + point.index as u64;
+        // A place on a mesh stands for the vertex beside it.
+        let Some((part, index)) = entry.point_in_file(point.chunk.part, point.index) else { return };
+        let is_moved = (part, index) != (point.chunk.part, point.index);
+        let point = PickedPoint { chunk: point.chunk.cloud.chunk(part), index };
+        let world = loaded.world_position(point).filter(|_| is_moved).unwrap_or(world);
+        let Some(chunk) = entry.chunk(part) else { return };
+        let number = chunk.first_point + index as u64;
         let is_streamed = entry.streamed.is_some();
         let source = entry.source.clone().filter(|_| !is_streamed);
         let cloud = entry.cloud.name.clone();
