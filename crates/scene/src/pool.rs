@@ -111,7 +111,7 @@ fn mirror(name: &str, shape: Shape, size: f64) -> Mirror {
 }
 
 pub(crate) fn camera() -> Camera {
-    Camera::from_eye(DVec3::new(3.9, 1.9, 8.4), DVec3::new(-0.9, 1.15, 0.0), DVec3::Y)
+    Camera::from_eye(DVec3::new(3.7, 2.5, 8.2), DVec3::new(-0.8, 0.85, 0.0), DVec3::Y)
 }
 
 /// The parameters that belong to the scene: its sun and its sky.
@@ -126,13 +126,23 @@ pub(crate) fn settings() -> Settings {
     // Light and shadows show depth.
     settings.edl.strength = 0.0;
     settings.tone.exposure = 0.6;
-    // Large flat surfaces need few points, and few points are ready soon.
-    settings.scene.points = 600_000;
+    // No hole is left between the discs of large flat surfaces.
+    settings.splat.size = 1.35;
+    // They need few points, and few points are ready soon.
+    settings.scene.points = 1_000_000;
     settings
 }
 
+/// The points of a surface keep this distance from its border, about the radius of their discs, which then end there:
+/// from below, one would see dark discs stand out over the top of a wall.
+const INSET: f64 = 0.02;
+
 fn rectangle(corner: [f64; 3], u: DVec3, v: DVec3) -> Surface {
-    Surface::Rectangle { corner: DVec3::from(corner), edges: [u, v] }
+    let [inset_u, inset_v] = [u, v].map(|edge| edge.normalize_or_zero() * INSET);
+    Surface::Rectangle {
+        corner: DVec3::from(corner) + inset_u + inset_v,
+        edges: [u - 2.0 * inset_u, v - 2.0 * inset_v],
+    }
 }
 
 /// The sides of a block that stands on the floor.
