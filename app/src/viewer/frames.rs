@@ -20,6 +20,9 @@ const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);
 const TOO_LONG: f64 = 50.0;
 /// How long the first picture after a movement may take in milliseconds, where full quality takes more than twice that.
 const FIRST_STILL: f64 = 200.0;
+/// How coarse the very first picture is, before any time is known: it comes four times as soon, and a better one
+/// follows.
+const FIRST: Spared = Spared { divisor: 2, most_points: None };
 
 /// How long a picture may be that of earlier values before the panel says so: shorter waits would make the notice
 /// flicker.
@@ -158,6 +161,8 @@ impl Frames {
         let spared = if is_moving && milliseconds > 0.0 {
             self.first_still = None;
             Some(self.haste.spare(wanted.size, milliseconds))
+        } else if self.shown.is_none() && !is_recorded {
+            Some(FIRST)
         } else {
             self.first_still(wanted.size).filter(|_| !is_recorded)
         };
