@@ -81,19 +81,21 @@ fn cubemap_trace(@builtin(global_invocation_id) invocation: vec3u, @builtin(num_
     let shown = shown_for(walk, ray, mirror);
     let tests = select(0u, before.w, use_listed) + walk.cells;
     if shown.kind == WALK_HIT {
-        let is_proven = walk.kind == WALK_HIT && criterion == CUBEMAP_TRACE_CRITERION_PLANE;
+        let is_proven = walk.kind == WALK_HIT && criterion == CUBEMAP_TRACE_CRITERION_PLANE && cubes.lag == 0u;
         let key = bitcast<u32>(shown.t) | select(HIT_UNPROVEN, 0u, is_proven);
         hits[pixel] = vec4u(key, shown.identity + 1u, bitcast<u32>(shown.t), tests);
     } else {
         hits[pixel].w = tests;
-        if before.y == 0u && walk.kind == WALK_HIDDEN && rest_of_rays != CUBEMAP_TRACE_REST_SURFEL_TRACE {
+        let is_left = walk.kind == WALK_HIDDEN && rest_of_rays != CUBEMAP_TRACE_REST_SURFEL_TRACE;
+        if before.y == 0u && (is_left || (walk.kind == WALK_OPEN && cubes.lag != 0u)) {
             hits[pixel].x = HIT_UNKNOWN;
         }
     }
     if walk.kind == WALK_HIDDEN {
         let place = atomicAdd(&rest[0], 1u);
         atomicStore(&rest[1u + 2u * place], pixel);
-        atomicStore(&rest[2u + 2u * place], bitcast<u32>(walk.t));
+        // What maps tell that lag is not proven.
+        atomicStore(&rest[2u + 2u * place], bitcast<u32>(select(walk.t, 0.0, cubes.lag != 0u)));
     }
     if counts {
         textureStore(views_out, id, vec4f(0.0, 0.0, f32(tests), 0.0));

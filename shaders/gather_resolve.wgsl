@@ -1,5 +1,6 @@
 // The Mirror G-Buffer from the point that each mirror pixel's ray meets. Runs once for each page of the point store and takes
-// the pixels whose point lies in it; the first page also writes the pixels that see nothing. One thread a pixel.
+// the pixels whose point lies in it; the first page also writes the pixels that see nothing, and
+// those whose point is on no page: maps that lag may hold points that are hidden. One thread a pixel.
 #import point_surface
 #import mirror_ray
 #import hit
@@ -31,8 +32,8 @@ fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
     var is_ours = page.is_first == 1u && is_point;
     if hit.y != 0u && is_point {
         let index = index_of_identity(hit.y - 1u);
-        is_ours = index < page.point_count;
-        if is_ours {
+        if index < page.point_count {
+            is_ours = true;
             let seen_from = textureLoad(eye_in, id, 0).xyz;
             let direction = reflected_direction(point.xyz, textureLoad(normal_in, id, 0).xyz, seen_from);
             let surface = surface_of_point(index, -direction);

@@ -359,6 +359,9 @@ struct Stats {
     regions: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     unresolved: Option<f64>,
+    /// The maps around mirrors, of `cubemap_trace`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    maps: Option<MapStats>,
     uncertain: Option<f64>,
     /// The method that found what is seen through glass and water, where there is some.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -393,6 +396,13 @@ struct PassStats {
     name: &'static str,
     stage: &'static str,
     ms: f64,
+}
+
+#[derive(Serialize)]
+struct MapStats {
+    drawn: u32,
+    /// Fewer are drawn where they do not fit into one binding of the adapter.
+    asked: u32,
 }
 
 #[derive(Serialize)]
@@ -450,6 +460,7 @@ impl Stats {
             hit_rate: reflection.and_then(|stats| stats.hit_rate),
             regions: reflection.and_then(|stats| stats.regions),
             unresolved: reflection.and_then(|stats| stats.unresolved),
+            maps: reflection.and_then(|stats| stats.maps).map(|maps| MapStats { drawn: maps.drawn, asked: maps.asked }),
             uncertain: reflection.map(|stats| stats.uncertain),
             seen_through_by: reflection.and_then(|stats| stats.seen_through_by).map(|method| method.row().name),
             bounces: reflection.map_or(0, |stats| stats.bounces),

@@ -15,7 +15,8 @@ struct Cubes {
     levels: u32,
     // The number of maps.
     maps: u32,
-    unused_0: u32,
+    // 1 if some faces lack the newest points.
+    lag: u32,
     unused_1: u32,
     unused_2: u32,
     places: array<vec4f>,

@@ -237,6 +237,7 @@ struct CubemapTrace {
     disc_slack: f32,
     own: u32,
     rest: u32,
+    faces_per_frame: u32,
 }
 const CUBEMAP_TRACE_PLACEMENT_MIDDLE: u32 = 0u;
 const CUBEMAP_TRACE_PLACEMENT_SURFACE: u32 = 1u;

@@ -4,6 +4,8 @@
 
 use std::collections::HashMap;
 
+use crate::layout::BLOCK_POINTS;
+
 /// A cloud in the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CloudId(pub u32);
@@ -49,6 +51,16 @@ impl Identities {
         let (first, chunk) = self.chunks.get(after.checked_sub(1)?)?;
         (identity < self.end).then_some((*chunk, (identity - first) as usize))
     }
+
+    /// For each run of `BLOCK_POINTS` identities, the run in which `now` has its points; `u32::MAX` if they have gone.
+    pub fn runs_in(&self, now: &Self) -> Vec<u32> {
+        let ends = self.chunks.iter().skip(1).map(|(first, _)| *first).chain([self.end]);
+        let runs_of = |(&(first, chunk), end): (&(u32, ChunkId), u32)| {
+            let new = now.first.get(&chunk).map(|new| new / BLOCK_POINTS);
+            (0..(end - first) / BLOCK_POINTS).map(move |run| new.map_or(u32::MAX, |new| new + run))
+        };
+        self.chunks.iter().zip(ends).flat_map(runs_of).collect()
+    }
 }
 
 #[cfg(test)]
@@ -63,5 +75,17 @@ mod tests {
         assert_eq!(identities.find(1024), Some((ChunkId(3), 0)));
         assert_eq!(identities.find(identities.end()), None);
         assert_eq!(Identities::default().find(0), None);
+    }
+
+    #[test]
+    fn runs_of_identities_follow_their_chunks() {
+        let of = |chunks: &[(u32, u32)]| {
+            Identities::new(chunks.iter().map(|(chunk, runs)| (ChunkId(*chunk), runs * BLOCK_POINTS)))
+        };
+        let before = of(&[(7, 1), (3, 2), (5, 1)]);
+        assert_eq!(before.runs_in(&of(&[(9, 4), (3, 2), (5, 1), (7, 1)])), [7, 4, 5, 6]);
+        assert_eq!(before.runs_in(&of(&[(5, 1), (7, 1)])), [1, u32::MAX, u32::MAX, 0]);
+        assert_eq!(before.runs_in(&before), [0, 1, 2, 3]);
+        assert!(of(&[]).runs_in(&before).is_empty());
     }
 }

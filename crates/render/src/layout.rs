@@ -102,7 +102,7 @@ structs! {
     }
     /// The maps of `cubemap_trace`; their middles follow. Of shaders/shared/cubemaps.wgsl.
     Cubes {
-        size: u32, padded_size: u32, texels_of_face: u32, levels: u32, maps: u32, unused_0: u32, unused_1: u32, unused_2: u32,
+        size: u32, padded_size: u32, texels_of_face: u32, levels: u32, maps: u32, lag: u32, unused_1: u32, unused_2: u32,
     }
     /// The level of bounds that a pass makes, of shaders/cube_bounds.wgsl.
     CubeLevel { level: u32, unused_1: u32, unused_2: u32, unused_3: u32 }

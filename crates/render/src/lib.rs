@@ -44,7 +44,7 @@ pub use passes::PassStage;
 pub use probe::{LightProbe, MirrorProbe, Probe, SeenMirror, Shown};
 pub use read_back::Picked;
 pub use recorder::PassTime;
-pub use reflection::ReflectionStats;
 pub use reflection::kept_hits::GlossCache;
+pub use reflection::{MapCount, ReflectionStats};
 pub use renderer::{FrameStats, Renderer};
 pub use store::{Material, PointStore};

@@ -1,7 +1,7 @@
 //! Runs the rows of `scene::METHODS`: an arm of `Methods::run` for each, which also says where the views of its work
 //! are.
 
-use scene::{Method, Settings, Supply};
+use scene::{Method, ScreenRest, Settings, Supply};
 
 use crate::gpu::Result;
 use crate::identities::ChunkId;
@@ -63,9 +63,11 @@ impl Methods {
         Self { size, ..Self::default() }
     }
 
-    /// Empty methods for pictures of another size. The trees over the points do not depend on the size: they are kept.
+    /// Empty methods for pictures of another size. The trees over the points and the maps around mirrors do not depend on
+    /// the size: they are kept.
     pub fn resized(self, size: [u32; 2]) -> Self {
-        Self { size, index: self.index, ..Self::default() }
+        let Self { index, environment, cubemaps, .. } = self;
+        Self { size, index, environment, cubemaps, ..Self::default() }
     }
 
     /// Fills the Mirror G-Buffer of a task of its own, whose rays are not those of the frame, with what they meet of
@@ -218,6 +220,15 @@ pub(crate) fn supply_of(method: Method) -> Selection {
 pub(crate) fn follows_rays(settings: &Settings) -> bool {
     use Method::{CubemapTrace, ScreenTrace, SscrHierarchical, SurfelTrace};
     matches!(settings.reflection.method.chosen(), SurfelTrace | SscrHierarchical | CubemapTrace | ScreenTrace)
+}
+
+/// Whether rays walk through the maps around mirrors.
+pub(crate) fn walks_maps(settings: &Settings) -> bool {
+    match settings.reflection.method.chosen() {
+        Method::CubemapTrace => true,
+        Method::ScreenTrace => settings.screen_trace.rest == ScreenRest::CubemapTrace,
+        _ => false,
+    }
 }
 
 /// The method that finds what is seen through clear surfaces: the frame's, unless that traces no rays of any kind, or

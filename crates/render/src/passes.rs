@@ -227,6 +227,7 @@ passes! {
         views_out: Write(Rgba32Float),
     }
     cube_planes: Method over Pages { nearest: Read, records: ReadWrite }
+    cube_renumber: Method over Pixels { runs: Read, records: ReadWrite }
     cube_bounds: Method over Pixels { cubes: Read, records: Read, bounds: ReadWrite, work: Read }
     cubemap_trace: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, cubes: Read, records: Read, bounds: Read,

@@ -73,6 +73,8 @@ pub struct Renderer {
     pub(crate) lights: Lights,
     /// The inputs from which the current surfaces and reflections were made.
     made_from: Option<SurfaceInputs>,
+    /// Whether the last frame ended before it was drawn.
+    is_unfinished: bool,
     /// The inputs from which the surfaces of the points were made. They stay when a frame is given up after them.
     splatted_from: Option<PointInputs>,
     kept_shadows: Vec<DrawnMap>,
@@ -220,6 +222,7 @@ impl Renderer {
             reflections: None,
             lights,
             made_from: None,
+            is_unfinished: false,
             splatted_from: None,
             kept_shadows: Vec::new(),
             summed: None,
@@ -256,8 +259,9 @@ impl Renderer {
         self.exposure.share = share;
     }
 
-    /// Whether the following frames may be lit by the current virtual lights and shadow maps although points have come
-    /// or gone since: making them examines all points, which is worthwhile only for pictures that stay.
+    /// Whether the following frames may be lit by the current virtual lights and shadow maps, and walk rays through the
+    /// current maps around mirrors, although points have come or gone since: making them examines all points, which is
+    /// worthwhile only for pictures that stay.
     pub fn let_light_lag(&mut self, may_lag: bool) {
         self.gi.may_lag = may_lag;
     }
@@ -357,13 +361,21 @@ impl Renderer {
         }
         let asks = SurfaceInputs::new(without_mirrors, settings, &seen, step, store, objects)?;
         let made_from = self.made_from.as_ref().filter(|_| settings.reflection.keep);
-        let is_kept = made_from == Some(&asks);
+        let lacks_points = self.reflections.as_ref().is_some_and(|reflections| reflections.lacks_points(settings));
+        let is_kept = made_from == Some(&asks) && !lacks_points;
         let is_surface = |made: &SurfaceInputs| made.points == asks.points && made.formulas == asks.formulas;
         let surface_is_kept = made_from.is_some_and(is_surface);
         let points_are_kept = settings.reflection.keep && self.splatted_from.as_ref() == Some(&asks.points);
         // After an error neither half a frame nor the methods' work on it may be kept.
-        if let Some(reflections) = self.reflections.as_mut().filter(|_| self.made_from.is_none()) {
-            reflections.forget();
+        let was_unfinished = std::mem::replace(&mut self.is_unfinished, true);
+        if let Some(reflections) = self.reflections.as_mut() {
+            if was_unfinished {
+                reflections.forget();
+            }
+            if lacks_points {
+                reflections.forget_hits();
+            }
+            reflections.methods.cubemaps.begin(self.gi.may_lag);
         }
         self.made_from = None;
         let summed_before = self.summed.take();
@@ -582,6 +594,7 @@ impl Renderer {
         self.lit = has_indirect.then_some(Lit { lights, sky, has_highlights, has_gloss });
         self.splatted_from = Some(asks.points.clone());
         (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
+        self.is_unfinished = false;
         self.summed = summed;
         (self.tone, self.is_filmic) = (settings.tone.clone(), is_filmic);
         let exposure = self.handed.exposure()?.filter(|_| self.exposure.is_used);

@@ -374,6 +374,123 @@ fn maps_show_the_points_that_stand_whatever_came_and_went() {
 }
 
 #[test]
+fn maps_that_may_lag_are_drawn_a_few_faces_a_frame_and_end_as_those_drawn_at_once() {
+    let mut stage = stage_or_skip!();
+    let places = [DVec3::new(-0.4, 0.0, 0.0), DVec3::new(0.5, 0.0, 0.0)];
+    let mut scene = Scene::new(&stage, room(&[2]), places.map(|place| sphere(place, 0.3)).to_vec());
+    let found = |stage: &Stage| stage.renderer.read_aov(Aov::MirrorPosition).unwrap().data;
+    let proven = |data: &[f32]| data.as_chunks::<4>().0.iter().filter(|pixel| pixel[3] == 1.0).count();
+    // Four maps of six faces.
+    let settings = by_cubemaps(&[("cubemap_trace.rest", "none"), ("cubemap_trace.faces_per_frame", "5")]);
+    assert!(draws_maps(&scene.render(&mut stage, &settings)));
+    let before = found(&stage);
+    let counted = scene.render(&mut stage, &settings).reflection.and_then(|found| found.maps).unwrap();
+    assert_eq!((counted.drawn, counted.asked), (4, 4));
+    assert!(proven(&before) > 500);
+    stage.renderer.let_light_lag(true);
+    assert!(!draws_maps(&scene.render(&mut stage, &settings)), "nothing has changed");
+    let screen = |x: f64| wall(DVec3::new(x, -0.5, 0.5), [DVec3::X * 0.3, DVec3::Y * 0.6]);
+    add_points(&mut scene.store, vec![screen(-0.9)], Material::default());
+    for frame in 1..=5 {
+        assert!(draws_maps(&scene.render(&mut stage, &settings)), "frame {frame}");
+        let lagging = found(&stage);
+        // The other mirror is put in front by its formula.
+        let is_unproven = |pixel: &[f32; 4]| {
+            let found = Vec3::from_slice(pixel).as_dvec3();
+            pixel[3] != 1.0 || places.iter().any(|place| found.distance(*place) < 0.301)
+        };
+        let is_doubted = lagging.as_chunks::<4>().0.iter().all(is_unproven);
+        assert_eq!(is_doubted, frame < 5, "frame {frame}: what stale maps show is not proven");
+    }
+    let caught_up = bits(&stage);
+    assert!(!draws_maps(&scene.render(&mut stage, &settings)), "all faces are drawn");
+    stage.renderer.let_light_lag(false);
+    stage.renderer.forget();
+    scene.render(&mut stage, &settings);
+    assert!(bits(&stage) == caught_up, "as at once");
+
+    // A picture that stays draws all that is left, though nothing else has changed.
+    stage.renderer.let_light_lag(true);
+    add_points(&mut scene.store, vec![screen(0.6)], Material::default());
+    scene.render(&mut stage, &settings);
+    stage.renderer.let_light_lag(false);
+    assert!(draws_maps(&scene.render(&mut stage, &settings)));
+    let settled = bits(&stage);
+    stage.renderer.forget();
+    scene.render(&mut stage, &settings);
+    assert!(bits(&stage) == settled, "settled");
+}
+
+#[test]
+fn faces_that_lag_show_the_points_of_before_by_their_new_identities_and_none_that_went() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, Vec::new(), vec![sphere(DVec3::ZERO, RADIUS)]);
+    // Points count by clouds, so that those of the room come after those of the screens.
+    let clouds = [0; 2].map(|_| scene.store.add_cloud(Material::default()));
+    let screens = [-0.9, 0.4].map(|x| wall(DVec3::new(x, -0.5, 0.9), [DVec3::X * 0.5, DVec3::Y * 1.1]));
+    let first = scene.store.add_chunk(clouds[0], &screens[0], None).unwrap();
+    scene.store.add_chunk(clouds[1], &screens[1], None).unwrap();
+    add_points(&mut scene.store, room(&[]), Material::default());
+    let settings = by_cubemaps(&[
+        ("cubemap_trace.rest", "none"),
+        ("cubemap_trace.maps", "1"),
+        ("cubemap_trace.faces_per_frame", "1"),
+        ("splat.close_gaps", "false"),
+    ]);
+    let seen = |scene: &Scene, stage: &mut Stage| {
+        assert!(draws_maps(&scene.render(stage, &settings)));
+        pixels(stage, &scene.camera)
+    };
+    let before = seen(&scene, &mut stage);
+    let is_of_screen = |seen: &Seen| seen.found.is_some() && side_of(seen.albedo).is_none();
+    let walls_are_kept = |after: &[Seen]| {
+        let walls = before.iter().zip(after).filter(|(before, _)| side_of(before.albedo).is_some());
+        let (same, all) = walls.fold((0, 0), |(same, all), (before, after)| {
+            (same + usize::from(side_of(before.albedo) == side_of(after.albedo)), all + 1)
+        });
+        assert!(all > 300 && same == all, "{same} of {all}");
+    };
+    let of_screens = before.iter().filter(|seen| is_of_screen(seen)).count();
+    assert!(of_screens > 50, "{of_screens}");
+
+    stage.renderer.let_light_lag(true);
+    scene.store.remove_chunk(first);
+    scene.store.set_visible(clouds[1], false);
+    let without = seen(&scene, &mut stage);
+    walls_are_kept(&without);
+    assert!(!without.iter().any(is_of_screen));
+    // Five of six faces do not know yet what is behind the screens.
+    let empty = without.iter().filter(|seen| seen.found.is_none()).count();
+    assert!(empty * 2 > of_screens, "{empty} of {of_screens}");
+
+    scene.store.add_chunk(clouds[0], &screens[0], None).unwrap();
+    scene.store.set_visible(clouds[1], true);
+    walls_are_kept(&seen(&scene, &mut stage));
+    stage.renderer.let_light_lag(false);
+}
+
+#[test]
+fn pictures_of_another_size_keep_the_maps() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    for method in ["environment_map", "cubemap_trace"] {
+        let settings = by_cubemaps(&[("reflection.method", method)]);
+        let mut render = |size| {
+            let objects = Objects { mirrors: &scene.mirrors, ..Objects::default() };
+            let stats = stage.renderer.render(&scene.store, &scene.camera, &settings, objects, size).unwrap();
+            (draws_maps(&stats), bits(&stage))
+        };
+        render(SIZE);
+        let (is_drawn, kept) = render([80, 60]);
+        assert!(!is_drawn, "{method}");
+        stage.renderer.forget();
+        let objects = Objects { mirrors: &scene.mirrors, ..Objects::default() };
+        stage.renderer.render(&scene.store, &scene.camera, &settings, objects, [80, 60]).unwrap();
+        assert!(bits(&stage) == kept, "{method}");
+    }
+}
+
+#[test]
 fn new_colours_draw_no_map_and_change_no_place() {
     let mut stage = stage_or_skip!();
     let chunks = room(&[]);

@@ -424,6 +424,8 @@ params! {
         own: OwnPoints = OwnPoints::Auto;
         /// What rays show that no map resolves: nothing, or what surfel_trace finds from where they are known to be free, or the first thing that may hide it, or what lies in its direction from the map.
         rest: CubeRest = CubeRest::SurfelTrace;
+        /// Faces of maps that a frame of the viewer draws anew while points stream in or the view moves; the others show the points of before, marked as doubtful. A picture that stays has all.
+        faces_per_frame: u32 = 6, 1..=96, "faces";
     }
 
     /// Screen-space tracing: rays walk through the camera's picture (after Johnsson 2012).

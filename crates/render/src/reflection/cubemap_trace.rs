@@ -6,26 +6,20 @@
 //! The maps do not depend on the camera and are kept until points, mirrors or splats change. A texel is the disc of its
 //! nearest point, by its identity, so colours may change.
 
-use std::num::NonZeroU64;
-
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{CubeCriterion, CubePlacement, CubeRest, MirrorSurface, OwnPoints, Quality, Settings, Splat};
+use scene::{CubeCriterion, CubePlacement, CubeRest, OwnPoints, Quality, Settings, Splat};
 
-use super::environment_map::face_camera;
+use super::cubemaps::{Drawn, Layout, MapCount, Maps, catch_up, draw, radius_of, upload_cubes};
 use super::gather::{Gather, rest_list};
-use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
+use super::mirror_places::{MirrorMap, MirrorPlace, mirror_places, upload};
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace::{self, Rays};
 use super::task::Task;
 use crate::gpu::{Error, Result};
 use crate::identities::{ChunkId, CloudId};
-use crate::inputs::Inputs;
-use crate::layout::{CUBE_CELL_BYTES, CUBE_TEXEL_BYTES, CubeLevel, Cubes, NEAREST_BYTES};
-use crate::passes::{self, PassStage};
+use crate::passes;
 use crate::recorder::Recorder;
-use crate::store::draw_list::Selection;
-use crate::targets::storage;
 
 /// The maps, with the inputs from which they were drawn.
 #[derive(Default)]
@@ -33,56 +27,9 @@ pub(crate) struct CubemapTrace {
     maps: Option<Maps>,
     /// The rays that no map resolves.
     rest: Option<wgpu::Buffer>,
-}
-
-struct Maps {
-    drawn: Drawn,
-    /// The middle of each map.
-    places: Vec<DVec3>,
-    records: wgpu::Buffer,
-    bounds: wgpu::Buffer,
-}
-
-/// The inputs of the maps.
-#[derive(Clone, PartialEq)]
-struct Drawn {
-    revision: u64,
-    splat: Splat,
-    surface: MirrorSurface,
-    size: u32,
-    /// For each map, the cloud that it does not show, and the two places where it may stand.
-    wanted: Vec<(Option<CloudId>, [DVec3; 2])>,
-}
-
-/// The sizes of the parts of a map, in elements.
-struct Layout {
-    size: u32,
-    padded_size: u32,
-    texels_of_face: u32,
-    cells_of_face: u32,
-    levels: u32,
-}
-
-impl Layout {
-    fn new(size: u32) -> Self {
-        let padded_size = size.next_power_of_two();
-        Self {
-            size,
-            padded_size,
-            // Bindings must start at a multiple of 256 bytes.
-            texels_of_face: (size * size).next_multiple_of(256 / CUBE_TEXEL_BYTES as u32),
-            cells_of_face: (padded_size * padded_size - 1) / 3,
-            levels: padded_size.ilog2(),
-        }
-    }
-
-    fn record_bytes(&self) -> u64 {
-        6 * u64::from(self.texels_of_face) * CUBE_TEXEL_BYTES
-    }
-
-    fn bounds_bytes(&self) -> u64 {
-        6 * u64::from(self.cells_of_face) * CUBE_CELL_BYTES
-    }
+    /// Whether the frame may do with maps that lack the newest points, and whether it has drawn its faces of them.
+    may_lag: bool,
+    has_caught_up: bool,
 }
 
 impl CubemapTrace {
@@ -94,6 +41,21 @@ impl CubemapTrace {
     /// Makes the next frame draw the maps anew.
     pub fn forget(&mut self) {
         self.maps = None;
+    }
+
+    /// Begins a frame. With `may_lag` it draws at most `faces_per_frame` faces of maps for points that came or went.
+    pub fn begin(&mut self, may_lag: bool) {
+        (self.may_lag, self.has_caught_up) = (may_lag, false);
+    }
+
+    /// Whether some faces lack the newest points.
+    pub fn lags(&self) -> bool {
+        self.maps.as_ref().is_some_and(|maps| !maps.stale.is_empty())
+    }
+
+    /// The number of maps that stand, beside those asked for.
+    pub fn count(&self) -> Option<MapCount> {
+        self.maps.as_ref().map(|maps| MapCount { drawn: maps.places.len() as u32, asked: maps.asked })
     }
 
     /// Finds what the rays of a bounce meet.
@@ -150,19 +112,27 @@ impl CubemapTrace {
                 .map(|(mirror, places)| (mirrors[mirror].cloud.filter(|_| settings.own != OwnPoints::Drawn), places))
                 .collect(),
         };
-        let kept = self.maps.take().filter(|maps| maps.drawn == drawn);
-        let maps = match kept {
-            Some(maps) => maps,
-            None => {
-                let of_maps: Vec<&MirrorPlace> =
-                    mapped().flat_map(|mirror| vec![&mirrors[mirror]; wanted[mirror].len()]).collect();
-                draw(recorder, task, &layout, drawn, &of_maps)?
+        let of_maps: Vec<&MirrorPlace> =
+            mapped().flat_map(|mirror| vec![&mirrors[mirror]; wanted[mirror].len()]).collect();
+        let has_all = |maps: &Maps| maps.stale.is_empty() && maps.drawn == drawn;
+        let may_lag =
+            |maps: &Maps| self.may_lag && maps.drawn == Drawn { revision: maps.drawn.revision, ..drawn.clone() };
+        let maps = match self.maps.take() {
+            Some(maps) if has_all(&maps) => maps,
+            Some(mut maps) if may_lag(&maps) => {
+                if !std::mem::replace(&mut self.has_caught_up, true) {
+                    catch_up(recorder, task, &layout, &mut maps, drawn, &of_maps)?;
+                }
+                maps
             }
+            _ => draw(recorder, task, &layout, drawn, &of_maps)?,
         };
         let maps = self.maps.insert(maps);
+        let most = settings.maps as usize;
+        maps.asked = mirrors.iter().map(|mirror| wanted_places(mirror, task.settings, most).len() as u32).sum();
 
         let eye = task.supply.camera.eye;
-        let cubes = upload_cubes(recorder, &layout, &maps.places, eye);
+        let cubes = upload_cubes(recorder, &layout, &maps.places, eye, !maps.stale.is_empty());
         let first_of =
             |mirror: usize| (0..mirror).filter(|before| has_maps[*before]).map(|before| wanted[before].len()).sum();
         let middle = |mirror: usize| mirrors[mirror].bounds.center();
@@ -212,11 +182,6 @@ impl CubemapTrace {
         }
         Ok(())
     }
-}
-
-/// The size by which distances from a mirror are measured: half of its longest edge.
-fn radius_of(bounds: &Bounds) -> f64 {
-    0.5 * bounds.size().max_element()
 }
 
 /// How many maps each mirror has, where `wanted` of each are asked for and `room` fit into a binding: the same for all
@@ -288,123 +253,6 @@ fn is_convex(samples: &[(DVec3, DVec3)], eye: DVec3) -> bool {
         let facing = if is_closed || normal.dot(eye - *place) >= 0.0 { *normal } else { -*normal };
         some.iter().all(|(other, _)| facing.dot(*other - *place) <= 0.01 * extent)
     })
-}
-
-/// Uploads where the maps are.
-fn upload_cubes(recorder: &Recorder<'_>, layout: &Layout, places: &[DVec3], eye: DVec3) -> wgpu::Buffer {
-    let head = Cubes {
-        size: layout.size,
-        padded_size: layout.padded_size,
-        texels_of_face: layout.texels_of_face,
-        levels: layout.levels,
-        maps: places.len() as u32,
-        ..Cubes::default()
-    };
-    // The buffer must not be empty.
-    let first = if places.is_empty() { vec![eye] } else { places.to_vec() };
-    let relative: Vec<glam::Vec4> = first.iter().map(|place| (*place - eye).as_vec3().extend(0.0)).collect();
-    let bytes = [bytemuck::bytes_of(&head), bytemuck::cast_slice(&relative)].concat();
-    let buffer = storage(&recorder.gpu.device, "cubemaps", bytes.len() as u64);
-    recorder.gpu.queue.write_buffer(&buffer, 0, &bytes);
-    buffer
-}
-
-/// Draws the maps: the nearest point of each texel, then the records and the bounds. A map from which less than half of
-/// its mirror is seen is tried on the other side, because it may stand in a wall. `mirrors` has the mirror of each map.
-fn draw(
-    recorder: &mut Recorder<'_>,
-    task: &Task<'_>,
-    layout: &Layout,
-    drawn: Drawn,
-    mirrors: &[&MirrorPlace],
-) -> Result<Maps> {
-    recorder.time_as(Some(("cubemaps", PassStage::Method)));
-    let device = &recorder.gpu.device;
-    let count = drawn.wanted.len().max(1) as u64;
-    let records = storage(device, "cubemap records", layout.record_bytes() * count);
-    let bounds = storage(device, "cubemap bounds", layout.bounds_bytes() * count);
-    let nearest = storage(device, "nearest of a cubemap", 6 * map_bytes([layout.size; 2]));
-    let settings = Settings { splat: drawn.splat.clone(), ..task.settings.clone() };
-    let mut places = Vec::new();
-    for (map, (cloud, wanted)) in drawn.wanted.iter().enumerate() {
-        let selection = cloud.map_or(Selection::Seen, Selection::SeenBesides);
-        let records_of_map = layout.record_bytes() * map as u64;
-        let draw_at = |recorder: &mut Recorder<'_>, place: DVec3| -> Result<()> {
-            recorder.clear(&nearest);
-            for face in 0..6 {
-                let camera = face_camera(place, radius_of(&mirrors[map].bounds), face, layout.size);
-                let list = task.store.draw_list(&camera, &settings, selection);
-                let inputs = Inputs::new(recorder.gpu, camera, &settings, task.store, &list);
-                let part = |buffer, offset, bytes| {
-                    let size = NonZeroU64::new(bytes);
-                    wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
-                };
-                let face_bytes = map_bytes([layout.size; 2]);
-                let nearest = part(&nearest, face_bytes * face as u64, face_bytes);
-                let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
-                recorder.nearest_points(&[], &inputs, nearest.clone(), atomics64)?;
-                let record_bytes = layout.record_bytes() / 6;
-                let records = part(&records, records_of_map + record_bytes * face as u64, record_bytes);
-                let bindings = passes::cube_planes { nearest, records };
-                recorder.over_page_pixels(&inputs, bindings, inputs.pixel_groups())?;
-            }
-            Ok(())
-        };
-        draw_at(recorder, wanted[0])?;
-        let mut place = wanted[0];
-        if wanted[0] != wanted[1] {
-            let seen = |recorder: &mut Recorder<'_>, place| -> Result<f64> {
-                let Some(bytes) = recorder.read(&nearest)? else { return Ok(1.0) };
-                Ok(share_seen(&mirrors[map].samples, place, layout.size, &bytes))
-            };
-            let here = seen(recorder, wanted[0])?;
-            if here < 0.5 {
-                draw_at(recorder, wanted[1])?;
-                place = wanted[1];
-                if seen(recorder, wanted[1])? <= here {
-                    draw_at(recorder, wanted[0])?;
-                    place = wanted[0];
-                }
-            }
-        }
-        places.push(place);
-    }
-    // The directions of the faces do not depend on the places.
-    let cubes = upload_cubes(recorder, layout, &places, DVec3::ZERO);
-    for level in 1..=layout.levels {
-        let work = CubeLevel { level, ..CubeLevel::default() };
-        let buffer = storage(&recorder.gpu.device, "level of cubemaps", size_of::<CubeLevel>() as u64);
-        recorder.gpu.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&work));
-        let bindings = passes::cube_bounds {
-            cubes: cubes.as_entire_binding(),
-            records: records.as_entire_binding(),
-            bounds: bounds.as_entire_binding(),
-            work: buffer.as_entire_binding(),
-        };
-        let groups = layout.size.div_ceil(1 << level).div_ceil(8);
-        let switches = [("from_texels", u32::from(level == 1))];
-        recorder.over(&switches, task.supply, bindings, [groups, groups, 6 * places.len() as u32])?;
-    }
-    recorder.time_as(None);
-    Ok(Maps { drawn, places, records, bounds })
-}
-
-/// The share of a mirror's samples that a map at `place` sees; `nearest` holds the nearest points of its texels.
-fn share_seen(samples: &[(DVec3, DVec3)], place: DVec3, size: u32, nearest: &[u8]) -> f64 {
-    let words: &[[u32; 2]] = bytemuck::cast_slice(nearest);
-    let face_texels = map_bytes([size; 2]) / NEAREST_BYTES;
-    let is_seen = |(sample, _): &&(DVec3, DVec3)| {
-        let offset = *sample - place;
-        let largest = (0..3).fold(0, |a, b| if offset[b].abs() > offset[a].abs() { b } else { a });
-        let face = largest + if offset[largest] > 0.0 { 0 } else { 3 };
-        let depth = offset[largest].abs();
-        let slopes = [1, 2].map(|after| offset[(largest + after) % 3] / depth);
-        let texel = |slope: f64| ((0.5 * f64::from(size) * (1.0 + slope)) as u32).min(size - 1);
-        let [x, y] = [texel(slopes[0]), texel(-slopes[1])];
-        let [_, nearness] = words[(face_texels * face as u64) as usize + (y * size + x) as usize];
-        nearness == 0 || f64::from(f32::from_bits(u32::MAX - nearness)) > 0.95 * depth
-    };
-    samples.iter().filter(is_seen).count() as f64 / samples.len().max(1) as f64
 }
 
 #[cfg(test)]
@@ -594,7 +442,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn maps_are_spread_over_the_mirror_and_the_better_side_is_known() {
+    fn maps_are_spread_over_the_mirrors() {
         let line: Vec<(DVec3, DVec3)> = (0..11).map(|i| (DVec3::X * f64::from(i), DVec3::Z)).collect();
         assert_eq!(farthest(&line, 4), [0, 10, 5, 2]);
         assert_eq!(farthest(&line[..2], 4).len(), 2);
@@ -602,14 +450,6 @@ pub(super) mod tests {
         let maps = |mirrors, wanted, room| maps_of_mirrors(mirrors, wanted, room).collect::<Vec<_>>();
         assert_eq!((maps(2, 2, 9), maps(3, 4, 7)), (vec![2, 2], vec![2, 2, 2]));
         assert_eq!((maps(1, 2, 1), maps(3, 2, 2), maps(0, 2, 2)), (vec![1], vec![1, 1, 0], vec![]));
-        let size = 16;
-        let empty = vec![0_u8; (6 * map_bytes([size; 2])) as usize];
-        assert_eq!(share_seen(&line[1..], DVec3::ZERO, size, &empty), 1.0);
-        // Something stands halfway in each direction.
-        let half = (u32::MAX - 0.5_f32.to_bits()).to_le_bytes();
-        let texels = empty.len() / 8;
-        let full: Vec<u8> = (0..texels).flat_map(|_| [[0; 4], half].concat()).collect();
-        assert_eq!(share_seen(&line[1..], DVec3::ZERO, size, &full), 0.0);
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod beam;
 mod bounce;
 pub(crate) mod clear;
 pub(crate) mod cubemap_trace;
+mod cubemaps;
 #[cfg(test)]
 mod depth_search;
 #[cfg(test)]
@@ -38,6 +39,7 @@ use scene::{Method, Settings, Supply};
 
 pub(crate) use bounce::{Bounce, Search};
 use clear::Clear;
+pub use cubemaps::MapCount;
 use footprint::Footprint;
 pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet};
@@ -51,7 +53,7 @@ use crate::layout::{
     CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, HIT_BYTES, MIRROR_PIXELS, NODES_TESTED,
     POINTS_FOUND, POINTS_TRIED, POINTS_UNCONVERGED, RAYS_KEPT, RAYS_LEFT, RAYS_TRACED, REGIONS,
 };
-use crate::method::{Methods, Views, behind_clear};
+use crate::method::{Methods, Views, behind_clear, walks_maps};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, storage};
@@ -72,6 +74,8 @@ pub struct ReflectionStats {
     pub regions: Option<u32>,
     /// The share of the mirror pixels whose ray no picture of depths resolves (`cubemap_trace`, `screen_trace`).
     pub unresolved: Option<f64>,
+    /// The maps around mirrors through which rays walk (`cubemap_trace`).
+    pub maps: Option<MapCount>,
     /// The average numbers of nodes and of discs against which a ray was tested; known while steps are shown.
     pub tests_per_ray: Option<[f64; 2]>,
     /// The share of the mirror pixels whose content is doubtful: closed from neighbours, more than a pixel beside the
@@ -161,6 +165,11 @@ impl Reflections {
     /// Forgets what the rays of glossy mirrors meet.
     pub fn forget_hits(&mut self) {
         self.kept.forget();
+    }
+
+    /// Whether what was found last came from maps that lack the newest points.
+    pub fn lacks_points(&self, settings: &Settings) -> bool {
+        walks_maps(settings) && self.methods.cubemaps.lags()
     }
 
     /// Records that no mirror can be seen in the frame.
@@ -412,6 +421,7 @@ impl Reflections {
             seen_through_by: self.clear().map(|_| behind_clear(settings)),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
             unresolved: self.methods.leaves_rays().then(|| share(counters[RAYS_LEFT], pixels)),
+            maps: self.methods.cubemaps.count().filter(|_| walks_maps(settings)),
             bounces,
         }
     }

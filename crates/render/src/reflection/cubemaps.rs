@@ -1,0 +1,316 @@
+//! The maps of `cubemap_trace`: pictures of six faces of the points around mirrors, how they are drawn, and how they
+//! follow points that come and go.
+
+use std::collections::VecDeque;
+use std::num::NonZeroU64;
+use std::sync::Arc;
+
+use cloud::Bounds;
+use glam::DVec3;
+use scene::{MirrorSurface, Settings, Splat};
+
+use super::environment_map::face_camera;
+use super::mirror_places::{MirrorPlace, map_bytes};
+use super::task::Task;
+use crate::gpu::Result;
+use crate::identities::{CloudId, Identities};
+use crate::inputs::Inputs;
+use crate::layout::{CUBE_CELL_BYTES, CUBE_TEXEL_BYTES, CubeLevel, Cubes, NEAREST_BYTES};
+use crate::passes::{self, PassStage};
+use crate::recorder::Recorder;
+use crate::store::draw_list::Selection;
+use crate::targets::storage;
+
+/// The number of maps that stand, and of those that were asked for: fewer stand where they do not fit into one binding
+/// of the adapter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MapCount {
+    pub drawn: u32,
+    pub asked: u32,
+}
+
+/// The maps that stand.
+pub struct Maps {
+    pub drawn: Drawn,
+    /// The middle of each map.
+    pub places: Vec<DVec3>,
+    pub records: wgpu::Buffer,
+    pub bounds: wgpu::Buffer,
+    /// Those of the points in `records`.
+    identities: Arc<Identities>,
+    /// How many maps were asked for.
+    pub asked: u32,
+    /// The faces that lack the newest points, each as six times its map's number, plus its own; the first is drawn next.
+    pub stale: VecDeque<usize>,
+}
+
+/// The inputs of the maps.
+#[derive(Clone, PartialEq)]
+pub struct Drawn {
+    pub revision: u64,
+    pub splat: Splat,
+    pub surface: MirrorSurface,
+    pub size: u32,
+    /// For each map, the cloud that it does not show, and the two places where it may stand.
+    pub wanted: Vec<(Option<CloudId>, [DVec3; 2])>,
+}
+
+/// The sizes of the parts of a map, in elements.
+pub struct Layout {
+    size: u32,
+    padded_size: u32,
+    pub texels_of_face: u32,
+    cells_of_face: u32,
+    levels: u32,
+}
+
+impl Layout {
+    pub fn new(size: u32) -> Self {
+        let padded_size = size.next_power_of_two();
+        Self {
+            size,
+            padded_size,
+            // Bindings must start at a multiple of 256 bytes.
+            texels_of_face: (size * size).next_multiple_of(256 / CUBE_TEXEL_BYTES as u32),
+            cells_of_face: (padded_size * padded_size - 1) / 3,
+            levels: padded_size.ilog2(),
+        }
+    }
+
+    pub fn record_bytes(&self) -> u64 {
+        6 * u64::from(self.texels_of_face) * CUBE_TEXEL_BYTES
+    }
+
+    fn bounds_bytes(&self) -> u64 {
+        6 * u64::from(self.cells_of_face) * CUBE_CELL_BYTES
+    }
+}
+
+/// The size by which distances from a mirror are measured: half of its longest edge.
+pub fn radius_of(bounds: &Bounds) -> f64 {
+    0.5 * bounds.size().max_element()
+}
+
+/// Uploads where the maps are.
+pub fn upload_cubes(recorder: &Recorder<'_>, layout: &Layout, places: &[DVec3], eye: DVec3, lag: bool) -> wgpu::Buffer {
+    let head = Cubes {
+        size: layout.size,
+        padded_size: layout.padded_size,
+        texels_of_face: layout.texels_of_face,
+        levels: layout.levels,
+        maps: places.len() as u32,
+        lag: u32::from(lag),
+        ..Cubes::default()
+    };
+    // The buffer must not be empty.
+    let first = if places.is_empty() { vec![eye] } else { places.to_vec() };
+    let relative: Vec<glam::Vec4> = first.iter().map(|place| (*place - eye).as_vec3().extend(0.0)).collect();
+    let bytes = [bytemuck::bytes_of(&head), bytemuck::cast_slice(&relative)].concat();
+    let buffer = storage(&recorder.gpu.device, "cubemaps", bytes.len() as u64);
+    recorder.gpu.queue.write_buffer(&buffer, 0, &bytes);
+    buffer
+}
+
+/// What faces are drawn with.
+struct Pen<'a> {
+    task: &'a Task<'a>,
+    layout: &'a Layout,
+    settings: Settings,
+    records: &'a wgpu::Buffer,
+    /// The nearest points of the texels of the six faces of a map.
+    nearest: wgpu::Buffer,
+}
+
+impl<'a> Pen<'a> {
+    fn new(
+        recorder: &Recorder<'_>,
+        task: &'a Task<'a>,
+        layout: &'a Layout,
+        drawn: &Drawn,
+        records: &'a wgpu::Buffer,
+    ) -> Self {
+        let settings = Settings { splat: drawn.splat.clone(), ..task.settings.clone() };
+        let bytes = 6 * map_bytes([layout.size; 2]);
+        let nearest = storage(&recorder.gpu.device, "nearest of a cubemap", bytes);
+        Self { task, layout, settings, records, nearest }
+    }
+
+    /// Draws a face of a map at `place`: the nearest point of each texel, then the records. `cloud` is not shown.
+    fn draw_face(
+        &self,
+        recorder: &mut Recorder<'_>,
+        [map, face]: [usize; 2],
+        place: DVec3,
+        mirror: &MirrorPlace,
+        cloud: Option<CloudId>,
+    ) -> Result<()> {
+        let Self { task, layout, settings, .. } = self;
+        let camera = face_camera(place, radius_of(&mirror.bounds), face, layout.size);
+        let list = task.store.draw_list(&camera, settings, cloud.map_or(Selection::Seen, Selection::SeenBesides));
+        let inputs = Inputs::new(recorder.gpu, camera, settings, task.store, &list);
+        let part = |buffer, offset, bytes| {
+            let size = NonZeroU64::new(bytes);
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
+        };
+        let face_bytes = map_bytes([layout.size; 2]);
+        let first = face_bytes * face as u64;
+        recorder.clear_part(&self.nearest, first..first + face_bytes);
+        let nearest = part(&self.nearest, first, face_bytes);
+        let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
+        recorder.nearest_points(&[], &inputs, nearest.clone(), atomics64)?;
+        let record_bytes = layout.record_bytes() / 6;
+        let records = part(self.records, record_bytes * (6 * map + face) as u64, record_bytes);
+        let bindings = passes::cube_planes { nearest, records };
+        recorder.over_page_pixels(&inputs, bindings, inputs.pixel_groups())
+    }
+}
+
+/// Draws the maps. A map from which less than half of its mirror is seen is tried on the other side, because it may stand
+/// in a wall. `mirrors` has the mirror of each map.
+pub fn draw(
+    recorder: &mut Recorder<'_>,
+    task: &Task<'_>,
+    layout: &Layout,
+    drawn: Drawn,
+    mirrors: &[&MirrorPlace],
+) -> Result<Maps> {
+    recorder.time_as(Some(("cubemaps", PassStage::Method)));
+    let device = &recorder.gpu.device;
+    let count = drawn.wanted.len().max(1) as u64;
+    let records = storage(device, "cubemap records", layout.record_bytes() * count);
+    let bounds = storage(device, "cubemap bounds", layout.bounds_bytes() * count);
+    let pen = Pen::new(recorder, task, layout, &drawn, &records);
+    let mut places = Vec::new();
+    for (map, (cloud, wanted)) in drawn.wanted.iter().enumerate() {
+        let draw_at = |recorder: &mut Recorder<'_>, place: DVec3| -> Result<()> {
+            (0..6).try_for_each(|face| pen.draw_face(recorder, [map, face], place, mirrors[map], *cloud))
+        };
+        draw_at(recorder, wanted[0])?;
+        let mut place = wanted[0];
+        if wanted[0] != wanted[1] {
+            let seen = |recorder: &mut Recorder<'_>, place| -> Result<f64> {
+                let Some(bytes) = recorder.read(&pen.nearest)? else { return Ok(1.0) };
+                Ok(share_seen(&mirrors[map].samples, place, layout.size, &bytes))
+            };
+            let here = seen(recorder, wanted[0])?;
+            if here < 0.5 {
+                draw_at(recorder, wanted[1])?;
+                place = wanted[1];
+                if seen(recorder, wanted[1])? <= here {
+                    draw_at(recorder, wanted[0])?;
+                    place = wanted[0];
+                }
+            }
+        }
+        places.push(place);
+    }
+    drop(pen);
+    let identities = task.store.identities().clone();
+    let maps = Maps { drawn, places, records, bounds, identities, asked: 0, stale: VecDeque::new() };
+    bound(recorder, task, layout, &maps)?;
+    recorder.time_as(None);
+    Ok(maps)
+}
+
+/// Draws some faces for points that came or went, which all faces lack if `drawn` has another revision. Maps keep their
+/// sides of the mirror.
+pub fn catch_up(
+    recorder: &mut Recorder<'_>,
+    task: &Task<'_>,
+    layout: &Layout,
+    maps: &mut Maps,
+    drawn: Drawn,
+    mirrors: &[&MirrorPlace],
+) -> Result<()> {
+    if maps.drawn != drawn {
+        let fresh: Vec<usize> = (0..6 * maps.places.len()).filter(|face| !maps.stale.contains(face)).collect();
+        maps.stale.extend(fresh);
+        maps.drawn = drawn;
+    }
+    recorder.time_as(Some(("cubemaps", PassStage::Method)));
+    renumber(recorder, task, maps)?;
+    let pen = Pen::new(recorder, task, layout, &maps.drawn, &maps.records);
+    let count = maps.stale.len().min(task.settings.cubemap_trace.faces_per_frame as usize);
+    for face in maps.stale.drain(..count) {
+        let map = face / 6;
+        pen.draw_face(recorder, [map, face % 6], maps.places[map], mirrors[map], maps.drawn.wanted[map].0)?;
+    }
+    drop(pen);
+    bound(recorder, task, layout, maps)?;
+    recorder.time_as(None);
+    Ok(())
+}
+
+/// Gives the points of the maps the identities that they have now.
+fn renumber(recorder: &mut Recorder<'_>, task: &Task<'_>, maps: &mut Maps) -> Result<()> {
+    let identities = task.store.identities();
+    let runs = maps.identities.runs_in(identities);
+    maps.identities = identities.clone();
+    if runs.iter().zip(0..).all(|(now, before)| *now == before) {
+        return Ok(());
+    }
+    let buffer = storage(&recorder.gpu.device, "runs of identities", 4 * runs.len() as u64);
+    recorder.gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&runs));
+    let bindings =
+        passes::cube_renumber { runs: buffer.as_entire_binding(), records: maps.records.as_entire_binding() };
+    let groups = (maps.records.size() / CUBE_TEXEL_BYTES).div_ceil(64) as u32;
+    let columns = groups.min(1024);
+    recorder.over(&[], task.supply, bindings, [columns, groups.div_ceil(columns), 1])
+}
+
+/// Makes the bounds of all maps.
+fn bound(recorder: &mut Recorder<'_>, task: &Task<'_>, layout: &Layout, maps: &Maps) -> Result<()> {
+    // The directions of the faces do not depend on the places.
+    let cubes = upload_cubes(recorder, layout, &maps.places, DVec3::ZERO, false);
+    for level in 1..=layout.levels {
+        let work = CubeLevel { level, ..CubeLevel::default() };
+        let buffer = storage(&recorder.gpu.device, "level of cubemaps", size_of::<CubeLevel>() as u64);
+        recorder.gpu.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&work));
+        let bindings = passes::cube_bounds {
+            cubes: cubes.as_entire_binding(),
+            records: maps.records.as_entire_binding(),
+            bounds: maps.bounds.as_entire_binding(),
+            work: buffer.as_entire_binding(),
+        };
+        let groups = layout.size.div_ceil(1 << level).div_ceil(8);
+        let switches = [("from_texels", u32::from(level == 1))];
+        recorder.over(&switches, task.supply, bindings, [groups, groups, 6 * maps.places.len() as u32])?;
+    }
+    Ok(())
+}
+
+/// The share of a mirror's samples that a map at `place` sees; `nearest` holds the nearest points of its texels.
+fn share_seen(samples: &[(DVec3, DVec3)], place: DVec3, size: u32, nearest: &[u8]) -> f64 {
+    let words: &[[u32; 2]] = bytemuck::cast_slice(nearest);
+    let face_texels = map_bytes([size; 2]) / NEAREST_BYTES;
+    let is_seen = |(sample, _): &&(DVec3, DVec3)| {
+        let offset = *sample - place;
+        let largest = (0..3).fold(0, |a, b| if offset[b].abs() > offset[a].abs() { b } else { a });
+        let face = largest + if offset[largest] > 0.0 { 0 } else { 3 };
+        let depth = offset[largest].abs();
+        let slopes = [1, 2].map(|after| offset[(largest + after) % 3] / depth);
+        let texel = |slope: f64| ((0.5 * f64::from(size) * (1.0 + slope)) as u32).min(size - 1);
+        let [x, y] = [texel(slopes[0]), texel(-slopes[1])];
+        let [_, nearness] = words[(face_texels * face as u64) as usize + (y * size + x) as usize];
+        nearness == 0 || f64::from(f32::from_bits(u32::MAX - nearness)) > 0.95 * depth
+    };
+    samples.iter().filter(is_seen).count() as f64 / samples.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_sees_the_samples_before_which_nothing_stands() {
+        let line: Vec<(DVec3, DVec3)> = (1..11).map(|i| (DVec3::X * f64::from(i), DVec3::Z)).collect();
+        let size = 16;
+        let empty = vec![0_u8; (6 * map_bytes([size; 2])) as usize];
+        assert_eq!(share_seen(&line, DVec3::ZERO, size, &empty), 1.0);
+        // Something stands halfway in each direction.
+        let half = (u32::MAX - 0.5_f32.to_bits()).to_le_bytes();
+        let texels = empty.len() / 8;
+        let full: Vec<u8> = (0..texels).flat_map(|_| [[0; 4], half].concat()).collect();
+        assert_eq!(share_seen(&line, DVec3::ZERO, size, &full), 0.0);
+    }
+}
