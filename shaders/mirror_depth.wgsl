@@ -3,7 +3,7 @@
 #import blocks
 #import mirror_splat
 
-// Indexed by point of the page.
+// Indexed by point of the page, round by round.
 @group(2) @binding(0) var<storage, read> solutions: array<Solution>;
 // w: specular intensity, 0 where there is no mirror.
 @group(2) @binding(1) var point_in: texture_2d<f32>;
@@ -20,10 +20,17 @@ fn mirror_depth(
 }
 
 fn splat_point(item: Item, index: u32) {
-    let solution = solutions[index];
-    if solution.distance == 0.0 {
-        return;
+    var has_more = true;
+    for (var round = 0u; round < rounds && has_more; round++) {
+        let solution = solutions[index + round * page.point_count];
+        has_more = solution.distance != 0.0;
+        if has_more {
+            splat_solution(solution);
+        }
     }
+}
+
+fn splat_solution(solution: Solution) {
     let far = settings.sscr.mirror_z_far * frame.scene_radius;
     let size = vec2u(frame.width, frame.height);
     let splat = splat_of_solution(solution, settings.sscr.max_splat_size, far, size);

@@ -2,10 +2,11 @@
 // nearest add their values to the mirror pixels that they cover. One workgroup a block of points.
 #import blocks
 #import color
+#import mirror_ray
 #import mirror_splat
 #import mirror_sums
 
-// Indexed by point of the page.
+// Indexed by point of the page, round by round.
 @group(2) @binding(0) var<storage, read> solutions: array<Solution>;
 // xyz: mirror point. w: specular intensity, 0 where there is no mirror.
 @group(2) @binding(1) var point_in: texture_2d<f32>;
@@ -14,6 +15,8 @@
 @group(2) @binding(3) var<storage, read_write> sums: array<atomic<u32>>;
 // Half as many words of carries.
 @group(2) @binding(4) var<storage, read_write> carries: array<atomic<u32>>;
+@group(2) @binding(5) var normal_in: texture_2d<f32>;
+@group(2) @binding(6) var eye_in: texture_2d<f32>;
 
 @compute @workgroup_size(128)
 fn mirror_visibility(
@@ -25,10 +28,17 @@ fn mirror_visibility(
 }
 
 fn splat_point(item: Item, index: u32) {
-    let solution = solutions[index];
-    if solution.distance == 0.0 {
-        return;
+    var has_more = true;
+    for (var round = 0u; round < rounds && has_more; round++) {
+        let solution = solutions[index + round * page.point_count];
+        has_more = solution.distance != 0.0;
+        if has_more {
+            splat_solution(item, index, solution);
+        }
     }
+}
+
+fn splat_solution(item: Item, index: u32, solution: Solution) {
     let far = settings.sscr.mirror_z_far * frame.scene_radius;
     let size = vec2u(frame.width, frame.height);
     let splat = splat_of_solution(solution, settings.sscr.max_splat_size, far, size);
@@ -43,7 +53,13 @@ fn splat_point(item: Item, index: u32) {
             // Without a mirror there is no nearest point, and `farthest` is not a number.
             let farthest = farthest_counted(depth_from_nearness(nearest[pixel]), frame.scene_radius);
             if solution.distance <= farthest {
-                let toward = q - textureLoad(point_in, vec2i(x, y), 0).xyz;
+                let mirror_point = textureLoad(point_in, vec2i(x, y), 0).xyz;
+                var toward = q - mirror_point;
+                if own_sides {
+                    let normal = textureLoad(normal_in, vec2i(x, y), 0).xyz;
+                    let eye = textureLoad(eye_in, vec2i(x, y), 0).xyz;
+                    toward = on_plane(toward, own, reflected_direction(mirror_point, normal, eye));
+                }
                 let facing = select(own, -own, dot(own, toward) > 0.0);
                 let normal = vec3u(vec3i(round(facing * 2047.0)) + NORMAL_BIAS);
                 let relative = clamp(toward / (POSITION_REACH * farthest), vec3f(-1.0), vec3f(1.0));
@@ -61,6 +77,15 @@ fn splat_point(item: Item, index: u32) {
             }
         }
     }
+}
+
+// Where a reflected ray meets a point's plane, from the mirror point; the point itself if the plane is seen edge-on, or if
+// it has none (NaN). With the points themselves, slanted surfaces would be seen in steps as wide as the splats.
+fn on_plane(toward: vec3f, normal: vec3f, direction: vec3f) -> vec3f {
+    let along = dot(toward, direction);
+    let beside = length(toward - along * direction);
+    let plane = dot(normal, toward) / dot(normal, direction);
+    return select(toward, plane * direction, plane > 0.0 && abs(plane - along) <= STEEPEST * beside);
 }
 
 // A sum that wraps adds one to its half of a word of carries.

@@ -177,6 +177,7 @@ const REFLECTION_METHOD_SSCR_HIERARCHICAL: u32 = 5u;
 const REFLECTION_METHOD_SURFEL_TRACE: u32 = 6u;
 const REFLECTION_METHOD_CUBEMAP_TRACE: u32 = 7u;
 const REFLECTION_METHOD_SCREEN_TRACE: u32 = 8u;
+const REFLECTION_METHOD_SAMPLE_CAMERAS: u32 = 9u;
 const REFLECTION_SHOW_PICTURE: u32 = 0u;
 const REFLECTION_SHOW_UNCERTAIN: u32 = 1u;
 const REFLECTION_SHOW_BORDERS: u32 = 2u;
@@ -286,6 +287,31 @@ const SCREEN_TRACE_REST_SURFEL_TRACE: u32 = 1u;
 const SCREEN_TRACE_REST_CUBEMAP_TRACE: u32 = 2u;
 const SCREEN_TRACE_REST_ENVIRONMENT_MAP: u32 = 3u;
 
+// Sample-based cameras (after Popescu, Sacks and Mei 2006): bundles of the mirror's rays project points.
+struct SampleCameras {
+    accuracy: f32,
+    down_sampling: u32,
+    degree: u32,
+    least_square: u32,
+    largest_square: u32,
+    judged_by: u32,
+    near: f32,
+    roots: u32,
+    cull: u32,
+    polish: u32,
+    points_per_pixel: f32,
+    rest: u32,
+    splat: u32,
+}
+const SAMPLE_CAMERAS_JUDGED_BY_SOLVE: u32 = 0u;
+const SAMPLE_CAMERAS_JUDGED_BY_RAY: u32 = 1u;
+const SAMPLE_CAMERAS_CULL_NONE: u32 = 0u;
+const SAMPLE_CAMERAS_CULL_BLOCKS: u32 = 1u;
+const SAMPLE_CAMERAS_REST_NONE: u32 = 0u;
+const SAMPLE_CAMERAS_REST_SURFEL_TRACE: u32 = 1u;
+const SAMPLE_CAMERAS_SPLAT_PUBLISHED: u32 = 0u;
+const SAMPLE_CAMERAS_SPLAT_FOOTPRINT: u32 = 1u;
+
 // Screen-space curved reflections (Preiner 2010).
 struct Sscr {
     seed_attempts: u32,
@@ -378,6 +404,7 @@ struct Settings {
     environment_map: EnvironmentMap,
     cubemap_trace: CubemapTrace,
     screen_trace: ScreenTrace,
+    sample_cameras: SampleCameras,
     sscr: Sscr,
     surface: Surface,
     stream: Stream,

@@ -1,5 +1,6 @@
 // Regions of the mirror that bend one way, and the bits of the curvature map from which they are made (Preiner 2010,
 // sections 3.5 and 4.4). CPU twin: crates/render/src/reflection/sscr/twin.rs.
+#import ordered
 
 // How the surface bends from the previous pixel to this one: two bits for x, then two for y. If none is set, it is
 // planar.
@@ -55,16 +56,6 @@ const REGION_DIRECTION_HIGH: u32 = 17u;
 struct RegionTotals {
     regions: u32,
     pixels: u32,
-}
-
-// Integers in the order of the numbers that they represent, so that integer atomics find their minimum and maximum.
-fn ordered(value: f32) -> u32 {
-    let bits = bitcast<u32>(value);
-    return select(bits | 0x80000000u, ~bits, bits >= 0x80000000u);
-}
-
-fn from_ordered(bits: u32) -> f32 {
-    return bitcast<f32>(select(~bits, bits & 0x7fffffffu, bits >= 0x80000000u));
 }
 
 fn from_ordered3(bits: array<u32, 3>) -> vec3f {

@@ -3,6 +3,7 @@
 // from neighbouring pixels, so the direction of the root lines on the screen does not matter to them.
 // The importing pass defines `probe(search, at)`. CPU twin of interleaved and newton from random starts:
 // crates/render/src/reflection/sscr/twin.rs.
+#import hash
 #import params
 
 override solver: u32 = SSCR_SOLVER_INTERLEAVED;
@@ -51,13 +52,6 @@ struct Start {
 }
 
 const ANYWHERE: vec2f = vec2f(-1.0);
-
-// PCG's output permutation as a hash (Jarzynski, Olano 2020).
-fn hash(value: u32) -> u32 {
-    let state = value * 747796405u + 2891336453u;
-    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-    return (word >> 22u) ^ word;
-}
 
 fn random(state: ptr<function, u32>) -> f32 {
     *state = hash(*state);

@@ -108,6 +108,11 @@ structs! {
     CubeLevel { level: u32, unused_1: u32, unused_2: u32, unused_3: u32 }
     /// The camera's picture in `screen_trace`; the first cells of its levels follow. Of shaders/shared/screen.wgsl.
     Screen { levels: u32, level: u32, mirror_radius: f32, texels_of_layer: u32 }
+    /// The squares of `sample_cameras`, and the level that a pass makes, of shaders/shared/bundle.wgsl.
+    BundleGrid {
+        first_x: u32, first_y: u32, columns: u32, rows: u32, last_level: u32, level: u32, largest: u32, stride: u32,
+        scene_low: Vec4, scene_high: Vec4,
+    }
     /// The draw of a region that a search is for, of shaders/sscr_solve.wgsl.
     Round { draw: u32, seed: u32 }
 }
@@ -127,6 +132,8 @@ sizes! {
     MirrorPixel: MIRROR_PIXEL_BYTES = 32;
     Solution: SOLUTION_BYTES = 8;
     GlossPixel: GLOSS_PIXEL_BYTES = 16;
+    BundleNode: BUNDLE_NODE_BYTES = 64;
+    Bundle: BUNDLE_BYTES = 208;
 }
 
 /// Declares the size in bytes of an element of a buffer without structs, and a pass and slot to which it is bound.

@@ -12,6 +12,7 @@ use crate::reflection::forward::Forward;
 use crate::reflection::gather::Gather;
 use crate::reflection::kept_hits::KnownRays;
 use crate::reflection::mirrored_viewpoint::MirroredViewpoint;
+use crate::reflection::sample_cameras::SampleCameras;
 use crate::reflection::screen_trace::ScreenTrace;
 use crate::reflection::sscr::Sscr;
 use crate::reflection::surfel_index::SurfelIndex;
@@ -32,18 +33,19 @@ pub(crate) struct Methods {
     pub(crate) gather: Option<Gather>,
     forward: Option<Forward>,
     sscr: Option<Sscr>,
+    cameras: SampleCameras,
     /// The views of the method that ran last.
     views: Option<Origin>,
     /// Whether the method that ran last keeps the hits of its rays.
     keeps_hits: bool,
+    /// Whether the method that ran last counts rays that it does not resolve.
+    leaves_rays: bool,
 }
 
 /// The method that made the views.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy)]
 enum Origin {
     Gather,
-    /// A gather method that walks rays through pictures of depths, and counts those that it leaves.
-    Walk,
     Sscr,
 }
 
@@ -99,6 +101,7 @@ impl Methods {
         known: Option<&KnownRays<'_>>,
     ) -> Result<()> {
         self.keeps_hits = matches!(method, Method::CubemapTrace | Method::SurfelTrace | Method::SscrHierarchical);
+        self.leaves_rays = matches!(method, Method::CubemapTrace | Method::ScreenTrace | Method::SampleCameras);
         self.views = match method {
             // The method that `auto` resolves to runs in its place.
             Method::Auto | Method::None => None,
@@ -134,14 +137,21 @@ impl Methods {
                 } else {
                     gather.resolve(recorder, task)?;
                 }
-                let walks = matches!(method, Method::CubemapTrace | Method::ScreenTrace);
-                Some(if walks { Origin::Walk } else { Origin::Gather })
+                Some(Origin::Gather)
             }
             Method::Sscr => {
                 let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
                 let sscr = made(&mut self.sscr, || Sscr::new(recorder.gpu, self.size))?;
                 sscr.run(recorder, forward, task)?;
                 Some(Origin::Sscr)
+            }
+            Method::SampleCameras => {
+                let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                self.cameras.run(recorder, &mut self.index, gather, forward, task)?;
+                // The places in `forward` are no longer those of its last frame.
+                self.sscr.iter_mut().for_each(Sscr::forget);
+                None
             }
         };
         Ok(())
@@ -160,7 +170,7 @@ impl Methods {
     /// The views of the method that ran last.
     pub fn views(&self) -> Option<Views<'_>> {
         match self.views? {
-            Origin::Gather | Origin::Walk => {
+            Origin::Gather => {
                 let image = &self.gather.as_ref()?.views;
                 Some(Views { image, most_steps: 400, has_regions: false })
             }
@@ -171,7 +181,7 @@ impl Methods {
 
     /// Whether the method that ran last counts rays that it does not resolve.
     pub fn leaves_rays(&self) -> bool {
-        self.views == Some(Origin::Walk)
+        self.leaves_rays
     }
 
     /// Forgets what methods keep from frame to frame.
@@ -182,7 +192,7 @@ impl Methods {
     }
 
     pub fn bytes(&self) -> u64 {
-        let Self { index, environment, cubemaps, screen, mirrored, gather, forward, sscr, .. } = self;
+        let Self { index, environment, cubemaps, screen, mirrored, gather, forward, sscr, cameras, .. } = self;
         index.bytes()
             + environment.bytes()
             + cubemaps.bytes()
@@ -191,6 +201,7 @@ impl Methods {
             + gather.as_ref().map_or(0, Gather::bytes)
             + forward.as_ref().map_or(0, Forward::bytes)
             + sscr.as_ref().map_or(0, Sscr::bytes)
+            + cameras.bytes()
     }
 }
 
@@ -216,6 +227,11 @@ pub(crate) fn supply_of(method: Method) -> Selection {
     }
 }
 
+/// Whether a frame's method finds the mirror pixels of points, which takes neighbouring pixels for one surface.
+pub(crate) fn is_forward(settings: &Settings) -> bool {
+    matches!(settings.reflection.method.chosen(), Method::Sscr | Method::SampleCameras)
+}
+
 /// Whether a frame's method follows a ray for each mirror pixel, and so has hits that may be kept.
 pub(crate) fn follows_rays(settings: &Settings) -> bool {
     use Method::{CubemapTrace, ScreenTrace, SscrHierarchical, SurfelTrace};
@@ -235,7 +251,7 @@ pub(crate) fn walks_maps(settings: &Settings) -> bool {
 /// traces them through the camera's picture, which shows clear surfaces and not what is behind them.
 pub(crate) fn behind_clear(settings: &Settings) -> Method {
     match settings.reflection.method.chosen() {
-        Method::Sscr | Method::MirroredViewpoint | Method::ScreenTrace => Method::SurfelTrace,
+        Method::Sscr | Method::SampleCameras | Method::MirroredViewpoint | Method::ScreenTrace => Method::SurfelTrace,
         method => method,
     }
 }

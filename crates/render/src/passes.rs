@@ -274,9 +274,18 @@ passes! {
     sscr_views: Method over Pixels {
         curvature_map: Read, mirror_pixels: Read, endings: Read, parents: Read, views_out: Write(Rgba32Float),
     }
+    bundle_fit: Method over Pixels {
+        grid: Uniform, point_in: Texture, normal_in: Texture, eye_in: Texture, nodes: ReadWrite, bundles: ReadWrite,
+        counters: ReadWrite, hits: ReadWrite, rest: ReadWrite,
+    }
+    sample_cameras_project: Method over Blocks {
+        grid: Uniform, nodes: Read, bundles: Read, point_in: Texture, normal_in: Texture, eye_in: Texture,
+        solutions: ReadWrite, counters: ReadWrite,
+    }
     mirror_depth: Method over Blocks { solutions: Read, point_in: Texture, nearest: ReadWrite }
     mirror_visibility: Method over Blocks {
-        solutions: Read, point_in: Texture, nearest: Read, sums: ReadWrite, carries: ReadWrite,
+        solutions: Read, point_in: Texture, nearest: Read, sums: ReadWrite, carries: ReadWrite, normal_in: Texture,
+        eye_in: Texture,
     }
     mirror_average: Method over Pixels {
         point_in: Texture, nearest: Read, sums: Read, carries: Read, albedo_out: Write(Rgba16Float),

@@ -70,13 +70,16 @@ methods! {
     ScreenTrace = "screen_trace",
         "Reflected rays walk through the depths of the camera's picture; what it cannot tell is traced",
         Everything, Some("screen_trace"), [("screen_trace.rest", "none")];
+    SampleCameras = "sample_cameras",
+        "Bundles of reflected rays, fitted to squares of the mirror's picture, project each point",
+        Everything, Some("sample_cameras"), [("sample_cameras.degree", "3"), ("sample_cameras.rest", "none")];
 }
 
 /// The ray tracer as a method; the renderer does not have it.
 pub const RAY_TRACE: &str = "ray_trace";
 
 /// Names that are reserved for methods of later versions, so that asking for one is not taken for a spelling mistake.
-pub const LATER_METHODS: [&str; 2] = ["sample_cameras", "light_field"];
+pub const LATER_METHODS: [&str; 1] = ["light_field"];
 
 impl Method {
     pub fn row(self) -> &'static MethodRow {

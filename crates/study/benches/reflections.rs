@@ -1,8 +1,10 @@
 //! Reflection methods on the five mirrors: time and accuracy beside one another, all settings in turn in one run.
 //!
 //! `cargo bench --profile release -p study --bench reflections -- [MIRROR]... [KEY=VALUE]... [--try "KEY=VALUE ..."]...
-//! [--rounds N] [--passes] [--pictures FOLDER]`: each `--try` is a setting on top of the others, with reflections; without any, each
-//! method is one. Without mirrors all five. Pictures are PPM files.
+//! [--rounds N] [--passes] [--anew] [--pictures FOLDER]`: each `--try` is a setting on top of the others, with
+//! reflections; without any, each method is one. Without mirrors all five. With `--anew` nothing is kept from frame to
+//! frame, as if all points moved: the time of a whole frame then counts the trees over the points. Pictures are PPM
+//! files.
 
 use std::io::Write as _;
 
@@ -16,7 +18,8 @@ const SIZE: [u32; 2] = [800, 600];
 
 fn main() -> anyhow::Result<()> {
     let mut settings = Settings::default();
-    let (mut variants, mut tries, mut folder, mut rounds, mut all_passes) = (Vec::new(), Vec::new(), None, 5, false);
+    let (mut variants, mut tries, mut folder, mut rounds) = (Vec::new(), Vec::new(), None, 5);
+    let (mut all_passes, mut is_anew) = (false, false);
     let mut arguments = std::env::args().skip(1).filter(|argument| argument != "--bench");
     while let Some(argument) = arguments.next() {
         let mut value = || arguments.next().ok_or_else(|| anyhow::anyhow!("{argument}: a value is missing"));
@@ -25,6 +28,7 @@ fn main() -> anyhow::Result<()> {
             "--rounds" => rounds = value()?.parse()?,
             "--pictures" => folder = Some(value()?),
             "--passes" => all_passes = true,
+            "--anew" => is_anew = true,
             _ => match argument.split_once('=') {
                 Some((key, value)) => settings.set_text(key, value)?,
                 None => variants.extend(Variant::ALL.into_iter().filter(|variant| variant.name() == argument)),
@@ -67,9 +71,13 @@ fn main() -> anyhow::Result<()> {
             })
             .collect::<anyhow::Result<_>>()?;
         let mut times: Vec<Vec<Vec<PassTime>>> = vec![Vec::new(); tries.len()];
+        let mut frames: Vec<Vec<f64>> = vec![Vec::new(); tries.len()];
         let mut judged = Vec::new();
         for round in 0..=rounds {
             for (case, tried) in tried.iter().enumerate() {
+                if is_anew {
+                    renderer.forget();
+                }
                 let stats = stage.render(&mut renderer, tried, SIZE)?;
                 // The first round compiles.
                 if round == 0 {
@@ -79,6 +87,7 @@ fn main() -> anyhow::Result<()> {
                     judged.push((stats.reflection, stage.judge(&renderer, tried, SIZE)?));
                 } else {
                     times[case].push(stats.passes);
+                    frames[case].push(stats.frame_milliseconds);
                 }
             }
         }
@@ -91,7 +100,12 @@ fn main() -> anyhow::Result<()> {
             };
             let reflections = sum(&|pass| pass.stage == PassStage::Method);
             let (found, (same, exact)) = &judged[case];
-            println!("{} {text}: reflections {reflections:.0} ms, frame {:.0} ms", variant.name(), sum(&|_| true));
+            println!(
+                "{} {text}: reflections {reflections:.0} ms, all passes {:.0} ms, frame {:.0} ms",
+                variant.name(),
+                sum(&|_| true),
+                median(frames[case].clone())
+            );
             if let Some(found) = found {
                 println!(
                     "    coverage {:.4}, closed {:.4}, false fill {:.4}, recall {:.4}, hit rate {}, regions {}",

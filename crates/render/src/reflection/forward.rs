@@ -33,6 +33,24 @@ pub(crate) struct SolutionKey {
     pub bounce: usize,
 }
 
+/// How a method's solutions are splatted.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Splats {
+    /// The number of solutions of each point in a buffer; they are a page apart, and the first ones are used.
+    pub rounds: u32,
+    /// Whether each solution keeps the side of its splat, and the point is taken for a piece of its plane.
+    pub own_sides: bool,
+}
+
+impl Splats {
+    /// One solution a buffer; the sides of splats fall with the distance.
+    pub const PUBLISHED: Self = Self { rounds: 1, own_sides: false };
+
+    fn switches(self) -> [(&'static str, u32); 2] {
+        [("rounds", self.rounds), ("own_sides", u32::from(self.own_sides))]
+    }
+}
+
 /// The state of the back end that is kept from frame to frame.
 pub(crate) struct Forward {
     size: [u32; 2],
@@ -116,14 +134,22 @@ impl Forward {
         self.solutions.clear();
     }
 
-    /// Makes room for the solutions of each page's points, and drops those of pages, rounds and bounces that no longer
-    /// exist. `bounces` is the number of bounces whose solutions are kept apart.
+    /// Makes room for the solutions of each page's points, `together` of them in a buffer, and drops those of pages,
+    /// rounds and bounces that no longer exist. `bounces` is the number of bounces whose solutions are kept apart.
     ///
     /// # Errors
     /// No more memory.
-    pub fn reserve(&mut self, gpu: &Gpu, task: &Task<'_>, rounds: u32, bounce: usize, bounces: usize) -> Result<()> {
+    pub fn reserve(
+        &mut self,
+        gpu: &Gpu,
+        task: &Task<'_>,
+        rounds: u32,
+        together: u32,
+        [bounce, bounces]: [usize; 2],
+    ) -> Result<()> {
         let capacities = task.store.page_capacities();
-        let bytes = |page: usize| capacities.get(page).map(|capacity| u64::from(*capacity) * SOLUTION_BYTES);
+        let solution_bytes = SOLUTION_BYTES * u64::from(together);
+        let bytes = |page: usize| capacities.get(page).map(|capacity| u64::from(*capacity) * solution_bytes);
         self.solutions
             .retain(|key, buffer| key.round < rounds && key.bounce < bounces && bytes(key.page) == Some(buffer.size()));
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
@@ -155,10 +181,16 @@ impl Forward {
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn depth(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, round: u32, bounce: usize) -> Result<()> {
-        recorder.over_points_by_page(&[], task.supply, |page| {
+    pub fn depth(
+        &self,
+        recorder: &mut Recorder<'_>,
+        task: &Task<'_>,
+        splats: Splats,
+        [round, bounce]: [usize; 2],
+    ) -> Result<()> {
+        recorder.over_points_by_page(&splats.switches(), task.supply, |page| {
             Some(passes::mirror_depth {
-                solutions: self.bind_solutions(page, round, bounce)?,
+                solutions: self.bind_solutions(page, round as u32, bounce)?,
                 point_in: task.mirror.point.bind(),
                 nearest: self.nearest.as_entire_binding(),
             })
@@ -170,23 +202,37 @@ impl Forward {
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn visibility(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, round: u32, bounce: usize) -> Result<()> {
-        recorder.over_points_by_page(&[], task.supply, |page| {
+    pub fn visibility(
+        &self,
+        recorder: &mut Recorder<'_>,
+        task: &Task<'_>,
+        splats: Splats,
+        [round, bounce]: [usize; 2],
+    ) -> Result<()> {
+        recorder.over_points_by_page(&splats.switches(), task.supply, |page| {
             Some(passes::mirror_visibility {
-                solutions: self.bind_solutions(page, round, bounce)?,
+                solutions: self.bind_solutions(page, round as u32, bounce)?,
                 point_in: task.mirror.point.bind(),
                 nearest: self.nearest.as_entire_binding(),
                 sums: self.sums.as_entire_binding(),
                 carries: self.carries.as_entire_binding(),
+                normal_in: task.normal.bind(),
+                eye_in: task.mirror.eye.bind(),
             })
         })
     }
 
-    /// Averages the sums and closes open pixels, into the task's Mirror G-Buffer.
+    /// Averages the sums and closes open pixels, into the task's Mirror G-Buffer. Between the two, `fill` writes albedo,
+    /// normal and position of pixels that were found in another way.
     ///
     /// # Errors
-    /// A shader is refused.
-    pub fn close(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
+    /// A shader is refused, or the error of `fill`.
+    pub fn close(
+        &self,
+        recorder: &mut Recorder<'_>,
+        task: &Task<'_>,
+        fill: impl FnOnce(&mut Recorder<'_>, [wgpu::BindingResource<'_>; 3]) -> Result<()>,
+    ) -> Result<()> {
         let level = |level: usize| {
             self.pyramids.each_ref().map(|pyramid| wgpu::BindingResource::TextureView(&pyramid.levels[level]))
         };
@@ -201,6 +247,7 @@ impl Forward {
             position_out,
         };
         recorder.over_pixels(&[], task.supply, bindings)?;
+        fill(recorder, level(0))?;
         let made = self.pyramids[0].levels.len();
         for above in 1..made.min(task.settings.sscr.pull_levels as usize + 1) {
             let [albedo_in, normal_in, position_in] = level(above - 1);

@@ -48,7 +48,7 @@ impl Gather {
     /// # Errors
     /// A shader is refused.
     pub fn resolve(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
-        self.complete(recorder, task, |recorder, found| self.resolve_points(recorder, task, found))
+        self.complete(recorder, task, |recorder, found| self.resolve_points(recorder, task, found.bind()))
     }
 
     /// Writes the points that rays meet, and the pixels whose ray meets nothing. Rays that end in the camera's picture
@@ -56,8 +56,12 @@ impl Gather {
     ///
     /// # Errors
     /// A shader is refused.
-    pub fn resolve_points(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, found: &MirrorGBuffer) -> Result<()> {
-        let [albedo_out, normal_out, position_out] = found.bind();
+    pub fn resolve_points(
+        &self,
+        recorder: &mut Recorder<'_>,
+        task: &Task<'_>,
+        [albedo_out, normal_out, position_out]: [wgpu::BindingResource<'_>; 3],
+    ) -> Result<()> {
         let bindings = passes::gather_resolve {
             point_in: task.mirror.point.bind(),
             normal_in: task.normal.bind(),
@@ -100,23 +104,9 @@ impl Gather {
             };
             recorder.over_mirrors(&[], task.supply, bindings)?;
         }
-        if let Some(formulas) = task.formulas {
-            let [albedo_in, normal_in, position_in] = images(closings).bind();
-            let [albedo_out, normal_out, position_out] = task.seen.bind();
-            let bindings = passes::mirror_exact_seen {
-                point_in: task.mirror.point.bind(),
-                mirror_normal_in: task.normal.bind(),
-                eye_in: task.mirror.eye.bind(),
-                mirrors: formulas.as_entire_binding(),
-                albedo_in,
-                normal_in,
-                position_in,
-                albedo_out,
-                normal_out,
-                position_out,
-            };
-            recorder.over_mirrors(&[], task.supply, bindings)?;
+        match task.formulas {
+            Some(formulas) => images(closings).show_formulas(recorder, task, formulas),
+            None => Ok(()),
         }
-        Ok(())
     }
 }

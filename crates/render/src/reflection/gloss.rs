@@ -2,13 +2,14 @@
 //! another mirror normal for each pixel, so that every method that traces a mirror pixel's ray finds it as it finds
 //! that of a perfect mirror. Samples are found, shaded and summed one after the other (docs/methods/gloss.md).
 
-use scene::{GlossPattern, LightView, Method, Mirror, Settings, Show, Supply};
+use scene::{GlossPattern, LightView, Method, Mirror, Settings, Show};
 
 use super::bounce::Bounce;
 use super::task::MirrorSurface;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
 use crate::layout::{GLOSS_PIXEL_BYTES, GLOSS_SUM_BYTES};
+use crate::method;
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::store::PointStore;
@@ -116,9 +117,7 @@ pub(crate) fn is_refused_by(method: Method) -> bool {
 
 /// Whether all pixels draw the same directions.
 fn is_shared(settings: &Settings) -> bool {
-    // Forward methods, which alone search points of mirrors, take neighbouring mirror pixels for one surface.
-    let is_forward = settings.reflection.method.row().supply == Supply::WithMirrors;
-    is_forward || settings.gloss.pattern == GlossPattern::Shared
+    method::is_forward(settings) || settings.gloss.pattern == GlossPattern::Shared
 }
 
 impl Gloss {

@@ -26,6 +26,7 @@ pub(crate) mod kept_hits;
 mod lobe;
 mod mirror_places;
 pub(crate) mod mirrored_viewpoint;
+pub(crate) mod sample_cameras;
 pub(crate) mod screen_trace;
 #[cfg(test)]
 mod screen_walk;
@@ -68,11 +69,13 @@ pub struct ReflectionStats {
     pub closed_coverage: f64,
     /// The share of the points tried that found a pixel (forward methods).
     pub hit_rate: Option<f64>,
-    /// The share of the points tried whose search ran out of steps (SSCR).
+    /// The share of the points tried whose search ran out of steps (SSCR), or that more places reflect than are kept
+    /// (`sample_cameras`).
     pub unconverged: Option<f64>,
-    /// The number of regions of the mirror pixels (SSCR).
+    /// The number of regions of the mirror pixels (SSCR), or of squares (`sample_cameras`).
     pub regions: Option<u32>,
-    /// The share of the mirror pixels whose ray no picture of depths resolves (`cubemap_trace`, `screen_trace`).
+    /// The share of the mirror pixels whose ray no picture of depths resolves (`cubemap_trace`, `screen_trace`), or no
+    /// bundle of rays (`sample_cameras`).
     pub unresolved: Option<f64>,
     /// The maps around mirrors through which rays walk (`cubemap_trace`).
     pub maps: Option<MapCount>,

@@ -173,7 +173,7 @@ impl ScreenTrace {
                 position_out,
             };
             recorder.over_mirrors(&[], task.supply, bindings)?;
-            gather.resolve_points(recorder, task, found)?;
+            gather.resolve_points(recorder, task, found.bind())?;
             if task.settings.screen_trace.rest == ScreenRest::EnvironmentMap {
                 environment.fill(recorder, gather, task, found, true)?;
             }

@@ -6,17 +6,17 @@
 //! The labels that the paper finds on the CPU are made on the GPU; nothing is read back while a frame is made.
 
 #[cfg(test)]
-mod exact_mirrors;
+pub(super) mod exact_mirrors;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
-mod twin;
+pub(super) mod twin;
 
 use cloud::Bounds;
 use glam::Vec4;
 use scene::{Distribution, KeptPoints, Seeds, Show};
 
-use super::forward::{Forward, check_size, picture_buffer};
+use super::forward::{Forward, Splats, check_size, picture_buffer};
 use super::task::Task;
 use crate::gpu::{Gpu, Result};
 use crate::identities::ChunkId;
@@ -114,7 +114,7 @@ impl Sscr {
         if keeps_solutions && self.frames == 0 && task.bounce == 0 {
             forward.forget();
         }
-        forward.reserve(recorder.gpu, task, rounds, bounce, bounces)?;
+        forward.reserve(recorder.gpu, task, rounds, 1, [bounce, bounces])?;
         self.filter(recorder, task)?;
         self.label(recorder, task)?;
         self.cull(recorder, task)?;
@@ -122,7 +122,7 @@ impl Sscr {
         recorder.clear(&self.endings);
         for round in 0..rounds {
             self.solve(recorder, forward, task, round, bounce, task.bounce == 0)?;
-            forward.depth(recorder, task, round, bounce)?;
+            forward.depth(recorder, task, Splats::PUBLISHED, [round as usize, bounce])?;
         }
         for round in 0..rounds {
             if !solve_once {
@@ -131,9 +131,9 @@ impl Sscr {
                 self.solve(recorder, forward, task, round, bounce, false)?;
                 recorder.time_as(None);
             }
-            forward.visibility(recorder, task, round, bounce)?;
+            forward.visibility(recorder, task, Splats::PUBLISHED, [round as usize, bounce])?;
         }
-        forward.close(recorder, task)?;
+        forward.close(recorder, task, |_, _| Ok(()))?;
         if task.bounce == 0 {
             let bindings = passes::sscr_views {
                 curvature_map: self.curvature.as_entire_binding(),

@@ -2,7 +2,10 @@
 
 use scene::{Mirror, Settings};
 
+use crate::gpu::Result;
 use crate::inputs::Inputs;
+use crate::passes;
+use crate::recorder::Recorder;
 use crate::store::PointStore;
 use crate::targets::Image;
 
@@ -56,6 +59,28 @@ impl MirrorGBuffer {
 
     pub fn bind(&self) -> [wgpu::BindingResource<'_>; 3] {
         [self.albedo.bind(), self.normal.bind(), self.position.bind()]
+    }
+
+    /// Fills the task's Mirror G-Buffer with what this one holds, and puts mirrors with a formula in front.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn show_formulas(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, formulas: &wgpu::Buffer) -> Result<()> {
+        let [albedo_in, normal_in, position_in] = self.bind();
+        let [albedo_out, normal_out, position_out] = task.seen.bind();
+        let bindings = passes::mirror_exact_seen {
+            point_in: task.mirror.point.bind(),
+            mirror_normal_in: task.normal.bind(),
+            eye_in: task.mirror.eye.bind(),
+            mirrors: formulas.as_entire_binding(),
+            albedo_in,
+            normal_in,
+            position_in,
+            albedo_out,
+            normal_out,
+            position_out,
+        };
+        recorder.over_mirrors(&[], task.supply, bindings)
     }
 
     pub fn bytes(&self) -> u64 {

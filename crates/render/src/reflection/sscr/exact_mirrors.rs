@@ -6,6 +6,8 @@ use rayon::prelude::*;
 use scene::five_mirrors::{Variant, camera};
 
 use super::twin::{MirrorPicture, MirrorPixel, Random};
+use crate::Gpu;
+use crate::targets::Image;
 
 /// Negative inside, positive outside; for the paraboloid negative behind it.
 fn distance(mirror: Variant, p: DVec3) -> f64 {
@@ -97,4 +99,15 @@ pub fn wall_points(count: u32) -> Vec<Vec3> {
         position - eye
     };
     (0..count).map(|_| point()).collect()
+}
+
+/// Writes a texel of each mirror pixel.
+pub fn fill(gpu: &Gpu, picture: &MirrorPicture, image: &Image, texel: impl Fn(&MirrorPixel) -> [f32; 4]) {
+    let texels: Vec<[f32; 4]> = picture.pixels.iter().map(|pixel| pixel.as_ref().map_or([0.0; 4], &texel)).collect();
+    gpu.queue.write_texture(
+        image.texture.as_image_copy(),
+        bytemuck::cast_slice(&texels),
+        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(picture.size.x * 16), rows_per_image: None },
+        image.texture.size(),
+    );
 }

@@ -8,7 +8,7 @@ use param::{Kind, Params as _};
 use scene::five_mirrors::{Variant, camera};
 use scene::{Reading, Seeds, Settings, Show, Solver, Sscr as Parameters};
 
-use super::exact_mirrors::{picture, wall_points};
+use super::exact_mirrors::{fill, picture, wall_points};
 use super::twin::{
     self, MirrorPicture, MirrorPixel, Outcome, Random, Regions, Search, mapped_error, mirror_space_error,
     reflected_in_mirror_space,
@@ -334,17 +334,6 @@ impl Scene {
             albedo: texels(&self.bounce.seen.albedo),
         }
     }
-}
-
-/// Writes a texel of each mirror pixel.
-fn fill(gpu: &Gpu, picture: &MirrorPicture, image: &Image, texel: impl Fn(&MirrorPixel) -> [f32; 4]) {
-    let texels: Vec<[f32; 4]> = picture.pixels.iter().map(|pixel| pixel.as_ref().map_or([0.0; 4], &texel)).collect();
-    gpu.queue.write_texture(
-        image.texture.as_image_copy(),
-        bytemuck::cast_slice(&texels),
-        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(picture.size.x * 16), rows_per_image: None },
-        image.texture.size(),
-    );
 }
 
 fn share(of: impl Iterator<Item = bool>) -> f32 {

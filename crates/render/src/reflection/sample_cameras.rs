@@ -1,0 +1,215 @@
+//! Sample-based cameras (after Popescu, Sacks and Mei 2006): the reflected rays of a square of the mirror's picture are
+//! a bundle, a pair of polynomials, and project points as a camera does. Bundles are fitted anew each frame, so the
+//! method needs no tree over the points and keeps nothing. docs/methods/sample_cameras.md tells what became of the
+//! paper.
+
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod twin;
+
+use cloud::Bounds;
+use glam::DVec3;
+use scene::{BundleCull, BundleRest, BundleSplat, SampleCameras as Parameters};
+
+use super::forward::{Forward, Splats, picture_buffer};
+use super::gather::{Gather, rest_list};
+use super::surfel_index::SurfelIndex;
+use super::surfel_trace::{self, Rays};
+use super::task::{MirrorGBuffer, Task};
+use crate::gpu::{Gpu, Result};
+use crate::layout::{BUNDLE_BYTES, BUNDLE_NODE_BYTES, BundleGrid, SOLUTION_BYTES};
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::targets::uniform_buffer;
+
+/// The state of the method that is kept from frame to frame: room.
+#[derive(Default)]
+pub(crate) struct SampleCameras {
+    squares: Option<Squares>,
+    /// The rays that no bundle stands for.
+    rest: Option<wgpu::Buffer>,
+    /// What is found before mirrors with a formula are put in front.
+    found: Option<MirrorGBuffer>,
+}
+
+/// Room for the squares of a grid.
+struct Squares {
+    count: u64,
+    nodes: wgpu::Buffer,
+    bundles: wgpu::Buffer,
+}
+
+impl Squares {
+    fn new(gpu: &Gpu, count: u64) -> Result<Self> {
+        Ok(Self {
+            count,
+            nodes: picture_buffer(gpu, "squares of a mirror", count * BUNDLE_NODE_BYTES)?,
+            bundles: picture_buffer(gpu, "bundles of rays", count * BUNDLE_BYTES)?,
+        })
+    }
+}
+
+impl BundleGrid {
+    /// The squares about the part of a picture in which mirrors may be seen, given by its first pixel and the one
+    /// beyond its last; `scene` is the box about all points, relative to the eye.
+    fn new(settings: &Parameters, [first, end]: [[u32; 2]; 2], scene: Bounds) -> Self {
+        let power_below = |number: u32| 1 << number.ilog2();
+        let stride = power_below(settings.down_sampling);
+        let least = power_below(settings.least_square).max(2 * stride);
+        let largest = power_below(settings.largest_square).max(least);
+        let [first_x, first_y] = first.map(|edge| edge / largest * largest);
+        let [columns, rows] = [end[0] - first_x, end[1] - first_y].map(|edge| edge.div_ceil(largest));
+        let [scene_low, scene_high] = [scene.min, scene.max].map(|corner| corner.as_vec3().extend(0.0));
+        let last_level = (largest / least).ilog2();
+        Self { first_x, first_y, columns, rows, last_level, level: 0, largest, stride, scene_low, scene_high }
+    }
+
+    /// The number of squares of a level.
+    fn squares(&self, level: u32) -> u64 {
+        u64::from(self.columns * self.rows) << (2 * level)
+    }
+
+    fn all_squares(&self) -> u64 {
+        (0..=self.last_level).map(|level| self.squares(level)).sum()
+    }
+}
+
+impl SampleCameras {
+    pub fn bytes(&self) -> u64 {
+        let squares = self.squares.as_ref().map_or(0, |squares| squares.nodes.size() + squares.bundles.size());
+        squares + self.rest.as_ref().map_or(0, wgpu::Buffer::size) + self.found.as_ref().map_or(0, MirrorGBuffer::bytes)
+    }
+
+    /// Fills the Mirror G-Buffer of one bounce.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn run(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        index: &mut SurfelIndex,
+        gather: &Gather,
+        forward: &mut Forward,
+        task: &Task<'_>,
+    ) -> Result<()> {
+        let gpu = recorder.gpu;
+        let grid = grid_of(task);
+        let count = grid.all_squares().max(1);
+        let kept = self.squares.take().filter(|squares| squares.count >= count);
+        let squares = match kept {
+            Some(squares) => squares,
+            None => Squares::new(gpu, count)?,
+        };
+        let squares = &*self.squares.insert(squares);
+        let rounds = rounds_of(gpu, task);
+        forward.reserve(gpu, task, 1, rounds, [0, 1])?;
+        let rest = rest_list(recorder, &mut self.rest, task.supply.size);
+        fit(recorder, task, squares, grid, &gather.hits, rest)?;
+        forward.clear(recorder);
+        project(recorder, forward, task, squares, grid, rounds)?;
+        let own_sides = task.settings.sample_cameras.splat == BundleSplat::Footprint;
+        let splats = Splats { rounds, own_sides };
+        forward.depth(recorder, task, splats, [0, 0])?;
+        forward.visibility(recorder, task, splats, [0, 0])?;
+        let traces_rest = task.settings.sample_cameras.rest == BundleRest::SurfelTrace;
+        if traces_rest {
+            surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, Rays::Listed(rest))?;
+        }
+        let fill = |recorder: &mut Recorder<'_>, found: [wgpu::BindingResource<'_>; 3]| {
+            if traces_rest { gather.resolve_points(recorder, task, found) } else { Ok(()) }
+        };
+        let Some(formulas) = task.formulas else {
+            return forward.close(recorder, task, fill);
+        };
+        let found = &*self.found.get_or_insert_with(|| MirrorGBuffer::new(&gpu.device, task.supply.size));
+        forward.close(recorder, &Task { seen: found, ..*task }, fill)?;
+        found.show_formulas(recorder, task, formulas)
+    }
+}
+
+/// The squares of a bounce.
+fn grid_of(task: &Task<'_>) -> BundleGrid {
+    let tiles = task.supply.camera.mirror_tiles;
+    let end = |axis: usize| ((tiles.first[axis] + tiles.count[axis]) * 8).min(task.supply.size[axis]);
+    let part = [tiles.first.map(|tile| tile * 8), [end(0), end(1)]];
+    let placed = task.supply.chunks.iter().filter_map(|chunk| task.store.placed(*chunk));
+    let bounds = placed.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds));
+    let eye = task.supply.camera.eye;
+    let scene = if bounds.min.cmple(bounds.max).all() {
+        Bounds { min: bounds.min - eye, max: bounds.max - eye }
+    } else {
+        Bounds { min: DVec3::ZERO, max: DVec3::ZERO }
+    };
+    BundleGrid::new(&task.settings.sample_cameras, part, scene)
+}
+
+/// The number of places that are kept of each point: as many as are asked for, or fit into a binding.
+fn rounds_of(gpu: &Gpu, task: &Task<'_>) -> u32 {
+    let points = task.store.page_capacities().into_iter().map(u64::from).max().unwrap_or(0).max(1);
+    let most = gpu.device.limits().max_storage_buffer_binding_size / (points * SOLUTION_BYTES);
+    task.settings.sample_cameras.roots.min(most.try_into().unwrap_or(u32::MAX)).max(1)
+}
+
+/// Fits the bundles, one dispatch a level: a level divides the squares of the one before.
+fn fit(
+    recorder: &mut Recorder<'_>,
+    task: &Task<'_>,
+    squares: &Squares,
+    grid: BundleGrid,
+    hits: &wgpu::Buffer,
+    rest: &wgpu::Buffer,
+) -> Result<()> {
+    let traces_rest = task.settings.sample_cameras.rest == BundleRest::SurfelTrace;
+    for level in 0..=grid.last_level {
+        let uniform = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&BundleGrid { level, ..grid }));
+        let bindings = passes::bundle_fit {
+            grid: uniform.as_entire_binding(),
+            point_in: task.mirror.point.bind(),
+            normal_in: task.normal.bind(),
+            eye_in: task.mirror.eye.bind(),
+            nodes: squares.nodes.as_entire_binding(),
+            bundles: squares.bundles.as_entire_binding(),
+            counters: task.counters.as_entire_binding(),
+            hits: hits.as_entire_binding(),
+            rest: rest.as_entire_binding(),
+        };
+        let groups = grid.squares(level).max(1) as u32;
+        // The limit is 65,535 workgroups per dimension.
+        let columns = groups.min(32_768);
+        let switches = [("count_squares", u32::from(task.bounce == 0)), ("traces_rest", u32::from(traces_rest))];
+        recorder.over(&switches, task.supply, bindings, [columns, groups.div_ceil(columns), 1])?;
+    }
+    Ok(())
+}
+
+/// Finds where the points are reflected.
+fn project(
+    recorder: &mut Recorder<'_>,
+    forward: &Forward,
+    task: &Task<'_>,
+    squares: &Squares,
+    grid: BundleGrid,
+    rounds: u32,
+) -> Result<()> {
+    let settings = &task.settings.sample_cameras;
+    let switches = [
+        ("degree", settings.degree),
+        ("roots", rounds),
+        ("by_blocks", u32::from(settings.cull == BundleCull::Blocks)),
+        ("count_points", u32::from(task.bounce == 0)),
+    ];
+    let uniform = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&grid));
+    recorder.over_points_by_page(&switches, task.supply, |page| {
+        Some(passes::sample_cameras_project {
+            grid: uniform.as_entire_binding(),
+            nodes: squares.nodes.as_entire_binding(),
+            bundles: squares.bundles.as_entire_binding(),
+            point_in: task.mirror.point.bind(),
+            normal_in: task.normal.bind(),
+            eye_in: task.mirror.eye.bind(),
+            solutions: forward.bind_solutions(page, 0, 0)?,
+            counters: task.counters.as_entire_binding(),
+        })
+    })
+}

@@ -1,0 +1,54 @@
+//! Tests of the table of parameters.
+
+use super::*;
+
+#[test]
+fn a_shown_point_is_three_numbers() {
+    let shown = |text: &str| {
+        let mut settings = Settings::default();
+        settings.set_text("reflection.point", text).unwrap();
+        settings.reflection.shown_point()
+    };
+    assert_eq!(shown("635619.123456, -1 2e3"), Some(DVec3::new(635_619.123_456, -1.0, 2e3)));
+    for odd in ["", "1, 2", "1, 2, 3, 4", "a, b, c", "nan, 0, 0"] {
+        assert_eq!(shown(odd), None, "{odd}");
+    }
+}
+
+#[test]
+fn differing_values_rebuild_the_settings() {
+    let mut settings = Settings::default();
+    settings.set_text("splat.size", "2.5").unwrap();
+    settings.set_text("color.by", "attribute").unwrap();
+    settings.set_text("color.attribute", "Deviation, 2nd").unwrap();
+    settings.set_text("view.background", "#ffffff").unwrap();
+    let mut back = Settings::default();
+    for (key, text) in settings.differing() {
+        back.set_text(&key, &text).unwrap();
+    }
+    assert_eq!(back, settings);
+    assert_eq!(settings.differing().len(), 4);
+}
+
+#[test]
+fn unknown_keys_name_the_nearest_known_one() {
+    let mut settings = Settings::default();
+    let message = |settings: &mut Settings, key: &str| settings.set_text(key, "1").unwrap_err().to_string();
+    assert_eq!(message(&mut settings, "splat.sise"), "splat.sise: no such parameter; did you mean `splat.size`?");
+    assert_eq!(message(&mut settings, "spalt.size"), "spalt.size: no such parameter; did you mean `splat.size`?");
+    assert_eq!(message(&mut settings, "nonsense"), "nonsense: no such parameter; `glint methods` lists them");
+    for (old, new) in RENAMED {
+        let expected = format!("{old}: no such parameter; did you mean `{new}`?");
+        assert_eq!(message(&mut settings, old), expected);
+        assert!(settings.all().iter().any(|(key, _)| key == new));
+    }
+}
+
+#[test]
+fn keys_are_unique() {
+    let mut keys: Vec<String> = Settings::default().all().into_iter().map(|(key, _)| key).collect();
+    let count = keys.len();
+    keys.sort();
+    keys.dedup();
+    assert_eq!(keys.len(), count);
+}

@@ -1,0 +1,506 @@
+// Sample-based cameras: finds all places of the mirror in which each point is reflected, by the bundles of its squares.
+// One workgroup a block of points: the squares whose rays may meet the block's box are listed first.
+#import blocks
+#import beam
+#import bundle
+#import counters
+#import hash
+#import mirror_ray
+#import mirror_splat
+#import ordered
+
+@group(2) @binding(0) var<uniform> grid: BundleGrid;
+@group(2) @binding(1) var<storage, read> nodes: array<BundleNode>;
+@group(2) @binding(2) var<storage, read> bundles: array<Bundle>;
+// w: specular intensity, 0 where there is no mirror.
+@group(2) @binding(3) var point_in: texture_2d<f32>;
+@group(2) @binding(4) var normal_in: texture_2d<f32>;
+@group(2) @binding(5) var eye_in: texture_2d<f32>;
+// Indexed by point of the page; the roots of a point are a page apart.
+@group(2) @binding(6) var<storage, read_write> solutions: array<Solution>;
+@group(2) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
+
+override degree: u32 = 2u;
+override roots: u32 = 4u;
+// Whether whole blocks descend before their points.
+override by_blocks: bool = true;
+override count_points: bool = true;
+
+// What the walk over the points is for.
+const BOUND: u32 = 0u;
+const SOLVE: u32 = 1u;
+var<private> walk: u32;
+
+// Room for the squares of a block. Where it is not enough, each point descends alone.
+const QUEUE: u32 = 256u;
+var<workgroup> low: array<atomic<u32>, 3>;
+var<workgroup> high: array<atomic<u32>, 3>;
+var<workgroup> queue: array<array<u32, 256>, 2>;
+var<workgroup> queued: array<atomic<u32>, 2>;
+// The leaves: level << 28 | index in the level; as found, and in the order of the picture's squares.
+var<workgroup> found_leaves: array<u32, 256>;
+var<workgroup> leaves: array<u32, 256>;
+// For each leaf, the chance that no point of the block is kept with a larger one.
+var<workgroup> chances: array<f32, 256>;
+// f32 bits of the largest area that a point of the block stands for.
+var<workgroup> largest_area: atomic<u32>;
+var<workgroup> leaf_count: atomic<u32>;
+var<workgroup> is_full: atomic<u32>;
+var<workgroup> tried: atomic<u32>;
+var<workgroup> reflected: atomic<u32>;
+var<workgroup> dropped: atomic<u32>;
+
+@compute @workgroup_size(128)
+fn sample_cameras_project(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    if lane < 3u {
+        atomicStore(&low[lane], 0xffffffffu);
+    }
+    workgroupBarrier();
+    if by_blocks {
+        walk = BOUND;
+        splat_block(group, groups, lane);
+        workgroupBarrier();
+        list_leaves(lane);
+    }
+    walk = SOLVE;
+    splat_block(group, groups, lane);
+    if count_points {
+        workgroupBarrier();
+        if lane == 0u {
+            atomicAdd(&counters[POINTS_TRIED], atomicLoad(&tried));
+            atomicAdd(&counters[POINTS_FOUND], atomicLoad(&reflected));
+            atomicAdd(&counters[POINTS_UNCONVERGED], atomicLoad(&dropped));
+        }
+    }
+}
+
+// Lists the leaves that may reflect a point of the block, level by level.
+fn list_leaves(lane: u32) {
+    let box_low = vec3f(
+        from_ordered(atomicLoad(&low[0])), from_ordered(atomicLoad(&low[1])), from_ordered(atomicLoad(&low[2]))
+    );
+    let box_high = vec3f(
+        from_ordered(atomicLoad(&high[0])), from_ordered(atomicLoad(&high[1])), from_ordered(atomicLoad(&high[2]))
+    );
+    // A block without points has no box.
+    let is_empty = atomicLoad(&high[0]) == 0u;
+    for (var level = 0u; level <= grid.last_level; level++) {
+        let this_level = level & 1u;
+        let parents = min(atomicLoad(&queued[this_level]), QUEUE);
+        let count = select(select(4u * parents, grid.columns * grid.rows, level == 0u), 0u, is_empty);
+        for (var i = lane; i < count; i += 128u) {
+            var index = i;
+            if level > 0u {
+                index = 4u * queue[this_level][i / 4u] + i % 4u;
+            }
+            let node = nodes[first_of_level(grid, level) + index];
+            if node.origin_low.w != NODE_EMPTY && beam_entry(beam_of(node), box_low, box_high) >= 0.0 {
+                if node.origin_low.w == NODE_LEAF {
+                    let slot = atomicAdd(&leaf_count, 1u);
+                    if slot < QUEUE {
+                        found_leaves[slot] = level << 28u | index;
+                    }
+                } else {
+                    let slot = atomicAdd(&queued[1u - this_level], 1u);
+                    if slot < QUEUE {
+                        queue[1u - this_level][slot] = index;
+                    }
+                }
+            }
+        }
+        workgroupBarrier();
+        if lane == 0u {
+            atomicStore(&queued[this_level], 0u);
+            if atomicLoad(&queued[1u - this_level]) > QUEUE || atomicLoad(&leaf_count) > QUEUE {
+                atomicStore(&is_full, 1u);
+            }
+        }
+        workgroupBarrier();
+    }
+    // The threads find leaves in any order: the roots of a point must not depend on it.
+    let count = min(atomicLoad(&leaf_count), QUEUE);
+    for (var i = lane; i < count; i += 128u) {
+        let key = order_of(found_leaves[i]);
+        var rank = 0u;
+        for (var other = 0u; other < count; other++) {
+            rank += select(0u, 1u, order_of(found_leaves[other]) < key);
+        }
+        leaves[rank] = found_leaves[i];
+        chances[rank] = most_chance(found_leaves[i], box_low, box_high);
+    }
+    workgroupBarrier();
+}
+
+// The largest chance with which a leaf keeps a point of a box: by the least area of rays where they may meet the box.
+fn most_chance(leaf: u32, box_low: vec3f, box_high: vec3f) -> f32 {
+    let per_pixel = settings.sample_cameras.points_per_pixel;
+    let node = first_of_level(grid, leaf >> 28u) + (leaf & 0xfffffffu);
+    let axis = bundles[node].axis;
+    let b = bundles[node].coefficients[1];
+    let c = bundles[node].coefficients[2];
+    let z = dot((box_low + box_high) * 0.5 - bundles[node].middle.xyz, axis.xyz);
+    let reach = dot((box_high - box_low) * 0.5, abs(axis.xyz));
+    let first = z - reach;
+    let last = z + reach;
+    // The area is that of a quadratic in z.
+    let constant = b.x * c.y - b.y * c.x;
+    let linear = b.x * c.w + b.z * c.y - b.y * c.z - b.w * c.x;
+    let square = b.z * c.w - b.w * c.z;
+    let at_first = constant + first * (linear + first * square);
+    let at_last = constant + last * (linear + last * square);
+    var least = min(abs(at_first), abs(at_last));
+    if at_first * at_last <= 0.0 {
+        least = 0.0;
+    }
+    let turn = -0.5 * linear / square;
+    if turn > first && turn < last {
+        let at_turn = constant + turn * (linear + turn * square);
+        least = select(min(least, abs(at_turn)), 0.0, at_turn * at_first <= 0.0);
+    }
+    let margin = 1e-4 * (abs(z) + reach);
+    if last + margin < bundles[node].middle.w || first - margin > farthest_z(axis.w) {
+        return 0.0;
+    }
+    let half = bundles[node].square.z;
+    let area = bitcast<f32>(atomicLoad(&largest_area));
+    // Rounding must not leave out a point.
+    let most = 1.01 * PEAK * per_pixel * area * half * half / max(least, 1e-30);
+    return select(most, 3e38, per_pixel == 0.0);
+}
+
+// The place of a leaf among all, as a descent meets them: the first of the finest squares in it.
+fn order_of(leaf: u32) -> u32 {
+    return (leaf & 0xfffffffu) << (2u * (grid.last_level - (leaf >> 28u)));
+}
+
+fn beam_of(node: BundleNode) -> Beam {
+    return Beam(node.origin_low.xyz, node.origin_high.xyz, node.direction_low.xyz, node.direction_high.xyz);
+}
+
+// A point, with what its roots need.
+struct Reflected {
+    // Relative to the eye.
+    place: vec3f,
+    // Zero if there is none.
+    normal: vec3f,
+    // Of its disc.
+    radius: f32,
+    // The area that it stands for: discs overlap.
+    area: f32,
+    identity: u32,
+}
+
+// The discs of a surface together have so many times its area: radii are 1.5 sqrt(area / (pi count)).
+const OVERLAP: f32 = 2.25;
+
+fn splat_point(item: Item, index: u32) {
+    let point = points[index];
+    let place = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
+    // The comparison is false for NaN, a point without a place.
+    let is_tried = dot(place, place) < 3e38 && is_shown(index);
+    let own_radius = unpack_radius(point.w & 0xffffu);
+    let radius = select(own_radius, item.origin_radius.w, own_radius == 0.0);
+    // Those that are not drawn while the camera moves are stood for by the others.
+    let area = 3.14159274 * radius * radius / OVERLAP * f32(page.step);
+    if walk == BOUND {
+        if is_tried {
+            if atomicLoad(&largest_area) < bitcast<u32>(area) {
+                atomicMax(&largest_area, bitcast<u32>(area));
+            }
+            for (var axis = 0u; axis < 3u; axis++) {
+                lower(axis, ordered(place[axis]));
+                raise(axis, ordered(place[axis]));
+            }
+        }
+        return;
+    }
+    var found = 0u;
+    if is_tried {
+        let normal = unpack_normal(attributes[index].y);
+        let given = Reflected(place, normal, radius * settings.splat.size, area, identities_from + index);
+        if by_blocks && atomicLoad(&is_full) == 0u {
+            let count = min(atomicLoad(&leaf_count), QUEUE);
+            var i = next_leaf(given.identity, 0u, count);
+            while i < count {
+                let level = leaves[i] >> 28u;
+                let node = first_of_level(grid, level) + (leaves[i] & 0xfffffffu);
+                if beam_entry(beam_of(nodes[node]), place, place) >= 0.0 {
+                    found = with_root(given, index, found, root_in(given, node, leaves[i]));
+                }
+                i = next_leaf(given.identity, i + 1u, count);
+            }
+        } else {
+            found = descend(given, index);
+        }
+        if count_points {
+            atomicAdd(&tried, 1u);
+            atomicAdd(&reflected, min(found, 1u));
+            atomicAdd(&dropped, select(0u, 1u, found > roots));
+        }
+    }
+    if found < roots {
+        solutions[index + found * page.point_count] = Solution(0u, 0.0);
+    }
+}
+
+// The next leaf of the list that may keep the point. Most keep few: threads that run in step then wait for each other
+// by leaves that do, not by all.
+fn next_leaf(identity: u32, first: u32, count: u32) -> u32 {
+    var i = first;
+    while i < count && drawn_for(identity, leaves[i]) >= chances[i] {
+        i++;
+    }
+    return i;
+}
+
+// A number from 0 to 1 for a point and a leaf.
+fn drawn_for(identity: u32, leaf: u32) -> f32 {
+    return f32(hash(identity ^ (leaf * 2654435769u)) >> 8u) / 16777216.0;
+}
+
+// Reading first saves nearly all atomics: bounds settle after a few points.
+fn lower(axis: u32, value: u32) {
+    if atomicLoad(&low[axis]) > value {
+        atomicMin(&low[axis], value);
+    }
+}
+
+fn raise(axis: u32, value: u32) {
+    if atomicLoad(&high[axis]) < value {
+        atomicMax(&high[axis], value);
+    }
+}
+
+// Tries a point in all leaves, from the roots on.
+fn descend(given: Reflected, index: u32) -> u32 {
+    var found = 0u;
+    var level = 0u;
+    var square = 0u;
+    while level > 0u || square < grid.columns * grid.rows {
+        let node = first_of_level(grid, level) + square;
+        let bounds = nodes[node];
+        let is_met =
+            bounds.origin_low.w != NODE_EMPTY && beam_entry(beam_of(bounds), given.place, given.place) >= 0.0;
+        if is_met && bounds.origin_low.w == NODE_DIVIDED {
+            level++;
+            square *= 4u;
+        } else {
+            if is_met {
+                found = with_root(given, index, found, root_in(given, node, level << 28u | square));
+            }
+            square++;
+            while level > 0u && square % 4u == 0u {
+                square /= 4u;
+                level--;
+            }
+        }
+    }
+    return found;
+}
+
+// Keeps a root, if it is one and not that of a neighbouring square. Returns the number of roots so far; those beyond
+// `roots` are dropped.
+fn with_root(given: Reflected, index: u32, found: u32, root: Solution) -> u32 {
+    var is_new = root.distance > 0.0;
+    let at = unpack_place(root.place);
+    for (var other = 0u; other < min(found, roots) && is_new; other++) {
+        let before = unpack_place(solutions[index + other * page.point_count].place);
+        is_new = distance(at, before) > SAME_ROOT;
+    }
+    if is_new && found < roots {
+        solutions[index + found * page.point_count] = root;
+    }
+    return found + select(0u, 1u, is_new);
+}
+
+// Squares reach this much over their border, in pixels: neighbouring bundles differ by up to the accuracy, and a root
+// must not fall between them.
+const BORDER: f32 = 0.25;
+// Roots of a point that are no farther apart than this, in pixels, are one.
+const SAME_ROOT: f32 = 1.0;
+// The most steps of Newton's method; two are usual.
+const STEPS: u32 = 6u;
+// In halves of the square's edge: a step that leaves the square by more starts from there.
+const FARTHEST: f32 = 2.5;
+// The chance of a point is at most this many times that in the middle of the square, where it costs little to know.
+const PEAK: f32 = 1.25;
+// Discs that are nearly edge-on in the middle of the square may turn elsewhere.
+const LEAST_FACING: f32 = 0.1;
+// The squares that are splatted are so many times as large as the discs' reflections: so they overlap also where points
+// are left out at random.
+const COVER: f32 = 2.0;
+// The largest side of a splat that `pack_side` keeps.
+const LARGEST_SIDE: f32 = 15.0;
+
+// The largest z at which points are searched for: discs reach beyond the box about their middles.
+fn farthest_z(largest: f32) -> f32 {
+    return largest * 1.02 + 1e-3 * frame.scene_radius;
+}
+
+// The place in the square of a leaf in which the point is reflected; a solution with no distance if there is none.
+fn root_in(given: Reflected, node: u32, leaf: u32) -> Solution {
+    let middle = bundles[node].middle;
+    let axis = bundles[node].axis;
+    let offset = given.place - middle.xyz;
+    let z = dot(offset, axis.xyz);
+    if z < middle.w || z > farthest_z(axis.w) {
+        return Solution(0u, 0.0);
+    }
+    let across = across_axis(axis.xyz);
+    let target_place = vec2f(dot(offset, across.x), dot(offset, across.y));
+    let square = bundles[node].square;
+    let facing = max(facing_of(given, axis.xyz), LEAST_FACING);
+    // Fewer points than fall on a pixel do: each is kept with a chance, drawn by its identity and the square.
+    let drawn = drawn_for(given.identity, leaf);
+    let a = bundles[node].coefficients[0];
+    let b = bundles[node].coefficients[1];
+    let c = bundles[node].coefficients[2];
+    let per_pixel = settings.sample_cameras.points_per_pixel;
+    let scale = given.area * square.z * square.z * per_pixel;
+    let middle_share = PEAK * scale * facing / area_of(b.xy + z * b.zw, c.xy + z * c.zw);
+    if per_pixel > 0.0 && drawn >= middle_share {
+        return Solution(0u, 0.0);
+    }
+    let c0 = a.xy + z * a.zw - target_place;
+    let c1 = b.xy + z * b.zw;
+    let c2 = c.xy + z * c.zw;
+    var c3 = vec2f(0.0);
+    var c4 = vec2f(0.0);
+    var c5 = vec2f(0.0);
+    var c6 = vec2f(0.0);
+    var c7 = vec2f(0.0);
+    var c8 = vec2f(0.0);
+    var c9 = vec2f(0.0);
+    if degree > 1u {
+        c3 = bundles[node].coefficients[3].xy + z * bundles[node].coefficients[3].zw;
+        c4 = bundles[node].coefficients[4].xy + z * bundles[node].coefficients[4].zw;
+        c5 = bundles[node].coefficients[5].xy + z * bundles[node].coefficients[5].zw;
+    }
+    if degree > 2u {
+        c6 = bundles[node].coefficients[6].xy + z * bundles[node].coefficients[6].zw;
+        c7 = bundles[node].coefficients[7].xy + z * bundles[node].coefficients[7].zw;
+        c8 = bundles[node].coefficients[8].xy + z * bundles[node].coefficients[8].zw;
+        c9 = bundles[node].coefficients[9].xy + z * bundles[node].coefficients[9].zw;
+    }
+    var p = vec2f(0.0);
+    var by_x = vec2f(0.0);
+    var by_y = vec2f(0.0);
+    let limit = 1.0 + BORDER / square.z;
+    var is_going = true;
+    var is_found = false;
+    for (var step = 0u; step < STEPS && is_going; step++) {
+        var value = c0 + p.x * c1 + p.y * c2;
+        by_x = c1;
+        by_y = c2;
+        if degree > 1u {
+            value += p.x * p.x * c3 + p.x * p.y * c4 + p.y * p.y * c5;
+            by_x += 2.0 * p.x * c3 + p.y * c4;
+            by_y += p.x * c4 + 2.0 * p.y * c5;
+        }
+        if degree > 2u {
+            let xx = p.x * p.x;
+            let xy = p.x * p.y;
+            let yy = p.y * p.y;
+            value += xx * p.x * c6 + xx * p.y * c7 + p.x * yy * c8 + yy * p.y * c9;
+            by_x += 3.0 * xx * c6 + 2.0 * xy * c7 + yy * c8;
+            by_y += xx * c7 + 2.0 * xy * c8 + 3.0 * yy * c9;
+        }
+        let moved = solved(by_x, by_y, value);
+        p -= moved;
+        let is_outside = any(abs(p) > vec2f(limit));
+        // Newton's method converges by squares: this is a hundredth of a pixel in the largest square.
+        is_found = abs(moved.x) + abs(moved.y) < 0.01 && !is_outside;
+        is_going = !is_found && !(is_outside && step > 0u);
+        p = clamp(p, vec2f(-FARTHEST), vec2f(FARTHEST));
+    }
+    if !is_found {
+        return Solution(0u, 0.0);
+    }
+    return kept_root(given, node, across, z, p, by_x, by_y, drawn, middle_share);
+}
+
+// Which way a point's disc turns: its area across a direction.
+fn facing_of(given: Reflected, direction: vec3f) -> f32 {
+    return select(abs(dot(given.normal, direction)), 1.0, all(given.normal == vec3f(0.0)));
+}
+
+fn area_of(by_x: vec2f, by_y: vec2f) -> f32 {
+    return max(abs(by_x.x * by_y.y - by_x.y * by_y.x), 1e-30);
+}
+
+// The step (x, y) with x by_x + y by_y = value.
+fn solved(by_x: vec2f, by_y: vec2f, value: vec2f) -> vec2f {
+    let determinant = by_x.x * by_y.y - by_x.y * by_y.x;
+    let safe = select(determinant, 1e-30, determinant == 0.0);
+    return vec2f(value.x * by_y.y - value.y * by_y.x, by_x.x * value.y - by_x.y * value.x) / safe;
+}
+
+// The root at place `p` of the leaf's square, by the mirror pixel there: none if there is no mirror, or the point is
+// behind it, or belongs to the mirror itself beside it, or if the pixel's own ray passes it by.
+fn kept_root(
+    given: Reflected,
+    node: u32,
+    across: Across,
+    z: f32,
+    p: vec2f,
+    by_x: vec2f,
+    by_y: vec2f,
+    drawn: f32,
+    middle_share: f32,
+) -> Solution {
+    let square = bundles[node].square;
+    let axis = bundles[node].axis.xyz;
+    let middle = bundles[node].middle.xyz;
+    let size = vec2f(f32(frame.width), f32(frame.height));
+    let target_offset = given.place - middle;
+    let target_place = vec2f(dot(target_offset, across.x), dot(target_offset, across.y));
+    var at = square.xy + p * square.z;
+    var solution = Solution(0u, 0.0);
+    var is_kept = true;
+    for (var step = 0u; step <= settings.sample_cameras.polish && is_kept; step++) {
+        let pixel = floor(at);
+        is_kept = all(pixel >= vec2f(0.0)) && all(pixel < size);
+        let texel = vec2i(select(vec2f(0.0), pixel, is_kept));
+        let point = textureLoad(point_in, texel, 0);
+        let normal = textureLoad(normal_in, texel, 0).xyz;
+        let offset = given.place - point.xyz;
+        let reach = length(offset);
+        let is_before = dot(offset, normal) > 0.0 && reach > OWN_SURFACE_RADII * given.radius;
+        let direction = reflected_direction(point.xyz, normal, textureLoad(eye_in, texel, 0).xyz);
+        let along = dot(direction, axis);
+        is_kept = is_kept && point.w > 0.0 && is_before && along > LEAST_ALONG;
+        // How far the pixel's own ray is beside the point, less what the place is beside the pixel's middle.
+        let ray = ray_in_frame(middle, axis, across, point.xyz, direction);
+        let aside = (pixel + 0.5 - at) / square.z;
+        let beside = ray.xy + z * ray.zw - target_place - aside.x * by_x - aside.y * by_y;
+        let step_back = solved(by_x, by_y, beside) * square.z;
+        if step < settings.sample_cameras.polish {
+            at -= clamp(step_back, vec2f(-LONGEST_POLISH), vec2f(LONGEST_POLISH));
+        } else {
+            let by_ray = length(beside) / max(max(length(by_x), length(by_y)), 1e-20) * square.z;
+            let is_by_solve = settings.sample_cameras.judged_by == SAMPLE_CAMERAS_JUDGED_BY_SOLVE;
+            let error = select(by_ray, length(step_back), is_by_solve);
+            // Within the accuracy, all rays of the square are near enough.
+            is_kept = is_kept && (square.w == 0.0 || error <= settings.sample_cameras.accuracy);
+            // The pixels that all points like this one, together without gaps, would cover each.
+            let covers = facing_of(given, direction) / along * square.z * square.z / area_of(by_x, by_y);
+            let per_pixel = settings.sample_cameras.points_per_pixel;
+            let share = min(per_pixel * given.area * covers, middle_share);
+            let chance = select(min(share, 1.0), 1.0, per_pixel == 0.0);
+            is_kept = is_kept && drawn < chance;
+            if is_kept {
+                let disc = OVERLAP * given.area * settings.splat.size * settings.splat.size * covers;
+                let side = sqrt(COVER * disc / max(chance, 1e-20));
+                solution = Solution(pack_place(at), pack_side(reach, clamp(side, 1.0, LARGEST_SIDE)));
+            }
+        }
+    }
+    return solution;
+}
+
+// The longest step of polishing, in pixels.
+const LONGEST_POLISH: f32 = 2.0;
