@@ -1,5 +1,5 @@
 #!/bin/sh
-# Takes the pictures of real scans anew, at the program's defaults:
+# Takes the pictures of real scans anew, at the program's defaults but for the rays of mirrors in the office:
 #
 #     docs/pictures/make.sh GLINT DATA [NAME...]
 #
@@ -66,7 +66,7 @@ render() {
 
 take() {
     case $1 in
-    office) render office 1280x720 "$work/office.toml" ;;
+    office) render office 1280x720 "$work/office.toml" --set reflection.samples=16 ;;
     office_colors) render office_colors 960x540 "$work/room.toml" ;;
     office_lit) render office_lit 960x540 "$work/room.toml" --set light.by=surroundings --bounces 3 ;;
     avebury_colors) render avebury_colors 960x540 "$work/farm.toml" --set light.by=colors ;;
