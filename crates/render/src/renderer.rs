@@ -368,15 +368,7 @@ impl Renderer {
         let points_are_kept = settings.reflection.keep && self.splatted_from.as_ref() == Some(&asks.points);
         // After an error neither half a frame nor the methods' work on it may be kept.
         let was_unfinished = std::mem::replace(&mut self.is_unfinished, true);
-        if let Some(reflections) = self.reflections.as_mut() {
-            if was_unfinished {
-                reflections.forget();
-            }
-            if lacks_points {
-                reflections.forget_hits();
-            }
-            reflections.methods.cubemaps.begin(self.gi.may_lag);
-        }
+        self.reflections.iter_mut().for_each(|kept| kept.begin(was_unfinished, lacks_points, self.gi.may_lag));
         self.made_from = None;
         let summed_before = self.summed.take();
         if !points_are_kept {

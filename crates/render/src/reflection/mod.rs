@@ -165,6 +165,18 @@ impl Reflections {
         self.methods.forget();
     }
 
+    /// Begins a frame, whose maps around mirrors may lag. If the one before was not finished, its work is not kept; nor
+    /// are hits in maps that lacked points.
+    pub fn begin(&mut self, was_unfinished: bool, lacks_points: bool, may_lag: bool) {
+        if was_unfinished {
+            self.forget();
+        }
+        if lacks_points {
+            self.forget_hits();
+        }
+        self.methods.cubemaps.begin(may_lag);
+    }
+
     /// Forgets what the rays of glossy mirrors meet.
     pub fn forget_hits(&mut self) {
         self.kept.forget();
