@@ -14,52 +14,50 @@ pub struct FirstLook {
     has_ball: bool,
 }
 
-impl Session {
-    /// Opens the scene with its own sun and sky; the other parameters stay as the person has them.
-    pub fn open_first_look(&mut self) {
-        let own = self.scene.settings.clone();
-        let mut request = world::resolve(&[world::first_scene()]);
-        if let Some(view) = &mut request.view {
-            let mut settings = own.clone();
-            for (key, text) in view.settings.differing() {
-                if let Err(error) = settings.set_text(&key, &text) {
-                    tracing::warn!("{error}");
-                }
+/// Opens the scene with its own sun and sky; the other parameters stay as the person has them.
+pub fn open(session: &mut Session) {
+    let own = session.scene.settings.clone();
+    let mut request = world::resolve(&[world::first_scene()]);
+    if let Some(view) = &mut request.view {
+        let mut settings = own.clone();
+        for (key, text) in view.settings.differing() {
+            if let Err(error) = settings.set_text(&key, &text) {
+                tracing::warn!("{error}");
             }
-            view.settings = settings;
         }
-        self.open_request(request);
-        self.first_look = Some(FirstLook { own, has_ball: false });
+        view.settings = settings;
     }
+    session.open_request(request);
+    session.first_look = Some(FirstLook { own, has_ball: false });
+}
 
-    /// Selects the ball when it has come, so that its handles invite a hand.
-    pub fn offer_ball(&mut self) {
-        let Some(first) = self.first_look.as_mut().filter(|first| !first.has_ball) else { return };
-        let ball = self.scene.objects.mirrors.iter().find(|placed| placed.mirror.name == pool::BALL);
-        if let Some(ball) = ball {
-            first.has_ball = true;
-            self.scene.selected = Some(ball.id);
-        }
+/// Selects the ball when it has come, so that its handles invite a hand.
+pub fn offer_ball(session: &mut Session) {
+    let Some(first) = session.first_look.as_mut().filter(|first| !first.has_ball) else { return };
+    let ball = session.scene.objects.mirrors.iter().find(|placed| placed.mirror.name == pool::BALL);
+    if let Some(ball) = ball {
+        first.has_ball = true;
+        session.scene.selected = Some(ball.id);
     }
+}
 
-    /// Closes the scene, and brings the person's parameters back.
-    pub fn leave_first_look(&mut self) {
-        let Some(first) = self.first_look.take() else { return };
-        self.with_loaded(crate::viewer::loaded::Loaded::stop_loading);
-        let keys: Vec<CloudKey> = self.loaded.clouds.iter().map(|entry| entry.key).collect();
-        for key in keys {
-            self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
-        }
-        self.scene.selected = None;
-        self.scene.settings = first.own;
-        // Nobody wants the scene back by undoing.
-        self.scene.history = History::default();
+/// Closes the scene, and brings the person's parameters back.
+pub fn leave(session: &mut Session) {
+    let Some(first) = session.first_look.take() else { return };
+    session.with_loaded(crate::viewer::loaded::Loaded::stop_loading);
+    let keys: Vec<CloudKey> = session.loaded.clouds.iter().map(|entry| entry.key).collect();
+    for key in keys {
+        session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
     }
+    session.scene.selected = None;
+    session.scene.settings = first.own;
+    // Nobody wants the scene back by undoing.
+    session.scene.history = History::default();
+}
 
-    /// The parameters to keep for the next start.
-    pub fn own_settings(&self) -> &Settings {
-        self.first_look.as_ref().map_or(&self.scene.settings, |first| &first.own)
-    }
+/// The parameters to keep for the next start.
+pub fn own_settings(session: &Session) -> &Settings {
+    session.first_look.as_ref().map_or(&session.scene.settings, |first| &first.own)
 }
 
 #[cfg(test)]
@@ -74,7 +72,7 @@ mod tests {
     fn session() -> Session {
         let mut session = Session::new(Preferences::default());
         (session.scene.settings.scene.points, session.scene.settings.view.frame_ms) = (3000, 77.0);
-        session.open_first_look();
+        open(&mut session);
         read(&mut session);
         session
     }
@@ -96,14 +94,14 @@ mod tests {
         assert_eq!(selected.map(|mirror| mirror.name.as_str()), Some(pool::BALL));
         let settings = &session.scene.settings;
         assert_eq!((settings.view.frame_ms, settings.reflection.bounces), (77.0, 2));
-        let own = session.own_settings();
+        let own = own_settings(&session);
         assert_eq!((own.view.frame_ms, own.reflection.bounces), (77.0, Settings::default().reflection.bounces));
     }
 
     #[test]
     fn a_file_takes_the_place_of_the_first_look() {
         let mut session = session();
-        let own = session.own_settings().clone();
+        let own = own_settings(&session).clone();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("three.ply");
         let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
@@ -123,7 +121,7 @@ mod tests {
     #[test]
     fn closing_the_scene_by_hand_brings_the_own_parameters_back() {
         let mut session = session();
-        let own = session.own_settings().clone();
+        let own = own_settings(&session).clone();
         session.act(Action::RemoveCloud(session.loaded.clouds[0].key));
         assert!(session.first_look.is_none() && session.scene.settings == own);
     }

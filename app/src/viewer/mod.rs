@@ -303,7 +303,7 @@ impl Viewer {
         self.log.write(&json!({ "event": "window" }));
         if let Some(request) = self.request.take() {
             if request.inputs.is_empty() && request.view.is_none() {
-                self.session.open_first_look();
+                first_look::open(&mut self.session);
             } else {
                 self.session.open_request(request);
             }
@@ -390,7 +390,7 @@ impl Viewer {
         if let Some(screen) = self.screen.as_ref().filter(|_| !self.session.is_full_screen) {
             self.session.preferences.window = screen.size();
         }
-        let settings = self.session.own_settings().clone();
+        let settings = first_look::own_settings(&self.session).clone();
         self.session.preferences.remember_settings(&settings);
         if let Err(error) = preferences::save(&self.session.preferences) {
             self.session.outside.warning(format!("settings are not kept: {error:#}"));

@@ -14,7 +14,7 @@ use serde_json::json;
 
 use crate::viewer::action::{Action, Handles};
 use crate::viewer::auto::Auto;
-use crate::viewer::first_look::FirstLook;
+use crate::viewer::first_look::{self, FirstLook};
 use crate::viewer::frames::{Frames, Situation};
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded, all_mirrors};
@@ -24,9 +24,8 @@ use crate::viewer::outside::{Effect, News, Outside};
 use crate::viewer::panels::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::preferences::Preferences;
 use crate::viewer::reflection_figures::FigureHistory;
-use crate::viewer::scene::{STEP, Scene};
+use crate::viewer::scene::Scene;
 use crate::viewer::theme::bytes;
-use crate::viewer::tools::inspection::Inspection;
 use crate::viewer::tools::{Tools, pick};
 use crate::viewer::truth::study_file::{STUDY, group_of};
 use crate::viewer::truth::sweep::Sweeps;
@@ -36,9 +35,6 @@ use crate::viewer::truth::view::{Taken, TruthView};
 use crate::viewer::truth::{Around, sweep, tuning};
 use crate::viewer::window::render_thread::{Command, Frame, FrameRequest, PickPurpose, Report};
 use crate::viewer::work::{Found, Work};
-
-/// The angle in radians by which one wheel notch tilts the inspection mirror.
-const TILT_STEP: f64 = 0.087;
 
 pub struct Session {
     pub loaded: Loaded,
@@ -141,7 +137,7 @@ impl Session {
             Action::RemoveCloud(key) => {
                 self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
                 if self.loaded.clouds.is_empty() {
-                    self.leave_first_look();
+                    first_look::leave(self);
                 }
             }
             Action::StopMaking(key) => self.loaded.stop_making(key),
@@ -158,21 +154,9 @@ impl Session {
             }
             Action::ShowLights(are_shown) => self.tools.light_panel_is_open = are_shown,
             Action::Inspect => self.tools.toggle_inspection(&mut self.scene, &self.loaded, &mut self.outside),
-            Action::InspectDistance(notches) => {
-                if let Some(Inspection { pose, .. }) = &mut self.tools.inspection {
-                    pose.distance = (pose.distance * f64::from(STEP.powf(notches))).clamp(0.005, 0.9);
-                }
-            }
-            Action::InspectTilt(notches) => {
-                if let Some(Inspection { pose, .. }) = &mut self.tools.inspection {
-                    pose.tilt = (pose.tilt + TILT_STEP * f64::from(notches)).clamp(-3.0, 3.0);
-                }
-            }
-            Action::ChangeInspection(pose) => {
-                if let Some(held) = &mut self.tools.inspection {
-                    held.pose = pose;
-                }
-            }
+            Action::InspectDistance(notches) => self.tools.change_pose(|pose| pose.move_away(notches)),
+            Action::InspectTilt(notches) => self.tools.change_pose(|pose| pose.lean(notches)),
+            Action::ChangeInspection(changed) => self.tools.change_pose(|pose| *pose = changed),
             Action::ChangeDraft(draft) => self.tools.draft = *draft,
             Action::CountPoints(key, wanted) => {
                 if let Some(entry) = self.loaded.cloud(key) {
@@ -321,7 +305,7 @@ impl Session {
 
     pub fn open_request(&mut self, request: world::Request) {
         if !request.inputs.is_empty() {
-            self.leave_first_look();
+            first_look::leave(self);
         }
         let built_in_light = request.built_in_light();
         for warning in request.warnings {
@@ -358,7 +342,7 @@ impl Session {
         match news {
             News::Loading(job, event, pass) => {
                 self.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
-                self.offer_ball();
+                first_look::offer_ball(self);
                 if let Some(pass) = pass {
                     self.outside.render(Command::Arrived(pass));
                 }

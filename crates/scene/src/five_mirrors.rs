@@ -5,14 +5,14 @@
 //! towards the camera at z = 1.9. All surfaces of a scene together share the points evenly by area. The box also holds
 //! a mesh as a mirror and two scenes of several mirrors, after figures of Preiner's thesis (2010).
 
-use std::f64::consts::{FRAC_PI_2, PI};
-use std::sync::Arc;
+use std::f64::consts::FRAC_PI_2;
 
-use cloud::sampling::{Surface, SurfacePoint, sort_along_curve};
-use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
+use cloud::Chunk;
+use cloud::sampling::Surface;
 use glam::{DQuat, DVec3};
 
 use crate::mirror::MIRROR_GREY;
+use crate::surface_points::{Albedo, append, splat_radius};
 use crate::{Camera, Mirror, MirrorMesh, Settings, Shape, SpotLight, pool};
 
 /// The objects in the box.
@@ -216,8 +216,6 @@ fn open_box() -> Vec<Mirror> {
 
 /// The size of a mirror among five relative to that of one alone.
 const ALL_SCALE: f64 = 0.38;
-/// The splat radius relative to the radius of a disc with a point's share of area.
-const OVERLAP: f32 = 1.5;
 
 const LEFT: [f64; 3] = [0.63, 0.065, 0.05];
 const RIGHT: [f64; 3] = [0.14, 0.45, 0.091];
@@ -225,9 +223,6 @@ const PALE: [f64; 3] = [0.725, 0.71, 0.68];
 const DARK: [f64; 3] = [0.2, 0.2, 0.2];
 /// The width of the floor's squares.
 const CHECK: f64 = 0.25;
-
-/// The linear red, green and blue at a world position.
-pub type Albedo = fn(DVec3) -> [f64; 3];
 
 /// The walls of the closed box, with their normals towards the inside, and their albedo; the last is behind the camera.
 pub fn walls() -> [(Surface, Albedo); 6] {
@@ -297,34 +292,6 @@ pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<SampledPart> {
     parts
 }
 
-/// The world radius of the splats of `points` that share an area evenly.
-pub fn splat_radius(area: f64, points: u64) -> f32 {
-    OVERLAP * (area / (PI * points.max(1) as f64)).sqrt() as f32
-}
-
-/// Appends a surface's points in chunks of neighbours.
-pub fn append(chunks: &mut Vec<Chunk>, mut points: Vec<SurfacePoint>, radius: f32, albedo: impl Fn(DVec3) -> [f64; 3]) {
-    sort_along_curve(&mut points);
-    let mut first_point = chunks.last().map_or(0, |chunk| chunk.first_point + chunk.len() as u64);
-    for run in points.chunks(CHUNK_POINTS) {
-        let positions = run.iter().map(|point| point.position.as_vec3().to_array()).collect();
-        chunks.push(Chunk {
-            colors: Some(Arc::new(run.iter().map(|point| srgb(albedo(point.position))).collect())),
-            normals: Some(Arc::new(run.iter().map(|point| pack_normal(point.normal.as_vec3())).collect())),
-            radii: Some(Arc::new(vec![pack_radius(radius); run.len()])),
-            ..Chunk::new(first_point, DVec3::ZERO, positions)
-        });
-        first_point += run.len() as u64;
-    }
-}
-
-/// Converts linear values to opaque 8-bit sRGB (IEC 61966-2-1).
-fn srgb(linear: [f64; 3]) -> [u8; 4] {
-    let encode = |v: f64| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
-    let [red, green, blue] = linear.map(|v| (255.0 * encode(v)).round() as u8);
-    [red, green, blue, 255]
-}
-
 /// The scene's only light.
 pub fn light() -> SpotLight {
     SpotLight {
@@ -344,8 +311,12 @@ pub fn camera() -> Camera {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
+    use cloud::sampling::SurfacePoint;
+    use cloud::{CHUNK_POINTS, unpack_normal, unpack_radius};
+
     use super::*;
-    use cloud::{unpack_normal, unpack_radius};
 
     const FEW: u64 = 100_000;
 

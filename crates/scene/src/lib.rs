@@ -16,6 +16,7 @@ pub mod pool;
 mod preferences;
 mod preset;
 mod settings;
+pub mod surface_points;
 mod surroundings;
 mod visibility;
 pub mod whole_file;

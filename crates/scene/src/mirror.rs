@@ -5,7 +5,7 @@ use cloud::sampling::{Placement, StarShape, Surface};
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{MirrorMesh, MirrorSurface, five_mirrors};
+use crate::{MirrorMesh, MirrorSurface, surface_points};
 
 impl MirrorSurface {
     /// Whether a mirror with a formula is drawn by it. `as_points` is the mirror's own preference.
@@ -249,9 +249,9 @@ impl Mirror {
         let mut points = surface.sample(count, seed);
         points.iter_mut().for_each(|point| *point = at.place(*point));
         let area = surface.area() * self.size * self.size;
-        let radius = five_mirrors::splat_radius(area, count as u64);
+        let radius = surface_points::splat_radius(area, count as u64);
         let mut chunks = Vec::new();
-        five_mirrors::append(&mut chunks, points, radius, |_| self.color.map(f64::from));
+        surface_points::append(&mut chunks, points, radius, |_| self.color.map(f64::from));
         chunks.iter_mut().for_each(|chunk| chunk.origin += self.position);
         chunks
     }

@@ -6,7 +6,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use cloud::sampling::Surface;
 use glam::{DQuat, DVec3};
 
-use crate::five_mirrors::Albedo;
+use crate::surface_points::Albedo;
 use crate::{Camera, Lighting, Mirror, Settings, Shape};
 
 // Linear red, green and blue.

@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use scene::{Mirror, Shape};
 
 use crate::viewer::objects::ObjectId;
+use crate::viewer::scene::STEP;
 
 /// The mirror at the cursor.
 pub struct Inspection {
@@ -78,6 +79,21 @@ const SIZE: f64 = 0.12;
 const TILT: f64 = 0.25;
 /// The focal length of the bulge over its radius. Its view is about twice as wide as a plane's.
 const BULGE: f64 = 1.5;
+
+/// The angle in radians by which one wheel notch tilts the mirror.
+const TILT_STEP: f64 = 0.087;
+
+impl Pose {
+    /// Moves the mirror away from the surface by notches of the wheel.
+    pub fn move_away(&mut self, notches: f32) {
+        self.distance = (self.distance * f64::from(STEP.powf(notches))).clamp(0.005, 0.9);
+    }
+
+    /// Tilts the mirror by notches of the wheel.
+    pub fn lean(&mut self, notches: f32) {
+        self.tilt = (self.tilt + TILT_STEP * f64::from(notches)).clamp(-3.0, 3.0);
+    }
+}
 
 impl Inspection {
     pub fn new(id: ObjectId) -> Self {

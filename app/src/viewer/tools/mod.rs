@@ -20,7 +20,7 @@ use crate::viewer::objects::{ObjectId, Placed};
 use crate::viewer::outside::Outside;
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::draft::Draft;
-use crate::viewer::tools::inspection::{Inspection, Surface, Target};
+use crate::viewer::tools::inspection::{Inspection, Pose, Surface, Target};
 use crate::viewer::tools::pick::{Distance, Pick, loaded_attributes};
 use crate::viewer::window::render_thread::{PickPurpose, PickedPoint};
 use crate::viewer::work::Work;
@@ -43,6 +43,13 @@ pub struct Tools {
 }
 
 impl Tools {
+    /// Changes how the inspection mirror is held, if there is one.
+    pub fn change_pose(&mut self, change: impl FnOnce(&mut Pose)) {
+        if let Some(held) = &mut self.inspection {
+            change(&mut held.pose);
+        }
+    }
+
     pub fn on_picked(
         &mut self,
         pixel: [u32; 2],
