@@ -58,7 +58,7 @@ fn splat_point(item: Item, index: u32) {
         }
         return;
     }
-    if disc.radius_pixels > LARGE {
+    if is_shared(disc) {
         put_off(index);
         return;
     }

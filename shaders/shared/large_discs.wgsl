@@ -1,8 +1,11 @@
-// Walks the points of a page in a pass that splats discs. Each invocation covers the pixels of its own discs, but those
-// of a large disc are shared by all of the workgroup: near the eye a single disc has more pixels than all others of its
-// block. The importing pass defines `splat_point(item, index)`, which hands large discs to `put_off`, and
-// `splat_large(item, index, lane)`, which splats one of them from pixel `lane` on, each LANES-th.
+// Walks the points of a page in a pass that splats discs. Each invocation covers the pixels of its own discs. Where
+// large discs are shared, all of a workgroup cover the pixels of each: near the eye a single disc has more pixels than
+// all others of its block. The importing pass defines `splat_point(item, index)`, which hands a disc that `is_shared`
+// to `put_off`, and `splat_large(item, index, lane)`, which splats one of them from pixel `lane` on, each LANES-th.
 #import blocks
+
+// Set where large discs are shared.
+override shares: bool = false;
 
 // Discs above this radius in pixels are large.
 const LARGE: f32 = 8.0;
@@ -15,7 +18,7 @@ var<workgroup> large_count: atomic<u32>;
 
 fn splat_discs(group: vec3u, groups: vec3u, lane: u32) {
     splat_block(group, groups, lane);
-    if pixels_only {
+    if pixels_only || !shares {
         return;
     }
     workgroupBarrier();
@@ -25,6 +28,10 @@ fn splat_discs(group: vec3u, groups: vec3u, lane: u32) {
         let block = enter_block(large.y);
         splat_large(items[block.item], large.x, lane);
     }
+}
+
+fn is_shared(disc: Disc) -> bool {
+    return shares && disc.radius_pixels > LARGE;
 }
 
 fn put_off(index: u32) {

@@ -35,7 +35,7 @@ fn splat_point(item: Item, index: u32) {
     if disc.radius_pixels == 0.0 {
         return;
     }
-    if disc.radius_pixels > LARGE {
+    if is_shared(disc) {
         put_off(index);
         return;
     }

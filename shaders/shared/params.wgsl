@@ -32,11 +32,15 @@ struct Splat {
     back_faces: u32,
     step: u32,
     atomics: u32,
+    large: u32,
 }
 const SPLAT_QUALITY_NEAREST: u32 = 0u;
 const SPLAT_QUALITY_HIGH: u32 = 1u;
 const SPLAT_ATOMICS_AUTO: u32 = 0u;
 const SPLAT_ATOMICS_32: u32 = 1u;
+const SPLAT_LARGE_AUTO: u32 = 0u;
+const SPLAT_LARGE_ALONE: u32 = 1u;
+const SPLAT_LARGE_SHARED: u32 = 2u;
 
 // Colour of the points.
 struct Color {

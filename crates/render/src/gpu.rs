@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
-use scene::{Atomics, Splat};
+use scene::{Atomics, LargeDiscs, Splat};
 
 use crate::kept_pipelines::KeptPipelines;
 
@@ -141,6 +141,15 @@ impl Gpu {
     /// Whether points are splatted with 64-bit atomics.
     pub(crate) fn has_wide_atomics(&self, splat: &Splat) -> bool {
         self.atomics64 && splat.atomics != Atomics::Bits32
+    }
+
+    /// Whether the invocations of a workgroup share large discs: processors run them one after the other.
+    pub(crate) fn shares_large_discs(&self, splat: &Splat) -> bool {
+        match splat.large {
+            LargeDiscs::Auto => self.info.device_type != wgpu::DeviceType::Cpu,
+            LargeDiscs::Alone => false,
+            LargeDiscs::Shared => true,
+        }
     }
 
     /// Waits until everything submitted is done.

@@ -21,9 +21,11 @@ pub(crate) fn splat_surface(
 ) -> Result<()> {
     recorder.clear(&targets.nearest);
     let nearest = targets.nearest.as_entire_binding();
-    let backs = [("hides_backs", 1)];
-    let switches = if settings.splat.back_faces { &[][..] } else { &backs };
-    recorder.nearest_points(switches, inputs, nearest.clone(), atomics64)?;
+    let shares = recorder.gpu.shares_large_discs(&settings.splat);
+    let switches = [("hides_backs", !settings.splat.back_faces), ("shares", shares)];
+    // A switch that is off is left out, so that shadow maps take the same kernels.
+    let switches: Vec<(&str, u32)> = switches.into_iter().filter(|(_, on)| *on).map(|(name, _)| (name, 1)).collect();
+    recorder.nearest_points(&switches, inputs, nearest.clone(), atomics64)?;
     let [albedo, normal, depth] = targets.surfaces[0].bind();
     match (settings.splat.quality, &targets.sums) {
         (Quality::High, Some(sums)) => {
@@ -39,7 +41,7 @@ pub(crate) fn splat_surface(
                 specular_sums: specular_sums.clone(),
                 carries: carries.clone(),
             };
-            recorder.over_points(switches, inputs, bindings)?;
+            recorder.over_points(&switches, inputs, bindings)?;
             let bindings = passes::splat_average {
                 nearest,
                 color_sums,

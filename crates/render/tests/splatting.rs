@@ -727,6 +727,7 @@ fn a_large_disc_covers_the_pixels_and_depths_of_its_ellipse() {
         let settings = settings(&[
             ("splat.quality", quality),
             ("splat.atomics", atomics),
+            ("splat.large", "shared"),
             ("splat.close_gaps", "false"),
             ("view.field_of_view", "60"),
         ]);
@@ -784,9 +785,12 @@ fn a_near_wall_is_closed_at_rest_and_capped_while_moving() {
         let (moving, capped) = (near(&mut stage, &[quality], true), [quality, ("splat.rest_pixels", "1")]);
         assert!(moving.0 > 1_000, "{} pixels are open", moving.0);
         assert_eq!(near(&mut stage, &capped, false), moving);
-        // Discs that are larger than one invocation takes are the same as those that are asked for by their size.
-        let larger = [quality, ("splat.rest_pixels", "1"), ("splat.max_pixels", "512")];
-        assert_eq!(near(&mut stage, &larger, true).1, near(&mut stage, &[quality], false).1);
+        // A workgroup makes the same picture as one invocation, with small discs and with large ones.
+        for size in ["1", "0.2"].map(|size| ("splat.size", size)) {
+            let [alone, shared] =
+                ["alone", "shared"].map(|large| near(&mut stage, &[quality, size, ("splat.large", large)], false));
+            assert!(alone == shared, "{quality:?} {size:?}");
+        }
     }
 }
 

@@ -37,10 +37,10 @@ pub use preset::{PRESETS, Preset};
 pub use settings::{
     Atomics, BundleCull, BundleRest, BundleSplat, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement, CubeRest,
     CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings, Highlight, JudgedBy,
-    KeptPoints, Light, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints, Paging, Quality, Ramp,
-    Reading, Reflection, SampleCameras, SceneSettings, ScreenBack, ScreenCriterion, ScreenRest, ScreenSampling, Seeds,
-    Settings, Show, Solver, Splat, Sscr, Start, Stream, Sun, Surface, SurfaceOrientation, SurfaceRadii, Tone, Trace,
-    UpAxis, ViewSettings, VirtualLight,
+    KeptPoints, LargeDiscs, Light, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints, Paging,
+    Quality, Ramp, Reading, Reflection, SampleCameras, SceneSettings, ScreenBack, ScreenCriterion, ScreenRest,
+    ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Stream, Sun, Surface, SurfaceOrientation,
+    SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::{Filter, Visibility};

@@ -17,6 +17,10 @@ choices! {
     pub enum Quality { Nearest = "nearest", High = "high" }
 }
 choices! {
+    /// Who covers the pixels of discs of more than 8 pixels in radius.
+    pub enum LargeDiscs { Auto = "auto", Alone = "alone", Shared = "shared" }
+}
+choices! {
     /// Width of the atomics that find the nearest point of a pixel.
     pub enum Atomics { Auto = "auto", Bits32 = "32" }
 }
@@ -217,6 +221,8 @@ params! {
         step: u32 = 1, 1..=64, "points" => affects(surface found);
         /// Width of the atomics; auto takes 64 bits where the adapter has them.
         atomics: Atomics = Atomics::Auto;
+        /// Whether a large disc is covered by one invocation alone or shared by a workgroup; auto shares on GPUs. The picture is the same.
+        large: LargeDiscs = LargeDiscs::Auto => affects(surface);
     }
 
     /// Colour of the points.
