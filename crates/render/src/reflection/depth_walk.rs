@@ -157,7 +157,7 @@ impl View {
     }
 
     /// The product of a plane's normal with its places less the centre.
-    fn plane(&self, texel: &Texel, x: u32, y: u32) -> f32 {
+    pub fn plane(&self, texel: &Texel, x: u32, y: u32) -> f32 {
         let [origin, direction] = self.sight(x as f32 + 0.5, y as f32 + 0.5);
         texel.normal.dot(origin) + texel.normal.dot(direction) * texel.depth
     }
