@@ -82,8 +82,13 @@ pub fn open(
     }
     read_meshes(&mut request.mirrors, settings, &mut loads.status);
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
-    let apart =
-        Apart::of(loads.clouds.iter().map(|loaded| (loaded, cloud::robust_bounds(&loaded.cloud.shown(&test).chunks))));
+    let apart = Apart::of(
+        &loads
+            .clouds
+            .iter()
+            .map(|loaded| loaded.place(cloud::robust_bounds(&loaded.cloud.shown(&test).chunks)))
+            .collect::<Vec<_>>(),
+    );
     terminal::warn(param::few(apart.warnings, "clouds that lie elsewhere"));
     let near = loads.clouds.iter().zip(apart.is_near).filter(|(_, is_near)| *is_near);
     let outline = near.flat_map(|(loaded, _)| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));

@@ -5,6 +5,8 @@ use scene::{Settings, pool};
 use world::CloudKey;
 
 use crate::viewer::history::History;
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::scene::Scene;
 use crate::viewer::session::Session;
 
 pub struct FirstLook {
@@ -14,45 +16,43 @@ pub struct FirstLook {
     has_ball: bool,
 }
 
-/// Opens the scene with its own sun and sky; the other parameters stay as the person has them.
-pub fn open(session: &mut Session) {
-    let own = session.scene.settings.clone();
-    let mut request = world::resolve(&[world::first_scene()]);
-    if let Some(view) = &mut request.view {
-        let mut settings = own.clone();
-        for (key, text) in view.settings.differing() {
-            if let Err(error) = settings.set_text(&key, &text) {
-                tracing::warn!("{error}");
+impl FirstLook {
+    /// Returns the scene with its own sun and sky, too; the other parameters are the person's.
+    pub fn new(own: &Settings) -> (world::Request, Self) {
+        let mut request = world::resolve(&[world::first_scene()]);
+        if let Some(view) = &mut request.view {
+            let mut settings = own.clone();
+            for (key, text) in view.settings.differing() {
+                if let Err(error) = settings.set_text(&key, &text) {
+                    tracing::warn!("{error}");
+                }
             }
+            view.settings = settings;
         }
-        view.settings = settings;
+        (request, Self { own: own.clone(), has_ball: false })
     }
-    session.open_request(request);
-    session.first_look = Some(FirstLook { own, has_ball: false });
-}
 
-/// Selects the ball when it has come, so that its handles invite a hand.
-pub fn offer_ball(session: &mut Session) {
-    let Some(first) = session.first_look.as_mut().filter(|first| !first.has_ball) else { return };
-    let ball = session.scene.objects.mirrors.iter().find(|placed| placed.mirror.name == pool::BALL);
-    if let Some(ball) = ball {
-        first.has_ball = true;
-        session.scene.selected = Some(ball.id);
+    /// Selects the ball when it has come, so that its handles invite a hand.
+    pub fn offer_ball(&mut self, scene: &mut Scene) {
+        let ball = scene.objects.mirrors.iter().find(|placed| placed.mirror.name == pool::BALL);
+        if let Some(ball) = ball.filter(|_| !self.has_ball) {
+            self.has_ball = true;
+            scene.selected = Some(ball.id);
+        }
     }
-}
 
-/// Closes the scene, and brings the person's parameters back.
-pub fn leave(session: &mut Session) {
-    let Some(first) = session.first_look.take() else { return };
-    session.with_loaded(crate::viewer::loaded::Loaded::stop_loading);
-    let keys: Vec<CloudKey> = session.loaded.clouds.iter().map(|entry| entry.key).collect();
-    for key in keys {
-        session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
+    /// Closes the scene, and brings the person's parameters back.
+    pub fn leave(self, loaded: &mut Loaded, beside: &mut Beside<'_>) {
+        loaded.stop_loading(beside);
+        let keys: Vec<CloudKey> = loaded.clouds.iter().map(|entry| entry.key).collect();
+        for key in keys {
+            loaded.remove_cloud(key, beside);
+        }
+        beside.scene.selected = None;
+        beside.scene.settings = self.own;
+        // Nobody wants the scene back by undoing.
+        beside.scene.history = History::default();
     }
-    session.scene.selected = None;
-    session.scene.settings = first.own;
-    // Nobody wants the scene back by undoing.
-    session.scene.history = History::default();
 }
 
 /// The parameters to keep for the next start.
@@ -72,7 +72,7 @@ mod tests {
     fn session() -> Session {
         let mut session = Session::new(Preferences::default());
         (session.scene.settings.scene.points, session.scene.settings.view.frame_ms) = (3000, 77.0);
-        open(&mut session);
+        session.open_first_look();
         read(&mut session);
         session
     }

@@ -303,7 +303,7 @@ impl Viewer {
         self.log.write(&json!({ "event": "window" }));
         if let Some(request) = self.request.take() {
             if request.inputs.is_empty() && request.view.is_none() {
-                first_look::open(&mut self.session);
+                self.session.open_first_look();
             } else {
                 self.session.open_request(request);
             }

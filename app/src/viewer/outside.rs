@@ -83,6 +83,26 @@ impl Outside {
         self.note(format!("Picture saved: {}", path.display()));
     }
 
+    /// Tells whether a scene file was written.
+    pub fn scene_saved(&mut self, path: &Path, result: Result<(), String>) {
+        match result {
+            Ok(()) => {
+                self.log(json!({ "event": "scene_saved", "path": path }));
+                self.note(format!("Scene saved: {}", path.display()));
+            }
+            Err(error) => self.say(Level::Error, error),
+        }
+    }
+
+    /// Tells whether an index was deleted, and how much room that made.
+    pub fn index_deleted(&mut self, freed: &str, result: Result<(), String>) {
+        match result {
+            Ok(()) => self.say(Level::Note, format!("Index deleted: {freed} free")),
+            Err(error) => self.say(Level::Error, error),
+        }
+        self.work(Work::MeasureCache);
+    }
+
     /// Shows a note without logging it: it only confirms what a person asked for.
     pub fn note(&mut self, text: impl Into<String>) {
         self.messages.push(Level::Note, text);

@@ -60,7 +60,7 @@ pub struct Scene {
 /// Whether clouds can be seen together.
 pub fn apart(clouds: &[&CloudEntry]) -> Apart {
     let bounds = |entry: &CloudEntry| entry.figures.as_ref().map_or(entry.bounds, |figures| figures.bounds);
-    Apart::of(clouds.iter().map(|entry| (&***entry, bounds(entry))))
+    Apart::of(&clouds.iter().map(|entry| entry.place(bounds(entry))).collect::<Vec<_>>())
 }
 
 impl Scene {

@@ -14,7 +14,7 @@ use serde_json::json;
 
 use crate::viewer::action::{Action, Handles};
 use crate::viewer::auto::Auto;
-use crate::viewer::first_look::{self, FirstLook};
+use crate::viewer::first_look::FirstLook;
 use crate::viewer::frames::{Frames, Situation};
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded, all_mirrors};
@@ -24,7 +24,7 @@ use crate::viewer::outside::{Effect, News, Outside};
 use crate::viewer::panels::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::preferences::Preferences;
 use crate::viewer::reflection_figures::FigureHistory;
-use crate::viewer::scene::Scene;
+use crate::viewer::scene::{STEP, Scene};
 use crate::viewer::theme::bytes;
 use crate::viewer::tools::{Tools, pick};
 use crate::viewer::truth::study_file::{STUDY, group_of};
@@ -137,7 +137,7 @@ impl Session {
             Action::RemoveCloud(key) => {
                 self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
                 if self.loaded.clouds.is_empty() {
-                    first_look::leave(self);
+                    self.leave_first_look();
                 }
             }
             Action::StopMaking(key) => self.loaded.stop_making(key),
@@ -154,7 +154,7 @@ impl Session {
             }
             Action::ShowLights(are_shown) => self.tools.light_panel_is_open = are_shown,
             Action::Inspect => self.tools.toggle_inspection(&mut self.scene, &self.loaded, &mut self.outside),
-            Action::InspectDistance(notches) => self.tools.change_pose(|pose| pose.move_away(notches)),
+            Action::InspectDistance(notches) => self.tools.change_pose(|pose| pose.move_away(STEP.powf(notches))),
             Action::InspectTilt(notches) => self.tools.change_pose(|pose| pose.lean(notches)),
             Action::ChangeInspection(changed) => self.tools.change_pose(|pose| *pose = changed),
             Action::ChangeDraft(draft) => self.tools.draft = *draft,
@@ -305,7 +305,7 @@ impl Session {
 
     pub fn open_request(&mut self, request: world::Request) {
         if !request.inputs.is_empty() {
-            first_look::leave(self);
+            self.leave_first_look();
         }
         let built_in_light = request.built_in_light();
         for warning in request.warnings {
@@ -337,12 +337,27 @@ impl Session {
         }
     }
 
+    /// Opens what the window shows when nothing is named.
+    pub fn open_first_look(&mut self) {
+        let (request, first) = FirstLook::new(&self.scene.settings);
+        self.open_request(request);
+        self.first_look = Some(first);
+    }
+
+    fn leave_first_look(&mut self) {
+        if let Some(first) = self.first_look.take() {
+            self.with_loaded(|loaded, beside| first.leave(loaded, beside));
+        }
+    }
+
     /// Takes in a message from another thread.
     pub fn on_news(&mut self, news: News) {
         match news {
             News::Loading(job, event, pass) => {
                 self.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
-                first_look::offer_ball(self);
+                if let Some(first) = &mut self.first_look {
+                    first.offer_ball(&mut self.scene);
+                }
                 if let Some(pass) = pass {
                     self.outside.render(Command::Arrived(pass));
                 }
@@ -384,23 +399,8 @@ impl Session {
             Found::Truth(answer) => self.on_truth(*answer),
             Found::AddedToStudy { plan, result } => tuning::on_added_to_study(&plan, result, &mut self.outside),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
-            Found::SceneSaved { path, result } => match result {
-                Ok(()) => {
-                    self.outside.log(json!({ "event": "scene_saved", "path": path }));
-                    self.outside.note(format!("Scene saved: {}", path.display()));
-                }
-                Err(error) => self.outside.say(Level::Error, error),
-            },
-            Found::IndexDeleted { kept, result } => {
-                match result {
-                    Ok(()) => {
-                        let text = format!("Index deleted: {} free", bytes(kept.bytes));
-                        self.outside.say(Level::Note, text);
-                    }
-                    Err(error) => self.outside.say(Level::Error, error),
-                }
-                self.outside.work(Work::MeasureCache);
-            }
+            Found::SceneSaved { path, result } => self.outside.scene_saved(&path, result),
+            Found::IndexDeleted { kept, result } => self.outside.index_deleted(&bytes(kept.bytes), result),
             Found::CacheSize(bytes) => self.loaded.cache_size = Some(bytes),
         }
     }

@@ -2,8 +2,6 @@
 
 use cloud::Bounds;
 
-use crate::assembly::Assembly;
-
 /// Clouds with a gap of more than so many times the larger one's diameter are apart: seen together, each would be a few
 /// pixels wide.
 const FAR: f64 = 10.0;
@@ -18,20 +16,7 @@ pub struct Apart {
 }
 
 impl Apart {
-    /// `bounds` are those of the clouds, in the same order, without stray points.
-    pub fn of<'a>(clouds: impl Iterator<Item = (&'a Assembly, Bounds)>) -> Self {
-        let places: Vec<Place> = clouds
-            .map(|(assembly, bounds)| Place {
-                name: &assembly.cloud.name,
-                bounds,
-                points: assembly.points,
-                system: assembly.crs.as_deref(),
-            })
-            .collect();
-        Self::of_places(&places)
-    }
-
-    fn of_places(places: &[Place]) -> Self {
+    pub fn of(places: &[Place]) -> Self {
         let bounds: Vec<Bounds> = places.iter().map(|place| place.bounds).collect();
         let groups = groups(&bounds);
         let seen = (0..places.len()).filter(|index| !bounds[*index].is_empty());
@@ -77,11 +62,14 @@ pub(crate) fn groups(bounds: &[Bounds]) -> Vec<usize> {
     groups
 }
 
-struct Place<'a> {
-    name: &'a str,
-    bounds: Bounds,
-    points: u64,
-    system: Option<&'a str>,
+/// Where a cloud lies.
+pub struct Place<'a> {
+    pub(crate) name: &'a str,
+    /// Without stray points.
+    pub(crate) bounds: Bounds,
+    pub(crate) points: u64,
+    /// The name of its coordinate system.
+    pub(crate) system: Option<&'a str>,
 }
 
 impl Place<'_> {
@@ -124,7 +112,7 @@ mod tests {
             place("row", 1500.0, 5, None),
             place("other", 5e6, 7, Some("B")),
         ];
-        let apart = Apart::of_places(&places);
+        let apart = Apart::of(&places);
         assert_eq!(apart.is_near, [false, true, true, true, false]);
         assert_eq!(
             apart.warnings,
@@ -137,10 +125,10 @@ mod tests {
 
     #[test]
     fn tiles_side_by_side_with_different_systems_are_told() {
-        let apart = Apart::of_places(&[place("a", 0.0, 2, Some("A")), place("b", 50.0, 1, Some("B"))]);
+        let apart = Apart::of(&[place("a", 0.0, 2, Some("A")), place("b", 50.0, 1, Some("B"))]);
         assert_eq!(apart.is_near, [true, true]);
         assert_eq!(apart.warnings, ["b has another coordinate system than a"]);
         let empty = Place { name: "c", bounds: Bounds::EMPTY, points: 0, system: None };
-        assert_eq!(Apart::of_places(&[empty]), Apart { is_near: vec![true], warnings: Vec::new() });
+        assert_eq!(Apart::of(&[empty]), Apart { is_near: vec![true], warnings: Vec::new() });
     }
 }

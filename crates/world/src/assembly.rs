@@ -8,6 +8,7 @@ use cloud::{Bounds, Chunk, Cloud, CloudLayout, Column, Surfels};
 use glam::DVec3;
 use stream::Octree;
 
+use crate::apart::Place;
 use crate::change::Change;
 use crate::chunk_key::{CloudKey, Part};
 use crate::event::{IndexState, Opened};
@@ -169,6 +170,11 @@ impl Assembly {
         let open = Change::Open { cloud: self.key, provisional_radius: self.provisional_radius };
         let bounds = self.index_bounds().map(|bounds| Change::Bounds { cloud: self.key, bounds });
         std::iter::once(open).chain(bounds).chain(self.puts()).collect()
+    }
+
+    /// Where the cloud lies, by its `bounds` without stray points.
+    pub fn place(&self, bounds: Bounds) -> Place<'_> {
+        Place { name: &self.cloud.name, bounds, points: self.points, system: self.crs.as_deref() }
     }
 
     pub fn chunks(&self) -> Vec<(Part, Chunk)> {

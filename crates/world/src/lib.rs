@@ -26,7 +26,7 @@ mod source;
 mod task;
 mod words;
 
-pub use apart::Apart;
+pub use apart::{Apart, Place};
 pub use assembly::Assembly;
 pub use budget::{half_of, most_points, most_preview_points};
 pub use cache::{cache, delete, folder_named_by, pipelines_folder};

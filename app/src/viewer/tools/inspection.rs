@@ -13,7 +13,6 @@ use rayon::prelude::*;
 use scene::{Mirror, Shape};
 
 use crate::viewer::objects::ObjectId;
-use crate::viewer::scene::STEP;
 
 /// The mirror at the cursor.
 pub struct Inspection {
@@ -84,9 +83,9 @@ const BULGE: f64 = 1.5;
 const TILT_STEP: f64 = 0.087;
 
 impl Pose {
-    /// Moves the mirror away from the surface by notches of the wheel.
-    pub fn move_away(&mut self, notches: f32) {
-        self.distance = (self.distance * f64::from(STEP.powf(notches))).clamp(0.005, 0.9);
+    /// Holds the mirror at so many times its distance.
+    pub fn move_away(&mut self, factor: f32) {
+        self.distance = (self.distance * f64::from(factor)).clamp(0.005, 0.9);
     }
 
     /// Tilts the mirror by notches of the wheel.
