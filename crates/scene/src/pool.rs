@@ -111,7 +111,7 @@ fn mirror(name: &str, shape: Shape, size: f64) -> Mirror {
 }
 
 pub(crate) fn camera() -> Camera {
-    Camera::from_eye(DVec3::new(3.7, 2.5, 8.2), DVec3::new(-0.8, 0.85, 0.0), DVec3::Y)
+    Camera::from_eye(DVec3::new(3.7, EYE_HEIGHT, 8.2), DVec3::new(-0.8, 0.85, 0.0), DVec3::Y)
 }
 
 /// The parameters that belong to the scene: its sun and its sky.
@@ -133,27 +133,26 @@ pub(crate) fn settings() -> Settings {
     settings
 }
 
-/// The points of a surface keep this distance from its border, about the radius of their discs, which then end there:
-/// from below, one would see dark discs stand out over the top of a wall.
-const INSET: f64 = 0.02;
-
 fn rectangle(corner: [f64; 3], u: DVec3, v: DVec3) -> Surface {
-    let [inset_u, inset_v] = [u, v].map(|edge| edge.normalize_or_zero() * INSET);
-    Surface::Rectangle {
-        corner: DVec3::from(corner) + inset_u + inset_v,
-        edges: [u - 2.0 * inset_u, v - 2.0 * inset_v],
-    }
+    Surface::Rectangle { corner: DVec3::from(corner), edges: [u, v] }
 }
+
+/// How far the top of a wall that is higher than the eye keeps from its border, about the radius of its discs:
+/// from below, one would see dark discs stand out over the wall.
+const INSET: f64 = 0.03;
+const EYE_HEIGHT: f64 = 2.5;
 
 /// The sides of a block that stands on the floor.
 fn block(low: [f64; 3], high: [f64; 3]) -> [Surface; 5] {
     let size = DVec3::from(high) - DVec3::from(low);
     let (x, y, z) = (DVec3::X * size.x, DVec3::Y * size.y, DVec3::Z * size.z);
     let (low, at) = (DVec3::from(low), |offset: DVec3| (DVec3::from(low) + offset).to_array());
+    let inset = if low.y + size.y > EYE_HEIGHT { INSET } else { 0.0 };
+    let top = (DVec3::X + DVec3::Z) * inset;
     [
         rectangle(low.to_array(), z, y),
         rectangle(at(x), y, z),
-        rectangle(at(y), z, x),
+        rectangle(at(y + top), z - DVec3::Z * (2.0 * inset), x - DVec3::X * (2.0 * inset)),
         rectangle(low.to_array(), y, x),
         rectangle(at(z), x, y),
     ]
