@@ -82,7 +82,7 @@ take() {
 window() {
     Xvfb :87 -screen 0 1280x800x24 2> /dev/null &
     screen=$!
-    sleep 1
+    until DISPLAY=:87 xdotool getmouselocation > /dev/null 2>&1; do sleep 1; done
     GLINT_EVENT_LOG="$work/log" XDG_CONFIG_HOME="$work" DISPLAY=:87 "$glint" "$work/window.toml" &
     viewer=$!
     await 1
@@ -94,9 +94,9 @@ window() {
     convert "$work/window.png" -quality 88 "$pictures/window.jpg"
 }
 
-# Waits until that many pictures are final.
+# Waits until that many pictures are final, or the window has gone.
 await() {
-    until [ "$(grep -c settled "$work/log" 2> /dev/null)" -ge "$1" ]; do sleep 1; done
+    while kill -0 "$viewer" && [ "$(cat "$work/log" 2> /dev/null | grep -c settled)" -lt "$1" ]; do sleep 1; done
 }
 
 [ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake bunny window
