@@ -57,6 +57,12 @@ pub enum Command {
 pub struct ViewArguments {
     /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`), names of built-in scenes
     pub inputs: Vec<OsString>,
+    /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
+    /// File with a view (as "copy view" gives it), - for standard input, or front, back, left, right, top, bottom, iso, or scene for the scene's own
+    #[arg(long, value_name = "FILE|NAME")]
+    pub camera: Option<OsString>,
     #[command(flatten)]
     pub gpu: GpuArgument,
 }

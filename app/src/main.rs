@@ -76,8 +76,9 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
     match command {
         Command::View(arguments) => {
             // The names are checked before the display: a wrong name is an error on every machine.
-            let request = world::resolve(&arguments.inputs);
+            let mut request = world::resolve(&arguments.inputs);
             request.check()?;
+            let start = viewer::Start::new(&arguments, &mut request)?;
             if !environment::has_display() {
                 let name = arguments.inputs.first().map_or_else(|| PathBuf::from(world::first_scene()), PathBuf::from);
                 return Err(NoScreen(format!(
@@ -87,7 +88,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
                 ))
                 .into());
             }
-            viewer::run(request, arguments.gpu.gpu)?;
+            viewer::run(request, start, arguments.gpu.gpu)?;
             Ok(0)
         }
         Command::Info(arguments) => info::run(&arguments),

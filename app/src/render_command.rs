@@ -250,7 +250,7 @@ fn needs_extension(path: &Path, extension: &str) -> anyhow::Result<()> {
 }
 
 /// How the camera of the picture is found.
-enum Viewpoint {
+pub enum Viewpoint {
     Camera(Camera),
     /// The camera stands where `view.start` says.
     Start,
@@ -261,7 +261,10 @@ enum Viewpoint {
 impl Viewpoint {
     /// `word` is the value of `--camera`. Parameters from a camera file go into `settings`, its mirrors and lights into
     /// `request`.
-    fn new(word: Option<&OsStr>, request: &mut Request, settings: &mut Settings) -> anyhow::Result<Self> {
+    ///
+    /// # Errors
+    /// The word names no view, or a file that cannot be read.
+    pub fn new(word: Option<&OsStr>, request: &mut Request, settings: &mut Settings) -> anyhow::Result<Self> {
         let own = request.view.as_ref().and_then(|view| view.camera);
         let Some(word) = word else {
             return Ok(own.map_or(Self::Start, Self::Camera));

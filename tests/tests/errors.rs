@@ -201,6 +201,7 @@ fn bad_words_are_bad_usage_in_every_command() {
             vec!["index", "cloud.las"],
             vec!["study", "plan.toml", "-o", "results"],
             vec!["surfaces", "cloud.las"],
+            vec!["view", "cloud.las"],
         ];
         commands.map(|command| [command, vec!["--set", value]].concat())
     };

@@ -40,6 +40,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use ::scene::{Settings, StandardView, View};
 use anyhow::Context as _;
 pub use headless::Headless;
 use messages::Level;
@@ -58,8 +59,10 @@ use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::WindowId;
 use world::Request;
 
+use crate::command_line::ViewArguments;
 use crate::failure::{Interrupted, NoScreen};
 use crate::interrupt;
+use crate::render_command::Viewpoint;
 
 /// A message from another thread to the window.
 enum Wake {
@@ -70,11 +73,59 @@ enum Wake {
     Interrupted,
 }
 
+/// What the command line says of the first view, besides the inputs.
+#[derive(Default)]
+pub struct Start {
+    /// Parameters that are set, by key.
+    set: Vec<(String, String)>,
+    /// The side from which everything is seen at first.
+    side: Option<StandardView>,
+}
+
+impl Start {
+    /// Reads `--camera` and checks `--set`. A camera file's view goes into `request`.
+    ///
+    /// # Errors
+    /// Bad usage, or the file cannot be read.
+    pub fn new(arguments: &ViewArguments, request: &mut Request) -> anyhow::Result<Self> {
+        let mut start = Self { set: arguments.set.clone(), side: None };
+        let mut checked = Settings::default();
+        for (key, value) in &start.set {
+            checked.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
+        }
+        let Some(word) = arguments.camera.as_deref() else { return Ok(start) };
+        let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
+        let viewpoint = Viewpoint::new(Some(word), request, &mut settings)?;
+        let camera = match viewpoint {
+            Viewpoint::Camera(camera) => Some(camera),
+            Viewpoint::Start => None,
+            Viewpoint::Framing(side) => {
+                start.side = Some(side);
+                None
+            }
+        };
+        request.view = Some(View { camera, settings, warnings: Vec::new() });
+        Ok(start)
+    }
+
+    fn apply(&self, session: &mut Session) {
+        for (key, value) in &self.set {
+            if let Err(error) = session.scene.settings.set_text(key, value) {
+                session.outside.say(Level::Warning, error.to_string());
+            }
+        }
+        session.scene.first_side = self.side;
+        // What the command line asks for is no step of undo.
+        let scene = &mut session.scene;
+        scene.history.after_jump(&scene.settings, &scene.objects);
+    }
+}
+
 /// Opens the window with the clouds of `request`, and returns when it is closed. `gpu` is as in `Gpu::headless`.
 ///
 /// # Errors
 /// There is no display or adapter (`NoScreen`, `render::Error::NoAdapter`), or the graphics device was lost.
-pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
+pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Result<()> {
     let event_loop = EventLoop::<Wake>::with_user_event().build().map_err(|error| no_screen(&error))?;
     let wake = event_loop.create_proxy();
     interrupt::catch(move || drop(wake.send_event(Wake::Interrupted)));
@@ -89,7 +140,7 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     let mut viewer = Viewer {
         wake: event_loop.create_proxy(),
         session,
-        request: Some(request),
+        request: Some((request, start)),
         wanted_gpu: gpu,
         screen: None,
         effects: Effects::new(world::start, Arc::new(tell)),
@@ -127,7 +178,7 @@ struct Viewer {
     wake: EventLoopProxy<Wake>,
     session: Session,
     /// What to open, until the window exists.
-    request: Option<Request>,
+    request: Option<(Request, Start)>,
     wanted_gpu: Option<String>,
     screen: Option<Screen>,
     effects: Effects,
@@ -301,12 +352,13 @@ impl Viewer {
         self.session.frames.shaders = started.context("no thread for the renderer")?;
         self.screen = Some(screen);
         self.log.write(&json!({ "event": "window" }));
-        if let Some(request) = self.request.take() {
+        if let Some((request, start)) = self.request.take() {
             if request.inputs.is_empty() && request.view.is_none() {
                 self.session.open_first_look();
             } else {
                 self.session.open_request(request);
             }
+            start.apply(&mut self.session);
         }
         self.do_effects();
         self.request_paint();

@@ -45,6 +45,8 @@ pub struct Scene {
     pub camera_is_placed: bool,
     /// A camera in the room that is open, if it is one.
     pub room: Option<Camera>,
+    /// The side from which everything is seen until then, if the command line names one.
+    pub first_side: Option<StandardView>,
     pub mode: Mode,
     pub navigation: Navigation,
     pub history: History,
@@ -72,6 +74,7 @@ impl Scene {
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
             camera_is_placed: false,
             room: None,
+            first_side: None,
             mode: Mode::Orbit,
             navigation: Navigation::default(),
             history: History::default(),
@@ -369,17 +372,21 @@ impl Scene {
         if self.camera_is_placed {
             return;
         }
-        if let Some(room) = self.room.filter(|_| self.settings.view.start == Start::Auto) {
+        let side = self.first_side.unwrap_or(StandardView::Isometric);
+        let has_figures = clouds.iter().any(|entry| entry.is_visible && entry.figures.is_some());
+        if let Some(room) = self.room.filter(|_| self.first_side.is_none() && self.settings.view.start == Start::Auto) {
             self.camera = room;
-        } else if clouds.iter().any(|entry| entry.is_visible && entry.figures.is_some()) {
+        } else if has_figures && self.first_side.is_some() {
+            self.camera = self.framed(&self.outline(clouds), side, clouds);
+        } else if has_figures {
             // Of clouds that lie far apart, the largest.
             let visible: Vec<&CloudEntry> = clouds.iter().filter(|entry| entry.is_visible).collect();
             let is_near = apart(&visible).is_near;
             let near = visible.into_iter().zip(is_near).filter(|(_, is_near)| *is_near);
             let outline = self.outline_of(near.map(|(entry, _)| entry));
-            self.camera = self.framed(&outline, StandardView::Isometric, clouds);
+            self.camera = self.framed(&outline, side, clouds);
         } else if !bounds.is_empty() {
-            self.camera = self.framed(&bounds.corners(), StandardView::Isometric, clouds);
+            self.camera = self.framed(&bounds.corners(), side, clouds);
         }
     }
 
