@@ -32,6 +32,11 @@ impl ColumnType {
         }
     }
 
+    /// Whether all values are whole numbers.
+    pub fn is_whole(self) -> bool {
+        !matches!(self, Self::F32 | Self::F64)
+    }
+
     /// The size of one value in bytes.
     pub fn size(self) -> usize {
         match self {

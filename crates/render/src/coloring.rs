@@ -123,9 +123,25 @@ impl ColorPlan {
         lacking.then_some(index)
     }
 
-    /// The number of points in each of `bins` equal parts of `full_range`; empty for colours without a ramp.
-    pub fn histogram(&self, cloud: &Cloud, up: DVec3, bins: usize) -> Vec<u32> {
-        scalar_of(self.source, up).map_or(Vec::new(), |scalar| histogram(&cloud.chunks, scalar, self.full_range, bins))
+    /// The number of points in each of at most `bins` equal parts of a range, and that range; empty for colours without
+    /// a ramp. The range is the full one. Of whole numbers, each part holds as many as every other, and the range is
+    /// half a step wider at both ends.
+    pub fn histogram(&self, cloud: &Cloud, up: DVec3, bins: usize) -> (Vec<u32>, (f64, f64)) {
+        let Some(scalar) = scalar_of(self.source, up) else { return (Vec::new(), self.full_range) };
+        let (low, high) = self.full_range;
+        let is_whole = match self.source {
+            ColorSource::Column(index) => cloud.attributes.get(index).is_some_and(|known| known.column_type.is_whole()),
+            _ => false,
+        };
+        let (range, bins) = if is_whole && high >= low {
+            let numbers = high - low + 1.0;
+            let step = (numbers / bins.max(1) as f64).ceil().max(1.0);
+            let bins = (numbers / step).ceil();
+            ((low - 0.5, low - 0.5 + bins * step), bins as usize)
+        } else {
+            (self.full_range, bins)
+        };
+        (histogram(&cloud.chunks, scalar, range, bins), range)
     }
 }
 
@@ -354,7 +370,7 @@ mod tests {
         let color = Color { by: ColorBy::Height, low: 0.0, high: 1.0, ..Color::default() };
         let (plan, _) = ColorPlan::new(&cloud(vec![1; 100]), &color, DVec3::Z);
         assert_eq!((plan.low, plan.high), (100.0, 100.0 + 99.0 * 99.0));
-        assert_eq!(plan.histogram(&cloud(vec![1; 100]), DVec3::Z, 10).iter().sum::<u32>(), 100);
+        assert_eq!(plan.histogram(&cloud(vec![1; 100]), DVec3::Z, 10).0.iter().sum::<u32>(), 100);
     }
 
     #[test]

@@ -24,8 +24,9 @@ pub struct Figures {
     pub plan: ColorPlan,
     /// The reason why the plan differs from the requested one.
     pub warning: Option<String>,
-    /// The histogram of the visible points over `plan.full_range`; empty for colours without a ramp.
+    /// The histogram of the visible points over this range; empty for colours without a ramp.
     pub histogram: Vec<u32>,
+    pub histogram_range: (f64, f64),
     /// The number of points of each class that occurs, in the order of classes; hidden points count too.
     pub classes: Vec<(u8, u64)>,
     /// The bounds of the visible points, without stray points.
@@ -41,16 +42,16 @@ impl Figures {
     pub fn of(cloud: &Cloud, color: &scene::Color, test: &PointTest, up: DVec3) -> Self {
         let shown = cloud.shown(test);
         let (plan, warning) = ColorPlan::new(&shown, color, up);
-        let histogram = plan.histogram(&shown, up, HISTOGRAM_BINS);
+        let (histogram, histogram_range) = plan.histogram(&shown, up, HISTOGRAM_BINS);
         let bounds = cloud::robust_bounds(&shown.chunks);
         let outline = cloud::robust_outline(&shown.chunks);
-        Self { plan, warning, histogram, classes: classes(cloud), bounds, outline }
+        Self { plan, warning, histogram, histogram_range, classes: classes(cloud), bounds, outline }
     }
 
     /// Counts the loaded points of a cloud again; colours and bounds stay.
     pub fn recounted(self, cloud: &Cloud, test: &PointTest, up: DVec3) -> Self {
-        let histogram = self.plan.histogram(&cloud.shown(test), up, HISTOGRAM_BINS);
-        Self { histogram, classes: classes(cloud), ..self }
+        let (histogram, histogram_range) = self.plan.histogram(&cloud.shown(test), up, HISTOGRAM_BINS);
+        Self { histogram, histogram_range, classes: classes(cloud), ..self }
     }
 }
 
@@ -123,5 +124,27 @@ mod tests {
         assert_eq!(some.classes, [(2, 30), (7, 10)]);
         let again = all.recounted(&cloud, &PointTest::hiding([2]), DVec3::Z);
         assert_eq!(again.histogram.iter().sum::<u32>(), 10);
+    }
+
+    #[test]
+    fn whole_numbers_have_bins_of_their_own() {
+        let intensities = |most: u16| {
+            let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; usize::from(most) + 1]);
+            chunk.columns = vec![Some(Arc::new(Column::U16((0..=most).collect())))];
+            let attributes = vec![Attribute { name: "intensity".into(), column_type: ColumnType::U16 }];
+            let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+            let color = scene::Color { by: scene::ColorBy::Intensity, low: 0.0, high: 1.0, ..scene::Color::default() };
+            let figures = Figures::of(&cloud, &color, &PointTest::default(), DVec3::Z);
+            let (low, high) = figures.plan.full_range;
+            let inside = (0..=most).filter(|value| (low..=high).contains(&f64::from(*value))).count();
+            assert_eq!(figures.histogram.iter().sum::<u32>() as usize, inside);
+            figures
+        };
+        let few = intensities(9);
+        assert_eq!(few.histogram_range, (few.plan.full_range.0 - 0.5, few.plan.full_range.1 + 0.5));
+        assert!(few.histogram.iter().all(|count| *count == 1), "{:?}", few.histogram);
+        // Three to a bin, but for the last one.
+        let many = intensities(299);
+        assert!(many.histogram.len() <= 128 && many.histogram[..99].iter().all(|count| *count == 3));
     }
 }

@@ -87,10 +87,19 @@ fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 /// Draws the histogram in the colours of the ramp. Returns the shares of all points below its two handles.
 fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) -> (f32, f32) {
     let plan = &figures.plan;
-    let (start, end) = plan.full_range;
+    let (start, end) = figures.histogram_range;
     let place_of =
         |value: f64| if end > start { ((value - start) / (end - start)).clamp(0.0, 1.0) as f32 } else { 0.5 };
-    ui.label(RichText::new(&plan.label).small().color(theme::WEAK));
+    let log = ui.scope_id().with("logarithmic");
+    let mut is_logarithmic = ui.data(|data| data.get_temp(log)).unwrap_or(false);
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(&plan.label).small().color(theme::WEAK));
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let switch = ui.selectable_label(is_logarithmic, RichText::new("log").small());
+            is_logarithmic ^= switch.on_hover_text("Heights by the logarithm of the counts").clicked();
+        });
+    });
+    ui.data_mut(|data| data.insert_temp(log, is_logarithmic));
     let (outer, response) = ui.allocate_exact_size(vec2(ui.available_width(), 70.0), Sense::click_and_drag());
     // Leave room for the handles at the ends.
     let rect = outer.shrink2(vec2(6.0, 0.0));
@@ -125,9 +134,11 @@ fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) ->
         let place = (index as f32 + 0.5) / figures.histogram.len() as f32;
         let along = ((place - low_place) / (high_place - low_place).max(1e-6)).clamp(0.0, 1.0);
         let [red, green, blue, _] = colors[(along * 255.0) as usize];
-        // The height grows with the square root of the count, so that a bin of a hundredth of the tallest can still be
-        // seen.
-        let height = (*count as f32 / tallest).sqrt() * (rect.height() - 8.0);
+        // The height grows with the square root of the count or its logarithm, so that a bin of a hundredth of the
+        // tallest can still be seen.
+        let share =
+            if is_logarithmic { (*count as f32).ln_1p() / tallest.ln_1p() } else { (*count as f32 / tallest).sqrt() };
+        let height = share * (rect.height() - 8.0);
         let left = rect.left() + index as f32 * width;
         let bar = Rect::from_min_max(pos2(left, rect.bottom() - height), pos2(left + width, rect.bottom()));
         let is_inside = place >= low_place && place <= high_place;
