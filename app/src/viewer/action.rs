@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
-use scene::{ColorBy, Lighting, MirrorPoints, Object, Settings, Shape, StandardView};
+use scene::{ClipShape, ColorBy, Filter, Lighting, MirrorPoints, Object, Settings, Shape, StandardView};
 use world::CloudKey;
 
 use crate::viewer::objects::{Marking, ObjectId};
@@ -30,6 +30,22 @@ pub enum Mode {
     #[default]
     Orbit,
     Fly,
+}
+
+/// What a person does with clip volumes and filters, besides what can be done with every object.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Clipping {
+    /// Adds a volume around all that is shown.
+    AroundAll(ClipShape),
+    /// Adds a box around the last picked point.
+    AroundPick,
+    /// Adds a box around the points in the picture.
+    AroundView,
+    /// Begins to draw the polygon of a prism; again: gives it up.
+    DrawPrism,
+    /// Makes a prism of the polygon.
+    EndPrism,
+    Filter(Vec<Filter>),
 }
 
 /// Which handles of the gizmo are shown.
@@ -131,9 +147,10 @@ pub enum Action {
     ResumeMaking(CloudKey),
     DeleteIndex(CloudKey),
 
-    // ---- mirrors and lights ----
+    // ---- mirrors, lights and clip volumes ----
     AddMirror(Shape),
     AddSpot,
+    Clip(Clipping),
     Select(Option<ObjectId>),
     ChangeObject(ObjectId, Box<Object>),
     Gizmo(Handles),

@@ -124,6 +124,7 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
         section(ui, "Colour", true, |ui| panels::colors::show(ui, session, actions));
         let lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
         section(ui, "Mirrors", true, |ui| panels::mirrors::show(ui, session, actions));
+        section(ui, "Clips and filters", true, |ui| panels::clips::show(ui, session, actions));
         let mut shown: Vec<&str> = OWN_PANELS.into();
         // While a cloud is streamed, the panel of streaming shows its parameters.
         shown.extend(is_streaming.then_some(scene::Stream::table().section));

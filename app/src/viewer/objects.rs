@@ -7,7 +7,7 @@ use glam::DVec3;
 use scene::{Clip, Mirror, MirrorPoints, Object, ObjectKind, SceneFile, Shape, SpotLight, Visibility, five_mirrors};
 use world::{CloudKey, built_in_name};
 
-/// Identifies a mirror or a light. An object that comes back by undo has its old number; no other object ever gets it.
+/// Identifies a mirror, a light or a clip volume. An object that comes back by undo has its old number; no other object ever gets it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectId(pub u32);
 
@@ -91,7 +91,8 @@ impl Objects {
         let mirrors = self.mirrors.iter();
         let mirrors = mirrors.map(|p| (p.id, p.mirror.name.as_str(), Object::Mirror(p.mirror.clone())));
         let lights = self.lights.iter().map(|p| (p.id, p.name.as_str(), Object::Light(p.light)));
-        mirrors.chain(lights)
+        let clips = self.clips.iter().map(|p| (p.id, p.clip.name.as_str(), Object::Clip(p.clip.clone())));
+        mirrors.chain(lights).chain(clips)
     }
 
     pub fn get(&self, id: ObjectId) -> Option<(&str, Object)> {
@@ -99,7 +100,7 @@ impl Objects {
     }
 
     pub fn count(&self, kind: &ObjectKind) -> usize {
-        self.all().filter(|(.., object)| object.kind() == kind).count()
+        self.all().filter(|(.., object)| object.kind().name == kind.name).count()
     }
 
     /// Changes an object, if the new value is valid and there is an object of its kind with this number. A light that a
@@ -121,6 +122,11 @@ impl Objects {
                     (self.lights[index].light, self.lights[index].origin) = (light, Origin::Person);
                 }
             }
+            Object::Clip(clip) => {
+                if let Some(placed) = self.clips.iter_mut().find(|placed| placed.id == id) {
+                    placed.clip = clip;
+                }
+            }
         }
     }
 
@@ -136,6 +142,11 @@ impl Objects {
                 let name = self.free_light_name("spot");
                 self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
             }
+            Object::Clip(clip) => {
+                let wanted = if clip.name.trim().is_empty() { clip.shape.name() } else { clip.name.trim() };
+                let name = numbered(wanted, self.clips.iter().map(|placed| placed.clip.name.as_str()));
+                self.clips.push(PlacedClip { id, clip: Clip { name, ..clip } });
+            }
         }
     }
 
@@ -149,6 +160,7 @@ impl Objects {
     pub fn remove(&mut self, id: ObjectId) {
         let lights = self.lights.len();
         self.mirrors.retain(|placed| placed.id != id);
+        self.clips.retain(|placed| placed.id != id);
         self.lights.retain(|placed| placed.id != id);
         self.no_guess |= self.lights.len() < lights && self.lights.is_empty();
     }

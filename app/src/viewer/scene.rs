@@ -38,7 +38,7 @@ const CAST_RADIUS: f64 = 4.0;
 pub struct Scene {
     pub settings: Settings,
     pub objects: Objects,
-    /// The selected mirror or light.
+    /// The selected object.
     pub selected: Option<ObjectId>,
     pub camera: Camera,
     /// True if a person or a file chose the camera: then loading no longer moves it.
@@ -299,8 +299,9 @@ impl Scene {
     pub fn after_history(&mut self, done: bool, otherwise: &str, outside: &mut Outside) {
         if done {
             self.navigation.camera_moved(outside.now);
-            let Objects { mirrors, lights, .. } = &self.objects;
-            outside.log(json!({ "event": "history", "mirrors": mirrors.len(), "lights": lights.len() }));
+            let Objects { mirrors, lights, clips, .. } = &self.objects;
+            let [mirrors, lights, clips] = [mirrors.len(), lights.len(), clips.len()];
+            outside.log(json!({ "event": "history", "mirrors": mirrors, "lights": lights, "clips": clips }));
         } else {
             outside.note(otherwise);
         }

@@ -26,7 +26,7 @@ use crate::viewer::preferences::Preferences;
 use crate::viewer::reflection_figures::FigureHistory;
 use crate::viewer::scene::{STEP, Scene};
 use crate::viewer::theme::bytes;
-use crate::viewer::tools::{Tools, pick};
+use crate::viewer::tools::Tools;
 use crate::viewer::truth::study_file::{STUDY, group_of};
 use crate::viewer::truth::sweep::Sweeps;
 use crate::viewer::truth::tasks::Answer;
@@ -120,10 +120,7 @@ impl Session {
             Action::OpenPrompted(path) => self.open_prompted(path),
             Action::ClosePrompt => self.path_prompt = None,
             Action::Copy(text) => self.outside.push(Effect::Copy(text)),
-            Action::CopyView => {
-                self.outside.push(Effect::Copy(self.scene.view_as_text(&self.loaded)));
-                self.outside.note("View copied as text");
-            }
+            Action::CopyView => self.scene.copy_view(&self.loaded, &mut self.outside),
             Action::CopyCommandLine => {
                 self.outside.push(Effect::Copy(self.scene.command_line(&self.loaded)));
                 self.outside.note("Command line copied");
@@ -144,6 +141,7 @@ impl Session {
             Action::ResumeMaking(key) => self.loaded.resume_making(key),
             Action::DeleteIndex(key) => self.with_loaded(|loaded, beside| loaded.delete_index(key, beside)),
             Action::AddMirror(shape) => self.tools.add_mirror(shape, &mut self.scene, &self.loaded, &mut self.outside),
+            Action::Clip(clipping) => self.tools.clip(clipping, &mut self.scene, &self.loaded, &mut self.outside),
             Action::Gizmo(handles) => {
                 self.tools.handles = if self.tools.handles == handles { Handles::All } else { handles };
             }
@@ -171,16 +169,14 @@ impl Session {
             Action::Pick => {
                 self.scene.navigation.picks_before = self.tools.picks.clone();
                 match self.tools.inspection {
+                    _ if self.tools.prism.is_some() => self.tools.add_corner(&mut self.scene, &mut self.outside),
                     Some(_) => self.tools.pin_inspection(&mut self.scene, &mut self.outside),
                     None => self.scene.pick_under_cursor(PickPurpose::Select, &mut self.outside),
                 }
             }
             Action::UndoPick => self.tools.picks = std::mem::take(&mut self.scene.navigation.picks_before),
             Action::PickTool => self.tools.pick_tool = !self.tools.pick_tool,
-            Action::CopyPicks => {
-                self.outside.push(Effect::Copy(pick::as_text(&self.tools.picks)));
-                self.outside.note("Picked points copied");
-            }
+            Action::CopyPicks => self.tools.copy_picks(&mut self.outside),
             Action::ClearPicks => self.tools.picks.clear(),
             Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
             Action::LookAtTruth(look) => self.truth.look = look,
@@ -274,6 +270,8 @@ impl Session {
         } else if self.tools.inspection.is_some() {
             self.tools.inspection = None;
             self.scene.navigation.camera_moved(self.outside.now);
+        } else if self.tools.prism.take().is_some() {
+            self.outside.note("Prism given up");
         } else if self.tools.pick_tool {
             self.tools.pick_tool = false;
         } else if self.scene.selected.is_some() {

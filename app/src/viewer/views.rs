@@ -10,12 +10,17 @@ use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::short_name;
 use crate::viewer::objects::{Placed, PlacedClip};
-use crate::viewer::outside::Outside;
+use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
 use crate::viewer::window::render_thread::{Command, FrameRequest};
 use crate::viewer::work::Work;
 
 impl Scene {
+    pub fn copy_view(&self, loaded: &Loaded, outside: &mut Outside) {
+        outside.push(Effect::Copy(self.view_as_text(loaded)));
+        outside.note("View copied as text");
+    }
+
     /// Returns the view as text, without its clouds.
     pub fn view_as_text(&self, loaded: &Loaded) -> String {
         SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings(loaded), loaded) }.to_text()

@@ -12,6 +12,11 @@ const MOST_CORNERS: usize = 1000;
 /// The smallest and the largest size in world units; within them f64 neither over- nor underflows.
 const SIZES: std::ops::RangeInclusive<f64> = 1e-9..=1e12;
 
+/// The number of pieces of a circle that is drawn.
+const RING_STEPS: u32 = 48;
+/// The least share of its size that one move of a side leaves of a clip volume.
+const THINNEST: f64 = 1e-3;
+
 /// The shape of a clip volume.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -134,8 +139,67 @@ impl Clip {
     }
 
     /// Its own axes in the world.
-    pub fn axes(&self) -> DMat3 {
+    fn axes(&self) -> DMat3 {
         DMat3::from_quat(self.rotation.normalize())
+    }
+
+    /// The middles of its sides, relative to its position: pairs of opposite sides, the lower one first. Only the
+    /// sides across the third axis for a slab, none for a prism.
+    pub(crate) fn sides(&self) -> Vec<DVec3> {
+        let axes = match self.shape {
+            ClipShape::Box | ClipShape::Sphere => 0..3,
+            ClipShape::Slab => 2..3,
+            ClipShape::Prism(_) => 0..0,
+        };
+        let half = |axis: usize| self.axes().col(axis) * (self.size[axis] * 0.5);
+        axes.flat_map(|axis| [-half(axis), half(axis)]).collect()
+    }
+
+    /// Moves one of its sides along its own axis; the opposite side stays.
+    pub(crate) fn move_side(&mut self, side: usize, shift: DVec3) {
+        let Some(outward) = self.sides().get(side).and_then(|middle| middle.try_normalize()) else { return };
+        let axis = if self.shape == ClipShape::Slab { 2 } else { side / 2 };
+        let before = self.size[axis];
+        self.size[axis] = (before + outward.dot(shift)).max(before * THINNEST).max(*SIZES.start());
+        self.position += outward * ((self.size[axis] - before) * 0.5);
+    }
+
+    /// Lines that show where its border is, in world coordinates. A slab is drawn as wide as its size says, and a prism
+    /// as long as it is wide.
+    pub fn outline(&self) -> Vec<[DVec3; 2]> {
+        let world = |own: DVec3| self.position + self.axes() * (own * self.size);
+        let ring = |place: &dyn Fn(f64, f64) -> DVec3| -> Vec<[DVec3; 2]> {
+            let at = |step: u32| {
+                let (sine, cosine) = (f64::from(step) / f64::from(RING_STEPS) * std::f64::consts::TAU).sin_cos();
+                world(place(cosine * 0.5, sine * 0.5))
+            };
+            (0..RING_STEPS).map(|step| [at(step), at(step + 1)]).collect()
+        };
+        match &self.shape {
+            ClipShape::Box | ClipShape::Slab => {
+                let corners = Bounds { min: DVec3::splat(-0.5), max: DVec3::splat(0.5) }.corners().map(world);
+                let edges = (0..8).flat_map(|corner| [1, 2, 4].map(|step| (corner, corner | step)));
+                edges.filter(|(from, to)| from != to).map(|(from, to)| [corners[from], corners[to]]).collect()
+            }
+            ClipShape::Sphere => [
+                ring(&|a, b| DVec3::new(a, b, 0.0)),
+                ring(&|a, b| DVec3::new(0.0, a, b)),
+                ring(&|a, b| DVec3::new(b, 0.0, a)),
+            ]
+            .concat(),
+            ClipShape::Prism(Prism { points, direction, eye }) => {
+                let low = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+                let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+                let along = direction.normalize_or_zero() * (high - low).length() * 0.5;
+                let ends = |point: DVec3| match eye {
+                    Some(eye) => [*eye, *eye + (point - *eye) * 1.5].map(world),
+                    None => [point - along, point + along].map(world),
+                };
+                let sides = points.iter().zip(points.iter().cycle().skip(1));
+                let sides = sides.map(|(from, to)| [world(*from), world(*to)]);
+                sides.chain(points.iter().map(|point| ends(*point))).collect()
+            }
+        }
     }
 
     /// Why it is not a valid clip volume, in words.

@@ -3,7 +3,7 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::{MOST_MIRRORS, Mirror, SpotLight};
+use crate::{Clip, ClipShape, MOST_CLIPS, MOST_MIRRORS, Mirror, SpotLight};
 
 /// The distance between a light and its copy, relative to the distance to its target.
 const LIGHT_ASIDE: f64 = 0.1;
@@ -14,6 +14,7 @@ const FACTORS: [f64; 2] = [1e-3, 1e3];
 pub enum Object {
     Mirror(Mirror),
     Light(SpotLight),
+    Clip(Clip),
 }
 
 /// What can be done with objects of a kind. All kinds can be selected, moved, copied, deleted and saved.
@@ -50,11 +51,30 @@ const LIGHT: ObjectKind = ObjectKind {
     most: usize::MAX,
 };
 
+const CLIP: ObjectKind = ObjectKind {
+    name: "clip",
+    places: &["position"],
+    can_turn: true,
+    can_scale: true,
+    has_symbol: false,
+    most: MOST_CLIPS,
+};
+
+const SLAB: ObjectKind = ObjectKind { places: &["position", "lower side", "upper side"], ..CLIP };
+
+const BOX: ObjectKind =
+    ObjectKind { places: &["position", "-x side", "+x side", "-y side", "+y side", "-z side", "+z side"], ..CLIP };
+
 impl Object {
     pub fn kind(&self) -> &'static ObjectKind {
         match self {
             Self::Mirror(_) => &MIRROR,
             Self::Light(_) => &LIGHT,
+            Self::Clip(clip) => match clip.shape {
+                ClipShape::Box | ClipShape::Sphere => &BOX,
+                ClipShape::Slab => &SLAB,
+                ClipShape::Prism(_) => &CLIP,
+            },
         }
     }
 
@@ -63,6 +83,18 @@ impl Object {
         match self {
             Self::Mirror(mirror) => vec![mirror.position],
             Self::Light(light) => vec![light.position, light.target],
+            Self::Clip(clip) => {
+                let sides = clip.sides().into_iter().map(|side| clip.position + side);
+                std::iter::once(clip.position).chain(sides).collect()
+            }
+        }
+    }
+
+    /// The direction (unit vector) along which a place moves, if it moves along a line.
+    pub fn rail(&self, index: usize) -> Option<DVec3> {
+        match self {
+            Self::Mirror(_) | Self::Light(_) => None,
+            Self::Clip(clip) => clip.sides().get(index.checked_sub(1)?)?.try_normalize(),
         }
     }
 
@@ -71,6 +103,8 @@ impl Object {
             (Self::Mirror(mirror), 0) => mirror.position += shift,
             (Self::Light(light), 0) => light.position += shift,
             (Self::Light(light), 1) => light.target += shift,
+            (Self::Clip(clip), 0) => clip.position += shift,
+            (Self::Clip(clip), side) => clip.move_side(side - 1, shift),
             (Self::Mirror(_) | Self::Light(_), _) => {}
         }
     }
@@ -79,6 +113,7 @@ impl Object {
     pub fn turn(&mut self, rotation: DQuat) {
         match self {
             Self::Mirror(mirror) => mirror.rotation = (rotation * mirror.rotation).normalize(),
+            Self::Clip(clip) => clip.rotation = (rotation * clip.rotation).normalize(),
             Self::Light(_) => {}
         }
     }
@@ -87,6 +122,7 @@ impl Object {
     pub fn scale(&mut self, factor: f64) {
         match self {
             Self::Mirror(mirror) => mirror.size *= factor.clamp(FACTORS[0], FACTORS[1]),
+            Self::Clip(clip) => clip.size *= factor.clamp(FACTORS[0], FACTORS[1]),
             Self::Light(_) => {}
         }
     }
@@ -102,6 +138,10 @@ impl Object {
                 let aside = direction * (light.position.distance(light.target) * LIGHT_ASIDE);
                 Self::Light(SpotLight { position: light.position + aside, ..*light })
             }
+            Self::Clip(clip) => {
+                let aside = direction * clip.size.max_element();
+                Self::Clip(Clip { position: clip.position + aside, ..clip.clone() })
+            }
         }
     }
 
@@ -110,18 +150,50 @@ impl Object {
         match self {
             Self::Mirror(mirror) => mirror.problem(),
             Self::Light(light) => light.problem(),
+            Self::Clip(clip) => clip.problem(),
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::{Shape, five_mirrors};
+    use cloud::Bounds;
 
-    fn one_of_each() -> [Object; 2] {
+    use super::*;
+    use crate::{Prism, Shape, five_mirrors};
+
+    fn clip(shape: ClipShape) -> Clip {
+        let rotation = DQuat::from_rotation_z(0.5);
+        Clip { rotation, ..Clip::around(shape, Bounds { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) }) }
+    }
+
+    fn one_of_each() -> [Object; 3] {
         let mirror = Mirror::standing(Shape::Blob, DVec3::new(1.0, 2.0, 3.0), DVec3::Z, DVec3::Z, 0.5);
-        [Object::Mirror(mirror), Object::Light(five_mirrors::light())]
+        let points = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+        let prism = ClipShape::Prism(Prism { points, direction: DVec3::Z, eye: None });
+        [Object::Mirror(mirror), Object::Light(five_mirrors::light()), Object::Clip(clip(prism))]
+    }
+
+    #[test]
+    fn a_side_of_a_clip_moves_along_its_axis_and_the_others_stay() {
+        for shape in [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab] {
+            let before = Object::Clip(clip(shape));
+            assert_eq!(before.places().len(), before.kind().places.len());
+            assert_eq!(before.rail(0), None);
+            for side in 1..before.places().len() {
+                let rail = before.rail(side).unwrap();
+                let mut moved = before.clone();
+                moved.move_place(side, rail * 0.25 + rail.any_orthogonal_vector());
+                let opposite = if side % 2 == 1 { side + 1 } else { side - 1 };
+                let (places, now) = (before.places(), moved.places());
+                assert!((now[side] - places[side]).distance(rail * 0.25) < 1e-12, "{side}");
+                assert!(now[opposite].distance(places[opposite]) < 1e-12, "{side}");
+                assert!((rail.dot(places[side] - places[0])) > 0.0);
+                // Sides do not pass one another.
+                moved.move_place(side, rail * -90.0);
+                assert_eq!(moved.problem(), None);
+            }
+        }
     }
 
     #[test]

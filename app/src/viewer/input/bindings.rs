@@ -7,7 +7,7 @@ use egui::{Key, PointerButton};
 use glam::DVec2;
 use scene::{ColorBy, Shape, StandardView};
 
-use crate::viewer::action::{Action, Handles, Mode};
+use crate::viewer::action::{Action, Clipping, Handles, Mode};
 
 /// The modifier keys that a gesture needs; no others may be down. `ctrl` is the command key on a Mac.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +66,7 @@ const MOVE: &str = "Move";
 const VIEWS: &str = "Views";
 const COLORS: &str = "Colours and points";
 const FILES: &str = "Files and pictures";
-const OBJECTS: &str = "Mirrors and lights";
+const OBJECTS: &str = "Mirrors, lights and clips";
 const TOOLS: &str = "Tools and window";
 
 /// The table. Rows with the same section and text share a row of the shortcut sheet.
@@ -138,11 +138,14 @@ pub const BINDINGS: &[Binding] = {
             "Add a plane mirror at the picked point",
         ),
         bind(OBJECTS, key(Key::K), A::AddSpot, "Add a spot light at the camera"),
+        bind(OBJECTS, key(Key::N), A::Clip(Clipping::AroundPick), "Add a clip box about the last pick"),
+        bind(OBJECTS, Trigger::Key(SHIFT, Key::N), A::Clip(Clipping::AroundView), "Add a clip box about what is seen"),
+        bind(OBJECTS, key(Key::J), A::Clip(Clipping::DrawPrism), "Draw a clip prism; again: give it up"),
         bind(OBJECTS, key(Key::G), A::Gizmo(Handles::Move), "Handles to move; again: all"),
         bind(OBJECTS, key(Key::T), A::Gizmo(Handles::Turn), "Handles to turn; again: all"),
         bind(OBJECTS, key(Key::Y), A::Gizmo(Handles::Scale), "Handle to scale; again: all"),
-        bind(OBJECTS, Trigger::Key(CTRL, Key::D), A::Duplicate, "Copy the selected mirror or light"),
-        bind(OBJECTS, key(Key::Delete), A::Delete, "Delete the selected mirror or light"),
+        bind(OBJECTS, Trigger::Key(CTRL, Key::D), A::Duplicate, "Copy the selected object"),
+        bind(OBJECTS, key(Key::Delete), A::Delete, "Delete the selected object"),
         bind(OBJECTS, key(Key::M), A::Inspect, "Inspection mirror at the cursor; click pins it"),
         bind(OBJECTS, Wheel(CTRL), A::InspectDistance(1.0), "Its distance"),
         bind(OBJECTS, Wheel(CTRL_SHIFT), A::InspectTilt(1.0), "Its tilt"),

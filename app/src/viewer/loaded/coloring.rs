@@ -17,6 +17,7 @@ use crate::viewer::work::Work;
 impl Loaded {
     /// Requests colours, histograms and bounds of clouds that have changed. Called every frame of the window.
     pub fn renew_figures(&mut self, beside: &mut Beside<'_>) {
+        self.read_filtered(beside);
         let color = &beside.scene.settings.color;
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
             let basis = Basis {
@@ -27,7 +28,10 @@ impl Loaded {
                 late_columns: entry.late_columns(),
                 rests: entry.streamed.as_ref().map_or(0, |streamed| streamed.rests),
             };
-            if entry.figures_basis.as_ref() != Some(&basis) {
+            // While a clip volume or the range of a filter is dragged, figures of all points would only slow that down.
+            let is_dragged = beside.scene.navigation.is_held()
+                && entry.figures_basis.as_ref().is_some_and(|old| old.test != basis.test);
+            if entry.figures_basis.as_ref() != Some(&basis) && !is_dragged {
                 entry.figures_under_way = true;
                 let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
                 let is_same = |old: &Basis| old.color == basis.color && old.test == basis.test;
@@ -36,6 +40,22 @@ impl Loaded {
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
                 let kept = kept.cloned().map(Box::new);
                 beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
+            }
+        }
+    }
+
+    /// Reads the columns that filters test and that are not in memory.
+    fn read_filtered(&mut self, beside: &mut Beside<'_>) {
+        let test = beside.scene.objects.test();
+        for entry in self.clouds.iter_mut().filter(|entry| entry.is_read && entry.streamed.is_none()) {
+            let Some(source) = entry.source.clone() else { continue };
+            let key = entry.key;
+            for attribute in entry.cloud.lacks(&test) {
+                if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
+                    let (source, progress) = (source.clone(), Arc::<Progress>::default());
+                    read.insert(Some(progress.clone()));
+                    beside.outside.work(Work::ReadColumn { key, source, attribute, progress });
+                }
             }
         }
     }

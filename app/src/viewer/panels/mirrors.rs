@@ -215,7 +215,7 @@ fn order(up: DVec3) -> EulerRot {
     if up.y.abs() > up.z.abs() { EulerRot::YXZ } else { EulerRot::ZXY }
 }
 
-fn from_angles(degrees: DVec3, up: DVec3) -> DQuat {
+pub fn from_angles(degrees: DVec3, up: DVec3) -> DQuat {
     let [yaw, pitch, roll] = degrees.to_array().map(f64::to_radians);
     DQuat::from_euler(order(up), yaw, pitch, roll)
 }
@@ -228,12 +228,12 @@ fn angles(rotation: DQuat, up: DVec3) -> DVec3 {
 
 /// Returns the angles that the user last set, if they still give this rotation: several triples of angles give the same
 /// one, and while a person turns one angle the others must stay.
-fn remembered_angles(ui: &Ui, rotation: DQuat, up: DVec3) -> DVec3 {
+pub fn remembered_angles(ui: &Ui, rotation: DQuat, up: DVec3) -> DVec3 {
     let remembered: Option<(DQuat, DVec3)> = ui.data(|data| data.get_temp(ui.scope_id().with("angles")));
     remembered.filter(|(known, _)| *known == rotation).map_or_else(|| angles(rotation, up), |(_, angles)| angles)
 }
 
-fn remember_angles(ui: &Ui, rotation: DQuat, angles: DVec3) {
+pub fn remember_angles(ui: &Ui, rotation: DQuat, angles: DVec3) {
     ui.data_mut(|data| data.insert_temp(ui.scope_id().with("angles"), (rotation, angles)));
 }
 

@@ -1,5 +1,6 @@
 //! The panels and what is drawn over the picture. They read the session and push actions.
 
+pub mod clips;
 pub mod clouds;
 pub mod colors;
 pub mod light;

@@ -1,18 +1,20 @@
 //! Handles over the picture that move, turn and scale the selected mirror: three arrows along the world's axes, three
 //! rings about them, a square that scales it, and a dot that moves it across the picture. Their size on the screen
 //! suits a hand, whatever the mirror's size, and what is grabbed stays under the cursor. A light has the arrows and a
-//! dot at its position, and a dot at its target. While the panel of lights is open or a light is selected, each light
+//! dot at its position, and a dot at its target. A clip volume has all of these and a dot on each side, by which it is
+//! resized. While the panel of lights is open or a light is selected, each light
 //! has a symbol; a click on it selects the light.
 
 use egui::{Color32, Painter, PointerButton, Pos2, Rect, Response, Stroke, Vec2, pos2, vec2};
 use glam::{DQuat, DVec2, DVec3};
-use scene::{Object, SpotLight};
+use scene::Object;
 
 use crate::viewer::action::{Action, Handles};
 use crate::viewer::input::lens::Lens;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
+use crate::viewer::tools::outlines;
 
 /// A part that can be grabbed. Numbers are world axes, 0 to 2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +69,8 @@ fn layouts(object: &Object, stage: &PictureFrame, chosen: Handles) -> Vec<Option
         let is_first = index == 0;
         let parts = Parts {
             arrows: is_first && moves,
-            dot: moves,
+            // A place on a rail is a side, by which the object is resized.
+            dot: if object.rail(index).is_some() { shows(Handles::Scale) } else { moves },
             rings: is_first && kind.can_turn && shows(Handles::Turn),
             square: is_first && kind.can_scale && shows(Handles::Scale),
         };
@@ -97,8 +100,6 @@ const SHORTEST: f32 = 14.0;
 const RING_STEPS: usize = 48;
 /// The distance from the middle of a lamp's symbol to the ends of its rays.
 const SYMBOL: f32 = 10.0;
-/// The number of pieces of a line of a light's cone.
-const CONE_STEPS: u32 = 12;
 /// A drag by this many points of the window doubles the size.
 const DOUBLING: f32 = 100.0;
 
@@ -149,7 +150,7 @@ impl PictureFrame {
         Self { lens, rect, scale }
     }
 
-    fn place(&self, world: DVec3) -> Option<Pos2> {
+    pub fn place(&self, world: DVec3) -> Option<Pos2> {
         let at = self.lens.project(world)? / self.scale;
         Some(self.rect.min + vec2(at.x as f32, at.y as f32))
     }
@@ -312,6 +313,13 @@ fn dragged(stage: &PictureFrame, drag: &Drag, pointer: Pos2) -> Object {
                 object.move_place(place, AXES[axis] * (to - from));
             }
         }
+        Handle::Dot if object.rail(place).is_some() => {
+            let rail = object.rail(place).unwrap_or_default();
+            let along = |at: Pos2| along_axis(stage.ray(at), start, rail);
+            if let (Some(from), Some(to)) = (along(drag.pressed), along(pointer)) {
+                object.move_place(place, rail * (to - from));
+            }
+        }
         Handle::Dot => {
             let on_plane = |at: Pos2| {
                 let (origin, direction) = stage.ray(at);
@@ -374,6 +382,7 @@ fn color_of(object: &Object) -> Color32 {
     let color = match object {
         Object::Mirror(mirror) => mirror.color,
         Object::Light(light) => light.intensity,
+        Object::Clip(_) => [1.0; 3],
     };
     let strongest = color.into_iter().fold(f32::MIN_POSITIVE, f32::max);
     let [red, green, blue] = color.map(|part| part / strongest);
@@ -395,47 +404,19 @@ fn lamp(painter: &Painter, at: Pos2, color: Color32, is_hot: bool) {
     }
 }
 
-/// Draws the axis of a light, and the rim of its cone at the distance of its target.
-fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight, color: Color32) {
-    let (axis, distance) = ((light.target - light.position).normalize_or_zero(), light.position.distance(light.target));
-    let (u, v) = axis.any_orthonormal_pair();
-    let rim = |degrees: f32, share: f64| {
-        let (sine, cosine) = f64::from(degrees).to_radians().sin_cos();
-        let (sin, cos) = (share * std::f64::consts::TAU).sin_cos();
-        light.position + (axis * cosine + (u * cos + v * sin) * sine) * distance
-    };
-    let line = |from: DVec3, to: DVec3, stroke: Stroke| {
-        // The line is drawn in pieces, since some may lie behind the eye.
-        for step in 0..CONE_STEPS {
-            let at = |step: u32| stage.place(from.lerp(to, f64::from(step) / f64::from(CONE_STEPS)));
-            if let (Some(from), Some(to)) = (at(step), at(step + 1)) {
-                painter.line_segment([from, to], stroke);
-            }
-        }
-    };
-    line(light.position, light.target, Stroke::new(1.0, color.gamma_multiply(0.7)));
-    for (degrees, strength) in [(light.inner_degrees, 0.35), (light.outer_degrees, 0.8)] {
-        let stroke = Stroke::new(1.2, color.gamma_multiply(strength));
-        for step in 0..RING_STEPS {
-            let at = |step: usize| stage.place(rim(degrees, step as f64 / RING_STEPS as f64));
-            if let (Some(from), Some(to)) = (at(step), at(step + 1)) {
-                painter.line_segment([from, to], stroke);
-            }
-        }
-    }
-    for quarter in 0..4 {
-        let to = rim(light.outer_degrees, f64::from(quarter) * 0.25);
-        line(light.position, to, Stroke::new(1.0, color.gamma_multiply(0.5)));
-    }
-}
-
 /// Draws the handles of the selected object, and the symbols of lights.
 pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     let Some(stage) = PictureFrame::of(session, rect) else { return };
     let painter = painter.with_clip_rect(rect);
     let (selected, gizmo) = (selected(session), Gizmo::remembered(painter.ctx()));
     if let Some((.., object @ Object::Light(light))) = &selected {
-        cone(&painter, &stage, light, color_of(object));
+        outlines::cone(&painter, &stage, light, color_of(object));
+    }
+    if let Some((.., Object::Clip(clip))) = &selected {
+        outlines::border(&painter, &stage, clip);
+    }
+    if let Some(draft) = &session.tools.prism {
+        outlines::polygon(&painter, &stage, &draft.corners);
     }
     for (id, at, color) in symbols(session, &stage) {
         lamp(&painter, at, color, gizmo.hot_light == Some(id));
@@ -501,7 +482,8 @@ fn paint_layout(painter: &Painter, layout: &Layout, held: Option<Handle>, hot: O
 
 #[cfg(test)]
 mod tests {
-    use scene::{Camera, Mirror, Projection, Shape, ViewSettings};
+    use cloud::Bounds;
+    use scene::{Camera, Clip, ClipShape, Mirror, Projection, Shape, ViewSettings};
 
     use super::*;
 
@@ -534,7 +516,7 @@ mod tests {
     fn as_mirror(object: Object) -> Mirror {
         match object {
             Object::Mirror(mirror) => mirror,
-            Object::Light(_) => panic!("a mirror became a light"),
+            Object::Light(_) | Object::Clip(_) => panic!("a mirror became something else"),
         }
     }
 
@@ -621,6 +603,26 @@ mod tests {
         let layout = layout(&stage, Handles::All);
         assert!(layout.arrows[0].is_none() && layout.arrows[1].is_some() && layout.arrows[2].is_some());
         assert_eq!(along_axis(stage.ray(pos2(400.0, 300.0)), mirror().position, DVec3::X), None);
+    }
+
+    #[test]
+    fn a_side_of_a_clip_stays_under_the_cursor_and_the_opposite_one_where_it_is() {
+        let bounds = Bounds { min: mirror().position - 1.0, max: mirror().position + 2.0 };
+        let clip = Object::Clip(Clip { rotation: mirror().rotation, ..Clip::around(ClipShape::Box, bounds) });
+        for projection in [Projection::Perspective, Projection::Orthographic] {
+            let stage = stage(projection);
+            for side in 1..7 {
+                let at = |object: &Object, side: usize| stage.place(object.places()[side]).unwrap();
+                let (drag, rail) = (grab(&stage, clip.clone(), (side, Handle::Dot), at(&clip, side)), clip.rail(side));
+                let beyond = stage.place(clip.places()[side] + rail.unwrap() * 0.7).unwrap();
+                let moved = dragged(&stage, &drag, beyond);
+                assert!(at(&moved, side).distance(beyond) < 0.1, "{side}: {} {beyond}", at(&moved, side));
+                let opposite = if side % 2 == 1 { side + 1 } else { side - 1 };
+                assert!(moved.places()[opposite].distance(clip.places()[opposite]) < 1e-9, "{side}");
+            }
+            let moving = layouts(&clip, &stage, Handles::Move);
+            assert!(moving[0].is_some() && moving[1..].iter().flatten().all(|layout| !layout.dot));
+        }
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! The tools over the picture: picked points, the inspection mirror, the draft of points that will reflect, and the
 //! handles of the gizmo. They also act on what was found under a pixel.
 
+pub mod clips;
 pub mod draft;
 pub mod gizmo;
 pub mod inspection;
+pub mod outlines;
 pub mod pick;
 
 use std::sync::Arc;
@@ -17,8 +19,9 @@ use crate::viewer::action::Handles;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, Placed};
-use crate::viewer::outside::Outside;
+use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
+use crate::viewer::tools::clips::PrismDraft;
 use crate::viewer::tools::draft::Draft;
 use crate::viewer::tools::inspection::{Inspection, Pose, Surface, Target};
 use crate::viewer::tools::pick::{Distance, Pick, loaded_attributes};
@@ -40,6 +43,8 @@ pub struct Tools {
     pub handle_is_grabbed: bool,
     /// Whether the panel of lights is open. The lights are then shown in the picture.
     pub light_panel_is_open: bool,
+    /// The polygon that is being drawn.
+    pub prism: Option<PrismDraft>,
 }
 
 impl Tools {
@@ -121,6 +126,11 @@ impl Tools {
                 "vertical": distance.vertical,
             }));
         }
+    }
+
+    pub fn copy_picks(&self, outside: &mut Outside) {
+        outside.push(Effect::Copy(pick::as_text(&self.picks)));
+        outside.note("Picked points copied");
     }
 
     /// The distance between the two picked points.

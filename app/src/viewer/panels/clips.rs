@@ -1,0 +1,285 @@
+//! The panel of clip volumes and filters: adds, selects, switches, names, copies and deletes them, and edits their
+//! numbers.
+
+use egui::{RichText, Ui};
+use render::ColorSource;
+use scene::{Clip, ClipShape, Filter, Keep, Object};
+
+use crate::viewer::action::{Action, Clipping};
+use crate::viewer::input::bindings;
+use crate::viewer::objects::{ObjectId, PlacedClip};
+use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::widgets::{choice, eye, name_label, three};
+
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        add_menu(ui, actions);
+        if session.tools.prism.is_some() {
+            let end = ui.button("Close the polygon").on_hover_text("Makes a prism of the corners");
+            actions.extend(end.clicked().then_some(Action::Clip(Clipping::EndPrism)));
+        }
+        filter_menu(ui, session, actions);
+    });
+    let clips = &session.scene.objects.clips;
+    if clips.is_empty() && session.scene.objects.visibility.filters.is_empty() {
+        ui.label(RichText::new("Nothing is clipped or filtered.").color(theme::WEAK));
+    }
+    for placed in clips {
+        ui.push_id(placed.id.0, |ui| row(ui, session, placed, actions));
+    }
+    let selected = session.scene.selected.and_then(|id| clips.iter().find(|placed| placed.id == id));
+    if let Some(PlacedClip { id, clip }) = selected {
+        ui.separator();
+        ui.push_id(id.0, |ui| numbers(ui, session, *id, clip.clone(), actions));
+    }
+    filters(ui, session, actions);
+}
+
+fn add_menu(ui: &mut Ui, actions: &mut Vec<Action>) {
+    ui.menu_button("Add clip", |ui| {
+        let mut add = |ui: &mut Ui, text: &str, clipping: Clipping| {
+            let action = Action::Clip(clipping);
+            let shortcut = bindings::shortcut(&action);
+            let text = if shortcut.is_empty() { text.to_owned() } else { format!("{text} ({shortcut})") };
+            actions.extend(ui.button(text).clicked().then_some(action));
+        };
+        add(ui, "Box about everything", Clipping::AroundAll(ClipShape::Box));
+        add(ui, "Box about the last pick", Clipping::AroundPick);
+        add(ui, "Box about what I see", Clipping::AroundView);
+        add(ui, "Sphere", Clipping::AroundAll(ClipShape::Sphere));
+        add(ui, "Slab", Clipping::AroundAll(ClipShape::Slab));
+        add(ui, "Prism drawn on the picture", Clipping::DrawPrism);
+    });
+}
+
+/// A clip in the list: the eye switches it, a click on the name selects it, and the word says which side is shown.
+fn row(ui: &mut Ui, session: &Session, PlacedClip { id, clip }: &PlacedClip, actions: &mut Vec<Action>) {
+    let change = |clip: Clip| Action::ChangeObject(*id, Box::new(Object::Clip(clip)));
+    ui.horizontal(|ui| {
+        if eye(ui, clip.on, &clip.name).clicked() {
+            actions.push(change(Clip { on: !clip.on, ..clip.clone() }));
+        }
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let delete = ui.small_button("×").on_hover_text("Delete");
+            if delete.accessible_name(format!("Delete {}", clip.name)).clicked() {
+                actions.extend([Action::Select(Some(*id)), Action::Delete]);
+            }
+            if ui.small_button("Copy").accessible_name(format!("Copy {}", clip.name)).clicked() {
+                actions.extend([Action::Select(Some(*id)), Action::Duplicate]);
+            }
+            let (word, other) = match clip.keep {
+                Keep::Inside => ("inside", Keep::Outside),
+                Keep::Outside => ("outside", Keep::Inside),
+            };
+            let keep = ui.small_button(word).on_hover_text("Whose points are shown; click for the other side");
+            if keep.accessible_name(format!("{} shows its {word}", clip.name)).clicked() {
+                actions.push(change(Clip { keep: other, ..clip.clone() }));
+            }
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                let is_selected = session.scene.selected == Some(*id);
+                if ui.selectable_label(is_selected, &clip.name).clicked() {
+                    actions.push(Action::Select(if is_selected { None } else { Some(*id) }));
+                }
+            });
+        });
+    });
+}
+
+/// Edits the numbers of a clip. A change is taken only if the numbers still describe a clip.
+fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut clip: Clip, actions: &mut Vec<Action>) {
+    let before = clip.clone();
+    let step = clip.size.max_element() * 0.005;
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Name");
+        ui.add(egui::TextEdit::singleline(&mut clip.name).desired_width(150.0)).labelled_by(label.id);
+    });
+    if !matches!(clip.shape, ClipShape::Prism(_)) {
+        let shapes = [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab];
+        let mut chosen = shapes.iter().position(|shape| *shape == clip.shape).unwrap_or(0);
+        choice(ui, "Shape", &mut chosen, shapes.iter().map(ClipShape::name).enumerate());
+        clip.shape = shapes[chosen].clone();
+    }
+    choice(ui, "Shows", &mut clip.keep, [(Keep::Inside, "inside"), (Keep::Outside, "outside")].into_iter());
+    if let Some(position) = three(ui, "Position", clip.position, step, "") {
+        clip.position = position;
+    }
+    if let Some(size) = three(ui, "Size", clip.size, step, "") {
+        clip.size = size;
+    }
+    let angles = remembered_angles(ui, clip.rotation, session.up());
+    if let Some(angles) = three(ui, "Yaw pitch roll", angles, 0.5, "°") {
+        clip.rotation = from_angles(angles, session.up());
+        remember_angles(ui, clip.rotation, angles);
+    }
+    if clip != before && clip.problem().is_none() {
+        actions.push(Action::ChangeObject(id, Box::new(Object::Clip(clip))));
+    }
+}
+
+/// Adds a filter of an attribute, at first over all its values. The attribute shown in colours gets the range of the
+/// histogram's handles.
+fn filter_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let known = &session.scene.objects.visibility.filters;
+    let mut names: Vec<&str> = Vec::new();
+    for attribute in session.loaded.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
+        let name = attribute.name.as_str();
+        if !names.contains(&name) && known.iter().all(|filter| filter.attribute != name) {
+            names.push(name);
+        }
+    }
+    ui.menu_button("Add filter", |ui| {
+        if names.is_empty() {
+            ui.label("no attributes");
+        }
+        for name in names {
+            if ui.button(name).clicked() {
+                let (low, high) = handles_of(session, name).unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+                let added = Filter { attribute: name.to_owned(), low, high };
+                actions.push(Action::Clip(Clipping::Filter(known.iter().cloned().chain([added]).collect())));
+            }
+        }
+    });
+}
+
+/// The values at the handles of the histogram, if it shows this attribute.
+fn handles_of(session: &Session, attribute: &str) -> Option<(f64, f64)> {
+    session.loaded.clouds.iter().filter(|entry| entry.is_visible).find_map(|entry| {
+        let plan = &entry.figures.as_ref()?.plan;
+        let ColorSource::Column(column) = plan.source else { return None };
+        (entry.cloud.attributes.get(column)?.name == attribute).then_some((plan.low, plan.high))
+    })
+}
+
+/// The filters, with their ranges. The button takes the range from the histogram's handles.
+fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let before = &session.scene.objects.visibility.filters;
+    let mut filters = before.clone();
+    let mut gone = None;
+    for (index, filter) in filters.iter_mut().enumerate() {
+        ui.push_id(("filter", index), |ui| {
+            ui.horizontal(|ui| {
+                let label = name_label(ui, filter.attribute.as_str());
+                let (low, high) = (filter.low, filter.high);
+                let drag = |value| egui::DragValue::new(value).speed((high - low).abs().min(1e3) * 0.005 + 1e-3);
+                ui.add(drag(&mut filter.low).range(f64::NEG_INFINITY..=high)).labelled_by(label.id);
+                ui.label("to");
+                ui.add(drag(&mut filter.high).range(low..=f64::INFINITY)).labelled_by(label.id);
+                let delete = ui.small_button("×").on_hover_text("Delete");
+                if delete.accessible_name(format!("Delete the filter of {}", filter.attribute)).clicked() {
+                    gone = Some(index);
+                }
+                if let Some((low, high)) = handles_of(session, &filter.attribute) {
+                    let take = ui.small_button("↔").on_hover_text("Takes the range of the histogram's handles");
+                    if take.accessible_name(format!("Range of {} from the histogram", filter.attribute)).clicked() {
+                        (filter.low, filter.high) = (low, high);
+                    }
+                }
+            });
+        });
+    }
+    gone.map(|index| filters.remove(index));
+    if filters != *before {
+        actions.push(Action::Clip(Clipping::Filter(filters)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    fn harness() -> Harness<'static, Session> {
+        Harness::builder().with_size([380.0, 900.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            Session::with_two_points(),
+        )
+    }
+
+    fn clips(harness: &Harness<'static, Session>) -> Vec<Clip> {
+        harness.state().scene.objects.clips.iter().map(|placed| placed.clip.clone()).collect()
+    }
+
+    fn add(harness: &mut Harness<'static, Session>, label: &str) {
+        harness.get_by_label("Add clip").click();
+        harness.run_ok();
+        harness.get_by_label(label).click();
+        harness.run_ok();
+    }
+
+    #[test]
+    fn clips_are_added_switched_turned_inside_out_copied_deleted_and_undone() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Box about everything");
+        add(&mut harness, "Sphere");
+        let names = |harness: &Harness<'static, Session>| -> Vec<String> {
+            clips(harness).into_iter().map(|clip| clip.name).collect()
+        };
+        assert_eq!(names(&harness), ["box", "sphere"]);
+        let bounds = harness.state().bounds();
+        assert!((clips(&harness)[0].position - bounds.center()).length() < 1e-9);
+        harness.get_by_label("Show box").click();
+        harness.run_ok();
+        assert!(!clips(&harness)[0].on && clips(&harness)[1].on);
+        harness.get_by_label("sphere shows its inside").click();
+        harness.run_ok();
+        assert_eq!(clips(&harness)[1].keep, Keep::Outside);
+        assert!(!harness.state().scene.objects.test().shows_all());
+        harness.get_by_label("Copy sphere").click();
+        harness.run_ok();
+        assert_eq!(names(&harness), ["box", "sphere", "sphere 2"]);
+        harness.get_by_label("Delete box").click();
+        harness.run_ok();
+        assert_eq!(names(&harness), ["sphere", "sphere 2"]);
+        harness.state_mut().act(Action::Undo);
+        harness.state_mut().act(Action::Undo);
+        assert_eq!(names(&harness), ["box", "sphere"]);
+    }
+
+    #[test]
+    fn a_box_about_a_pick_needs_a_pick_and_a_prism_three_corners() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Box about the last pick (N)");
+        assert_eq!(clips(&harness), []);
+        add(&mut harness, "Prism drawn on the picture (J)");
+        let session = harness.state_mut();
+        session.scene.view_size = [400, 300];
+        for pixel in [[100, 100], [300, 100], [200, 250]] {
+            session.act(Action::PointAt(Some(pixel)));
+            session.act(Action::Pick);
+        }
+        assert_eq!(session.tools.prism.as_ref().map(|draft| draft.corners.len()), Some(3));
+        session.act(Action::PointAt(Some([101, 101])));
+        session.act(Action::Pick);
+        assert!(session.tools.prism.is_none());
+        let clip = session.scene.objects.clips[0].clip.clone();
+        assert_eq!(clip.problem(), None);
+        // What is seen within the polygon is inside, at every depth.
+        let volume = clip.volume().volume;
+        let lens = session.scene.lens();
+        for (pixel, is_in) in [([200.0, 150.0], true), ([110.0, 200.0], false), ([200.0, 90.0], false)] {
+            let (origin, direction) = lens.ray(pixel.into());
+            for depth in [0.1, 1.0, 50.0] {
+                assert_eq!(volume.contains(origin + direction * depth), is_in, "{pixel:?} {depth}");
+            }
+        }
+    }
+
+    #[test]
+    fn filters_are_added_and_deleted() {
+        let mut harness = harness();
+        harness.run_ok();
+        let filter = Filter { attribute: "intensity".into(), low: 3.0, high: 7.0 };
+        harness.state_mut().act(Action::Clip(Clipping::Filter(vec![filter])));
+        harness.run_ok();
+        assert!(!harness.state().scene.objects.test().shows_all());
+        harness.get_by_label("Delete the filter of intensity").click();
+        harness.run_ok();
+        assert!(harness.state().scene.objects.visibility.filters.is_empty());
+    }
+}
