@@ -49,6 +49,8 @@ pub enum Command {
     Study(StudyArguments),
     /// Measure how far the surface that is drawn is from the scan that it is made of
     Surfaces(SurfacesArguments),
+    /// Write the points of a section along a line: distance along, height, coordinates, attributes
+    Profile(ProfileArguments),
     /// Tell which adapter and display will be used, and why
     Doctor(DoctorArguments),
 }
@@ -277,6 +279,26 @@ pub struct SurfacesArguments {
 }
 
 #[derive(Debug, Args)]
+pub struct ProfileArguments {
+    /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds and what it hides
+    #[arg(required = true)]
+    pub inputs: Vec<OsString>,
+    /// Corners of the line, in the coordinates of the file, as in 1,2,0:5,2,0; only their places seen from above count
+    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = parse_line, allow_hyphen_values = true)]
+    pub line: Line,
+    /// Thickness of the section, world units
+    #[arg(long, value_name = "WIDTH", allow_hyphen_values = true)]
+    pub width: f64,
+    /// CSV file to write; standard output if not given
+    #[arg(short, long, value_name = "OUT.csv")]
+    pub output: Option<PathBuf>,
+}
+
+/// The corners of a line, as one value of the command line.
+#[derive(Clone, Debug)]
+pub struct Line(pub Vec<DVec3>);
+
+#[derive(Debug, Args)]
 pub struct ListingArguments {
     /// Write JSON
     #[arg(long)]
@@ -331,6 +353,10 @@ fn parse_place(text: &str) -> Result<DVec3, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     let place = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok()).map(DVec3::from);
     place.filter(|place| place.is_finite()).ok_or_else(|| "expected X,Y,Z, as in 1.5,-2,0.75".into())
+}
+
+fn parse_line(text: &str) -> Result<Line, String> {
+    text.split(':').map(parse_place).collect::<Result<_, _>>().map(Line)
 }
 
 fn parse_share(text: &str) -> Result<f64, String> {

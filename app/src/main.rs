@@ -11,6 +11,7 @@ mod info;
 mod interrupt;
 mod listing;
 mod picture_file;
+mod profile_command;
 mod progress_bar;
 mod record_command;
 mod render_command;
@@ -98,6 +99,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Methods(arguments) => listing::methods(arguments.json).map(|()| 0),
         Command::Scenes(arguments) => listing::scenes(arguments.json).map(|()| 0),
         Command::Study(arguments) => study_command::run(&arguments),
+        Command::Profile(arguments) => profile_command::run(&arguments),
         Command::Surfaces(arguments) => surfaces_command::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
     }

@@ -104,6 +104,7 @@ fn readers(input: &str) -> Vec<Vec<&str>> {
     commands.push(vec!["index", input]);
     commands.push(vec!["index", input, "-o", "out.copc.laz"]);
     commands.push(vec!["surfaces", input]);
+    commands.push(vec!["profile", input, "--line", "0,0,0:1,0,0", "--width", "1"]);
     commands.push(vec!["view", input]);
     commands
 }
@@ -211,7 +212,9 @@ fn bad_words_are_bad_usage_in_every_command() {
     for command in set("splat.size=99") {
         assert_failed(&folder.glint(&command), 2, &["expected 0.05 to 20"]);
     }
-    for command in ["info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "doctor", "view"] {
+    for command in
+        ["info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "profile", "doctor", "view"]
+    {
         assert_failed(&folder.glint([command, "--nonsense"]), 2, &["unexpected argument '--nonsense' found"]);
     }
     let record = ["record", "tour.toml", "-o", "pictures"];

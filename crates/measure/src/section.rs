@@ -1,0 +1,134 @@
+//! A section: the points in an upright slice along a line, by their distance along it and their height.
+
+use glam::DVec3;
+
+use crate::error::{Error, Result};
+
+/// An upright slice of even width along a line of one or more straight pieces. The line counts as seen from above: the
+/// heights of its corners do not matter. Where it bends, a point on the outer side that is beside neither piece is
+/// outside, and one on the inner side belongs to the nearer piece.
+#[derive(Clone, Debug)]
+pub struct Section {
+    pieces: Vec<Piece>,
+    up: DVec3,
+    half_width: f64,
+}
+
+#[derive(Clone, Debug)]
+struct Piece {
+    from: DVec3,
+    /// Unit vector, level.
+    along: DVec3,
+    /// Unit vector to the left of the line.
+    left: DVec3,
+    length: f64,
+    /// The length of the line before it.
+    start: f64,
+}
+
+/// The place of a point in a section, in world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placed {
+    /// The level distance along the line from its first corner.
+    pub along: f64,
+    /// The coordinate in the direction up.
+    pub height: f64,
+    /// The distance to the left of the line.
+    pub across: f64,
+}
+
+impl Section {
+    /// `width` is the whole thickness of the slice; its border counts as inside. `up` is a unit vector.
+    ///
+    /// # Errors
+    /// Fewer than two corners, two of them above one another, or no width.
+    pub fn new(line: &[DVec3], width: f64, up: DVec3) -> Result<Self> {
+        if line.len() < 2 {
+            return Err(Error::ShortLine { corners: line.len() });
+        }
+        // NaN fails the comparison.
+        if !(width > 0.0 && width.is_finite()) {
+            return Err(Error::Width { width });
+        }
+        let mut pieces = Vec::new();
+        let mut start = 0.0;
+        for (corner, ends) in line.windows(2).enumerate() {
+            let level = (ends[1] - ends[0]).reject_from_normalized(up);
+            let length = level.length();
+            let along = level.try_normalize().ok_or(Error::NoLength { corner: corner + 1 })?;
+            pieces.push(Piece { from: ends[0], along, left: up.cross(along), length, start });
+            start += length;
+        }
+        Ok(Self { pieces, up, half_width: width * 0.5 })
+    }
+
+    /// Where a point lies in the section, if it is in it.
+    pub fn place(&self, point: DVec3) -> Option<Placed> {
+        let mut nearest: Option<Placed> = None;
+        for piece in &self.pieces {
+            let offset = point - piece.from;
+            let (along, across) = (offset.dot(piece.along), offset.dot(piece.left));
+            let is_beside = (0.0..=piece.length).contains(&along) && across.abs() <= self.half_width;
+            if is_beside && nearest.is_none_or(|nearest| across.abs() < nearest.across.abs()) {
+                nearest = Some(Placed { along: piece.start + along, height: point.dot(self.up), across });
+            }
+        }
+        nearest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(step: f64) -> impl Iterator<Item = DVec3> {
+        (-100..=100).flat_map(move |x| (-100..=100).map(move |y| DVec3::new(f64::from(x), f64::from(y), 0.0) * step))
+    }
+
+    #[test]
+    fn a_section_of_a_slope_is_a_line_of_the_slope() {
+        // Heights rise by 0.3 along x and fall by 0.2 along y, at coordinates of seven digits.
+        let origin = DVec3::new(635_000.0, 5_077_000.0, 120.0);
+        let height = |x: f64, y: f64| 0.3 * x - 0.2 * y;
+        let (from, to) = (DVec3::new(-3.0, -4.0, 9.0), DVec3::new(3.0, 4.0, -7.0));
+        let section = Section::new(&[origin + from, origin + to], 0.5, DVec3::Z).unwrap();
+        let slope = (height(3.0, 4.0) - height(-3.0, -4.0)) / 10.0;
+        let mut count = 0;
+        for point in grid(0.1) {
+            let Some(placed) = section.place(origin + DVec3::new(point.x, point.y, height(point.x, point.y))) else {
+                continue;
+            };
+            count += 1;
+            assert!((0.0..=10.0).contains(&placed.along) && placed.across.abs() <= 0.25);
+            // Across the line, the slope is that of its normal (-0.8, 0.6).
+            let expected = 120.0 + height(-3.0, -4.0) + slope * placed.along + height(-0.8, 0.6) * placed.across;
+            assert!((placed.height - expected).abs() < 1e-8, "{placed:?}: {expected}");
+        }
+        // As many points as the slice's area, 5 square metres at 100 points each.
+        assert!((450..550).contains(&count), "{count}");
+    }
+
+    #[test]
+    fn a_bent_line_counts_on_and_points_belong_to_the_nearer_piece() {
+        let corners = [DVec3::ZERO, DVec3::X * 4.0, DVec3::new(4.0, 3.0, 50.0)];
+        let section = Section::new(&corners, 1.0, DVec3::Z).unwrap();
+        let along = |x: f64, y: f64| section.place(DVec3::new(x, y, 7.0)).map(|placed| (placed.along, placed.across));
+        assert_eq!(along(1.0, 0.5), Some((1.0, 0.5)));
+        assert_eq!(along(1.0, 0.500_001), None);
+        assert_eq!(along(4.25, 1.0), Some((5.0, -0.25)));
+        assert_eq!(along(3.9, 0.4), Some((4.4, 4.0 - 3.9)), "nearer to the second piece");
+        assert_eq!(along(4.2, -0.2), None, "beyond the outer side of the bend");
+        assert_eq!(along(4.0, 3.0), Some((7.0, 0.0)));
+        assert_eq!(along(-0.1, 0.0), None);
+        assert_eq!(section.place(DVec3::NAN), None);
+    }
+
+    #[test]
+    fn what_is_no_section_is_refused() {
+        let refusal = |line: &[DVec3], width: f64| Section::new(line, width, DVec3::Z).unwrap_err().to_string();
+        assert!(refusal(&[DVec3::ZERO], 1.0).contains("line of 1 corners"));
+        assert!(refusal(&[DVec3::X, DVec3::ZERO, DVec3::Z], 1.0).contains("corners 2 and 3"));
+        assert!(refusal(&[DVec3::X, DVec3::ZERO], 0.0).contains("width of 0"));
+        assert!(refusal(&[DVec3::X, DVec3::ZERO], f64::NAN).contains("width of NaN"));
+    }
+}
