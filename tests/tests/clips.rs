@@ -36,7 +36,7 @@ fn a_box_about_a_pick_and_a_prism_clip_a_scan_are_saved_and_undone() {
     let seen = window.events().len();
     window.click(1, WALL);
     window.wait_for_event("picked", seen, |_| true);
-    window.press("n");
+    window.press("j");
     window.wait_for_event("clip", seen, |event| event["name"] == "box");
     let clipped = saved(&session, &window, seen);
     assert!(clipped != whole, "the box hides nothing");
@@ -56,7 +56,7 @@ fn a_box_about_a_pick_and_a_prism_clip_a_scan_are_saved_and_undone() {
     assert!(saved(&session, &window, seen) == whole, "undo leaves something hidden");
 
     let seen = window.events().len();
-    window.press("j");
+    window.press("ctrl+j");
     let corners = [[650, 300], [900, 320], [760, 560]];
     for (number, corner) in corners.iter().enumerate() {
         window.click(1, *corner);

@@ -244,9 +244,9 @@ mod tests {
     fn a_box_about_a_pick_needs_a_pick_and_a_prism_three_corners() {
         let mut harness = harness();
         harness.run_ok();
-        add(&mut harness, "Box about the last pick (N)");
+        add(&mut harness, "Box about the last pick (J)");
         assert_eq!(clips(&harness), []);
-        add(&mut harness, "Prism drawn on the picture (J)");
+        add(&mut harness, "Prism drawn on the picture (Ctrl+J)");
         let session = harness.state_mut();
         session.scene.view_size = [400, 300];
         for pixel in [[100, 100], [300, 100], [200, 250]] {
