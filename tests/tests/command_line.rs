@@ -622,7 +622,7 @@ fn empty_pixels_are_not_a_number() {
     // World coordinates of seven digits, in the quarter of a unit that a 32-bit float has there.
     for pixel in full {
         let [x, y, z] = position.vector(pixel);
-        let inside = (2499999.0..=2500002.5).contains(&x) && (1199999.0..=1200002.5).contains(&y);
+        let inside = (2499998.0..=2500003.5).contains(&x) && (1199998.0..=1200003.5).contains(&y);
         assert!(inside && (99.0..=103.0).contains(&z), "{pixel:?} is at {:?}", [x, y, z]);
     }
 }
