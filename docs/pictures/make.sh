@@ -73,6 +73,7 @@ take() {
     avebury_lit) render avebury_lit 960x540 "$work/farm.toml" ;;
     lake) render lake 1280x460 "$work/lake.toml" ;;
     bunny) render bunny 640x400 "$data/ply/stanford_bunny_full_ascii_mesh.ply" ;;
+    courtyard) render courtyard 1280x640 courtyard/pool --set reflection.samples=9 ;;
     window) window ;;
     *) echo "no picture $1" >&2 && exit 2 ;;
     esac
@@ -99,7 +100,7 @@ await() {
     while kill -0 "$viewer" && [ "$(cat "$work/log" 2> /dev/null | grep -c settled)" -lt "$1" ]; do sleep 1; done
 }
 
-[ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake bunny window
+[ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake bunny courtyard window
 for name; do
     take "$name"
 done
