@@ -136,7 +136,7 @@ pub fn plane_normal(chunks: &[Chunk], marks: &[Vec<bool>]) -> Option<Vec3> {
         let offset = chunk.position(index) - mean;
         covariance += DMat3::from_cols(offset * offset.x, offset * offset.y, offset * offset.z);
     }
-    let normal = smallest_eigenvector(covariance * (1.0 / count))?;
+    let normal = smallest_eigenvector(covariance * (1.0 / count))?.as_vec3();
     Some(on_side_of(normal, Some(side)))
 }
 

@@ -291,7 +291,7 @@ impl Shape {
 
     /// The direction in which the points are thinnest; its sign is arbitrary.
     fn normal(&self) -> Option<Vec3> {
-        self.eigenvalues.as_ref()?.smallest_eigenvector(self.covariance)
+        self.eigenvalues.as_ref()?.smallest_eigenvector(self.covariance).map(|normal| normal.as_vec3())
     }
 
     /// How thick the points are relative to their width: 0 for a surface, 1 for a ball.
@@ -328,7 +328,7 @@ impl Eigenvalues {
     }
 
     /// The unit eigenvector of the smallest one, if the two smaller ones differ and the points are not on a line.
-    fn smallest_eigenvector(&self, covariance: DMat3) -> Option<Vec3> {
+    fn smallest_eigenvector(&self, covariance: DMat3) -> Option<DVec3> {
         if self.middle <= THINNEST * self.largest {
             return None;
         }
@@ -338,12 +338,13 @@ impl Eigenvalues {
         let [x, y, z] = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
         let crosses = [x.cross(y), y.cross(z), z.cross(x)];
         let longest = crosses.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
-        longest.try_normalize().map(|normal| normal.as_vec3())
+        longest.try_normalize()
     }
 }
 
-/// The direction in which points with this covariance are thinnest.
-pub(crate) fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
+/// The direction in which points with this covariance are thinnest, as a unit vector whose sign is arbitrary. `None` if
+/// the points are on a line, or even in all directions.
+pub fn smallest_eigenvector(covariance: DMat3) -> Option<DVec3> {
     Eigenvalues::of(covariance)?.smallest_eigenvector(covariance)
 }
 
@@ -471,7 +472,7 @@ mod tests {
         for eigenvalues in [[1.0, 0.5, 0.0], [1.0, 1.0, 1e-9], [1.0, 1e-3, 1e-6], [4e-20, 3e-20, 1e-20]] {
             let covariance = rotation * DMat3::from_diagonal(DVec3::from(eigenvalues)) * rotation.transpose();
             let normal = smallest_eigenvector(covariance).unwrap();
-            let angle = normal.as_dvec3().dot(rotation.z_axis).abs().min(1.0).acos().to_degrees();
+            let angle = normal.dot(rotation.z_axis).abs().min(1.0).acos().to_degrees();
             assert!(angle < 0.05, "{eigenvalues:?}: {angle} degrees off");
         }
     }

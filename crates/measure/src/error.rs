@@ -8,6 +8,16 @@ pub enum Error {
     NoLength { corner: usize },
     #[error("a width of {width}, expected more than 0")]
     Width { width: f64 },
+    #[error("{points} points, expected at least {least}")]
+    TooFew { points: usize, least: usize },
+    #[error("the points lie on a line, or evenly in all directions: no plane goes through them")]
+    NoPlane,
+    #[error("the points have no curvature that can be fitted")]
+    NotRound,
+    #[error("the plane through the corners is upright: there is nothing above or below it")]
+    Upright,
+    #[error("the corners enclose no area as seen from above")]
+    NoArea,
 }
 
 pub type Result<T> = std::result::Result<T, Error>;

@@ -1,9 +1,21 @@
-//! Measurements on points: sections along a line.
+//! Measurements on points: sections along a line; lengths, angles and areas; planes, circles and cylinders fitted to
+//! points; volumes between points and a plane; and how certain all of these are.
 //!
-//! This crate knows points, and no files, no scene and no GPU. Lengths are in the units of the coordinates.
+//! This crate knows points, and no files, no scene and no GPU. Lengths are in the units of the coordinates, and angles in
+//! radians.
 
 mod error;
+mod figures;
+mod fit;
+mod nearest;
+mod scatter;
 mod section;
+mod volume;
 
 pub use error::{Error, Result};
+pub use figures::{angle, area, height, length};
+pub use fit::{Plane, Round, circle, cylinder, plane};
+pub use nearest::Nearest;
+pub use scatter::{Scatter, spread};
 pub use section::{Placed, Section};
+pub use volume::{Volume, VolumeGrid};
