@@ -4,18 +4,22 @@
 #import gloss_pixel
 #import packing
 
-// w: 0 where the sample has no ray.
+// xyz: mirror point, w: 0 where the sample has no ray.
 @group(1) @binding(0) var point_in: texture_2d<f32>;
-// w: coverage of the reflected surface.
+// xyz: the reflected surface, w: its coverage.
 @group(1) @binding(1) var seen_in: texture_2d<f32>;
 @group(1) @binding(2) var reflected_in: texture_2d<f32>;
 @group(1) @binding(3) var<storage, read> pixels: array<GlossPixel>;
 // rgb: the sum of what the rays receive, a: that of their weights.
 @group(1) @binding(4) var<storage, read_write> sums: array<vec4f>;
-@group(1) @binding(5) var received_out: texture_storage_2d<rgba16float, write>;
+// x: the sum of the distances at which the rays met something, y: that of their weights.
+@group(1) @binding(5) var<storage, read_write> distances: array<vec2f>;
+@group(1) @binding(6) var received_out: texture_storage_2d<rgba16float, write>;
 
 // Set if rays have weights.
 override is_weighed: bool = false;
+// Set if the distances are asked for.
+override is_blurred: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgroups) groups: vec3u) {
@@ -28,11 +32,17 @@ fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgrou
     if frame.sample > 0u {
         sum = sums[index];
     }
-    if textureLoad(point_in, id, 0).w > 0.0 {
+    let point = textureLoad(point_in, id, 0);
+    if point.w > 0.0 {
         let background = linear_from_srgb(unpack4x8unorm(settings.view.background).wzy);
-        let found = textureLoad(seen_in, id, 0).w > 0.0;
+        let seen = textureLoad(seen_in, id, 0);
+        let found = seen.w > 0.0;
         let weight = select(1.0, pixels[place_of_thread(thread, groups)].weight, is_weighed);
         sum += weight * vec4f(select(background, textureLoad(reflected_in, id, 0).rgb, found), 1.0);
+        if is_blurred {
+            let met = select(vec2f(0.0), weight * vec2f(distance(seen.xyz, point.xyz), 1.0), found);
+            distances[index] = select(vec2f(0.0), distances[index], frame.sample > 0u) + met;
+        }
     }
     sums[index] = sum;
     textureStore(received_out, id, vec4f(sum.rgb / select(1.0, sum.a, sum.a > 0.0), 1.0));

@@ -207,6 +207,8 @@ struct Gloss {
     cache_power: f32,
     cache_spread: f32,
     cache_trust: f32,
+    blur: f32,
+    blur_most: f32,
 }
 const GLOSS_LOBE_PHONG: u32 = 0u;
 const GLOSS_LOBE_BLINN: u32 = 1u;

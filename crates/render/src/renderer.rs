@@ -486,7 +486,7 @@ impl Renderer {
                 inputs.set_sample(gpu, rays.sample);
                 light.surfaces_changed();
                 light.shade_bounces(&mut recorder, &inputs, reflections.found())?;
-                reflections.sum(&mut recorder, &inputs, asks.rays.glossy > 0 && settings.gloss.cache_power > 0.0)?;
+                reflections.sum(&mut recorder, &inputs, settings, asks.rays.glossy > 0)?;
             }
             if first < end && end == all_samples && !asks.rays.rays(end - 1).is_perfect() {
                 // Statistics, images of what mirrors see, and probes are those of perfect mirrors.
@@ -494,7 +494,9 @@ impl Renderer {
                 reflections.find(&mut recorder, search, rays)?;
             }
             summed = Some(Summed { light: lit_by, samples: end });
-            reflections.received().map_or(Reflected::Nothing, Reflected::Received)
+            let glossy = (asks.rays.glossy > 0).then_some(camera_surface.normal);
+            let received = reflections.received(&mut recorder, &inputs, settings, glossy)?;
+            received.map_or(Reflected::Nothing, Reflected::Received)
         } else {
             light.shade_bounces(&mut recorder, &inputs, reflections.found())?;
             if has_mirrors { Reflected::Found } else { Reflected::Nothing }

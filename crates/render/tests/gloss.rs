@@ -116,11 +116,18 @@ fn an_even_surrounding_is_reflected_evenly() {
     for power in [1.0, 100.0, 1e5] {
         let scene = Scene::new(&stage, [WHITE, WHITE], power);
         for method in methods() {
-            for (samples, lobe, pattern) in [(1, "phong", "shared"), (3, "blinn", "pixel"), (8, "phong", "pixel")] {
+            for (samples, lobe, pattern, blur) in
+                [(1, "phong", "shared", "0"), (3, "blinn", "pixel", "1"), (8, "phong", "pixel", "0")]
+            {
                 let settings = settings(
                     method,
                     samples,
-                    &[("gloss.lobe", lobe), ("gloss.pattern", pattern), ("reflection.bounces", "2")],
+                    &[
+                        ("gloss.lobe", lobe),
+                        ("gloss.pattern", pattern),
+                        ("gloss.blur", blur),
+                        ("reflection.bounces", "2"),
+                    ],
                 );
                 let stats = scene.render(&mut stage, &settings);
                 assert_eq!(stats.glossy_samples, [samples, samples]);
@@ -388,6 +395,85 @@ fn a_pixel_shows_the_share_of_its_area_that_an_edge_leaves_bright() {
             assert!([2, 0].map(|beside| shown[height / 2 * width + width / 2 - beside][0]) == [1.0, 0.0], "{what}");
         }
     }
+}
+
+#[test]
+fn a_blur_is_as_wide_as_the_lobe_where_rays_end_and_keeps_sums() {
+    let mut stage = stage_or_skip!();
+    const SIZE: [u32; 2] = [160, 120];
+    const WIDE: usize = SIZE[0] as usize;
+    let focal = 60.0 / 30.0_f64.to_radians().tan();
+    // A flat mirror shows the wall behind the eye, whose left half is bright: from the mirror the wall is so far, and
+    // the eye.
+    for (power, far, eye, lobe, blur) in [
+        (100.0, 2.0, 1.7, "phong", 1.0),
+        (100.0, 1.5, 0.9, "phong", 1.0),
+        (30.0, 2.0, 1.0, "phong", 0.5),
+        (300.0, 2.0, 1.7, "blinn", 1.0),
+    ] {
+        let mut scene = Scene::new(&stage, [WHITE, BLACK], 0.0);
+        let plane = Mirror::standing(Shape::Plane { height: 1.0 }, DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0);
+        let rotation = DQuat::from_rotation_arc(DVec3::Z, DVec3::Y);
+        let position = -DVec3::Y * (2.0 - far);
+        scene.mirrors =
+            vec![Mirror { position, rotation, specular_intensity: 1.0, specular_power: power as f32, ..plane }];
+        scene.camera = Camera::looking(position, -DVec3::Y, eye, DVec3::Z);
+        let mut drawn = |blur: f64| {
+            let blur = blur.to_string();
+            let settings = settings(
+                Method::SurfelTrace,
+                1,
+                &[("mirror.surface", "exact"), ("gloss.lobe", lobe), ("gloss.blur", &blur), ("gloss.blur_most", "65")],
+            );
+            let objects = Objects { mirrors: &scene.mirrors, lights: &scene.lights, ..Objects::default() };
+            stage.renderer.render(&scene.store, &scene.camera, &settings, objects, SIZE).unwrap();
+            let shown = colors(&stage);
+            let columns = WIDE / 2 - 30..WIDE / 2 + 30;
+            (55..65).map(|y| columns.clone().map(|x| f64::from(shown[y * WIDE + x][0])).collect()).collect()
+        };
+        let (sharp, blurred): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (drawn(0.0), drawn(blur));
+        let sum = |rows: &[Vec<f64>]| rows.iter().flatten().sum::<f64>();
+        // An edge that is blurred over w pixels has a sum of v (1 - v) of w / 6.
+        let spread: f64 = blurred.iter().flatten().map(|value| value * (1.0 - value)).sum();
+        let found = 6.0 * spread / 10.0;
+        let median = 2.0_f64.powf(-1.0 / (power + 1.0)).acos() * if lobe == "blinn" { 2.0 } else { 1.0 };
+        let expected = blur * 2.0 * focal * median.tan() * far / (far + eye);
+        let what = format!("power {power}, {far}, {eye}, {lobe}: {found} pixels instead of {expected}");
+        println!("{what}; sums {} and {}", sum(&sharp), sum(&blurred));
+        assert!((found - expected).abs() < 0.8, "{what}");
+        assert!((sum(&blurred) / sum(&sharp) - 1.0).abs() < 5e-3, "{what}: {} {}", sum(&sharp), sum(&blurred));
+    }
+}
+
+#[test]
+fn a_blur_leaves_perfect_mirrors_as_they_are_to_the_bit() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, [WHITE, BLACK], 0.0);
+    let ball = |x: f64, power| Mirror {
+        position: DVec3::new(x, -0.2, 0.0),
+        size: 0.4,
+        specular_power: power,
+        ..scene.mirrors[0].clone()
+    };
+    scene.mirrors = vec![ball(-0.5, 0.0), ball(0.5, 100.0)];
+    let mut drawn = |blur: &str| {
+        let settings = settings(Method::SurfelTrace, 2, &[("mirror.surface", "exact"), ("gloss.blur", blur)]);
+        scene.render(&mut stage, &settings);
+        (colors(&stage), mirror_pixels(&stage))
+    };
+    let ((sharp, mirrors), (blurred, _)) = (drawn("0"), drawn("1"));
+    let width = SIZE[0] as usize;
+    let changed = |is_left: bool| {
+        let on_side = mirrors.iter().filter(|pixel| (**pixel % width < width / 2) == is_left);
+        let (all, changed): (Vec<usize>, Vec<bool>) =
+            on_side.map(|pixel| (*pixel, sharp[*pixel] != blurred[*pixel])).unzip();
+        (all.len(), changed.into_iter().filter(|changed| *changed).count())
+    };
+    let mut counts = [changed(true), changed(false)];
+    // The camera looks from either side.
+    counts.sort_by_key(|(_, changed)| *changed);
+    assert!(counts.iter().all(|(all, _)| *all > 100), "{counts:?}");
+    assert!(counts[0].1 == 0 && counts[1].1 > 30, "{counts:?}");
 }
 
 /// The picture as bytes, and all images that are read from it.

@@ -383,6 +383,10 @@ params! {
         cache_spread: f32 = 10.0, 1.0..=100.0, "ratio";
         /// Share of the rays that must count in effect; a pixel with less draws from its mirror's own lobe.
         cache_trust: f32 = 0.25, 0.0..=1.0, "share";
+        /// Blurs what glossy mirrors show as far as their lobe reaches, times this: less noise with few rays, and softer than the truth. Near things stay sharp; perfect mirrors and 0 are not blurred.
+        blur: f32 = 0.0, 0.0..=4.0, "lobes" => affects(shading);
+        /// Most pixels along a row or column that the blur takes the mean of.
+        blur_most: f32 = 33.0, 1.0..=65.0, "pixels" => affects(shading);
     }
 
     /// Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).

@@ -121,6 +121,37 @@ fn rays_of_one_lobe_show_other_powers_with_a_little_more_noise() {
 }
 
 #[test]
+fn a_blur_lowers_the_error_of_few_samples() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(gpu.clone()).unwrap();
+    let mut settings = Settings::default();
+    settings.trace.samples = 1024;
+    settings.reflection.method = Method::SurfelTrace;
+    settings.set_text("light.by", "colors").unwrap();
+    for (variant, power, pattern, most) in [
+        (Variant::Sphere, 30.0, "pixel", [0.6, 0.65, 0.85]),
+        (Variant::Sphere, 30.0, "shared", [0.9, 0.75, 0.85]),
+        (Variant::Torus, 10.0, "pixel", [0.6, 0.7, 1.0]),
+    ] {
+        settings.set_text("gloss.pattern", pattern).unwrap();
+        let mut judged = Judged::new(&gpu, variant, power, &settings);
+        for (samples, most) in [1, 4, 16].into_iter().zip(most) {
+            settings.gloss.samples = samples;
+            let [sharp, half, blurred] = [0.0, 0.5, 1.0].map(|blur| {
+                settings.gloss.blur = blur;
+                judged.error(&mut renderer, &settings)
+            });
+            let what = format!(
+                "{}, power {power}, {pattern}, {samples} rays: {sharp:.4}, {half:.4}, {blurred:.4}",
+                variant.name()
+            );
+            println!("{what}");
+            assert!(blurred < most * sharp, "{what}");
+        }
+    }
+}
+
+#[test]
 fn auto_chooses_no_method_that_refuses_the_glossy_mirrors_of_a_scene() {
     let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();

@@ -8,7 +8,7 @@ use super::bounce::Bounce;
 use super::task::MirrorSurface;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
-use crate::layout::{GLOSS_PIXEL_BYTES, GLOSS_SUM_BYTES};
+use crate::layout::{GLOSS_DISTANCE_BYTES, GLOSS_PIXEL_BYTES, GLOSS_SUM_BYTES};
 use crate::method;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -89,8 +89,13 @@ pub(crate) struct Gloss {
     pub pixels: wgpu::Buffer,
     /// For each pixel the sum of what its rays receive, and that of their weights.
     sums: wgpu::Buffer,
+    /// For each pixel the sum of the distances at which its rays met something, and that of their weights; of one pixel
+    /// until a frame is blurred.
+    distances: wgpu::Buffer,
     /// The mean so far of what each mirror pixel receives.
     pub received: Image,
+    /// The same, blurred along rows, and along columns, too, from the first frame on that is blurred.
+    blurred: Option<[Image; 2]>,
 }
 
 /// Returns the number of glossy samples of a frame; 0 if mirrors are perfect.
@@ -120,6 +125,11 @@ fn is_shared(settings: &Settings) -> bool {
     method::is_forward(settings) || settings.gloss.pattern == GlossPattern::Shared
 }
 
+/// Whether what glossy mirrors receive is blurred.
+fn is_blurred(settings: &Settings) -> bool {
+    settings.gloss.blur > 0.0
+}
+
 impl Gloss {
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
         let [width, height] = size.map(u64::from);
@@ -129,13 +139,28 @@ impl Gloss {
             rays: Image::new(&gpu.device, size, "unknown rays", wgpu::TextureFormat::Rgba32Float),
             pixels: storage(&gpu.device, "glossy pixels", tiles * 64 * GLOSS_PIXEL_BYTES),
             sums: storage(&gpu.device, "sums of glossy samples", width * height * GLOSS_SUM_BYTES),
+            distances: storage(&gpu.device, "distances of glossy samples", GLOSS_DISTANCE_BYTES),
             received: Image::new(&gpu.device, size, "received", wgpu::TextureFormat::Rgba16Float),
+            blurred: None,
+        }
+    }
+
+    /// Makes what the blur of these settings needs.
+    pub fn provide(&mut self, gpu: &Gpu, settings: &Settings) {
+        if is_blurred(settings) && self.blurred.is_none() {
+            let size = self.received.size();
+            let [width, height] = size.map(u64::from);
+            let bytes = width * height * GLOSS_DISTANCE_BYTES;
+            self.distances = storage(&gpu.device, "distances of glossy samples", bytes);
+            let image = || Image::new(&gpu.device, size, "blurred", wgpu::TextureFormat::Rgba16Float);
+            self.blurred = Some([image(), image()]);
         }
     }
 
     pub fn bytes(&self) -> u64 {
         let images = self.normal.bytes() + self.rays.bytes() + self.received.bytes();
-        images + self.pixels.size() + self.sums.size()
+        let blurred: u64 = self.blurred.iter().flatten().map(Image::bytes).sum();
+        images + blurred + self.pixels.size() + self.sums.size() + self.distances.size()
     }
 
     /// Finds out which pixels draw from the lobe of `gloss.cache_power`, before the first sample.
@@ -195,20 +220,59 @@ impl Gloss {
         MirrorSurface { point: self.rays.clone(), eye: mirror.eye.clone() }
     }
 
-    /// Adds what the sample of `inputs` receives, by the weights of its rays if they have some; the first sample starts the sums
-    /// anew.
+    /// Adds what the sample of `inputs` receives, by the weights of its rays if glossy ones have some; the first sample
+    /// starts the sums anew.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn add(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first: &Bounce, is_weighed: bool) -> Result<()> {
+    pub fn add(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        settings: &Settings,
+        first: &Bounce,
+        is_glossy: bool,
+    ) -> Result<()> {
         let bindings = passes::gloss_sum {
             point_in: first.mirror.point.bind(),
             seen_in: first.seen.position.bind(),
             reflected_in: first.blended.bind(),
             pixels: self.pixels.as_entire_binding(),
             sums: self.sums.as_entire_binding(),
+            distances: self.distances.as_entire_binding(),
             received_out: self.received.bind(),
         };
-        recorder.over_mirrors(&[("is_weighed", u32::from(is_weighed))], inputs, bindings)
+        let is_weighed = is_glossy && settings.gloss.cache_power > 0.0;
+        let switches =
+            [("is_weighed", u32::from(is_weighed)), ("is_blurred", u32::from(is_glossy && is_blurred(settings)))];
+        recorder.over_mirrors(&switches, inputs, bindings)
+    }
+
+    /// What glossy mirrors of these normals show by the samples summed so far, blurred if the settings ask for it.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn blurred(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        settings: &Settings,
+        (mirror, normal): (&MirrorSurface, &Image),
+    ) -> Result<&Image> {
+        let Some([by_rows, blurred]) = self.blurred.as_ref().filter(|_| is_blurred(settings)) else {
+            return Ok(&self.received);
+        };
+        for (from, to, is_upright) in [(&self.received, by_rows, 0), (by_rows, blurred, 1)] {
+            let bindings = passes::gloss_blur {
+                point_in: mirror.point.bind(),
+                normal_in: normal.bind(),
+                eye_in: mirror.eye.bind(),
+                distances: self.distances.as_entire_binding(),
+                received_in: from.bind(),
+                received_out: to.bind(),
+            };
+            recorder.over_mirrors(&[("is_upright", is_upright)], inputs, bindings)?;
+        }
+        Ok(blurred)
     }
 }

@@ -208,7 +208,7 @@ impl Reflections {
         }
         self.bounces.truncate(self.count);
         if rays.sample.is_some() {
-            self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size));
+            self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size)).provide(gpu, settings);
         }
         if rays.is_moved {
             self.footprint.get_or_insert_with(|| Footprint::new(gpu, self.size));
@@ -393,21 +393,41 @@ impl Reflections {
         self.clear().map(Clear::index)
     }
 
-    /// Adds what the camera's mirrors show by the sample of `inputs`, whose bounces are shaded; `is_weighed` if its rays
-    /// have weights.
+    /// Adds what the camera's mirrors show by the sample of `inputs`, whose bounces are shaded; `is_glossy` if its rays are.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn sum(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, is_weighed: bool) -> Result<()> {
+    pub fn sum(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        settings: &Settings,
+        is_glossy: bool,
+    ) -> Result<()> {
         match (&self.gloss, self.first()) {
-            (Some(gloss), Some(first)) => gloss.add(recorder, inputs, first, is_weighed),
+            (Some(gloss), Some(first)) => gloss.add(recorder, inputs, settings, first, is_glossy),
             _ => Ok(()),
         }
     }
 
-    /// What the camera's mirrors show by the samples summed so far.
-    pub fn received(&self) -> Option<&Image> {
-        self.gloss.as_ref().map(|gloss| &gloss.received)
+    /// What the camera's mirrors show by the samples summed so far; `glossy` are the normals of mirrors if those are of
+    /// glossy ones, which is blurred if the settings ask for it.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn received(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        settings: &Settings,
+        glossy: Option<&Image>,
+    ) -> Result<Option<&Image>> {
+        match (&self.gloss, self.first(), glossy) {
+            (Some(gloss), Some(first), Some(normal)) => {
+                gloss.blurred(recorder, inputs, settings, (&first.mirror, normal)).map(Some)
+            }
+            (gloss, _, _) => Ok(gloss.as_ref().map(|gloss| &gloss.received)),
+        }
     }
 
     /// The bounces of the last set of rays.
