@@ -37,7 +37,7 @@ pub enum Command {
     Info(InfoArguments),
     /// Write the picture the viewer would show
     Render(RenderArguments),
-    /// Write pictures along a path of a scene file
+    /// Write pictures along a path of the camera
     Record(RecordArguments),
     /// Make the index that large clouds are streamed from ahead of time, or write it as COPC; the viewer makes it by itself
     Index(IndexArguments),
@@ -113,6 +113,13 @@ pub struct RenderArguments {
     /// File with a view (as "copy view" gives it), - for standard input, or front, back, left, right, top, bottom, iso, or scene for the scene's own
     #[arg(long, value_name = "FILE|NAME")]
     pub camera: Option<OsString>,
+    /// Path of the camera, for --time: of the scene file, or turntable, orbit or flight; the scene's only one if not given
+    #[arg(long, value_name = "NAME", requires = "time")]
+    pub path: Option<String>,
+    /// Write the picture of a path at this time, which is the frame that `glint record` has then
+    #[arg(long, value_name = "SECONDS", value_parser = parse_time,
+        conflicts_with_all = ["camera", "stats", "frames", "budget", "error"])]
+    pub time: Option<f64>,
     /// Reflections that are followed, one after the other. Short for --set reflection.bounces=N
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
@@ -159,12 +166,13 @@ pub struct TargetArguments {
 
 #[derive(Debug, Args)]
 pub struct RecordArguments {
-    /// A scene file (`.toml`) with a path of the camera
+    /// A scene file (`.toml`), a `.las`, `.laz` or `.ply` file, a folder of them, or the name of a built-in scene
     pub scene: OsString,
-    /// Path of the scene file to go along; the only one if not given
+    /// Path of the camera: of the scene file, or turntable, orbit or flight; the scene's only one if not given
     #[arg(long, value_name = "NAME")]
     pub path: Option<String>,
-    /// Folder for the pictures, frame-000000.png and so on; made if it is not there
+    /// Folder for the pictures, frame-000000.png and so on; made if it is not there. Pictures that are there are kept: a
+    /// recording that was stopped goes on
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// Width and height of the pictures, pixels
@@ -176,6 +184,9 @@ pub struct RecordArguments {
     /// Frames of the path to record, from A to before B; all if not given
     #[arg(long, value_name = "A..B", value_parser = parse_frames)]
     pub frames: Option<Range<u32>>,
+    /// Record every N-th frame, from the K-th, into the same folder as the other shards
+    #[arg(long, value_name = "K/N")]
+    pub shard: Option<study::Shard>,
     /// Take the values of screen-space curved reflections that belong together: published (by the shape of the mirror), fast
     /// or accurate. Other parameters are set after it
     #[arg(long, value_name = "NAME", value_parser = parse_preset)]
@@ -333,6 +344,11 @@ fn parse_frames(text: &str) -> Result<Range<u32>, String> {
     let ends = text.split_once("..").and_then(|(start, end)| Some((start.parse().ok()?, end.parse().ok()?)));
     let (start, end) = ends.ok_or("expected the first frame and the one after the last, as in 0..300")?;
     if start < end { Ok(start..end) } else { Err("the second number must be larger than the first".into()) }
+}
+
+fn parse_time(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| *seconds >= 0.0 && seconds.is_finite());
+    seconds.ok_or_else(|| "expected seconds from 0 on, as in 2.5".into())
 }
 
 fn parse_budget(text: &str) -> Result<Target, String> {

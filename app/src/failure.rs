@@ -68,7 +68,11 @@ fn status_of(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     if cause.is::<NoScreen>() {
         return Some(NO_SCREEN);
     }
-    if cause.is::<Usage>() || cause.is::<scene::Error>() || cause.is::<param::Error>() || cause.is::<study::PlanError>()
+    if cause.is::<Usage>()
+        || cause.is::<record::Error>()
+        || cause.is::<scene::Error>()
+        || cause.is::<param::Error>()
+        || cause.is::<study::PlanError>()
     {
         return Some(UNUSABLE);
     }

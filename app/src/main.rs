@@ -14,6 +14,7 @@ mod picture_file;
 mod profile_command;
 mod progress_bar;
 mod record_command;
+mod recording;
 mod render_command;
 mod scans;
 mod study_command;

@@ -55,6 +55,24 @@ pub fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
     write_whole(path, |file| file.write_all(text.as_bytes()))
 }
 
+/// Writes a text file unless there is one of this name. Returns whether it was written: of several programs that write
+/// it at once, one has written it.
+///
+/// # Errors
+/// If the file cannot be written; the error names it.
+pub fn write_new_text(path: &Path, text: &str) -> anyhow::Result<bool> {
+    let partial = partial(path);
+    let written = std::fs::write(&partial, text).and_then(|()| std::fs::hard_link(&partial, path));
+    let _ = std::fs::remove_file(&partial);
+    match written {
+        Ok(()) => Ok(true),
+        Err(reason) if reason.kind() == ErrorKind::AlreadyExists => Ok(false),
+        // Not all disks have links.
+        Err(_) if path.exists() => Ok(false),
+        Err(_) => write_text(path, text).map(|()| true),
+    }
+}
+
 /// Checks that a file can be written at `path`, before the work starts.
 ///
 /// # Errors
@@ -163,6 +181,17 @@ mod tests {
         assert!(error.ends_with(told), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_text_that_is_there_is_not_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("record.json");
+        assert!(write_new_text(&path, "first").unwrap());
+        assert!(!write_new_text(&path, "second").unwrap());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "first");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
+        assert!(write_new_text(&folder.path().join("missing/record.json"), "").is_err());
     }
 
     #[test]

@@ -30,7 +30,18 @@ impl Bar {
         bar
     }
 
-    /// A bar that counts settings of a study, or pictures of a recording.
+    /// A bar that counts the pictures of a recording.
+    pub fn pictures(task: &str) -> Self {
+        let template = "{msg:>10} {bar:40} {pos} of {len} pictures, {rate}, {eta} left";
+        let rate = |state: &ProgressState, text: &mut dyn Write| {
+            let _ = write!(text, "{:.2}/s", state.per_sec());
+        };
+        let bar = Self(ProgressBar::new(0).with_style(style(template).with_key("rate", rate)));
+        bar.set_task(task);
+        bar
+    }
+
+    /// A bar that counts settings of a study.
     pub fn counted() -> Self {
         Self(ProgressBar::new(0).with_style(style("{bar:40} {pos} of {len}, {eta} left  {msg}")))
     }

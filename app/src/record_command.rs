@@ -1,88 +1,59 @@
-//! `glint record`: writes pictures along a camera path of a scene file. Each picture is the one that the window shows
-//! when the camera rests there, and that `glint render` writes: all points that the view needs are loaded, and the
-//! quality is full.
+//! `glint record`: writes the pictures along a camera path. Several runs may share the work: each makes the pictures
+//! that its folder lacks.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, anyhow};
+use anyhow::Context as _;
+use record::{Adapter, Description, Folder};
 use render::{Gpu, Renderer};
-use scene::{Camera, CameraPath, ExposureFit, Settings, View, whole_file};
-use serde::{Deserialize, Serialize};
-use world::{Input, Request};
+use scene::{Camera, PathPlace, Settings};
+use world::Request;
 
 use crate::chosen::{self, AutoStats};
 use crate::command_line::RecordArguments;
 use crate::failure::usage;
 use crate::progress_bar::Bar;
-use crate::render_command::check_size;
+use crate::recording::{self, PathChoice, Recorder};
+use crate::render_command::{Viewpoint, check_size};
 use crate::subject::{self, LoadedSubject};
-use crate::viewer::Headless;
 use crate::{picture_file, terminal};
 
 /// The most frames of a recording: the names of the pictures number them with six digits.
 const MOST_FRAMES: u32 = 1_000_000;
-
-/// The time between opening a scene, which moves the camera, and the beginning of the path. By then the camera rests.
-const REST: Duration = Duration::from_secs(1);
 
 /// Records the path. Returns exit status 2 if one of several inputs could not be read and the pictures show the others.
 ///
 /// # Errors
 /// Fails on bad usage, without an adapter, if no input can be read, if a file cannot be written, or on Ctrl-C.
 pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
-    let folder = arguments.output.as_path();
     let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
     request.check()?;
-    if folder.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mp4")) {
-        let name = scene::shown(folder);
+    if arguments.output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mp4")) {
+        let name = scene::shown(&arguments.output);
         return Err(usage(format!("{name}: films are not in this version yet; name a folder for the pictures")));
     }
-    let path = path(&request, arguments)?;
-    let recording = Recording { frames: frames(&path, arguments)?, path, fps: arguments.fps, folder };
-    prepare(&mut request, &recording, arguments)?;
+    let path = PathChoice::new(arguments.path.as_deref(), &request, Path::new(&arguments.scene))?;
+    let frames = frames(&path, arguments)?;
+    set(&mut request, arguments)?;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     check_size(&gpu, arguments.size)?;
-    let is_new = !folder.exists();
+    let folder = Folder { path: arguments.output.clone() };
+    let is_new = !folder.path.exists();
     if is_new {
-        std::fs::create_dir(folder).map_err(|reason| codec::Error::not_written(folder, reason))?;
+        std::fs::create_dir(&folder.path).map_err(|reason| codec::Error::not_written(&folder.path, reason))?;
     }
-    let recorded = match recording.choose(&gpu, &mut request, arguments) {
-        Ok(0) => recording.record(gpu, request, arguments),
-        unreadable => unreadable,
-    };
+    let recorded = Recording { path, frames, folder, arguments }.run(gpu, request);
     if is_new {
-        // This removes the folder only if it holds no pictures.
-        let _ = std::fs::remove_dir(folder);
+        // This removes the folder only if there is nothing in it.
+        let _ = std::fs::remove_dir(&arguments.output);
     }
     recorded
 }
 
-/// The path that `--path` names, or the only one.
-fn path(request: &Request, arguments: &RecordArguments) -> anyhow::Result<CameraPath> {
-    let names: Vec<&str> = request.paths.iter().map(|path| path.name.as_str()).collect();
-    let available = names.join(", ");
-    match (&arguments.path, request.paths.as_slice()) {
-        (_, []) => {
-            let name = scene::shown(Path::new(&arguments.scene));
-            Err(usage(format!(
-                "{name}: it has no camera path; add one to a scene file under [[paths]] (docs/scenes.md)"
-            )))
-        }
-        (None, [only]) => Ok(only.clone()),
-        (None, _) => Err(usage(format!("--path: there are several, name one of them: {available}"))),
-        (Some(wanted), paths) => {
-            let known = paths.iter().find(|path| path.name == *wanted);
-            known.cloned().ok_or_else(|| usage(format!("--path: `{wanted}` is unknown; available: {available}")))
-        }
-    }
-}
-
-/// The frames that `--frames` names, or all.
-fn frames(path: &CameraPath, arguments: &RecordArguments) -> anyhow::Result<Range<u32>> {
+/// The frames that `--frames` and `--shard` name, or all.
+fn frames(path: &PathChoice, arguments: &RecordArguments) -> anyhow::Result<Vec<u32>> {
     // The last picture is shown until the path ends. The subtraction keeps a rounding error from adding a frame.
     let all = (path.duration() * f64::from(arguments.fps) - 1e-6).ceil().max(1.0) as u32;
     let frames = arguments.frames.clone().unwrap_or(0..all);
@@ -90,177 +61,186 @@ fn frames(path: &CameraPath, arguments: &RecordArguments) -> anyhow::Result<Rang
         let Range { start, end } = frames;
         return Err(usage(format!(
             "--frames {start}..{end}: path `{}` has {all} frames at {} a second, from 0 on",
-            path.name, arguments.fps
+            path.name(),
+            arguments.fps
         )));
     }
     if frames.end > MOST_FRAMES {
-        return Err(usage(format!("path `{}` has {all} frames, expected at most {MOST_FRAMES}", path.name)));
+        return Err(usage(format!("path `{}` has {all} frames, expected at most {MOST_FRAMES}", path.name())));
     }
-    Ok(frames)
+    Ok(frames.filter(|frame| arguments.shard.is_none_or(|shard| shard.has(*frame as usize))).collect())
 }
 
-/// Sets the parameters, and puts the camera at the beginning of the path. Automatic light and colour ranges follow from
-/// the first view, which must not depend on which frames are recorded.
-fn prepare(request: &mut Request, recording: &Recording<'_>, arguments: &RecordArguments) -> anyhow::Result<()> {
-    let (settings, warnings) = (Settings::default(), Vec::new());
+/// Sets the parameters that the command line names.
+fn set(request: &mut Request, arguments: &RecordArguments) -> anyhow::Result<()> {
     let mirrors = request.all_mirrors();
-    let view = request.view.get_or_insert(View { camera: None, settings, warnings });
-    view.camera = Some(recording.camera(0)?);
+    let settings = recording::settings(request);
     if let Some(preset) = arguments.preset {
-        view.settings = preset.applied(&view.settings, mirrors.iter());
+        *settings = preset.applied(settings, mirrors.iter());
     }
     for (key, value) in &arguments.set {
-        view.settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
+        settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     Ok(())
 }
 
-/// What `--budget` or `--error` chose for a recording, for all pictures of its folder.
-#[derive(Serialize, Deserialize)]
-struct Plan {
-    size: [u32; 2],
-    auto: AutoStats,
-}
-
-/// The file of the plan in the folder of the pictures.
-const PLAN: &str = "record.json";
-
 struct Recording<'a> {
-    path: CameraPath,
-    frames: Range<u32>,
-    fps: u32,
-    folder: &'a Path,
+    path: PathChoice,
+    /// The frames that this run is to see to.
+    frames: Vec<u32>,
+    folder: Folder,
+    arguments: &'a RecordArguments,
 }
 
 impl Recording<'_> {
-    /// The time of a frame on the path, in seconds.
-    fn time(&self, frame: u32) -> f64 {
-        f64::from(frame) / f64::from(self.fps)
+    /// Makes the pictures that are not there, and returns the exit status.
+    fn run(&self, gpu: Arc<Gpu>, mut request: Request) -> anyhow::Result<u8> {
+        let wanted = self.description(&gpu, &mut request);
+        let made = self.folder.check(&wanted)?;
+        let auto = match (&made, self.arguments.target.target()) {
+            (Some(made), _) => made.auto.clone(),
+            (None, Some(_)) => match self.choose(&gpu, &request)? {
+                Ok(auto) => Some(serde_json::to_value(auto)?),
+                Err(status) => return Ok(status),
+            },
+            (None, None) => None,
+        };
+        self.apply(auto.as_ref(), recording::settings(&mut request))?;
+        let description = Description { auto, ..wanted };
+        let lacking = self.lacking();
+        let status =
+            if lacking.is_empty() { 0 } else { self.make(&lacking, &description, made.is_none(), gpu, request)? };
+        let (count, folder) = (self.frames.len(), scene::shown(&self.folder.path));
+        let there = count - lacking.len();
+        let were_there = if there > 0 { format!(", {there} of them were there") } else { String::new() };
+        if status == 0 || lacking.iter().all(|frame| self.folder.picture(*frame).exists()) {
+            terminal::print([format!("{count} pictures in {folder}{were_there}")])?;
+        }
+        Ok(status)
     }
 
-    fn camera(&self, frame: u32) -> anyhow::Result<Camera> {
-        self.path.camera(self.time(frame)).ok_or_else(|| anyhow!("path `{}` has no keyframes", self.path.name))
+    /// What the pictures of this run are of, without what is chosen for a target.
+    fn description(&self, gpu: &Gpu, request: &mut Request) -> Description {
+        Description {
+            version: env!("CARGO_PKG_VERSION").into(),
+            scene: self.path.checksum(request),
+            path: self.path.name().to_owned(),
+            size: self.arguments.size,
+            fps: self.arguments.fps,
+            adapter: Adapter {
+                name: gpu.info.name.clone(),
+                backend: format!("{:?}", gpu.info.backend),
+                driver: format!("{} {}", gpu.info.driver, gpu.info.driver_info).trim().to_owned(),
+            },
+            set: recording::settings(request).differing().into_iter().collect(),
+            auto: None,
+        }
     }
 
-    fn picture(&self, frame: u32) -> PathBuf {
-        self.folder.join(format!("frame-{frame:06}.png"))
-    }
-
-    /// Sets what `auto` chose for the recording, if a target asks for it: what an earlier run in the same folder wrote
-    /// down, else a choice for the first view of the path. Returns the exit status if inputs cannot be read.
-    fn choose(&self, gpu: &Arc<Gpu>, request: &mut Request, arguments: &RecordArguments) -> anyhow::Result<u8> {
-        let Some(target) = arguments.target.target() else { return Ok(0) };
-        let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
-        let path = self.folder.join(PLAN);
-        if !path.exists() {
-            let mut fixed = chosen::fixed(&arguments.set, &settings);
-            // Pictures of a recording are those of the window, which are not enlarged.
-            fixed.push("view.resolution".to_owned());
-            let (camera, size) = (self.camera(0)?, arguments.size);
-            // What cannot be read is reported again when it is recorded.
-            let LoadedSubject { subject, .. } =
-                match subject::open(gpu, request.clone(), &settings, size, |_, _, _| camera)? {
-                    Ok(opened) => opened,
-                    Err(status) => return Ok(status),
-                };
-            let mut renderer = Renderer::new(gpu.clone())?;
-            let mut drawn = settings.drawn();
-            let auto = chosen::choose(target, &mut drawn, &fixed, &subject, size, gpu, &mut renderer)?;
-            let text = serde_json::to_string_pretty(&Plan { size, auto })? + "\n";
-            // Another run in the folder may have chosen meanwhile: its choice is the one that counts.
-            if !path.exists() {
-                picture_file::write_text(&path, &text)?;
+    /// The frames whose pictures are not there, or not whole.
+    fn lacking(&self) -> Vec<u32> {
+        let bar = Bar::pictures("looking");
+        let mut lacking = Vec::new();
+        for (done, frame) in self.frames.iter().enumerate() {
+            bar.set(done as u64, self.frames.len() as u64);
+            if !self.folder.has(*frame, self.arguments.size) {
+                lacking.push(*frame);
             }
         }
-        let name = scene::shown(&path);
-        let text = whole_file::read(&path)?;
-        let plan: Plan = serde_json::from_str(&text).map_err(|error| usage(format!("{name}: {error}")))?;
-        let ([width, height], made) = (plan.size, &plan.auto.target);
-        if plan.size != arguments.size || *made != target.to_string() {
+        bar.end();
+        lacking
+    }
+
+    /// The time of a frame on the path, in seconds.
+    fn time(&self, frame: u32) -> f64 {
+        f64::from(frame) / f64::from(self.arguments.fps)
+    }
+
+    /// Lets `auto` choose for the first view of the path. Returns the exit status if inputs cannot be read.
+    fn choose(&self, gpu: &Arc<Gpu>, request: &Request) -> anyhow::Result<Result<AutoStats, u8>> {
+        let Some(target) = self.arguments.target.target() else { return Err(usage("no target to choose for")) };
+        let mut request = request.clone();
+        let mut settings = recording::settings(&mut request).clone();
+        let mut fixed = chosen::fixed(&self.arguments.set, &settings);
+        // Pictures of a recording are those of the window, which are not enlarged.
+        fixed.push("view.resolution".to_owned());
+        let size = self.arguments.size;
+        let viewpoint = Viewpoint::new(None, &mut request, &mut settings)?;
+        let first = |outline: &[glam::DVec3], up, room| {
+            let view = viewpoint.camera(outline, up, room, &settings, size);
+            let mut bounds = cloud::Bounds::EMPTY;
+            outline.iter().for_each(|point| bounds.include(*point));
+            self.path.over(&PathPlace { view, bounds, up }).camera(0.0).unwrap_or(view)
+        };
+        // What cannot be read is reported again when it is recorded.
+        let opened =
+            subject::open(gpu, request, &settings, size, |outline, up, room| -> Camera { first(outline, up, room) })?;
+        let subject = match opened {
+            Ok(LoadedSubject { subject, .. }) => subject,
+            Err(status) => return Ok(Err(status)),
+        };
+        let mut renderer = Renderer::new(gpu.clone())?;
+        let mut drawn = settings.drawn();
+        chosen::choose(target, &mut drawn, &fixed, &subject, size, gpu, &mut renderer).map(Ok)
+    }
+
+    /// Sets what was chosen for a target: in this run, or in the one that began the folder.
+    fn apply(&self, auto: Option<&serde_json::Value>, settings: &mut Settings) -> anyhow::Result<()> {
+        let name = scene::shown(self.folder.description_file());
+        let auto = auto.map(|auto| serde_json::from_value::<AutoStats>(auto.clone()));
+        let auto = auto.transpose().map_err(|error| usage(format!("{name}: {error}")))?;
+        let made = auto.as_ref().map(|auto| auto.target.clone());
+        if made != self.arguments.target.target().map(|target| target.to_string()) {
+            let made = made.map_or("for no target of time or error".to_owned(), |made| format!("for {made}"));
             return Err(usage(format!(
-                "{name}: what is in it was chosen for {made} at {width}x{height}; ask for the same, or name another folder"
+                "{name}: its pictures are drawn {made}; ask for the same, or name another folder"
             )));
         }
-        let view = request.view.as_mut().ok_or_else(|| anyhow!("{name}: there is no view to set it in"))?;
-        for (key, value) in &plan.auto.set {
+        for (key, value) in auto.map(|auto| auto.set).unwrap_or_default() {
             let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-            view.settings.set_text(key, &text).with_context(|| name.clone())?;
+            settings.set_text(&key, &text).with_context(|| name.clone())?;
         }
-        Ok(0)
-    }
-
-    /// Writes the pictures and returns the exit status.
-    fn record(&self, gpu: Arc<Gpu>, request: Request, arguments: &RecordArguments) -> anyhow::Result<u8> {
-        picture_file::check_place(&self.picture(self.frames.start))?;
-        let names = request.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ");
-        let opened = Instant::now();
-        let mut viewer = Headless::open(gpu, arguments.gpu.gpu.clone(), arguments.size, request, opened)?;
-        if self.write(&mut viewer, opened + REST)? {
-            let (count, folder) = (self.frames.len(), scene::shown(self.folder));
-            terminal::print([format!("{count} pictures in {folder}")])?;
-        } else if viewer.status() == 0 {
-            return Err(usage(format!("{names}: no points to show")));
-        }
-        Ok(viewer.status())
-    }
-
-    /// Gives the picture at a time the exposures that fit the keyframes before and after it, mixed by time, so that the
-    /// exposure does not jump with what comes into view. `fitted` keeps those of keyframes.
-    fn expose(
-        &self,
-        viewer: &mut Headless,
-        time: f64,
-        now: Instant,
-        fitted: &mut BTreeMap<usize, f32>,
-        bar: &Bar,
-    ) -> anyhow::Result<()> {
-        if viewer.tone.fit == ExposureFit::Locked {
-            return Ok(());
-        }
-        let keyframes = &self.path.keyframes;
-        let next = keyframes.partition_point(|keyframe| keyframe.time <= time);
-        let around = [next.saturating_sub(1), next.min(keyframes.len().saturating_sub(1))];
-        let mut stops = [0.0; 2];
-        for (stops, index) in stops.iter_mut().zip(around) {
-            *stops = match (fitted.get(&index), self.path.camera(keyframes[index].time)) {
-                (Some(known), _) => *known,
-                (None, Some(camera)) => viewer.exposure(camera, now, bar)?,
-                (None, None) => viewer.tone.exposure,
-            };
-            fitted.insert(index, *stops);
-        }
-        let [from, to] = around.map(|index| keyframes[index].time);
-        let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) as f32 } else { 0.0 };
-        viewer.lock_exposure((stops[0] + (stops[1] - stops[0]) * share).clamp(-10.0, 10.0));
         Ok(())
     }
 
-    /// Writes the pictures. Returns false if there is nothing to show. `start` is the time of the path's beginning on
-    /// the clock that the viewer is given; that clock advances with the frames and not with real time.
-    fn write(&self, viewer: &mut Headless, start: Instant) -> anyhow::Result<bool> {
-        let reading = Bar::points("reading");
-        let is_there = viewer.settle(self.camera(0)?, start, &reading)?.is_some();
-        reading.end();
-        if !is_there {
-            return Ok(false);
+    /// Makes these pictures and returns the exit status. `begins` says that the folder has none yet.
+    fn make(
+        &self,
+        frames: &[u32],
+        description: &Description,
+        begins: bool,
+        gpu: Arc<Gpu>,
+        request: Request,
+    ) -> anyhow::Result<u8> {
+        picture_file::check_place(&self.folder.picture(frames[0]))?;
+        let wanted_gpu = self.arguments.gpu.gpu.clone();
+        let mut recorder = match Recorder::open(gpu, wanted_gpu, self.arguments.size, request, &self.path)? {
+            Ok(recorder) => recorder,
+            Err(status) => return Ok(status),
+        };
+        if begins {
+            let text = serde_json::to_string_pretty(description)? + "\n";
+            let is_first = picture_file::write_new_text(&self.folder.description_file(), &text)?;
+            // Another run has begun the folder meanwhile.
+            let made = if is_first { None } else { self.folder.check(description)? };
+            if made.is_some_and(|made| made.auto != description.auto) {
+                let name = scene::shown(self.folder.description_file());
+                return Err(usage(format!("{name}: another run has chosen meanwhile; start this run again")));
+            }
         }
-        let bar = Bar::counted();
+        let bar = Bar::pictures("recording");
         let mut is_told = false;
-        let mut fitted = BTreeMap::new();
-        for (done, frame) in self.frames.clone().enumerate() {
-            bar.set(done as u64, self.frames.len() as u64);
-            let now = start + Duration::from_secs_f64(self.time(frame));
-            self.expose(viewer, self.time(frame), now, &mut fitted, &bar)?;
-            let Some(points) = viewer.write(&self.picture(frame), self.camera(frame)?, now, &bar)? else {
-                return Ok(false);
-            };
-            if points == 0 && !std::mem::replace(&mut is_told, true) {
+        for (done, frame) in frames.iter().enumerate() {
+            bar.set(done as u64, frames.len() as u64);
+            let picture = recorder.picture(self.time(*frame), &[], &bar)?;
+            picture_file::write_png(&self.folder.picture(*frame), self.arguments.size, &picture.rgba)?;
+            if recorder.is_empty() && !std::mem::replace(&mut is_told, true) {
                 let warning = format!("frame {frame}: the picture is empty, the camera looks past all points");
                 bar.suspend(|| terminal::warn([warning]));
             }
         }
         bar.end();
-        Ok(true)
+        Ok(recorder.status())
     }
 }
 
@@ -308,8 +288,8 @@ mod tests {
         let refusal = |words: &[&str]| refusal(&[words, &["-o", &output]].concat());
         assert!(refusal(&["five-mirrors/none"]).contains("five-mirrors/none: it has no camera path"));
         assert!(refusal(&[&none]).contains("none.toml: it has no camera path"));
-        assert!(refusal(&[&two]).contains("there are several, name one of them: tour, way back"));
-        assert!(refusal(&[&two, "--path", "tuor"]).contains("`tuor` is unknown; available: tour, way back"));
+        assert!(refusal(&[&two]).contains("there are several, name one of them: tour, way back, turntable"));
+        assert!(refusal(&[&two, "--path", "tuor"]).contains("`tuor` is unknown; available: tour, way back, turntable"));
         assert!(
             refusal(&[&one, "--frames", "50..61"]).contains("--frames 50..61: path `a` has 60 frames at 30 a second")
         );
@@ -323,7 +303,8 @@ mod tests {
     fn frames_are_shown_from_the_beginning_of_a_path_to_its_end() {
         let count = |duration: &str, fps: &str| {
             let file = scene::SceneFile::parse(&format!("[[paths]]\nname = \"a\"\n{}", path_until(duration))).unwrap();
-            frames(&file.paths[0], &arguments(&["a", "-o", "b", "--fps", fps])).map(|frames| frames.end)
+            frames(&PathChoice::Own(file.paths[0].clone()), &arguments(&["a", "-o", "b", "--fps", fps]))
+                .map(|frames| frames.len())
         };
         let counts = [("10", "30"), ("1.1", "10"), ("1.01", "10"), ("0.001", "1"), ("0.3", "10")];
         assert_eq!(counts.map(|(duration, fps)| count(duration, fps).unwrap()), [300, 11, 11, 1, 3]);
@@ -332,6 +313,11 @@ mod tests {
         assert!(count("1e300", "30").is_err());
         let still =
             scene::SceneFile::parse(&format!("[[paths]]\nname = \"a\"\n[[paths.keyframes]]\ntime = 0\n{KEYFRAME}"));
-        assert_eq!(frames(&still.unwrap().paths[0], &arguments(&["a", "-o", "b"])).unwrap(), 0..1);
+        let still = PathChoice::Own(still.unwrap().paths[0].clone());
+        assert_eq!(frames(&still, &arguments(&["a", "-o", "b"])).unwrap(), [0]);
+        let built_in = PathChoice::BuiltIn(scene::BuiltInPath::Orbit);
+        let shard =
+            |shard: &str| frames(&built_in, &arguments(&["a", "-o", "b", "--shard", shard, "--frames", "3..9"]));
+        assert_eq!([shard("1/2").unwrap(), shard("2/2").unwrap()], [[4, 6, 8], [3, 5, 7]]);
     }
 }

@@ -20,6 +20,8 @@ use world::Request;
 use crate::chosen::{self, AutoStats};
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
+use crate::progress_bar::Bar;
+use crate::recording::{self, PathChoice, Recorder};
 use crate::subject::{self, LoadedSubject};
 use crate::truth::{self, Asked, Reference};
 use crate::{interrupt, listing, picture_file, terminal};
@@ -47,6 +49,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     if let Some(name) = &arguments.method {
         settings.reflection.method = method(name)?;
+        if arguments.time.is_some() && name == truth::RAY_TRACE {
+            return Err(usage(format!("--time: `{name}` traces no paths; name another method")));
+        }
         if arguments.estimate && name == truth::RAY_TRACE {
             return Err(usage(format!(
                 "--estimate: `{name}` is exact; ask for a method that is not, or for --truth exact"
@@ -55,6 +60,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     if let Some(bounces) = arguments.bounces {
         settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
+    }
+    if let Some(time) = arguments.time {
+        return at_time(arguments, time, request, settings, &images, &references);
     }
     let mut settings = settings.drawn();
     let target = arguments.target.target();
@@ -122,6 +130,45 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(status)
+}
+
+/// Writes the picture of a path at a time, as a recording has it.
+fn at_time(
+    arguments: &RenderArguments,
+    time: f64,
+    mut request: Request,
+    settings: Settings,
+    images: &[(Aov, PathBuf)],
+    references: &[(Reference, PathBuf)],
+) -> anyhow::Result<u8> {
+    let name = Path::new(arguments.inputs.first().map_or(OsStr::new(""), |input| input.as_os_str()));
+    let path = PathChoice::new(arguments.path.as_deref(), &request, name)?;
+    if let Some((reference, _)) = references.first() {
+        return Err(usage(format!("--aov: `{}` is traced for a view; leave --time out", reference.name())));
+    }
+    let asked = Asked::new(arguments, Vec::new(), &request, &settings)?;
+    for (aov, _) in images {
+        check_is_made(*aov, &settings, &asked)?;
+    }
+    *recording::settings(&mut request) = settings;
+    let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
+    check_size(&gpu, arguments.size)?;
+    let mut recorder = match Recorder::open(gpu, arguments.gpu.gpu.clone(), arguments.size, request, &path)? {
+        Ok(recorder) => recorder,
+        Err(status) => return Ok(status),
+    };
+    let bar = Bar::pictures("rendering");
+    let aovs: Vec<Aov> = images.iter().map(|(aov, _)| *aov).collect();
+    let picture = recorder.picture(time, &aovs, &bar)?;
+    bar.end();
+    if recorder.is_empty() {
+        terminal::warn(["the picture is empty, the camera looks past all points"]);
+    }
+    picture_file::write_png(&arguments.output, arguments.size, &picture.rgba)?;
+    for ((_, path), image) in images.iter().zip(&picture.images) {
+        picture_file::write_exr(path, image)?;
+    }
+    Ok(recorder.status())
 }
 
 /// Refuses images of float values of a picture that is enlarged: they are never mixed from several pixels.
@@ -301,7 +348,7 @@ impl Viewpoint {
     }
 
     /// `room` is a camera in the room, if the scene is one.
-    fn camera(
+    pub fn camera(
         &self,
         outline: &[DVec3],
         up: DVec3,

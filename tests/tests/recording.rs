@@ -63,10 +63,11 @@ fn lacks_adapter(outcome: &Outcome) -> bool {
     lacks
 }
 
-/// Names of all that lies in a folder, in their order.
+/// Names of all that lies in a folder beside what says what the pictures are of, in their order.
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let mut names: Vec<String> = names.filter(|name| name != "record.json").collect();
     names.sort();
     names
 }
@@ -106,6 +107,14 @@ fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_
         assert!(picture("again", frame) == picture("pictures", frame), "frame {frame} is another the second time");
     }
 
+    for frame in [1, 2] {
+        let time = format!("{}", frame as f64 / 10.0);
+        let words = ["render", "tour.toml", "-o", "then.png", "--size", "96x64", "--path", "tour", "--time", &time];
+        let then = folder.glint_within(PATIENCE, words);
+        assert_eq!((then.status, then.messages.as_str()), (Some(0), ""), "{then}");
+        assert!(picture("pictures", frame) == bytes(folder.path("then.png")), "frame {frame} is another by itself");
+    }
+
     // What was seen on the way there leaves no trace.
     let part = record(&folder, "part", &["--frames", "3..4"]);
     assert_eq!(part.text(), "1 pictures in part\n", "{part}");
@@ -132,6 +141,87 @@ fn inputs_that_cannot_be_shown_are_said_and_leave_no_folder() {
     assert_eq!(outcome.status, Some(2), "{outcome}");
     assert_eq!(outcome.messages.lines().count(), 1, "{outcome}");
     assert_eq!(names(&folder.path("pictures")), ["frame-000004.png"]);
+}
+
+#[test]
+fn two_shards_and_a_recording_that_goes_on_make_the_same_pictures_as_one_run() {
+    let folder = folder();
+    let whole = record(&folder, "whole", &[]);
+    if lacks_adapter(&whole) {
+        return;
+    }
+    assert_eq!(whole.status, Some(0), "{whole}");
+    let is_whole = |at: &str| {
+        assert_eq!(names(&folder.path(at)), names(&folder.path("whole")), "{at}");
+        for name in names(&folder.path("whole")) {
+            assert!(bytes(folder.path(at).join(&name)) == bytes(folder.path("whole").join(&name)), "{at}/{name}");
+        }
+    };
+    let second = record(&folder, "shards", &["--shard", "2/2"]);
+    assert_eq!(second.text(), "2 pictures in shards\n", "{second}");
+    assert_eq!(names(&folder.path("shards")), ["frame-000001.png", "frame-000003.png"]);
+    let first = record(&folder, "shards", &["--shard", "1/2"]);
+    assert_eq!(first.text(), "3 pictures in shards\n", "{first}");
+    is_whole("shards");
+
+    // One picture is gone and one was cut off. Those that are there are not made again.
+    let cut = folder.path("shards/frame-000002.png");
+    let half = bytes(cut.clone());
+    std::fs::write(&cut, &half[..half.len() / 2]).expect("a file that can be written");
+    std::fs::remove_file(folder.path("shards/frame-000004.png")).expect("the picture");
+    let kept =
+        || std::fs::metadata(folder.path("shards/frame-000000.png")).and_then(|kept| kept.modified()).expect("it");
+    let before = kept();
+    let again = record(&folder, "shards", &[]);
+    assert_eq!(again.text(), "5 pictures in shards, 3 of them were there\n", "{again}");
+    is_whole("shards");
+    assert_eq!(kept(), before);
+
+    for (words, told) in [
+        (
+            "--set splat.size=2 --fps 10 --size 96x64",
+            "record.json: its pictures are drawn with splat.size = its default",
+        ),
+        ("--fps 20 --size 96x64", "record.json: its pictures are 10 a second"),
+        ("--fps 10 --size 64x96", "record.json: its pictures have 96x64 pixels"),
+        ("--fps 10 --size 96x64 --path turntable", "record.json: its pictures are of"),
+    ] {
+        let refused = folder.glint_within(PATIENCE, "record tour.toml -o shards".split(' ').chain(words.split(' ')));
+        assert_eq!(refused.status, Some(2), "{refused}");
+        assert!(refused.messages.contains(told) && refused.messages.lines().count() == 1, "{refused}");
+    }
+    folder.write("tour.toml", streamed_scene().replace("95.0, 90.0", "95.0, 91.0"));
+    let refused = record(&folder, "shards", &[]);
+    assert!(refused.messages.contains("record.json: its pictures are of another scene"), "{refused}");
+    is_whole("shards");
+}
+
+#[test]
+fn built_in_paths_need_no_scene_file() {
+    let folder = Folder::new();
+    folder.write("hills.ply", hills(20_000));
+    let mut ends = Vec::new();
+    for path in ["turntable", "orbit", "flight"] {
+        let few = ["--size", "96x64", "--fps", "1", "--frames", "2..4", "--set", "gi.vpls=16"];
+        let recorded =
+            folder.glint_within(PATIENCE, ["record", "hills.ply", "--path", path, "-o", path].iter().chain(&few));
+        if lacks_adapter(&recorded) {
+            return;
+        }
+        assert_eq!((recorded.status, recorded.messages.as_str()), (Some(0), ""), "{recorded}");
+        let words = ["--path", path, "--time", "3", "--size", "96x64", "--set", "gi.vpls=16"];
+        let then = folder.glint_within(PATIENCE, ["render", "hills.ply", "-o", "then.png"].iter().chain(&words));
+        assert_eq!(then.status, Some(0), "{then}");
+        let frame = bytes(folder.path(path).join("frame-000003.png"));
+        assert!(frame == bytes(folder.path("then.png")), "{path}");
+        let picture = image::load_from_memory(&frame).expect("a PNG").into_rgba8();
+        assert!(tests::colors(&picture) > 100, "{path}: {} colours", tests::colors(&picture));
+        ends.push(frame);
+    }
+    assert!(ends[0] != ends[1] && ends[1] != ends[2]);
+    let all = folder.glint(["record", "hills.ply", "-o", "none"]);
+    assert_eq!(all.status, Some(2), "{all}");
+    assert!(all.messages.contains("name a built-in one with --path (turntable, orbit, flight)"), "{all}");
 }
 
 #[test]
@@ -201,7 +291,7 @@ fn a_recording_for_an_error_chooses_once() {
     assert!(picture("pictures/frame-000001.png") == picture("named.png"), "drawn with what the file says");
     let refused = record(&folder, "pictures", &["--set", "scene.points=20000", "--error", "1dE"]);
     assert_eq!(refused.status, Some(2), "{refused}");
-    assert!(refused.messages.contains("chosen for 3dE at 96x64"), "{refused}");
+    assert!(refused.messages.contains("drawn for 3dE; ask for the same"), "{refused}");
 }
 
 #[test]

@@ -11,8 +11,8 @@ use cargo_metadata::{Metadata, MetadataCommand, Package};
 use imports::Imports;
 
 /// Which crate of the workspace may depend on which. Anyone may depend on `param`; `tests` may depend on all.
-const ARROWS: [(&str, &[&str]); 13] = [
-    ("glint", &["measure", "study", "world", "render", "stream", "scene", "codec", "cloud"]),
+const ARROWS: [(&str, &[&str]); 14] = [
+    ("glint", &["record", "measure", "study", "world", "render", "stream", "scene", "codec", "cloud"]),
     ("fuzz", &["study", "stream", "scene", "codec", "cloud"]),
     ("study", &["render", "trace", "scene", "codec", "cloud"]),
     ("world", &["render", "stream", "scene", "codec", "cloud"]),
@@ -22,6 +22,7 @@ const ARROWS: [(&str, &[&str]); 13] = [
     ("scene", &["cloud"]),
     ("codec", &["cloud"]),
     ("measure", &["cloud"]),
+    ("record", &["scene"]),
     ("cloud", &[]),
     ("param", &[]),
     ("xtask", &[]),

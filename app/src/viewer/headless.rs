@@ -1,14 +1,13 @@
 //! The viewer without a window, for recordings. It drives the same session with the same step, by a clock that the
 //! caller hands in. Each picture equals the one that the window shows at rest.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use render::Gpu;
-use scene::{Camera, ExposureFit, Tone};
+use render::{Aov, Gpu};
+use scene::{Camera, ExposureFit, PathPlace, Tone};
 use world::{Event, Request};
 
 use crate::failure::{FAILED, UNUSABLE};
@@ -20,7 +19,7 @@ use crate::viewer::outside::News;
 use crate::viewer::preferences::Preferences;
 use crate::viewer::session::Session;
 use crate::viewer::window::effects::Effects;
-use crate::viewer::window::render_thread::{Command, FrameRequest, Report};
+use crate::viewer::window::render_thread::{Command, FrameRequest, Picture, Report};
 
 pub struct Headless {
     session: Session,
@@ -68,25 +67,37 @@ impl Headless {
         self.status
     }
 
-    /// Writes the final picture that the camera sees as a PNG file. Returns the number of points drawn, or `None` if
-    /// there is nothing to show. `now` and `bar` have the meaning of those of `settle`.
+    /// Returns the final picture that the camera sees, and these float images of it; `None` if there is nothing to
+    /// show. `now` and `bar` have the meaning of those of `settle`.
     ///
     /// # Errors
-    /// Somebody pressed Ctrl-C, or the picture cannot be drawn or written.
-    pub fn write(&mut self, path: &Path, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<Option<u64>> {
-        let Some(request) = self.settle(camera, now, bar)? else { return Ok(None) };
-        let points = self.session.frames.shown.as_ref().map_or(0, |shown| shown.stats.points_drawn);
-        self.session.outside.render(Command::Save { request: Box::new(request), path: path.to_owned() });
+    /// Somebody pressed Ctrl-C, or the picture cannot be drawn.
+    pub fn picture(
+        &mut self,
+        camera: Camera,
+        now: Instant,
+        images: &[Aov],
+        bar: &Bar,
+    ) -> anyhow::Result<Option<Picture>> {
+        let Some(request) = self.settle(Some(camera), now, bar)? else { return Ok(None) };
+        self.session.outside.render(Command::Read { request: Box::new(request), images: images.to_vec() });
         self.do_effects();
         loop {
-            // This loop does not check for Ctrl-C, so that a file once begun is written in full.
-            let news = self.news.recv()?;
-            let is_saved = matches!(news, News::Report(Report::Saved(_)));
-            self.take(news)?;
-            if is_saved {
-                return Ok(Some(points));
+            match self.news.recv()? {
+                News::Report(Report::Read(picture)) => return Ok(Some(*picture)),
+                news => self.take(news)?,
             }
         }
+    }
+
+    /// The number of points in the picture that was drawn last.
+    pub fn points_drawn(&self) -> u64 {
+        self.session.frames.shown.as_ref().map_or(0, |shown| shown.stats.points_drawn)
+    }
+
+    /// What a built-in path follows from, once everything is loaded.
+    pub fn place(&self) -> PathPlace {
+        PathPlace { view: self.session.scene.camera, bounds: self.session.bounds(), up: self.session.up() }
     }
 
     /// Returns the exposure of the final picture that the camera sees: the one that fits it, or the scene's if none is
@@ -96,7 +107,7 @@ impl Headless {
     /// Those of `settle`.
     pub fn exposure(&mut self, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<f32> {
         self.session.scene.settings.tone = self.tone.clone();
-        self.settle(camera, now, bar)?;
+        self.settle(Some(camera), now, bar)?;
         let fitted = self.session.frames.shown.as_ref().and_then(|shown| shown.stats.exposure);
         Ok(fitted.map_or(self.tone.exposure, |fitted| fitted.stops))
     }
@@ -106,13 +117,16 @@ impl Headless {
         self.session.scene.settings.tone = Tone { fit: ExposureFit::Locked, exposure: stops, ..self.tone.clone() };
     }
 
-    /// Steps the session until the picture that the camera sees is final. Returns `None` if there is nothing to show.
-    /// `now` is the time by the recording's clock. `bar` shows the progress while files are loaded.
+    /// Steps the session until the picture that the camera sees is final; without a camera, until everything is loaded
+    /// and seen from where the scene opens. Returns `None` if there is nothing to show. `now` is the time by the recording's clock. `bar` shows the progress while files are loaded.
     ///
     /// # Errors
     /// Somebody pressed Ctrl-C, or the picture cannot be drawn.
-    pub fn settle(&mut self, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<Option<FrameRequest>> {
-        self.session.stand(camera, now);
+    pub fn settle(&mut self, camera: Option<Camera>, now: Instant, bar: &Bar) -> anyhow::Result<Option<FrameRequest>> {
+        match camera {
+            Some(camera) => self.session.stand(camera, now),
+            None => self.session.outside.now = now,
+        }
         loop {
             interrupt::check()?;
             self.session.step(now, false);

@@ -50,6 +50,7 @@ use serde_json::json;
 use session::Session;
 use window::effects::{self, Effects};
 use window::event_log::EventLog;
+pub use window::render_thread::Picture;
 use window::render_thread::Report;
 use window::screen::{Painted, Screen};
 use winit::application::ApplicationHandler;

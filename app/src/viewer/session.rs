@@ -577,6 +577,8 @@ impl Session {
                 self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);
             }
             Report::Saved(path) => self.outside.saved(&path),
+            // Whoever drives a recording has taken it.
+            Report::Read(_) => {}
             Report::Captured(captured) => {
                 if let Some(captured) = self.sweeps.on_images(*captured, &self.truth, &mut self.outside) {
                     self.truth.on_captured(captured, self.frames.revision);

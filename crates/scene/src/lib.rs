@@ -1,5 +1,6 @@
 //! A scene and how it is shown: camera, parameters, scene files, built-in scenes.
 
+mod built_in_path;
 mod camera;
 mod camera_path;
 mod clip;
@@ -21,6 +22,7 @@ mod surroundings;
 mod visibility;
 pub mod whole_file;
 
+pub use built_in_path::{BuiltInPath, PathPlace};
 pub use camera::{Camera, Projection, StandardView};
 pub use camera_path::{CameraPath, Keyframe};
 pub use clip::{Clip, ClipShape, Keep, Prism};

@@ -61,7 +61,8 @@ pub struct Shard {
 impl Shard {
     pub const WHOLE: Self = Self { number: 1, count: 1 };
 
-    fn has(self, case: usize) -> bool {
+    /// Whether a setting or a frame belongs to the shard.
+    pub fn has(self, case: usize) -> bool {
         case % self.count == self.number - 1
     }
 }

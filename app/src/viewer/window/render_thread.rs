@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Progress;
 use glam::DVec3;
-use render::{FrameStats, Gpu, LightReuse, Objects, Renderer};
+use render::{Aov, AovImage, FrameStats, Gpu, LightReuse, Objects, Renderer};
 use scene::{Camera, GlossPattern, LightClues, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
@@ -69,6 +69,11 @@ pub enum Command {
         request: Box<FrameRequest>,
         path: PathBuf,
     },
+    /// Hands over a picture and float images of it. The frame is drawn first unless it is the last one that was drawn.
+    Read {
+        request: Box<FrameRequest>,
+        images: Vec<Aov>,
+    },
     /// Captures the images that the ray tracer needs to judge a frame; positions are relative to `origin`.
     Capture {
         request: Box<FrameRequest>,
@@ -93,6 +98,14 @@ pub enum Command {
         colors: Arc<Vec<[f32; 3]>>,
         pass: u32,
     },
+}
+
+/// A picture with what a recording keeps of it.
+pub struct Picture {
+    /// Rows of sRGB red, green, blue and opacity.
+    pub rgba: Vec<u8>,
+    /// The images that were asked for, in order.
+    pub images: Vec<AovImage>,
 }
 
 /// The images of a frame.
@@ -133,6 +146,7 @@ pub enum Report {
         point: Option<PickedPoint>,
     },
     Saved(PathBuf),
+    Read(Box<Picture>),
     Captured(Box<Captured>),
     /// What was chosen; nothing if another command came in between.
     Chosen {
@@ -398,6 +412,12 @@ impl Worker {
                     Ok(()) => Report::Saved(path),
                     Err(error) => Report::Problem(format!("{error:#}")),
                 });
+            }
+            Command::Read { request, images } => {
+                self.hold(&request, true)?;
+                let rgba = self.renderer.read_picture()?;
+                let images = images.into_iter().map(|image| self.renderer.read_aov(image)).collect::<Result<_, _>>()?;
+                report(Report::Read(Box::new(Picture { rgba, images })));
             }
             Command::Capture { .. } | Command::Measure(_) | Command::Present { .. } => {
                 match self.judge(command, report) {

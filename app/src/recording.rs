@@ -1,0 +1,234 @@
+//! Pictures along a camera path, as `glint record` and `glint render --path` make them. Each is the picture that the
+//! window shows when the camera rests there: all points that the view needs are loaded, and the quality is full. It
+//! depends on its own time alone, and not on which pictures were made before it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use render::{Aov, Gpu};
+use scene::{BuiltInPath, Camera, CameraPath, ExposureFit, PathPlace, SceneFile, Settings, Shape, View};
+use world::{Input, Request};
+
+use crate::failure::usage;
+use crate::progress_bar::Bar;
+use crate::viewer::{Headless, Picture};
+
+/// The time between opening a scene, which moves the camera, and the beginning of the path. By then the camera rests.
+const REST: Duration = Duration::from_secs(1);
+/// The bytes of a sample of a cloud's file, and the number of samples: together they tell a changed scan from another.
+const SAMPLE_BYTES: usize = 64 << 10;
+const SAMPLES: u64 = 16;
+
+/// The path of a recording.
+#[derive(Clone, Debug)]
+pub enum PathChoice {
+    /// A path of a scene file.
+    Own(CameraPath),
+    /// A path that follows from what is shown.
+    BuiltIn(BuiltInPath),
+}
+
+impl PathChoice {
+    /// The path of this name, or the scene's only one. `scene` is the word that names the scene.
+    ///
+    /// # Errors
+    /// No path has the name; or none is named, and the scene has none or several.
+    pub fn new(wanted: Option<&str>, request: &Request, scene: &Path) -> anyhow::Result<Self> {
+        let built_in = BuiltInPath::ALL.map(BuiltInPath::name);
+        let names: Vec<&str> = request.paths.iter().map(|path| path.name.as_str()).chain(built_in).collect();
+        let available = names.join(", ");
+        match (wanted, request.paths.as_slice()) {
+            (Some(wanted), paths) => {
+                let own = paths.iter().find(|path| path.name == wanted).cloned().map(Self::Own);
+                own.or_else(|| BuiltInPath::named(wanted).map(Self::BuiltIn))
+                    .ok_or_else(|| usage(format!("--path: `{wanted}` is unknown; available: {available}")))
+            }
+            (None, [only]) => Ok(Self::Own(only.clone())),
+            (None, []) => Err(usage(format!(
+                "{}: it has no camera path; name a built-in one with --path ({available}), or add one to a scene file \
+                 under [[paths]] (docs/scenes.md)",
+                scene::shown(scene)
+            ))),
+            (None, _) => Err(usage(format!("--path: there are several, name one of them: {available}"))),
+        }
+    }
+
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Own(path) => &path.name,
+            Self::BuiltIn(path) => path.name(),
+        }
+    }
+
+    /// How long the path lasts in seconds.
+    pub fn duration(&self) -> f64 {
+        match self {
+            Self::Own(path) => path.duration(),
+            Self::BuiltIn(_) => BuiltInPath::SECONDS,
+        }
+    }
+
+    /// The path over a place.
+    pub fn over(&self, place: &PathPlace) -> CameraPath {
+        match self {
+            Self::Own(path) => path.clone(),
+            Self::BuiltIn(path) => path.path(place),
+        }
+    }
+
+    /// A checksum of the scene that the path leads through: of what scene files say, and of samples of the clouds.
+    /// It does not depend on the folders in which they lie.
+    pub fn checksum(&self, request: &Request) -> String {
+        let name = |path: &str| Path::new(path).file_name().map_or(path.to_owned(), scene::shown);
+        let mut file = SceneFile {
+            mirrors: request.mirrors.clone(),
+            mirror_points: request.mirror_points.clone(),
+            lights: request.lights.clone(),
+            visibility: request.visibility.clone(),
+            clips: request.clips.clone(),
+            camera: request.view.as_ref().and_then(|view| view.camera),
+            ..SceneFile::default()
+        };
+        if let Self::Own(path) = self {
+            file.paths = vec![path.clone()];
+        }
+        for mirror in &mut file.mirrors {
+            if let Shape::Mesh(mesh) = &mut mirror.shape {
+                mesh.name = name(&mesh.name);
+            }
+        }
+        file.mirror_points.iter_mut().for_each(|points| points.cloud = name(&points.cloud));
+        let mut sum = crc32fast::Hasher::new();
+        sum.update(file.to_text().as_bytes());
+        for input in &request.inputs {
+            sum.update(name(&input.name()).as_bytes());
+            for path in input.files() {
+                add_samples(&mut sum, path);
+            }
+        }
+        format!("{:08x}", sum.finalize())
+    }
+}
+
+/// Adds the length of a file and samples of it. Nothing of a file that cannot be read, which nothing will be drawn of.
+fn add_samples(sum: &mut crc32fast::Hasher, path: &Path) {
+    let Ok(bytes) = codec::Bytes::open(path) else { return };
+    sum.update(&bytes.length().to_le_bytes());
+    let last = bytes.length().saturating_sub(SAMPLE_BYTES as u64);
+    let mut sample = vec![0; SAMPLE_BYTES];
+    for index in 0..SAMPLES {
+        let start = (u128::from(last) * u128::from(index) / u128::from(SAMPLES - 1)) as u64;
+        let count = bytes.read_at(start, &mut sample).unwrap_or(0);
+        sum.update(&sample[..count]);
+    }
+}
+
+/// The settings of a request, which may be changed before it is opened.
+pub fn settings(request: &mut Request) -> &mut Settings {
+    let (settings, warnings) = (Settings::default(), Vec::new());
+    &mut request.view.get_or_insert(View { camera: None, settings, warnings }).settings
+}
+
+/// Makes the pictures of a path.
+pub struct Recorder {
+    viewer: Headless,
+    path: CameraPath,
+    /// The time of the path's beginning on the clock that the viewer is given. The clock advances with the path and
+    /// not with real time.
+    start: Instant,
+    /// The exposures that fit the keyframes, as far as they are known.
+    fitted: BTreeMap<usize, f32>,
+}
+
+impl Recorder {
+    /// Opens a scene at the beginning of the path, from which automatic light and ranges of colours follow. `wanted` is
+    /// as in `Gpu::headless`. Returns the exit status if no input can be shown; the reasons have been reported then.
+    ///
+    /// # Errors
+    /// There are no points, or nothing can be drawn; or somebody pressed Ctrl-C.
+    pub fn open(
+        gpu: Arc<Gpu>,
+        wanted: Option<String>,
+        size: [u32; 2],
+        mut request: Request,
+        path: &PathChoice,
+    ) -> anyhow::Result<Result<Self, u8>> {
+        let names = request.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ");
+        let first = if let PathChoice::Own(path) = path { path.camera(0.0) } else { None };
+        settings(&mut request);
+        if let (Some(view), Some(first)) = (&mut request.view, first) {
+            view.camera = Some(first);
+        }
+        let opened = Instant::now();
+        let mut viewer = Headless::open(gpu, wanted, size, request, opened)?;
+        let reading = Bar::points("reading");
+        let is_there = viewer.settle(first, opened + REST, &reading)?.is_some();
+        reading.end();
+        match viewer.status() {
+            0 if !is_there => Err(usage(format!("{names}: no points to show"))),
+            status if !is_there => Ok(Err(status)),
+            _ => {
+                let path = path.over(&viewer.place());
+                Ok(Ok(Self { viewer, path, start: opened + REST, fitted: BTreeMap::new() }))
+            }
+        }
+    }
+
+    /// The exit status for inputs that failed; 0 if none did.
+    pub fn status(&self) -> u8 {
+        self.viewer.status()
+    }
+
+    /// The picture at a time of the path, in seconds, and float images of it.
+    ///
+    /// # Errors
+    /// It cannot be drawn, or somebody pressed Ctrl-C.
+    pub fn picture(&mut self, time: f64, images: &[Aov], bar: &Bar) -> anyhow::Result<Picture> {
+        self.expose(time, bar)?;
+        let (camera, now) = (self.camera(time)?, self.now(time));
+        let picture = self.viewer.picture(camera, now, images, bar)?;
+        picture.ok_or_else(|| anyhow!("the points are gone"))
+    }
+
+    /// Whether the picture that was made last is empty.
+    pub fn is_empty(&self) -> bool {
+        self.viewer.points_drawn() == 0
+    }
+
+    fn camera(&self, time: f64) -> anyhow::Result<Camera> {
+        self.path.camera(time).ok_or_else(|| anyhow!("path `{}` has no keyframes", self.path.name))
+    }
+
+    fn now(&self, time: f64) -> Instant {
+        self.start + Duration::from_secs_f64(time)
+    }
+
+    /// Gives the picture at a time the exposures that fit the keyframes before and after it, mixed by time, so that the
+    /// exposure does not jump with what comes into view.
+    fn expose(&mut self, time: f64, bar: &Bar) -> anyhow::Result<()> {
+        if self.viewer.tone.fit == ExposureFit::Locked {
+            return Ok(());
+        }
+        let times: Vec<f64> = self.path.keyframes.iter().map(|keyframe| keyframe.time).collect();
+        let next = times.partition_point(|keyframe| *keyframe <= time);
+        let around = [next.saturating_sub(1), next.min(times.len().saturating_sub(1))];
+        let mut stops = [0.0; 2];
+        for (stops, index) in stops.iter_mut().zip(around) {
+            *stops = match self.fitted.get(&index) {
+                Some(known) => *known,
+                None => {
+                    let (camera, now) = (self.camera(times[index])?, self.now(time));
+                    self.viewer.exposure(camera, now, bar)?
+                }
+            };
+            self.fitted.insert(index, *stops);
+        }
+        let [from, to] = around.map(|index| times[index]);
+        let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) as f32 } else { 0.0 };
+        self.viewer.lock_exposure((stops[0] + (stops[1] - stops[0]) * share).clamp(-10.0, 10.0));
+        Ok(())
+    }
+}

@@ -1,0 +1,121 @@
+//! The folder of a recording: a PNG file for each frame of the path, and `record.json`.
+
+use std::path::{Path, PathBuf};
+
+use image::{ColorType, ImageReader};
+use scene::whole_file;
+
+use crate::{Description, Error, Result};
+
+/// The file that says what the pictures are of.
+const DESCRIPTION: &str = "record.json";
+
+/// The folder of a recording.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    pub path: PathBuf,
+}
+
+impl Folder {
+    /// The file of a frame of the path.
+    pub fn picture(&self, frame: u32) -> PathBuf {
+        self.path.join(format!("frame-{frame:06}.png"))
+    }
+
+    /// The file that says what the pictures are of.
+    pub fn description_file(&self) -> PathBuf {
+        self.path.join(DESCRIPTION)
+    }
+
+    /// Whether the picture of a frame is there, with this size and to its last pixel.
+    pub fn has(&self, frame: u32, [width, height]: [u32; 2]) -> bool {
+        read_picture(&self.picture(frame)).is_ok_and(|picture| picture.dimensions() == (width, height))
+    }
+
+    /// What the pictures in the folder are of; `None` for a folder without a recording.
+    ///
+    /// # Errors
+    /// There are pictures, and nothing that says of what; or the file that says it cannot be read.
+    pub fn description(&self) -> Result<Option<Description>> {
+        let file = self.description_file();
+        if file.exists() {
+            let problem = |error: serde_json::Error| Error::Malformed {
+                name: scene::shown(&file),
+                problem: format!("{error}; delete it together with the pictures, or name another folder"),
+            };
+            return serde_json::from_str(&whole_file::read(&file)?).map(Some).map_err(problem);
+        }
+        let entries = std::fs::read_dir(&self.path).into_iter().flatten().flatten();
+        let is_picture = |name: &str| name.starts_with("frame-") && name.ends_with(".png");
+        match entries.map(|entry| entry.file_name()).find(|name| is_picture(&name.to_string_lossy())) {
+            Some(picture) => Err(Error::Other {
+                name: scene::shown(&self.path),
+                difference: format!("it holds {}, and no {DESCRIPTION} that says of what", scene::shown(picture)),
+            }),
+            None => Ok(None),
+        }
+    }
+
+    /// Refuses to add pictures of `wanted` to those that are there.
+    ///
+    /// # Errors
+    /// Those of `description`, and if the pictures are of something else.
+    pub fn check(&self, wanted: &Description) -> Result<Option<Description>> {
+        let made = self.description()?;
+        match made.as_ref().and_then(|made| made.difference(wanted)) {
+            Some(difference) => Err(Error::Other { name: scene::shown(self.description_file()), difference }),
+            None => Ok(made),
+        }
+    }
+}
+
+/// Reads a picture that a recording has written.
+fn read_picture(path: &Path) -> image::ImageResult<image::RgbImage> {
+    let picture = ImageReader::open(path)?.decode()?;
+    if picture.color() == ColorType::Rgb8 {
+        Ok(picture.into_rgb8())
+    } else {
+        Err(image::ImageError::IoError(std::io::ErrorKind::InvalidData.into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_counts_if_it_is_there_whole_and_of_its_size() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = Folder { path: temporary.path().to_owned() };
+        assert!(!folder.has(7, [40, 30]));
+        let file = folder.picture(7);
+        assert!(file.ends_with("frame-000007.png"));
+        image::RgbImage::from_fn(40, 30, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8])).save(&file).unwrap();
+        assert!(folder.has(7, [40, 30]) && !folder.has(7, [30, 40]));
+        let bytes = std::fs::read(&file).unwrap();
+        for length in [0, 8, bytes.len() / 2, bytes.len() - 30] {
+            std::fs::write(&file, &bytes[..length]).unwrap();
+            assert!(!folder.has(7, [40, 30]), "{length} of {} bytes", bytes.len());
+        }
+        let mut damaged = bytes.clone();
+        let middle = bytes.len() / 2;
+        damaged[middle] ^= 0x10;
+        std::fs::write(&file, &damaged).unwrap();
+        assert!(!folder.has(7, [40, 30]), "the checksum of the file says so");
+    }
+
+    #[test]
+    fn pictures_of_which_nothing_says_what_they_are_are_left_alone() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = Folder { path: temporary.path().to_owned() };
+        assert!(folder.description().unwrap().is_none());
+        std::fs::write(temporary.path().join("notes.txt"), "mine").unwrap();
+        assert!(folder.description().unwrap().is_none());
+        std::fs::write(folder.picture(0), "").unwrap();
+        let told = folder.description().unwrap_err().to_string();
+        assert!(told.contains("it holds frame-000000.png, and no record.json"), "{told}");
+        std::fs::write(folder.description_file(), "{").unwrap();
+        let told = folder.description().unwrap_err().to_string();
+        assert!(told.contains("record.json: ") && told.contains("name another folder"), "{told}");
+    }
+}
