@@ -51,6 +51,8 @@ pub enum Command {
     Surfaces(SurfacesArguments),
     /// Write the points of a section along a line: distance along, height, coordinates, attributes
     Profile(ProfileArguments),
+    /// Write the points that a scene shows to a new file, with all attributes: LAS, LAZ, COPC or PLY
+    Export(ExportArguments),
     /// Tell which adapter and display will be used, and why
     Doctor(DoctorArguments),
 }
@@ -305,6 +307,22 @@ pub struct ProfileArguments {
     pub output: Option<PathBuf>,
 }
 
+#[derive(Debug, Args)]
+pub struct ExportArguments {
+    /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds and what it hides
+    #[arg(required = true)]
+    pub inputs: Vec<OsString>,
+    /// File to write, by the end of its name: .las, .laz, .copc.laz or .ply; a file that is there is not replaced
+    #[arg(short, long, value_name = "OUT.laz")]
+    pub output: PathBuf,
+    /// Scene file whose clips, filters and hidden classes decide which points are shown
+    #[arg(long, value_name = "FILE.toml")]
+    pub scene: Option<PathBuf>,
+    /// Set a parameter, as in `--set stream.host_bytes=1GiB`; `glint methods` lists them
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
+}
+
 /// The corners of a line, as one value of the command line.
 #[derive(Clone, Debug)]
 pub struct Line(pub Vec<DVec3>);
@@ -538,6 +556,7 @@ mod tests {
             &["glint", "study", "methods", "-o", "a", "--shard", "3/2"],
             &["glint", "study", "methods", "-o", "a", "--repeats", "0"],
             &["glint", "study", "merge", "-o", "a"],
+            &["glint", "export", "a.laz"],
             &["glint", "surfaces"],
             &["glint", "surfaces", "a.laz", "--holdout", "0"],
             &["glint", "surfaces", "a.laz", "--holdout", "1"],

@@ -5,6 +5,7 @@ mod chosen;
 mod command_line;
 mod costs;
 mod environment;
+mod export_command;
 mod failure;
 mod index_command;
 mod info;
@@ -100,6 +101,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Methods(arguments) => listing::methods(arguments.json).map(|()| 0),
         Command::Scenes(arguments) => listing::scenes(arguments.json).map(|()| 0),
         Command::Study(arguments) => study_command::run(&arguments),
+        Command::Export(arguments) => export_command::run(&arguments),
         Command::Profile(arguments) => profile_command::run(&arguments),
         Command::Surfaces(arguments) => surfaces_command::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),

@@ -105,6 +105,7 @@ fn readers(input: &str) -> Vec<Vec<&str>> {
     commands.push(vec!["index", input, "-o", "out.copc.laz"]);
     commands.push(vec!["surfaces", input]);
     commands.push(vec!["profile", input, "--line", "0,0,0:1,0,0", "--width", "1"]);
+    commands.push(vec!["export", input, "-o", "out.laz"]);
     commands.push(vec!["view", input]);
     commands
 }
@@ -158,6 +159,7 @@ fn inputs_that_cannot_be_read_are_bad_input_in_every_command() {
         assert_failed(&folder.glint_within(PATIENCE, command), 2, &[problem]);
     }
     assert!(!folder.path("picture.png").exists() && !folder.path("out.copc.laz").exists());
+    assert!(!folder.path("out.laz").exists());
     assert!(!folder.path("pictures").exists());
 }
 
@@ -202,6 +204,7 @@ fn bad_words_are_bad_usage_in_every_command() {
             vec!["index", "cloud.las"],
             vec!["study", "plan.toml", "-o", "results"],
             vec!["surfaces", "cloud.las"],
+            vec!["export", "cloud.las", "-o", "out.laz"],
             vec!["view", "cloud.las"],
         ];
         commands.map(|command| [command, vec!["--set", value]].concat())
@@ -212,9 +215,10 @@ fn bad_words_are_bad_usage_in_every_command() {
     for command in set("splat.size=99") {
         assert_failed(&folder.glint(&command), 2, &["expected 0.05 to 20"]);
     }
-    for command in
-        ["info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "profile", "doctor", "view"]
-    {
+    for command in [
+        "info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "profile", "export", "doctor",
+        "view",
+    ] {
         assert_failed(&folder.glint([command, "--nonsense"]), 2, &["unexpected argument '--nonsense' found"]);
     }
     let record = ["record", "tour.toml", "-o", "pictures"];
@@ -244,6 +248,7 @@ fn outputs_that_cannot_be_written_are_a_failure_of_the_work_in_every_command() {
                 with(&["-o", "a.png", "--aov", "depth=place/a.exr"]),
                 with(&["-o", "a.png", "--stats", "place/a.json"]),
                 vec!["index", "cloud.las", "-o", "place/a.copc.laz"],
+                vec!["export", "cloud.las", "-o", "place/a.las"],
                 record("place/a."),
                 record("place"),
                 vec!["study", "plan.toml", "--size", "64x48", "--set", FEW_POINTS, "-o", "place"],
@@ -253,6 +258,7 @@ fn outputs_that_cannot_be_written_are_a_failure_of_the_work_in_every_command() {
                 with(&["-o", "a.png", "--aov", "depth=gone/a.exr"]),
                 with(&["-o", "a.png", "--stats", "gone/a.json"]),
                 vec!["index", "cloud.las", "-o", "gone/a.copc.laz"],
+                vec!["export", "cloud.las", "-o", "gone/a.laz"],
                 record("gone/a."),
             ],
         }
@@ -323,8 +329,9 @@ fn ctrl_c_ends_every_command_with_130_and_leaves_no_partial_files() {
     let render = [&["render", "large.las", "-o", "a.png"][..], &SMALL].concat();
     folder.write("tour.toml", format!("clouds = ['{SCENE}']\n{PATH}{LONG_PATH}"));
     let record = [&["record", "tour.toml", "-o", "pictures"][..], &SMALL].concat();
-    let commands: [&[&str]; 6] = [
+    let commands: [&[&str]; 7] = [
         &["info", "--scan", "large.las"],
+        &["export", "large.las", "-o", "exported.copc.laz"],
         &["index", "large.las"],
         &["index", "large.las", "-o", "a.copc.laz"],
         &render,

@@ -51,6 +51,7 @@ pub fn why_unwritten(reason: &std::io::Error) -> String {
         ErrorKind::PermissionDenied => "you have no permission to write there".into(),
         ErrorKind::NotFound => "there is no such folder".into(),
         ErrorKind::IsADirectory => "a folder, not a file".into(),
+        ErrorKind::AlreadyExists => "a file of this name is there, and is not replaced".into(),
         // An error to which the crate tempfile has added its file's name has no number of the operating system.
         kind if reason.raw_os_error().is_none() && kind != ErrorKind::Other => kind.to_string(),
         _ => reason.to_string(),

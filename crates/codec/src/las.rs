@@ -5,6 +5,7 @@
 //! LAZ. Positioned reads fetch the blocks, and all cores decode them straight to columns, in an order that spreads over
 //! the file, so that the first chunks show its whole extent.
 
+pub mod column_records;
 mod columns;
 mod compressed;
 mod copc;
@@ -14,7 +15,13 @@ mod gps_times;
 mod header;
 mod items;
 mod layout;
+mod output_head;
+pub mod output_records;
+pub mod plain_writer;
 mod point_layers;
+mod record_columns;
+pub mod record_export;
+mod whole_records;
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -55,6 +62,9 @@ pub struct LasSource {
     copc: Option<Copc>,
     /// The Extra Bytes descriptors, one after the other.
     descriptors: Vec<u8>,
+    /// Major, minor.
+    version: (u8, u8),
+    global_encoding: u16,
     /// Whether GPS time is standard time instead of seconds of a week.
     standard_time: bool,
     /// For each variable length record, whether it is extended, and its bytes in the file, head included.
@@ -171,6 +181,8 @@ impl LasSource {
             colors: None,
             copc,
             descriptors: header.descriptors,
+            version: header.version,
+            global_encoding: header.global_encoding,
             standard_time: header.standard_time,
             records: header.records,
         };
@@ -196,6 +208,11 @@ impl LasSource {
 
     pub fn bytes(&self) -> &Bytes {
         &self.file
+    }
+
+    /// Whether its colours have 16 bits.
+    pub fn has_wide_colors(&self) -> bool {
+        self.colors == Some(ColorDepth::Sixteen)
     }
 
     pub fn copc(&self) -> Option<&Copc> {

@@ -1,5 +1,5 @@
 //! Reads files as clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`). All formats share one error type. `write_copc` makes
-//! COPC files of LAS and LAZ.
+//! COPC files of LAS and LAZ, and `export` files of the points that are shown.
 //!
 //! `open` reads a header and checks it against the file's size; `Source::read` passes chunks of points to a callback,
 //! in parallel, with progress and cancel. Files are not trusted: a header's claim alone never causes an allocation.
@@ -7,6 +7,8 @@
 mod brief;
 mod bytes;
 mod error;
+mod export;
+mod in_order;
 mod las;
 mod ply;
 
@@ -16,6 +18,7 @@ use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
 
 pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
+pub use export::{ExportFormat, Exported, export};
 pub use las::{Copc, CopcNode, CopcSummary, write_copc};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

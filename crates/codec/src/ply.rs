@@ -16,6 +16,7 @@ mod faces;
 mod header;
 mod number;
 mod reader;
+mod row_columns;
 mod rows;
 
 use std::io::Read as _;

@@ -7,10 +7,9 @@
 
 mod buckets;
 mod file;
-mod records;
 mod tree;
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -18,20 +17,22 @@ use std::sync::{Mutex, PoisonError};
 
 use cloud::{Bounds, Grid, Progress};
 use glam::DVec3;
-use laz::laszip::LazItemRecordBuilder;
 use laz::record::{LayeredPointRecordCompressor, RecordCompressor as _};
-use laz::{DecompressionSelection, LazVlr, LazVlrBuilder};
+use laz::{LazVlr, LazVlrBuilder};
 use rayon::iter::{
     IndexedParallelIterator as _, IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _,
 };
 
 use super::layout::bytes;
-use super::{Block, Copc, LasSource, items, tile_records};
+use super::output_records::{
+    Statistics, Target, Upgrade, check_alike, check_items, common_grid, leave_out_waves, one_at_a_time, time, upgrades,
+    warn_of,
+};
+use super::{Copc, LasSource};
 use crate::brief::vector;
 use crate::{Error, Result, Selection, Source};
 use buckets::{Buckets, Spill};
 use file::CopcFile;
-use records::{Statistics, Target, Upgrade};
 use tree::{Cube, Filled, Keyed};
 
 /// The average number of points of a bucket, where there is enough memory.
@@ -66,9 +67,10 @@ pub struct CopcSummary {
 pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Progress) -> Result<Option<CopcSummary>> {
     let sources = open(inputs, output, memory / 2)?;
     let mut warnings = Vec::new();
-    let plan = OutputFormat::new(&sources, memory / 2, &mut warnings)?;
+    let plan = OutputFormat::new(&sources.iter().collect::<Vec<_>>(), memory / 2, &mut warnings)?;
     let points: u64 = sources.iter().map(|source| source.info.points).sum();
-    progress.set_total(2 * points);
+    let before = progress.done();
+    progress.set_total(before + 2 * points);
 
     let io = |error: io::Error| Error::not_written(output, error);
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -83,7 +85,7 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
         let buckets = Buckets::new(&spill, 1 << (3 * level));
         let mut found = Vec::new();
         let Some(statistics) = job.distribute(&sources, level, &buckets, &mut found)? else { return Ok(None) };
-        let true_bounds = job.plan.bounds(&statistics);
+        let true_bounds = statistics.bounds(job.plan.grid);
         if statistics.points == 0 {
             return Err(Error::unsuitable(output, "not written: the inputs have no points"));
         }
@@ -103,7 +105,7 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
         }
         is_again = true;
         // Some points are outside the headers' bounds: distribute once more with the true bounds.
-        progress.set_total(2 * points + statistics.points);
+        progress.set_total(before + 2 * points + statistics.points);
         bounds = true_bounds;
     };
     let mut builder = tempfile::Builder::new();
@@ -185,224 +187,21 @@ struct OutputFormat {
 
 impl OutputFormat {
     /// Chooses the format. `memory` bounds what compressing takes, in bytes.
-    fn new(sources: &[LasSource], memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
-        let first = &sources[0];
-        for source in sources {
-            warnings.extend(
-                source.info.warnings.iter().map(|warning| format!("{}: {warning}", source.info.path.display())),
-            );
-            let refuse = |problem: &str| {
-                Err(Error::unsuitable(
-                    &source.info.path,
-                    format!("{problem} than {}; files of one kind can become one COPC file", first.info.path.display()),
-                ))
-            };
-            if extra_dimensions(source) != extra_dimensions(first) {
-                return refuse("has other extra dimensions");
-            }
-            if source.info.crs != first.info.crs {
-                return refuse("is in another coordinate system");
-            }
-            if source.has_time() && first.has_time() && source.standard_time != first.standard_time {
-                return refuse("counts GPS time in another way (weeks or standard time)");
-            }
-            if matches!(source.info.point_format, Some(4 | 5 | 9 | 10)) {
-                warnings.push(format!("{}: COPC cannot have wave packets: left out", source.info.path.display()));
-            }
-        }
+    fn new(sources: &[&LasSource], memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
+        let first = sources[0];
+        check_alike(sources)?;
+        warn_of(sources, warnings);
+        leave_out_waves(sources, "COPC cannot have wave packets", warnings);
         let formats = sources.iter().filter_map(|source| source.info.point_format);
         let target = Target::new(formats, first.layout.record_length - first.base_length());
-        let refuse = |problem: String| Err(Error::unsuitable(&first.info.path, problem));
-        if target.record_length() > usize::from(u16::MAX) {
-            let length = target.record_length();
-            return refuse(format!(
-                "its points take {length} bytes in a COPC file, which can have {} at most",
-                u16::MAX
-            ));
-        }
         let grid = common_grid(sources)?;
-        let upgrades: Vec<Upgrade> = sources.iter().map(|source| Upgrade::new(source, target, grid)).collect();
-        for (source, _) in sources.iter().zip(&upgrades).filter(|(_, upgrade)| !upgrade.is_exact()) {
-            warnings.push(format!(
-                "{}: its coordinates lie on another grid than those of {}: rounded to the nearest step",
-                source.info.path.display(),
-                first.info.path.display()
-            ));
-        }
-        let vlr = LazItemRecordBuilder::default_for_point_format_id(target.format(), target.extra as u16)
-            .map(|items| LazVlrBuilder::new(items).with_variable_chunk_size().build())
-            .map_err(|error| Error::unsuitable(&first.info.path, error.to_string()))?;
-        let bytes = items::encoder_bytes(vlr.items());
-        if bytes > memory.max(items::BASE_BYTES) {
-            return refuse(format!(
-                "points of {} bytes take {} MB to compress, the memory for that is {} MB: stream.host_bytes is too small \
-                 for it",
-                target.record_length(),
-                bytes.div_ceil(1_000_000),
-                memory / 1_000_000
-            ));
-        }
-        let turn = (bytes * rayon::current_num_threads() as u64 > memory).then(Mutex::default);
+        let upgrades = upgrades(sources, target, grid, warnings);
+        let items = check_items(&first.info.path, target, memory)?;
+        let turn = one_at_a_time(&items, memory);
+        let vlr = LazVlrBuilder::new(items).with_variable_chunk_size().build();
         Ok(Self { target, grid, upgrades, vlr, turn })
     }
-
-    fn bounds(&self, statistics: &Statistics) -> Bounds {
-        let world = |raw: [i32; 3]| DVec3::from(raw.map(f64::from)) * self.grid.scale + self.grid.offset;
-        let (a, b) = (world(statistics.lowest), world(statistics.highest));
-        // A scale may be negative.
-        Bounds { min: a.min(b), max: a.max(b) }
-    }
 }
-
-/// The bytes that identify extra dimensions: everything but the ranges of their values.
-fn extra_dimensions(source: &LasSource) -> (usize, Vec<Vec<u8>>) {
-    let descriptors = source.descriptors.chunks_exact(192).map(|descriptor| {
-        let mut fixed = descriptor.to_vec();
-        fixed[3] &= !RANGE_OPTIONS;
-        fixed[64..112].fill(0);
-        fixed
-    });
-    (source.layout.record_length - source.base_length(), descriptors.collect())
-}
-
-/// The options of a descriptor that say that it contains the smallest and the largest value.
-const RANGE_OPTIONS: u8 = 2 | 4;
-
-/// The first file's grid with the finest steps of any; moved if points would not fit it.
-fn common_grid(sources: &[LasSource]) -> Result<Grid> {
-    let first = &sources[0];
-    let mut grid = first.grid;
-    let mut bounds = Bounds::EMPTY;
-    for source in sources {
-        let finer = source.grid.scale.abs().cmplt(grid.scale.abs());
-        grid.scale = DVec3::select(finer, source.grid.scale, grid.scale);
-        bounds = bounds.union(source.info.bounds.unwrap_or(Bounds::EMPTY));
-    }
-    if bounds.is_empty() {
-        return Ok(grid);
-    }
-    let fits = |offset: DVec3| {
-        let reach = |corner: DVec3| ((corner - offset) / grid.scale).abs().max_element();
-        reach(bounds.min).max(reach(bounds.max)) < f64::from(i32::MAX)
-    };
-    if !fits(grid.offset) {
-        grid.offset = bounds.center().round();
-        if !fits(grid.offset) {
-            return Err(Error::unsuitable(
-                &first.info.path,
-                format!("the inputs are too far apart for steps of {} in 32 bits", vector(grid.scale)),
-            ));
-        }
-    }
-    Ok(grid)
-}
-
-impl LasSource {
-    fn base_length(&self) -> usize {
-        let base = self.info.point_format.and_then(super::layout::Layout::base_length);
-        base.unwrap_or(self.layout.record_length)
-    }
-
-    fn has_time(&self) -> bool {
-        self.info.point_format.and_then(super::layout::Layout::gps_time).is_some()
-    }
-
-    /// Passes whole records to `emit`, from worker threads, some thousand at once. Returns `None` if it was cancelled,
-    /// else what could not be read.
-    ///
-    /// # Errors
-    /// What `emit` returned.
-    fn read_records(
-        &self,
-        progress: &Progress,
-        emit: &(dyn Fn(&[u8]) -> io::Result<()> + Sync),
-    ) -> io::Result<Option<Vec<String>>> {
-        // For each problem, the first point where it occurs and how often it occurs.
-        let failures: Mutex<BTreeMap<String, (u64, u64)>> = Mutex::default();
-        let failed: Mutex<Option<io::Error>> = Mutex::new(None);
-        let locked = |error: io::Error| *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
-        let stopped = || progress.is_cancelled() || failed.lock().unwrap_or_else(PoisonError::into_inner).is_some();
-        self.for_each_block(DecompressionSelection::all(), |buffer, block| {
-            if stopped() {
-                return;
-            }
-            let mut give = |records: &[u8]| match emit(records) {
-                Ok(()) => progress.add((records.len() / self.layout.record_length) as u64),
-                Err(error) => locked(error),
-            };
-            let mut fail = |point: u64, problem: String| {
-                let mut failures = failures.lock().unwrap_or_else(PoisonError::into_inner);
-                let (first, count) = failures.entry(problem).or_insert((point, 0));
-                (*first, *count) = (point.min(*first), *count + 1);
-            };
-            self.read_block(block, buffer, &stopped, &mut give, &mut fail);
-        });
-        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            return Err(error);
-        }
-        let failures = failures.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let describe = |(problem, (point, count)): (String, (u64, u64))| {
-            let path = self.info.path.display();
-            match count {
-                1 => format!("{path}: record {point}: {problem}"),
-                _ => format!("{path}: {count} times, first at record {point}: {problem}"),
-            }
-        };
-        Ok((!progress.is_cancelled()).then(|| failures.into_iter().map(describe).collect()))
-    }
-
-    fn read_block(
-        &self,
-        block: &Block,
-        buffer: &mut Vec<u8>,
-        stopped: &dyn Fn() -> bool,
-        give: &mut dyn FnMut(&[u8]),
-        fail: &mut dyn FnMut(u64, String),
-    ) {
-        let length = self.layout.record_length;
-        let Some(compressed) = &self.compressed else {
-            buffer.resize(block.points as usize * length, 0);
-            match self.file.read_at(self.data_start + block.first_point * length as u64, buffer) {
-                Ok(read) => {
-                    give(&buffer[..read - read % length]);
-                    if read < buffer.len() {
-                        fail(block.first_point, "the file has become shorter since it was opened".into());
-                    }
-                }
-                Err(error) => fail(block.first_point, error.to_string()),
-            }
-            return;
-        };
-        let tile = PIECE_TILES * tile_records(length);
-        buffer.resize(tile * length, 0);
-        for chunk in &compressed.chunks[block.chunks.clone()] {
-            let mut stream = match compressed.stream(&self.file, chunk, DecompressionSelection::all()) {
-                Ok(stream) => stream,
-                Err(problem) => {
-                    fail(chunk.first_point, problem);
-                    continue;
-                }
-            };
-            let mut point = chunk.first_point;
-            while stream.left() > 0 && !stopped() {
-                let wanted = stream.left().min(tile as u64) as usize;
-                let (decoded, outcome) = stream.decode(&mut buffer[..wanted * length]);
-                give(&buffer[..decoded * length]);
-                point += decoded as u64;
-                if let Err(problem) = outcome {
-                    fail(point, format!("{problem} (the rest of this compressed chunk is skipped)"));
-                    break;
-                }
-            }
-            if stream.left() == 0 && point < chunk.first_point + chunk.points {
-                fail(point, "the compressed chunk holds fewer points than announced".into());
-            }
-        }
-    }
-}
-
-/// The number of tiles of records that are passed on at once.
-const PIECE_TILES: usize = 16;
 
 struct Job<'a> {
     plan: OutputFormat,
@@ -438,7 +237,7 @@ impl Job<'_> {
                     }
                 }
                 let length = self.plan.target.record_length();
-                upgraded.chunks_exact(length).for_each(|record| own.add(record));
+                upgraded.chunks_exact(length).for_each(|record| own.add(record, self.plan.target.format));
                 self.deal(&upgraded, level, 0, buckets)?;
                 total.lock().unwrap_or_else(PoisonError::into_inner).merge(&own);
                 Ok(())
@@ -574,7 +373,7 @@ impl Job<'_> {
         let mut order: Vec<u32> = node.points.iter().map(|point| point.1).collect();
         let scanned = |index: u32| {
             let record = record(records, index, length);
-            (records::time(record), record[14])
+            (time(record), record[14])
         };
         order.sort_by(|a, b| {
             let (a, b) = (scanned(*a), scanned(*b));

@@ -43,6 +43,7 @@ pub struct Header {
     pub copc_info: Option<(u64, Vec<u8>)>,
     /// Whether GPS time is standard time instead of seconds of a week.
     pub standard_time: bool,
+    pub global_encoding: u16,
     /// For each variable length record, whether it is extended, and its bytes in the file, head included.
     pub records: Vec<(bool, Range<u64>)>,
     /// The bytes of the file that contain the pages of the COPC hierarchy.
@@ -179,6 +180,7 @@ impl Header {
             copc_info: records.copc_info,
             copc_pages: records.copc_pages,
             standard_time: raw.global_encoding & 1 != 0,
+            global_encoding: raw.global_encoding,
             records: records.places,
         })
     }

@@ -175,6 +175,16 @@ impl Layout {
         *GPS_TIME.get(usize::from(point_format))?
     }
 
+    /// The offset of the colours in records of a format.
+    pub fn red_of(point_format: u8) -> Option<usize> {
+        *RED.get(usize::from(point_format))?
+    }
+
+    /// The offset of the wave packet in records of a format.
+    pub fn wave_packet(point_format: u8) -> Option<usize> {
+        *WAVE_PACKET.get(usize::from(point_format))?
+    }
+
     /// The offset of near infrared in records of a format.
     pub fn near_infrared(point_format: u8) -> Option<usize> {
         *NEAR_INFRARED.get(usize::from(point_format))?

@@ -1,9 +1,9 @@
 //! Decodes the base of layered points (LASzip item `POINT14`, versions 3 and 4): what all points of formats 6 to 10
 //! have, in nine layers.
 //!
-//! The decoder of `laz` uses up the stack on damaged times, see `gps_times.rs`. This one decodes the same values. Models
-//! of a scanner channel are built when its first point comes. The coding is that of LASzip (Isenburg 2013, "LASzip:
-//! lossless compression of LiDAR data"), and the code follows laz-rs (Apache-2.0).
+//! The decoder of `laz` uses up the stack on damaged times, see `gps_times.rs`. This one decodes the same values.
+//! Models of a scanner channel are built when its first point comes. The coding is that of LASzip (Isenburg 2013,
+//! "LASzip: lossless compression of LiDAR data"), and the code follows laz-rs (Apache-2.0).
 
 use std::array;
 use std::io::{self, Cursor, Read, Seek};

@@ -507,3 +507,29 @@ fn floats_to_chunk(first_point: u64, floats: Vec<[f32; 3]>, extent: Extent) -> (
     }
     (Chunk::new(first_point, DVec3::ZERO, floats), bounds)
 }
+
+/// All values of a scalar among packed rows that hold all scalars.
+pub fn column(rows: &[u8], scalar: &Scalar, packing: &Packing) -> Column {
+    let mut column = Column::with_capacity(scalar.scalar, rows.len() / packing.stride);
+    if let Some(offset) = packing.offsets[scalar.property] {
+        if packing.big_endian {
+            extend_column::<true>(&mut column, rows, packing.stride, offset);
+        } else {
+            extend_column::<false>(&mut column, rows, packing.stride, offset);
+        }
+    }
+    column
+}
+
+/// The same of a channel of colour, with 16 bits.
+pub fn color_column(rows: &[u8], scalar: &Scalar, packing: &Packing, scale: Scale) -> Column {
+    let values = column(rows, scalar, packing);
+    // Values of 16 bits are those that lose eight of them on the screen.
+    let is_wide = matches!(scale, Scale::Linear { factor, .. } if factor == 1.0 / 256.0);
+    let wide = |index| match &values {
+        Column::U16(values) if is_wide => values[index],
+        Column::U8(values) => u16::from(values[index]) * 257,
+        values => u16::from(scale.apply(values.value(index))) * 257,
+    };
+    Column::U16((0..values.len()).map(wide).collect())
+}

@@ -8,20 +8,16 @@ use ::las::raw;
 use laz::laszip::{ChunkTable, ChunkTableEntry};
 use tempfile::NamedTempFile;
 
-use super::records::Statistics;
 use super::tree::{self, Cube};
-use super::{Compressed, OutputFormat, RANGE_OPTIONS};
+use super::{Compressed, OutputFormat};
 use crate::las::LasSource;
-use crate::las::layout::{bytes, text};
+use crate::las::output_head::{HEAD_LENGTH, WAVE_PACKETS, WKT, is_extra_bytes, is_kept, padded, write_record};
+use crate::las::output_records::{RANGE_OPTIONS, Statistics};
 
 const HEADER_LENGTH: u16 = 375;
 const INFO_LENGTH: usize = 160;
-/// The sizes in bytes of a record's head, and of an extended one's.
-const HEAD_LENGTH: usize = 54;
+/// The size in bytes of the head of an extended record.
 const EXTENDED_HEAD_LENGTH: u64 = 60;
-/// The header's bits that say where wave packets are, and that the coordinate system is WKT.
-const WAVE_PACKETS: u16 = 2 | 4;
-const WKT: u16 = 16;
 /// The most nodes of a page without pages below it: 128 KiB.
 const PAGE_NODES: usize = 4096;
 /// The number of levels of a page with pages below it.
@@ -195,7 +191,7 @@ impl CopcFile {
         evlr: raw::header::Evlr,
     ) -> io::Result<raw::Header> {
         let of_first = raw::Header::read_from(BufReader::new(first.file.section(0, first.file.length())));
-        let bounds = plan.bounds(statistics);
+        let bounds = statistics.bounds(plan.grid);
         let global_encoding = |old: u16| old & !(WAVE_PACKETS | WKT) | if self.wkt { WKT } else { 0 };
         let header = of_first.map_err(io::Error::other)?;
         Ok(raw::Header {
@@ -205,7 +201,7 @@ impl CopcFile {
             header_size: HEADER_LENGTH,
             offset_to_point_data: self.data_start,
             number_of_variable_length_records: self.records,
-            point_data_record_format: plan.target.format() | 0x80,
+            point_data_record_format: plan.target.format | 0x80,
             point_data_record_length: u16::try_from(plan.target.record_length()).map_err(io::Error::other)?,
             number_of_point_records: 0,
             number_of_points_by_return: [0; 5],
@@ -282,39 +278,6 @@ fn info(cube: &Cube, statistics: &Statistics, root: &Range<u64>) -> Vec<u8> {
     }
     info.resize(INFO_LENGTH, 0);
     info
-}
-
-/// Whether the record at byte `start` goes on to the file, and whether it is a coordinate system as WKT. Not kept is what
-/// describes how points were stored: compression, wave packets, indices of their order.
-fn is_kept(source: &LasSource, start: u64) -> io::Result<(bool, bool)> {
-    let head: [u8; 20] = source.file.bytes_at(start)?.unwrap_or([0; 20]);
-    let (user, identifier) = (text(&head[2..18]), u16::from_le_bytes(bytes(&head, 18)));
-    let dropped = matches!(
-        (user.as_str(), identifier),
-        ("copc", _) | ("laszip encoded", _) | ("LASF_Spec", 100..=354 | 65535) | ("LAStools", 10 | 30)
-    );
-    Ok((!dropped, (user.as_str(), identifier) == ("LASF_Projection", 2112)))
-}
-
-fn is_extra_bytes(record: &[u8]) -> bool {
-    text(&record[2..18]) == "LASF_Spec" && record[18..20] == [4, 0]
-}
-
-/// A variable length record: user, identifier and description, then data.
-fn write_record(out: &mut Vec<u8>, (user, identifier, description): (&str, u16, &str), data: &[u8]) {
-    out.extend([0; 2]);
-    out.extend(padded::<16>(user));
-    out.extend(identifier.to_le_bytes());
-    out.extend((data.len() as u16).to_le_bytes());
-    out.extend(padded::<32>(description));
-    out.extend_from_slice(data);
-}
-
-fn padded<const N: usize>(text: &str) -> [u8; N] {
-    let mut field = [0; N];
-    let length = text.len().min(N);
-    field[..length].copy_from_slice(&text.as_bytes()[..length]);
-    field
 }
 
 #[cfg(test)]

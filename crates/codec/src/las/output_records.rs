@@ -1,0 +1,346 @@
+//! Converts point records of any format and grid to those of the file that is written: on its grid, in the same format
+//! or in one of the formats 6 to 8.
+
+use std::path::Path;
+use std::sync::Mutex;
+
+use cloud::{Bounds, Grid};
+use glam::DVec3;
+use laz::LazItem;
+use laz::laszip::LazItemRecordBuilder;
+
+use super::layout::{Layout, bytes};
+use super::{LasSource, items};
+use crate::brief::vector;
+use crate::error::{Error, Result};
+
+/// The size in bytes of a record of formats 6 to 8 before its colours.
+const BASE_LENGTH: usize = 30;
+/// The number of steps of an angle of formats 6 to 10 in a degree.
+const ANGLE_STEPS: f64 = 1.0 / 0.006;
+/// The class that means "overlap" in formats 0 to 5; later ones have a flag for it.
+const OVERLAP_CLASS: u8 = 12;
+
+/// The format of points in the file to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Target {
+    pub format: u8,
+    /// The number of bytes of extra dimensions.
+    pub extra: usize,
+}
+
+impl Target {
+    /// The format of 6 to 8 that holds everything that points of these formats have, except wave packets.
+    pub fn new(formats: impl Iterator<Item = u8> + Clone, extra: usize) -> Self {
+        let any = |of: fn(u8) -> Option<usize>| formats.clone().any(|format| of(format).is_some());
+        let format = match (any(Layout::red_of), any(Layout::near_infrared)) {
+            (_, true) => 8,
+            (true, false) => 7,
+            (false, false) => 6,
+        };
+        Self { format, extra }
+    }
+
+    pub fn record_length(&self) -> usize {
+        Layout::base_length(self.format).unwrap_or(BASE_LENGTH) + self.extra
+    }
+}
+
+/// Converts records of one file to the target.
+pub struct Upgrade {
+    target: Target,
+    target_grid: Grid,
+    grid: Grid,
+    same_grid: bool,
+    same_format: bool,
+    extended: bool,
+    base_length: usize,
+    gps_time: Option<usize>,
+    red: Option<usize>,
+    near_infrared: Option<usize>,
+    /// The size in bytes of a record of the file.
+    pub record_length: usize,
+}
+
+impl Upgrade {
+    pub fn new(source: &LasSource, target: Target, target_grid: Grid) -> Self {
+        let format = source.info.point_format.unwrap_or(0);
+        let layout = &source.layout;
+        Self {
+            target,
+            target_grid,
+            grid: source.grid,
+            same_grid: source.grid == target_grid,
+            same_format: format == target.format,
+            extended: format >= 6,
+            base_length: Layout::base_length(format).unwrap_or(layout.record_length),
+            gps_time: Layout::gps_time(format),
+            red: layout.red,
+            near_infrared: Layout::near_infrared(format),
+            record_length: layout.record_length,
+        }
+    }
+
+    /// Whether the target's grid represents the coordinates exactly.
+    pub fn is_exact(&self) -> bool {
+        let shift = (self.grid.offset - self.target_grid.offset) / self.target_grid.scale;
+        let ratio = self.grid.scale / self.target_grid.scale;
+        let whole = |value: DVec3| (value - value.round()).abs().max_element() < 1e-6;
+        whole(shift) && whole(ratio)
+    }
+
+    /// Appends a record; returns `false` if its coordinates are too far away for the target's grid.
+    pub fn push(&self, record: &[u8], out: &mut Vec<u8>) -> bool {
+        if self.same_grid {
+            out.extend_from_slice(&record[..12]);
+        } else {
+            let raw = DVec3::from([0, 4, 8].map(|at| f64::from(i32::from_le_bytes(bytes(record, at)))));
+            let world = raw * self.grid.scale + self.grid.offset;
+            let integers = ((world - self.target_grid.offset) / self.target_grid.scale).round().to_array();
+            if integers.iter().any(|integer| integer.abs() > f64::from(i32::MAX)) {
+                return false;
+            }
+            integers.iter().for_each(|integer| out.extend((*integer as i32).to_le_bytes()));
+        }
+        if self.same_format {
+            out.extend_from_slice(&record[12..]);
+            return true;
+        }
+        if self.extended {
+            out.extend_from_slice(&record[12..BASE_LENGTH]);
+        } else {
+            self.push_old(record, out);
+        }
+        let field = |at: Option<usize>, length: usize| at.map_or(&[0; 6][..length], |at| &record[at..at + length]);
+        if Layout::red_of(self.target.format).is_some() {
+            out.extend_from_slice(field(self.red, 6));
+        }
+        if Layout::near_infrared(self.target.format).is_some() {
+            out.extend_from_slice(field(self.near_infrared, 2));
+        }
+        out.extend_from_slice(&record[self.base_length..]);
+        true
+    }
+
+    /// Writes the fields between coordinates and colours of formats 0 to 5. Nothing is lost: a class of 12 (overlap)
+    /// stays, and the flag that later formats have for it is set, too.
+    fn push_old(&self, record: &[u8], out: &mut Vec<u8>) {
+        let (returns, class) = (record[14], record[15]);
+        let overlap = if class & 0x1f == OVERLAP_CLASS { 8 } else { 0 };
+        let angle = f64::from(record[16] as i8) * ANGLE_STEPS;
+        out.extend_from_slice(&record[12..14]);
+        out.push(returns & 7 | (returns >> 3 & 7) << 4);
+        out.push(class >> 5 | overlap | returns & 0xc0);
+        out.push(class & 0x1f);
+        out.push(record[17]);
+        out.extend((angle.round() as i16).to_le_bytes());
+        out.extend_from_slice(&record[18..20]);
+        out.extend(self.gps_time.map_or([0; 8], |at| bytes(record, at)));
+    }
+}
+
+/// The header's statistics of all its points.
+#[derive(Clone, Debug)]
+pub struct Statistics {
+    pub points: u64,
+    pub by_return: [u64; 15],
+    pub lowest: [i32; 3],
+    pub highest: [i32; 3],
+    pub first_time: f64,
+    pub last_time: f64,
+}
+
+impl Default for Statistics {
+    fn default() -> Self {
+        Self {
+            points: 0,
+            by_return: [0; 15],
+            lowest: [i32::MAX; 3],
+            highest: [i32::MIN; 3],
+            first_time: f64::INFINITY,
+            last_time: f64::NEG_INFINITY,
+        }
+    }
+}
+
+impl Statistics {
+    /// Counts a record of a format.
+    pub fn add(&mut self, record: &[u8], format: u8) {
+        self.points += 1;
+        let number = record[14] & if format >= 6 { 15 } else { 7 };
+        if let Some(count) = usize::from(number).checked_sub(1).and_then(|at| self.by_return.get_mut(at)) {
+            *count += 1;
+        }
+        for axis in 0..3 {
+            let raw = i32::from_le_bytes(bytes(record, 4 * axis));
+            self.lowest[axis] = self.lowest[axis].min(raw);
+            self.highest[axis] = self.highest[axis].max(raw);
+        }
+        if let Some(at) = Layout::gps_time(format) {
+            let time = f64::from_le_bytes(bytes(record, at));
+            self.first_time = self.first_time.min(time);
+            self.last_time = self.last_time.max(time);
+        }
+    }
+
+    /// The bounds of all points, which are on `grid`.
+    pub fn bounds(&self, grid: Grid) -> Bounds {
+        let world = |raw: [i32; 3]| DVec3::from(raw.map(f64::from)) * grid.scale + grid.offset;
+        let (a, b) = (world(self.lowest), world(self.highest));
+        // A scale may be negative.
+        Bounds { min: a.min(b), max: a.max(b) }
+    }
+
+    pub fn merge(&mut self, other: &Self) {
+        self.points += other.points;
+        for (count, others) in self.by_return.iter_mut().zip(other.by_return) {
+            *count += others;
+        }
+        for axis in 0..3 {
+            self.lowest[axis] = self.lowest[axis].min(other.lowest[axis]);
+            self.highest[axis] = self.highest[axis].max(other.highest[axis]);
+        }
+        self.first_time = self.first_time.min(other.first_time);
+        self.last_time = self.last_time.max(other.last_time);
+    }
+}
+
+/// The GPS time of a record of formats 6 to 10.
+pub fn time(record: &[u8]) -> f64 {
+    f64::from_le_bytes(bytes(record, 22))
+}
+
+/// Checks that the points of all files can be in one file.
+pub fn check_alike(sources: &[&LasSource]) -> Result<()> {
+    let first = sources[0];
+    for source in sources {
+        let refuse = |problem: &str| {
+            Err(Error::unsuitable(
+                &source.info.path,
+                format!("{problem} than {}; files of one kind can become one file", first.info.path.display()),
+            ))
+        };
+        if extra_dimensions(source) != extra_dimensions(first) {
+            return refuse("has other extra dimensions");
+        }
+        if source.info.crs != first.info.crs {
+            return refuse("is in another coordinate system");
+        }
+        if source.has_time() && first.has_time() && source.standard_time != first.standard_time {
+            return refuse("counts GPS time in another way (weeks or standard time)");
+        }
+    }
+    Ok(())
+}
+
+/// Adds the warnings of all files.
+pub fn warn_of(sources: &[&LasSource], warnings: &mut Vec<String>) {
+    for info in sources.iter().map(|source| &source.info) {
+        warnings.extend(info.warnings.iter().map(|warning| format!("{}: {warning}", info.path.display())));
+    }
+}
+
+/// Warns of files whose wave packets the file that is written does not have.
+pub fn leave_out_waves(sources: &[&LasSource], reason: &str, warnings: &mut Vec<String>) {
+    for source in sources {
+        if source.info.point_format.and_then(Layout::wave_packet).is_some() {
+            warnings.push(format!("{}: {reason}: left out", source.info.path.display()));
+        }
+    }
+}
+
+/// The conversion of each file's records; warns where it rounds coordinates.
+pub fn upgrades(sources: &[&LasSource], target: Target, grid: Grid, warnings: &mut Vec<String>) -> Vec<Upgrade> {
+    let upgrades: Vec<Upgrade> = sources.iter().map(|source| Upgrade::new(source, target, grid)).collect();
+    for (source, _) in sources.iter().zip(&upgrades).filter(|(_, upgrade)| !upgrade.is_exact()) {
+        warnings.push(format!(
+            "{}: its coordinates lie on another grid than those of {}: rounded to the nearest step",
+            source.info.path.display(),
+            sources[0].info.path.display()
+        ));
+    }
+    upgrades
+}
+
+/// The items of points of a format in a LAZ file, if they can be compressed. `memory` bounds what that takes, in bytes.
+pub fn check_items(path: &Path, target: Target, memory: u64) -> Result<Vec<LazItem>> {
+    let refuse = |problem: String| Err(Error::unsuitable(path, problem));
+    let length = target.record_length();
+    if length > usize::from(u16::MAX) {
+        return refuse(format!(
+            "its points take {length} bytes in the file to write, which can have {} at most",
+            u16::MAX
+        ));
+    }
+    let items = LazItemRecordBuilder::default_for_point_format_id(target.format, target.extra as u16)
+        .map_err(|error| Error::unsuitable(path, error.to_string()))?;
+    let bytes = items::encoder_bytes(&items);
+    if bytes > memory.max(items::BASE_BYTES) {
+        return refuse(format!(
+            "points of {length} bytes take {} MB to compress, the memory for that is {} MB: stream.host_bytes is too small \
+             for it",
+            bytes.div_ceil(1_000_000),
+            memory / 1_000_000
+        ));
+    }
+    Ok(items)
+}
+
+/// A lock for threads that compress one after the other, if several at a time would take too much memory.
+pub fn one_at_a_time(items: &[LazItem], memory: u64) -> Option<Mutex<()>> {
+    (items::encoder_bytes(items) * rayon::current_num_threads() as u64 > memory).then(Mutex::default)
+}
+
+/// The bytes that identify extra dimensions: everything but the ranges of their values.
+fn extra_dimensions(source: &LasSource) -> (usize, Vec<Vec<u8>>) {
+    let descriptors = source.descriptors.chunks_exact(192).map(|descriptor| {
+        let mut fixed = descriptor.to_vec();
+        fixed[3] &= !RANGE_OPTIONS;
+        fixed[64..112].fill(0);
+        fixed
+    });
+    (source.layout.record_length - source.base_length(), descriptors.collect())
+}
+
+/// The options of a descriptor that say that it contains the smallest and the largest value.
+pub const RANGE_OPTIONS: u8 = 2 | 4;
+
+/// The first file's grid with the finest steps of any; moved if points would not fit it.
+pub fn common_grid(sources: &[&LasSource]) -> Result<Grid> {
+    let first = sources[0];
+    let mut grid = first.grid;
+    let mut bounds = Bounds::EMPTY;
+    for source in sources {
+        let finer = source.grid.scale.abs().cmplt(grid.scale.abs());
+        grid.scale = DVec3::select(finer, source.grid.scale, grid.scale);
+        bounds = bounds.union(source.info.bounds.unwrap_or(Bounds::EMPTY));
+    }
+    if bounds.is_empty() {
+        return Ok(grid);
+    }
+    let fits = |offset: DVec3| {
+        let reach = |corner: DVec3| ((corner - offset) / grid.scale).abs().max_element();
+        reach(bounds.min).max(reach(bounds.max)) < f64::from(i32::MAX)
+    };
+    if !fits(grid.offset) {
+        grid.offset = bounds.center().round();
+        if !fits(grid.offset) {
+            return Err(Error::unsuitable(
+                &first.info.path,
+                format!("the inputs are too far apart for steps of {} in 32 bits", vector(grid.scale)),
+            ));
+        }
+    }
+    Ok(grid)
+}
+
+impl LasSource {
+    pub fn base_length(&self) -> usize {
+        let base = self.info.point_format.and_then(Layout::base_length);
+        base.unwrap_or(self.layout.record_length)
+    }
+
+    fn has_time(&self) -> bool {
+        self.info.point_format.and_then(Layout::gps_time).is_some()
+    }
+}

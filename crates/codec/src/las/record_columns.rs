@@ -1,0 +1,71 @@
+//! The properties of records as columns, for files of another kind.
+
+use cloud::{Attribute, Column, ColumnType, PointTest, Progress};
+
+use super::LasSource;
+use super::columns::ColorDepth;
+use super::layout::{Property, Reading};
+use crate::export::columns::Piece;
+use crate::in_order::InOrder;
+
+const COLORS: [&str; 3] = ["red", "green", "blue"];
+
+impl LasSource {
+    /// The properties that have a type, with colours of 8 bits or, if they are `wide`, of 16.
+    pub fn column_fields(&self, wide: bool) -> Vec<Attribute> {
+        let of = |property: &Property| {
+            let is_color = COLORS.contains(&property.name.as_str());
+            let narrow = is_color && !wide;
+            let column_type = if narrow { ColumnType::U8 } else { property.reading.column_type() };
+            Attribute { name: property.name.clone(), column_type }
+        };
+        self.typed().map(of).collect()
+    }
+
+    fn typed(&self) -> impl Iterator<Item = &Property> {
+        self.layout.properties.iter().filter(|property| !matches!(property.reading, Reading::Opaque { .. }))
+    }
+
+    /// Passes the columns of `column_fields` to `rows_of`; the rows that it makes of the points that are shown go to
+    /// `order`, in the order of the file. Returns what could not be read.
+    pub fn read_columns_in_order(
+        &self,
+        test: &PointTest,
+        wide: bool,
+        progress: &Progress,
+        order: &InOrder<'_>,
+        rows_of: &(dyn Fn(&Piece) -> Vec<u8> + Sync),
+    ) -> Vec<String> {
+        let test = self.record_test(test);
+        let (length, grid) = (self.layout.record_length, self.grid);
+        let narrow = |value: u16| match self.colors {
+            Some(ColorDepth::Sixteen) => (value >> 8) as u8,
+            _ => value.min(255) as u8,
+        };
+        self.read_records_in_order(progress, order, |_, records| {
+            let points = records.len() / length;
+            let kept: Vec<u32> = match test.as_ref().map(|test| test.shown(records)) {
+                None => (0..points as u32).collect(),
+                Some(shown) => shown.indices(points).map(|index| index as u32).collect(),
+            };
+            if kept.is_empty() {
+                return Ok(Vec::new());
+            }
+            let column = |property: &Property| {
+                let mut column = Column::with_capacity(property.reading.column_type(), points);
+                property.reading.append(&mut column, records, length, &grid);
+                match column {
+                    Column::U16(values) if COLORS.contains(&property.name.as_str()) => match (wide, self.colors) {
+                        (false, _) => Column::U8(values.into_iter().map(narrow).collect()),
+                        (true, Some(ColorDepth::Eight)) => {
+                            Column::U16(values.into_iter().map(|value| u16::from(narrow(value)) * 257).collect())
+                        }
+                        (true, _) => Column::U16(values),
+                    },
+                    column => column,
+                }
+            };
+            Ok(rows_of(&Piece { columns: self.typed().map(column).collect(), kept }))
+        })
+    }
+}

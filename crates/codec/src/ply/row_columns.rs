@@ -1,0 +1,97 @@
+//! The scalars of vertices as columns, for a file that is written of them.
+
+use std::sync::{Mutex, PoisonError};
+
+use cloud::{Attribute, Column, ColumnType, PointTest, Progress};
+use glam::Vec3;
+
+use super::PlySource;
+use super::columns::{ChunkBuilder, RowDecoder, color_column, column};
+use super::rows::Packing;
+use crate::Selection;
+use crate::export::columns::Piece;
+use crate::in_order::InOrder;
+
+impl PlySource {
+    /// The scalars of a vertex. If colours are `wide`, they have 16 bits, and the names by which LAS files have them.
+    pub fn column_fields(&self, wide: bool) -> Vec<Attribute> {
+        let field = |(index, scalar): (usize, &super::Scalar)| match self.channel(index).filter(|_| wide) {
+            Some(channel) => Attribute { name: ["red", "green", "blue"][channel].into(), column_type: ColumnType::U16 },
+            None => Attribute { name: scalar.name.clone(), column_type: scalar.scalar },
+        };
+        self.scalars.iter().enumerate().map(field).collect()
+    }
+
+    /// The channel of colour that a scalar is. The numbers of Gaussian splats are more than colours.
+    fn channel(&self, index: usize) -> Option<usize> {
+        let colors = self.roles.colors.filter(|_| !self.roles.is_splats)?;
+        colors.iter().position(|color| *color == index)
+    }
+
+    /// Passes the columns of `column_fields` to `rows_of`; the rows that it makes of the points that are shown go to
+    /// `order`, in the order of the file. Points without a place are not shown. Returns what could not be read.
+    pub fn read_columns_in_order(
+        &self,
+        test: &PointTest,
+        wide: bool,
+        progress: &Progress,
+        order: &InOrder<'_>,
+        rows_of: &(dyn Fn(&Piece) -> Vec<u8> + Sync),
+    ) -> Vec<String> {
+        let packing = Packing::new(&self.header, self.element(), vec![true; self.element().properties.len()]);
+        let layout = cloud::CloudLayout { attributes: self.info.attributes.clone(), grid: None };
+        let is_read = |name: &str| name == "classification" || test.filtered().any(|filtered| filtered == name);
+        let attributes = layout.attributes.iter().map(|attribute| is_read(&attribute.name)).collect();
+        let selection = Selection { positions: true, colors: false, normals: false, attributes };
+        let plan = RowDecoder::new(&self.scalars, &self.roles, &selection, &packing);
+        let test = test.of(&layout);
+        let piece_of = |rows: &[u8]| {
+            let points = rows.len() / packing.stride;
+            let mut builder = ChunkBuilder::new(&plan, 0, points);
+            builder.push(rows);
+            let (chunk, bounds) = builder.finish();
+            let shown = test.shown(&chunk, bounds);
+            let has_place = |index: &usize| Vec3::from(chunk.positions[*index]).is_finite();
+            let kept: Vec<u32> = shown.indices(points).filter(has_place).map(|index| index as u32).collect();
+            let columns = self.scalars.iter().enumerate().map(|(index, scalar)| {
+                match (self.channel(index).filter(|_| wide), self.roles.color_scale) {
+                    (Some(channel), Some(scales)) => color_column(rows, scalar, &packing, scales[channel]),
+                    _ => column(rows, scalar, &packing),
+                }
+            });
+            let columns: Vec<Column> = if kept.is_empty() { Vec::new() } else { columns.collect() };
+            Piece { columns, kept }
+        };
+        let problems = Mutex::new((Vec::new(), 0));
+        order.blocks(self.rows.blocks.len(), rayon::current_num_threads(), &|index, out, _| {
+            let block = self.rows.blocks[index];
+            let counts = packing.read(&self.file, block, |mut rows| {
+                // Pieces of some megabytes, so that a thread holds little.
+                let most = (PIECE_BYTES / packing.stride).max(1) * packing.stride;
+                while !rows.is_empty() && !order.is_stopped() {
+                    let (now, later) = rows.split_at(most.min(rows.len()));
+                    let piece = piece_of(now);
+                    if !piece.kept.is_empty() {
+                        out.give(&rows_of(&piece));
+                    }
+                    progress.add((now.len() / packing.stride) as u64);
+                    rows = later;
+                }
+            });
+            let mut problems = problems.lock().unwrap_or_else(PoisonError::into_inner);
+            match counts {
+                Ok((_, damaged)) => problems.1 += damaged,
+                Err(error) => problems.0.push(format!("{}: {error}", self.info.path.display())),
+            }
+        });
+        let (mut problems, damaged) = problems.into_inner().unwrap_or_else(PoisonError::into_inner);
+        if damaged > 0 {
+            let what = "vertices have text that is not a number, or too few numbers";
+            problems.push(format!("{}: {damaged} {what}", self.info.path.display()));
+        }
+        problems
+    }
+}
+
+/// The size in bytes of the rows that are made into columns at once.
+const PIECE_BYTES: usize = 1 << 20;

@@ -1,0 +1,297 @@
+//! Exported files hold the points that are shown, and no others, with everything that their files have of them, as the
+//! crate `las` and this crate's own readers find it.
+#![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
+
+mod las_files;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use cloud::{Chunk, ClipVolume, Cloud, Filter, PointTest, Progress, Volume, VolumeShape};
+use codec::{Exported, Selection, Source, export};
+use glam::{DQuat, DVec3};
+use las::Point;
+use las_files::{Chunks, OFFSETS, SCALE, compress, descriptor, las_file, points, terrain};
+use tempfile::TempDir;
+
+const MEMORY: u64 = 256 << 20;
+
+/// The border of the box is at coordinates of points.
+const BOX_SIZE: DVec3 = DVec3::new(800.0, 900.0, 30.0);
+
+fn clipped() -> PointTest {
+    let (shape, middle) = (VolumeShape::Box, DVec3::from(OFFSETS) + DVec3::new(450.0, 450.0, 20.0));
+    let volume = Volume::new(shape, middle, DQuat::IDENTITY, BOX_SIZE);
+    let filter = Filter { attribute: "intensity".into(), low: 1000.0, high: 60000.0 };
+    PointTest::new([3], vec![filter], vec![ClipVolume { volume, keeps_inside: true }])
+}
+
+fn is_shown(point: &Point) -> bool {
+    let offset = (DVec3::new(point.x, point.y, point.z) - DVec3::from(OFFSETS) - DVec3::new(450.0, 450.0, 20.0)).abs();
+    offset.cmple(BOX_SIZE * 0.5 + 1e-7).all()
+        && (1000..=60000).contains(&point.intensity)
+        && u8::from(point.classification) != 3
+}
+
+fn sources(paths: &[&Path]) -> Vec<Arc<Source>> {
+    paths.iter().map(|path| Arc::new(codec::open(path).unwrap())).collect()
+}
+
+fn written(paths: &[&Path], test: &PointTest, output: &Path) -> Exported {
+    let progress = Progress::default();
+    let exported = export(&sources(paths), test, output, MEMORY, &progress).unwrap().unwrap();
+    assert_eq!(progress.done(), progress.total());
+    let left = std::fs::read_dir(output.parent().unwrap()).unwrap().map(|entry| entry.unwrap().file_name());
+    assert!(!left.into_iter().any(|name| name.to_string_lossy().contains("unfinished")));
+    exported
+}
+
+fn las_points(path: &Path) -> Vec<Point> {
+    las::Reader::from_path(path).unwrap().read_all().unwrap().points().map(Result::unwrap).collect()
+}
+
+fn header(path: &Path) -> las::raw::Header {
+    las::raw::Header::read_from(std::fs::File::open(path).unwrap()).unwrap()
+}
+
+fn file(folder: &TempDir, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    path
+}
+
+fn read_whole(path: &Path) -> Cloud {
+    let source = codec::open(path).unwrap();
+    let info = source.info();
+    assert!(info.warnings.is_empty(), "{:?}", info.warnings);
+    let attributes = vec![true; info.attributes.len()];
+    let selection = Selection { positions: true, colors: true, normals: true, attributes };
+    let chunks = Mutex::new(Vec::new());
+    let emit = |chunk| chunks.lock().unwrap().push(chunk);
+    let summary = source.read(&selection, &Progress::default(), &emit).unwrap();
+    assert!(summary.warnings.is_empty() && summary.points == info.points, "{summary:?}");
+    let mut chunks = chunks.into_inner().unwrap();
+    chunks.sort_by_key(|chunk: &Chunk| chunk.first_point);
+    Cloud { name: String::new(), attributes: info.attributes.clone(), grid: info.grid, chunks }
+}
+
+/// Places, colours and the values of an attribute, in file order.
+fn values(cloud: &Cloud, attribute: &str) -> Vec<(DVec3, Option<[u8; 4]>, f64)> {
+    let column = cloud.column_of(attribute).unwrap();
+    let of = |chunk: &Chunk| {
+        let value = |index: usize| {
+            let color = chunk.colors.as_ref().map(|colors| colors[index]);
+            (cloud.world_position(chunk, index), color, chunk.columns[column].as_ref().unwrap().value(index))
+        };
+        (0..chunk.len()).map(value).collect::<Vec<_>>()
+    };
+    cloud.chunks.iter().flat_map(of).collect()
+}
+
+#[test]
+fn records_of_every_format_stay_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    for format in 0..=10_u8 {
+        let version = if format >= 6 {
+            (1, 4)
+        } else if format >= 4 {
+            (1, 3)
+        } else {
+            (1, 2)
+        };
+        let mut made = points(format, 3000);
+        made.iter_mut().zip(0_u32..).for_each(|(point, index)| point.extra_bytes = index.to_le_bytes().into());
+        let vlrs = [("LASF_Spec", 4, descriptor("number", 5, None)), ("someone", 77, vec![1, 2, 3])];
+        let original = file(&folder, "original.las", las_file(version, format, &made, &vlrs));
+        let packed = compress(&std::fs::read(&original).unwrap(), &Chunks::Fixed(700));
+        let packed = file(&folder, "packed.laz", packed);
+        let expected: Vec<Point> = las_points(&original).into_iter().filter(is_shown).collect();
+        assert!(expected.len() > 500 && expected.len() < 2500, "{}", expected.len());
+        for (input, output) in [(&original, "a.laz"), (&packed, "a.las"), (&packed, "b.laz"), (&original, "b.las")] {
+            let output = folder.path().join(output);
+            let exported = written(&[input], &clipped(), &output);
+            assert_eq!(exported.points, expected.len() as u64);
+            assert!(las_points(&output) == expected, "format {format}: {}", output.display());
+            let (found, of_input) = (header(&output), header(&original));
+            assert_eq!(found.version, of_input.version);
+            assert_eq!(found.point_data_record_format & 0x3f, format);
+            assert_eq!(found.point_data_record_length, of_input.point_data_record_length);
+            assert_eq!((found.x_scale_factor, found.y_offset), (of_input.x_scale_factor, of_input.y_offset));
+            let highest = expected.iter().map(|point| point.z).fold(f64::MIN, f64::max);
+            assert_eq!(found.max_z, highest, "the header has the bounds of the file before");
+            let reader = las::Reader::from_path(&output).unwrap();
+            let vlrs = reader.header().all_vlrs().filter(|vlr| vlr.user_id == "someone").collect::<Vec<_>>();
+            assert!(vlrs.len() == 1 && vlrs[0].data == [1, 2, 3]);
+            assert_eq!(reader.header().has_wkt_crs(), format >= 6);
+            let cloud = read_whole(&output);
+            assert!(cloud.column_of("number").is_some() && cloud.len() == expected.len() as u64);
+            std::fs::remove_file(output).unwrap();
+        }
+    }
+}
+
+#[test]
+fn points_stay_in_the_order_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let las = terrain(300_000);
+    let original = file(&folder, "original.las", &las);
+    let packed = file(&folder, "packed.laz", compress(&las, &Chunks::Variable(&[1, 170_000, 20_001, 109_998])));
+    let test = PointTest::hiding([5]);
+    let expected: Vec<Point> =
+        las_points(&original).into_iter().filter(|point| u8::from(point.classification) != 5).collect();
+    for (input, output) in [(&original, "a.laz"), (&packed, "b.laz"), (&packed, "c.las")] {
+        let output = folder.path().join(output);
+        written(&[input], &test, &output);
+        assert!(las_points(&output) == expected, "{}", output.display());
+    }
+    // A file of which all is shown is as it was.
+    let whole = folder.path().join("d.las");
+    written(&[&packed], &PointTest::default(), &whole);
+    let start = |path: &Path| header(path).offset_to_point_data as usize;
+    let bytes = std::fs::read(&whole).unwrap();
+    assert!(bytes[start(&whole)..] == las[start(&original)..]);
+}
+
+#[test]
+fn several_files_get_the_finest_steps_and_a_format_for_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = file(&folder, "first.las", las_file((1, 2), 1, &points(1, 500), &[]));
+    let mut coarse = las_file((1, 2), 1, &points(1, 400), &[]);
+    for axis in 0..3 {
+        coarse[131 + 8 * axis..139 + 8 * axis].copy_from_slice(&(10.0 * SCALE).to_le_bytes());
+    }
+    let coarse = file(&folder, "coarse.las", coarse);
+    let colored = file(&folder, "colored.las", las_file((1, 4), 7, &points(7, 300), &[]));
+    let output = folder.path().join("one.laz");
+    written(&[&coarse, &first], &PointTest::default(), &output);
+    let found = header(&output);
+    assert_eq!((found.x_scale_factor, found.point_data_record_format & 0x3f), (SCALE, 1));
+    assert_eq!(found.version.minor, 2);
+    let expected: Vec<Point> = [las_points(&coarse), las_points(&first)].concat();
+    let found = las_points(&output);
+    assert_eq!(found.len(), expected.len());
+    for (found, expected) in found.iter().zip(&expected) {
+        let same = Point { x: expected.x, y: expected.y, z: expected.z, ..found.clone() };
+        assert!((found.x - expected.x).abs() < 1e-6 && same == *expected, "{found:?} {expected:?}");
+    }
+    // Format 1 and 7 become 7, with all that either has; colours that a file lacks are black.
+    let output = folder.path().join("both.las");
+    let told = written(&[&first, &colored], &PointTest::default(), &output);
+    assert_eq!((told.points, header(&output).point_data_record_format), (800, 7));
+    let found = las_points(&output);
+    assert!(found[500..] == las_points(&colored)[..]);
+    assert!(found[..500].iter().zip(las_points(&first)).all(|(found, point)| found.gps_time == point.gps_time));
+    // Extra dimensions differ.
+    let mut other = points(1, 10);
+    other.iter_mut().for_each(|point| point.extra_bytes = vec![1]);
+    let other = file(&folder, "other.las", las_file((1, 2), 1, &other, &[]));
+    let no = export(
+        &sources(&[&first, &other]),
+        &PointTest::default(),
+        &output.with_file_name("no.las"),
+        MEMORY,
+        &Progress::default(),
+    );
+    assert!(no.unwrap_err().to_string().contains("other extra dimensions"));
+}
+
+#[test]
+fn a_cloud_goes_to_ply_and_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut made = points(7, 2000);
+    made.iter_mut().for_each(|point| point.color = Some(las::Color::new(point.intensity & 0xff00, 513, 65_535)));
+    let original = file(&folder, "original.las", las_file((1, 4), 7, &made, &[]));
+    let ply = folder.path().join("cloud.ply");
+    let told = written(&[&original], &clipped(), &ply);
+    assert!(told.warnings.iter().any(|warning| warning.contains("upper 8")), "{:?}", told.warnings);
+    let expected = read_whole(&original).shown(&clipped());
+    let found = read_whole(&ply);
+    for attribute in ["intensity", "return_number", "classification", "gps_time", "scan_angle", "point_source_id"] {
+        assert_eq!(values(&found, attribute), values(&expected, attribute), "{attribute}");
+    }
+    let las = folder.path().join("back.laz");
+    written(&[&ply], &PointTest::default(), &las);
+    let back = las_points(&las);
+    let shown: Vec<Point> = las_points(&original).into_iter().filter(is_shown).collect();
+    assert_eq!(back.len(), shown.len());
+    for (back, point) in back.iter().zip(&shown) {
+        let color = point.color.unwrap();
+        let upper = |channel: u16| (channel >> 8) * 257;
+        let same = Point {
+            color: Some(las::Color::new(upper(color.red), upper(color.green), upper(color.blue))),
+            ..point.clone()
+        };
+        let near = Point { x: same.x, y: same.y, z: same.z, scan_angle: same.scan_angle, ..back.clone() };
+        assert_eq!(near, same);
+        let distance = DVec3::new(back.x - same.x, back.y - same.y, back.z - same.z).abs().max_element();
+        assert!(distance < 1e-6 && (back.scan_angle - same.scan_angle).abs() < 1e-5, "{back:?} {same:?}");
+    }
+    // PLY to PLY: the bytes of the rows that are shown, and nothing of a list.
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty double y\nproperty float z\n\
+                property float nx\nproperty list uchar int more\nproperty short scalar_a_b\nproperty float intensity\n\
+                end_header\n1 2 3 0.5 2 1 1 -7 0.25\nnan 2 3 0.5 0 -7 0.25\n4 5.5 6 0.25 1 9 300 0.75\n7 8 9 1 0 5 0.5\n";
+    let original = file(&folder, "text.ply", text);
+    let filter = Filter { attribute: "intensity".into(), low: 0.0, high: 0.6 };
+    let output = folder.path().join("some.ply");
+    written(&[&original], &PointTest::new([], vec![filter], Vec::new()), &output);
+    let bytes = std::fs::read(&output).unwrap();
+    let mut rows = Vec::new();
+    for (x, y, z, nx, a, intensity) in [(1_f32, 2_f64, 3_f32, 0.5_f32, -7_i16, 0.25_f32), (7.0, 8.0, 9.0, 1.0, 5, 0.5)]
+    {
+        rows.extend([&x.to_le_bytes()[..], &y.to_le_bytes(), &z.to_le_bytes(), &nx.to_le_bytes()].concat());
+        rows.extend([&a.to_le_bytes()[..], &intensity.to_le_bytes()].concat());
+    }
+    assert!(bytes.ends_with(&[b"end_header\n", &rows[..]].concat()), "{}", String::from_utf8_lossy(&bytes));
+    assert_eq!(codec::open(&output).unwrap().info().points, 2);
+    // A PLY file beside a LAS file: fields that LAS has are its own, the others extra dimensions.
+    let both = folder.path().join("both.laz");
+    let beside = file(&folder, "beside.las", las_file((1, 4), 7, &points(7, 10), &[]));
+    let near = text.replace("1 2 3 0.5", "600001 5000002 103 0.5").replace("7 8 9 1", "600007 5000008 109 1");
+    let near =
+        file(&folder, "near.ply", near.replace("4 5.5 6", "600004 5000005.5 106").replace("float x", "double x"));
+    written(&[&beside, &near], &PointTest::default(), &both);
+    let found = values(&read_whole(&both), "scalar_a_b");
+    assert_eq!(found.iter().map(|(.., value)| *value).collect::<Vec<_>>()[9..], [0.0, -7.0, 300.0, 5.0]);
+    assert_eq!(found[11].0, DVec3::new(600_004.0, 5_000_005.5, 106.0));
+    assert!(las_points(&both)[..10].iter().zip(las_points(&beside)).all(|(a, b)| a.color == b.color && a.x == b.x));
+}
+
+#[test]
+fn a_clip_becomes_copc() {
+    let folder = tempfile::tempdir().unwrap();
+    let original = file(&folder, "original.laz", compress(&terrain(200_000), &Chunks::Fixed(50_000)));
+    let test = PointTest::hiding([2]);
+    let output = folder.path().join("trees.copc.laz");
+    let told = written(&[&original], &test, &output);
+    let source = codec::open(&output).unwrap();
+    assert!(source.copc().is_some_and(|copc| copc.nodes.len() > 1), "{:?}", source.info().warnings);
+    let sorted = |mut points: Vec<Point>| {
+        points.sort_by(|a, b| a.gps_time.unwrap().total_cmp(&b.gps_time.unwrap()));
+        points
+    };
+    let trees = las_points(&original).into_iter().filter(|point| u8::from(point.classification) != 2).collect();
+    assert!(sorted(las_points(&output)) == sorted(trees) && told.points > 10_000);
+}
+
+#[test]
+fn a_file_is_new_and_whole_or_not_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let original = file(&folder, "original.laz", compress(&terrain(200_000), &Chunks::Fixed(50_000)));
+    let before = std::fs::read(&original).unwrap();
+    let all = PointTest::default();
+    for name in ["out.laz", "out.las", "out.ply", "out.copc.laz"] {
+        let output = folder.path().join(name);
+        let refusal = |inputs: &[&Path], test: &PointTest, output: &Path| {
+            export(&sources(inputs), test, output, MEMORY, &Progress::default()).unwrap_err().to_string()
+        };
+        let hidden = refusal(&[&original], &PointTest::hiding(0..=255), &output);
+        assert!(hidden.contains("no point is shown"), "{hidden}");
+        assert!(refusal(&[&original], &all, &original).contains("is there, and is not replaced"));
+        assert!(refusal(&[&original], &all, &folder.path().join("gone").join(name)).contains("no such folder"));
+        let progress = Progress::default();
+        progress.cancel();
+        assert!(export(&sources(&[&original]), &all, &output, MEMORY, &progress).unwrap().is_none());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "something is left of {name}");
+    }
+    assert!(std::fs::read(&original).unwrap() == before);
+}

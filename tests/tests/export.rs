@@ -1,0 +1,97 @@
+//! `glint export`: the new file has the points that the scene shows.
+
+use std::collections::BTreeSet;
+
+use tests::{Folder, Outcome, test_data};
+
+/// What a scene file hides of a scan: all clip shapes, and classes.
+fn clips(middle: [f64; 3], width: f64) -> String {
+    let [x, y, z] = middle;
+    let (a, b, c) = (x - width, x + width, y + width);
+    let polygon = format!("[[{a}, {y}, {z}], [{b}, {y}, {z}], [{x}, {c}, {z}]]");
+    format!(
+        "[visibility]\nhidden_classes = [6]\nfilters = [{{ attribute = \"intensity\", low = 20.0 }}]\n\
+         [[clips]]\nposition = [{x}, {y}, {z}]\nsize = [{width}, {width}, 1000.0]\nrotation = [0.0, 0.0, 0.38268, 0.92388]\n\
+         [[clips]]\nshape = {{ prism = {{ points = {polygon}, direction = [0.0, 0.0, 1.0] }} }}\n\
+         [[clips]]\nshape = \"sphere\"\nkeep = \"outside\"\nposition = [{x}, {y}, {z}]\nsize = [{half}, {half}, {half}]\n\
+         [[clips]]\nshape = \"slab\"\nkeep = \"outside\"\nposition = [{x}, {y}, {z}]\nsize = [1.0, 1.0, 2.0]\n",
+        half = width / 2.0
+    )
+}
+
+fn information(folder: &Folder, file: &str) -> serde_json::Value {
+    let outcome = folder.glint(["info", "--json", "--scan", file]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    outcome.json()["inputs"][0].clone()
+}
+
+/// The rows of a table of points, without the first three columns: what a line says of a point depends on the line.
+fn rows(outcome: &Outcome) -> BTreeSet<String> {
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let text = outcome.text();
+    let row = |line: &str| line.splitn(4, ',').nth(3).expect("a row has coordinates").to_owned();
+    text.lines().skip(1).map(row).collect()
+}
+
+#[test]
+fn what_a_scene_shows_of_a_scan_is_exported_point_by_point() {
+    let Some(data) = test_data() else { return };
+    let scan = data.join("airborne/autzen_trim_las12_pf3.laz");
+    let scan = scan.to_str().expect("text");
+    let folder = Folder::new();
+    let before = information(&folder, scan);
+    let corner = |end: &str, axis: usize| before["bounds"][end][axis].as_f64().expect("a coordinate");
+    let middle = [0, 1, 2].map(|axis| (corner("min", axis) + corner("max", axis)) / 2.0);
+    let width = (corner("max", 0) - corner("min", 0)) * 0.7;
+    folder.write("some.toml", format!("clouds = ['{scan}']\n{}", clips(middle, width)));
+    // A section as wide as the scan is a table of all that is shown.
+    let [x, y, _] = middle;
+    let line = format!("{},{y},0:{},{y},0", x - 1e5, x + 1e5);
+    let table = |file: &str| rows(&folder.glint(["profile", file, "--line", &line, "--width", "1e6"]));
+    let shown = table("some.toml");
+    let all = before["points"].as_u64().expect("a number");
+    assert!(shown.len() > 1000 && (shown.len() as u64) < all, "{} of {all}", shown.len());
+    for name in ["some.laz", "some.las", "some.copc.laz"] {
+        let outcome = folder.glint(["export", scan, "--scene", "some.toml", "-o", name]);
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        let found = information(&folder, name);
+        assert_eq!(outcome.text(), format!("{name}: {} of {} points\n", found["points"], before["points"]));
+        assert_eq!(found["crs"], before["crs"]);
+        if name != "some.copc.laz" {
+            assert_eq!(found["attributes"], before["attributes"]);
+            assert_eq!(found["point_format"], before["point_format"]);
+            assert!(table(name) == shown, "{name} has other points");
+        }
+    }
+    // The scene file can be the input, too; a PLY file has the same points.
+    let outcome = folder.glint(["export", "some.toml", "-o", "some.ply"]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    assert_eq!(information(&folder, "some.ply")["points"], information(&folder, "some.las")["points"]);
+    assert_eq!(information(&folder, "some.copc.laz")["points"], information(&folder, "some.las")["points"]);
+}
+
+#[test]
+fn an_export_that_cannot_be_made_is_refused() {
+    let folder = Folder::new();
+    let header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n";
+    folder.write("two.ply", format!("{header}end_header\n0 0 0\n1 2 3\n"));
+    folder.write("none.toml", "[[clips]]\nposition = [90.0, 0.0, 0.0]\n");
+    folder.write("there.ply", "kept");
+    let refused = |arguments: &[&str], status: i32, mentioned: &str| {
+        let outcome = folder.glint(["export", "two.ply"].iter().chain(arguments));
+        assert_eq!(outcome.status, Some(status), "{outcome}");
+        assert!(outcome.messages.contains(mentioned), "{mentioned}: {outcome}");
+    };
+    refused(&["-o", "a.txt"], 2, "must end in .laz, .las, .copc.laz or .ply");
+    refused(&["-o", "there.ply"], 1, "a file of this name is there, and is not replaced; name another place");
+    refused(&["-o", "two.ply"], 1, "is not replaced");
+    refused(&["-o", "a.laz", "--scene", "gone.toml"], 2, "gone.toml");
+    refused(&["-o", "a.laz", "--scene", "none.toml"], 2, "no point is shown");
+    let built_in = folder.glint(["export", "five-mirrors/none", "-o", "a.laz"]);
+    assert!(built_in.status == Some(2) && built_in.messages.contains("files are exported"), "{built_in}");
+    assert_eq!(std::fs::read_to_string(folder.path("there.ply")).expect("the file"), "kept");
+    assert!(!folder.path("a.laz").exists());
+    // One of several inputs is missing: the others are exported.
+    let outcome = folder.glint(["export", "two.ply", "gone.ply", "-o", "a.laz"]);
+    assert!(outcome.status == Some(2) && outcome.text() == "a.laz: 2 of 2 points\n", "{outcome}");
+}
