@@ -76,25 +76,25 @@ impl PointTest {
 
     /// How many of the points in a box the clip volumes keep.
     pub fn cover(&self, bounds: Bounds) -> Cover {
-        let (mut is_kept, mut has_kept, mut may_be_kept) = (true, false, false);
-        let (mut is_wanted, mut wants) = (false, false);
+        // Whether a volume that keeps its outside hides a part; and how much the fullest of those contains that keep
+        // their inside, if there is any.
+        let (mut is_cut, mut inside) = (false, None);
         for ClipVolume { volume, keeps_inside } in &self.rule.volumes {
             match (volume.cover(bounds), keeps_inside) {
                 (Cover::Inside, false) => return Cover::Outside,
-                (Cover::Outside, false) => {}
-                (Cover::Partly, false) => is_kept = false,
+                (cover, false) => is_cut |= cover == Cover::Partly,
                 (cover, true) => {
-                    wants = true;
-                    is_wanted |= cover == Cover::Inside;
-                    may_be_kept |= cover != Cover::Outside;
+                    inside = match (inside, cover) {
+                        (Some(Cover::Inside), _) | (_, Cover::Inside) => Some(Cover::Inside),
+                        (Some(Cover::Partly), _) | (_, Cover::Partly) => Some(Cover::Partly),
+                        _ => Some(Cover::Outside),
+                    };
                 }
             }
-            has_kept |= *keeps_inside;
         }
-        match (wants, may_be_kept) {
-            (true, false) => Cover::Outside,
-            _ if is_kept && (is_wanted || !has_kept) => Cover::Inside,
-            _ => Cover::Partly,
+        match inside.unwrap_or(Cover::Inside) {
+            Cover::Inside if is_cut => Cover::Partly,
+            cover => cover,
         }
     }
 

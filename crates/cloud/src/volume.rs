@@ -44,32 +44,40 @@ pub struct Volume {
     /// From the world's axes to its own.
     own_from_world: DMat3,
     size: DVec3,
-    /// The outline of a prism, projected.
+    lines: Lines,
+    /// The outline of a prism, projected along its lines.
     outline: Vec<DVec2>,
 }
 
-/// The directions across a prism's lines.
-struct Across {
+/// The lines of a prism, in its own coordinates.
+#[derive(Clone, Debug, PartialEq)]
+struct Lines {
     along: DVec3,
     right: DVec3,
     up: DVec3,
+    /// The place from which rays go, if the lines are rays.
+    eye: Option<DVec3>,
 }
 
-impl Across {
-    fn new(direction: DVec3) -> Self {
+impl Lines {
+    fn new(direction: DVec3, eye: Option<DVec3>) -> Self {
         let along = direction.normalize_or(DVec3::Z);
         let (right, up) = along.any_orthonormal_pair();
-        Self { along, right, up }
+        Self { along, right, up, eye }
+    }
+
+    /// How far a place is along the lines.
+    fn depth(&self, place: DVec3) -> f64 {
+        (place - self.eye.unwrap_or_default()).dot(self.along)
     }
 
     /// Where the line through a place meets the plane across the lines; `None` behind the eye of rays.
-    fn project(&self, eye: Option<DVec3>, place: DVec3) -> Option<DVec2> {
-        let place = place - eye.unwrap_or_default();
-        let at = DVec2::new(place.dot(self.right), place.dot(self.up));
-        let depth = place.dot(self.along);
-        match eye {
+    fn project(&self, place: DVec3) -> Option<DVec2> {
+        let offset = place - self.eye.unwrap_or_default();
+        let at = DVec2::new(offset.dot(self.right), offset.dot(self.up));
+        match self.eye {
             None => Some(at),
-            Some(_) => (depth > 0.0).then(|| at / depth),
+            Some(_) => Some(self.depth(place)).filter(|depth| *depth > 0.0).map(|depth| at / depth),
         }
     }
 }
@@ -77,16 +85,16 @@ impl Across {
 impl Volume {
     /// `rotation` turns the volume's own axes into the world's.
     pub fn new(shape: VolumeShape, position: DVec3, rotation: DQuat, size: DVec3) -> Self {
-        let outline = match &shape {
+        let (lines, outline) = match &shape {
             VolumeShape::Prism { points, direction, eye } => {
-                let across = Across::new(*direction);
-                let eye = eye.map(|eye| eye * size);
-                points.iter().filter_map(|point| across.project(eye, *point * size)).collect()
+                let lines = Lines::new(*direction, eye.map(|eye| eye * size));
+                let outline = points.iter().filter_map(|point| lines.project(*point * size)).collect();
+                (lines, outline)
             }
-            VolumeShape::Box | VolumeShape::Sphere | VolumeShape::Slab => Vec::new(),
+            VolumeShape::Box | VolumeShape::Sphere | VolumeShape::Slab => (Lines::new(DVec3::Z, None), Vec::new()),
         };
         let own_from_world = DMat3::from_quat(rotation.normalize()).transpose();
-        Self { shape, position, own_from_world, size, outline }
+        Self { shape, position, own_from_world, size, lines, outline }
     }
 
     /// Whether a point is in it or on its border; a point that is not finite is not.
@@ -97,10 +105,7 @@ impl Volume {
             VolumeShape::Box => own.abs().cmple(half).all(),
             VolumeShape::Sphere => (own / half).length_squared() <= 1.0,
             VolumeShape::Slab => own.z.abs() <= half.z && own.is_finite(),
-            VolumeShape::Prism { direction, eye, .. } => {
-                let eye = eye.map(|eye| eye * self.size);
-                Across::new(*direction).project(eye, own).is_some_and(|at| is_in_polygon(&self.outline, at))
-            }
+            VolumeShape::Prism { .. } => self.lines.project(own).is_some_and(|at| is_in_polygon(&self.outline, at)),
         }
     }
 
@@ -128,14 +133,11 @@ impl Volume {
                 let nearest = ((own.abs() - spread).max(DVec3::ZERO) / half).length_squared();
                 cover_of(farthest <= 1.0 - ROUNDING, nearest > 1.0 + ROUNDING)
             }
-            VolumeShape::Prism { direction, eye, .. } => {
-                let across = Across::new(*direction);
-                let eye = eye.map(|eye| eye * self.size);
+            VolumeShape::Prism { .. } => {
                 let corners = bounds.corners().map(|corner| self.own_from_world * (corner - self.position));
-                let at: Vec<DVec2> = corners.iter().filter_map(|corner| across.project(eye, *corner)).collect();
+                let at: Vec<DVec2> = corners.iter().filter_map(|corner| self.lines.project(*corner)).collect();
                 if at.len() < corners.len() {
-                    let is_behind = |corner: &DVec3| (*corner - eye.unwrap_or_default()).dot(across.along) < -rounding;
-                    return cover_of(false, corners.iter().all(is_behind));
+                    return cover_of(false, corners.iter().all(|corner| self.lines.depth(*corner) < -rounding));
                 }
                 let low = at.iter().fold(DVec2::INFINITY, |low, at| low.min(*at));
                 let high = at.iter().fold(DVec2::NEG_INFINITY, |high, at| high.max(*at));
