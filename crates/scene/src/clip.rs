@@ -97,7 +97,8 @@ impl ClipShape {
         }
     }
 
-    fn problem(&self) -> Option<String> {
+    /// Why it is no valid shape of this size, in words.
+    fn problem(&self, size: DVec3) -> Option<String> {
         let Self::Prism(Prism { points, direction, eye }) = self else { return None };
         let is_near = |place: &DVec3| Camera::is_near(*place);
         if !(3..=MOST_CORNERS).contains(&points.len()) {
@@ -109,7 +110,7 @@ impl ClipShape {
         if direction.try_normalize().is_none() {
             return Some(format!("direction is {direction}, expected a direction"));
         }
-        let is_before = |eye: &DVec3| points.iter().all(|point| (*point - *eye).dot(*direction) > 0.0);
+        let is_before = |eye: &DVec3| points.iter().all(|point| ((*point - *eye) * size).dot(*direction) > 0.0);
         (!eye.iter().all(is_before)).then(|| "a point lies behind the eye, expected all of them before it".into())
     }
 }
@@ -216,7 +217,7 @@ impl Clip {
             let (least, most) = (SIZES.start(), SIZES.end());
             return Some(format!("size is {}, expected lengths from {least:e} to {most:e}", self.size));
         }
-        self.shape.problem()
+        self.shape.problem(self.size)
     }
 }
 
@@ -270,6 +271,10 @@ mod tests {
         expect(&prism("[[0.0, 0.0, inf], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]", "direction = [0, 0, 1]"), "not finite");
         expect(&prism(three, "direction = [0, 0, 0]"), "direction is");
         expect(&prism(three, "direction = [0, 0, 1], eye = [0, 0, 1]"), "behind the eye");
+        // The size moves corners to behind the eye, too.
+        let slanted = prism(three, "direction = [-1, 0, 1.5], eye = [0, 0, -1]");
+        expect(&format!("{slanted}\nsize = [9, 1, 1]"), "behind the eye");
+        assert!(SceneFile::parse(&format!("[[clips]]\n{slanted}\n")).is_ok());
         assert!(refusal("shape = \"cone\"").contains("line 5"));
         assert!(refusal("keep = \"both\"").contains("line 5"));
         let many = "[[clips]]\n".repeat(65);
