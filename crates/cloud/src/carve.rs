@@ -21,6 +21,10 @@ const LEAST_LEFT: f32 = 0.2;
 /// that is sampled around them.
 const MOST_CELLS: f32 = 4.0;
 
+/// The most points that a disc is searched for: several times as many as there are in so many cells of a depth image.
+/// In any other cloud a direction may have any number of points.
+const MOST_SEARCHED: usize = 1 << 14;
+
 /// The number of points by which a depth image is told, some of each cell of directions.
 const PER_CELL: usize = 4;
 /// In a depth image, this share of the points that are neighbours as seen from the origin are near to one another ...
@@ -91,15 +95,17 @@ impl Directions {
         Self { points, fineness }
     }
 
-    /// The points whose directions are in cells up to `steps` cells beside that of a direction, and maybe others.
+    /// The points whose directions are in cells up to `steps` cells beside that of a direction, and maybe others; but
+    /// no more than `MOST_SEARCHED`.
     fn near(&self, direction: Vec3, steps: i32) -> impl Iterator<Item = Vec3> {
         let middle = cell(direction, self.fineness);
         let rows = (-steps..=steps).flat_map(move |x| (-steps..=steps).map(move |y| middle + IVec3::new(x, y, -steps)));
-        rows.flat_map(move |first| {
+        let ways = rows.flat_map(move |first| {
             let last = (first + IVec3::Z * (2 * steps)).to_array();
             let start = self.points.partition_point(|(cell, _)| *cell < first.to_array());
             self.points[start..].iter().take_while(move |(cell, _)| *cell <= last).map(|(_, way)| *way)
-        })
+        });
+        ways.take(MOST_SEARCHED)
     }
 }
 
@@ -215,6 +221,14 @@ mod tests {
         let mut surfels = estimate(&chunks, &SurfelOptions::new(Orientation::Up(Vec3::Z)), &progress).unwrap();
         progress.cancel();
         assert!(carve(&chunks, &mut surfels, DVec3::ZERO, &progress).is_none());
+    }
+
+    #[test]
+    fn a_disc_is_searched_for_few_of_the_points_that_lie_in_one_direction() {
+        let line = (0..MOST_SEARCHED * 3).map(|index| [0.0, 0.0, 1.0 + index as f32 * 1e-4]).collect();
+        let directions = Directions::new(&[Chunk::new(0, DVec3::ZERO, line)], DVec3::ZERO, 100.0);
+        assert_eq!(directions.near(Vec3::Z, 4).count(), MOST_SEARCHED);
+        assert_eq!(directions.near(Vec3::X, 4).count(), 0);
     }
 
     #[test]
