@@ -156,12 +156,12 @@ impl Column {
             ($($Variant:ident),*) => {
                 match parts.first()? {
                     $( Self::$Variant(_) => {
-                        let values = |part: &&Self| match part {
-                            Self::$Variant(values) => Some(values.clone()),
-                            _ => None,
-                        };
-                        let parts: Option<Vec<_>> = parts.iter().map(values).collect();
-                        Some(Self::$Variant(parts?.concat()))
+                        let mut all = Vec::new();
+                        for part in parts {
+                            let Self::$Variant(values) = part else { return None };
+                            all.extend_from_slice(values);
+                        }
+                        Some(Self::$Variant(all))
                     } )*
                 }
             };

@@ -14,8 +14,8 @@ use crate::{
 const SMOOTH: f64 = 0.766;
 
 /// The radius of points, over that of the disc as large as a point's share of the area. Places that are random within
-/// triangles leave wider gaps than those that a scanner leaves: a close view of the Stanford bunny has some holes with 2,
-/// and none with this.
+/// triangles leave wider gaps than those that a scanner leaves: a close view of the Stanford bunny has some holes with
+/// 2, and none with this.
 const OVERLAP: f64 = 2.5;
 
 /// The points of a mesh beside its vertices, and what its vertices lack as points of the same surface.
@@ -87,9 +87,8 @@ impl MeshPoints {
             let place = (position - origin).as_vec3().to_array();
             (place, pack_normal(normal.as_vec3()), color, corners[nearest] as u32)
         };
-        let points: Vec<Spread> = mesh.places(count, seed).map(point).collect();
         let first = positions.len() as u64;
-        let chunk = |(number, points): (usize, &[Spread])| {
+        let chunk = |(number, points): (usize, Vec<Spread>)| {
             let corners: Vec<u32> = points.iter().map(|(_, _, _, corner)| *corner).collect();
             Chunk {
                 normals: Some(Arc::new(points.iter().map(|(_, normal, _, _)| *normal).collect())),
@@ -104,7 +103,7 @@ impl MeshPoints {
                 )
             }
         };
-        let chunks = points.par_chunks(CHUNK_POINTS).enumerate().map(chunk).collect();
+        let chunks = mesh.places(count, seed).map(point).chunks(CHUNK_POINTS).enumerate().map(chunk).collect();
         let vertices =
             packed.into_iter().map(|normals| Surfels { radii: vec![radius; normals.len()], normals }).collect();
         Some(Self { chunks, vertices })
