@@ -256,26 +256,16 @@ impl Director {
         let detail = f64::from(stream.detail);
         let first_test = || self.mailbox.first_test();
         let test = self.viewpoint.as_ref().map_or_else(first_test, |viewpoint| viewpoint.test.clone());
-        let is_clipped = |node: &Node| shows_nothing(&test, node.bounds);
-        let cut = |budget: Budget| match self.viewpoint.as_ref().map(measure) {
-            Some(measure) => {
-                let pixels = |octree: &Octree, node: &Node| match is_clipped(node) {
-                    true => 0.0,
-                    false => measure.pixels(octree, node),
-                };
-                choose(&trees, |_, octree: &Octree, node: &Node| pixels(octree, node), budget, detail)
-            }
-            None => {
-                let all = trees.iter().filter_map(|tree| tree.octree.nodes.first());
-                let all = all.fold(Bounds::EMPTY, |all, root| all.union(root.bounds));
-                let scale = WIDTH_UNSEEN / all.size().max_element().max(f64::MIN_POSITIVE);
-                let pixels = |octree: &Octree, node: &Node| match is_clipped(node) {
-                    true => 0.0,
-                    false => octree.spacing_at(node.level) * scale,
-                };
-                choose(&trees, |_, octree, node| pixels(octree, node), budget, detail)
-            }
+        let measure = self.viewpoint.as_ref().map(measure);
+        let all = trees.iter().filter_map(|tree| tree.octree.nodes.first());
+        let all = all.fold(Bounds::EMPTY, |all, root| all.union(root.bounds));
+        let scale = WIDTH_UNSEEN / all.size().max_element().max(f64::MIN_POSITIVE);
+        let pixels = |octree: &Octree, node: &Node| match &measure {
+            _ if shows_nothing(&test, node.bounds) => 0.0,
+            Some(measure) => measure.pixels(octree, node),
+            None => octree.spacing_at(node.level) * scale,
         };
+        let cut = |budget: Budget| choose(&trees, |_, octree, node| pixels(octree, node), budget, detail);
         let wanted = cut(budget(CUT_SHARE));
         let whole = Budget { points: most, bytes: (bytes * CUT_SHARE) as u64 };
         let demand = if share < 1.0 { demand(&cut(whole), &trees, whole) } else { demand(&wanted, &trees, whole) };
