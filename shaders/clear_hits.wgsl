@@ -1,5 +1,5 @@
-// The index of refraction of the point that each mirror pixel's ray has found. Runs once for each page of the point store and takes the pixels
-// whose point lies in it; the first page also writes the empty pixels. One thread a pixel.
+// The index of refraction of the point that each mirror pixel's ray has found. Runs once for each page of the point
+// store and takes the pixels whose point lies in it; the first page also writes the empty pixels. One thread a pixel.
 #import point_surface
 
 // y: identity + 1, 0: nothing; see surfel_trace.wgsl.
@@ -19,7 +19,7 @@ fn clear_hits(@builtin(global_invocation_id) id: vec3u) {
         let index = index_of_identity(hit.y - 1u);
         is_ours = index < page.point_count;
         if is_ours {
-            let item = items[items_of_runs[index / BLOCK_POINTS]];
+            let item = item_of_point(index);
             let opaque = select(0.0, -1.0, item.specular_intensity > 0.0);
             refraction = select(opaque, item.height_axis.w, item.height_axis.w > 0.0);
         }

@@ -1,5 +1,5 @@
-// The index of refraction of each pixel's nearest point. Runs once for each page of the point store and takes the pixels
-// whose point lies in it; the first page also writes the empty pixels. One thread a pixel.
+// The index of refraction of each pixel's nearest point. Runs once for each page of the point store and takes the
+// pixels whose point lies in it; the first page also writes the empty pixels. One thread a pixel.
 #import point_surface
 
 @group(2) @binding(0) var<storage, read> nearest: array<vec2u>;
@@ -18,7 +18,7 @@ fn clear_points(@builtin(global_invocation_id) id: vec3u) {
         let index = index_of_identity(key.x);
         is_ours = index < page.point_count;
         if is_ours {
-            let item = items[items_of_runs[index / BLOCK_POINTS]];
+            let item = item_of_point(index);
             let opaque = select(0.0, -1.0, item.specular_intensity > 0.0);
             refraction = select(opaque, item.height_axis.w, item.height_axis.w > 0.0);
         }

@@ -1,6 +1,6 @@
-// The records of a face of a cubemap, or of a layer of the picture: the disc of the nearest point of each texel, so that
-// rays need no page of the store. Runs once for each page and takes the texels whose point lies in it; the first page also writes the empty
-// ones. The frame is that of the face or the picture. One thread a texel.
+// The records of a face of a cubemap, or of a layer of the picture: the disc of the nearest point of each texel, so
+// that rays need no page of the store. Runs once for each page and takes the texels whose point lies in it; the first
+// page also writes the empty ones. The frame is that of the face or the picture. One thread a texel.
 #import point_surface
 #import depth_texel
 
@@ -25,7 +25,7 @@ fn cube_planes(@builtin(global_invocation_id) id: vec3u) {
     if index >= page.point_count {
         return;
     }
-    let item = items[items_of_runs[index / BLOCK_POINTS]];
+    let item = item_of_point(index);
     let point = points[index];
     let place = vec2f(id.xy) + 0.5;
     let eye = view_from_pixel(frame, place, 0.0);

@@ -51,7 +51,7 @@ fn cubemap_trace(@builtin(global_invocation_id) invocation: vec3u, @builtin(num_
     var id = mirror_pixel(frame, thread);
     var start = 0.0;
     if use_listed {
-        let entry = (thread.y / 8u * groups.x + thread.x / 8u) * 64u + thread.y % 8u * 8u + thread.x % 8u;
+        let entry = list_entry(thread, groups);
         if entry >= listed[0] {
             return;
         }

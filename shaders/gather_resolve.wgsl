@@ -1,6 +1,6 @@
-// The Mirror G-Buffer from the point that each mirror pixel's ray meets. Runs once for each page of the point store and takes
-// the pixels whose point lies in it; the first page also writes the pixels that see nothing, and
-// those whose point is on no page: maps that lag may hold points that are hidden. One thread a pixel.
+// The Mirror G-Buffer from the point that each mirror pixel's ray meets. Runs once for each page of the point store and
+// takes the pixels whose point lies in it; the first page also writes the pixels that see nothing, and those whose
+// point is on no page: maps that lag may hold points that are hidden. One thread a pixel.
 #import point_surface
 #import mirror_ray
 #import hit

@@ -54,11 +54,11 @@ fn gloss_normals(@builtin(global_invocation_id) thread: vec3u, @builtin(num_work
         // Rays leave the camera forwards, and mostly come back after a mirror. Normals face them.
         let reference = frame.forward.xyz * select(1.0, -1.0, (bounce % 2u == 1u) != is_blinn);
         let across = axes_across(select(incoming, normal, is_blinn), reference, frame.right.xyz, frame.up.xyz);
-        let of_pixel = select(lobe_hash(id.x + lobe_hash(id.y)), 0u, is_shared);
+        let of_pixel = select(hash(id.x + hash(id.y)), 0u, is_shared);
         if weighs {
             let weighed = weighed_normal(
                 is_blinn, incoming, normal, across, frame.sample, frame.samples,
-                lobe_hash(settings.gloss.seed + lobe_hash(of_pixel)), settings.gloss.cache_power,
+                hash(settings.gloss.seed + hash(of_pixel)), settings.gloss.cache_power,
                 settings.gloss.cache_spread, surface.w,
             );
             drawn = weighed.normal;
@@ -66,7 +66,7 @@ fn gloss_normals(@builtin(global_invocation_id) thread: vec3u, @builtin(num_work
         }
         var is_found = weighs;
         for (var tried = 0u; tried < TRIES && !is_found; tried++) {
-            let seed = lobe_hash(settings.gloss.seed + lobe_hash(of_pixel + lobe_hash(bounce * TRIES + tried)));
+            let seed = hash(settings.gloss.seed + hash(of_pixel + hash(bounce * TRIES + tried)));
             let candidate =
                 lobe_normal(is_blinn, incoming, normal, across, lobe_numbers(frame.sample, seed), surface.w);
             is_found = dot(reflect(incoming, candidate), normal) > 0.0;
@@ -80,7 +80,7 @@ fn gloss_normals(@builtin(global_invocation_id) thread: vec3u, @builtin(num_work
         var key = select(bitcast<u32>(max(surface.w, 0.0)) + 1u, WEIGHED, weighs);
         if bounce > 0u {
             // What the reflection before shows may have changed with its neighbours.
-            let place_and_side = lobe_hash(of_bits(point.xyz) + lobe_hash(of_bits(surface.xyz) + lobe_hash(key)));
+            let place_and_side = hash(of_bits(point.xyz) + hash(of_bits(surface.xyz) + hash(key)));
             key = (place_and_side & ~TOP_BIT) | 1u;
         }
         key = select(NO_RAY, key, is_mirror);
@@ -96,5 +96,5 @@ fn gloss_normals(@builtin(global_invocation_id) thread: vec3u, @builtin(num_work
 
 fn of_bits(vector: vec3f) -> u32 {
     let bits = bitcast<vec3u>(vector);
-    return lobe_hash(bits.x + lobe_hash(bits.y + lobe_hash(bits.z)));
+    return hash(bits.x + hash(bits.y + hash(bits.z)));
 }

@@ -28,11 +28,11 @@ fn gloss_trust(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgr
     let is_blinn = settings.gloss.lobe == GLOSS_LOBE_BLINN;
     let reference = frame.forward.xyz * select(1.0, -1.0, is_blinn);
     let across = axes_across(select(incoming, normal, is_blinn), reference, frame.right.xyz, frame.up.xyz);
-    let of_pixel = select(lobe_hash(id.x + lobe_hash(id.y)), 0u, is_shared);
+    let of_pixel = select(hash(id.x + hash(id.y)), 0u, is_shared);
     let count = select(0u, frame.samples, point.w > 0.0 && surface.w > 0.0);
     for (var index = 0u; index < count; index++) {
         let weight = weighed_normal(
-            is_blinn, incoming, normal, across, index, count, lobe_hash(settings.gloss.seed + lobe_hash(of_pixel)),
+            is_blinn, incoming, normal, across, index, count, hash(settings.gloss.seed + hash(of_pixel)),
             settings.gloss.cache_power, settings.gloss.cache_spread, surface.w,
         ).weight;
         sum += weight;

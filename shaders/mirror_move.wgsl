@@ -1,6 +1,6 @@
-// Moves the mirror point of each pixel that the camera sees, and its normal, to a place within the pixel: by the mirror's
-// formula if it is drawn by that, else as they change evenly from pixel to pixel. All pixels take the same place. One
-// thread a pixel.
+// Moves the mirror point of each pixel that the camera sees, and its normal, to a place within the pixel: by the
+// mirror's formula if it is drawn by that, else as they change evenly from pixel to pixel. All pixels take the same
+// place. One thread a pixel.
 #import frame_group
 #import mirror_formula
 
@@ -71,7 +71,8 @@ fn formula_of(point: vec3f) -> u32 {
     return number;
 }
 
-// Where the ray through a place of the picture meets the mirror. One that passes beside it leaves the point where it is.
+// Where the ray through a place of the picture meets the mirror. One that passes beside it leaves the point where it
+// is.
 fn by_formula(mirror: FormulaMirror, pixel: vec2f, center: Moved) -> Moved {
     let is_parallel = frame.orthographic != 0u;
     let through = view_from_pixel(frame, pixel, select(1.0, 0.0, is_parallel));

@@ -18,7 +18,7 @@ fn splat_radii(@builtin(global_invocation_id) id: vec3u) {
         let index = index_of_identity(key.x);
         is_ours = index < page.point_count;
         if is_ours {
-            let item = items[items_of_runs[index / BLOCK_POINTS]];
+            let item = item_of_point(index);
             radius = disc_of_point(frame, settings.splat, item, points[index]).radius;
         }
     }

@@ -55,7 +55,7 @@ fn surfel_trace(@builtin(global_invocation_id) invocation: vec3u, @builtin(num_w
     var id = mirror_pixel(frame, thread);
     var start = 0.0;
     if use_rest {
-        let entry = (thread.y / 8u * groups.x + thread.x / 8u) * 64u + thread.y % 8u * 8u + thread.x % 8u;
+        let entry = list_entry(thread, groups);
         if entry >= rest[0] {
             return;
         }

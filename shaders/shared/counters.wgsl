@@ -14,6 +14,7 @@ const DISCS_TESTED: u32 = 8u;
 const DOUBTED_PIXELS: u32 = 9u;
 // The rays that no picture of depths resolves.
 const RAYS_LEFT: u32 = 10u;
-// The rays of glossy mirrors that were traced, and those of which it was known what they meet; 64 bits each, low word first.
+// The rays of glossy mirrors that were traced, and those of which it was known what they meet; 64 bits each, low word
+// first.
 const RAYS_TRACED: u32 = 11u;
 const RAYS_KEPT: u32 = 13u;

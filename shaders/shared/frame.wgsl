@@ -35,6 +35,11 @@ fn whole_thread(frame: Frame, thread: vec3u) -> vec3u {
     return thread + vec3u(0u, 8u * frame.first_row, 0u);
 }
 
+// The entry of a list of rays that a thread takes, in passes whose `groups` workgroups of 8 x 8 walk such a list.
+fn list_entry(thread: vec3u, groups: vec3u) -> u32 {
+    return (thread.y / 8u * groups.x + thread.x / 8u) * 64u + thread.y % 8u * 8u + thread.x % 8u;
+}
+
 // The pixel of a thread of a pass that runs over the tiles where mirrors may be seen.
 fn mirror_pixel(frame: Frame, thread: vec3u) -> vec2u {
     return thread.xy + 8u * vec2u(frame.mirror_tile & 0xffffu, frame.mirror_tile >> 16u);

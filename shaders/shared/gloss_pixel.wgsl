@@ -16,7 +16,7 @@ fn place_of_thread(thread: vec3u, groups: vec3u) -> u32 {
 }
 
 // What a ray meets is kept in three words. First: the second word of its hit. Second: the distance, with the sign set
-// where nothing proves that the ray is free up to the hit; the first word of a hit on nothing. Third: the ray's key, with
-// the top bit set if it ends in the camera's picture; 0 if nothing was kept.
+// where nothing proves that the ray is free up to the hit; the first word of a hit on nothing. Third: the ray's key,
+// with the top bit set if it ends in the camera's picture; 0 if nothing was kept.
 const KEPT_WORDS: u32 = 3u;
 const TOP_BIT: u32 = 0x80000000u;

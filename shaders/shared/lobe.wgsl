@@ -1,11 +1,5 @@
 // The directions of a glossy mirror's rays, drawn by its lobe. CPU twin: crates/render/src/reflection/lobe.rs.
-
-// PCG's output permutation as a hash (Jarzynski, Olano 2020).
-fn lobe_hash(value: u32) -> u32 {
-    let state = value * 747796405u + 2891336453u;
-    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-    return (word >> 22u) ^ word;
-}
+#import hash
 
 // Swaps the halves of the unit interval at random, those of each half, and so on (Owen 1995, by Laine and Karras 2011).
 fn scrambled(bits: u32, seed: u32) -> u32 {
@@ -17,10 +11,10 @@ fn scrambled(bits: u32, seed: u32) -> u32 {
     return reverseBits(x);
 }
 
-// Point `index` of Sobol's sequence in two dimensions, shuffled and scrambled (Burley 2020), inside of the unit square. Any
-// number of points from the first on, and any power of two of them more so, are spread evenly.
+// Point `index` of Sobol's sequence in two dimensions, shuffled and scrambled (Burley 2020), inside of the unit square.
+// Any number of points from the first on, and any power of two of them more so, are spread evenly.
 fn lobe_numbers(index: u32, seed: u32) -> vec2f {
-    let shuffled = scrambled(index, lobe_hash(seed));
+    let shuffled = scrambled(index, hash(seed));
     var second = 0u;
     var column = 0x80000000u;
     for (var rest = shuffled; rest != 0u; rest >>= 1u) {
@@ -28,8 +22,8 @@ fn lobe_numbers(index: u32, seed: u32) -> vec2f {
         column ^= column >> 1u;
     }
     let bits = vec2u(
-        scrambled(reverseBits(shuffled), lobe_hash(seed ^ 0x9e3779b9u)),
-        scrambled(second, lobe_hash(seed ^ 0x3c6ef372u)),
+        scrambled(reverseBits(shuffled), hash(seed ^ 0x9e3779b9u)),
+        scrambled(second, hash(seed ^ 0x3c6ef372u)),
     );
     return (vec2f(bits >> vec2u(8u)) + 0.5) / 16777216.0;
 }
@@ -41,8 +35,8 @@ fn lobe_height(u: f32, power: f32) -> f32 {
     return select(1.0 - exp(-x), x * (1.0 - x * (0.5 - x / 6.0)), x < 0.01);
 }
 
-// The axes across a unit vector: those across `reference`, turned with it by the smallest turn. They change smoothly from
-// pixel to pixel, except about the vector opposite to the reference.
+// The axes across a unit vector: those across `reference`, turned with it by the smallest turn. They change smoothly
+// from pixel to pixel, except about the vector opposite to the reference.
 fn axes_across(axis: vec3f, reference: vec3f, right: vec3f, up: vec3f) -> mat2x3f {
     let sum = reference + axis;
     let scale = 1.0 / max(1.0 + dot(reference, axis), 1e-6);
@@ -57,8 +51,8 @@ fn lobe_direction(axis: vec3f, across: mat2x3f, numbers: vec2f, power: f32) -> v
     return normalize(axis * (1.0 - height) + sideways * sqrt(height * (2.0 - height)));
 }
 
-// The normal that mirrors `incoming` into a direction drawn by the lobe; `across` has the axes across `incoming` (Phong)
-// or across the normal (Blinn). Phong's lobe about the reflected ray is that about the incoming one, mirrored.
+// The normal that mirrors `incoming` into a direction drawn by the lobe; `across` has the axes across `incoming`
+// (Phong) or across the normal (Blinn). Phong's lobe about the reflected ray is that about the incoming one, mirrored.
 fn lobe_normal(is_blinn: bool, incoming: vec3f, normal: vec3f, across: mat2x3f, numbers: vec2f, power: f32) -> vec3f {
     if is_blinn {
         return lobe_direction(normal, across, numbers, power);
@@ -90,7 +84,7 @@ fn weighed_normal(
     let wide_power = drawn_power / spread;
     let is_wide = index % 2u == 1u;
     let from_power = select(drawn_power, wide_power, is_wide);
-    let numbers = lobe_numbers(index / 2u, lobe_hash(seed + select(1u, 2u, is_wide)));
+    let numbers = lobe_numbers(index / 2u, hash(seed + select(1u, 2u, is_wide)));
     let drawn = lobe_normal(is_blinn, incoming, normal, across, numbers, from_power);
     let log_cosine = log(numbers.x) / (from_power + 1.0);
     let narrow_share = f32((count + 1u) / 2u) / f32(count);

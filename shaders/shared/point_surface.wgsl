@@ -23,8 +23,12 @@ fn index_of_identity(identity: u32) -> u32 {
     return items_of_runs[at] * BLOCK_POINTS + identity % BLOCK_POINTS;
 }
 
+fn item_of_point(index: u32) -> Item {
+    return items[items_of_runs[index / BLOCK_POINTS]];
+}
+
 fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
-    let item = items[items_of_runs[index / BLOCK_POINTS]];
+    let item = item_of_point(index);
     // Points are scattered over memory: only what is needed is fetched.
     var point = vec4u(0u);
     if item.color_source == COLOR_HEIGHT || item.color_source == COLOR_CLASS {
@@ -42,7 +46,7 @@ fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
 // if the point has no normal or is seen edge-on. A texel is `width` world units wide there. The map's depth alone does
 // not tell how distant surfaces slant.
 fn distance_to_point(index: u32, origin: vec3f, direction: vec3f, depth: f32, width: f32) -> f32 {
-    let item = items[items_of_runs[index / BLOCK_POINTS]];
+    let item = item_of_point(index);
     let offset = bitcast<vec3f>(points[index].xyz) + item.origin_radius.xyz - origin;
     let normal = unpack_normal(attributes[index].y);
     return depth_beside(depth, dot(normal, offset) / dot(normal, direction), width);

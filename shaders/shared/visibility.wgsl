@@ -1,5 +1,5 @@
-// Tells whether a point is shown. The CPU decides it, chunk by chunk (`ChunkTest` in crates/cloud/src/visibility.rs): a bit
-// for each point of the page, 32 in a word. The importing pass binds `shown`.
+// Tells whether a point is shown. The CPU decides it, chunk by chunk (`ChunkTest` in crates/cloud/src/visibility.rs): a
+// bit for each point of the page, 32 in a word. The importing pass binds `shown`.
 
 // Set while some points are hidden; else there are no bits.
 override hides_points: bool = false;

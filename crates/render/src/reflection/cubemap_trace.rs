@@ -219,8 +219,8 @@ fn farthest(samples: &[(DVec3, DVec3)], count: usize) -> Vec<usize> {
     chosen
 }
 
-/// The chunks of the mirrors that may see themselves, with their class masks: they are left out of their own maps, so
-/// rays are traced through their points.
+/// The chunks of the mirrors that may see themselves: they are left out of their own maps, so rays are traced through
+/// their points.
 fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVec3) -> Vec<ChunkId> {
     let sees_itself = |mirror: &MirrorPlace| match own {
         OwnPoints::Auto => !is_convex(&mirror.samples, eye),
