@@ -51,8 +51,9 @@ pub struct StreamReport {
 }
 
 /// Reads the inputs and puts them on the GPU. `camera` gets points around the outline of the scene, its up direction,
-/// and a camera in the room if the scene is one, and returns the camera. Of streamed clouds, this loads the points that a picture of `size` pixels from
-/// that camera needs. If no input can be shown, returns the exit status; the reasons have been reported then.
+/// and a camera in the room if the scene is one, and returns the camera. Of streamed clouds, this loads the points that
+/// a picture of `size` pixels from that camera needs. If no input can be shown, returns the exit status; the reasons
+/// have been reported then.
 ///
 /// # Errors
 /// Fails if the inputs have no points, if the GPU has no memory left, or on Ctrl-C.
@@ -170,9 +171,7 @@ fn read_filtered(loaded: &mut Assembly, test: &PointTest) -> anyhow::Result<()> 
             drop(loaded.put_late_column(column, columns));
         }
     }
-    let unknown = test.filtered().filter(|name| loaded.cloud.column_of(name).is_none());
-    let name = &loaded.cloud.name;
-    terminal::warn(unknown.map(|filter| format!("{name}: no attribute `{filter}`, so its filter hides nothing there")));
+    terminal::warn(loaded.idle_filters(test));
     Ok(())
 }
 

@@ -6,6 +6,7 @@ use scene::{MOST_MIRRORS, MirrorPoints, Shape};
 use world::{Change, CloudKey, Event, Opened, Part};
 
 use super::*;
+use crate::viewer::action::Clipping;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::Marking;
 use crate::viewer::outside::Effect;
@@ -185,4 +186,18 @@ fn of_clouds_that_lie_far_apart_the_largest_is_framed_and_the_distance_of_others
     assert!(camera.pivot.length() < 10.0 && camera.eye.length() < 100.0, "{camera:?}");
     let said: Vec<&str> = session.outside.messages.all.iter().map(|message| message.text.as_str()).collect();
     assert!(said.contains(&"far.ply lies 99997 units away from near.ply, which is in the view"), "{said:?}");
+}
+
+#[test]
+fn a_filter_of_an_attribute_that_a_cloud_lacks_is_said() {
+    let mut session = Session::new(Preferences::default());
+    let filter = scene::Filter { attribute: "amplitude".into(), low: 1.0, high: 2.0 };
+    session.act(Action::Clip(Clipping::Filter(vec![filter])));
+    let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+    let mut load = |event| session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+    load(Event::Opened { cloud: 0, opened: Opened { name: "a.ply".into(), up: DVec3::Z, ..Opened::default() } });
+    load(Event::Chunk { cloud: 0, part: Part::Block(0), chunk: cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]) });
+    load(Event::Finished);
+    let said: Vec<&str> = session.outside.messages.all.iter().map(|message| message.text.as_str()).collect();
+    assert_eq!(said, ["a.ply: no attribute `amplitude`, so its filter hides nothing there"]);
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk, Cloud, CloudLayout, Column, Surfels};
+use cloud::{Bounds, Chunk, Cloud, CloudLayout, Column, PointTest, Surfels};
 use glam::DVec3;
 use stream::Octree;
 
@@ -175,6 +175,13 @@ impl Assembly {
     /// Where the cloud lies, by its `bounds` without stray points.
     pub fn place(&self, bounds: Bounds) -> Place<'_> {
         Place { name: &self.cloud.name, bounds, points: self.points, system: self.crs.as_deref() }
+    }
+
+    /// Warnings about the filters of a test that hide nothing here, because the cloud lacks their attribute.
+    pub fn idle_filters(&self, test: &PointTest) -> Vec<String> {
+        let name = &self.cloud.name;
+        let idle = test.filtered().filter(|filtered| self.cloud.column_of(filtered).is_none());
+        idle.map(|filtered| format!("{name}: no attribute `{filtered}`, so its filter hides nothing there")).collect()
     }
 
     pub fn chunks(&self) -> Vec<(Part, Chunk)> {

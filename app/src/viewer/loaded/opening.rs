@@ -183,9 +183,13 @@ impl Loaded {
         self.place_awaited_markings(beside);
         self.ask_surroundings(beside);
         let visible: Vec<&CloudEntry> = self.clouds.iter().filter(|entry| entry.is_visible).collect();
+        let test = beside.scene.objects.test();
+        let idle = visible.iter().flat_map(|entry| entry.idle_filters(&test)).collect();
+        let warnings =
+            [(apart(&visible).warnings, "clouds that lie elsewhere"), (idle, "filters that hide nothing of a cloud")];
         let unsaid = |warning: &String| !self.warned.contains(warning);
-        let warnings: Vec<String> = apart(&visible).warnings.into_iter().filter(unsaid).collect();
-        for warning in param::few(warnings, "clouds that lie elsewhere") {
+        let few = |(warnings, what): (Vec<String>, _)| param::few(warnings.into_iter().filter(unsaid).collect(), what);
+        for warning in warnings.map(few).into_iter().flatten() {
             beside.outside.say(Level::Warning, warning.clone());
             self.warned.push(warning);
         }
