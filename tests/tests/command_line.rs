@@ -115,6 +115,7 @@ fn bad_usage_is_refused_before_any_work() {
     assert_refused(&folder.glint(["info"]), 2, &[]);
     assert_refused(&folder.glint(["info", "--no-such-flag", "a.ply"]), 2, &["--no-such-flag"]);
     assert_refused(&folder.glint(["render", scene]), 2, &["--output"]);
+    assert_refused(&folder.glint(["view", "--camera", "iso"]), 2, &["--camera", "name an input"]);
     let refused = |arguments: &[&str], mentioned: &[&str]| {
         let common = ["render", "-o", "picture.png"];
         assert_refused(&folder.glint(common.iter().chain(arguments)), 2, mentioned);

@@ -1,8 +1,8 @@
 //! What the window shows when nothing is named: a built-in scene with a ball to take in hand. It makes room for the
-//! first file that is opened, and leaves no trace in the parameters that are kept.
+//! first file that is opened, and takes its own parameters with it; those that the person changed meanwhile stay.
 
 use scene::{Settings, pool};
-use world::CloudKey;
+use world::{CloudKey, Input, Request};
 
 use crate::viewer::history::History;
 use crate::viewer::loaded::{Beside, Loaded};
@@ -12,24 +12,25 @@ use crate::viewer::session::Session;
 pub struct FirstLook {
     /// The person's own parameters, which come back when something else is opened.
     own: Settings,
+    /// The parameters that the scene opened with.
+    given: Settings,
     /// Whether the ball has been selected.
     has_ball: bool,
 }
 
 impl FirstLook {
-    /// Returns the scene with its own sun and sky, too; the other parameters are the person's.
-    pub fn new(own: &Settings) -> (world::Request, Self) {
-        let mut request = world::resolve(&[world::first_scene()]);
-        if let Some(view) = &mut request.view {
-            let mut settings = own.clone();
-            for (key, text) in view.settings.differing() {
-                if let Err(error) = settings.set_text(&key, &text) {
-                    tracing::warn!("{error}");
-                }
-            }
-            view.settings = settings;
-        }
-        (request, Self { own: own.clone(), has_ball: false })
+    /// Gives the scene's request its own sun and sky beside the other parameters of the person. `None` if that is not
+    /// what is requested.
+    pub fn of(request: &mut Request, own: &Settings) -> Option<Self> {
+        let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
+        let view = request.view.as_mut().filter(|_| names == [world::first_scene()])?;
+        view.settings = own.with_changes(&Settings::default(), &view.settings);
+        Some(Self { own: own.clone(), given: view.settings.clone(), has_ball: false })
+    }
+
+    /// The person's own parameters, with what has been changed since.
+    fn own(&self, now: &Settings) -> Settings {
+        self.own.with_changes(&self.given, now)
     }
 
     /// Selects the ball when it has come, so that its handles invite a hand.
@@ -49,15 +50,16 @@ impl FirstLook {
             loaded.remove_cloud(key, beside);
         }
         beside.scene.selected = None;
-        beside.scene.settings = self.own;
+        beside.scene.settings = self.own(&beside.scene.settings);
         // Nobody wants the scene back by undoing.
         beside.scene.history = History::default();
     }
 }
 
 /// The parameters to keep for the next start.
-pub fn own_settings(session: &Session) -> &Settings {
-    session.first_look.as_ref().map_or(&session.scene.settings, |first| &first.own)
+pub fn own_settings(session: &Session) -> Settings {
+    let settings = &session.scene.settings;
+    session.first_look.as_ref().map_or_else(|| settings.clone(), |first| first.own(settings))
 }
 
 #[cfg(test)]
@@ -72,7 +74,7 @@ mod tests {
     fn session() -> Session {
         let mut session = Session::new(Preferences::default());
         (session.scene.settings.scene.points, session.scene.settings.view.frame_ms) = (3000, 77.0);
-        session.open_first_look();
+        session.open_request(world::resolve(&[world::first_scene()]));
         read(&mut session);
         session
     }
@@ -101,7 +103,10 @@ mod tests {
     #[test]
     fn a_file_takes_the_place_of_the_first_look() {
         let mut session = session();
-        let own = own_settings(&session).clone();
+        // A parameter that the scene has brought, and one that it has not, are changed by hand.
+        (session.scene.settings.tone.exposure, session.scene.settings.splat.min_pixels) = (-1.0, 2.0);
+        let own = own_settings(&session);
+        assert_eq!((own.tone.exposure, own.splat.min_pixels), (-1.0, 2.0));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("three.ply");
         let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
@@ -113,15 +118,26 @@ mod tests {
         read(&mut session);
         let names: Vec<&str> = session.loaded.clouds.iter().map(|entry| entry.cloud.name.as_str()).collect();
         assert_eq!(names, ["three.ply"]);
-        // A second file comes beside the first.
-        session.act(Action::Open("five-mirrors/none".into()));
-        assert_eq!(session.loaded.clouds.len(), 1);
+        // A second file comes beside the first, and so does the scene.
+        for name in ["five-mirrors/none", "courtyard/pool"] {
+            session.act(Action::Open(name.into()));
+            assert!(session.loaded.clouds.len() == 1 && session.first_look.is_none(), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_scene_leaves_no_parameters_behind_when_it_is_opened_by_name() {
+        let mut session = Session::new(Preferences::default());
+        session.act(Action::Open("courtyard/pool".into()));
+        read(&mut session);
+        assert!(session.scene.settings.view.background != Settings::default().view.background);
+        assert_eq!(own_settings(&session), Settings::default());
     }
 
     #[test]
     fn closing_the_scene_by_hand_brings_the_own_parameters_back() {
         let mut session = session();
-        let own = own_settings(&session).clone();
+        let own = own_settings(&session);
         session.act(Action::RemoveCloud(session.loaded.clouds[0].key));
         assert!(session.first_look.is_none() && session.scene.settings == own);
     }

@@ -61,7 +61,7 @@ use winit::window::WindowId;
 use world::Request;
 
 use crate::command_line::ViewArguments;
-use crate::failure::{Interrupted, NoScreen};
+use crate::failure::{Interrupted, NoScreen, usage};
 use crate::interrupt;
 use crate::render_command::Viewpoint;
 
@@ -95,6 +95,9 @@ impl Start {
             checked.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
         }
         let Some(word) = arguments.camera.as_deref() else { return Ok(start) };
+        if request.inputs.is_empty() {
+            return Err(usage("--camera: there is nothing to look at, name an input".to_owned()));
+        }
         let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
         let viewpoint = Viewpoint::new(Some(word), request, &mut settings)?;
         let camera = match viewpoint {
@@ -142,6 +145,8 @@ pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Resul
         wake: event_loop.create_proxy(),
         session,
         request: Some((request, start)),
+        before_set: Settings::default(),
+        after_set: Settings::default(),
         wanted_gpu: gpu,
         screen: None,
         effects: Effects::new(world::start, Arc::new(tell)),
@@ -180,6 +185,9 @@ struct Viewer {
     session: Session,
     /// What to open, until the window exists.
     request: Option<(Request, Start)>,
+    /// The person's own parameters before and after `--set`.
+    before_set: Settings,
+    after_set: Settings,
     wanted_gpu: Option<String>,
     screen: Option<Screen>,
     effects: Effects,
@@ -354,12 +362,12 @@ impl Viewer {
         self.screen = Some(screen);
         self.log.write(&json!({ "event": "window" }));
         if let Some((request, start)) = self.request.take() {
-            if request.inputs.is_empty() && request.view.is_none() {
-                self.session.open_first_look();
-            } else {
-                self.session.open_request(request);
-            }
+            let is_empty = request.inputs.is_empty() && request.view.is_none();
+            let request = if is_empty { world::resolve(&[world::first_scene()]) } else { request };
+            self.session.open_request(request);
+            self.before_set = first_look::own_settings(&self.session);
             start.apply(&mut self.session);
+            self.after_set = first_look::own_settings(&self.session);
         }
         self.do_effects();
         self.request_paint();
@@ -443,7 +451,9 @@ impl Viewer {
         if let Some(screen) = self.screen.as_ref().filter(|_| !self.session.is_full_screen) {
             self.session.preferences.window = screen.size();
         }
-        let settings = first_look::own_settings(&self.session).clone();
+        // What the command line has set is not kept.
+        let settings = first_look::own_settings(&self.session);
+        let settings = self.before_set.with_changes(&self.after_set, &settings);
         self.session.preferences.remember_settings(&settings);
         if let Err(error) = preferences::save(&self.session.preferences) {
             self.session.outside.warning(format!("settings are not kept: {error:#}"));

@@ -301,9 +301,11 @@ impl Session {
         }
     }
 
-    pub fn open_request(&mut self, request: world::Request) {
+    pub fn open_request(&mut self, mut request: world::Request) {
         if !request.inputs.is_empty() {
             self.leave_first_look();
+            let is_alone = self.loaded.clouds.is_empty() && !self.loaded.is_loading() && !self.is_recorded;
+            self.first_look = FirstLook::of(&mut request, &self.scene.settings).filter(|_| is_alone);
         }
         let built_in_light = request.built_in_light();
         for warning in request.warnings {
@@ -333,13 +335,6 @@ impl Session {
         if !request.inputs.is_empty() {
             self.outside.push(Effect::Load { inputs: request.inputs });
         }
-    }
-
-    /// Opens what the window shows when nothing is named.
-    pub fn open_first_look(&mut self) {
-        let (request, first) = FirstLook::new(&self.scene.settings);
-        self.open_request(request);
-        self.first_look = Some(first);
     }
 
     fn leave_first_look(&mut self) {

@@ -36,7 +36,7 @@ choices! {
     pub enum Ramp { Turbo = "turbo", Viridis = "viridis", Magma = "magma", Gray = "gray", Spectral = "spectral" }
 }
 choices! {
-    /// The radii of points at the border of a surface.
+    /// What the radii of points follow.
     pub enum SurfaceRadii { Full = "full", Narrow = "narrow", Spread = "spread" }
 }
 
@@ -640,6 +640,17 @@ impl Settings {
                 Err(unknown(near.as_deref()))
             }
         }
+    }
+
+    /// These parameters, but for those that differ between `before` and `now`: they are as in `now`.
+    pub fn with_changes(&self, before: &Self, now: &Self) -> Self {
+        let mut settings = self.clone();
+        for ((params, before), now) in settings.groups_mut().into_iter().zip(before.groups()).zip(now.groups()) {
+            let values = params.values().into_iter().zip(before.values()).zip(now.values());
+            let values: Vec<Value> = values.map(|((own, before), now)| if before == now { own } else { now }).collect();
+            params.set_values(&values);
+        }
+        settings
     }
 
     /// Keys and values, as text, of all parameters that differ from their defaults.

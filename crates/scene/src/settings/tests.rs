@@ -31,6 +31,21 @@ fn differing_values_rebuild_the_settings() {
 }
 
 #[test]
+fn changes_are_taken_over_and_nothing_else_is() {
+    let of = |pairs: &[(&str, &str)]| {
+        let mut settings = Settings::default();
+        pairs.iter().for_each(|(key, text)| settings.set_text(key, text).unwrap());
+        settings
+    };
+    let own = of(&[("splat.size", "2"), ("edl.strength", "0.1")]);
+    let before = of(&[("splat.size", "3"), ("light.by", "sun"), ("view.frame_ms", "50")]);
+    let now = of(&[("splat.size", "3"), ("light.by", "lights"), ("edl.radius", "2")]);
+    let expected = of(&[("splat.size", "2"), ("edl.strength", "0.1"), ("light.by", "lights"), ("edl.radius", "2")]);
+    assert_eq!(own.with_changes(&before, &now), expected);
+    assert_eq!(own.with_changes(&now, &now), own);
+}
+
+#[test]
 fn unknown_keys_name_the_nearest_known_one() {
     let mut settings = Settings::default();
     let message = |settings: &mut Settings, key: &str| settings.set_text(key, "1").unwrap_err().to_string();
