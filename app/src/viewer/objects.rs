@@ -1,13 +1,15 @@
 //! The user's side of the scene apart from the clouds: mirrors, points that are turned into mirrors, lights, clip
-//! volumes, and the other rules that say which points are shown. Undo restores all of them in one step. `Loaded::sync_objects` and
-//! `Loaded::sync_visibility` send them to the render thread; lights go with each frame request.
+//! volumes, and the other rules that say which points are shown. Undo restores all of them in one step.
+//! `Loaded::sync_objects` and `Loaded::sync_visibility` send them to the render thread; lights go with each frame
+//! request.
 
 use cloud::PointTest;
 use glam::DVec3;
 use scene::{Clip, Mirror, MirrorPoints, Object, ObjectKind, SceneFile, Shape, SpotLight, Visibility, five_mirrors};
 use world::{CloudKey, built_in_name};
 
-/// Identifies a mirror, a light or a clip volume. An object that comes back by undo has its old number; no other object ever gets it.
+/// Identifies a mirror, a light or a clip volume. An object that comes back by undo has its old number; no other object
+/// ever gets it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectId(pub u32);
 

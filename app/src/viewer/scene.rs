@@ -367,8 +367,8 @@ impl Scene {
         Camera::framing(outline, view, self.up(clouds), self.settings.view.field_of_view, self.aspect())
     }
 
-    /// Moves the camera to where it stands when clouds open, unless it has been chosen: into a room, or to where it sees
-    /// everything. It frames the clouds' outlines, or `bounds` while no outline is known.
+    /// Moves the camera to where it stands when clouds open, unless it has been chosen: into a room, or to where it
+    /// sees everything. It frames the clouds' outlines, or `bounds` while no outline is known.
     pub fn frame_while_unplaced(&mut self, bounds: Bounds, clouds: &[CloudEntry]) {
         if self.camera_is_placed {
             return;

@@ -43,8 +43,8 @@ impl Scene {
         }
     }
 
-    /// Takes over the mirrors, lights, clips and visibility of a view. A mirror replaces the one of the same name, or is
-    /// added. The view's lights, if it has any, replace all others. Its clips and visibility replace those before.
+    /// Takes over the mirrors, lights, clips and visibility of a view. A mirror replaces the one of the same name, or
+    /// is added. The view's lights, if it has any, replace all others. Its clips and visibility replace those before.
     fn take_objects(&mut self, file: &SceneFile, outside: &mut Outside) {
         for mirror in &file.mirrors {
             let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);

@@ -43,6 +43,12 @@ fn room(colors: [[u8; 3]; 2]) -> Chunk {
     chunk
 }
 
+/// A lamp in the room, with a cone of these angles in degrees.
+fn lamp(inner_degrees: f32, outer_degrees: f32) -> SpotLight {
+    let (position, target) = (DVec3::new(-1.5, -1.0, 1.0), DVec3::new(2.0, 1.0, 0.0));
+    SpotLight { position, target, intensity: [10.0; 3], inner_degrees, outer_degrees }
+}
+
 struct Scene {
     store: PointStore,
     room: CloudId,
@@ -220,13 +226,7 @@ fn pictures_without_gloss_are_those_of_perfect_mirrors() {
 fn samples_may_be_summed_over_frames_and_begin_anew_after_a_change() {
     let mut stage = stage_or_skip!();
     let mut scene = Scene::new(&stage, [WHITE, BLACK], 50.0);
-    scene.lights = vec![SpotLight {
-        position: DVec3::new(-1.5, -1.0, 1.0),
-        target: DVec3::new(2.0, 1.0, 0.0),
-        intensity: [10.0; 3],
-        inner_degrees: 50.0,
-        outer_degrees: 60.0,
-    }];
+    scene.lights = vec![lamp(50.0, 60.0)];
     for method in methods() {
         let few_lights = [("light.by", "lights"), ("gi.vpls", "16"), ("gi.shadow_points", "256")];
         let settings = settings(method, 7, &few_lights);
@@ -277,13 +277,7 @@ fn samples_that_share_the_virtual_lights_are_as_bright_as_those_lit_by_all() {
     let mut stage = stage_or_skip!();
     let mut scene = Scene::new(&stage, [WHITE, WHITE], 50.0);
     // Only one wall is lit by the lamp; all others by that wall.
-    scene.lights = vec![SpotLight {
-        position: DVec3::new(-1.5, -1.0, 1.0),
-        target: DVec3::new(2.0, 1.0, 0.0),
-        intensity: [10.0; 3],
-        inner_degrees: 20.0,
-        outer_degrees: 25.0,
-    }];
+    scene.lights = vec![lamp(20.0, 25.0)];
     let mut mean = |interleave: &str, samples| {
         let light = [("light.by", "lights"), ("gi.shadow_points", "1024"), ("gi.interleave", interleave)];
         let settings = settings(Method::SurfelTrace, samples, &light);
@@ -496,13 +490,7 @@ fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as
             specular_power: 20.0,
             ..scene.mirrors[0].clone()
         });
-        scene.lights = vec![SpotLight {
-            position: DVec3::new(-1.5, -1.0, 1.0),
-            target: DVec3::new(2.0, 1.0, 0.0),
-            intensity: [10.0; 3],
-            inner_degrees: 50.0,
-            outer_degrees: 60.0,
-        }];
+        scene.lights = vec![lamp(50.0, 60.0)];
         let chosen = [
             ("light.by", "lights"),
             ("gi.vpls", "16"),

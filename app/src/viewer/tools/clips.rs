@@ -1,5 +1,5 @@
-//! Adds clip volumes: around everything, around the last pick, around what is seen, or as a prism whose polygon is drawn
-//! over the picture; and sets the filters.
+//! Adds clip volumes: around everything, around the last pick, around what is seen, or as a prism whose polygon is
+//! drawn over the picture; and sets the filters.
 
 use cloud::Bounds;
 use glam::{DVec2, DVec3};

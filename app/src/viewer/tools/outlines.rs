@@ -1,5 +1,5 @@
-//! Lines drawn over the picture: the cone of the selected light, the border of the selected clip volume, and the polygon
-//! of a prism that is being drawn.
+//! Lines drawn over the picture: the cone of the selected light, the border of the selected clip volume, and the
+//! polygon of a prism that is being drawn.
 
 use egui::{Color32, Painter, Stroke};
 use glam::DVec3;

@@ -40,7 +40,8 @@ pub struct Maps {
     identities: Arc<Identities>,
     /// How many maps were asked for.
     pub asked: u32,
-    /// The faces that lack the newest points, each as six times its map's number, plus its own; the first is drawn next.
+    /// The faces that lack the newest points, each as six times its map's number, plus its own; the first is drawn
+    /// next.
     pub stale: VecDeque<usize>,
 }
 
@@ -165,8 +166,8 @@ impl<'a> Pen<'a> {
     }
 }
 
-/// Draws the maps. A map from which less than half of its mirror is seen is tried on the other side, because it may stand
-/// in a wall. `mirrors` has the mirror of each map.
+/// Draws the maps. A map from which less than half of its mirror is seen is tried on the other side, because it may
+/// stand in a wall. `mirrors` has the mirror of each map.
 pub fn draw(
     recorder: &mut Recorder<'_>,
     task: &Task<'_>,
