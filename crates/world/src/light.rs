@@ -62,14 +62,22 @@ impl AutoLight {
     }
 }
 
-/// Whether at least half of the points bring RGB colours.
+/// The number of points of a chunk whose colours are compared.
+const COMPARED: usize = 16;
+
+/// Whether at least half of the points bring RGB colours, and these are not one colour everywhere, which says nothing
+/// about the points.
 pub fn has_colors<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> bool {
     let (mut colored, mut all) = (0, 0);
+    let (mut first, mut varies) = (None, false);
     for chunk in chunks {
         all += chunk.len();
-        colored += if chunk.colors.is_some() { chunk.len() } else { 0 };
+        let Some(colors) = &chunk.colors else { continue };
+        colored += chunk.len();
+        let mut compared = colors.iter().step_by(colors.len().div_ceil(COMPARED).max(1));
+        varies = varies || compared.any(|color| *first.get_or_insert(*color) != *color);
     }
-    all > 0 && 2 * colored >= all
+    varies && 2 * colored >= all
 }
 
 #[cfg(test)]
@@ -81,7 +89,7 @@ mod tests {
     #[test]
     fn a_scene_has_colours_if_half_of_its_points_bring_them() {
         let chunk = |points: usize, is_colored: bool| Chunk {
-            colors: is_colored.then(|| Arc::new(vec![[9; 4]; points])),
+            colors: is_colored.then(|| Arc::new((0..points).map(|point| [point as u8; 4]).collect())),
             ..Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; points])
         };
         let found = |parts: &[(usize, bool)]| {
@@ -90,5 +98,18 @@ mod tests {
         };
         assert!(found(&[(3, true)]) && found(&[(3, true), (3, false)]));
         assert!(!found(&[(3, true), (4, false)]) && !found(&[(2, false)]) && !found(&[]));
+    }
+
+    #[test]
+    fn one_colour_everywhere_is_none() {
+        let chunk = |color: [u8; 4]| Chunk {
+            colors: Some(Arc::new(vec![color; 100])),
+            ..Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 100])
+        };
+        assert!(!has_colors([chunk([9; 4]), chunk([9; 4])].iter()));
+        assert!(has_colors([chunk([9; 4]), chunk([8; 4])].iter()));
+        let mut half = chunk([9; 4]);
+        half.colors = Some(Arc::new((0..100).map(|point| [u8::from(point > 49); 4]).collect()));
+        assert!(has_colors([half].iter()));
     }
 }
