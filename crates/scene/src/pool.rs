@@ -21,6 +21,8 @@ const TURQUOISE: [f64; 3] = [0.107, 0.546, 0.604];
 
 /// Half the width of the courtyard. Lengths are metres, y points up.
 const HALF: f64 = 7.2;
+/// The height of its floor.
+pub(crate) const FLOOR: f64 = 0.0;
 /// The width of a tile of the floor.
 const TILE: f64 = 0.8;
 /// The pool's lower and upper corner on the floor, its depth, and how far its water is below the floor.
@@ -36,7 +38,7 @@ pub(crate) fn walls() -> Vec<(Surface, Albedo)> {
     };
     let [[left, far], [right, near]] = POOL;
     let floor = |[x, z]: [f64; 2], [x1, z1]: [f64; 2]| {
-        (rectangle([x, 0.0, z], DVec3::Z * (z1 - z), DVec3::X * (x1 - x)), tiles)
+        (rectangle([x, FLOOR, z], DVec3::Z * (z1 - z), DVec3::X * (x1 - x)), tiles)
     };
     let rim: Albedo = |_| TURQUOISE;
     let (down, along, across) = (DVec3::Y * DEPTH, DVec3::Z * (near - far), DVec3::X * (right - left));
@@ -52,7 +54,9 @@ pub(crate) fn walls() -> Vec<(Surface, Albedo)> {
     ];
     let (pink, ochre, blue, green, white): (Albedo, Albedo, Albedo, Albedo, Albedo) =
         (|_| PINK, |_| OCHRE, |_| BLUE, |_| GREEN, |_| WHITE);
-    let mut block = |low: [f64; 3], high: [f64; 3], albedo| walls.extend(block(low, high).map(|side| (side, albedo)));
+    let mut block = |low: [f64; 3], high: [f64; 3], albedo| {
+        walls.extend(block(low, high).into_iter().map(|side| (side, albedo)));
+    };
     // A wall with a gate.
     block([-HALF, 0.0, -7.6], [-1.6, 4.2, -HALF], pink);
     block([1.0, 0.0, -7.6], [HALF, 4.2, -HALF], pink);
@@ -137,25 +141,30 @@ fn rectangle(corner: [f64; 3], u: DVec3, v: DVec3) -> Surface {
     Surface::Rectangle { corner: DVec3::from(corner), edges: [u, v] }
 }
 
-/// How far the top of a wall that is higher than the eye keeps from its border, about the radius of its discs:
-/// from below, one would see dark discs stand out over the wall.
+/// How far the top and the underside of a wall that is higher than the eye keep from its border, about the radius of
+/// its discs: from below, one would see dark discs stand out over the wall.
 const INSET: f64 = 0.03;
 const EYE_HEIGHT: f64 = 2.5;
 
-/// The sides of a block that stands on the floor.
-fn block(low: [f64; 3], high: [f64; 3]) -> [Surface; 5] {
+/// The sides of a block, with its underside if it does not stand on the floor.
+fn block(low: [f64; 3], high: [f64; 3]) -> Vec<Surface> {
     let size = DVec3::from(high) - DVec3::from(low);
     let (x, y, z) = (DVec3::X * size.x, DVec3::Y * size.y, DVec3::Z * size.z);
     let (low, at) = (DVec3::from(low), |offset: DVec3| (DVec3::from(low) + offset).to_array());
     let inset = if low.y + size.y > EYE_HEIGHT { INSET } else { 0.0 };
-    let top = (DVec3::X + DVec3::Z) * inset;
-    [
+    let corner = (DVec3::X + DVec3::Z) * inset;
+    let (inset_x, inset_z) = (x - DVec3::X * (2.0 * inset), z - DVec3::Z * (2.0 * inset));
+    let mut sides = vec![
         rectangle(low.to_array(), z, y),
         rectangle(at(x), y, z),
-        rectangle(at(y + top), z - DVec3::Z * (2.0 * inset), x - DVec3::X * (2.0 * inset)),
+        rectangle(at(y + corner), inset_z, inset_x),
         rectangle(low.to_array(), y, x),
         rectangle(at(z), x, y),
-    ]
+    ];
+    if low.y > FLOOR {
+        sides.push(rectangle(at(corner), inset_x, inset_z));
+    }
+    sides
 }
 
 #[cfg(test)]
@@ -165,7 +174,10 @@ mod tests {
     #[test]
     fn sides_of_blocks_face_outwards_and_mirrors_stand_on_what_is_under_them() {
         let middle = DVec3::new(1.0, 2.0, 3.0);
-        for side in block([0.0, 1.0, 2.0], [2.0, 3.0, 4.0]) {
+        assert_eq!(block([0.0; 3], [2.0; 3]).len(), 5);
+        let hanging = block([0.0, 1.0, 2.0], [2.0, 3.0, 4.0]);
+        assert_eq!(hanging.len(), 6);
+        for side in hanging {
             let Surface::Rectangle { corner, edges: [u, v] } = side else { panic!("{side:?}") };
             let outward = corner + (u + v) * 0.5 - middle;
             assert!(u.cross(v).dot(outward) > 0.0, "{side:?}");
