@@ -7,7 +7,7 @@
 
 use egui::{Color32, Painter, PointerButton, Pos2, Rect, Response, Stroke, Vec2, pos2, vec2};
 use glam::{DQuat, DVec2, DVec3};
-use scene::Object;
+use scene::{Lighting, Object};
 
 use crate::viewer::action::{Action, Handles};
 use crate::viewer::input::lens::Lens;
@@ -367,10 +367,12 @@ fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
 }
 
 /// Where the symbols of objects are. All are shown while the panel of lights is open or an object with a symbol is
-/// selected, else none.
+/// selected, else none. A guessed lamp that does not shine has none: nobody has put it there.
 fn symbols(session: &Session, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Color32)> {
     let has_symbol = |object: &Object| object.kind().has_symbol;
-    if !session.tools.light_panel_is_open && !selected(session).is_some_and(|(.., object)| has_symbol(&object)) {
+    let is_selected = selected(session).is_some_and(|(.., object)| has_symbol(&object));
+    let is_dark = session.scene.objects.has_guess() && session.loaded.lighting(&session.scene) != Lighting::Lights;
+    if !is_selected && (is_dark || !session.tools.light_panel_is_open) {
         return Vec::new();
     }
     let objects = session.scene.objects.all().filter(|(.., object)| has_symbol(object));
@@ -486,6 +488,7 @@ mod tests {
     use scene::{Camera, Clip, ClipShape, Mirror, Projection, Shape, ViewSettings};
 
     use super::*;
+    use crate::viewer::objects::spot;
 
     fn stage(projection: Projection) -> PictureFrame {
         let camera =
@@ -623,6 +626,23 @@ mod tests {
             let moving = layouts(&clip, &stage, Handles::Move);
             assert!(moving[0].is_some() && moving[1..].iter().flatten().all(|layout| !layout.dot));
         }
+    }
+
+    #[test]
+    fn a_guessed_lamp_has_a_symbol_only_while_it_shines() {
+        let mut session = Session::with_two_points();
+        let pivot = session.scene.camera.pivot;
+        let id = session.scene.next_object_id();
+        session.scene.objects.guess(id, Some(spot(pivot, session.scene.camera.eye, 60.0)));
+        session.tools.light_panel_is_open = true;
+        let stage = stage(Projection::Perspective);
+        let stage = PictureFrame { lens: session.scene.lens(), ..stage };
+        let mut shown = |by, selected| {
+            (session.scene.settings.light.by, session.scene.selected) = (by, selected);
+            symbols(&session, &stage).len()
+        };
+        assert_eq!((shown(Lighting::Lights, None), shown(Lighting::Headlight, None)), (1, 0));
+        assert_eq!(shown(Lighting::Headlight, Some(id)), 1, "a list selects it all the same");
     }
 
     #[test]
