@@ -64,6 +64,8 @@ pub fn own_settings(session: &Session) -> Settings {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec2;
+
     use crate::viewer::action::Action;
     use crate::viewer::outside::{Effect, News};
     use crate::viewer::preferences::Preferences;
@@ -132,6 +134,18 @@ mod tests {
         read(&mut session);
         assert!(session.scene.settings.view.background != Settings::default().view.background);
         assert_eq!(own_settings(&session), Settings::default());
+    }
+
+    #[test]
+    fn a_drag_upwards_leaves_the_eye_above_the_floor() {
+        let mut session = session();
+        for _ in 0..20 {
+            session.act(Action::Orbit(DVec2::new(3.0, -40.0)));
+        }
+        let low = session.scene.camera.eye.y;
+        assert!(low > 0.2 && low < 0.4, "{low}");
+        session.act(Action::Open("five-mirrors/none".into()));
+        assert_eq!(session.scene.ground, None);
     }
 
     #[test]

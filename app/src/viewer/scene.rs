@@ -26,6 +26,8 @@ use crate::viewer::window::render_thread::{Command, PickPurpose};
 
 /// The turn of the camera in radians per pixel of mouse movement. A half turn takes 630 pixels, about half a window.
 const RADIANS_PER_PIXEL: f64 = 0.005;
+/// How far above the ground of a built-in scene orbiting keeps the eye, in its metres.
+const ABOVE_GROUND: f64 = 0.3;
 /// The factor by which a notch of the wheel changes the distance.
 const ZOOM_PER_NOTCH: f64 = 0.85;
 /// The longest wait for the point under the cursor. A zoom that starts later feels stuck.
@@ -45,6 +47,8 @@ pub struct Scene {
     pub camera_is_placed: bool,
     /// A camera in the room that is open, if it is one.
     pub room: Option<Camera>,
+    /// The height of the ground along the up axis, if the scene has one.
+    pub ground: Option<f64>,
     /// The side from which everything is seen until then, if the command line names one.
     pub first_side: Option<StandardView>,
     pub mode: Mode,
@@ -74,6 +78,7 @@ impl Scene {
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
             camera_is_placed: false,
             room: None,
+            ground: None,
             first_side: None,
             mode: Mode::Orbit,
             navigation: Navigation::default(),
@@ -438,7 +443,10 @@ impl Scene {
         if *delta != DVec2::ZERO {
             let angles = *delta * -RADIANS_PER_PIXEL;
             match drag {
-                Action::Orbit(_) => self.camera.orbit(angles.x, angles.y),
+                Action::Orbit(_) => match self.ground {
+                    Some(ground) => self.camera.orbit_above(ground + ABOVE_GROUND, angles.x, angles.y),
+                    None => self.camera.orbit(angles.x, angles.y),
+                },
                 Action::Look(_) => self.camera.look(angles.x, angles.y),
                 _ => {
                     let height = f64::from(self.view_size[1].max(1));

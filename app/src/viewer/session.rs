@@ -304,6 +304,7 @@ impl Session {
     pub fn open_request(&mut self, mut request: world::Request) {
         if !request.inputs.is_empty() {
             self.leave_first_look();
+            self.scene.ground = request.ground();
             let is_alone = self.loaded.clouds.is_empty() && !self.loaded.is_loading() && !self.is_recorded;
             self.first_look = FirstLook::of(&mut request, &self.scene.settings).filter(|_| is_alone);
         }

@@ -147,6 +147,11 @@ impl Variant {
         (self != Self::Pool).then(light)
     }
 
+    /// The height of the ground, if the scene has one: beneath it there is nothing to see.
+    pub fn ground(self) -> Option<f64> {
+        (self == Self::Pool).then_some(pool::FLOOR)
+    }
+
     /// The parameters that belong to the scene.
     pub fn settings(self) -> Settings {
         if self == Self::Pool { pool::settings() } else { Settings::default() }

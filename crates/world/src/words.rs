@@ -111,6 +111,13 @@ impl Request {
         self.inputs.iter().filter(|_| self.lights.is_empty()).find_map(light)
     }
 
+    /// The height of the ground, if all inputs are built-in scenes and the first one has a ground.
+    pub fn ground(&self) -> Option<f64> {
+        let variant = |input: &Input| if let Input::BuiltIn { variant, .. } = input { Some(*variant) } else { None };
+        let variants: Option<Vec<five_mirrors::Variant>> = self.inputs.iter().map(variant).collect();
+        variants?.first()?.ground()
+    }
+
     /// Decides which points are shown.
     pub fn test(&self) -> PointTest {
         self.visibility.test(&self.clips)
