@@ -1,30 +1,45 @@
 //! Clouds whose points were all seen from one place. Between that place and a point there is nothing, so a disc that
 //! hides a point behind it is too large.
 
-use glam::{DVec3, IVec3, Vec3};
+use glam::{DMat3, DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::{Chunk, Progress, Surfels, hash, pack_radius, spread_sample, unpack_normal, unpack_radius};
+use crate::surfels::smallest_eigenvector;
+use crate::{
+    Chunk, NO_NORMAL, Progress, STRAY_RADIUS, Surfels, hash, pack_normal, pack_radius, spread_sample, unpack_normal,
+    unpack_radius,
+};
 
 /// A point is behind a disc if it is further away than where its sightline meets the disc's plane, by this share of the
 /// distance: nearer ones are of the same surface, as rough as it is measured.
 const BEHIND: f32 = 0.01;
 /// A disc that would hide a point ends at this share of the way to that point's sightline. The border of the surface is
 /// somewhere on that way.
-const WAY: f32 = 0.5;
+const WAY: f32 = 0.65;
 /// Discs are made so much wider before: one that hides no point closes holes, and stands in free space nowhere that is
 /// known.
-const WIDER: f32 = 1.2;
+const WIDER: f32 = 1.5;
 /// The least share of a radius that is left.
 const LEAST_LEFT: f32 = 0.2;
 /// The most cells that a disc is searched in along an axis, to either side: larger discs are larger than any surface
 /// that is sampled around them.
-const MOST_CELLS: f32 = 4.0;
-
+const MOST_CELLS: usize = 4;
 /// The most points that a disc is searched for: several times as many as there are in so many cells of a depth image.
 /// In any other cloud a direction may have any number of points.
 const MOST_SEARCHED: usize = 1 << 14;
+/// The number of cells that a thread works on without a pause.
+const CELLS_AT_ONCE: usize = 256;
 
+/// A plane is fitted to the points whose directions differ by less than so many usual discs' radii, some 25: in a depth
+/// image these are evenly spread, while the nearest in space are those that the noise of the depths brings together.
+const FITTED: f32 = 2.5;
+/// Of these, those whose distances differ by less than this share are of the same surface ...
+const SAME_DEPTH: f32 = 0.03;
+/// ... and so many of them make a plane.
+const LEAST_FITTED: f32 = 5.0;
+
+/// The most times that the cells of directions are halved.
+const FINEST: i32 = 19;
 /// The number of points by which a depth image is told, some of each cell of directions.
 const PER_CELL: usize = 4;
 /// In a depth image, this share of the points that are neighbours as seen from the origin are near to one another ...
@@ -44,16 +59,25 @@ pub fn is_depth_image(chunks: &[Chunk]) -> bool {
     if sample.len() < 100 {
         return false;
     }
-    let cells = |fineness: f64| {
-        let cell = |point: &DVec3| (point.normalize() * fineness).floor().as_ivec3().to_array();
-        let mut placed: Vec<([i32; 3], f64)> = sample.iter().map(|point| (cell(point), point.length())).collect();
+    let seen: Vec<(Vec3, f64)> = sample.iter().map(|point| (point.normalize().as_vec3(), point.length())).collect();
+    let cells = |power: i32| {
+        let fineness = 2.0_f32.powi(power);
+        let mut placed: Vec<(u64, f64)> =
+            seen.iter().map(|(direction, distance)| (key(cell(*direction, fineness)), *distance)).collect();
         placed.sort_by_key(|(cell, _)| *cell);
         placed
     };
-    // As fine as a few points in each cell allow.
-    let is_fine = |placed: &[([i32; 3], f64)]| placed.chunk_by(|a, b| a.0 == b.0).count() * PER_CELL > placed.len();
-    let fineness = (0..24).map(|power| 2.0_f64.powi(power)).find(|fineness| is_fine(&cells(*fineness)));
-    let Some(placed) = fineness.map(cells) else { return false };
+    // As fine as a few points in each cell allow. Each power divides cells, so there are no fewer of them.
+    let is_fine = |placed: &[(u64, f64)]| placed.chunk_by(|a, b| a.0 == b.0).count() * PER_CELL > placed.len();
+    let (mut coarse, mut fine) = (-1, FINEST);
+    while fine - coarse > 1 {
+        let middle = (coarse + fine) / 2;
+        if is_fine(&cells(middle)) { fine = middle } else { coarse = middle }
+    }
+    let placed = cells(fine);
+    if !is_fine(&placed) {
+        return false;
+    }
     let apart = |a: f64, b: f64| (a - b).abs() / a.min(b);
     let near: Vec<f64> =
         placed.windows(2).filter(|two| two[0].0 == two[1].0).map(|two| apart(two[0].1, two[1].1)).collect();
@@ -73,37 +97,59 @@ pub fn is_depth_image(chunks: &[Chunk]) -> bool {
     usual > LEAST_DEPTH && same as f64 >= SAME_SURFACE * near.len() as f64 && even as f64 >= EVEN * placed.len() as f64
 }
 
+/// A point as seen from a place.
+#[derive(Clone, Copy)]
+struct Seen {
+    /// The cell of its direction.
+    cell: u64,
+    way: Vec3,
+    /// Where the point is: its chunk, and its index there.
+    chunk: u32,
+    index: u32,
+}
+
 /// The points by their direction from a place.
 struct Directions {
-    /// Cells of the space of unit vectors, and the points in each, relative to the place; in order.
-    points: Vec<([i32; 3], Vec3)>,
+    /// In the order of their cells.
+    points: Vec<Seen>,
+    /// The cells that have points, in order, and the first point of each.
+    cells: Vec<(u64, u32)>,
     /// The number of cells in a length of 1.
     fineness: f32,
 }
 
 impl Directions {
     fn new(chunks: &[Chunk], place: DVec3, fineness: f32) -> Self {
-        let located = chunks.par_iter().flat_map_iter(|chunk| {
+        let located = chunks.par_iter().enumerate().flat_map_iter(|(number, chunk)| {
             (0..chunk.len()).filter_map(move |index| {
                 let way = (chunk.position(index) - place).as_vec3();
-                Some((cell(way.try_normalize()?, fineness).to_array(), way))
+                let cell = cell(way.try_normalize()?, fineness);
+                Some(Seen { cell: key(cell), way, chunk: number as u32, index: index as u32 })
             })
         });
-        let mut points: Vec<([i32; 3], Vec3)> = located.collect();
+        let mut points: Vec<Seen> = located.collect();
         // The place breaks ties, so that the order does not depend on that of the chunks.
-        points.par_sort_unstable_by_key(|(cell, way)| (*cell, way.to_array().map(f32::to_bits)));
-        Self { points, fineness }
+        let bits = |seen: &Seen| seen.way.to_array().map(f32::to_bits);
+        points.par_sort_unstable_by(|a, b| a.cell.cmp(&b.cell).then_with(|| bits(a).cmp(&bits(b))));
+        let mut cells: Vec<(u64, u32)> = Vec::new();
+        for (seen, first) in points.iter().zip(0..) {
+            if cells.last().is_none_or(|(cell, _)| *cell != seen.cell) {
+                cells.push((seen.cell, first));
+            }
+        }
+        Self { points, cells, fineness }
     }
 
-    /// The points whose directions are in cells up to `steps` cells beside that of a direction, and maybe others; but
-    /// no more than `MOST_SEARCHED`.
+    /// The points whose directions are in cells up to `steps` cells beside that of a direction, but no more than
+    /// `MOST_SEARCHED`.
     fn near(&self, direction: Vec3, steps: i32) -> impl Iterator<Item = Vec3> {
         let middle = cell(direction, self.fineness);
         let rows = (-steps..=steps).flat_map(move |x| (-steps..=steps).map(move |y| middle + IVec3::new(x, y, -steps)));
         let ways = rows.flat_map(move |first| {
-            let last = (first + IVec3::Z * (2 * steps)).to_array();
-            let start = self.points.partition_point(|(cell, _)| *cell < first.to_array());
-            self.points[start..].iter().take_while(move |(cell, _)| *cell <= last).map(|(_, way)| *way)
+            let last = key(first + IVec3::Z * (2 * steps));
+            let found = self.cells.partition_point(|(cell, _)| *cell < key(first));
+            let start = self.cells.get(found).map_or(self.points.len(), |(_, start)| *start as usize);
+            self.points[start..].iter().take_while(move |seen| seen.cell <= last).map(|seen| seen.way)
         });
         ways.take(MOST_SEARCHED)
     }
@@ -113,8 +159,14 @@ fn cell(direction: Vec3, fineness: f32) -> IVec3 {
     (direction * fineness).floor().as_ivec3()
 }
 
-/// Makes discs smaller that would hide other points from the place that all of them were seen from, and the others a
-/// little wider. `None` when cancelled.
+/// The number of a cell. Those of a row along z are consecutive.
+fn key(cell: IVec3) -> u64 {
+    let part = |along: i32| (along + (1 << 20)) as u64;
+    part(cell.x) << 42 | part(cell.y) << 21 | part(cell.z)
+}
+
+/// Fits normals, where the file has none, to the points around in the picture, makes discs smaller that would hide
+/// other points from the place that all of them were seen from, and the others wider. `None` when cancelled.
 pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, progress: &Progress) -> Option<()> {
     let points = || chunks.iter().zip(surfels.iter());
     let angle = |chunk: &Chunk, surfels: &Surfels, index: usize| {
@@ -131,36 +183,144 @@ pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, pro
     let usual = *angles.select_nth_unstable_by(middle, f32::total_cmp).1;
     // A usual disc reaches into the cells beside its own.
     let directions = Directions::new(chunks, place, (0.5 / usual).clamp(1.0, 1e6));
-    chunks.par_iter().zip(surfels).for_each(|(chunk, surfels)| {
-        if progress.is_cancelled() {
-            return;
+    let limit = (FITTED * usual).powi(2);
+    let cells: Vec<&[Seen]> = directions.points.chunk_by(|a, b| a.cell == b.cell).collect();
+    let known: &[Surfels] = surfels;
+    let carve_cell = |cell: &[Seen], lists: &mut Lists, carved: &mut Vec<(u32, u16)>| {
+        lists.iter_mut().for_each(|list| list.points.clear());
+        let middle = cell[0].way.normalize();
+        for seen in cell {
+            let (chunk, index) = (seen.chunk as usize, seen.index as usize);
+            let (mut normal, radius) = (known[chunk].normals[index], known[chunk].radii[index]);
+            let is_own = chunks[chunk].normals.as_ref().is_some_and(|normals| normals[index] != NO_NORMAL);
+            if !is_own
+                && let Some(fitted) = fitted_normal(&lists[0].filled(&directions, middle, 1).points, seen.way, limit)
+            {
+                let towards = unpack_normal(normal).unwrap_or(-seen.way);
+                normal = pack_normal(if fitted.dot(towards) < 0.0 { -fitted } else { fitted });
+            }
+            let sized = unpack_radius(radius).filter(|_| radius != STRAY_RADIUS).zip(unpack_normal(normal));
+            let carve = sized.map(|(radius, normal)| {
+                let radius = WIDER * radius;
+                let nearest = nearest_hidden(&directions, lists, middle, seen.way, radius, normal);
+                let share = if nearest < radius { (WAY * nearest / radius).max(LEAST_LEFT) } else { 1.0 };
+                pack_radius(radius * share)
+            });
+            carved.push((normal, carve.unwrap_or(radius)));
         }
-        for index in 0..chunk.len() {
-            let way = (chunk.position(index) - place).as_vec3();
-            let known = unpack_radius(surfels.radii[index]).zip(unpack_normal(surfels.normals[index]));
-            let Some((radius, normal)) = known.map(|(radius, normal)| (WIDER * radius, normal)) else { continue };
-            let nearest = nearest_hidden(&directions, way, radius, normal);
-            let share = if nearest < radius { (WAY * nearest / radius).max(LEAST_LEFT) } else { 1.0 };
-            surfels.radii[index] = pack_radius(radius * share);
+    };
+    let carved: Vec<Vec<(u32, u16)>> = cells
+        .par_chunks(CELLS_AT_ONCE)
+        .map(|cells| {
+            let (mut lists, mut carved) = (Lists::default(), Vec::new());
+            for cell in cells.iter().filter(|_| !progress.is_cancelled()) {
+                carve_cell(cell, &mut lists, &mut carved);
+            }
+            carved
+        })
+        .collect();
+    if progress.is_cancelled() {
+        return None;
+    }
+    for (seen, (normal, radius)) in directions.points.iter().zip(carved.into_iter().flatten()) {
+        let surfels = &mut surfels[seen.chunk as usize];
+        surfels.normals[seen.index as usize] = normal;
+        surfels.radii[seen.index as usize] = radius;
+    }
+    Some(())
+}
+
+/// The points of the cells around a cell, by how many cells away they are at most; empty until they are asked for.
+type Lists = [Around; MOST_CELLS];
+
+/// The points of some cells.
+#[derive(Default)]
+struct Around {
+    points: Vec<Beside>,
+    /// The distance of the most distant one.
+    farthest: f32,
+}
+
+/// A point as seen from the place, its direction, and its distance.
+struct Beside {
+    way: Vec3,
+    direction: Vec3,
+    distance: f32,
+}
+
+impl Around {
+    /// The same with the points of the cells up to `steps` cells beside that of a direction, in which there are some.
+    fn filled(&mut self, directions: &Directions, middle: Vec3, steps: usize) -> &Self {
+        if self.points.is_empty() {
+            self.points.extend(directions.near(middle, steps as i32).map(|way| {
+                let distance = way.length();
+                Beside { way, direction: way / distance, distance }
+            }));
+            self.farthest = self.points.iter().map(|point| point.distance).fold(0.0, f32::max);
         }
-    });
-    (!progress.is_cancelled()).then_some(())
+        self
+    }
+}
+
+/// The normal of the plane through the points of one surface that are near the direction of a point: their directions
+/// differ by less than the root of `limit`. Its sign is arbitrary.
+fn fitted_normal(around: &[Beside], way: Vec3, limit: f32) -> Option<Vec3> {
+    let distance = way.length();
+    let direction = way / distance;
+    let (mut count, mut sum, mut diagonal, mut mixed) = (0.0_f32, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+    for other in around {
+        let is_near = (other.direction - direction).length_squared() < limit;
+        if is_near && (other.distance - distance).abs() < SAME_DEPTH * distance {
+            // In units of the distance, so that nothing under- or overflows.
+            let offset = (other.way - way) / distance;
+            count += 1.0;
+            sum += offset;
+            diagonal += offset * offset;
+            mixed += Vec3::new(offset.y * offset.z, offset.z * offset.x, offset.x * offset.y);
+        }
+    }
+    if count < LEAST_FITTED {
+        return None;
+    }
+    let mean = sum / count;
+    let diagonal = (diagonal / count - mean * mean).as_dvec3();
+    let mixed = (mixed / count - Vec3::new(mean.y * mean.z, mean.z * mean.x, mean.x * mean.y)).as_dvec3();
+    smallest_eigenvector(DMat3::from_cols(
+        DVec3::new(diagonal.x, mixed.z, mixed.y),
+        DVec3::new(mixed.z, diagonal.y, mixed.x),
+        DVec3::new(mixed.y, mixed.x, diagonal.z),
+    ))
 }
 
 /// How far from its middle a disc is met by the nearest of the sightlines that it hides; its radius if it hides none.
-fn nearest_hidden(directions: &Directions, way: Vec3, radius: f32, normal: Vec3) -> f32 {
+/// `middle` is a direction in the point's cell, about which the lists are.
+fn nearest_hidden(
+    directions: &Directions,
+    lists: &mut Lists,
+    middle: Vec3,
+    way: Vec3,
+    radius: f32,
+    normal: Vec3,
+) -> f32 {
     let distance = way.length();
-    let cells = (radius / (distance - radius).max(0.0) * directions.fineness).ceil();
-    if !(cells >= 1.0 && distance.is_finite()) {
+    let steps = (radius / (distance - radius).max(0.0) * directions.fineness).ceil();
+    if !(steps >= 1.0 && distance.is_finite()) {
         return radius;
     }
-    let behind = |other: Vec3| {
+    let steps = (steps as usize).min(MOST_CELLS);
+    let around = lists[steps - 1].filled(directions, middle, steps);
+    // All of the disc is at least this far away, so that it hides nothing that is nearer.
+    if around.farthest * (1.0 - BEHIND) < distance - radius {
+        return radius;
+    }
+    let along = way.dot(normal);
+    let behind = |other: &Beside| {
         // The sightline is in units of itself: 1 is the other point.
-        let share = way.dot(normal) / other.dot(normal);
+        let share = along / other.way.dot(normal);
         let is_behind = share > 0.0 && share < 1.0 - BEHIND;
-        if is_behind { (other * share - way).length() } else { f32::INFINITY }
+        if is_behind { (other.way * share - way).length_squared() } else { f32::INFINITY }
     };
-    directions.near(way / distance, cells.min(MOST_CELLS) as i32).map(behind).fold(radius, f32::min)
+    around.points.iter().map(behind).fold(f32::INFINITY, f32::min).sqrt().min(radius)
 }
 
 #[cfg(test)]
@@ -209,6 +369,36 @@ mod tests {
         let is_wider = |(full, carved): &(&f32, &f32)| (**carved / (WIDER * **full) - 1.0).abs() < 1e-3;
         let wider = full.iter().zip(&carved).filter(is_wider).count();
         assert!(wider > full.len() * 95 / 100, "{wider} of {}", full.len());
+    }
+
+    #[test]
+    fn normals_of_a_noisy_wall_are_those_of_the_picture_unless_the_file_has_some() {
+        // The plane z = 2 + 0.4 x, eight millimetres from pixel to pixel, with depths that are as much off.
+        let depth = |x: f32, index: u64| {
+            2.0 / (1.0 - 0.4 * x) * (1.0 + 0.004 * (2.0 * hash(index) as f32 / u64::MAX as f32 - 1.0))
+        };
+        let pixel = |index: u64| {
+            let [x, y] = [index % 120, index / 120].map(|along| (along as f32 - 59.5) * 0.004);
+            let depth = depth(x, index);
+            [x * depth, y * depth, depth]
+        };
+        let mut chunks = vec![Chunk::new(0, DVec3::ZERO, (0..120 * 120).map(pixel).collect())];
+        let facing = Vec3::new(0.4, 0.0, -1.0).normalize();
+        let normals = |chunks: &[Chunk], seen_from: Option<DVec3>| {
+            let options = SurfelOptions { seen_from, ..SurfelOptions::new(Orientation::Toward(DVec3::ZERO)) };
+            estimate(chunks, &options, &Progress::default()).unwrap().swap_remove(0).normals
+        };
+        let usual_angle = |normals: Vec<u32>| {
+            let mut angles: Vec<f32> =
+                normals.into_iter().map(|normal| unpack_normal(normal).unwrap().angle_between(facing)).collect();
+            let middle = angles.len() / 2;
+            angles.select_nth_unstable_by(middle, f32::total_cmp).1.to_degrees()
+        };
+        let (nearest, fitted) = (usual_angle(normals(&chunks, None)), usual_angle(normals(&chunks, Some(DVec3::ZERO))));
+        assert!(fitted < 6.0 && fitted < 0.7 * nearest, "{fitted} degrees instead of {nearest}");
+        let own = vec![pack_normal(Vec3::X); chunks[0].len()];
+        chunks[0].normals = Some(own.clone().into());
+        assert_eq!(normals(&chunks, Some(DVec3::ZERO)), own);
     }
 
     #[test]

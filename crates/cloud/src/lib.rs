@@ -3,32 +3,38 @@
 //! This crate knows no files, no paths and no GPU. A cloud is a list of chunks; a chunk has an f64 origin of its own
 //! and f32 offsets from it, so that coordinates of seven digits lose no precision on the way to the screen.
 
+mod blank;
 mod bounds;
 mod carve;
 mod chunk;
 mod column;
 mod mesh_points;
 mod neighbours;
+mod noise;
 mod packing;
 mod progress;
 mod random;
 mod robust;
 pub mod sampling;
+mod shown_radii;
 mod smoothing;
 mod surfels;
 mod triangle_mesh;
 mod visibility;
 mod volume;
 
+pub use blank::{ColorCount, is_black};
 pub use bounds::Bounds;
 pub use carve::is_depth_image;
 pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
 pub use mesh_points::MeshPoints;
-pub use packing::{NO_NORMAL, NO_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
+pub use noise::{Neighbourhoods, neighbourhoods};
+pub use packing::{NO_NORMAL, NO_RADIUS, STRAY_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
 pub use progress::Progress;
 pub use random::{Random, hash};
 pub use robust::{Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
+pub use shown_radii::radii_among;
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
     MeshNormals, Orientation, RadiusCount, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,

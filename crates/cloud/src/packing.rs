@@ -7,6 +7,9 @@ use glam::{Vec2, Vec3};
 pub const NO_NORMAL: u32 = 0x8000_8000;
 /// The packed radius of a point whose spacing is not known yet.
 pub const NO_RADIUS: u16 = 0;
+/// The packed radius of a stray point, which is on no surface: the smallest one, so that it is a dot in pictures and no
+/// ray meets it.
+pub const STRAY_RADIUS: u16 = 1;
 
 /// Packs a unit normal into two snorm16 octahedral coordinates (x in the low half). A zero vector or one that is not
 /// finite gives `NO_NORMAL`. The worst error is about 0.003 degrees.
@@ -45,13 +48,13 @@ const RADIUS_STEPS: f32 = 2048.0;
 /// feet.
 const RADIUS_LOG_MIN: f32 = -20.0;
 
-/// Packs a radius in world units as a 16-bit logarithm; clamped to 2^-20 ..= 2^12, `NO_RADIUS` if not positive and
-/// finite.
+/// Packs a radius in world units as a 16-bit logarithm; clamped to 2^-20 ..= 2^12, but never `STRAY_RADIUS`, and
+/// `NO_RADIUS` if not positive and finite.
 pub fn pack_radius(radius: f32) -> u16 {
     if !(radius > 0.0 && radius.is_finite()) {
         return NO_RADIUS;
     }
-    ((radius.log2() - RADIUS_LOG_MIN) * RADIUS_STEPS).round().clamp(1.0, 65535.0) as u16
+    ((radius.log2() - RADIUS_LOG_MIN) * RADIUS_STEPS).round().clamp(2.0, 65535.0) as u16
 }
 
 /// The radius in world units, or `None` for `NO_RADIUS`.
@@ -91,6 +94,7 @@ mod tests {
         assert_eq!(unpack_radius(pack_radius(0.0)), None);
         assert_eq!(unpack_radius(pack_radius(f32::NAN)), None);
         assert_eq!(unpack_radius(pack_radius(-1.0)), None);
+        assert!(pack_radius(1e-9) > STRAY_RADIUS && unpack_radius(STRAY_RADIUS) < unpack_radius(pack_radius(1e-9)));
     }
 
     #[test]

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use crate::carve::carve;
 use crate::neighbours::{Neighbourhood, Points, Tiles};
 use crate::robust::{robust_bounds, spread_sample};
-use crate::{Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, pack_normal, pack_radius, unpack_radius};
+use crate::{Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, STRAY_RADIUS, pack_normal, pack_radius, unpack_radius};
 
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
@@ -35,6 +35,11 @@ const BORDER: f32 = 1.2;
 const LEAST_SHARE: f32 = 0.4;
 /// The least spread of neighbours that counts: a point ever so far from a speck of points stays visible near by.
 const LEAST_SPREAD: f32 = 0.1;
+/// A point whose neighbours are spread by less than this is stray: it is further away from them than 1.7 times the radius
+/// of the disc that they fill. On a straight border they are spread by 0.80, in a corner by 0.53.
+const STRAY_SPREAD: f32 = 0.5;
+/// Fewer neighbours than this lie on one side by chance.
+const FEWEST_AROUND: f32 = 8.0;
 /// The spread of the neighbours is taken as this much wider: that of 16 points at random differs from place to place,
 /// and no radius is larger than by how far they reach.
 const WIDER: f32 = 1.1;
@@ -70,7 +75,7 @@ pub enum RadiusRule {
     /// The same, but smaller, the more the neighbours lie on one side.
     Narrow,
     /// How far the neighbours are spread about their own middle, and smaller where they form no surface. In the middle
-    /// of an even surface it is the same; a stray point gets the radius of the points that it is far from.
+    /// of an even surface it is the same. A point that is far from all of its neighbours gets `STRAY_RADIUS`.
     Spread,
 }
 
@@ -169,8 +174,10 @@ pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progr
                 let (chunk, local) = points.locate(index);
                 let (normals, radii) = &results[chunk];
                 let shape = Shape::of(neighbourhood);
+                let is_stray = options.radii == RadiusRule::Spread && shape.as_ref().is_some_and(Shape::is_stray);
                 let radius = splat_radius(neighbourhood, shape.as_ref(), options.radii);
-                radii[local].store(pack_radius(radius), Ordering::Relaxed);
+                let radius = if is_stray { STRAY_RADIUS } else { pack_radius(radius) };
+                radii[local].store(radius, Ordering::Relaxed);
                 if normals[local].load(Ordering::Relaxed) == NO_NORMAL
                     && let Some(normal) = shape.and_then(|shape| shape.normal())
                 {
@@ -252,17 +259,19 @@ impl RadiusCount {
 
 /// The shape of a point and its neighbours, in units of the distance to the last of them, so that nothing under- or
 /// overflows.
-struct Shape {
+pub(crate) struct Shape {
     covariance: DMat3,
     /// Of the covariance; none for a place, a ball and numbers that are not finite.
     eigenvalues: Option<Eigenvalues>,
     /// How far the neighbours are spread about their own middle: the root of twice the trace of their covariance, which
     /// is 1 for an even disc about the point.
     spread: f32,
+    /// The number of neighbours.
+    neighbours: f32,
 }
 
 impl Shape {
-    fn of(neighbourhood: &Neighbourhood) -> Option<Self> {
+    pub(crate) fn of(neighbourhood: &Neighbourhood) -> Option<Self> {
         if neighbourhood.count < 2 {
             return None;
         }
@@ -286,7 +295,7 @@ impl Shape {
             DVec3::new(mixed.y, mixed.x, diagonal.z),
         );
         let eigenvalues = Eigenvalues::of(covariance);
-        Some(Self { covariance, eigenvalues, spread: (2.0 * squares).max(0.0).sqrt() })
+        Some(Self { covariance, eigenvalues, spread: (2.0 * squares).max(0.0).sqrt(), neighbours })
     }
 
     /// The direction in which the points are thinnest; its sign is arbitrary.
@@ -294,8 +303,18 @@ impl Shape {
         self.eigenvalues.as_ref()?.smallest_eigenvector(self.covariance).map(|normal| normal.as_vec3())
     }
 
+    /// Whether the point is far from all of its neighbours, and so on no surface.
+    pub(crate) fn is_stray(&self) -> bool {
+        self.neighbours >= FEWEST_AROUND && self.spread < STRAY_SPREAD
+    }
+
+    /// The variance of the points in the direction in which they are thinnest.
+    pub(crate) fn thinnest(&self) -> f64 {
+        self.eigenvalues.as_ref().map_or(0.0, |values| values.smallest.max(0.0))
+    }
+
     /// How thick the points are relative to their width: 0 for a surface, 1 for a ball.
-    fn roughness(&self) -> f32 {
+    pub(crate) fn roughness(&self) -> f32 {
         let thickness =
             |values: &Eigenvalues| (2.0 * values.smallest.max(0.0) / (values.middle + values.largest)).sqrt();
         self.eigenvalues.as_ref().map_or(1.0, |values| thickness(values) as f32)

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, Volume};
+use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, STRAY_RADIUS, Volume};
 
 /// Decides which points are shown: those that are in no hidden class, whose attributes are in the ranges of all
 /// filters, and whose positions the clip volumes keep.
@@ -27,11 +27,12 @@ struct Rule {
     class_words: [u32; 8],
     filters: Vec<Filter>,
     volumes: Vec<ClipVolume>,
+    hides_strays: bool,
 }
 
 impl Default for Rule {
     fn default() -> Self {
-        Self { class_words: [u32::MAX; 8], filters: Vec::new(), volumes: Vec::new() }
+        Self { class_words: [u32::MAX; 8], filters: Vec::new(), volumes: Vec::new(), hides_strays: false }
     }
 }
 
@@ -59,6 +60,20 @@ impl PointTest {
 
     pub fn hiding(classes: impl IntoIterator<Item = u8>) -> Self {
         Self::new(classes, Vec::new(), Vec::new())
+    }
+
+    /// The same test by classes and filters alone.
+    pub fn of_attributes(&self) -> Self {
+        let Rule { class_words, filters, volumes: _, hides_strays: _ } = &*self.rule;
+        let rule = Rule { class_words: *class_words, filters: filters.clone(), ..Rule::default() };
+        Self { rule: Arc::new(rule) }
+    }
+
+    /// The same test, which also hides points that are known to be stray if `hides_strays` is set.
+    pub fn hiding_strays(&self, hides_strays: bool) -> Self {
+        let Rule { class_words, filters, volumes, hides_strays: _ } = &*self.rule;
+        let (filters, volumes) = (filters.clone(), volumes.clone());
+        Self { rule: Arc::new(Rule { class_words: *class_words, filters, volumes, hides_strays }) }
     }
 
     pub fn shows_all(&self) -> bool {
@@ -157,7 +172,9 @@ impl ChunkTest {
     /// Whether a point of a chunk is shown. A column that has not been read yet hides nothing.
     pub fn shows(&self, chunk: &Chunk, index: usize) -> bool {
         let column = |column: usize| chunk.columns.get(column)?.as_deref();
+        let is_stray = |radii: &Arc<Vec<u16>>| radii[index] == STRAY_RADIUS;
         chunk.classes(self.classes).is_none_or(|classes| self.test.shows_class(classes[index]))
+            && !(self.test.rule.hides_strays && chunk.radii.as_ref().is_some_and(is_stray))
             && self.filters.iter().all(|(filtered, low, high)| {
                 column(*filtered).is_none_or(|column| (*low..=*high).contains(&column.value(index)))
             })
@@ -168,7 +185,8 @@ impl ChunkTest {
     /// Which points of a chunk are shown; `bounds` are those of its points.
     pub fn shown(&self, chunk: &Chunk, bounds: Bounds) -> ShownPoints {
         let tests_columns = chunk.classes(self.classes).is_some()
-            || self.filters.iter().any(|(column, ..)| chunk.columns.get(*column).is_some_and(Option::is_some));
+            || self.filters.iter().any(|(column, ..)| chunk.columns.get(*column).is_some_and(Option::is_some))
+            || self.test.rule.hides_strays && chunk.radii.is_some();
         let cover = if self.test.rule.volumes.is_empty() {
             Cover::Inside
         } else {
@@ -255,6 +273,15 @@ impl Cloud {
         CloudLayout { attributes: self.attributes.clone(), grid: self.grid }
     }
 
+    /// The number of its stray points; `None` where nobody has looked for them.
+    pub fn strays(&self) -> Option<u64> {
+        let of_chunk = |chunk: &Chunk| {
+            let radii = chunk.radii.as_ref()?;
+            Some(radii.iter().filter(|radius| **radius == STRAY_RADIUS).count() as u64)
+        };
+        self.chunks.iter().filter(|chunk| !chunk.is_empty()).map(of_chunk).sum()
+    }
+
     /// The test of its points.
     pub fn test(&self, test: &PointTest) -> ChunkTest {
         test.of(&self.layout())
@@ -283,6 +310,18 @@ mod tests {
 
     use super::*;
     use crate::{ColumnType, VolumeShape};
+
+    #[test]
+    fn strays_are_counted_and_hidden_where_they_are_known() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3], [2.0; 3]]);
+        let cloud = |chunk: &Chunk| Cloud { chunks: vec![chunk.clone()], ..Cloud::default() };
+        let hiding = PointTest::default().hiding_strays(true);
+        assert!(!hiding.shows_all() && hiding.of_attributes().shows_all() && hiding.hiding_strays(false).shows_all());
+        assert_eq!((cloud(&chunk).strays(), cloud(&chunk).shown(&hiding).len()), (None, 3));
+        chunk.radii = Some(Arc::new(vec![500, STRAY_RADIUS, crate::NO_RADIUS]));
+        assert_eq!((cloud(&chunk).strays(), cloud(&chunk).shown(&PointTest::default()).len()), (Some(1), 3));
+        assert_eq!(cloud(&chunk).shown(&hiding).chunks[0].positions[..], [[0.0; 3], [2.0; 3]]);
+    }
 
     #[test]
     fn every_class_is_told_from_every_other() {

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use cloud::sampling::{Surface, SurfacePoint};
 use cloud::{
-    Bounds, Chunk, NO_NORMAL, NO_RADIUS, Orientation, Progress, RadiusRule, SurfelOptions, Surfels, estimate,
-    guess_orientation, normals_from_triangles, pack_normal, provisional_radius, unpack_normal, unpack_radius,
+    Bounds, Chunk, NO_NORMAL, NO_RADIUS, Orientation, Progress, RadiusRule, STRAY_RADIUS, SurfelOptions, Surfels,
+    estimate, guess_orientation, normals_from_triangles, pack_normal, provisional_radius, unpack_normal, unpack_radius,
 };
 use glam::{DVec3, Vec3};
 
@@ -549,11 +549,17 @@ fn radii_by_spread_are_those_of_an_even_surface_at_its_border_too() {
 #[test]
 fn radii_by_spread_make_dots_of_stray_points_and_of_what_is_no_surface() {
     let mut points = grid();
-    points.push([20.3, 20.4, 8.0]);
-    let (full, spread) = (radii_by(RadiusRule::Full, &points), radii_by(RadiusRule::Spread, &points));
-    let stray = points.len() - 1;
-    // Its neighbours are a patch of the grid, as wide as those of a point of the grid.
-    assert!(full[stray] > 3.5 && spread[stray] < 1.6, "{}, {}", full[stray], spread[stray]);
+    let on_surface = points.len();
+    // Its 16 neighbours fill a disc with a radius of 2.26. It is stray from 1.7 times that on.
+    for (height, is_stray) in [(3.0, false), (4.5, true), (8.0, true), (100.0, true)] {
+        points.truncate(on_surface);
+        points.push([20.3, 20.4, height]);
+        let (full, spread) = (radii_by(RadiusRule::Full, &points), radii_by(RadiusRule::Spread, &points));
+        let dot = unpack_radius(STRAY_RADIUS).unwrap();
+        assert_eq!(spread[on_surface] == dot, is_stray, "at {height}: {}", spread[on_surface]);
+        assert!(full[on_surface] > 1.5 && spread[..on_surface].iter().all(|radius| *radius > 0.5));
+        assert!(is_stray || spread[on_surface] < 0.8 * full[on_surface]);
+    }
     // Points at random in a cube are as thick as wide; the floor of the share is 0.4.
     let tree: Vec<[f32; 3]> = (0..8000).map(|at| [0, 1, 2].map(|axis| random(3 * at + axis) as f32 * 20.0)).collect();
     let (full, spread) = (radii_by(RadiusRule::Full, &tree), radii_by(RadiusRule::Spread, &tree));

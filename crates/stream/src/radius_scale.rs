@@ -13,7 +13,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use cloud::{Chunk, NO_RADIUS, pack_radius};
+use cloud::{Chunk, NO_RADIUS, STRAY_RADIUS, pack_radius};
 use glam::{DVec3, Vec3};
 
 use crate::{NodeId, Octree};
@@ -194,12 +194,12 @@ impl Field {
     }
 
     /// The radii of a node's chunk, none smaller than before; the same vector where nothing changes. Points without a
-    /// radius get none. Radii that were estimated at the spacing of the drawn points need no bounds.
+    /// radius get none, and stray ones stay dots. Radii that were estimated at the spacing of the drawn points need no bounds.
     pub fn radii(&self, id: NodeId, chunk: &Chunk, has_bounds: bool) -> Radii {
         let radii = chunk.radii.as_ref()?;
         let Some(&first) = self.indices.get(&id) else { return Some(radii.clone()) };
         let grow = |index: usize| match radii[index] {
-            NO_RADIUS => NO_RADIUS,
+            radius @ (NO_RADIUS | STRAY_RADIUS) => radius,
             radius => self.growth(first, chunk.position(index)).apply(radius, has_bounds),
         };
         let grown: Vec<u16> = (0..radii.len()).map(grow).collect();
@@ -269,8 +269,9 @@ pub fn to_full_density(radii: &mut [u16], chunk: &Chunk, octree: &Octree, id: No
         let scale = if own[octant] == 0 { 1.0 } else { (total / f64::from(own[octant])).sqrt() };
         (scale.log2() * f64::from(STEPS_PER_OCTAVE)).round() as i32
     });
-    for (radius, octant) in radii.iter_mut().zip(octants(chunk, center)).filter(|(radius, _)| **radius != NO_RADIUS) {
-        *radius = (i32::from(*radius) - steps[octant]).max(1) as u16;
+    let has_size = |radius: u16| radius != NO_RADIUS && radius != STRAY_RADIUS;
+    for (radius, octant) in radii.iter_mut().zip(octants(chunk, center)).filter(|(radius, _)| has_size(**radius)) {
+        *radius = (i32::from(*radius) - steps[octant]).max(2) as u16;
     }
 }
 
