@@ -9,6 +9,8 @@ const COLOR_NORMAL: u32 = 2u;
 const COLOR_CLASS: u32 = 3u;
 const COLOR_HEIGHT: u32 = 4u;
 const COLOR_SCALAR: u32 = 5u;
+const COLOR_RGB_OR_PLAIN: u32 = 6u;
+const COLOR_RGB_OR_GREY: u32 = 7u;
 
 // The entry of the palette (256 colours of the ramp, then 256 of the classes), or PALETTE_NONE for a colour of its own.
 const PALETTE_NONE: u32 = 0xffffffffu;
@@ -29,7 +31,7 @@ fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
 // The linear albedo of the point `index` of the page; the pass has already read its words `point` and `attributes`.
 fn albedo_of_point(item: Item, index: u32, point: vec4u, attributes: vec2u) -> vec3f {
     var scalar = 0.0;
-    if item.color_source == COLOR_SCALAR {
+    if item.color_source == COLOR_SCALAR || item.color_source == COLOR_RGB_OR_GREY {
         scalar = scalars[index];
     }
     let entry = palette_index(item, point, scalar);
@@ -37,8 +39,14 @@ fn albedo_of_point(item: Item, index: u32, point: vec4u, attributes: vec2u) -> v
     if entry != PALETTE_NONE {
         palette_color = palette[entry];
     }
-    let own = select(item.plain, attributes.x, item.color_source == COLOR_RGB);
+    let is_blank = item.color_source >= COLOR_RGB_OR_PLAIN && (attributes.x & 0xffffffu) == 0u;
+    let has_rgb = item.color_source == COLOR_RGB || item.color_source >= COLOR_RGB_OR_PLAIN;
+    let own = select(item.plain, attributes.x, has_rgb && !is_blank);
     var srgb = unpack4x8unorm(select(palette_color, own, entry == PALETTE_NONE)).rgb;
+    if is_blank && item.color_source == COLOR_RGB_OR_GREY {
+        let grey = clamp((scalar - item.low) * item.inverse_range, 0.0, 1.0);
+        srgb = vec3f(floor(grey * 255.0 + 0.5) / 255.0);
+    }
     if item.color_source == COLOR_NORMAL {
         // Normals are shown in the common way: components -1 to 1 as sRGB 0 to 1.
         srgb = unpack_normal(attributes.y) * 0.5 + 0.5;

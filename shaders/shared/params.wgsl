@@ -31,11 +31,14 @@ struct Splat {
     close_gaps: u32,
     back_faces: u32,
     step: u32,
+    strays: u32,
     atomics: u32,
     large: u32,
 }
 const SPLAT_QUALITY_NEAREST: u32 = 0u;
 const SPLAT_QUALITY_HIGH: u32 = 1u;
+const SPLAT_STRAYS_FADED: u32 = 0u;
+const SPLAT_STRAYS_HIDDEN: u32 = 1u;
 const SPLAT_ATOMICS_AUTO: u32 = 0u;
 const SPLAT_ATOMICS_32: u32 = 1u;
 const SPLAT_LARGE_AUTO: u32 = 0u;
@@ -48,6 +51,7 @@ struct Color {
     ramp: u32,
     low: f32,
     high: f32,
+    blank: u32,
     plain: u32,
 }
 const COLOR_BY_AUTO: u32 = 0u;
@@ -65,6 +69,8 @@ const COLOR_RAMP_VIRIDIS: u32 = 1u;
 const COLOR_RAMP_MAGMA: u32 = 2u;
 const COLOR_RAMP_GRAY: u32 = 3u;
 const COLOR_RAMP_SPECTRAL: u32 = 4u;
+const COLOR_BLANK_AUTO: u32 = 0u;
+const COLOR_BLANK_BLACK: u32 = 1u;
 
 // Eye-dome lighting (Boucheny 2009): a depth cue from the depth image alone.
 struct Edl {

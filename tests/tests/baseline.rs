@@ -68,8 +68,9 @@ fn scan_cases(folder: &Folder, data: &Path) -> Vec<Case> {
     const GREY: &str = "--set color.by=intensity";
     let streamed = format!("{avebury} --camera iso {GREY} --set stream.pages=always --set light.by=headlight");
     const RADII: &str = "--set surface.radii=full";
+    const BLACK: &str = "--set color.blank=black";
     vec![
-        case("office", &format!("{office} {LIGHT} {RADII} --set gi.vpls=64"), &["indirect"]),
+        case("office", &format!("{office} {LIGHT} {RADII} {BLACK} --set gi.vpls=64"), &["indirect"]),
         case("avebury", &format!("{avebury} {LIGHT} {GREY} {RADII} --set gi.bounces=0"), &["direct"]),
         case("lake", &format!("lake.toml {LIGHT} {GREY} {RADII}"), &["mirror_position"]),
         case("streamed", &format!("{streamed} {RADII}"), &["albedo"]),

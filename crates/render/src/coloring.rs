@@ -1,9 +1,9 @@
 //! Interprets the `color.*` parameters for a cloud: the source of the colour, the range of values, and the ramps.
 
-use cloud::{Cloud, Scalar, constant, histogram, percentile_range};
+use cloud::{Cloud, ColorCount, Scalar, constant, histogram, percentile_range};
 use glam::DVec3;
 
-use scene::{Color, ColorBy, Ramp};
+use scene::{Blank, Color, ColorBy, Ramp};
 
 use crate::layout;
 
@@ -12,6 +12,8 @@ use crate::layout;
 pub enum ColorSource {
     Plain,
     Rgb,
+    /// RGB where a point has it; else the grey of a column of `Cloud::attributes`, or the plain colour.
+    RgbOr(Option<usize>),
     Normal,
     Class,
     /// The coordinate along the axis that points up.
@@ -25,10 +27,21 @@ impl ColorSource {
         match self {
             Self::Plain => layout::COLOR_PLAIN,
             Self::Rgb => layout::COLOR_RGB,
+            Self::RgbOr(None) => layout::COLOR_RGB_OR_PLAIN,
+            Self::RgbOr(Some(_)) => layout::COLOR_RGB_OR_GREY,
             Self::Normal => layout::COLOR_NORMAL,
             Self::Class => layout::COLOR_CLASS,
             Self::Height => layout::COLOR_HEIGHT,
             Self::Column(_) => layout::COLOR_SCALAR,
+        }
+    }
+
+    /// The column whose values are needed to colour points.
+    pub fn column(self) -> Option<usize> {
+        match self {
+            Self::Column(index) => Some(index),
+            Self::RgbOr(grey) => grey,
+            _ => None,
         }
     }
 }
@@ -96,14 +109,22 @@ impl ColorPlan {
             }
             constant.is_none()
         });
-        let source = wanted.unwrap_or_else(|| automatic(cloud, has_colors, cloud.column_of("intensity"), up));
+        let intensity = cloud.column_of("intensity");
+        let source = match wanted.unwrap_or_else(|| automatic(cloud, has_colors, intensity, up)) {
+            ColorSource::Rgb if color.blank == Blank::Auto && has_blanks(cloud) => {
+                // The floats that meshes and reconstructions call intensity are rarely brightness.
+                let is_brightness = |index: &usize| cloud.grid.is_some() && varies(cloud, *index);
+                ColorSource::RgbOr(intensity.filter(is_brightness))
+            }
+            source => source,
+        };
         let range =
             |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&cloud.chunks, scalar, low, high));
         let (low, high) = range(f64::from(color.low), f64::from(color.high)).unwrap_or((0.0, 1.0));
         let full_range = range(0.001, 0.999).unwrap_or((0.0, 1.0));
         let label = match source {
             ColorSource::Plain => "plain".into(),
-            ColorSource::Rgb => "RGB".into(),
+            ColorSource::Rgb | ColorSource::RgbOr(_) => "RGB".into(),
             ColorSource::Normal => "normal".into(),
             ColorSource::Class => "class".into(),
             ColorSource::Height => "height".into(),
@@ -115,9 +136,8 @@ impl ColorPlan {
     /// The column that must be read before the plan can be shown, if any chunk lacks it.
     pub fn missing_column(&self, cloud: &Cloud) -> Option<usize> {
         let index = match self.source {
-            ColorSource::Column(index) => index,
             ColorSource::Class => cloud.class_column()?,
-            _ => return None,
+            source => source.column()?,
         };
         let lacking = cloud.chunks.iter().any(|chunk| chunk.columns.get(index).is_none_or(Option::is_none));
         lacking.then_some(index)
@@ -127,7 +147,8 @@ impl ColorPlan {
     /// a ramp. The range is the full one. Of whole numbers, each part holds as many as every other, and the range is
     /// half a step wider at both ends.
     pub fn histogram(&self, cloud: &Cloud, up: DVec3, bins: usize) -> (Vec<u32>, (f64, f64)) {
-        let Some(scalar) = scalar_of(self.source, up) else { return (Vec::new(), self.full_range) };
+        let on_ramp = scalar_of(self.source, up).filter(|_| !matches!(self.source, ColorSource::RgbOr(_)));
+        let Some(scalar) = on_ramp else { return (Vec::new(), self.full_range) };
         let (low, high) = self.full_range;
         let is_whole = match self.source {
             ColorSource::Column(index) => cloud.attributes.get(index).is_some_and(|known| known.column_type.is_whole()),
@@ -169,10 +190,19 @@ fn automatic(cloud: &Cloud, has_colors: bool, intensity: Option<usize>, up: DVec
     if is_landscape(cloud, up) {
         return ColorSource::Height;
     }
-    let varies = |index: &usize| {
-        percentile_range(&cloud.chunks, Scalar::Column(*index), 0.01, 0.99).is_some_and(|(low, high)| high > low)
-    };
-    intensity.filter(varies).map_or(ColorSource::Height, ColorSource::Column)
+    intensity.filter(|index| varies(cloud, *index)).map_or(ColorSource::Height, ColorSource::Column)
+}
+
+/// Whether the values of a column differ, but for a few points.
+fn varies(cloud: &Cloud, column: usize) -> bool {
+    percentile_range(&cloud.chunks, Scalar::Column(column), 0.01, 0.99).is_some_and(|(low, high)| high > low)
+}
+
+/// Whether some points of a cloud with colours have none.
+fn has_blanks(cloud: &Cloud) -> bool {
+    let mut count = ColorCount::default();
+    cloud.chunks.iter().filter_map(|chunk| chunk.colors.as_ref()).for_each(|colors| count.add(colors));
+    count.blanks() > 0
 }
 
 /// The width in file units, mostly metres or feet, above which a cloud is no building.
@@ -197,8 +227,7 @@ pub(crate) fn up_axis(up: DVec3) -> usize {
 fn scalar_of(source: ColorSource, up: DVec3) -> Option<Scalar> {
     match source {
         ColorSource::Height => Some(Scalar::Axis(up_axis(up))),
-        ColorSource::Column(index) => Some(Scalar::Column(index)),
-        _ => None,
+        source => source.column().map(Scalar::Column),
     }
 }
 
@@ -391,6 +420,24 @@ mod tests {
         values[50] = 8;
         let (plan, warning) = ColorPlan::new(&cloud(values), &color, DVec3::Z);
         assert_eq!((plan.label.as_str(), warning), ("intensity", None));
+    }
+
+    #[test]
+    fn points_without_a_colour_are_told_and_shown_by_their_intensity() {
+        // A thousand shades, and two hundred points that are exactly black.
+        let shade =
+            |i: usize| if i < 1000 { [8 + (i % 30) as u8 * 8, 200, (i / 30) as u8 * 7, 255] } else { [0, 0, 0, 255] };
+        let of = |intensity: Vec<u16>, blank: Blank| {
+            let mut cloud = cloud(intensity);
+            cloud.chunks[0].colors = Some(Arc::new((0..cloud.chunks[0].len()).map(shade).collect()));
+            ColorPlan::new(&cloud, &Color { blank, ..Color::default() }, DVec3::Z).0
+        };
+        let plan = of((0..1200).collect(), Blank::Auto);
+        assert_eq!((plan.source, plan.label.as_str()), (ColorSource::RgbOr(Some(0)), "RGB"));
+        assert_eq!((plan.low, plan.high), (12.0, 1187.0));
+        assert_eq!(of(vec![7; 1200], Blank::Auto).source, ColorSource::RgbOr(None), "its intensity tells nothing");
+        assert_eq!(of((0..1200).collect(), Blank::Black).source, ColorSource::Rgb);
+        assert_eq!(of((0..1000).collect(), Blank::Auto).source, ColorSource::Rgb, "all points have a colour");
     }
 
     #[test]

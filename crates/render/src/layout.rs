@@ -246,6 +246,8 @@ constants! {
     COLOR_CLASS: u32 = 3;
     COLOR_HEIGHT: u32 = 4;
     COLOR_SCALAR: u32 = 5;
+    COLOR_RGB_OR_PLAIN: u32 = 6;
+    COLOR_RGB_OR_GREY: u32 = 7;
     /// The shapes of mirrors with a formula.
     PLANE: f32 = 0.0;
     SPHERE: f32 = 1.0;

@@ -352,7 +352,7 @@ impl PointStore {
         self.revision = next_revision();
         let Some(stored) = self.clouds.get_mut(&cloud_id) else { return Ok(()) };
         self.ramp = plan.ramp;
-        let ColorSource::Column(index) = plan.source else {
+        let Some(index) = plan.source.column() else {
             stored.source = plan.source;
             stored.scalar_origin = 0.0;
             (stored.plain, stored.up_axis, stored.low, stored.high) = (plan.plain, up_axis(up), plan.low, plan.high);

@@ -37,12 +37,12 @@ pub use path_text::shown;
 pub use preferences::Preferences;
 pub use preset::{PRESETS, Preset};
 pub use settings::{
-    Atomics, BundleCull, BundleRest, BundleSplat, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement, CubeRest,
-    CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings, Highlight, JudgedBy,
-    KeptPoints, LargeDiscs, Light, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints, Paging,
-    Quality, Ramp, Reading, Reflection, SampleCameras, SceneSettings, ScreenBack, ScreenCriterion, ScreenRest,
-    ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Stream, Sun, Surface, SurfaceOrientation,
-    SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    Atomics, Blank, BundleCull, BundleRest, BundleSplat, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement,
+    CubeRest, CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings, Highlight,
+    JudgedBy, KeptPoints, LargeDiscs, Light, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints,
+    Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SceneSettings, ScreenBack, ScreenCriterion, ScreenRest,
+    ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream, Sun, Surface,
+    SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::{Filter, Visibility};

@@ -41,6 +41,16 @@ choices! {
 }
 
 choices! {
+    /// How points are shown that are on no surface.
+    pub enum Strays { Faded = "faded", Hidden = "hidden" }
+}
+
+choices! {
+    /// What points of exact black are in a cloud of colours.
+    pub enum Blank { Auto = "auto", Black = "black" }
+}
+
+choices! {
     /// Which way estimated normals point.
     pub enum SurfaceOrientation { Auto = "auto", Up = "up", Inward = "inward", Outward = "outward" }
 }
@@ -219,6 +229,8 @@ params! {
         back_faces: bool = true => affects(surface found) not(kept);
         /// One point in so many is drawn of those that the camera sees, and each larger; mirrors and light still see all points.
         step: u32 = 1, 1..=64, "points" => affects(surface found);
+        /// Stray points, which surface.radii = spread tells when a cloud is read: faded to dots of splat.min_pixels that no ray meets, or hidden.
+        strays: Strays = Strays::Faded;
         /// Width of the atomics; auto takes 64 bits where the adapter has them.
         atomics: Atomics = Atomics::Auto;
         /// Whether a large disc is covered by one invocation alone or shared by a workgroup; auto shares on GPUs. The picture is the same.
@@ -237,6 +249,8 @@ params! {
         low: f32 = 0.01, 0.0..=1.0, "share";
         /// Share of the values below the ramp's upper end.
         high: f32 = 0.99, 0.0..=1.0, "share";
+        /// What points of exact black are in a cloud of colours: auto takes them for points without a colour where eight times as many are exactly black as nearly, as scanners write them, and shows them in the grey of their intensity, else in color.plain; black shows them black.
+        blank: Blank = Blank::Auto;
         /// Colour of points that have no other, sRGB.
         plain: param::Color = param::Color(0xc8c4_bcff);
     }

@@ -11,7 +11,7 @@ use cloud::{Chunk, Cloud, Progress, SurfelOptions, hash};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use render::{Aov, Renderer};
-use scene::{Camera, ColorBy, Lighting, Method, Projection, Settings};
+use scene::{Blank, Camera, ColorBy, Lighting, Method, Projection, Settings};
 use serde::Serialize;
 use trace::{Geometry as _, Ray, linear_from_srgb};
 
@@ -427,6 +427,8 @@ fn pictured(settings: &Settings) -> Settings {
     settings.view.projection = Projection::Perspective;
     settings.view.resolution = 1.0;
     settings.color.by = if settings.color.by == ColorBy::Auto { ColorBy::Rgb } else { settings.color.by };
+    // Colours are compared with those of the file.
+    settings.color.blank = Blank::Black;
     settings.light.by = Lighting::Colors;
     settings.gi.bounces = 0;
     settings.reflection.method = Method::None;

@@ -140,7 +140,10 @@ impl SubjectPart {
 
     /// The sRGB colour of points without a colour of their own.
     pub(crate) fn plain(&self) -> [u8; 4] {
-        if self.plan.source == ColorSource::Rgb { [u8::MAX; 4] } else { self.plan.plain }
+        match self.plan.source {
+            ColorSource::Rgb | ColorSource::RgbOr(_) => [u8::MAX; 4],
+            _ => self.plan.plain,
+        }
     }
 
     /// The points of the file as the vertices of these triangles.
@@ -181,16 +184,25 @@ impl SubjectPart {
         let ramp = render::ramp_colors(self.plan.ramp);
         let classes = self.cloud.class_column();
         let axis = self.up.abs().max_position();
-        let on_ramp = |value: f64| {
+        let place = |value: f64| {
             let range = self.plan.high - self.plan.low;
             let share = if range > 0.0 { (value - self.plan.low) / range } else { 0.0 };
-            ramp[(share.clamp(0.0, 1.0) * 255.0).round() as usize]
+            (share.clamp(0.0, 1.0) * 255.0).round() as u8
         };
+        let on_ramp = |value: f64| ramp[usize::from(place(value))];
         let paint = |chunk: &Chunk| -> Option<Vec<[u8; 4]>> {
             let each = |color: &dyn Fn(usize) -> [u8; 4]| Some((0..chunk.len()).map(color).collect());
             let column = |index: usize| chunk.columns.get(index)?.as_deref();
             match self.plan.source {
                 ColorSource::Rgb => chunk.colors.as_ref().map(|colors| colors.to_vec()),
+                ColorSource::RgbOr(grey) => {
+                    let (colors, greys) = (chunk.colors.as_ref()?, grey.and_then(column));
+                    each(&|point| match greys.map(|greys| place(greys.value(point))) {
+                        _ if !cloud::is_black(colors[point]) => colors[point],
+                        Some(grey) => [grey, grey, grey, u8::MAX],
+                        None => self.plan.plain,
+                    })
+                }
                 ColorSource::Plain => None,
                 ColorSource::Height => each(&|point| on_ramp(chunk.position(point)[axis])),
                 ColorSource::Column(index) => {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, CloudLayout};
 use glam::DVec3;
-use render::{ChunkId, CloudId, ColorPlan, ColorSource, Gpu, Material, PointStore, Result};
+use render::{ChunkId, CloudId, ColorPlan, Gpu, Material, PointStore, Result};
 
 use crate::change::Change;
 use crate::chunk_key::{ChunkKey, CloudKey, Part};
@@ -217,9 +217,7 @@ impl Resident {
             }
         };
         // A chunk that comes late gets the cloud's colours at once.
-        let Some((plan, up)) =
-            resident.color.as_ref().filter(|(plan, _)| matches!(plan.source, ColorSource::Column(_)))
-        else {
+        let Some((plan, up)) = resident.color.as_ref().filter(|(plan, _)| plan.source.column().is_some()) else {
             return Ok(());
         };
         let cloud = Cloud { chunks: vec![chunk], ..Cloud::default() };
