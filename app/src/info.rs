@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Bounds, Chunk, Column, Progress};
+use cloud::{Bounds, Chunk, ColorCount, Column, Progress};
 use codec::{Format, Info};
 use scene::shown;
 use serde::Serialize;
@@ -18,6 +18,9 @@ use crate::{interrupt, progress_bar, terminal};
 /// Files up to this size, in bytes, are read whole, so that the figures come from the points and not from a header. LAZ
 /// of this size takes about two seconds on two cores.
 const READ_WITHOUT_ASKING: u64 = 64 << 20;
+
+/// The neighbours of more points are not looked at: their places would take more than 200 MB.
+const MOST_LOOKED_AT: u64 = 16_000_000;
 
 #[derive(Serialize)]
 struct Report {
@@ -42,6 +45,11 @@ struct FileReport {
     bounds: Option<BoundsReport>,
     attributes: Vec<AttributeReport>,
     crs: Option<String>,
+    /// The number of points that have no colour although the cloud has colours, if all were read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    without_colour: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    neighbourhoods: Option<NeighbourhoodReport>,
     warnings: Vec<String>,
     /// How many decimals coordinates are printed with for people, if they lie on a grid.
     #[serde(skip)]
@@ -52,6 +60,17 @@ struct FileReport {
 struct BoundsReport {
     min: [f64; 3],
     max: [f64; 3],
+}
+
+/// What the neighbours of some points tell.
+#[derive(Serialize)]
+struct NeighbourhoodReport {
+    /// The number of points that were looked at.
+    points: u64,
+    /// The share of those that are far from all others.
+    strays: f64,
+    /// The standard deviation of points from the surface through their neighbours, in the file's unit.
+    noise: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -133,16 +152,27 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
         bounds: info.bounds.and_then(bounds_report),
         attributes: attributes(info),
         crs: info.crs.clone(),
+        without_colour: None,
+        neighbourhoods: None,
         warnings: info.warnings.clone(),
         decimals: info.grid.map(|grid| decimals(grid.scale.min_element())),
     };
     let small = std::fs::metadata(path).is_ok_and(|metadata| metadata.len() <= READ_WITHOUT_ASKING);
     if scan || small {
         let attributes = vec![true; info.attributes.len()];
-        let selection = codec::Selection { positions: true, attributes, ..Default::default() };
+        let selection = codec::Selection { positions: true, colors: true, attributes, ..Default::default() };
         let progress = Progress::default();
         let ranges = Mutex::new(vec![Range::NONE; info.attributes.len()]);
+        let (colors, places) = (Mutex::new(ColorCount::default()), Mutex::new(Vec::new()));
         let look = |chunk: Chunk| {
+            if let Some(own) = &chunk.colors {
+                colors.lock().unwrap_or_else(PoisonError::into_inner).add(own);
+            }
+            if info.points <= MOST_LOOKED_AT {
+                let bare = Chunk::new(chunk.first_point, chunk.origin, Vec::new());
+                let place = Chunk { positions: chunk.positions.clone(), ..bare };
+                places.lock().unwrap_or_else(PoisonError::into_inner).push(place);
+            }
             for (index, column) in chunk.columns.iter().enumerate() {
                 let range = column.as_ref().map_or(Range::NONE, |column| Range::of(column));
                 if let Some(known) = ranges.lock().unwrap_or_else(PoisonError::into_inner).get_mut(index) {
@@ -159,6 +189,11 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
                 reported.constant = range.constant();
             }
         }
+        let colors = colors.into_inner().unwrap_or_else(PoisonError::into_inner);
+        report.without_colour = info.has_colors.then(|| colors.blanks());
+        let mut places = places.into_inner().unwrap_or_else(PoisonError::into_inner);
+        places.sort_by_key(|chunk| chunk.first_point);
+        report.neighbourhoods = neighbourhoods(&places);
         report.points = summary.points;
         report.bounds = summary.bounds.and_then(bounds_report);
         for warning in summary.warnings {
@@ -170,6 +205,14 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
         report.warnings.push("the header gives no believable bounds; --scan reads all points to find them".into());
     }
     Ok(report)
+}
+
+/// What the neighbours of points tell. `None` where there are too few.
+fn neighbourhoods(chunks: &[Chunk]) -> Option<NeighbourhoodReport> {
+    let progress = Progress::default();
+    let found = progress_bar::watch("neighbours", &progress, || cloud::neighbourhoods(chunks, &progress))?;
+    let share = found.strays as f64 / found.points as f64;
+    (found.points > 0).then_some(NeighbourhoodReport { points: found.points, strays: share, noise: found.noise })
 }
 
 /// The smallest and the largest value; the first is larger if there is none.
@@ -262,6 +305,13 @@ fn lines(report: &FileReport) -> Vec<String> {
     }
     let crs = report.crs.as_deref().and_then(|crs| crs.lines().find(|line| !line.trim().is_empty()));
     line("crs", &crs.map_or("none".into(), |crs| shortened(crs.trim(), 100)));
+    if let Some(blank) = report.without_colour.filter(|blank| *blank > 0) {
+        line("no colour", &format!("{} points", grouped(blank)));
+    }
+    if let Some(NeighbourhoodReport { strays, noise, .. }) = &report.neighbourhoods {
+        line("strays", &format!("{}% of the points", two_digits(100.0 * strays)));
+        line("noise", &noise.map_or("unknown: no surface".into(), two_digits));
+    }
     for warning in param::few(report.warnings.clone(), "warnings") {
         line("warning", &warning);
     }
@@ -274,6 +324,12 @@ pub fn grouped(number: u64) -> String {
     let groups: Vec<&str> =
         digits.as_bytes().rchunks(3).rev().filter_map(|group| std::str::from_utf8(group).ok()).collect();
     groups.join(",")
+}
+
+/// Formats a positive number with two digits that count: `0.0016`, `12`.
+pub fn two_digits(value: f64) -> String {
+    let decimals = (1.0 - value.log10().floor()).clamp(0.0, 12.0) as usize;
+    coordinate(value, decimals)
 }
 
 /// Formats a number with at most `decimals` decimals, without zeros at the end.
@@ -317,6 +373,7 @@ mod tests {
         assert_eq!(coordinate(413_219.240_000_000_05, 2), "413219.24");
         assert_eq!(coordinate(-5.0, 3), "-5");
         assert_eq!(coordinate(1200.0, 0), "1200");
+        assert_eq!([0.001_63, 12.3, 0.2, 0.0, 1234.0].map(two_digits), ["0.0016", "12", "0.2", "0", "1234"]);
         assert_eq!([0.01, 0.001, 1.0, 0.25, 1e-7].map(decimals), [2, 3, 0, 2, 7]);
     }
 

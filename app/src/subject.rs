@@ -12,7 +12,7 @@ use anyhow::anyhow;
 use cloud::{Chunk, Cloud, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
-use scene::{Camera, Mirror, MirrorPoints, MirrorSurface, Settings};
+use scene::{Camera, Mirror, MirrorPoints, MirrorSurface, Settings, Strays};
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
 use world::{
@@ -71,7 +71,7 @@ pub fn open(
         terminal::warn([format!("only the first {MOST_LIGHTS} lights shine")]);
     }
     let job = world::start_unseen(std::mem::take(&mut request.inputs), settings);
-    let test = request.test();
+    let test = request.test().hiding_strays(settings.splat.strays == Strays::Hidden);
     job.mailbox.set_first_test(test.clone());
     let mut loads = Loads::default();
     let is_over = loads.receive(&job, 0)?;
@@ -80,6 +80,7 @@ pub fn open(
     }
     for loaded in &mut loads.clouds {
         read_filtered(loaded, &test)?;
+        fit_radii(loaded, settings, &test)?;
     }
     read_meshes(&mut request.mirrors, settings, &mut loads.status);
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
@@ -172,6 +173,20 @@ fn read_filtered(loaded: &mut Assembly, test: &PointTest) -> anyhow::Result<()> 
         }
     }
     terminal::warn(loaded.idle_filters(test));
+    Ok(())
+}
+
+/// Estimates the radii of the shown points again where classes or filters hide others.
+fn fit_radii(loaded: &mut Assembly, settings: &Settings, test: &PointTest) -> anyhow::Result<()> {
+    let test = test.of_attributes();
+    if test.shows_all() || !loaded.has_estimated_radii() {
+        return Ok(());
+    }
+    let progress = Progress::default();
+    let fit = || world::radii_of_shown(&loaded.cloud, loaded.up, settings, &test, &progress);
+    let radii = progress_bar::watch("radii", &progress, fit);
+    interrupt::check()?;
+    drop(loaded.put_radii(radii));
     Ok(())
 }
 

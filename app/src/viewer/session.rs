@@ -366,6 +366,9 @@ impl Session {
             Found::Figures { key, basis, figures } => {
                 self.with_loaded(|loaded, beside| loaded.on_figures(key, basis, *figures, beside))
             }
+            Found::Radii { key, test, radii } => {
+                self.with_loaded(|loaded, beside| loaded.on_radii(key, &test, radii, beside))
+            }
             Found::Column { key, attribute, result } => {
                 self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))
             }

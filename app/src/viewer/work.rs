@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, Column, Progress};
+use cloud::{Chunk, Cloud, Column, PointTest, Progress};
 use glam::DVec3;
-use scene::{Mirror, MirrorNormals, MirrorPoints, Shape, Stream};
+use scene::{Mirror, MirrorNormals, MirrorPoints, Settings, Shape, Stream};
 use world::mirrors::{self, Marked};
 use world::{AutoLight, CloudKey, IndexEntry};
 
@@ -30,6 +30,17 @@ pub enum Work {
         up: DVec3,
         /// For a streamed cloud, its earlier figures: colours and bounds stay, and only the counts are new.
         kept: Option<Box<Figures>>,
+        /// Whether the noise of its points is wanted, too.
+        measures_noise: bool,
+    },
+    /// Estimates the radii of the points that a test shows.
+    FitRadii {
+        key: CloudKey,
+        cloud: Cloud,
+        up: DVec3,
+        settings: Box<Settings>,
+        test: PointTest,
+        progress: Arc<Progress>,
     },
     ReadColumn {
         key: CloudKey,
@@ -101,6 +112,12 @@ pub enum Found {
         basis: Basis,
         figures: Box<Figures>,
     },
+    /// `radii` is `None` if the work was cancelled.
+    Radii {
+        key: CloudKey,
+        test: PointTest,
+        radii: Option<Vec<Arc<Vec<u16>>>>,
+    },
     Column {
         key: CloudKey,
         attribute: usize,
@@ -159,6 +176,7 @@ impl Work {
     pub fn name(&self) -> &'static str {
         match self {
             Self::FindFigures { .. } => "figures",
+            Self::FitRadii { .. } => "radii",
             Self::ReadColumn { .. } => "column",
             Self::ReadRecord { .. } => "record",
             Self::SampleMirror { .. } => "mirror",
@@ -180,12 +198,20 @@ impl Work {
     /// where the cache of indexes is.
     pub fn run(self, stream: &Stream, found: impl Fn(Found)) {
         match self {
-            Self::FindFigures { key, cloud, basis, up, kept } => {
-                let figures = Box::new(match kept {
+            Self::FindFigures { key, cloud, basis, up, kept, measures_noise } => {
+                let mut figures = Box::new(match kept {
                     Some(kept) => kept.recounted(&cloud, &basis.test, up),
                     None => Figures::of(&cloud, &basis.color, &basis.test, up),
                 });
+                if measures_noise {
+                    let found = cloud::neighbourhoods(&cloud.chunks, &Progress::default());
+                    figures.noise = Some(found.and_then(|found| found.noise));
+                }
                 found(Found::Figures { key, basis, figures });
+            }
+            Self::FitRadii { key, cloud, up, settings, test, progress } => {
+                let radii = world::radii_of_shown(&cloud, up, &settings, &test, &progress);
+                found(Found::Radii { key, test, radii });
             }
             Self::ReadColumn { key, source, attribute, progress } => {
                 let result = world::read_column(&source, attribute, &progress).map_err(|error| error.to_string());

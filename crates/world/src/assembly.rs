@@ -46,6 +46,8 @@ pub struct Assembly {
     pub task: Option<Arc<CloudTask>>,
     /// The columns that were read after the points, also for chunks that are still to come.
     late_columns: BTreeMap<usize, BTreeMap<u64, Arc<Column>>>,
+    /// The radii from all points, while others stand for the points that are shown (`put_radii`).
+    full_radii: Option<Vec<Arc<Vec<u16>>>>,
     /// The warnings about the file from when it was opened.
     warnings: Vec<String>,
 }
@@ -72,6 +74,7 @@ impl Assembly {
             pages: None,
             task: None,
             late_columns: BTreeMap::new(),
+            full_radii: None,
             warnings,
         };
         (assembly, Change::Open { cloud: key, provisional_radius })
@@ -137,10 +140,39 @@ impl Assembly {
 
     /// Sets normals and radii, one list for each chunk.
     pub fn put_surfels(&mut self, surfels: Vec<Surfels>) -> Vec<Change> {
+        self.full_radii = None;
         for (chunk, surfels) in self.cloud.chunks.iter_mut().zip(surfels) {
             chunk.normals = Some(Arc::new(surfels.normals));
             chunk.radii = Some(Arc::new(surfels.radii));
         }
+        self.puts()
+    }
+
+    /// Whether the radii of all points are there, and were estimated from them.
+    pub fn has_estimated_radii(&self) -> bool {
+        let is_estimated = |chunk: &Chunk| chunk.radii.is_some() && chunk.corners.is_none();
+        self.is_read && self.source.is_some() && self.pages.is_none() && self.cloud.chunks.iter().all(is_estimated)
+    }
+
+    /// The cloud with the radii that follow from all points.
+    pub fn with_full_radii(&self) -> Cloud {
+        let mut cloud = self.cloud.clone();
+        for (chunk, radii) in cloud.chunks.iter_mut().zip(self.full_radii.iter().flatten()) {
+            chunk.radii = Some(radii.clone());
+        }
+        cloud
+    }
+
+    /// Sets the radii for the points that are shown, one list for each chunk, or those from all points again.
+    pub fn put_radii(&mut self, radii: Option<Vec<Arc<Vec<u16>>>>) -> Vec<Change> {
+        let full = match self.full_radii.take() {
+            Some(full) => full,
+            None => self.cloud.chunks.iter().filter_map(|chunk| chunk.radii.clone()).collect(),
+        };
+        for (chunk, radii) in self.cloud.chunks.iter_mut().zip(radii.as_ref().unwrap_or(&full)) {
+            chunk.radii = Some(radii.clone());
+        }
+        self.full_radii = radii.is_some().then_some(full);
         self.puts()
     }
 
@@ -319,6 +351,25 @@ mod tests {
         };
         assert_eq!(values(&mut cloud, 1, vec![9]), Some([9.0, 8.0]));
         assert_eq!(values(&mut cloud, 2, Vec::new()), None);
+    }
+
+    #[test]
+    fn radii_of_shown_points_give_way_to_those_from_all_points_again() {
+        let mut cloud = opened();
+        cloud.put(Part::Block(0), classes(0, &[1, 2]));
+        cloud.put(Part::Block(2), classes(2, &[3]));
+        let surfels = |points: usize| Surfels { normals: vec![0; points], radii: vec![7; points] };
+        cloud.put_surfels(vec![surfels(2), surfels(1)]);
+        let radii = |cloud: &Cloud| -> Vec<u16> {
+            cloud.chunks.iter().flat_map(|chunk| chunk.radii.iter().flat_map(|radii| radii.to_vec())).collect()
+        };
+        for shown in [[8, 7, 7], [9, 7, 9]] {
+            let lists = vec![Arc::new(shown[..2].to_vec()), Arc::new(shown[2..].to_vec())];
+            assert_eq!(cloud.put_radii(Some(lists)).len(), 2);
+            assert_eq!((radii(&cloud.cloud), radii(&cloud.with_full_radii())), (shown.to_vec(), vec![7; 3]));
+        }
+        cloud.put_radii(None);
+        assert_eq!(radii(&cloud.cloud), [7; 3]);
     }
 
     #[test]

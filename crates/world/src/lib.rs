@@ -39,6 +39,8 @@ pub use light::{AutoLight, has_colors};
 pub use mailbox::{IndexRequest, Mailbox, StreamView};
 pub use meshes::with_mesh;
 pub use resident::Resident;
-pub use source::{file_warnings, open_file, options_for, parts, read_cloud, read_column, surfel_options, up_of};
+pub use source::{
+    file_warnings, open_file, options_for, parts, radii_of_shown, read_cloud, read_column, surfel_options, up_of,
+};
 pub use task::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 pub use words::{Input, Request, built_in_name, built_in_names, first_scene, resolve};

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Bounds, Chunk, Cloud, Column, Orientation, Progress, RadiusRule, SurfelOptions};
+use cloud::{Bounds, Chunk, Cloud, Column, Orientation, PointTest, Progress, RadiusRule, SurfelOptions};
 use glam::DVec3;
 use scene::{ColorBy, Settings, SurfaceOrientation, SurfaceRadii, UpAxis};
 use stream::Pages;
@@ -137,6 +137,18 @@ pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOp
     };
     let seen_from = (settings.surface.carve && cloud::is_depth_image(chunks)).then_some(DVec3::ZERO);
     SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, radii, seen_from }
+}
+
+/// The radii of a cloud's points, one list for each chunk, for those that `test` shows as if there were no others.
+/// `None` when cancelled.
+pub fn radii_of_shown(
+    cloud: &Cloud,
+    up: DVec3,
+    settings: &Settings,
+    test: &PointTest,
+    progress: &Progress,
+) -> Option<Vec<Arc<Vec<u16>>>> {
+    cloud::radii_among(cloud, test, &options_for(&cloud.chunks, up, settings), progress)
 }
 
 /// Everything beside a file that decides its normals and radii, in words that differ where one of them does.

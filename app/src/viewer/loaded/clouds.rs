@@ -5,7 +5,7 @@ use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 use std::time::Instant;
 
-use cloud::{Bounds, Chunk, Progress};
+use cloud::{Bounds, Chunk, PointTest, Progress};
 use scene::{Mirror, MirrorPoints, Ramp};
 use stream::{Node, NodeId, Octree};
 use world::mirrors::Marked;
@@ -47,6 +47,10 @@ pub struct CloudEntry {
     pub figures: Option<Figures>,
     pub figures_basis: Option<Basis>,
     pub figures_under_way: bool,
+    /// Which points the radii are for: a test of classes and filters.
+    pub radii_test: PointTest,
+    /// The same of the radii that a worker thread is estimating now.
+    pub fitting: Option<(PointTest, Arc<Progress>)>,
     /// The attributes whose columns are being read. `None` marks a column that could not be read and is not tried
     /// again.
     pub column_reads: HashMap<usize, Option<Arc<Progress>>>,
@@ -78,7 +82,7 @@ impl DerefMut for CloudEntry {
 impl CloudEntry {
     /// Whether work is under way that changes how the cloud looks.
     pub fn is_busy(&self) -> bool {
-        self.marking.is_some() || self.figures_under_way
+        self.marking.is_some() || self.figures_under_way || self.fitting.is_some()
     }
 
     pub fn new(assembly: Assembly) -> Self {
@@ -88,6 +92,8 @@ impl CloudEntry {
             figures: None,
             figures_basis: None,
             figures_under_way: false,
+            radii_test: PointTest::default(),
+            fitting: None,
             column_reads: HashMap::new(),
             marked: Vec::new(),
             marks: Arc::default(),

@@ -15,9 +15,10 @@ use crate::viewer::messages::Level;
 use crate::viewer::work::Work;
 
 impl Loaded {
-    /// Requests colours, histograms and bounds of clouds that have changed. Called every frame of the window.
+    /// Requests colours, histograms, bounds and radii of clouds that have changed. Called every frame of the window.
     pub fn renew_figures(&mut self, beside: &mut Beside<'_>) {
         self.read_filtered(beside);
+        self.renew_radii(beside);
         let color = &beside.scene.settings.color;
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
             let basis = Basis {
@@ -39,7 +40,9 @@ impl Loaded {
                 // The ramp of a streamed cloud must not change with the points that happen to be loaded.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
                 let kept = kept.cloned().map(Box::new);
-                beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
+                let is_measured = entry.figures.as_ref().is_some_and(|figures| figures.noise.is_some());
+                let measures_noise = basis.is_read && entry.source.is_some() && !is_measured;
+                beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept, measures_noise });
             }
         }
     }
@@ -60,9 +63,10 @@ impl Loaded {
         }
     }
 
-    pub fn on_figures(&mut self, key: CloudKey, basis: Basis, figures: Figures, beside: &mut Beside<'_>) {
+    pub fn on_figures(&mut self, key: CloudKey, basis: Basis, mut figures: Figures, beside: &mut Beside<'_>) {
         let Some(entry) = self.cloud_mut(key) else { return };
         entry.figures_under_way = false;
+        figures.noise = figures.noise.or_else(|| entry.figures.as_ref()?.noise);
         if let Some((attribute, source)) = entry.column_to_read(&figures) {
             // The colours on the screen stay until the column has been read.
             entry.figures_basis = Some(basis);

@@ -33,6 +33,10 @@ pub struct Figures {
     pub bounds: Bounds,
     /// The points that framing must keep in the picture.
     pub outline: Vec<DVec3>,
+    /// The number of stray points, if they are known.
+    pub strays: Option<u64>,
+    /// The noise of the points, in world units; `None` until it is measured, then whether there is a surface.
+    pub noise: Option<Option<f64>>,
 }
 
 /// As many bins as the panel can show.
@@ -45,13 +49,14 @@ impl Figures {
         let (histogram, histogram_range) = plan.histogram(&shown, up, HISTOGRAM_BINS);
         let bounds = cloud::robust_bounds(&shown.chunks);
         let outline = cloud::robust_outline(&shown.chunks);
-        Self { plan, warning, histogram, histogram_range, classes: classes(cloud), bounds, outline }
+        let (classes, strays) = (classes(cloud), cloud.strays());
+        Self { plan, warning, histogram, histogram_range, classes, bounds, outline, strays, noise: None }
     }
 
     /// Counts the loaded points of a cloud again; colours and bounds stay.
     pub fn recounted(self, cloud: &Cloud, test: &PointTest, up: DVec3) -> Self {
         let (histogram, histogram_range) = self.plan.histogram(&cloud.shown(test), up, HISTOGRAM_BINS);
-        Self { histogram, histogram_range, classes: classes(cloud), ..self }
+        Self { histogram, histogram_range, classes: classes(cloud), strays: cloud.strays(), ..self }
     }
 }
 

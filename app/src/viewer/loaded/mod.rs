@@ -8,6 +8,7 @@ pub mod light_search;
 pub mod lights;
 pub mod mirror_points;
 pub mod opening;
+mod shown_radii;
 pub mod streams;
 
 use std::sync::Arc;

@@ -1,8 +1,8 @@
 //! How events of jobs open, extend, change and close clouds.
 
-use cloud::{Chunk, Surfels};
+use cloud::{Chunk, PointTest, Surfels};
 use render::ColorPlan;
-use scene::Visibility;
+use scene::{Strays, Visibility};
 use serde_json::json;
 use world::{Assembly, Change, CloudKey, CloudTask, Event, Opened, Part, TaskStatus};
 
@@ -142,6 +142,7 @@ impl Loaded {
         let key = self.key_of(job, cloud);
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let changes = entry.put_surfels(surfels);
+        entry.radii_test = PointTest::default();
         // The new normals and radii require that the reflecting points are found again.
         entry.marked = Vec::new();
         // Normals can change the colours of points.
@@ -290,7 +291,8 @@ impl Loaded {
 
     /// Updates the render thread to the current visibility. Called before each frame is requested.
     pub fn sync_visibility(&mut self, beside: &mut Beside<'_>) {
-        let test = beside.scene.objects.test();
+        let hides_strays = beside.scene.settings.splat.strays == Strays::Hidden;
+        let test = beside.scene.objects.test().hiding_strays(hides_strays);
         if test != self.drawn_test {
             self.drawn_test = test.clone();
             beside.outside.change(Change::Visibility { test });

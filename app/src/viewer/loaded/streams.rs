@@ -474,7 +474,9 @@ mod tests {
             session.with_loaded(Loaded::renew_figures);
             let effects = std::mem::take(&mut session.outside.effects);
             let asked = effects.into_iter().find_map(|effect| match effect {
-                Effect::Work(Work::FindFigures { key, cloud, basis, up, kept }) => Some((key, cloud, basis, up, kept)),
+                Effect::Work(Work::FindFigures { key, cloud, basis, up, kept, .. }) => {
+                    Some((key, cloud, basis, up, kept))
+                }
                 _ => None,
             });
             let Some((key, cloud, basis, up, kept)) = asked else { return false };

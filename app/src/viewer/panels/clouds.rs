@@ -3,6 +3,7 @@
 use egui::{RichText, Ui};
 
 use crate::viewer::action::Action;
+use crate::viewer::loaded::figures::Figures;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::theme::grouped;
@@ -50,6 +51,18 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let streamed = if entry.streamed.is_some() { " · streamed" } else { "" };
             let line = points + &format.unwrap_or_default() + streamed;
             ui.label(RichText::new(line).small().color(theme::WEAK));
+            let known = |figures: &Figures| (figures.strays.unwrap_or(0), figures.noise.flatten());
+            let (strays, noise) = entry.figures.as_ref().map_or((0, None), known);
+            let strays = (strays > 0).then(|| format!("{} stray", grouped(strays)));
+            let noise = noise.map(|noise| format!("noise {}", crate::info::two_digits(noise)));
+            let line: Vec<String> = strays.into_iter().chain(noise).collect();
+            if !line.is_empty() {
+                let quality = ui.label(RichText::new(line.join(" · ")).small().color(theme::WEAK));
+                quality.on_hover_text(
+                    "Stray points are far from all surfaces (splat.strays). Noise is how far points are from the \
+                     planes through their neighbours, in the file's unit: the standard deviation.",
+                );
+            }
         });
     }
 }
@@ -63,7 +76,6 @@ mod tests {
 
     use super::*;
     use crate::viewer::loaded::Loaded;
-    use crate::viewer::loaded::figures::Figures;
     use crate::viewer::outside::Effect;
     use crate::viewer::work::{Found, Work};
 
@@ -90,6 +102,22 @@ mod tests {
         harness.get_by_label("Remove cloud.ply").click();
         harness.run_ok();
         assert!(harness.state().loaded.clouds.is_empty() && harness.query_by_label("2 points").is_none());
+    }
+
+    #[test]
+    fn strays_and_noise_are_told_once_they_are_known() {
+        let mut harness = harness();
+        let session = harness.state_mut();
+        session.with_loaded(Loaded::renew_figures);
+        for effect in std::mem::take(&mut session.outside.effects) {
+            if let Effect::Work(Work::FindFigures { key, cloud, basis, up, .. }) = effect {
+                let figures = Figures::of(&cloud, &basis.color, &basis.test, up);
+                let figures = Box::new(Figures { strays: Some(1234), noise: Some(Some(0.001_63)), ..figures });
+                session.on_found(Found::Figures { key, basis, figures });
+            }
+        }
+        harness.run_ok();
+        assert!(harness.query_by_label("1,234 stray · noise 0.0016").is_some());
     }
 
     #[test]
