@@ -146,8 +146,8 @@ impl Directions {
         let middle = cell(direction, self.fineness);
         let rows = (-steps..=steps).flat_map(move |x| (-steps..=steps).map(move |y| middle + IVec3::new(x, y, -steps)));
         let ways = rows.flat_map(move |first| {
-            let last = key(first + IVec3::Z * (2 * steps));
-            let found = self.cells.partition_point(|(cell, _)| *cell < key(first));
+            let (start, last) = (key(first), key(first + IVec3::Z * (2 * steps)));
+            let found = self.cells.partition_point(|(cell, _)| *cell < start);
             let start = self.cells.get(found).map_or(self.points.len(), |(_, start)| *start as usize);
             self.points[start..].iter().take_while(move |seen| seen.cell <= last).map(|seen| seen.way)
         });
@@ -285,11 +285,12 @@ fn fitted_normal(around: &[Beside], way: Vec3, limit: f32) -> Option<Vec3> {
     let mean = sum / count;
     let diagonal = (diagonal / count - mean * mean).as_dvec3();
     let mixed = (mixed / count - Vec3::new(mean.y * mean.z, mean.z * mean.x, mean.x * mean.y)).as_dvec3();
-    smallest_eigenvector(DMat3::from_cols(
+    let covariance = DMat3::from_cols(
         DVec3::new(diagonal.x, mixed.z, mixed.y),
         DVec3::new(mixed.z, diagonal.y, mixed.x),
         DVec3::new(mixed.y, mixed.x, diagonal.z),
-    ))
+    );
+    smallest_eigenvector(covariance).map(|normal| normal.as_vec3())
 }
 
 /// How far from its middle a disc is met by the nearest of the sightlines that it hides; its radius if it hides none.
