@@ -39,22 +39,18 @@ choices! {
     /// What the radii of points follow.
     pub enum SurfaceRadii { Full = "full", Narrow = "narrow", Spread = "spread" }
 }
-
 choices! {
     /// How points are shown that are on no surface.
     pub enum Strays { Faded = "faded", Hidden = "hidden" }
 }
-
 choices! {
     /// What points of exact black are in a cloud of colours.
     pub enum Blank { Auto = "auto", Black = "black" }
 }
-
 choices! {
     /// Which way estimated normals point.
     pub enum SurfaceOrientation { Auto = "auto", Up = "up", Inward = "inward", Outward = "outward" }
 }
-
 choices! {
     /// What lights the points.
     pub enum Lighting {
@@ -180,7 +176,6 @@ choices! {
     /// Where the search for a point's mirror pixel starts.
     pub enum Seeds { Random = "random", Grid = "grid", LastFrame = "last-frame" }
 }
-
 choices! {
     /// Which clouds are streamed from pages.
     pub enum Paging { Auto = "auto", Always = "always", Never = "never" }
