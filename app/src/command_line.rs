@@ -53,6 +53,8 @@ pub enum Command {
     Profile(ProfileArguments),
     /// Write the points that a scene shows to a new file, with all attributes: LAS, LAZ, COPC or PLY
     Export(ExportArguments),
+    /// Tell the measurements that a scene file keeps: values, units, uncertainty
+    Measure(MeasureArguments),
     /// Tell which adapter and display will be used, and why
     Doctor(DoctorArguments),
 }
@@ -323,6 +325,15 @@ pub struct ExportArguments {
     pub set: Vec<(String, String)>,
 }
 
+#[derive(Debug, Args)]
+pub struct MeasureArguments {
+    /// A scene file (`.toml`) with measurements
+    pub scene: OsString,
+    /// Write JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// The corners of a line, as one value of the command line.
 #[derive(Clone, Debug)]
 pub struct Line(pub Vec<DVec3>);
@@ -558,6 +569,8 @@ mod tests {
             &["glint", "study", "merge", "-o", "a"],
             &["glint", "export", "a.laz"],
             &["glint", "surfaces"],
+            &["glint", "measure"],
+            &["glint", "measure", "a.toml", "b.toml"],
             &["glint", "surfaces", "a.laz", "--holdout", "0"],
             &["glint", "surfaces", "a.laz", "--holdout", "1"],
             &["glint", "surfaces", "a.laz", "--holdout", "-0.5"],

@@ -11,6 +11,8 @@ mod index_command;
 mod info;
 mod interrupt;
 mod listing;
+mod measure_command;
+mod measuring;
 mod picture_file;
 mod profile_command;
 mod progress_bar;
@@ -103,6 +105,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Study(arguments) => study_command::run(&arguments),
         Command::Export(arguments) => export_command::run(&arguments),
         Command::Profile(arguments) => profile_command::run(&arguments),
+        Command::Measure(arguments) => measure_command::run(&arguments),
         Command::Surfaces(arguments) => surfaces_command::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
     }

@@ -216,7 +216,8 @@ fn bad_words_are_bad_usage_in_every_command() {
         assert_failed(&folder.glint(&command), 2, &["expected 0.05 to 20"]);
     }
     for command in [
-        "info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "profile", "export", "doctor",
+        "info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "profile", "measure", "export",
+        "doctor",
         "view",
     ] {
         assert_failed(&folder.glint([command, "--nonsense"]), 2, &["unexpected argument '--nonsense' found"]);

@@ -1,15 +1,17 @@
 //! The user's side of the scene apart from the clouds: mirrors, points that are turned into mirrors, lights, clip
-//! volumes, and the other rules that say which points are shown. Undo restores all of them in one step.
-//! `Loaded::sync_objects` and `Loaded::sync_visibility` send them to the render thread; lights go with each frame
+//! volumes, the other rules that say which points are shown, measurements and notes. Undo restores all of them in one
+//! step. `Loaded::sync_objects` and `Loaded::sync_visibility` send them to the render thread; lights go with each frame
 //! request.
 
 use cloud::PointTest;
 use glam::DVec3;
-use scene::{Clip, Mirror, MirrorPoints, Object, ObjectKind, SceneFile, Shape, SpotLight, Visibility, five_mirrors};
+use scene::{
+    Clip, Measurement, Mirror, MirrorPoints, Note, Object, ObjectKind, SceneFile, Shape, SpotLight, Visibility,
+    five_mirrors,
+};
 use world::{CloudKey, built_in_name};
 
-/// Identifies a mirror, a light or a clip volume. An object that comes back by undo has its old number; no other object
-/// ever gets it.
+/// Identifies an object. An object that comes back by undo has its old number; no other object ever gets it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectId(pub u32);
 
@@ -66,6 +68,20 @@ pub struct Objects {
     /// The clip volumes: with the visibility they say which points of the clouds are shown.
     pub clips: Vec<PlacedClip>,
     pub visibility: Visibility,
+    pub measurements: Vec<PlacedMeasurement>,
+    pub notes: Vec<PlacedNote>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlacedMeasurement {
+    pub id: ObjectId,
+    pub measurement: Measurement,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlacedNote {
+    pub id: ObjectId,
+    pub note: Note,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -94,7 +110,11 @@ impl Objects {
         let mirrors = mirrors.map(|p| (p.id, p.mirror.name.as_str(), Object::Mirror(p.mirror.clone())));
         let lights = self.lights.iter().map(|p| (p.id, p.name.as_str(), Object::Light(p.light)));
         let clips = self.clips.iter().map(|p| (p.id, p.clip.name.as_str(), Object::Clip(p.clip.clone())));
-        mirrors.chain(lights).chain(clips)
+        let measurements = self.measurements.iter();
+        let measurements =
+            measurements.map(|p| (p.id, p.measurement.name.as_str(), Object::Measurement(p.measurement.clone())));
+        let notes = self.notes.iter().map(|p| (p.id, p.note.text.as_str(), Object::Note(p.note.clone())));
+        mirrors.chain(lights).chain(clips).chain(measurements).chain(notes)
     }
 
     pub fn get(&self, id: ObjectId) -> Option<(&str, Object)> {
@@ -129,6 +149,16 @@ impl Objects {
                     placed.clip = clip;
                 }
             }
+            Object::Measurement(measurement) => {
+                if let Some(placed) = self.measurements.iter_mut().find(|placed| placed.id == id) {
+                    placed.measurement = measurement;
+                }
+            }
+            Object::Note(note) => {
+                if let Some(placed) = self.notes.iter_mut().find(|placed| placed.id == id) {
+                    placed.note = note;
+                }
+            }
         }
     }
 
@@ -149,6 +179,14 @@ impl Objects {
                 let name = numbered(wanted, self.clips.iter().map(|placed| placed.clip.name.as_str()));
                 self.clips.push(PlacedClip { id, clip: Clip { name, ..clip } });
             }
+            Object::Measurement(measurement) => {
+                let name = measurement.name.trim();
+                let wanted = if name.is_empty() { measurement.kind.name() } else { name };
+                let known = self.measurements.iter().map(|placed| placed.measurement.name.as_str());
+                let name = numbered(wanted, known);
+                self.measurements.push(PlacedMeasurement { id, measurement: Measurement { name, ..measurement } });
+            }
+            Object::Note(note) => self.notes.push(PlacedNote { id, note }),
         }
     }
 
@@ -164,6 +202,8 @@ impl Objects {
         self.mirrors.retain(|placed| placed.id != id);
         self.clips.retain(|placed| placed.id != id);
         self.lights.retain(|placed| placed.id != id);
+        self.measurements.retain(|placed| placed.id != id);
+        self.notes.retain(|placed| placed.id != id);
         self.no_guess |= self.lights.len() < lights && self.lights.is_empty();
     }
 

@@ -7,8 +7,8 @@ use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
 use scene::{
-    Camera, CameraPath, Clip, ColorBy, LightClues, Lighting, Mirror, Object, Projection, Settings, SpotLight,
-    StandardView, Start, Visibility,
+    Camera, CameraPath, Clip, ColorBy, LightClues, Lighting, Measurement, Mirror, Note, Object, Projection, Settings,
+    SpotLight, StandardView, Start, Visibility,
 };
 use serde_json::json;
 use world::{Apart, CloudKey, mirrors};
@@ -19,7 +19,9 @@ use crate::viewer::input::lens::{Lens, to_vector};
 use crate::viewer::input::navigation::Navigation;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::messages::Level;
-use crate::viewer::objects::{ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, spot, unnamed};
+use crate::viewer::objects::{
+    ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, PlacedMeasurement, PlacedNote, spot, unnamed,
+};
 use crate::viewer::outside::Outside;
 use crate::viewer::tools::inspection::{Ray, Target};
 use crate::viewer::window::render_thread::{Command, PickPurpose};
@@ -163,6 +165,33 @@ impl Scene {
         });
     }
 
+    /// Adds the measurements and notes of scene files.
+    pub fn bring_measurements(&mut self, measurements: Vec<Measurement>, notes: Vec<Note>) {
+        let first = (self.objects.measurements.len(), self.objects.notes.len());
+        self.add_measurements(measurements, notes);
+        let added = (self.objects.measurements.split_off(first.0), self.objects.notes.split_off(first.1));
+        self.rewrite_objects(|objects| {
+            objects.measurements.extend(added.0.iter().cloned());
+            objects.notes.extend(added.1.iter().cloned());
+        });
+    }
+
+    /// Adds measurements and notes, except those that are there already.
+    pub fn add_measurements(&mut self, measurements: Vec<Measurement>, notes: Vec<Note>) {
+        for measurement in measurements {
+            if self.objects.measurements.iter().all(|known| known.measurement != measurement) {
+                let id = self.next_object_id();
+                self.objects.measurements.push(PlacedMeasurement { id, measurement });
+            }
+        }
+        for note in notes {
+            if self.objects.notes.iter().all(|known| known.note != note) {
+                let id = self.next_object_id();
+                self.objects.notes.push(PlacedNote { id, note });
+            }
+        }
+    }
+
     /// Warns the user if there are more lights than can shine.
     pub fn warn_of_dark_lights(&mut self, outside: &mut Outside) {
         if self.objects.lights.len() > MOST_LIGHTS {
@@ -177,7 +206,7 @@ impl Scene {
         if self.objects.count(kind) >= kind.most {
             return outside.note(format!("There are {} {}s, and no room for more", kind.most, kind.name));
         }
-        let (position, is_light) = (object.places()[0].to_array(), matches!(object, Object::Light(_)));
+        let (position, is_light) = (object.places().first().map(DVec3::to_array), matches!(object, Object::Light(_)));
         self.history.settle(&self.settings, &self.objects);
         if is_light && self.settings.light.by != Lighting::Auto {
             self.settings.light.by = Lighting::Lights;
@@ -196,7 +225,10 @@ impl Scene {
     pub fn duplicate(&mut self, outside: &mut Outside) {
         let selected = self.selected.and_then(|id| self.objects.get(id));
         if let Some((_, object)) = selected {
-            let (id, copy) = (self.next_object_id(), object.beside(self.camera.right()));
+            let Some(copy) = object.beside(self.camera.right()) else {
+                return outside.note(format!("A {} belongs to its points, and has no copy", object.kind().name));
+            };
+            let id = self.next_object_id();
             self.place(id, copy, outside);
         }
     }
@@ -224,7 +256,7 @@ impl Scene {
         let Some((name, object)) = self.selected.and_then(|id| self.objects.get(id)) else { return };
         let places: Vec<[f64; 3]> = object.places().iter().map(DVec3::to_array).collect();
         let event = format!("{}_moved", object.kind().name);
-        let event = json!({ "event": event, "name": name, "position": places[0], "target": places.get(1) });
+        let event = json!({ "event": event, "name": name, "position": places.first(), "target": places.get(1) });
         outside.log(event);
     }
 

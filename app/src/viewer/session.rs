@@ -331,6 +331,7 @@ impl Session {
         }
         self.loaded.awaited_markings.extend(request.mirror_points);
         self.scene.bring_visibility(&request.visibility, request.clips);
+        self.scene.bring_measurements(request.measurements, request.notes);
         self.scene.paths.retain(|known| !request.paths.iter().any(|path| path.name == known.name));
         self.scene.paths.extend(request.paths);
         if !request.inputs.is_empty() {

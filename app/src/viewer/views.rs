@@ -45,6 +45,7 @@ impl Scene {
 
     /// Takes over the mirrors, lights, clips and visibility of a view. A mirror replaces the one of the same name, or
     /// is added. The view's lights, if it has any, replace all others. Its clips and visibility replace those before.
+    /// Its measurements and notes are added.
     fn take_objects(&mut self, file: &SceneFile, outside: &mut Outside) {
         for mirror in &file.mirrors {
             let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
@@ -70,6 +71,7 @@ impl Scene {
             let id = self.next_object_id();
             self.objects.clips.push(PlacedClip { id, clip: clip.clone() });
         }
+        self.add_measurements(file.measurements.clone(), file.notes.clone());
         self.history.after_jump(&self.settings, &self.objects);
     }
 
@@ -123,7 +125,9 @@ impl Scene {
         }
         let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "toml");
-        let file = SceneFile { paths: self.paths.clone(), ..file };
+        let measurements = self.objects.measurements.iter().map(|placed| placed.measurement.clone()).collect();
+        let notes = self.objects.notes.iter().map(|placed| placed.note.clone()).collect();
+        let file = SceneFile { paths: self.paths.clone(), measurements, notes, ..file };
         outside.work(Work::SaveScene { path, text: file.to_text() });
     }
 

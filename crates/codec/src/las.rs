@@ -168,6 +168,7 @@ impl LasSource {
             has_normals: false,
             faces: 0,
             crs: header.crs,
+            units: header.units,
             warnings,
         };
         let mut source = Self {

@@ -11,6 +11,7 @@ mod export;
 mod in_order;
 mod las;
 mod ply;
+mod units;
 
 use std::path::{Path, PathBuf};
 
@@ -20,6 +21,7 @@ pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
 pub use export::{ExportFormat, Exported, export};
 pub use las::{Copc, CopcNode, CopcSummary, write_copc};
+pub use units::{Unit, Units};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
@@ -53,6 +55,8 @@ pub struct Info {
     pub faces: u64,
     /// The coordinate reference system as the file has it: WKT or the GeoTIFF citation.
     pub crs: Option<String>,
+    /// The units of the coordinates, as far as the file tells them.
+    pub units: Units,
     pub warnings: Vec<String>,
 }
 

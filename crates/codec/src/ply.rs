@@ -27,7 +27,7 @@ use rayon::prelude::*;
 
 use crate::brief::brief;
 use crate::bytes::Bytes;
-use crate::{Error, Format, Info, Result, Selection, Summary};
+use crate::{Error, Format, Info, Result, Selection, Summary, Units};
 use columns::{ChunkBuilder, Roles, RowDecoder, Scalar};
 use header::{Element, Encoding, Header, Kind, MAX_HEADER_BYTES};
 use reader::Reader;
@@ -102,6 +102,7 @@ impl PlySource {
             has_normals: roles.normals.is_some(),
             faces: polygons.fold(0, |faces, element| faces.saturating_add(element.count)),
             crs: None,
+            units: Units::default(),
             warnings,
         };
         Ok(Self { info, file, header, vertex, rows, scalars, roles })

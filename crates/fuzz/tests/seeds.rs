@@ -12,8 +12,8 @@ use glam::{DVec3, Vec3};
 use laz::laszip::{ChunkTable, LazItemRecordBuilder};
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
 use scene::{
-    Camera, CameraPath, Clip, ClipShape, Filter, Keep, Keyframe, Mirror, MirrorNormals, MirrorPoints, PointChoice,
-    Preferences, Prism, SceneFile, Settings, Shape, SpotLight,
+    Camera, CameraPath, Clip, ClipShape, Filter, Keep, Keyframe, Measurement, MeasurementKind, Mirror, MirrorNormals,
+    MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings, Shape, SpotLight,
 };
 
 /// The most bytes of all seeds together.
@@ -417,12 +417,27 @@ fn scene() -> String {
     let around = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
     file.clips = shapes.into_iter().map(|shape| Clip::around(shape, around)).collect();
     file.clips[1].keep = Keep::Outside;
+    file.measurements = MeasurementKind::ALL.map(measurement).to_vec();
+    file.notes = vec![Note::new("a crack".into(), DVec3::ONE, level())];
     let keyframe = |time: f64| {
         let Camera { eye, pivot, up } = level();
         Keyframe { time, eye: eye + DVec3::Y * time, pivot, up }
     };
     file.paths = vec![CameraPath { name: "tour".into(), keyframes: vec![keyframe(0.0), keyframe(2.5)] }];
     file.to_text()
+}
+
+fn measurement(kind: MeasurementKind) -> Measurement {
+    let points = (0..*kind.corners().start()).map(|i| DVec3::new(i as f64, (i % 2) as f64, 0.5)).collect();
+    Measurement {
+        name: kind.name().into(),
+        kind,
+        on: true,
+        color: [1.0, 0.5, 0.0],
+        points,
+        reach: kind.has_reach().then_some(0.25),
+        level: (kind == MeasurementKind::Volume).then_some(1.5),
+    }
 }
 
 /// A view with every parameter at its default.

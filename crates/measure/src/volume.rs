@@ -47,6 +47,8 @@ struct Cell {
     points: u32,
     sum: i64,
     squares: i128,
+    /// The sums of the level coordinates.
+    at: [i64; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,8 +77,44 @@ impl Level {
             joined.points = joined.points.saturating_add(cell.points);
             joined.sum += cell.sum;
             joined.squares += cell.squares;
+            joined.at = [0, 1].map(|axis| joined.at[axis].saturating_add(cell.at[axis]));
         }
         Self { edge: self.edge * 2.0, columns, cells }
+    }
+
+    /// The mean height of a cell's points and their mean place, in steps.
+    fn mean(&self, index: usize) -> Option<(f64, DVec2)> {
+        let cell = self.cells.get(index).filter(|cell| cell.points > 0)?;
+        let count = f64::from(cell.points);
+        Some((cell.sum as f64 / count, DVec2::from(cell.at.map(|sum| sum as f64)) / count))
+    }
+
+    /// How heights rise along the two axes at a cell: of the slopes to its neighbours on both sides the smaller one, or
+    /// none if they differ in sign, so that nothing is overshot at an edge.
+    fn slope(&self, index: usize) -> DVec2 {
+        let Some((height, place)) = self.mean(index) else { return DVec2::ZERO };
+        let (column, row) = (index % self.columns, index / self.columns);
+        let along = |axis: usize, before: Option<usize>, after: Option<usize>| {
+            let to = |other: Option<usize>| {
+                let (other, at) = self.mean(other?)?;
+                Some((other - height) / (at - place)[axis]).filter(|slope| slope.is_finite())
+            };
+            match (to(before), to(after)) {
+                (Some(a), Some(b)) if a * b <= 0.0 => 0.0,
+                (Some(a), Some(b)) => {
+                    if a.abs() < b.abs() {
+                        a
+                    } else {
+                        b
+                    }
+                }
+                (one, other) => one.or(other).unwrap_or(0.0),
+            }
+        };
+        let left = (column > 0).then(|| index - 1);
+        let right = (column + 1 < self.columns).then_some(index + 1);
+        let below = (row > 0).then(|| index - self.columns);
+        DVec2::new(along(0, left, right), along(1, below, Some(index + self.columns)))
     }
 
     /// Whether cells have enough points, or are the largest that there are.
@@ -147,24 +185,34 @@ impl VolumeGrid {
         DVec2::new(offset.dot(self.axes[0]), offset.dot(self.axes[1]))
     }
 
+    /// The cell of a place that is in the polygon.
+    fn cell_at(&self, flat: DVec2) -> Option<usize> {
+        let place = (flat / self.finest.edge).floor();
+        let (columns, rows) = (self.finest.columns, self.finest.cells.len() / self.finest.columns);
+        // NaN fails the comparison.
+        let is_in = place.min_element() >= 0.0 && place.x < columns as f64 && place.y < rows as f64;
+        (is_in && contains(&self.polygon, flat)).then(|| place.y as usize * columns + place.x as usize)
+    }
+
+    /// Whether a point is above or below the polygon.
+    pub fn covers(&self, point: DVec3) -> bool {
+        self.cell_at(self.flat(point)).is_some()
+    }
+
     /// Takes a point into account, if it is above or below the polygon.
     pub fn add(&mut self, point: DVec3) {
         let flat = self.flat(point);
         let edge = self.finest.edge;
-        let place = (flat / edge).floor();
-        let (columns, rows) = (self.finest.columns, self.finest.cells.len() / self.finest.columns);
-        // NaN fails the comparison.
-        let is_in = place.min_element() >= 0.0 && place.x < columns as f64 && place.y < rows as f64;
-        if !is_in || !contains(&self.polygon, flat) {
-            return;
-        }
+        let Some(cell) = self.cell_at(flat) else { return };
         let height = ((point - self.origin).dot(self.axes[2]) - self.base - self.slope.dot(flat)) / edge;
         if height.abs() <= MOST_HEIGHT {
-            let cell = &mut self.finest.cells[place.y as usize * columns + place.x as usize];
+            let cell = &mut self.finest.cells[cell];
             let steps = (height / STEP).round() as i64;
             cell.points = cell.points.saturating_add(1);
             cell.sum += steps;
             cell.squares += i128::from(steps) * i128::from(steps);
+            let at = (flat / edge / STEP).round().to_array();
+            cell.at = [0, 1].map(|axis| cell.at[axis].saturating_add(at[axis] as i64));
         }
     }
 
@@ -185,7 +233,8 @@ impl VolumeGrid {
         for (index, own) in level.cells.iter().enumerate() {
             let [x, y] = [index % level.columns, index / level.columns];
             let low = DVec2::new(x as f64, y as f64) * level.edge;
-            let area = area(&clipped(&self.polygon, low, low + level.edge)).abs();
+            let part = clipped(&self.polygon, low, low + level.edge);
+            let area = area(&part).abs();
             volume.area += area;
             let around =
                 coarser.iter().zip(1..).map(|(level, step)| level.cells[(y >> step) * level.columns + (x >> step)]);
@@ -194,7 +243,9 @@ impl VolumeGrid {
                 continue;
             };
             let count = f64::from(cell.points);
-            let height = cell.sum as f64 * unit / count;
+            // The points of a cell need not lie about the middle of its part of the polygon: on a lattice they do not.
+            let aside = level.mean(index).map_or(DVec2::ZERO, |(_, at)| middle(&part) / unit - at);
+            let height = (cell.sum as f64 / count + level.slope(index).dot(aside)) * unit;
             volume.above += area * height.max(0.0);
             volume.below += area * (-height).max(0.0);
             weights += area * area / count;
@@ -229,6 +280,22 @@ fn reach(polygon: &[DVec2]) -> (DVec2, DVec2) {
 fn area(polygon: &[DVec2]) -> f64 {
     let Some(first) = polygon.first() else { return 0.0 };
     polygon.windows(2).map(|ends| (ends[0] - *first).perp_dot(ends[1] - *first)).sum::<f64>() * 0.5
+}
+
+/// The centre of a polygon's area; of one without area, of its corners.
+fn middle(polygon: &[DVec2]) -> DVec2 {
+    let Some(first) = polygon.first() else { return DVec2::ZERO };
+    let mean = polygon.iter().sum::<DVec2>() / polygon.len() as f64;
+    let triangle = |ends: &[DVec2]| {
+        let doubled = (ends[0] - *first).perp_dot(ends[1] - *first);
+        (doubled, (*first + ends[0] + ends[1]) / 3.0 * doubled)
+    };
+    let (doubled, moments) = polygon
+        .windows(2)
+        .map(triangle)
+        .fold((0.0, DVec2::ZERO), |(areas, moments), (area, moment)| (areas + area, moments + moment));
+    let center = moments / doubled;
+    if center.is_finite() { center } else { mean }
 }
 
 /// Whether a place is in a polygon: a ray from it crosses the border an odd number of times.
@@ -321,6 +388,19 @@ mod tests {
             grid.volume()
         };
         assert_eq!(of(&mut points.iter()), of(&mut points.iter().rev()));
+    }
+
+    #[test]
+    fn a_lattice_on_a_slope_has_the_volume_of_the_slope() {
+        // Points on the borders of cells belong to the cell on one side.
+        let square = [[4.0, 4.0], [12.0, 4.0], [12.0, 12.0], [4.0, 12.0]].map(|[x, y]| PLACE + DVec3::new(x, y, 0.0));
+        let mut grid = VolumeGrid::new(&square, Some(110.0), DVec3::Z).unwrap();
+        for i in 0..201 * 201 {
+            let (x, y) = (f64::from(i % 201) * 0.1, f64::from(i / 201) * 0.1);
+            grid.add(PLACE + DVec3::new(x, y, 0.25 * x - 0.5 * y));
+        }
+        let volume = grid.volume();
+        assert!((volume.above - 64.0 * (10.0 - 2.0)).abs() < 0.01, "{volume:?}");
     }
 
     #[test]

@@ -31,6 +31,12 @@
 //! cloud = "office.laz"
 //! points = { class = 9 }               # or "all", { box = { min, max } }, { attribute = { name, low, high } }
 //! normals = "flatten"                  # or "own", { smooth = { radius } }, { fit = { neighbours } }
+//! [[measurements]]                     # of points on the clouds, for `glint measure`
+//! kind = "distance"                    # or "point", "polyline", "height", "angle", "area", "plane", ...
+//! points = [[0.0, 0.0, 0.0], [1.0, 2.0, 2.0]]
+//! [[notes]]
+//! text = "a crack"
+//! position = [1.0, 2.0, 2.0]
 //! [[paths]]                            # of the camera, for `glint record`
 //! name = "tour"
 //! [[paths.keyframes]]
@@ -51,7 +57,8 @@ use toml::de::DeTable;
 
 use crate::camera_path::PathProblem;
 use crate::{
-    Camera, CameraPath, Clip, Mirror, MirrorPoints, Settings, Shape, SpotLight, Visibility, shown, whole_file,
+    Camera, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, Settings, Shape, SpotLight, Visibility, shown,
+    whole_file,
 };
 
 /// The most mirrors of a scene. Each brings at least 20,000 points, and the reflection of each in each is searched for.
@@ -59,6 +66,12 @@ pub const MOST_MIRRORS: usize = 64;
 
 /// The most clip volumes of a scene: every point is tested against each.
 pub const MOST_CLIPS: usize = 64;
+
+/// The most measurements of a scene: more could not be read over the picture.
+pub const MOST_MEASUREMENTS: usize = 1000;
+
+/// The most notes of a scene.
+pub const MOST_NOTES: usize = 1000;
 
 /// The most filters of a scene: every point is tested against each.
 const MOST_FILTERS: usize = 64;
@@ -115,6 +128,11 @@ pub struct SceneFile {
     /// The points of the clouds that reflect.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mirror_points: Vec<MirrorPoints>,
+    /// What is measured at points of the clouds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub measurements: Vec<Measurement>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<Note>,
     /// The paths of the camera.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub paths: Vec<CameraPath>,
@@ -192,6 +210,8 @@ impl SceneFile {
             (self.clips.len(), MOST_CLIPS, "clips"),
             (self.mirrors.len(), MOST_MIRRORS, "mirrors"),
             (self.mirror_points.len(), MOST_MIRROR_POINTS, "mirror_points"),
+            (self.measurements.len(), MOST_MEASUREMENTS, "measurements"),
+            (self.notes.len(), MOST_NOTES, "notes"),
             (self.paths.len(), MOST_PATHS, "paths"),
             (self.parameters.len(), MOST_PARAMETERS, "parameters"),
         ];
@@ -208,8 +228,13 @@ impl SceneFile {
         let mut lights = lights.filter_map(|(i, light)| numbered("light", i, "", light.problem()));
         let points = self.mirror_points.iter().enumerate();
         let mut points = points.filter_map(|(i, points)| numbered("mirror points", i, &points.cloud, points.problem()));
+        let measurements = self.measurements.iter().enumerate();
+        let mut measurements = measurements.filter_map(|(i, one)| numbered("measurement", i, &one.name, one.problem()));
+        let mut notes = self.notes.iter().enumerate();
         let mut rules = filters.by_ref().chain(clips.by_ref());
-        rules.next().or_else(|| mirrors.next()).or_else(|| lights.next()).or_else(|| points.next())
+        let odd = rules.next().or_else(|| mirrors.next()).or_else(|| lights.next()).or_else(|| points.next());
+        let odd = odd.or_else(|| measurements.next());
+        odd.or_else(|| notes.find_map(|(i, note)| numbered("note", i, &note.text, note.problem())))
     }
 
     /// Reads the scene, and resolves its clouds and meshes: a name is a path beside the scene file if something is
@@ -402,6 +427,7 @@ mod tests {
         assert_eq!(file.visibility.hidden_classes, [7, 18].into());
         assert_eq!((file.visibility.filters.len(), file.clips.len()), (1, 1));
         assert_eq!((file.paths.len(), file.paths[0].keyframes.len()), (1, 2));
+        assert_eq!((file.measurements.len(), file.notes.len()), (1, 1));
         assert!(file.view().warnings.is_empty());
     }
 

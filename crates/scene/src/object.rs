@@ -3,7 +3,9 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::{Clip, ClipShape, MOST_CLIPS, MOST_MIRRORS, Mirror, SpotLight};
+use crate::{
+    Clip, ClipShape, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS, MOST_NOTES, Measurement, Mirror, Note, SpotLight,
+};
 
 /// The distance between a light and its copy, relative to the distance to its target.
 const LIGHT_ASIDE: f64 = 0.1;
@@ -15,14 +17,17 @@ pub enum Object {
     Mirror(Mirror),
     Light(SpotLight),
     Clip(Clip),
+    Measurement(Measurement),
+    Note(Note),
 }
 
-/// What can be done with objects of a kind. All kinds can be selected, moved, copied, deleted and saved.
+/// What can be done with objects of a kind. All kinds can be selected, deleted and saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectKind {
     /// The name in messages and events.
     pub name: &'static str,
-    /// The places by which an object is moved.
+    /// The places by which an object is moved. A kind without any is anchored to points of clouds: its objects stay
+    /// where they are, and cannot be copied.
     pub places: &'static [&'static str],
     pub can_turn: bool,
     pub can_scale: bool,
@@ -65,6 +70,17 @@ const SLAB: ObjectKind = ObjectKind { places: &["position", "lower side", "upper
 const BOX: ObjectKind =
     ObjectKind { places: &["position", "-x side", "+x side", "-y side", "+y side", "-z side", "+z side"], ..CLIP };
 
+const MEASUREMENT: ObjectKind = ObjectKind {
+    name: "measurement",
+    places: &[],
+    can_turn: false,
+    can_scale: false,
+    has_symbol: false,
+    most: MOST_MEASUREMENTS,
+};
+
+const NOTE: ObjectKind = ObjectKind { name: "note", most: MOST_NOTES, ..MEASUREMENT };
+
 impl Object {
     pub fn kind(&self) -> &'static ObjectKind {
         match self {
@@ -75,6 +91,8 @@ impl Object {
                 ClipShape::Slab => &SLAB,
                 ClipShape::Prism(_) => &CLIP,
             },
+            Self::Measurement(_) => &MEASUREMENT,
+            Self::Note(_) => &NOTE,
         }
     }
 
@@ -87,13 +105,14 @@ impl Object {
                 let sides = clip.sides().into_iter().map(|side| clip.position + side);
                 std::iter::once(clip.position).chain(sides).collect()
             }
+            Self::Measurement(_) | Self::Note(_) => Vec::new(),
         }
     }
 
     /// The direction (unit vector) along which a place moves, if it moves along a line.
     pub fn rail(&self, index: usize) -> Option<DVec3> {
         match self {
-            Self::Mirror(_) | Self::Light(_) => None,
+            Self::Mirror(_) | Self::Light(_) | Self::Measurement(_) | Self::Note(_) => None,
             Self::Clip(clip) => clip.sides().get(index.checked_sub(1)?)?.try_normalize(),
         }
     }
@@ -105,7 +124,7 @@ impl Object {
             (Self::Light(light), 1) => light.target += shift,
             (Self::Clip(clip), 0) => clip.position += shift,
             (Self::Clip(clip), side) => clip.move_side(side - 1, shift),
-            (Self::Mirror(_) | Self::Light(_), _) => {}
+            (Self::Mirror(_) | Self::Light(_) | Self::Measurement(_) | Self::Note(_), _) => {}
         }
     }
 
@@ -114,7 +133,7 @@ impl Object {
         match self {
             Self::Mirror(mirror) => mirror.rotation = (rotation * mirror.rotation).normalize(),
             Self::Clip(clip) => clip.rotation = (rotation * clip.rotation).normalize(),
-            Self::Light(_) => {}
+            Self::Light(_) | Self::Measurement(_) | Self::Note(_) => {}
         }
     }
 
@@ -123,13 +142,14 @@ impl Object {
         match self {
             Self::Mirror(mirror) => mirror.size *= factor.clamp(FACTORS[0], FACTORS[1]),
             Self::Clip(clip) => clip.size *= factor.clamp(FACTORS[0], FACTORS[1]),
-            Self::Light(_) => {}
+            Self::Light(_) | Self::Measurement(_) | Self::Note(_) => {}
         }
     }
 
-    /// The same one beside it in a direction (unit vector), so that both can be seen and grabbed.
-    pub fn beside(&self, direction: DVec3) -> Self {
-        match self {
+    /// The same one beside it in a direction (unit vector), so that both can be seen and grabbed; `None` if it is
+    /// anchored to points.
+    pub fn beside(&self, direction: DVec3) -> Option<Self> {
+        Some(match self {
             Self::Mirror(mirror) => {
                 let aside = direction * (mirror.shape.reach() * mirror.size);
                 Self::Mirror(Mirror { position: mirror.position + aside, ..mirror.clone() })
@@ -142,7 +162,8 @@ impl Object {
                 let aside = direction * clip.size.max_element();
                 Self::Clip(Clip { position: clip.position + aside, ..clip.clone() })
             }
-        }
+            Self::Measurement(_) | Self::Note(_) => return None,
+        })
     }
 
     /// What makes it none of its kind, in words, if anything does.
@@ -151,6 +172,8 @@ impl Object {
             Self::Mirror(mirror) => mirror.problem(),
             Self::Light(light) => light.problem(),
             Self::Clip(clip) => clip.problem(),
+            Self::Measurement(measurement) => measurement.problem(),
+            Self::Note(note) => note.problem(),
         }
     }
 }
@@ -160,18 +183,34 @@ mod tests {
     use cloud::Bounds;
 
     use super::*;
-    use crate::{Prism, Shape, five_mirrors};
+    use crate::{Camera, MeasurementKind, Prism, Shape, five_mirrors};
 
     fn clip(shape: ClipShape) -> Clip {
         let rotation = DQuat::from_rotation_z(0.5);
         Clip { rotation, ..Clip::around(shape, Bounds { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) }) }
     }
 
-    fn one_of_each() -> [Object; 3] {
+    fn one_of_each() -> [Object; 5] {
         let mirror = Mirror::standing(Shape::Blob, DVec3::new(1.0, 2.0, 3.0), DVec3::Z, DVec3::Z, 0.5);
         let points = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
         let prism = ClipShape::Prism(Prism { points, direction: DVec3::Z, eye: None });
-        [Object::Mirror(mirror), Object::Light(five_mirrors::light()), Object::Clip(clip(prism))]
+        let measurement = Measurement {
+            name: "height".into(),
+            kind: MeasurementKind::Height,
+            on: true,
+            color: [1.0; 3],
+            points: vec![DVec3::ZERO, DVec3::Z],
+            reach: None,
+            level: None,
+        };
+        let note = Note::new("here".into(), DVec3::ONE, Camera::from_eye(DVec3::X, DVec3::ZERO, DVec3::Z));
+        [
+            Object::Mirror(mirror),
+            Object::Light(five_mirrors::light()),
+            Object::Clip(clip(prism)),
+            Object::Measurement(measurement),
+            Object::Note(note),
+        ]
     }
 
     #[test]
@@ -217,8 +256,8 @@ mod tests {
             assert_eq!(changed(&|object| object.turn(DQuat::from_rotation_y(0.4))).0, kind.can_turn, "{}", kind.name);
             assert_eq!(changed(&|object| object.scale(2.0)).0, kind.can_scale, "{}", kind.name);
             assert!(changed(&|object| object.scale(0.0)).1.problem().is_none());
-            let (is_elsewhere, copy) = changed(&|object| *object = object.beside(DVec3::X));
-            assert!(is_elsewhere && copy.places()[0].x > object.places()[0].x, "{}", kind.name);
+            let copy = object.beside(DVec3::X).map(|copy| copy.places()[0].x > object.places()[0].x);
+            assert_eq!(copy, (!kind.places.is_empty()).then_some(true), "{}", kind.name);
         }
     }
 }

@@ -28,6 +28,8 @@ pub struct Assembly {
     pub source: Option<Arc<codec::Source>>,
     /// The coordinate system, as the file names it.
     pub crs: Option<String>,
+    /// The units of the coordinates, as far as the file tells them.
+    pub units: codec::Units,
     /// The up direction, a unit vector.
     pub up: DVec3,
     /// The radius of points whose own is not known yet, in world units.
@@ -55,8 +57,19 @@ pub struct Assembly {
 impl Assembly {
     /// A cloud without points yet. The caller shows `opened.warnings`.
     pub fn open(key: CloudKey, opened: Opened) -> (Self, Change) {
-        let Opened { name, input, source, attributes, grid, crs, expected_points, up, provisional_radius, warnings } =
-            opened;
+        let Opened {
+            name,
+            input,
+            source,
+            attributes,
+            grid,
+            crs,
+            units,
+            expected_points,
+            up,
+            provisional_radius,
+            warnings,
+        } = opened;
         let assembly = Self {
             key,
             cloud: Cloud { name, attributes, grid, chunks: Vec::new() },
@@ -65,6 +78,7 @@ impl Assembly {
             input,
             source,
             crs,
+            units,
             up,
             provisional_radius,
             expected_points,

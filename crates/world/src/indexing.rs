@@ -156,6 +156,7 @@ impl Loader {
         let bounds = infos().filter_map(|info| info.bounds).fold(Bounds::EMPTY, Bounds::union);
         let up = infos().next().map_or(DVec3::Z, |info| up_of(info, &self.settings));
         let crs = infos().next().and_then(|info| info.crs.clone());
+        let units = infos().next().map(|info| info.units).unwrap_or_default();
         let mut warnings: Vec<String> = match sources.as_slice() {
             [one] => one.info().warnings.clone(),
             several => several.iter().flat_map(|source| file_warnings(source.info())).collect(),
@@ -175,6 +176,7 @@ impl Loader {
             attributes,
             grid,
             crs,
+            units,
             expected_points: points,
             up,
             provisional_radius: if bounds.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) },

@@ -121,6 +121,7 @@ impl Loader {
             attributes: info.attributes.clone(),
             grid: info.grid,
             crs: info.crs.clone(),
+            units: info.units,
             expected_points: info.points,
             up,
             provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),

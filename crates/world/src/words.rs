@@ -5,7 +5,10 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use cloud::PointTest;
-use scene::{CameraPath, Clip, Mirror, MirrorPoints, SceneFile, SpotLight, View, Visibility, five_mirrors, shown};
+use scene::{
+    CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, SceneFile, SpotLight, View, Visibility, five_mirrors,
+    shown,
+};
 
 use crate::error::{Error, Result};
 
@@ -65,6 +68,9 @@ pub struct Request {
     /// Which points are shown: what one scene file hides is hidden in all clouds.
     pub visibility: Visibility,
     pub clips: Vec<Clip>,
+    /// The measurements and notes of scene files.
+    pub measurements: Vec<Measurement>,
+    pub notes: Vec<Note>,
     /// The camera paths of scene files. Of paths with the same name the last one counts.
     pub paths: Vec<CameraPath>,
     pub warnings: Vec<String>,
@@ -141,7 +147,7 @@ impl Request {
         self.furnish(file);
     }
 
-    /// Adds the mirrors, lights, clips and paths of a scene file, and hides what it hides.
+    /// Adds the mirrors, lights, clips, measurements, notes and paths of a scene file, and hides what it hides.
     pub fn furnish(&mut self, file: &SceneFile) {
         self.paths.retain(|known| !file.paths.iter().any(|path| path.name == known.name));
         self.paths.extend(file.paths.iter().cloned());
@@ -150,6 +156,8 @@ impl Request {
         self.lights.extend(file.lights.iter().copied());
         self.visibility.hide(&file.visibility);
         self.clips.extend(file.clips.iter().cloned());
+        self.measurements.extend(file.measurements.iter().cloned());
+        self.notes.extend(file.notes.iter().cloned());
         for input in &mut self.inputs {
             if let Input::BuiltIn { without, .. } = input {
                 without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));

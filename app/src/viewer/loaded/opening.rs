@@ -246,11 +246,13 @@ impl Loaded {
         // Built-in scenes have no file.
         let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
         // Closing a built-in scene removes its mirrors, and closing the last one removes its lights. Closing the last
-        // cloud removes all mirrors and lights, and shows hidden points again.
+        // cloud removes all objects, and shows hidden points again.
         beside.scene.rewrite_objects(|objects| {
             if is_last {
                 objects.visibility = Visibility::default();
                 objects.clips.clear();
+                objects.measurements.clear();
+                objects.notes.clear();
             }
             objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
             objects.no_guess &= !is_last;

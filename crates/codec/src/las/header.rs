@@ -13,7 +13,7 @@ use glam::DVec3;
 use super::layout::{Layout, bytes, text};
 use crate::brief::vector;
 use crate::bytes::Bytes;
-use crate::{Error, Result};
+use crate::{Error, Result, Units};
 
 /// The most records: files have a handful, so a larger count is damage.
 const MOST_RECORDS: u64 = 10_000;
@@ -35,6 +35,7 @@ pub struct Header {
     pub grid: Grid,
     pub bounds: Option<Bounds>,
     pub crs: Option<String>,
+    pub units: Units,
     /// The Extra Bytes descriptors, one after the other.
     pub descriptors: Vec<u8>,
     /// The content of the LASzip record.
@@ -175,6 +176,7 @@ impl Header {
             grid,
             bounds,
             crs: records.crs(),
+            units: records.units(),
             descriptors: records.descriptors,
             laszip: records.laszip,
             copc_info: records.copc_info,
@@ -289,16 +291,21 @@ impl Records {
         self.wkt.clone().or_else(|| self.geotiff())
     }
 
+    fn units(&self) -> Units {
+        self.wkt.as_deref().map_or_else(|| Units::of_geotiff(&self.keys()), Units::of_wkt)
+    }
+
+    /// The keys of GeoTIFF: (key, tag, count, value or index).
+    fn keys(&self) -> Vec<[u16; 4]> {
+        // The directory's own entry comes first.
+        let entries = self.geotiff_keys.chunks_exact(8).skip(1);
+        entries.map(|entry| std::array::from_fn(|i| u16::from_le_bytes(bytes(entry, 2 * i)))).collect()
+    }
+
     fn geotiff(&self) -> Option<String> {
         /// The tag of the text that keys refer to.
         const ASCII: u16 = 34737;
-        // The directory's own entry, then (key, tag, count, value or index) per key, all u16.
-        let keys: Vec<[u16; 4]> = self
-            .geotiff_keys
-            .chunks_exact(8)
-            .skip(1)
-            .map(|entry| std::array::from_fn(|i| u16::from_le_bytes(bytes(entry, 2 * i))))
-            .collect();
+        let keys = self.keys();
         let find = |wanted: u16| keys.iter().find(|key| key[0] == wanted);
         // The citations of the projected, the whole, the geographic system.
         let citation = [3073, 1026, 2049].into_iter().find_map(|id| {
