@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::command_line::MeasureArguments;
 use crate::failure::{self, FAILED, UNUSABLE, usage};
-use crate::measuring::{Figures, Gathering};
+use crate::measuring::{Gathering, Outcome};
 use crate::terminal::{self, Few};
 use crate::{interrupt, progress_bar};
 
@@ -59,7 +59,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         return Ok(status.max(UNUSABLE));
     };
     let gatherings = gatherings.into_iter().map(|one| one.into_inner().unwrap_or_else(PoisonError::into_inner));
-    let results: Vec<Figures> = gatherings.map(Gathering::finish).collect();
+    let results: Vec<Outcome> = gatherings.map(Gathering::finish).collect();
     let measured = || request.measurements.iter().zip(&results);
     for (index, (measurement, figures)) in measured().enumerate() {
         if let Err(problem) = figures {
@@ -127,7 +127,7 @@ fn read(
     Ok(())
 }
 
-fn entry(measurement: &Measurement, figures: &Figures, units: &Units) -> Value {
+fn entry(measurement: &Measurement, figures: &Outcome, units: &Units) -> Value {
     let Measurement { name, kind, on, points, .. } = measurement;
     let points: Vec<[f64; 3]> = points.iter().map(DVec3::to_array).collect();
     let mut entry = json!({ "name": name, "kind": kind.name(), "on": on, "points": points });
@@ -145,7 +145,7 @@ fn entry(measurement: &Measurement, figures: &Figures, units: &Units) -> Value {
 }
 
 /// The report for people: a measurement, and a line for each of its values.
-fn lines(measurement: &Measurement, figures: &Figures, units: &Units) -> Vec<String> {
+fn lines(measurement: &Measurement, figures: &Outcome, units: &Units) -> Vec<String> {
     let mut lines = vec![format!("{}: {}", measurement.name, measurement.kind.name())];
     match figures {
         Ok(figures) => {

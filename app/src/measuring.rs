@@ -1,6 +1,6 @@
 //! Carries out the measurements of a scene on the points of its clouds, for `glint measure` and for the window.
 
-use cloud::Bounds;
+use cloud::{Bounds, Cloud, PointTest};
 use codec::Units;
 use glam::{DMat3, DVec3};
 use measure::{Nearest, Scatter, VolumeGrid};
@@ -39,7 +39,7 @@ pub struct Figure {
 }
 
 /// The figures of a measurement, the most important one first.
-pub type Figures = Result<Vec<Figure>, String>;
+pub type Outcome = Result<Vec<Figure>, String>;
 
 /// A measurement under way: it is given all points of the clouds, in any order.
 pub struct Gathering {
@@ -69,6 +69,26 @@ impl Figure {
         units.length().map(|unit| format!("{unit}{power}"))
     }
 
+    /// How many figures of a measurement are shown where there is little room.
+    pub fn main_ones(kind: MeasurementKind) -> usize {
+        match kind {
+            MeasurementKind::Point => 3,
+            MeasurementKind::Plane => 2,
+            _ => 1,
+        }
+    }
+
+    /// The value with its unit, without its deviation, for labels.
+    pub fn short(&self, units: &Units) -> String {
+        let text = self.text(units);
+        match (text.split_once(" ± "), self.unit(units)) {
+            (Some((value, _)), Some(unit)) if unit == "°" => format!("{value}{unit}"),
+            (Some((value, _)), Some(unit)) => format!("{value} {unit}"),
+            (Some((value, _)), None) => value.to_owned(),
+            (None, _) => text,
+        }
+    }
+
     /// The value for people, with as many decimals as it deserves, its deviation and its unit.
     pub fn text(&self, units: &Units) -> String {
         if self.quantity == Quantity::Count {
@@ -89,10 +109,33 @@ impl Figure {
     }
 }
 
-/// The figures that corners have by themselves; empty for a fit or a volume, or while corners are missing.
+/// The figures that corners have by themselves; none for a fit or a volume, or while corners are missing.
 pub fn of_corners(kind: MeasurementKind, corners: &[DVec3], up: DVec3) -> Vec<Figure> {
-    let known = vec![None; corners.len()];
-    with_scatter(kind, corners, up, &known)
+    with_scatter(kind, corners, up, &vec![None; corners.len()])
+}
+
+/// Carries out a measurement on the shown points of clouds in memory, which come with the bounds of their chunks.
+pub fn of_clouds(measurement: &Measurement, up: DVec3, clouds: &[(Cloud, Vec<Bounds>)], test: &PointTest) -> Outcome {
+    let mut gathering = Gathering::new(measurement, up);
+    for (cloud, bounds) in clouds {
+        let shown = cloud.test(test);
+        let distance = |bounds: &Bounds| {
+            let to = |corner: &DVec3| corner.distance_squared(corner.clamp(bounds.min, bounds.max));
+            measurement.points.iter().map(to).fold(f64::INFINITY, f64::min)
+        };
+        let chunks = cloud.chunks.iter().zip(bounds).filter(|(_, bounds)| !bounds.is_empty());
+        let mut chunks: Vec<_> = chunks.map(|(chunk, bounds)| (distance(bounds), chunk, *bounds)).collect();
+        // Once the nearest points are found, chunks farther away need not be searched.
+        chunks.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, chunk, bounds) in chunks {
+            if gathering.wants(bounds) {
+                for index in 0..chunk.len() {
+                    gathering.add(cloud.world_position(chunk, index), || shown.shows(chunk, index));
+                }
+            }
+        }
+    }
+    gathering.finish()
 }
 
 /// The figures of corners with the scatter around each, where it is known.
@@ -217,7 +260,7 @@ impl Gathering {
     }
 
     /// What was measured, or why it cannot be.
-    pub fn finish(mut self) -> Figures {
+    pub fn finish(mut self) -> Outcome {
         let told = |error: measure::Error| error.to_string();
         let Measurement { kind, points: corners, .. } = &self.measurement;
         // One more than the most is gathered.
@@ -283,7 +326,7 @@ fn cylinder(round: &measure::Round, up: DVec3) -> Vec<Figure> {
     figures
 }
 
-fn volume(grid: Option<Result<VolumeGrid, String>>) -> Figures {
+fn volume(grid: Option<Result<VolumeGrid, String>>) -> Outcome {
     let Some(grid) = grid.transpose()? else { return Ok(Vec::new()) };
     let volume = grid.volume();
     if volume.points == 0 {

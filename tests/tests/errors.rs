@@ -217,8 +217,7 @@ fn bad_words_are_bad_usage_in_every_command() {
     }
     for command in [
         "info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "profile", "measure", "export",
-        "doctor",
-        "view",
+        "doctor", "view",
     ] {
         assert_failed(&folder.glint([command, "--nonsense"]), 2, &["unexpected argument '--nonsense' found"]);
     }

@@ -135,19 +135,25 @@ fn clicks_give_full_coordinates_attributes_and_the_distance() {
     }
     let (i, j) = ((number(&first, "/world/0") - 5e6) / 2.0, (number(&first, "/world/1") - 6e5) / 2.0);
     assert_eq!(record["attributes"]["intensity"], format!("{}", 100.0 * i + j), "{record} at {first}");
-    // Too far from the first one for a double-click.
+    // Points of a distance snap to points.
     let seen = window.events().len();
-    window.click(1, [MIDDLE[0] + 90, MIDDLE[1] + 30]);
-    let second = window.wait_for_event("picked", seen, |_| true);
-    let distance = window.wait_for_event("distance", seen, |_| true);
-    let difference = [0, 1, 2].map(|axis| {
-        let path = format!("/world/{axis}");
-        number(&second, &path) - number(&first, &path)
+    window.press("i");
+    window.wait_for_event("placing", seen, |event| event["kind"] == "distance");
+    let ends = [MIDDLE, [MIDDLE[0] + 90, MIDDLE[1] + 30]].map(|at| {
+        let seen = window.events().len();
+        window.click(1, at);
+        let corner = window.wait_for_event("corner", seen, |_| true);
+        [0, 1, 2].map(|axis| number(&corner, &format!("/world/{axis}")))
     });
+    assert_eq!(ends[0], [0, 1, 2].map(|axis| number(&first, &format!("/world/{axis}"))));
+    let measured = window.wait_for_event("measured", seen, |_| true);
+    let difference = [0, 1, 2].map(|axis| ends[1][axis] - ends[0][axis]);
     let horizontal = difference[0].hypot(difference[1]);
-    assert!((number(&distance, "/horizontal") - horizontal).abs() < 1e-9, "{distance}");
-    assert!((number(&distance, "/vertical") - difference[2]).abs() < 1e-9, "{distance}");
-    assert!((number(&distance, "/total") - horizontal.hypot(difference[2])).abs() < 1e-9, "{distance}");
+    let expected = [horizontal.hypot(difference[2]), horizontal, difference[2]];
+    for (index, (name, value)) in ["distance", "horizontal", "vertical"].into_iter().zip(expected).enumerate() {
+        assert_eq!(measured["values"][index]["name"], name, "{measured}");
+        assert!((number(&measured, &format!("/values/{index}/value")) - value).abs() < 1e-9, "{measured}");
+    }
 }
 
 #[test]

@@ -4,7 +4,9 @@
 use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
-use scene::{ClipShape, ColorBy, Filter, Lighting, MirrorPoints, Object, Settings, Shape, StandardView};
+use scene::{
+    ClipShape, ColorBy, Filter, Lighting, MeasurementKind, MirrorPoints, Object, Settings, Shape, StandardView,
+};
 use world::CloudKey;
 
 use crate::viewer::objects::{Marking, ObjectId};
@@ -46,6 +48,24 @@ pub enum Clipping {
     /// Makes a prism of the polygon.
     EndPrism,
     Filter(Vec<Filter>),
+}
+
+/// What a person does with measurements and notes, besides what can be done with every object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Measuring {
+    /// Begins a measurement, whose points are clicked; again: gives it up.
+    Begin(MeasurementKind),
+    /// Begins one of the kind that was measured last; again: gives it up.
+    Again,
+    /// Begins a note, whose place is clicked; again: gives it up.
+    BeginNote,
+    RemoveCorner,
+    End,
+    FlyTo(ObjectId),
+    /// Goes to the next note (1), or to the one before (-1).
+    StepNote(i32),
+    /// Copies the values of all measurements.
+    CopyAll,
 }
 
 /// Which handles of the gizmo are shown.
@@ -175,9 +195,9 @@ pub enum Action {
     Pick,
     /// Undoes the pick by the first click of a double-click, which was meant for something else.
     UndoPick,
-    PickTool,
-    CopyPicks,
-    ClearPicks,
+    CopyPick,
+    ClearPick,
+    Measuring(Measuring),
 
     // ---- truth ----
     /// A held key that shows the ray-traced truth in place of the picture.

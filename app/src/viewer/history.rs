@@ -1,11 +1,12 @@
-//! Undo and redo of parameters, mirrors, lights and camera jumps. A drag of a slider or of the gizmo is one step: a
+//! Undo and redo of parameters, objects and camera jumps. A drag of a slider or of the gizmo is one step: a
 //! step ends when no button is down and nothing has changed for a moment.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use scene::{Camera, Settings};
+use scene::{Camera, Object, Settings};
 
-use crate::viewer::objects::Objects;
+use crate::viewer::objects::{ObjectId, Objects};
 
 /// The state before a step. `camera` is set only if the step made the camera jump (frame all, standard views, paste).
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +30,9 @@ pub struct History {
 const QUIET: Duration = Duration::from_millis(400);
 /// The largest number of steps kept. A snapshot takes a few kilobytes.
 const STEPS: usize = 500;
+/// The most things and the most characters of a name that an undone step is told by.
+const MOST_TOLD: usize = 3;
+const MOST_NAMED: usize = 30;
 
 impl History {
     /// Compares the state with that of the last step; the session calls this at every step. `is_held` says that a mouse
@@ -98,20 +102,24 @@ impl History {
         self.settled = Some((settings.clone(), objects.clone()));
     }
 
-    pub fn undo(&mut self, settings: &mut Settings, objects: &mut Objects, camera: &mut Camera) -> bool {
+    /// Undoes the last step. Returns what it was about, in words; `None` if there is no step.
+    pub fn undo(&mut self, settings: &mut Settings, objects: &mut Objects, camera: &mut Camera) -> Option<String> {
         self.settle(settings, objects);
-        let Some(step) = self.past.pop() else { return false };
+        let step = self.past.pop()?;
         let now = self.apply(step, settings, objects, camera);
+        let told = difference(&now, settings, objects);
         self.future.push(now);
-        true
+        Some(told)
     }
 
-    pub fn redo(&mut self, settings: &mut Settings, objects: &mut Objects, camera: &mut Camera) -> bool {
+    /// Does the last step again that was undone. Returns what it was about, in words; `None` if there is no step.
+    pub fn redo(&mut self, settings: &mut Settings, objects: &mut Objects, camera: &mut Camera) -> Option<String> {
         self.settle(settings, objects);
-        let Some(step) = self.future.pop() else { return false };
+        let step = self.future.pop()?;
         let now = self.apply(step, settings, objects, camera);
+        let told = difference(&now, settings, objects);
         self.past.push(now);
-        true
+        Some(told)
     }
 
     /// Restores the state of `step`. Returns the state before that, for the opposite direction.
@@ -135,6 +143,46 @@ impl History {
     }
 }
 
+/// What differs between a snapshot and another state, in words: objects, rules of what is shown, parameters, the view.
+fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String {
+    let of = |objects: &Objects| -> BTreeMap<ObjectId, (String, Object)> {
+        objects.all().map(|(id, name, object)| (id, (name.to_owned(), object))).collect()
+    };
+    let (before, after) = (of(&from.objects), of(objects));
+    let differing = before
+        .iter()
+        .chain(&after)
+        .filter(|(id, object)| before.get(id) != Some(object) || after.get(id) != Some(object));
+    let mut told: Vec<String> = Vec::new();
+    let mut tell = |text: String| {
+        if !told.contains(&text) {
+            told.push(text);
+        }
+    };
+    for (_, (name, object)) in differing {
+        let name = param::shortened(name.lines().next().unwrap_or_default(), MOST_NAMED);
+        tell(format!("{} {name}", object.kind().name).trim_end().to_owned());
+    }
+    if from.objects.markings != objects.markings {
+        tell("points that reflect".into());
+    }
+    if from.objects.visibility != objects.visibility {
+        tell("which points are shown".into());
+    }
+    let (before, after): (BTreeSet<_>, BTreeSet<_>) =
+        (from.settings.differing().into_iter().collect(), settings.differing().into_iter().collect());
+    before.symmetric_difference(&after).for_each(|(key, _)| tell(key.clone()));
+    if from.camera.is_some() {
+        tell("the view".into());
+    }
+    let rest = told.len().saturating_sub(MOST_TOLD);
+    told.truncate(MOST_TOLD);
+    if rest > 0 {
+        told.push(format!("{rest} more"));
+    }
+    told.join(", ")
+}
+
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
@@ -152,6 +200,8 @@ mod tests {
         settings: Settings,
         objects: Objects,
         camera: Camera,
+        /// What the last undo or redo was about.
+        told: Option<String>,
     }
 
     impl Subject {
@@ -161,6 +211,7 @@ mod tests {
                 settings: Settings::default(),
                 objects: Objects::default(),
                 camera: camera(1.0),
+                told: None,
             };
             subject.watch(false);
             subject
@@ -171,11 +222,13 @@ mod tests {
         }
 
         fn undo(&mut self) -> bool {
-            self.history.undo(&mut self.settings, &mut self.objects, &mut self.camera)
+            self.told = self.history.undo(&mut self.settings, &mut self.objects, &mut self.camera);
+            self.told.is_some()
         }
 
         fn redo(&mut self) -> bool {
-            self.history.redo(&mut self.settings, &mut self.objects, &mut self.camera)
+            self.told = self.history.redo(&mut self.settings, &mut self.objects, &mut self.camera);
+            self.told.is_some()
         }
 
         fn jump(&mut self, camera: Camera) {
@@ -212,9 +265,9 @@ mod tests {
         subject.camera.orbit(0.3, 0.1);
         let turned = subject.camera;
         assert!(subject.undo());
-        assert_eq!(subject.camera, camera(1.0));
+        assert_eq!((subject.camera, subject.told.as_deref()), (camera(1.0), Some("the view")));
         assert!(subject.redo());
-        assert_eq!(subject.camera, turned);
+        assert_eq!((subject.camera, subject.told.as_deref()), (turned, Some("the view")));
     }
 
     #[test]
@@ -240,8 +293,10 @@ mod tests {
             subject.watch(true);
         }
         assert!(subject.undo());
+        assert_eq!(subject.told.as_deref(), Some("mirror sphere"));
         assert_eq!((subject.objects.mirrors[0].mirror.position.x, subject.settings.splat.size), (0.0, 2.0));
         assert!(subject.undo());
+        assert_eq!(subject.told.as_deref(), Some("splat.size"));
         assert_eq!((subject.objects.mirrors.len(), subject.settings.splat.size), (1, 1.0));
         assert!(subject.undo());
         assert!(subject.objects.mirrors.is_empty());

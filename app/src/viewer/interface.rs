@@ -125,6 +125,7 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
         let lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
         section(ui, "Mirrors", true, |ui| panels::mirrors::show(ui, session, actions));
         section(ui, "Clips and filters", true, |ui| panels::clips::show(ui, session, actions));
+        section(ui, "Measurements and notes", true, |ui| panels::measurements::show(ui, session, actions));
         let mut shown: Vec<&str> = OWN_PANELS.into();
         // While a cloud is streamed, the panel of streaming shows its parameters.
         shown.extend(is_streaming.then_some(scene::Stream::table().section));
@@ -241,7 +242,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     overlay::paint(ui.painter(), rect, session);
     let is_taken = gizmo::interact(&response, session, actions);
     input::handle(ui, &response, is_taken, session, actions);
-    if session.tools.pick_tool && response.contains_pointer() {
+    if session.tools.measurements.placing.is_some() && response.contains_pointer() {
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
     if session.loaded.clouds.is_empty() && !session.loaded.is_loading() {
@@ -359,8 +360,8 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
             }
             uncertain_reflections(ui, session, actions);
-            if session.tools.pick_tool {
-                ui.label(RichText::new("pick").color(theme::ACCENT));
+            if let Some(placing) = &session.tools.measurements.placing {
+                ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
             }
             if let Some((_, Some(world))) = session.scene.navigation.hovered {
                 ui.add_space(6.0);

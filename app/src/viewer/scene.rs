@@ -94,12 +94,12 @@ impl Scene {
 
     pub fn undo(&mut self, outside: &mut Outside) {
         let done = self.history.undo(&mut self.settings, &mut self.objects, &mut self.camera);
-        self.after_history(done, "Nothing to undo", outside);
+        self.after_history(done, ["Undone", "Nothing to undo"], outside);
     }
 
     pub fn redo(&mut self, outside: &mut Outside) {
         let done = self.history.redo(&mut self.settings, &mut self.objects, &mut self.camera);
-        self.after_history(done, "Nothing to redo", outside);
+        self.after_history(done, ["Done again", "Nothing to redo"], outside);
     }
 
     pub fn next_object_id(&mut self) -> ObjectId {
@@ -333,14 +333,18 @@ impl Scene {
         outside.log(json!({ "event": "returned" }));
     }
 
-    pub fn after_history(&mut self, done: bool, otherwise: &str, outside: &mut Outside) {
-        if done {
+    /// Tells what was undone or done again; `words` say what happened if something was, and if nothing was.
+    fn after_history(&mut self, done: Option<String>, words: [&str; 2], outside: &mut Outside) {
+        if let Some(done) = done {
             self.navigation.camera_moved(outside.now);
             let Objects { mirrors, lights, clips, .. } = &self.objects;
             let [mirrors, lights, clips] = [mirrors.len(), lights.len(), clips.len()];
-            outside.log(json!({ "event": "history", "mirrors": mirrors, "lights": lights, "clips": clips }));
+            outside.log(json!({
+                "event": "history", "mirrors": mirrors, "lights": lights, "clips": clips, "what": done,
+            }));
+            outside.note(format!("{}: {done}", words[0]));
         } else {
-            outside.note(otherwise);
+            outside.note(words[1]);
         }
     }
 

@@ -33,7 +33,7 @@ use crate::viewer::truth::tasks::Answer;
 use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::truth::view::{Taken, TruthView};
 use crate::viewer::truth::{Around, sweep, tuning};
-use crate::viewer::window::render_thread::{Command, Frame, FrameRequest, PickPurpose, Report};
+use crate::viewer::window::render_thread::{Command, Frame, FrameRequest, Report};
 use crate::viewer::work::{Found, Work};
 
 pub struct Session {
@@ -166,18 +166,13 @@ impl Session {
                 let marking = self.loaded.cloud(key).and_then(|entry| entry.marking.as_ref());
                 marking.iter().for_each(|(_, progress)| progress.cancel());
             }
-            Action::Pick => {
-                self.scene.navigation.picks_before = self.tools.picks.clone();
-                match self.tools.inspection {
-                    _ if self.tools.prism.is_some() => self.tools.add_corner(&mut self.scene, &mut self.outside),
-                    Some(_) => self.tools.pin_inspection(&mut self.scene, &mut self.outside),
-                    None => self.scene.pick_under_cursor(PickPurpose::Select, &mut self.outside),
-                }
+            Action::Pick => self.tools.click(&mut self.scene, &mut self.outside),
+            Action::UndoPick => self.tools.pick = self.scene.navigation.pick_before.take(),
+            Action::CopyPick => self.tools.copy_pick(&mut self.outside),
+            Action::ClearPick => self.tools.pick = None,
+            Action::Measuring(measuring) => {
+                self.tools.measure(measuring, &mut self.scene, &self.loaded, &mut self.outside)
             }
-            Action::UndoPick => self.tools.picks = std::mem::take(&mut self.scene.navigation.picks_before),
-            Action::PickTool => self.tools.pick_tool = !self.tools.pick_tool,
-            Action::CopyPicks => self.tools.copy_picks(&mut self.outside),
-            Action::ClearPicks => self.tools.picks.clear(),
             Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
             Action::LookAtTruth(look) => self.truth.look = look,
             Action::MeasureTruth(measure) => self.truth.measure = measure,
@@ -261,24 +256,13 @@ impl Session {
         }
     }
 
-    /// Handles Esc: closes what lies on top; otherwise ends the tool; otherwise clears the picks.
+    /// Handles Esc: closes what lies on top; otherwise ends the tool; otherwise clears the pick.
     fn end_tool(&mut self) {
         if self.shortcuts_are_open {
             self.shortcuts_are_open = false;
         } else if self.path_prompt.is_some() {
             self.path_prompt = None;
-        } else if self.tools.inspection.is_some() {
-            self.tools.inspection = None;
-            self.scene.navigation.camera_moved(self.outside.now);
-        } else if self.tools.prism.take().is_some() {
-            self.outside.note("Prism given up");
-        } else if self.tools.pick_tool {
-            self.tools.pick_tool = false;
-        } else if self.scene.selected.is_some() {
-            self.scene.selected = None;
-        } else if !self.tools.picks.is_empty() {
-            self.tools.picks.clear();
-        } else if self.is_full_screen {
+        } else if !self.tools.end_one(&mut self.scene, &mut self.outside) && self.is_full_screen {
             self.act(Action::ToggleFullScreen);
         }
     }
@@ -374,7 +358,7 @@ impl Session {
                 self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))
             }
             Found::Record { picked, record, result } => {
-                for pick in self.tools.picks.iter_mut().filter(|pick| pick.point == picked) {
+                for pick in self.tools.pick.iter_mut().filter(|pick| pick.point == picked) {
                     pick.record = Some(result.clone());
                 }
                 let attributes: serde_json::Map<_, _> =
@@ -394,6 +378,9 @@ impl Session {
                 self.with_loaded(|loaded, beside| loaded.on_surroundings(asked, found, beside))
             }
             Found::Surface(surface) => self.tools.on_surface(surface, &mut self.scene, &self.loaded, &mut self.outside),
+            Found::Measured { id, measurement, figures } => {
+                self.tools.measurements.on_measured(id, measurement, figures, &self.scene, &mut self.outside)
+            }
             Found::Truth(answer) => self.on_truth(*answer),
             Found::AddedToStudy { plan, result } => tuning::on_added_to_study(&plan, result, &mut self.outside),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
@@ -417,8 +404,8 @@ impl Session {
             outside: &mut self.outside,
         };
         let result = act(&mut self.loaded, &mut beside);
-        // Picks on a cloud are removed with the cloud.
-        self.tools.picks.retain(|pick| self.loaded.cloud(pick.point.chunk.cloud).is_some());
+        // A pick on a cloud is removed with the cloud.
+        self.tools.pick = self.tools.pick.take().filter(|pick| self.loaded.cloud(pick.point.chunk.cloud).is_some());
         result
     }
 
@@ -430,6 +417,11 @@ impl Session {
     /// The bounds of the visible points, without stray points.
     pub fn bounds(&self) -> Bounds {
         self.scene.bounds(&self.loaded.clouds)
+    }
+
+    /// The place of the point under the cursor, if it is known.
+    pub fn hovered(&self) -> Option<DVec3> {
+        self.scene.navigation.hovered.and_then(|(_, world)| world)
     }
 
     pub fn up(&self) -> DVec3 {
@@ -476,6 +468,7 @@ impl Session {
         if self.scene.history.steps() != steps {
             self.outside.log(json!({ "event": "step" }));
         }
+        self.tools.sync_measurements(&self.scene, &self.loaded, &mut self.outside);
         self.with_loaded(Loaded::renew_figures);
         self.with_loaded(Loaded::look_around);
         self.with_loaded(Loaded::sync_levels);
@@ -523,7 +516,7 @@ impl Session {
             settings.edl.strength = 0.0;
             settings.light.by = Lighting::Colors;
         }
-        if let Some(pick) = self.tools.picks.last().filter(|_| settings.reflection.show == Show::Error) {
+        if let Some(pick) = self.tools.pick.as_ref().filter(|_| settings.reflection.show == Show::Error) {
             settings.reflection.point = pick.world.to_array().map(|value| value.to_string()).join(", ");
         }
         FrameRequest {

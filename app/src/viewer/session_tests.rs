@@ -75,11 +75,8 @@ fn a_cloud_that_is_opened_as_a_mirror_reflects_when_it_has_come_and_is_no_step_o
     session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
     assert_eq!(session.scene.objects.markings, [Marking { key, points: MirrorPoints::whole("cloud.ply".into()) }]);
     assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("gone.ply")));
-    assert!(!session.scene.history.undo(
-        &mut session.scene.settings,
-        &mut session.scene.objects,
-        &mut session.scene.camera
-    ));
+    let scene = &mut session.scene;
+    assert_eq!(scene.history.undo(&mut scene.settings, &mut scene.objects, &mut scene.camera), None);
     session.with_loaded(Loaded::sync_objects);
     assert!(session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
     session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));

@@ -6,12 +6,13 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, Column, PointTest, Progress};
+use cloud::{Bounds, Chunk, Cloud, Column, PointTest, Progress};
 use glam::DVec3;
-use scene::{Mirror, MirrorNormals, MirrorPoints, Settings, Shape, Stream};
+use scene::{Measurement, Mirror, MirrorNormals, MirrorPoints, Settings, Shape, Stream};
 use world::mirrors::{self, Marked};
 use world::{AutoLight, CloudKey, IndexEntry};
 
+use crate::measuring::{self, Outcome};
 use crate::picture_file;
 use crate::viewer::loaded::figures::{Basis, Figures};
 use crate::viewer::objects::ObjectId;
@@ -83,6 +84,15 @@ pub enum Work {
         clouds: Vec<Cloud>,
         up: DVec3,
     },
+    /// Carries out a measurement on the points of clouds that are loaded and shown. Clouds come with the bounds of their
+    /// chunks.
+    Measure {
+        id: ObjectId,
+        measurement: Measurement,
+        up: DVec3,
+        clouds: Vec<(Cloud, Vec<Bounds>)>,
+        test: PointTest,
+    },
     /// Finds the surface that a sight line meets.
     Cast(inspection::Ray),
     /// Runs a task of the ray tracer.
@@ -150,6 +160,11 @@ pub enum Found {
         asked: u32,
         found: AutoLight,
     },
+    Measured {
+        id: ObjectId,
+        measurement: Measurement,
+        figures: Outcome,
+    },
     Surface(Option<inspection::Surface>),
     Truth(Box<Answer>),
     AddedToStudy {
@@ -184,6 +199,7 @@ impl Work {
             Self::MarkPoints { .. } => "mirror points",
             Self::CountPoints { .. } => "count",
             Self::FindSurroundings { .. } => "surroundings",
+            Self::Measure { .. } => "measurement",
             Self::Cast(_) => "sight line",
             Self::SaveScene { .. } => "scene",
             Self::Truth(_) => "truth",
@@ -248,6 +264,10 @@ impl Work {
             Self::FindSurroundings { asked, clouds, up } => {
                 let chunks: Vec<Chunk> = clouds.into_iter().flat_map(|cloud| cloud.chunks).collect();
                 found(Found::Surroundings { asked, found: AutoLight::around(&chunks, up) });
+            }
+            Self::Measure { id, measurement, up, clouds, test } => {
+                let figures = measuring::of_clouds(&measurement, up, &clouds, &test);
+                found(Found::Measured { id, measurement, figures });
             }
             Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),
             Self::SaveScene { path, text } => {

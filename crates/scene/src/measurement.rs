@@ -187,6 +187,11 @@ impl Note {
         Self { text, on: true, color: AMBER, position, camera: Some(camera) }
     }
 
+    /// Its first line, for lists and labels.
+    pub fn title(&self) -> &str {
+        self.text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or("note")
+    }
+
     /// What makes it no note, in words, if anything does.
     pub(crate) fn problem(&self) -> Option<String> {
         if self.text.chars().count() > MOST_TEXT {

@@ -5,9 +5,9 @@ use std::collections::HashSet;
 
 use egui::{Key, PointerButton};
 use glam::DVec2;
-use scene::{ColorBy, Shape, StandardView};
+use scene::{ColorBy, MeasurementKind, Shape, StandardView};
 
-use crate::viewer::action::{Action, Clipping, Handles, Mode};
+use crate::viewer::action::{Action, Clipping, Handles, Measuring, Mode};
 
 /// The modifier keys that a gesture needs; no others may be down. `ctrl` is the command key on a Mac.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +67,7 @@ const VIEWS: &str = "Views";
 const COLORS: &str = "Colours and points";
 const FILES: &str = "Files and pictures";
 const OBJECTS: &str = "Mirrors, lights and clips";
+const MEASURE: &str = "Measurements and notes";
 const TOOLS: &str = "Tools and window";
 
 /// The table. Rows with the same section and text share a row of the shortcut sheet.
@@ -149,12 +150,27 @@ pub const BINDINGS: &[Binding] = {
         bind(OBJECTS, key(Key::M), A::Inspect, "Inspection mirror at the cursor; click pins it"),
         bind(OBJECTS, Wheel(CTRL), A::InspectDistance(1.0), "Its distance"),
         bind(OBJECTS, Wheel(CTRL_SHIFT), A::InspectTilt(1.0), "Its tilt"),
-        bind(TOOLS, Click, A::Pick, "Pick a point or a mirror; a second point gives the distance"),
-        bind(TOOLS, key(Key::I), A::PickTool, "Pick with a crosshair"),
+        bind(TOOLS, Click, A::Pick, "Pick a point or a mirror; the next point while measuring"),
+        bind(MEASURE, key(Key::I), A::Measuring(Measuring::Again), "A distance, or what was measured last"),
+        bind(MEASURE, measure(Key::Num1), begin(MeasurementKind::Point), "A point"),
+        bind(MEASURE, measure(Key::Num2), begin(MeasurementKind::Distance), "A distance"),
+        bind(MEASURE, measure(Key::Num3), begin(MeasurementKind::Polyline), "The length of a polyline"),
+        bind(MEASURE, measure(Key::Num4), begin(MeasurementKind::Height), "A height"),
+        bind(MEASURE, measure(Key::Num5), begin(MeasurementKind::Angle), "An angle"),
+        bind(MEASURE, measure(Key::Num6), begin(MeasurementKind::Area), "An area"),
+        bind(MEASURE, measure(Key::Num7), begin(MeasurementKind::Plane), "A plane through points"),
+        bind(MEASURE, measure(Key::Num8), begin(MeasurementKind::Circle), "A circle"),
+        bind(MEASURE, measure(Key::Num9), begin(MeasurementKind::Cylinder), "A cylinder through points"),
+        bind(MEASURE, measure(Key::Num0), begin(MeasurementKind::Volume), "A volume"),
+        bind(MEASURE, key(Key::Enter), A::Measuring(Measuring::End), "End the measurement (or double-click)"),
+        bind(MEASURE, key(Key::Backspace), A::Measuring(Measuring::RemoveCorner), "Take its last point back"),
+        bind(MEASURE, Trigger::Key(SHIFT, Key::N), A::Measuring(Measuring::BeginNote), "Add a note at the next click"),
+        bind(MEASURE, key(Key::Period), A::Measuring(Measuring::StepNote(1)), "Next note, previous note"),
+        bind(MEASURE, key(Key::Comma), A::Measuring(Measuring::StepNote(-1)), "Next note, previous note"),
         bind(TOOLS, Hold(Key::X), A::ShowTruth, "The ray-traced truth while held"),
         bind(TOOLS, Trigger::Key(SHIFT, Key::X), A::PinTruth, "Pin the truth; again: let go"),
         bind(TOOLS, key(Key::C), A::ToggleChart, "Tuning chart: time against error"),
-        bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear picks"),
+        bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear the pick"),
         bind(TOOLS, Trigger::Key(CTRL, Key::Z), A::Undo, "Undo"),
         bind(TOOLS, Trigger::Key(CTRL_SHIFT, Key::Z), A::Redo, "Redo"),
         bind(TOOLS, key(Key::Tab), A::ToggleInterface, "Hide or show the panels"),
@@ -167,6 +183,14 @@ pub const BINDINGS: &[Binding] = {
 
 const fn key(key: Key) -> Trigger {
     Trigger::Key(NONE, key)
+}
+
+const fn measure(key: Key) -> Trigger {
+    Trigger::Key(ALT, key)
+}
+
+const fn begin(kind: MeasurementKind) -> Action {
+    Action::Measuring(Measuring::Begin(kind))
 }
 
 /// The action of a gesture in a way of navigating.
@@ -241,30 +265,33 @@ pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
     rows
 }
 
-/// Draws the shortcut sheet, in two columns. Its button sets `open` to false.
+/// Draws the shortcut sheet, in two columns that scroll where the window is low. Its button sets `open` to false.
 pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let rows = sheet();
-    let sections = [MOVE, VIEWS, OBJECTS, COLORS, FILES, TOOLS];
+    let sections = [MOVE, VIEWS, OBJECTS, MEASURE, COLORS, FILES, TOOLS];
+    let most_high = context.content_rect().height() - 60.0;
     egui::Window::new("Shortcuts")
         .open(open)
         .collapsible(false)
         .resizable(false)
         .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
         .show(context, |ui| {
-            ui.columns(2, |columns| {
-                for (index, section) in sections.into_iter().enumerate() {
-                    // Each column gets about the same number of lines.
-                    let ui = &mut columns[usize::from(index >= 3)];
-                    ui.add_space(4.0);
-                    ui.label(egui::RichText::new(section).strong().color(crate::viewer::theme::ACCENT));
-                    egui::Grid::new(section).num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
-                        for (_, gestures, text) in rows.iter().filter(|row| row.0 == section) {
-                            ui.label(egui::RichText::new(gestures).monospace().size(11.0));
-                            ui.label(*text);
-                            ui.end_row();
-                        }
-                    });
-                }
+            egui::ScrollArea::vertical().max_height(most_high).show(ui, |ui| {
+                ui.columns(2, |columns| {
+                    for (index, section) in sections.into_iter().enumerate() {
+                        // Each column gets about the same number of lines.
+                        let ui = &mut columns[usize::from(index >= 3)];
+                        ui.add_space(4.0);
+                        ui.label(egui::RichText::new(section).strong().color(crate::viewer::theme::ACCENT));
+                        egui::Grid::new(section).num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
+                            for (_, gestures, text) in rows.iter().filter(|row| row.0 == section) {
+                                ui.label(egui::RichText::new(gestures).monospace().size(11.0));
+                                ui.label(*text);
+                                ui.end_row();
+                            }
+                        });
+                    }
+                })
             });
         });
 }

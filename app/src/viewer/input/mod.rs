@@ -10,7 +10,7 @@ use std::time::Duration;
 use egui::{Event, MouseWheelUnit, Response, Ui};
 use glam::{DVec2, DVec3};
 
-use crate::viewer::action::Action;
+use crate::viewer::action::{Action, Measuring};
 use crate::viewer::input::bindings::Trigger;
 use crate::viewer::session::Session;
 
@@ -40,6 +40,9 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     hover(ui, picture, session, scale, actions);
     if is_taken {
         // A click on a handle does nothing else.
+    } else if picture.double_clicked() && session.tools.measurements.placing.is_some() {
+        // The first click of the double-click was the last point.
+        actions.push(Action::Measuring(Measuring::End));
     } else if picture.double_clicked() {
         // The first click of a double-click was not meant as a pick.
         actions.push(Action::UndoPick);

@@ -32,8 +32,8 @@ pub struct Navigation {
     pivot_shown: Option<Instant>,
     /// How many times the speed of flight is doubled.
     pub speed: f32,
-    /// The picks before the click that may become a double-click.
-    pub picks_before: Vec<Pick>,
+    /// The pick before the click that may become a double-click.
+    pub pick_before: Option<Pick>,
 }
 
 impl Navigation {

@@ -460,7 +460,7 @@ mod tests {
         commands(&mut session);
         let point = Some(PickedPoint { chunk: session.loaded.clouds[0].key.chunk(Part::Node(NodeId(3))), index: 1 });
         session.on_report(Report::Picked { pixel: [0, 0], purpose: PickPurpose::Select, point });
-        let pick = &session.tools.picks[0];
+        let pick = session.tools.pick.as_ref().unwrap();
         assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.25), true));
         assert_eq!(pick.record, Some(Ok(vec![("intensity".to_string(), "3".to_string())])));
         assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::ReadRecord { .. }))));

@@ -23,7 +23,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         return;
     }
     let radius = session.bounds().radius();
-    let picked = session.tools.picks.last().map(|pick| (pick.point.chunk.cloud, pick.world));
+    let picked = session.tools.pick.as_ref().map(|pick| (pick.point.chunk.cloud, pick.world));
     let mut draft = session.tools.draft.clone();
     if draft.edge == 0.0 && radius > 0.0 {
         // The box starts at a tenth of the scene's radius, and the neighbourhood at about a dozen points of a scan.
@@ -53,7 +53,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 /// Lets the user choose points of a cloud, and how they will reflect.
 fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft, actions: &mut Vec<Action>) {
     let radius = session.bounds().radius();
-    let picked = session.tools.picks.last().map(|pick| pick.world);
+    let picked = session.tools.pick.as_ref().map(|pick| pick.world);
     choice(ui, "Points", &mut draft.way, WAYS.into_iter());
     which_points(ui, draft, entry, radius, picked.is_some());
     choice(ui, "Normals", &mut draft.normals, NORMALS_WAYS.into_iter().map(|(way, name, _)| (way, name)))

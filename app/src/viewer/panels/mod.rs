@@ -3,8 +3,10 @@
 pub mod clips;
 pub mod clouds;
 pub mod colors;
+pub mod labels;
 pub mod light;
 pub mod marking;
+pub mod measurements;
 pub mod mirrors;
 pub mod overlay;
 pub mod parameters;

@@ -1,17 +1,18 @@
-//! Draws over the picture: the pivot, the picked points, the line between them, and handles. All are projected through
+//! Draws over the picture: the pivot, the picked point, measurements, notes and handles. All are projected through
 //! the camera of the picture that is shown, so that marks stick to their points.
 
 use cloud::Bounds;
-use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
+use egui::{Color32, Painter, Pos2, Rect, Stroke, vec2};
 use glam::DVec3;
 
 use crate::viewer::input::lens::Lens;
 use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::panels::labels;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::tools::gizmo;
 
-const SHADOW: Color32 = Color32::from_black_alpha(160);
+pub const SHADOW: Color32 = Color32::from_black_alpha(160);
 /// The most boxes of index nodes that are drawn; more would be a tangle.
 const MOST_BOXES: usize = 2000;
 
@@ -37,15 +38,10 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     if let Some(at) = marked {
         pivot(&painter, at);
     }
-    let places: Vec<Option<Pos2>> = session.tools.picks.iter().map(|pick| place(pick.world)).collect();
-    if let ([Some(first), Some(second)], Some(distance)) = (places.as_slice(), session.tools.distance(session.up())) {
-        painter.line_segment([*first, *second], Stroke::new(3.5, SHADOW));
-        painter.line_segment([*first, *second], Stroke::new(1.5, theme::ACCENT));
-        tag(&painter, *first + (*second - *first) * 0.5, &format!("{:.3}", distance.total));
-    }
-    for at in places.into_iter().flatten() {
+    if let Some(at) = session.tools.pick.as_ref().and_then(|pick| place(pick.world)) {
         cross(&painter, at);
     }
+    labels::paint(&painter, &place, session);
     gizmo::paint(&painter, rect, session);
 }
 
@@ -63,7 +59,7 @@ fn wire(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, bounds: Bound
 }
 
 /// The part of a line between two places that lies before the eye, in points of the window.
-fn seen(place: &impl Fn(DVec3) -> Option<Pos2>, a: DVec3, b: DVec3) -> Option<[Pos2; 2]> {
+pub fn seen(place: &impl Fn(DVec3) -> Option<Pos2>, a: DVec3, b: DVec3) -> Option<[Pos2; 2]> {
     let (mut before, mut behind) = match (place(a), place(b)) {
         (Some(a), Some(b)) => return Some([a, b]),
         (Some(_), None) => (a, b),
@@ -96,15 +92,10 @@ fn cross(painter: &Painter, at: Pos2) {
     }
 }
 
-fn tag(painter: &Painter, at: Pos2, text: &str) {
-    let galley = painter.layout_no_wrap(text.into(), egui::FontId::monospace(12.0), Color32::WHITE);
-    let corner = pos2(at.x - galley.size().x * 0.5, at.y - galley.size().y - 8.0);
-    painter.rect_filled(Rect::from_min_size(corner, galley.size()).expand(4.0), 4.0, SHADOW);
-    painter.galley(corner, galley, Color32::WHITE);
-}
-
 #[cfg(test)]
 mod tests {
+    use egui::pos2;
+
     use super::*;
 
     /// A camera that sees places with a z above 0, each at its x and y.

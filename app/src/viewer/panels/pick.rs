@@ -1,4 +1,4 @@
-//! The card of a picked point: its coordinates, everything the file says of it, and the distance between two picks.
+//! The card of the picked point: its coordinates, and everything the file says of it.
 
 use egui::{Align2, RichText, Ui};
 
@@ -9,7 +9,7 @@ use crate::viewer::tools::pick::coordinates;
 
 /// Draws the card in the lower right corner of the picture, if a point is picked.
 pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, actions: &mut Vec<Action>) {
-    if session.tools.picks.is_empty() {
+    if session.tools.pick.is_none() {
         return;
     }
     let mut is_open = true;
@@ -24,25 +24,13 @@ pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, action
         .default_width(290.0)
         .show(context, |ui| contents(ui, session, actions));
     if !is_open {
-        actions.push(Action::ClearPicks);
+        actions.push(Action::ClearPick);
     }
 }
 
 fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.set_width(290.0);
-    if let Some(distance) = session.tools.distance(session.up()) {
-        egui::Grid::new("distance").num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
-            let figures =
-                [("Distance", distance.total), ("Horizontal", distance.horizontal), ("Vertical", distance.vertical)];
-            for (name, value) in figures {
-                ui.label(RichText::new(name).strong());
-                ui.label(RichText::new(format!("{value:.4}")).monospace());
-                ui.end_row();
-            }
-        });
-        ui.separator();
-    }
-    let Some(pick) = session.tools.picks.last() else { return };
+    let Some(pick) = &session.tools.pick else { return };
     ui.horizontal(|ui| {
         ui.add(egui::Label::new(RichText::new(&pick.cloud).strong()).truncate());
         if !pick.is_streamed {
@@ -78,10 +66,10 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     ui.horizontal(|ui| {
         if ui.button("Copy").clicked() {
-            actions.push(Action::CopyPicks);
+            actions.push(Action::CopyPick);
         }
         if ui.button("Clear").clicked() {
-            actions.push(Action::ClearPicks);
+            actions.push(Action::ClearPick);
         }
     });
 }
@@ -111,16 +99,15 @@ mod tests {
     }
 
     #[test]
-    fn two_picks_show_their_distance_and_can_be_copied() {
+    fn a_pick_shows_its_record_and_can_be_copied() {
         let mut session = Session::new(Preferences::default());
-        session.tools.picks = vec![pick(DVec3::ZERO), pick(DVec3::new(3.0, 0.0, -4.0))];
+        session.tools.pick = Some(pick(DVec3::new(3.0, 0.0, -4.0)));
         let mut harness = egui_kittest::Harness::builder().with_size([400.0, 400.0]).build_ui_state(
             |ui, session: &mut Session| session.show_and_act(|session, actions| contents(ui, session, actions)),
             session,
         );
         harness.run();
-        assert!(harness.query_by_label("5.0000").is_some());
-        assert!(harness.query_by_label("-4.0000").is_some());
+        assert!(harness.query_by_label("3  0  -4").is_some());
         assert!(harness.query_by_label("1234").is_some());
         harness.get_by_label("Copy").click();
         harness.run();

@@ -35,7 +35,7 @@ impl Tools {
     pub fn clip(&mut self, clipping: Clipping, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
         let (shape, bounds) = match clipping {
             Clipping::AroundAll(shape) => (shape, scene.bounds(&loaded.clouds)),
-            Clipping::AroundPick => match self.picks.last() {
+            Clipping::AroundPick => match &self.pick {
                 Some(pick) => (ClipShape::Box, around_pick(pick.world, scene)),
                 None => return outside.note("Pick a point first: the box goes around it"),
             },
@@ -61,6 +61,7 @@ impl Tools {
         let is_parallel = scene.settings.view.projection == Projection::Orthographic;
         let eye = (!is_parallel).then_some(scene.camera.eye);
         let (middle, direction) = (scene.camera.pivot, scene.lens().forward());
+        self.measurements.placing = None;
         self.prism = Some(PrismDraft { corners: Vec::new(), middle, direction, eye });
         outside.note("Click the corners of the prism; a click on the first one closes it, Esc gives it up");
     }

@@ -1,10 +1,11 @@
-//! The tools over the picture: picked points, the inspection mirror, the draft of points that will reflect, and the
+//! The tools over the picture: the picked point, measurements, the inspection mirror, the draft of points that will reflect, and the
 //! handles of the gizmo. They also act on what was found under a pixel.
 
 pub mod clips;
 pub mod draft;
 pub mod gizmo;
 pub mod inspection;
+pub mod measurements;
 pub mod outlines;
 pub mod pick;
 
@@ -15,7 +16,7 @@ use glam::DVec3;
 use scene::{Mirror, Object, Shape};
 use serde_json::json;
 
-use crate::viewer::action::Handles;
+use crate::viewer::action::{Handles, Measuring};
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, Placed};
@@ -24,7 +25,8 @@ use crate::viewer::scene::Scene;
 use crate::viewer::tools::clips::PrismDraft;
 use crate::viewer::tools::draft::Draft;
 use crate::viewer::tools::inspection::{Inspection, Pose, Surface, Target};
-use crate::viewer::tools::pick::{Distance, Pick, loaded_attributes};
+use crate::viewer::tools::measurements::Measurements;
+use crate::viewer::tools::pick::{Pick, loaded_attributes};
 use crate::viewer::window::render_thread::{PickPurpose, PickedPoint};
 use crate::viewer::work::Work;
 
@@ -34,8 +36,8 @@ const MIRROR_SIZE: f64 = 0.1;
 #[derive(Default)]
 pub struct Tools {
     pub inspection: Option<Inspection>,
-    pub picks: Vec<Pick>,
-    pub pick_tool: bool,
+    pub pick: Option<Pick>,
+    pub measurements: Measurements,
     /// The choice of points to turn into a mirror.
     pub draft: Draft,
     /// Which handles the gizmo shows, and whether one of them is grabbed.
@@ -53,6 +55,49 @@ impl Tools {
         if let Some(held) = &mut self.inspection {
             change(&mut held.pose);
         }
+    }
+
+    pub fn measure(&mut self, measuring: Measuring, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        self.measurements.act(measuring, scene, loaded, outside);
+        if self.measurements.placing.is_some() {
+            // Clicks belong to one tool.
+            (self.prism, self.inspection) = (None, None);
+        }
+    }
+
+    /// Asks for values that are not known for what is shown now, unless that changes just now.
+    pub fn sync_measurements(&mut self, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        if !self.handle_is_grabbed {
+            self.measurements.sync(scene, loaded, outside);
+        }
+    }
+
+    /// Handles a click in the picture: it belongs to the tool that is in use, or picks what is under the cursor.
+    pub fn click(&mut self, scene: &mut Scene, outside: &mut Outside) {
+        scene.navigation.pick_before = self.pick.clone();
+        if self.measurements.placing.is_some() {
+            self.measurements.ask_corner(scene, outside);
+        } else if self.prism.is_some() {
+            self.add_corner(scene, outside);
+        } else if self.inspection.is_some() {
+            self.pin_inspection(scene, outside);
+        } else {
+            scene.pick_under_cursor(PickPurpose::Select, outside);
+        }
+    }
+
+    /// Ends the tool in use, or else the selection, or else closes the card of the pick. Returns whether there was any.
+    pub fn end_one(&mut self, scene: &mut Scene, outside: &mut Outside) -> bool {
+        if self.inspection.take().is_some() {
+            scene.navigation.camera_moved(outside.now);
+        } else if self.prism.take().is_some() {
+            outside.note("Prism given up");
+        } else if let Some(placing) = self.measurements.placing.take() {
+            outside.note(format!("The {} is given up", placing.wanted.name()));
+        } else {
+            return scene.selected.take().is_some() || self.pick.take().is_some();
+        }
+        true
     }
 
     pub fn on_picked(
@@ -85,6 +130,10 @@ impl Tools {
                 outside.log(json!({ "event": "pivot", "world": world.to_array() }));
             }
             (PickPurpose::Pivot, None) => outside.note("No point there to turn about"),
+            (PickPurpose::Corner, _) => {
+                let found = found.map(|(_, world)| world);
+                self.measurements.on_corner(found, mirror.is_some(), scene, outside);
+            }
             (PickPurpose::Select, _) => match (mirror, found) {
                 (Some((id, _)), _) => {
                     scene.selected = Some(id);
@@ -92,14 +141,14 @@ impl Tools {
                 }
                 (None, Some((point, world))) => {
                     scene.selected = None;
-                    self.select(point, world, scene, loaded, outside);
+                    self.select(point, world, loaded, outside);
                 }
                 (None, None) => {}
             },
         }
     }
 
-    fn select(&mut self, point: PickedPoint, world: DVec3, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+    fn select(&mut self, point: PickedPoint, world: DVec3, loaded: &Loaded, outside: &mut Outside) {
         let Some(entry) = loaded.cloud(point.chunk.cloud) else { return };
         // A place on a mesh stands for the vertex beside it.
         let Some((part, index)) = entry.point_in_file(point.chunk.part, point.index) else { return };
@@ -112,34 +161,18 @@ impl Tools {
         let source = entry.source.clone().filter(|_| !is_streamed);
         let cloud = entry.cloud.name.clone();
         let record = source.is_none().then(|| Ok(loaded_attributes(&entry.cloud, chunk, point.index)));
-        if self.picks.len() == 2 {
-            self.picks.remove(0);
-        }
         outside.log(json!({ "event": "picked", "cloud": cloud, "point": number, "world": world.to_array() }));
-        self.picks.push(Pick { point, number, cloud, world, record, is_streamed });
+        self.pick = Some(Pick { point, number, cloud, world, record, is_streamed });
         if let Some(source) = source {
             outside.work(Work::ReadRecord { picked: point, record: number, source });
         }
-        if let Some(distance) = self.distance(scene.up(&loaded.clouds)) {
-            outside.log(json!({
-                "event": "distance", "total": distance.total, "horizontal": distance.horizontal,
-                "vertical": distance.vertical,
-            }));
+    }
+
+    pub fn copy_pick(&self, outside: &mut Outside) {
+        if let Some(pick) = &self.pick {
+            outside.push(Effect::Copy(pick.as_text()));
+            outside.note("Picked point copied");
         }
-    }
-
-    pub fn copy_picks(&self, outside: &mut Outside) {
-        outside.push(Effect::Copy(pick::as_text(&self.picks)));
-        outside.note("Picked points copied");
-    }
-
-    /// The distance between the two picked points.
-    pub fn distance(&self, up: DVec3) -> Option<Distance> {
-        let [first, second] = self.picks.as_slice() else { return None };
-        let difference = second.world - first.world;
-        let vertical = difference.dot(up);
-        let horizontal = (difference - up * vertical).length();
-        Some(Distance { total: difference.length(), horizontal, vertical })
     }
 
     /// Adds a mirror on the surface at the last pick, or at the pivot, and selects it.
@@ -147,7 +180,7 @@ impl Tools {
         let up = scene.up(&loaded.clouds);
         let size = scene.bounds(&loaded.clouds).radius() * MIRROR_SIZE;
         let size = if size > 0.0 { size } else { scene.camera.distance() * MIRROR_SIZE };
-        let picked = self.picks.last().map(|pick| (pick.world, loaded.normal_at(pick.point)));
+        let picked = self.pick.as_ref().map(|pick| (pick.world, loaded.normal_at(pick.point)));
         let (point, normal) = picked.unwrap_or((scene.camera.pivot, None));
         let to_eye = scene.camera.eye - point;
         let normal = normal.map_or(up, |normal| if normal.dot(to_eye) < 0.0 { -normal } else { normal });

@@ -20,15 +20,6 @@ pub struct Pick {
     pub is_streamed: bool,
 }
 
-/// The distance between two points, in world units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Distance {
-    pub total: f64,
-    pub horizontal: f64,
-    /// The difference along the up axis; negative if the second point is lower.
-    pub vertical: f64,
-}
-
 /// The attributes of a point that are known without reading its file.
 pub fn loaded_attributes(cloud: &Cloud, chunk: &Chunk, index: usize) -> Vec<(String, String)> {
     let mut attributes = Vec::new();
@@ -60,18 +51,17 @@ fn shortest(value: f64) -> String {
     (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
 }
 
-/// The text that Copy puts on the clipboard, as tab-separated lines.
-pub fn as_text(picks: &[Pick]) -> String {
-    let mut text = String::new();
-    for pick in picks {
+impl Pick {
+    /// The text that Copy puts on the clipboard, as tab-separated lines.
+    pub fn as_text(&self) -> String {
         // The number of a streamed point means nothing outside of its index.
-        let number = if pick.is_streamed { String::new() } else { format!("\tpoint {}", pick.number) };
-        text += &format!("{}{number}\t{}\n", pick.cloud, coordinates(pick.world).replace("  ", "\t"));
-        for (name, value) in pick.record.iter().flatten().flatten() {
+        let number = if self.is_streamed { String::new() } else { format!("\tpoint {}", self.number) };
+        let mut text = format!("{}{number}\t{}\n", self.cloud, coordinates(self.world).replace("  ", "\t"));
+        for (name, value) in self.record.iter().flatten().flatten() {
             text += &format!("{name}\t{value}\n");
         }
+        text
     }
-    text
 }
 
 #[cfg(test)]

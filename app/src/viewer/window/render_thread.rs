@@ -52,6 +52,8 @@ pub enum PickPurpose {
     Hover,
     Select,
     Pivot,
+    /// The next point of a measurement.
+    Corner,
 }
 
 pub enum Command {

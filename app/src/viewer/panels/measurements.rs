@@ -1,0 +1,402 @@
+//! The panel of measurements and notes: begins, selects, switches, names, copies and deletes them, and flies to them.
+
+use egui::{RichText, Ui};
+use scene::{Measurement, MeasurementKind, Note, Object};
+
+use crate::measuring::Figure;
+use crate::viewer::action::{Action, Measuring};
+use crate::viewer::input::bindings;
+use crate::viewer::objects::{ObjectId, PlacedMeasurement, PlacedNote};
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::tools::measurements::units;
+use crate::viewer::widgets::{eye, name_label};
+
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let mut push = |measuring: Measuring| actions.push(Action::Measuring(measuring));
+    ui.horizontal(|ui| {
+        measure_menu(ui, &mut push);
+        let shortcut = bindings::shortcut(&Action::Measuring(Measuring::BeginNote));
+        let note = ui.button("Add note").on_hover_text(format!("The next click places a note ({shortcut})"));
+        if note.clicked() {
+            push(Measuring::BeginNote);
+        }
+        let has_any = !session.scene.objects.measurements.is_empty();
+        let copy = ui.add_enabled(has_any, egui::Button::new("Copy all"));
+        if copy.on_hover_text("Copies all values as a table").clicked() {
+            push(Measuring::CopyAll);
+        }
+    });
+    placing(ui, session, actions);
+    let objects = &session.scene.objects;
+    if objects.measurements.is_empty() && objects.notes.is_empty() {
+        ui.label(RichText::new("Nothing is measured or noted.").color(theme::WEAK));
+    }
+    for placed in &objects.measurements {
+        ui.push_id(placed.id.0, |ui| measurement_row(ui, session, placed, actions));
+    }
+    for placed in &objects.notes {
+        ui.push_id(placed.id.0, |ui| note_row(ui, session, placed, actions));
+    }
+    if objects.notes.len() > 1 {
+        ui.horizontal(|ui| {
+            for (text, step) in [("Previous note", -1), ("Next note", 1)] {
+                let action = Action::Measuring(Measuring::StepNote(step));
+                let button = ui.small_button(text).on_hover_text(bindings::shortcut(&action));
+                actions.extend(button.clicked().then_some(action));
+            }
+        });
+    }
+}
+
+fn measure_menu(ui: &mut Ui, push: &mut impl FnMut(Measuring)) {
+    ui.menu_button("Measure", |ui| {
+        for kind in MeasurementKind::ALL {
+            let shortcut = bindings::shortcut(&Action::Measuring(Measuring::Begin(kind)));
+            if ui.button(format!("{} ({shortcut})", kind.name())).on_hover_text(help(kind)).clicked() {
+                push(Measuring::Begin(kind));
+            }
+        }
+    });
+}
+
+fn help(kind: MeasurementKind) -> &'static str {
+    match kind {
+        MeasurementKind::Point => "The coordinates of a point, and spacing and noise around it",
+        MeasurementKind::Distance => "From one point to another, with its horizontal and vertical parts",
+        MeasurementKind::Polyline => "The length of a line through points",
+        MeasurementKind::Height => "How much higher the second point is than the first",
+        MeasurementKind::Angle => "The angle at the second of three points",
+        MeasurementKind::Area => "The area of a polygon",
+        MeasurementKind::Plane => "The plane through the points around one or more clicks",
+        MeasurementKind::Circle => "The circle through three or more points",
+        MeasurementKind::Cylinder => "The cylinder through the points around one or more clicks",
+        MeasurementKind::Volume => "Between the points over a polygon and the plane through its corners",
+    }
+}
+
+/// What is being placed: what to click, the value so far, and the ways to end.
+fn placing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let Some(placing) = &session.tools.measurements.placing else { return };
+    ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
+    if let Some(figure) = placing.live(session.hovered(), session.up()).first() {
+        ui.label(RichText::new(format!("{}  {}", figure.name, figure.text(&units(&session.loaded)))).monospace());
+    }
+    ui.horizontal(|ui| {
+        let mut button = |text: &str, action: Action| {
+            let shortcut = bindings::shortcut(&action);
+            actions.extend(ui.small_button(format!("{text} ({shortcut})")).clicked().then_some(action));
+        };
+        button("End", Action::Measuring(Measuring::End));
+        button("Back", Action::Measuring(Measuring::RemoveCorner));
+        button("Cancel", Action::EndTool);
+    });
+}
+
+/// A button at the right end of a row.
+fn row_button(ui: &mut Ui, text: &str, help: &str, name: &str) -> bool {
+    let button = ui.small_button(text).on_hover_text(format!("{help} {name}"));
+    button.accessible_name(format!("{help} {name}")).clicked()
+}
+
+/// The first line of a row: the eye switches it, a click on the name selects it.
+fn row(
+    ui: &mut Ui,
+    session: &Session,
+    (id, name, on): (ObjectId, &str, bool),
+    switched: Object,
+    copied: String,
+    actions: &mut Vec<Action>,
+) {
+    ui.horizontal(|ui| {
+        if eye(ui, on, name).clicked() {
+            actions.push(Action::ChangeObject(id, Box::new(switched)));
+        }
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            if row_button(ui, "×", "Delete", name) {
+                actions.extend([Action::Select(Some(id)), Action::Delete]);
+            }
+            if row_button(ui, "Copy", "Copy", name) {
+                actions.push(Action::Copy(copied));
+            }
+            if row_button(ui, "Go", "Fly to", name) {
+                actions.push(Action::Measuring(Measuring::FlyTo(id)));
+            }
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                let is_selected = session.scene.selected == Some(id);
+                let label = egui::Button::selectable(is_selected, name).truncate();
+                if ui.add(label).clicked() {
+                    actions.push(Action::Select(if is_selected { None } else { Some(id) }));
+                }
+            });
+        });
+    });
+}
+
+fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, actions: &mut Vec<Action>) {
+    let PlacedMeasurement { id, measurement } = placed;
+    let (figures, units) = (session.tools.measurements.figures(*id), units(&session.loaded));
+    let told = |figure: &Figure| format!("{}  {}", figure.name, figure.text(&units));
+    let all = |figures: &Vec<Figure>| figures.iter().map(told).collect::<Vec<_>>().join("\n");
+    let copied = figures.and_then(|figures| figures.as_ref().ok()).map(all).unwrap_or_default();
+    let switched = Object::Measurement(Measurement { on: !measurement.on, ..measurement.clone() });
+    let head = (*id, measurement.name.as_str(), measurement.on);
+    row(ui, session, head, switched, format!("{}\n{copied}\n", measurement.name), actions);
+    let is_selected = session.scene.selected == Some(*id);
+    match figures {
+        None => drop(ui.label(RichText::new("measuring").color(theme::WEAK))),
+        Some(Err(problem)) => drop(ui.colored_label(theme::ERROR, problem)),
+        Some(Ok(figures)) => {
+            let shown = if is_selected { figures.len() } else { Figure::main_ones(measurement.kind) };
+            egui::Grid::new("figures").num_columns(2).spacing([12.0, 1.0]).show(ui, |ui| {
+                for figure in figures.iter().take(shown) {
+                    ui.label(RichText::new(figure.name).size(12.0).color(theme::WEAK));
+                    let text = RichText::new(figure.text(&units)).monospace().size(12.0);
+                    ui.add(egui::Label::new(text).selectable(true));
+                    ui.end_row();
+                }
+            });
+        }
+    }
+    if is_selected {
+        details(ui, session, *id, measurement, actions);
+    }
+}
+
+/// The name, the colour and the numbers of the selected measurement.
+fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Measurement, actions: &mut Vec<Action>) {
+    let mut measurement = before.clone();
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Name");
+        ui.add(egui::TextEdit::singleline(&mut measurement.name).desired_width(130.0)).labelled_by(label.id);
+        color(ui, &mut measurement.color);
+    });
+    if let Some(reach) = &mut measurement.reach {
+        ui.horizontal(|ui| {
+            let label = name_label(ui, "Reach");
+            let drag = egui::DragValue::new(reach).speed(before.reach.unwrap_or(1.0) * 0.01).range(1e-9..=1e9);
+            ui.add(drag).labelled_by(label.id);
+        });
+    }
+    if measurement.kind == MeasurementKind::Volume {
+        level(ui, &mut measurement, session);
+    }
+    if session.loaded.clouds.iter().any(|entry| entry.streamed.is_some()) {
+        let text = "Of the points that are loaded; `glint measure` takes all of a streamed cloud.";
+        ui.label(RichText::new(text).small().color(theme::WEAK));
+    }
+    if measurement != *before {
+        actions.push(Action::ChangeObject(id, Box::new(Object::Measurement(measurement))));
+    }
+}
+
+/// The plane of a volume: through its corners, or level at a height.
+fn level(ui: &mut Ui, measurement: &mut Measurement, session: &Session) {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Plane");
+        let mut is_level = measurement.level.is_some();
+        if ui.checkbox(&mut is_level, "level at").labelled_by(label.id).changed() {
+            let heights = measurement.points.iter().map(|point| point.dot(session.up()));
+            measurement.level = is_level.then(|| heights.fold(f64::INFINITY, f64::min));
+        }
+        if let Some(level) = &mut measurement.level {
+            ui.add(egui::DragValue::new(level).speed(0.01));
+        }
+    });
+}
+
+/// A button for a colour.
+fn color(ui: &mut Ui, color: &mut [f32; 3]) {
+    let mut bytes = color.map(|share| (share * 255.0).round() as u8);
+    if ui.color_edit_button_srgb(&mut bytes).changed() {
+        *color = bytes.map(|byte| f32::from(byte) / 255.0);
+    }
+}
+
+fn note_row(ui: &mut Ui, session: &Session, PlacedNote { id, note }: &PlacedNote, actions: &mut Vec<Action>) {
+    let title = note.title();
+    let switched = Object::Note(Note { on: !note.on, ..note.clone() });
+    row(ui, session, (*id, title, note.on), switched, note.text.clone(), actions);
+    if session.scene.selected != Some(*id) {
+        return;
+    }
+    let mut changed = note.clone();
+    let edit = egui::TextEdit::multiline(&mut changed.text).desired_rows(3).desired_width(f32::INFINITY);
+    let edit = ui.add(edit.hint_text("What is there to see?"));
+    // A new note takes the keyboard.
+    if note.text.is_empty() && !ui.ctx().text_edit_focused() {
+        edit.request_focus();
+    }
+    ui.horizontal(|ui| {
+        color(ui, &mut changed.color);
+        if ui.small_button("This view").on_hover_text("The note keeps the view that is shown now").clicked() {
+            changed.camera = Some(session.scene.camera);
+        }
+    });
+    if changed != *note {
+        actions.push(Action::ChangeObject(*id, Box::new(Object::Note(changed))));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use glam::DVec3;
+    use world::Part;
+
+    use super::*;
+    use crate::viewer::outside::Effect;
+    use crate::viewer::window::render_thread::{PickPurpose, PickedPoint, Report};
+
+    fn harness() -> Harness<'static, Session> {
+        let mut session = Session::with_two_points();
+        session.scene.view_size = [400, 300];
+        Harness::builder().with_size([380.0, 900.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        )
+    }
+
+    fn choose(harness: &mut Harness<'static, Session>, label: &str) {
+        harness.get_by_label("Measure").click();
+        harness.run_ok();
+        harness.get_by_label(label).click();
+        harness.run_ok();
+    }
+
+    /// A click whose answer is one of the two points of the cloud, or a gap.
+    fn click(session: &mut Session, index: Option<usize>) {
+        session.act(Action::PointAt(Some([10, 10])));
+        session.act(Action::Pick);
+        let chunk = session.loaded.clouds[0].key.chunk(Part::Block(0));
+        let point = index.map(|index| PickedPoint { chunk, index });
+        session.on_report(Report::Picked { pixel: [10, 10], purpose: PickPurpose::Corner, point });
+    }
+
+    /// Carries out the measurements that were asked for.
+    fn work(session: &mut Session) {
+        session.step(session.outside.now, false);
+        let (work, rest) = std::mem::take(&mut session.outside.effects)
+            .into_iter()
+            .partition(|effect| matches!(effect, Effect::Work(crate::viewer::work::Work::Measure { .. })));
+        session.outside.effects = rest;
+        let found = std::cell::RefCell::new(Vec::new());
+        for effect in work {
+            let Effect::Work(work) = effect else { continue };
+            work.run(&scene::Stream::default(), |one| found.borrow_mut().push(one));
+        }
+        found.into_inner().into_iter().for_each(|found| session.on_found(found));
+    }
+
+    fn measurements(harness: &Harness<'static, Session>) -> Vec<Measurement> {
+        let placed = &harness.state().scene.objects.measurements;
+        placed.iter().map(|placed| placed.measurement.clone()).collect()
+    }
+
+    #[test]
+    fn a_distance_is_clicked_renamed_copied_deleted_and_undone_and_a_gap_is_told() {
+        let mut harness = harness();
+        harness.run_ok();
+        choose(&mut harness, "distance (Alt+2)");
+        let session = harness.state_mut();
+        click(session, Some(0));
+        click(session, None);
+        let messages = &session.outside.messages.all;
+        assert!(messages.iter().any(|message| message.text.contains("there is no point there")), "a gap");
+        let placing = session.tools.measurements.placing.as_ref().unwrap();
+        let live = placing.live(Some(DVec3::new(3.0, 4.0, 0.0)), DVec3::Z);
+        assert_eq!((placing.corners.len(), live[0].value), (1, 5.0));
+        assert_eq!(placing.hint(), "distance: click point 2 of 2");
+        click(session, Some(1));
+        work(session);
+        harness.run_ok();
+        assert_eq!(measurements(&harness)[0].points, [DVec3::ZERO, DVec3::new(10.0, 10.0, 0.0)]);
+        // A cloud of two points tells no uncertainty.
+        assert_eq!(harness.query_all_by_label("14.1421").count(), 2, "and its horizontal part");
+        let session = harness.state_mut();
+        session.act(Action::Measuring(Measuring::CopyAll));
+        let copied = session.outside.effects.iter().find_map(|effect| match effect {
+            Effect::Copy(text) => Some(text.clone()),
+            _ => None,
+        });
+        assert!(copied.unwrap().starts_with("distance\tdistance\tdistance\t14.1421\thorizontal\t14.1421"));
+        let (id, mut renamed) = (session.scene.objects.measurements[0].id, measurements(&harness).remove(0));
+        renamed.name = "the door".into();
+        harness.state_mut().act(Action::ChangeObject(id, Box::new(Object::Measurement(renamed))));
+        harness.run_ok();
+        harness.get_by_label("Fly to the door").click();
+        harness.run_ok();
+        let camera = harness.state().scene.camera;
+        assert!((camera.pivot - DVec3::new(5.0, 5.0, 0.0)).length() < 1e-9, "{camera:?}");
+        harness.get_by_label("Delete the door").click();
+        harness.run_ok();
+        assert_eq!(measurements(&harness), []);
+        harness.state_mut().act(Action::Undo);
+        assert_eq!(measurements(&harness)[0].name, "the door");
+        let told = &harness.state().outside.messages.all;
+        assert!(told.last().is_some_and(|message| message.text == "Undone: measurement the door"), "undo tells");
+    }
+
+    #[test]
+    fn a_polyline_takes_points_back_and_ends_with_enter_once_it_has_enough() {
+        let mut harness = harness();
+        choose(&mut harness, "polyline (Alt+3)");
+        let session = harness.state_mut();
+        click(session, Some(0));
+        session.act(Action::Measuring(Measuring::End));
+        assert_eq!(session.scene.objects.measurements.len(), 0, "one point is too few");
+        click(session, Some(1));
+        click(session, Some(0));
+        click(session, Some(0));
+        session.act(Action::Measuring(Measuring::RemoveCorner));
+        // A double-click ends with the answer to its first click.
+        session.act(Action::PointAt(Some([10, 10])));
+        session.act(Action::Pick);
+        session.act(Action::Measuring(Measuring::End));
+        assert_eq!(session.scene.objects.measurements.len(), 0, "a click is not answered yet");
+        let point = PickedPoint { chunk: session.loaded.clouds[0].key.chunk(Part::Block(0)), index: 1 };
+        session.on_report(Report::Picked { pixel: [10, 10], purpose: PickPurpose::Corner, point: Some(point) });
+        work(session);
+        harness.run_ok();
+        assert_eq!(measurements(&harness)[0].points.len(), 4);
+        assert!(harness.query_all_by_label("42.4264").count() > 0);
+        // Esc gives the next one up.
+        choose(&mut harness, "area (Alt+6)");
+        click(harness.state_mut(), Some(0));
+        harness.state_mut().act(Action::EndTool);
+        assert!(harness.state().tools.measurements.placing.is_none());
+        assert_eq!(measurements(&harness).len(), 1);
+    }
+
+    #[test]
+    fn notes_are_written_stepped_through_saved_and_undone() {
+        let mut harness = harness();
+        for (index, text) in ["a crack", "a stain"].into_iter().enumerate() {
+            harness.get_by_label("Add note").click();
+            harness.run_ok();
+            click(harness.state_mut(), Some(index));
+            harness.run_ok();
+            harness.get_by_role(egui::Role::MultilineTextInput).type_text(text);
+            harness.run_ok();
+        }
+        let notes = |harness: &Harness<'static, Session>| -> Vec<Note> {
+            harness.state().scene.objects.notes.iter().map(|placed| placed.note.clone()).collect()
+        };
+        let texts: Vec<String> = notes(&harness).into_iter().map(|note| note.text).collect();
+        assert_eq!(texts, ["a crack", "a stain"]);
+        assert_eq!(notes(&harness)[1].position, DVec3::new(10.0, 10.0, 0.0));
+        let written_in = notes(&harness)[0].camera.unwrap();
+        let session = harness.state_mut();
+        session.scene.camera.orbit(1.0, 0.2);
+        session.act(Action::Measuring(Measuring::StepNote(1)));
+        assert_eq!(session.scene.selected, Some(session.scene.objects.notes[0].id), "the first follows the last");
+        assert!(session.scene.camera.eye.distance(written_in.eye) < 1e-9, "its own view");
+        session.act(Action::Measuring(Measuring::StepNote(-1)));
+        assert_eq!(session.scene.selected, Some(session.scene.objects.notes[1].id));
+        session.act(Action::Delete);
+        assert_eq!(session.scene.objects.notes.len(), 1);
+        session.act(Action::Undo);
+        assert_eq!(session.scene.objects.notes.len(), 2);
+    }
+}
