@@ -172,10 +172,10 @@ impl Measurement {
         }
         match self.level {
             Some(_) if self.kind != MeasurementKind::Volume => {
-                return Some(format!("level has no meaning for the kind `{kind}`"));
+                Some(format!("level has no meaning for the kind `{kind}`"))
             }
             Some(level) if !Camera::is_near(DVec3::splat(level)) => {
-                return Some(format!("level is {level}, expected a height"));
+                Some(format!("level is {level}, expected a height"))
             }
             _ => problem_of_color(self.color),
         }
