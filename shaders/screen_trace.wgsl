@@ -18,6 +18,8 @@
 // z: number of cells that the ray was tested against.
 @group(1) @binding(8) var views_out: texture_storage_2d<rgba32float, write>;
 @group(1) @binding(9) var<storage, read_write> counters: array<atomic<u32>>;
+// See screen_box.wgsl.
+@group(1) @binding(10) var<storage, read> walls: array<vec2u>;
 
 // Set for the first bounce, whose figures are told.
 override counts: bool = false;
@@ -45,12 +47,20 @@ fn screen_trace(@builtin(global_invocation_id) thread: vec3u) {
     let reflected = mirror_ray(point.xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
     let pixel = id.y * frame.width + id.x;
     let by_depth = settings.screen_trace.criterion != SCREEN_TRACE_CRITERION_PLANE;
-    let walk = through_screen(WalkRay(reflected.origin, reflected.direction, 0.0, FARTHEST));
+    let ray = WalkRay(reflected.origin, reflected.direction, 0.0, FARTHEST);
+    var walk = through_screen(ray);
+    let is_on_wall = walk.kind == WALK_HIDDEN && leaves_picture && meets_wall(ray);
+    if is_on_wall {
+        walk = Walk(WALK_HIT, wall_distance, wall_content, walk.cells);
+    }
     if walk.kind == WALK_HIT {
-        // A disc of the layer behind is a point, whose key is the distance.
-        var key = select(HIT_IN_PICTURE, bitcast<u32>(walk.t), is_in_back);
-        key |= select(0u, HIT_UNPROVEN, passed_behind < NEVER || by_depth || (meets_unsure && !is_in_back));
-        let identity = select(walk.identity & PIXEL_NUMBER, walk.identity, is_in_back);
+        // A disc of the layer behind is a point, whose key is the distance, as is what a wall of points shows.
+        let of_points = is_on_wall && settings.screen_trace.box_from == SCREEN_TRACE_BOX_FROM_POINTS;
+        let is_point = of_points || (is_in_back && !is_on_wall);
+        var key = select(HIT_IN_PICTURE, bitcast<u32>(walk.t), is_point);
+        let is_unsure = passed_behind < NEVER || by_depth || (meets_unsure && !is_in_back);
+        key |= select(0u, HIT_UNPROVEN, is_unsure || is_on_wall);
+        let identity = select(walk.identity & PIXEL_NUMBER, walk.identity, is_point);
         hits[pixel] = vec4u(key, identity + 1u, bitcast<u32>(walk.t), walk.cells);
     } else {
         let is_left = walk.kind == WALK_HIDDEN;
@@ -70,6 +80,32 @@ fn screen_trace(@builtin(global_invocation_id) thread: vec3u) {
     }
 }
 
+// Whether the ray goes on outside of the picture.
+var<private> leaves_picture: bool = false;
+// Where it ends on the box about all points, and the point or pixel that is there.
+var<private> wall_distance: f32 = 0.0;
+var<private> wall_content: u32 = 0u;
+
+// Whether something is on the wall at which a ray leaves the box.
+fn meets_wall(ray: WalkRay) -> bool {
+    var is_met = false;
+    if settings.screen_trace.box_from != SCREEN_TRACE_BOX_FROM_NONE {
+        let is_rising = ray.direction > vec3f(0.0);
+        let entries = (select(screen.box_high.xyz, screen.box_low.xyz, is_rising) - ray.origin) / ray.direction;
+        let exits = (select(screen.box_low.xyz, screen.box_high.xyz, is_rising) - ray.origin) / ray.direction;
+        let nearest = min(exits.x, min(exits.y, exits.z));
+        // A ray that begins outside of the box may pass it.
+        let is_through = nearest > max(0.0, max(entries.x, max(entries.y, entries.z)));
+        let axis = select(select(2u, 1u, exits.y == nearest), 0u, exits.x == nearest);
+        let wall = axis + select(3u, 0u, is_rising[axis]);
+        let texel = walls[index_in_box(wall, texel_in_box(wall, ray.origin + ray.direction * nearest))];
+        is_met = is_through && texel.y != 0u;
+        wall_distance = nearest;
+        wall_content = texel.x;
+    }
+    return is_met;
+}
+
 fn through_screen(ray: WalkRay) -> Walk {
     let choices = WalkChoices(
         settings.screen_trace.skip != 0u, settings.screen_trace.jump, ANY_SLACK, settings.screen_trace.max_steps,
@@ -87,6 +123,7 @@ fn through_screen(ray: WalkRay) -> Walk {
     // Nothing nearer is in the picture.
     exit = earlier_exit(exit, vec2f(along.depth.x - frame.near, along.depth.y), SIDE_NEAR);
     var walk = Walk(WALK_HIDDEN, 0.0, 0u, 0u);
+    leaves_picture = !is_within;
     if is_within && exit.t > own {
         if settings.screen_trace.sampling == SCREEN_TRACE_SAMPLING_STEP {
             walk = walk_by_steps(view, ray, vec2f(own, exit.t), choices);
@@ -96,6 +133,7 @@ fn through_screen(ray: WalkRay) -> Walk {
         let is_free = walk.kind == WALK_OPEN;
         if is_free && (exit.side != 0u || passed_behind < NEVER) {
             walk.kind = WALK_HIDDEN;
+            leaves_picture = exit.side != 0u && passed_behind == NEVER;
         }
         if walk.kind == WALK_HIDDEN {
             walk.t = min(select(walk.t, exit.t, is_free), passed_behind);

@@ -283,6 +283,11 @@ struct ScreenTrace {
     skip: u32,
     jump: f32,
     max_steps: u32,
+    box_from: u32,
+    box_size: u32,
+    box_distance: f32,
+    box_angle: f32,
+    completion: u32,
     rest: u32,
 }
 const SCREEN_TRACE_CRITERION_PLANE: u32 = 0u;
@@ -294,6 +299,12 @@ const SCREEN_TRACE_SAMPLING_STEP: u32 = 1u;
 const SCREEN_TRACE_BACK_NONE: u32 = 0u;
 const SCREEN_TRACE_BACK_CULLED: u32 = 1u;
 const SCREEN_TRACE_BACK_PEELED: u32 = 2u;
+const SCREEN_TRACE_BOX_FROM_NONE: u32 = 0u;
+const SCREEN_TRACE_BOX_FROM_POINTS: u32 = 1u;
+const SCREEN_TRACE_BOX_FROM_PICTURE: u32 = 2u;
+const SCREEN_TRACE_COMPLETION_NONE: u32 = 0u;
+const SCREEN_TRACE_COMPLETION_NEAREST: u32 = 1u;
+const SCREEN_TRACE_COMPLETION_REPEAT: u32 = 2u;
 const SCREEN_TRACE_REST_NONE: u32 = 0u;
 const SCREEN_TRACE_REST_SURFEL_TRACE: u32 = 1u;
 const SCREEN_TRACE_REST_CUBEMAP_TRACE: u32 = 2u;

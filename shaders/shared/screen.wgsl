@@ -1,21 +1,7 @@
-// The camera's picture as one in which rays are walked. Filled by crates/render/src/reflection/screen_trace.rs. The
-// importing pass binds `screen`, `records` and `bounds`.
-#import frame_group
+// The camera's picture as one in which rays are walked. The importing pass binds `screen`, `records` and `bounds`.
+#import screen_box
 #import depth_walk
 #import hit
-
-struct Screen {
-    // The number of levels of bounds.
-    levels: u32,
-    // The level that a pass makes.
-    level: u32,
-    // The largest radius of a mirror's splats, in world units.
-    mirror_radius: f32,
-    // The room of a layer in `records`.
-    texels_of_layer: u32,
-    // The first cell of each level in `bounds`, from level 1 on.
-    first_cells: array<u32>,
-}
 
 fn screen_view() -> DepthView {
     return DepthView(

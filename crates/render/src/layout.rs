@@ -107,7 +107,10 @@ structs! {
     /// The level of bounds that a pass makes, of shaders/cube_bounds.wgsl.
     CubeLevel { level: u32, unused_1: u32, unused_2: u32, unused_3: u32 }
     /// The camera's picture in `screen_trace`; the first cells of its levels follow. Of shaders/shared/screen.wgsl.
-    Screen { levels: u32, level: u32, mirror_radius: f32, texels_of_layer: u32 }
+    Screen {
+        levels: u32, level: u32, mirror_radius: f32, texels_of_layer: u32,
+        box_low: Vec4, box_high: Vec4,
+    }
     /// The squares of `sample_cameras`, and the level that a pass makes, of shaders/shared/bundle.wgsl.
     BundleGrid {
         first_x: u32, first_y: u32, columns: u32, rows: u32, last_level: u32, level: u32, largest: u32, stride: u32,
@@ -161,6 +164,9 @@ elements! {
     screen_trace.records: SCREEN_TEXEL_BYTES = 16;
     screen_trace.bounds: SCREEN_CELL_BYTES = 8;
     screen_trace.rest: REST_WORD_BYTES = 4;
+    screen_box_edges.edges: BOX_EDGE_BYTES = 4;
+    screen_box_scores.scores: BOX_SCORE_BYTES = 4;
+    screen_box_periods.periods: BOX_WORD_BYTES = 4;
     label_start.curvature_map: CURVATURE_BYTES = 4;
     label_start.parents: PARENT_BYTES = 4;
     label_start.sizes: LABEL_BYTES = 4;

@@ -244,8 +244,17 @@ passes! {
     screen_bounds: Method over Pixels { screen: Read, records: Read, bounds: ReadWrite }
     screen_trace: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, screen: Read, records: Read, bounds: Read,
-        hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite,
+        hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite, walls: Read,
     }
+    screen_box_pixels: Method over Pixels {
+        normal_in: Texture, position_in: Texture, screen: Read, texels: ReadWrite,
+    }
+    screen_box_edges: Method over Pixels {
+        screen: Read, picture_albedo_in: Texture, texels: Read, edges: ReadWrite, periods: ReadWrite,
+    }
+    screen_box_scores: Method over Pixels { screen: Read, edges: Read, scores: ReadWrite }
+    screen_box_periods: Method over Pixels { screen: Read, scores: Read, periods: ReadWrite }
+    screen_box_fill: Method over Pixels { screen: Read, texels: ReadWrite, periods: Read }
     screen_resolve: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, hits: Read, picture_albedo_in: Texture,
         picture_normal_in: Texture, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),

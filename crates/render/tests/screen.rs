@@ -335,3 +335,39 @@ fn published_criteria_find_more_and_less_rightly_and_are_marked_as_unproven() {
     assert!((steps.0 - plane.0).abs() < 0.1 && steps.1 < 0.05, "{steps:?} {plane:?}");
     assert!(long_steps.1 > 2.0 * steps.1, "{long_steps:?} {steps:?}");
 }
+
+#[test]
+fn rays_that_leave_the_picture_end_on_the_walls_of_the_box() {
+    let mut stage = stage_or_skip!();
+    let mut scene = furnished(&stage);
+    // From so near most of what the balls show is beside the picture.
+    scene.camera = Camera::looking(DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0), 1.1, DVec3::Y);
+    let size = [128, 96];
+    let mut drawn = |pairs: &[(&str, &str)]| {
+        let stats = scene.render(&mut stage, &by_screen(pairs), size);
+        (vectors::<4>(&stage, Aov::MirrorPosition), stats.reflection.unwrap().unresolved.unwrap_or(0.0))
+    };
+    let (traced, _) = drawn(&[("reflection.method", "surfel_trace")]);
+    let alone = [("screen_trace.rest", "none"), ("splat.close_gaps", "false")];
+    let (without, left_without) = drawn(&alone);
+    for from in ["points", "picture"] {
+        let chosen = [("screen_trace.box_from", from), ("screen_trace.completion", "nearest")];
+        let (found, left) = drawn(&[&alone[..], &chosen[..]].concat());
+        let (mut on_walls, mut right) = (0, 0);
+        for (pixel, [x, y, z, coverage]) in found.iter().enumerate() {
+            if without[pixel][3] > 0.0 {
+                assert_eq!(found[pixel], without[pixel], "the picture comes first");
+            } else if *coverage > 0.0 {
+                assert_eq!(*coverage, 0.75, "nothing proves what a wall shows");
+                let place = Vec3::new(*x, *y, *z);
+                assert!(place.abs().max_element() > 0.98, "{place} is on no wall");
+                on_walls += 1;
+                let offset = Vec3::from_slice(&traced[pixel][..3]) - place;
+                right += usize::from(traced[pixel][3] > 0.0 && offset.length() < 0.1);
+            }
+        }
+        println!("{from}: {on_walls} on walls, {right} as traced, {left_without} and {left} left");
+        assert!(on_walls > 200 && right * 5 > on_walls * 4, "{from}: {right} of {on_walls}");
+        assert!(left < left_without - 0.1, "{from}: {left_without} and {left}");
+    }
+}

@@ -42,9 +42,9 @@ pub use settings::{
     Atomics, Blank, BundleCull, BundleRest, BundleSplat, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement,
     CubeRest, CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings, Highlight,
     JudgedBy, KeptPoints, LargeDiscs, Light, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints,
-    Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SceneSettings, ScreenBack, ScreenCriterion, ScreenRest,
-    ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream, Sun, Surface,
-    SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SceneSettings, ScreenBack, ScreenBox, ScreenCompletion,
+    ScreenCriterion, ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream,
+    Sun, Surface, SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::{Filter, Visibility};

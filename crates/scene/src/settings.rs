@@ -143,6 +143,14 @@ choices! {
     }
 }
 choices! {
+    /// What rays meet that leave the camera's picture.
+    pub enum ScreenBox { None = "none", Points = "points", Picture = "picture" }
+}
+choices! {
+    /// What stands on a wall of the box where the camera does not see it.
+    pub enum ScreenCompletion { None = "none", Nearest = "nearest", Repeat = "repeat" }
+}
+choices! {
     /// What is shown instead of the picture.
     pub enum Show {
         Picture = "picture", Uncertain = "uncertain", Borders = "borders", Curvature = "curvature", Regions = "regions", Search = "search", Steps = "steps",
@@ -468,6 +476,16 @@ params! {
         jump: f32 = 1.0, 0.0..=8.0, "pixels";
         /// Steps through the picture after which a ray is given up.
         max_steps: u32 = 8192, 16..=8192, "steps";
+        /// What rays meet that leave the picture, before the rest: nothing, or the walls of the box about all points, with the points beside each, or with the pixels that show it. What stands in the box is not in the way.
+        box_from: ScreenBox = ScreenBox::None;
+        /// Texels along the longer edge of a wall of the box.
+        box_size: u32 = 256, 32..=1024, "texels";
+        /// Distance from a wall of the box up to which points or pixels lie on it.
+        box_distance: f32 = 0.02, 0.0..=0.2, "scene radii";
+        /// Angle between a pixel's normal and that of a wall of the box up to which the pixel lies on it.
+        box_angle: f32 = 30.0, 1.0..=90.0, "degrees";
+        /// What stands on a wall where the camera does not see it: nothing, the nearest pixel of the row or column, or the pixel so many periods of the wall's pattern away, and the nearest where it has none.
+        completion: ScreenCompletion = ScreenCompletion::Repeat;
         /// What rays show that leave the picture or pass behind something: nothing, or what surfel_trace or cubemap_trace finds from where they are known to be free, or what environment_map has in their direction.
         rest: ScreenRest = ScreenRest::SurfelTrace;
     }

@@ -36,7 +36,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 23] = [
+const CASES: [Case; 24] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -136,6 +136,13 @@ const CASES: [Case; 23] = [
         scene: wires,
     },
     Case { name: "screened", value: "share that the plates cover", default: 0.25, range: 0.01..=0.9, scene: screened },
+    Case {
+        name: "half-wall",
+        value: "share of the side walls that the camera sees",
+        default: 0.5,
+        range: 0.05..=0.75,
+        scene: half_wall,
+    },
     Case {
         name: "hanging-mirror",
         value: "gap between mirror and wall",
@@ -476,6 +483,19 @@ fn screened(share: f64) -> Scene {
         Piece::wall(surface, Albedo::Even([0.6, 0.5, 0.1])).spaced((width / 6.0).min(0.016))
     });
     in_room(plates.chain([sphere(DVec3::ZERO, RADIUS)]))
+}
+
+/// A sphere before an eye that sees so much of the side walls' length.
+fn half_wall(share: f64) -> Scene {
+    // The wall behind the eye is left out, so that the eye may stand there.
+    let mut pieces = room();
+    pieces.pop();
+    // The picture is 4 to 3 wide: at the edge of its sight a wall begins, one away from the eye's axis.
+    let across = 4.0 / 3.0 * (f64::from(FIELD_OF_VIEW).to_radians() / 2.0).tan();
+    let eye = -2.0 + 4.0 * share + 1.0 / across;
+    pieces.push(sphere(DVec3::Z * (eye - 1.0), 0.2));
+    let camera = Camera::looking(DVec3::Z * (eye - 1.9), DVec3::Z, 1.9, DVec3::Y);
+    Scene { pieces, camera, field_of_view: FIELD_OF_VIEW }
 }
 
 /// A plane mirror close before the far wall.

@@ -27,6 +27,7 @@ mod lobe;
 mod mirror_places;
 pub(crate) mod mirrored_viewpoint;
 pub(crate) mod sample_cameras;
+mod screen_box;
 pub(crate) mod screen_trace;
 #[cfg(test)]
 mod screen_walk;

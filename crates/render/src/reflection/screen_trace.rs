@@ -9,6 +9,7 @@ use scene::{ScreenBack, ScreenRest, Settings};
 use super::cubemap_trace::CubemapTrace;
 use super::environment_map::EnvironmentMap;
 use super::gather::{Gather, rest_list};
+use super::screen_box::{Walls, corners};
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace::{self, Rays};
 use super::task::Task;
@@ -25,6 +26,8 @@ pub(crate) struct ScreenTrace {
     picture: Option<Picture>,
     /// The rays that the picture does not resolve.
     rest: Option<wgpu::Buffer>,
+    /// What rays meet that leave the picture.
+    pub(super) walls: Option<Walls>,
 }
 
 struct Picture {
@@ -99,7 +102,7 @@ impl ScreenTrace {
             .picture
             .iter()
             .flat_map(|picture| [&picture.records, &picture.bounds].into_iter().chain(&picture.nearest));
-        picture.chain(&self.rest).map(wgpu::Buffer::size).sum()
+        picture.chain(&self.rest).map(wgpu::Buffer::size).sum::<u64>() + self.walls.as_ref().map_or(0, Walls::bytes)
     }
 
     /// Finds what the rays of a bounce meet.
@@ -125,6 +128,11 @@ impl ScreenTrace {
         recorder.clear(&gather.hits);
         let rest = rest_list(recorder, &mut self.rest, size);
         let screen = upload(recorder, task, 0);
+        let walls = self.walls.take().filter(|walls| walls.are_for(task.settings));
+        let walls = self.walls.insert(walls.unwrap_or_else(|| Walls::new(&recorder.gpu.device, task.settings)));
+        if task.bounce == 0 {
+            walls.fill(recorder, task, &screen)?;
+        }
         let bindings = passes::screen_trace {
             point_in: task.mirror.point.bind(),
             normal_in: task.normal.bind(),
@@ -136,6 +144,7 @@ impl ScreenTrace {
             rest: rest.as_entire_binding(),
             views_out: gather.views.bind(),
             counters: task.counters.as_entire_binding(),
+            walls: walls.texels.as_entire_binding(),
         };
         let counts = [("counts", u32::from(task.bounce == 0))];
         recorder.by_rows(&counts, task.supply, bindings, task.supply.mirror_groups())?;
@@ -207,8 +216,11 @@ fn upload(recorder: &Recorder<'_>, task: &Task<'_>, level: u32) -> wgpu::Buffer 
     let size = task.supply.size;
     let mirror_radius = largest_radius(task.store, task.settings);
     let texels_of_layer = (layer_bytes(size) / SCREEN_TEXEL_BYTES) as u32;
-    let head = Screen { levels: levels(size), level, mirror_radius, texels_of_layer };
-    let bytes = [bytemuck::bytes_of(&head), bytemuck::cast_slice(&first_cells(size))].concat();
+    let [box_low, box_high] = corners(task.store.bounds(), task.supply.camera.eye);
+    let head = Screen { levels: levels(size), level, mirror_radius, texels_of_layer, box_low, box_high };
+    let mut bytes = [bytemuck::bytes_of(&head), bytemuck::cast_slice(&first_cells(size))].concat();
+    // A struct with corners in it takes multiples of 16 bytes.
+    bytes.resize(bytes.len().next_multiple_of(16), 0);
     let buffer = storage(&recorder.gpu.device, "levels of the picture", bytes.len() as u64);
     recorder.gpu.queue.write_buffer(&buffer, 0, &bytes);
     buffer
