@@ -399,7 +399,9 @@ pub(super) mod tests {
             let share = stats.reflection.unwrap().unresolved.unwrap();
 
             let vector = |part: &[f32; 4]| Vec3::new(part[0], part[1], part[2]);
-            let (mut rays, mut apart, mut kinds) = (0_u32, 0_u32, [0; 3]);
+            // Places at even angles go through tangents, which differ in their last digits.
+            let most_off = if sampling == CubeSampling::Angle { 3e-5 } else { 1e-5 };
+            let (mut rays, mut apart, mut kinds, mut farthest) = (0_u32, 0_u32, [0; 3], 0.0_f32);
             for pixel in (0..points.len()).filter(|pixel| points[*pixel][3] > 0.0) {
                 let origin = vector(&points[pixel]);
                 let direction = (origin - vector(&eyes[pixel])).reflect(vector(&normals[pixel])).normalize();
@@ -410,7 +412,11 @@ pub(super) mod tests {
                     through_each(&pictures, &ray, maps as usize, choices, search)
                 };
                 let [_, found, distance, walked] = hits[pixel];
-                let near = |t: f32, other: f32| (t - other).abs() <= 1e-4 * (1.0 + other);
+                let mut off = 0.0_f32;
+                let mut near = |t: f32, other: f32| {
+                    off = (t - other).abs() / (1.0 + other);
+                    off <= most_off
+                };
                 let is_same = match expected {
                     // Two maps may show another disc at the same distance.
                     Answer::Hit { t, identity } => {
@@ -425,6 +431,9 @@ pub(super) mod tests {
                     Answer::Open => 1,
                     Answer::Hidden(_) => 2,
                 }] += 1;
+                if is_same {
+                    farthest = farthest.max(off);
+                }
                 rays += 1;
                 // Whether a sample lies before or behind a cell's border is rounding's, too.
                 let most_cells = if sampling == CubeSampling::Texel { 1 } else { 8 };
@@ -433,7 +442,8 @@ pub(super) mod tests {
             // Rounding decides for a ray that passes through the corner of a texel, and where a texel has one depth,
             // for rays that are about as deep.
             let most = if hit == CubeHit::Relay { 200 } else { 50 };
-            let about = format!("{size} {criterion:?} {sampling:?} {hit:?}: {kinds:?}");
+            let about = format!("{size} {criterion:?} {sampling:?} {hit:?}: {kinds:?}, {farthest:.1e} apart");
+            println!("{about}: {apart} of {rays} differ");
             assert!(rays > 500 && apart * most <= rays, "{about}: {apart} of {rays} differ");
             assert!(kinds[0] > rays / 2, "{about}");
             assert!(hit != CubeHit::Relay || (kinds[0] > 10 * kinds[2] && kinds[2] > 0), "{about}");

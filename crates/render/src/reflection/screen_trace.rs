@@ -362,7 +362,7 @@ mod tests {
                 let found_at = layers.walk(&ray, own, frame.near, rule, choices);
                 let walked = found_at.walk;
                 let [key, found, distance, cells] = hits[pixel];
-                let near = |t: f32, other: f32| (t - other).abs() <= 1e-4 * (1.0 + other);
+                let near = |t: f32, other: f32| (t - other).abs() <= 1e-5 * (1.0 + other);
                 let is_same = match walked.answer {
                     Answer::Hit { t, identity } => {
                         let is_in_back = key & 0x7fff_ffff != 0x7fff_ffff;
