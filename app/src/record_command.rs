@@ -170,7 +170,7 @@ impl Recording<'_> {
             let view = viewpoint.camera(outline, up, room, &settings, size);
             let mut bounds = cloud::Bounds::EMPTY;
             outline.iter().for_each(|point| bounds.include(*point));
-            self.path.over(&PathPlace { view, bounds, up }).camera(0.0).unwrap_or(view)
+            self.path.first(&PathPlace { view, bounds, up })
         };
         // What cannot be read is reported again when it is recorded.
         let opened =

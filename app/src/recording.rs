@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use render::{Aov, Gpu};
-use scene::{BuiltInPath, Camera, CameraPath, ExposureFit, PathPlace, SceneFile, Settings, Shape, View};
+use scene::{BuiltInPath, Camera, CameraPath, ExposureFit, Motion, PathPlace, SceneFile, Settings, Shape, View};
 use world::{Input, Request};
 
 use crate::failure::usage;
@@ -72,11 +72,16 @@ impl PathChoice {
     }
 
     /// The path over a place.
-    pub fn over(&self, place: &PathPlace) -> CameraPath {
+    fn over(&self, place: &PathPlace) -> CameraPath {
         match self {
             Self::Own(path) => path.clone(),
             Self::BuiltIn(path) => path.path(place),
         }
+    }
+
+    /// The camera at the beginning of the path over a place.
+    pub fn first(&self, place: &PathPlace) -> Camera {
+        Motion::new(&self.over(place)).map_or(place.view, |motion| motion.camera(0.0))
     }
 
     /// A checksum of the scene that the path leads through: of what scene files say, and of samples of the clouds.
@@ -136,6 +141,7 @@ pub fn settings(request: &mut Request) -> &mut Settings {
 pub struct Recorder {
     viewer: Headless,
     path: CameraPath,
+    motion: Motion,
     /// The time of the path's beginning on the clock that the viewer is given. The clock advances with the path and
     /// not with real time.
     start: Instant,
@@ -157,7 +163,8 @@ impl Recorder {
         path: &PathChoice,
     ) -> anyhow::Result<Result<Self, u8>> {
         let names = request.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ");
-        let first = if let PathChoice::Own(path) = path { path.camera(0.0) } else { None };
+        let own = if let PathChoice::Own(path) = path { Motion::new(path) } else { None };
+        let first = own.map(|motion| motion.camera(0.0));
         settings(&mut request);
         if let (Some(view), Some(first)) = (&mut request.view, first) {
             view.camera = Some(first);
@@ -172,7 +179,11 @@ impl Recorder {
             status if !is_there => Ok(Err(status)),
             _ => {
                 let path = path.over(&viewer.place());
-                Ok(Ok(Self { viewer, path, start: opened + REST, fitted: BTreeMap::new() }))
+                let motion = Motion::new(&path).ok_or_else(|| anyhow!("path `{}` has no keyframes", path.name))?;
+                let mut recorder = Self { viewer, path, motion, start: opened + REST, fitted: BTreeMap::new() };
+                // Tracks that name nothing are told before the first picture.
+                recorder.pose(0.0)?;
+                Ok(Ok(recorder))
             }
         }
     }
@@ -188,8 +199,7 @@ impl Recorder {
     /// It cannot be drawn, or somebody pressed Ctrl-C.
     pub fn picture(&mut self, time: f64, images: &[Aov], bar: &Bar) -> anyhow::Result<Picture> {
         self.expose(time, bar)?;
-        let (camera, now) = (self.camera(time)?, self.now(time));
-        let picture = self.viewer.picture(camera, now, images, bar)?;
+        let picture = self.viewer.picture(self.motion.camera(time), self.now(time), images, bar)?;
         picture.ok_or_else(|| anyhow!("the points are gone"))
     }
 
@@ -198,8 +208,11 @@ impl Recorder {
         self.viewer.points_drawn() == 0
     }
 
-    fn camera(&self, time: f64) -> anyhow::Result<Camera> {
-        self.path.camera(time).ok_or_else(|| anyhow!("path `{}` has no keyframes", self.path.name))
+    /// Sets parameters and objects as the tracks of the path have them at a time.
+    fn pose(&mut self, time: f64) -> anyhow::Result<()> {
+        let name = &self.path.name;
+        let posed = self.viewer.pose(&self.path.tracks, time);
+        posed.map_err(|(track, problem)| usage(format!("path `{name}`, track {}: {problem}", track + 1)))
     }
 
     fn now(&self, time: f64) -> Instant {
@@ -209,10 +222,11 @@ impl Recorder {
     /// Gives the picture at a time the exposures that fit the keyframes before and after it, mixed by time, so that the
     /// exposure does not jump with what comes into view.
     fn expose(&mut self, time: f64, bar: &Bar) -> anyhow::Result<()> {
+        self.pose(time)?;
         if self.viewer.tone.fit == ExposureFit::Locked {
             return Ok(());
         }
-        let times: Vec<f64> = self.path.keyframes.iter().map(|keyframe| keyframe.time).collect();
+        let times = self.motion.times().to_vec();
         let next = times.partition_point(|keyframe| *keyframe <= time);
         let around = [next.saturating_sub(1), next.min(times.len().saturating_sub(1))];
         let mut stops = [0.0; 2];
@@ -220,12 +234,13 @@ impl Recorder {
             *stops = match self.fitted.get(&index) {
                 Some(known) => *known,
                 None => {
-                    let (camera, now) = (self.camera(times[index])?, self.now(time));
-                    self.viewer.exposure(camera, now, bar)?
+                    self.pose(times[index])?;
+                    self.viewer.exposure(self.motion.camera(times[index]), self.now(time), bar)?
                 }
             };
             self.fitted.insert(index, *stops);
         }
+        self.pose(time)?;
         let [from, to] = around.map(|index| times[index]);
         let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) as f32 } else { 0.0 };
         self.viewer.lock_exposure((stops[0] + (stops[1] - stops[0]) * share).clamp(-10.0, 10.0));

@@ -224,6 +224,57 @@ fn built_in_paths_need_no_scene_file() {
     assert!(all.messages.contains("name a built-in one with --path (turntable, orbit, flight)"), "{all}");
 }
 
+/// What tracks change is as if the scene file had it so, and does not depend on the frames before.
+#[test]
+fn tracks_move_mirrors_and_parameters() {
+    let folder = Folder::new();
+    let scene = |place: &str, background: &str, tracks: &str| {
+        let camera = "eye = [0.0, 0.0, 1.9]\npivot = [0.0, 0.0, 0.0]\nup = [0.0, 1.0, 0.0]\n";
+        format!(
+            "clouds = [\"five-mirrors/none\"]\n[camera]\n{camera}[parameters]\n\"gi.bounces\" = 0\n\"scene.points\" = 20000\n\
+             \"reflection.method\" = \"surfel_trace\"\n\"view.background\" = \"{background}\"\n[[mirrors]]\nname = \"ball\"\n\
+             shape = \"sphere\"\nposition = {place}\nsize = 0.4\n[[paths]]\nname = \"still\"\n[[paths.keyframes]]\ntime = 0.0\n\
+             {camera}{tracks}"
+        )
+    };
+    let track = |key: &str, values: &str| {
+        format!("[[paths.tracks]]\nkey = \"{key}\"\ntimes = [0.0, 1.0]\nvalues = {values}\nease = \"linear\"\n")
+    };
+    let tracks = track("mirrors.ball.position", "[[-0.5, 0, 0], [0.5, 0.25, 0.0]]")
+        + &track("view.background", "[\"#102030\", \"#405060\"]");
+    folder.write("moving.toml", scene("[0.5, 0.5, 0.5]", "#ffffff", &tracks));
+    let words = "record moving.toml -o moving --size 96x64 --fps 4 --frames 1..4";
+    let recorded = folder.glint_within(PATIENCE, words.split(' '));
+    if lacks_adapter(&recorded) {
+        return;
+    }
+    assert_eq!((recorded.status, &*recorded.text()), (Some(0), "3 pictures in moving\n"), "{recorded}");
+    for (frame, place) in [(2, "[0.0, 0.125, 0.0]"), (3, "[0.25, 0.1875, 0.0]")] {
+        folder.write("there.toml", scene(place, "#102030", ""));
+        let there = folder.glint_within(PATIENCE, "render there.toml -o there.png --size 96x64".split(' '));
+        assert_eq!(there.status, Some(0), "{there}");
+        let picture = bytes(folder.path(&format!("moving/frame-{frame:06}.png")));
+        assert!(picture == bytes(folder.path("there.png")), "frame {frame}");
+    }
+    let then = "render moving.toml -o then.png --size 96x64 --time 0.75 --aov mirror=mirror.exr";
+    assert_eq!(folder.glint_within(PATIENCE, then.split(' ')).status, Some(0));
+    assert!(bytes(folder.path("then.png")) == bytes(folder.path("moving/frame-000003.png")));
+    assert!(folder.path("mirror.exr").exists());
+
+    let wrong = [
+        ("mirrors.bal.position", "[[0, 0, 0], [1, 0, 0]]", "no mirror is called `bal`; there are: ball"),
+        ("mirrors.ball.size", "[1, -1]", "at 0.5 s: size is 0, expected more than 0"),
+        ("sun.elevatio", "[1, 2]", "track 1: key: sun.elevatio: no such parameter"),
+        ("mirrors.ball.place", "[1, 2]", "a mirror has no `place`"),
+    ];
+    for (key, values, told) in wrong {
+        folder.write("wrong.toml", scene("[0, 0, 0]", "#ffffff", &track(key, values)));
+        let refused = folder.glint_within(PATIENCE, "record wrong.toml -o wrong --size 96x64 --fps 4".split(' '));
+        assert_eq!(refused.status, Some(2), "{refused}");
+        assert!(refused.messages.contains(told) && refused.messages.lines().count() == 1, "{refused}");
+    }
+}
+
 #[test]
 #[cfg(unix)]
 fn ctrl_c_ends_a_recording_with_130_and_leaves_whole_pictures() {

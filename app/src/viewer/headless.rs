@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use render::{Aov, Gpu};
-use scene::{Camera, ExposureFit, PathPlace, Tone};
+use scene::{Camera, ExposureFit, Handle, PathPlace, Settings, Tone, Track};
 use world::{Event, Request};
 
 use crate::failure::{FAILED, UNUSABLE};
@@ -29,7 +29,9 @@ pub struct Headless {
     status: u8,
     /// The number of messages that were handled so far.
     told: usize,
-    /// The tone that the scene asks for.
+    /// The parameters that the scene asks for, where no track changes them.
+    settings: Option<Settings>,
+    /// The tone that the scene asks for now.
     pub tone: Tone,
 }
 
@@ -57,7 +59,7 @@ impl Headless {
         session.set_view_size(size);
         session.open_request(request);
         let tone = session.scene.settings.tone.clone();
-        let mut headless = Self { session, effects, news, status: 0, told: 0, tone };
+        let mut headless = Self { session, effects, news, status: 0, told: 0, settings: None, tone };
         headless.do_effects();
         Ok(headless)
     }
@@ -100,13 +102,39 @@ impl Headless {
         PathPlace { view: self.session.scene.camera, bounds: self.session.bounds(), up: self.session.up() }
     }
 
+    /// Sets parameters and objects as tracks have them at a time of their path, in seconds.
+    ///
+    /// # Errors
+    /// A track names nothing in the scene, or gives it a value that it cannot have: with the number of the track.
+    pub fn pose(&mut self, tracks: &[Track], time: f64) -> Result<(), (usize, String)> {
+        let scene = &mut self.session.scene;
+        let mut settings = self.settings.get_or_insert_with(|| scene.settings.clone()).clone();
+        for (index, track) in tracks.iter().enumerate() {
+            match track.handle().map_err(|problem| (index, problem))? {
+                Handle::Parameter(key) => {
+                    track.set_parameter(key, &mut settings, time).map_err(|error| (index, error.to_string()))?;
+                }
+                Handle::Object { kind, name, value } => {
+                    let (id, mut object) = scene.objects.named(kind, name).map_err(|problem| (index, problem))?;
+                    track.set_object(value, &mut object, time);
+                    if let Some(problem) = object.problem() {
+                        return Err((index, format!("{kind} `{name}` at {time} s: {problem}")));
+                    }
+                    scene.objects.set(id, object);
+                }
+            }
+        }
+        self.tone = settings.tone.clone();
+        scene.settings = settings;
+        Ok(())
+    }
+
     /// Returns the exposure of the final picture that the camera sees: the one that fits it, or the scene's if none is
     /// fitted. `now` and `bar` have the meaning of those of `settle`.
     ///
     /// # Errors
     /// Those of `settle`.
     pub fn exposure(&mut self, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<f32> {
-        self.session.scene.settings.tone = self.tone.clone();
         self.settle(Some(camera), now, bar)?;
         let fitted = self.session.frames.shown.as_ref().and_then(|shown| shown.stats.exposure);
         Ok(fitted.map_or(self.tone.exposure, |fitted| fitted.stops))

@@ -104,6 +104,23 @@ impl Objects {
         self.lights.iter().find(|placed| placed.id == id).map(|placed| &placed.light)
     }
 
+    /// Returns the object of a kind with this name; lights are numbered from 1.
+    ///
+    /// # Errors
+    /// There is none: the names that there are.
+    pub fn named(&self, kind: &str, name: &str) -> Result<(ObjectId, Object), String> {
+        let of_kind = self.all().filter(|(.., object)| object.kind().name == kind);
+        let named = of_kind.enumerate().map(|(index, (id, known, object))| {
+            let known = if matches!(object, Object::Light(_)) { (index + 1).to_string() } else { known.to_owned() };
+            (known, id, object)
+        });
+        let all: Vec<(String, ObjectId, Object)> = named.collect();
+        let names: Vec<&str> = all.iter().map(|(known, ..)| known.as_str()).collect();
+        let there = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        let problem = format!("no {kind} is called `{name}`; there are: {there}");
+        all.iter().find(|(known, ..)| known == name).map(|(_, id, object)| (*id, object.clone())).ok_or(problem)
+    }
+
     /// Returns all objects with their names.
     pub fn all(&self) -> impl Iterator<Item = (ObjectId, &str, Object)> {
         let mirrors = self.mirrors.iter();

@@ -423,7 +423,11 @@ fn scene() -> String {
         let Camera { eye, pivot, up } = level();
         Keyframe { time, eye: eye + DVec3::Y * time, pivot, up }
     };
-    file.paths = vec![CameraPath { name: "tour".into(), keyframes: vec![keyframe(0.0), keyframe(2.5)] }];
+    file.paths = vec![CameraPath {
+        name: "tour".into(),
+        keyframes: vec![keyframe(0.0), keyframe(2.5)],
+        ..CameraPath::default()
+    }];
     file.to_text()
 }
 

@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::Camera;
 use crate::mirror::{UNIT_TOLERANCE, identity};
 
+/// The most clip volumes of a scene: every point is tested against each.
+pub const MOST_CLIPS: usize = 64;
+
 /// The most corners of a prism.
 const MOST_CORNERS: usize = 1000;
 /// The smallest and the largest size in world units; within them f64 neither over- nor underflows.

@@ -57,21 +57,9 @@ use toml::de::DeTable;
 
 use crate::camera_path::PathProblem;
 use crate::{
-    Camera, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, Settings, Shape, SpotLight, Visibility, shown,
-    whole_file,
+    Camera, CameraPath, Clip, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS, MOST_NOTES, Measurement, Mirror,
+    MirrorPoints, Note, Settings, Shape, SpotLight, Visibility, shown, whole_file,
 };
-
-/// The most mirrors of a scene. Each brings at least 20,000 points, and the reflection of each in each is searched for.
-pub const MOST_MIRRORS: usize = 64;
-
-/// The most clip volumes of a scene: every point is tested against each.
-pub const MOST_CLIPS: usize = 64;
-
-/// The most measurements of a scene: more could not be read over the picture.
-pub const MOST_MEASUREMENTS: usize = 1000;
-
-/// The most notes of a scene.
-pub const MOST_NOTES: usize = 1000;
 
 /// The most filters of a scene: every point is tested against each.
 const MOST_FILTERS: usize = 64;
@@ -184,11 +172,14 @@ impl SceneFile {
     fn odd_path(&self, text: &str) -> Option<String> {
         for (index, path) in self.paths.iter().enumerate() {
             let is_again = self.paths[..index].iter().any(|before| before.name == path.name);
-            let again = || PathProblem { keyframe: None, key: "name", problem: "another path has this name".into() };
+            let again = || PathProblem { place: None, key: "name", problem: "another path has this name".into() };
             let Some(odd) = path.problem().or_else(|| is_again.then(again)) else { continue };
             let name = param::shortened(&path.name, param::MOST_QUOTED);
-            let keyframe = odd.keyframe.map_or(String::new(), |keyframe| format!(", keyframe {}", keyframe + 1));
-            let problem = format!("path {} (`{name}`){keyframe}: {}: {}", index + 1, odd.key, odd.problem);
+            let place = odd.place.map_or(String::new(), |(list, number)| {
+                format!(", {} {}", list.strip_suffix('s').unwrap_or(list), number + 1)
+            });
+            let problem = param::shortened(&odd.problem, MOST_TOLD);
+            let problem = format!("path {} (`{name}`){place}: {}: {problem}", index + 1, odd.key);
             return Some(match start_of(text, index, &odd) {
                 Some(start) => at_line(text, start, &problem),
                 None => problem,
@@ -304,8 +295,8 @@ fn problem_of(error: &toml::de::Error, text: &str) -> String {
 fn start_of(text: &str, path: usize, odd: &PathProblem) -> Option<usize> {
     let root = DeTable::parse(text).ok()?;
     let path = root.get_ref().get("paths")?.get_ref().get(path)?;
-    let keyframe = |index: usize| path.get_ref().get("keyframes")?.get_ref().get(index);
-    let table = odd.keyframe.and_then(keyframe).unwrap_or(path);
+    let of_list = |(list, number): (&str, usize)| path.get_ref().get(list)?.get_ref().get(number);
+    let table = odd.place.and_then(of_list).unwrap_or(path);
     Some(table.get_ref().get(odd.key).unwrap_or(table).span().start)
 }
 
@@ -389,8 +380,11 @@ mod tests {
         let (min, max) = (DVec3::new(1e6 + 0.1, 0.0, 0.0), DVec3::new(1e6 + 0.3, 1.0, 2.0));
         let by_name = PointChoice::Attribute { name: "Deviation, 2nd".into(), low: -0.1, high: 0.3 };
         let keyframe = |time: f64| Keyframe { time, eye: max * time, pivot: min, up: DVec3::new(0.1, 0.0, 1.0 / 3.0) };
-        let path =
-            |name: &str| CameraPath { name: name.into(), keyframes: [0.0, 0.1, 1.0 / 3.0].map(keyframe).to_vec() };
+        let path = |name: &str| CameraPath {
+            name: name.into(),
+            keyframes: [0.0, 0.1, 1.0 / 3.0].map(keyframe).to_vec(),
+            ..CameraPath::default()
+        };
         let file = SceneFile {
             mirrors,
             lights: vec![crate::five_mirrors::light()],

@@ -7,6 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::Camera;
 
+/// The most measurements of a scene: more could not be read over the picture.
+pub const MOST_MEASUREMENTS: usize = 1000;
+
+/// The most notes of a scene.
+pub const MOST_NOTES: usize = 1000;
+
 /// The most corners of a measurement.
 const MOST_CORNERS: usize = 1000;
 /// The most characters of a note.

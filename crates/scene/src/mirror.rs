@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{MirrorMesh, MirrorSurface, surface_points};
 
+/// The most mirrors of a scene. Each brings at least 20,000 points, and the reflection of each in each is searched for.
+pub const MOST_MIRRORS: usize = 64;
+
 impl MirrorSurface {
     /// Whether a mirror with a formula is drawn by it. `as_points` is the mirror's own preference.
     pub fn is_exact(self, as_points: bool) -> bool {

@@ -1,0 +1,359 @@
+//! Tracks: what changes along a path besides the camera. A track names a parameter, or a value of a mirror, a light or a
+//! clip volume, and says what it is at which time.
+
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::curve::{derivatives, hermite};
+use crate::{Object, Settings};
+
+/// How values and places go from one time to the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ease {
+    /// Without a jump in speed, and never beyond a value that was given.
+    #[default]
+    Smooth,
+    /// Evenly from one to the next.
+    Linear,
+    /// From a stop to a stop.
+    InOut,
+    /// Not at all: each lasts until the next.
+    Hold,
+}
+
+impl Ease {
+    pub(crate) fn is_smooth(&self) -> bool {
+        *self == Self::Smooth
+    }
+}
+
+/// What one parameter or object does along a path, as `[[paths.tracks]]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Track {
+    /// A parameter's key, or `mirrors.NAME.VALUE`, `lights.NUMBER.VALUE`, `clips.NAME.VALUE`.
+    pub key: String,
+    /// Seconds from the beginning of the path, rising.
+    pub times: Vec<f64>,
+    /// A value for each time.
+    pub values: Vec<toml::Value>,
+    #[serde(default, skip_serializing_if = "Ease::is_smooth")]
+    pub ease: Ease,
+}
+
+/// What a track changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Handle<'a> {
+    Parameter(&'a str),
+    Object {
+        /// The name of its kind: mirror, light or clip.
+        kind: &'static str,
+        /// Its name; a light's number from 1.
+        name: &'a str,
+        value: &'a str,
+    },
+}
+
+/// The objects that tracks change: the list in scene files, the name of the kind, and their values with the count of
+/// numbers of each. Values of no numbers are switches.
+type Values = &'static [(&'static str, usize)];
+const KINDS: [(&str, &str, Values); 3] = [
+    (
+        "mirrors",
+        "mirror",
+        &[
+            ("position", 3),
+            ("rotation", 4),
+            ("size", 1),
+            ("color", 3),
+            ("specular_intensity", 1),
+            ("specular_power", 1),
+            ("refraction", 1),
+        ],
+    ),
+    (
+        "lights",
+        "light",
+        &[("position", 3), ("target", 3), ("intensity", 3), ("inner_degrees", 1), ("outer_degrees", 1)],
+    ),
+    ("clips", "clip", &[("position", 3), ("rotation", 4), ("size", 3), ("on", 0)]),
+];
+
+impl Track {
+    /// What the track changes.
+    ///
+    /// # Errors
+    /// The key names nothing, in words.
+    pub fn handle(&self) -> Result<Handle<'_>, String> {
+        let Some((first, rest)) = self.key.split_once('.') else { return Ok(Handle::Parameter(&self.key)) };
+        let Some((list, kind, values)) = KINDS.iter().find(|(list, ..)| *list == first) else {
+            return Ok(Handle::Parameter(&self.key));
+        };
+        let names: Vec<&str> = values.iter().map(|(name, _)| *name).collect();
+        let expected = format!("expected {list}.NAME.VALUE with a value of {}", names.join(", "));
+        let Some((name, value)) = rest.rsplit_once('.') else { return Err(format!("`{}`: {expected}", self.key)) };
+        if !names.contains(&value) {
+            return Err(format!("`{}`: a {kind} has no `{value}`; {expected}", self.key));
+        }
+        Ok(Handle::Object { kind, name, value })
+    }
+
+    /// Why it is not valid, with the key of what is wrong.
+    pub(crate) fn problem(&self) -> Option<(&'static str, String)> {
+        let handle = match self.handle() {
+            Ok(handle) => handle,
+            Err(problem) => return Some(("key", problem)),
+        };
+        let (times, values) = (self.times.len(), self.values.len());
+        if times == 0 {
+            return Some(("times", "a track needs at least one time".into()));
+        }
+        if values != times {
+            return Some(("values", format!("{values} values for {times} times")));
+        }
+        // Comparisons that a NaN fails.
+        let is_rising = self.times.windows(2).all(|pair| pair[0] < pair[1]);
+        if !(is_rising && self.times[0] >= 0.0 && self.times.iter().all(|time| time.is_finite())) {
+            return Some(("times", "expected seconds from 0 on, each more than the one before".into()));
+        }
+        match handle {
+            Handle::Parameter(key) => self.parameter_problem(key),
+            Handle::Object { kind, value, .. } => {
+                let counts = KINDS.iter().find(|(_, name, _)| *name == kind).map_or(&[][..], |(.., counts)| counts);
+                let count = counts.iter().find(|(name, _)| *name == value).map_or(0, |(_, count)| *count);
+                let is_fine = |given: &toml::Value| match count {
+                    0 => given.is_bool(),
+                    _ => numbers(given).is_some_and(|numbers| numbers.len() == count),
+                };
+                let expected = match count {
+                    0 => "true or false".to_owned(),
+                    1 => "a number".to_owned(),
+                    count => format!("{count} numbers"),
+                };
+                let odd = self.values.iter().find(|given| !is_fine(given))?;
+                Some(("values", format!("{}, expected {expected} each", param::shortened(&odd.to_string(), 60))))
+            }
+        }
+    }
+
+    fn parameter_problem(&self, key: &str) -> Option<(&'static str, String)> {
+        let mut settings = Settings::default();
+        for value in &self.values {
+            if let Err(error) = settings.set_text(key, &text(value)) {
+                let what = if matches!(error, param::Error::UnknownKey { .. }) { "key" } else { "values" };
+                return Some((what, error.to_string()));
+            }
+        }
+        let (group, name) = key.split_once('.')?;
+        let groups = settings.groups();
+        let fields =
+            groups.iter().filter(|params| params.group().name == group).flat_map(|params| &params.group().fields);
+        let is_of_points = fields.into_iter().any(|field| field.name == name && field.affects.points);
+        is_of_points.then(|| ("key", format!("`{key}` says how points are read, which is done once; it has no track")))
+    }
+
+    /// The value at a time: that of the first time before it, and that of the last one after it.
+    pub fn value(&self, time: f64) -> toml::Value {
+        let next = self.times.partition_point(|known| *known <= time);
+        let last = next.saturating_sub(1);
+        let (from, to) = (&self.values[last], self.values.get(next));
+        let between = to.filter(|_| next > 0 && self.ease != Ease::Hold && self.times[last] < time);
+        let (Some(_), Some(start)) = (between, numbers(from)) else { return from.clone() };
+        let points: Option<Vec<Vec<f64>>> = self.values.iter().map(numbers).collect();
+        let Some(points) = points.filter(|points| points.iter().all(|point| point.len() == start.len())) else {
+            return from.clone();
+        };
+        let span = self.times[next] - self.times[last];
+        let share = (time - self.times[last]) / span;
+        if matches!(self.handle(), Ok(Handle::Object { value: "rotation", .. })) {
+            let [from, to] = [last, next].map(|at| rotation(&points[at]));
+            let share = if self.ease == Ease::Linear { share } else { hermite(share)[1] };
+            return list(&from.slerp(to, share).to_array());
+        }
+        let spans: Vec<f64> = self.times.windows(2).map(|ends| ends[1] - ends[0]).collect();
+        let component = |index: usize| {
+            let [from, to] = [points[last][index], points[next][index]];
+            let speeds = match self.ease {
+                Ease::Smooth => {
+                    let slopes = points.windows(2).zip(&spans);
+                    let slopes: Vec<f64> =
+                        slopes.map(|(ends, span)| (ends[1][index] - ends[0][index]) / span).collect();
+                    let speeds = derivatives(&slopes, &spans, false);
+                    [speeds[last], speeds[next]]
+                }
+                Ease::Linear => [(to - from) / span; 2],
+                Ease::InOut | Ease::Hold => [0.0; 2],
+            };
+            let [start, end, leaving, arriving] = hermite(share);
+            from * start + to * end + (speeds[0] * leaving + speeds[1] * arriving) * span
+        };
+        let values: Vec<f64> = (0..start.len()).map(component).collect();
+        if from.is_array() { list(&values) } else { toml::Value::Float(values[0]) }
+    }
+
+    /// Sets the parameter that the track changes to its value at a time.
+    ///
+    /// # Errors
+    /// The parameter takes no such value.
+    pub fn set_parameter(&self, key: &str, settings: &mut Settings, time: f64) -> Result<(), param::Error> {
+        let value = self.value(time);
+        let whole = |number: f64| number.round().to_string();
+        match (&value, settings.set_text(key, &text(&value))) {
+            // Between whole numbers lie others.
+            (toml::Value::Float(number), Err(_)) => settings.set_text(key, &whole(*number)),
+            (_, result) => result,
+        }
+    }
+
+    /// Gives an object the value that it has at a time. An object of another kind stays as it is.
+    pub fn set_object(&self, name: &str, object: &mut Object, time: f64) {
+        let value = self.value(time);
+        let numbers = numbers(&value).unwrap_or_default();
+        let first = numbers.first().copied().unwrap_or_default();
+        let place = || DVec3::from_slice(&numbers);
+        let color = || [0, 1, 2].map(|index| numbers[index] as f32);
+        match (object, name) {
+            (Object::Mirror(mirror), "position") => mirror.position = place(),
+            (Object::Mirror(mirror), "rotation") => mirror.rotation = rotation(&numbers),
+            (Object::Mirror(mirror), "size") => mirror.size = first,
+            (Object::Mirror(mirror), "color") => mirror.color = color(),
+            (Object::Mirror(mirror), "specular_intensity") => mirror.specular_intensity = first as f32,
+            (Object::Mirror(mirror), "specular_power") => mirror.specular_power = first as f32,
+            (Object::Mirror(mirror), "refraction") => mirror.refraction = Some(first as f32),
+            (Object::Light(light), "position") => light.position = place(),
+            (Object::Light(light), "target") => light.target = place(),
+            (Object::Light(light), "intensity") => light.intensity = color(),
+            (Object::Light(light), "inner_degrees") => light.inner_degrees = first as f32,
+            (Object::Light(light), "outer_degrees") => light.outer_degrees = first as f32,
+            (Object::Clip(clip), "position") => clip.position = place(),
+            (Object::Clip(clip), "rotation") => clip.rotation = rotation(&numbers),
+            (Object::Clip(clip), "size") => clip.size = place(),
+            (Object::Clip(clip), "on") => clip.on = value.as_bool().unwrap_or(clip.on),
+            _ => {}
+        }
+    }
+}
+
+/// A value in the form in which `--set` takes it.
+fn text(value: &toml::Value) -> String {
+    match value {
+        toml::Value::String(text) => text.clone(),
+        toml::Value::Float(number) => number.to_string(),
+        other => other.to_string(),
+    }
+}
+
+/// The finite numbers of a value: one, or those of a list.
+fn numbers(value: &toml::Value) -> Option<Vec<f64>> {
+    let number = |value: &toml::Value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
+    let numbers: Option<Vec<f64>> = match value {
+        toml::Value::Array(list) => list.iter().map(number).collect(),
+        one => number(one).map(|number| vec![number]),
+    };
+    numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()))
+}
+
+fn list(numbers: &[f64]) -> toml::Value {
+    toml::Value::Array(numbers.iter().copied().map(toml::Value::Float).collect())
+}
+
+/// A rotation of any length but zero.
+fn rotation(numbers: &[f64]) -> DQuat {
+    let turn = DQuat::from_slice(numbers);
+    if turn.length() > 0.0 { turn.normalize() } else { DQuat::IDENTITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Mirror, Shape, five_mirrors};
+
+    fn track(key: &str, times: &[f64], values: &str, ease: Ease) -> Track {
+        let table: toml::Table = toml::from_str(&format!("values = {values}")).unwrap();
+        let values = table["values"].as_array().unwrap().clone();
+        Track { key: key.into(), times: times.to_vec(), values, ease }
+    }
+
+    fn number(track: &Track, time: f64) -> f64 {
+        track.value(time).as_float().unwrap_or_else(|| track.value(time).as_integer().unwrap() as f64)
+    }
+
+    #[test]
+    fn values_are_met_at_their_times_and_never_passed_between_them() {
+        let values = [3.0, 4.0, 4.0, 9.0, 1.0, 1.5];
+        let times = [0.0, 1.0, 2.0, 2.1, 5.0, 9.0];
+        for ease in [Ease::Smooth, Ease::Linear, Ease::InOut, Ease::Hold] {
+            let track = track("sun.elevation", &times, &format!("{values:?}"), ease);
+            assert_eq!(track.problem(), None);
+            for (time, value) in times.iter().zip(values) {
+                assert_eq!(number(&track, *time), value, "{ease:?} at {time}");
+            }
+            for (ends, between) in values.windows(2).zip(times.windows(2)) {
+                let at = |step: u32| between[0] + (between[1] - between[0]) * f64::from(step) / 50.0;
+                let (low, high) = (ends[0].min(ends[1]) - 1e-9, ends[0].max(ends[1]) + 1e-9);
+                assert!((0..50).all(|step| (low..=high).contains(&number(&track, at(step)))), "{ease:?} {ends:?}");
+            }
+            assert_eq!([number(&track, -1.0), number(&track, 99.0)], [3.0, 1.5]);
+            let middle = number(&track, 3.55);
+            assert_eq!(middle == 9.0, ease == Ease::Hold, "{middle}");
+        }
+        let line = track("sun.elevation", &[0.0, 1.0, 3.0], "[1, 2, 4.0]", Ease::Smooth);
+        assert!((0..30).all(|step| (number(&line, f64::from(step) * 0.1) - 1.0 - f64::from(step) * 0.1).abs() < 1e-9));
+    }
+
+    #[test]
+    fn parameters_take_numbers_whole_numbers_names_and_switches() {
+        let mut settings = Settings::default();
+        let mut set = |key: &str, values: &str, time: f64| {
+            let track = track(key, &[0.0, 1.0], values, Ease::Linear);
+            assert_eq!(track.problem(), None, "{key}");
+            track.set_parameter(key, &mut settings, time).unwrap();
+            settings.clone()
+        };
+        assert_eq!(set("sun.elevation", "[10, 20]", 0.25).sun.elevation, 12.5);
+        assert_eq!(set("gi.vpls", "[16, 33]", 0.5).gi.vpls, 25);
+        let method = set("reflection.method", "[\"surfel_trace\", \"sscr\"]", 0.99).reflection.method;
+        assert_eq!(method, crate::Method::SurfelTrace);
+        assert!(!set("splat.back_faces", "[false, true]", 0.5).splat.back_faces);
+    }
+
+    #[test]
+    fn objects_move_turn_and_change() {
+        let mut ball = Object::Mirror(Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0));
+        let half = |key: &str, values: &str| track(key, &[0.0, 2.0], values, Ease::Linear);
+        let place = half("mirrors.a.b.position", "[[0, 0, 0], [2, 4, 6.0]]");
+        assert_eq!(place.handle(), Ok(Handle::Object { kind: "mirror", name: "a.b", value: "position" }));
+        place.set_object("position", &mut ball, 1.0);
+        half("mirrors.a.rotation", "[[0, 0, 0, 1], [0, 0, 1, 0]]").set_object("rotation", &mut ball, 1.0);
+        half("mirrors.a.size", "[1, 2]").set_object("size", &mut ball, 1.0);
+        let Object::Mirror(mirror) = &ball else { panic!("no mirror") };
+        assert_eq!((mirror.position, mirror.size), (DVec3::new(1.0, 2.0, 3.0), 1.5));
+        assert!((mirror.rotation * DVec3::X).abs_diff_eq(DVec3::Y, 1e-9) && mirror.rotation.is_normalized());
+        let mut light = Object::Light(five_mirrors::light());
+        half("lights.1.intensity", "[[0, 0, 0], [2, 4, 6]]").set_object("intensity", &mut light, 0.5);
+        let Object::Light(light) = light else { panic!("no light") };
+        assert_eq!(light.intensity, [0.5, 1.0, 1.5]);
+    }
+
+    #[test]
+    fn what_is_no_track_is_refused_by_key() {
+        let problem = |key: &str, times: &[f64], values: &str| {
+            let (what, problem) = track(key, times, values, Ease::Smooth).problem().unwrap();
+            format!("{what}: {problem}")
+        };
+        assert!(problem("sun.elevatio", &[0.0], "[1]").starts_with("key: sun.elevatio"));
+        assert!(problem("sun.elevation", &[0.0], "[1000]").starts_with("values: sun.elevation"));
+        assert!(problem("scene.points", &[0.0], "[1000]").contains("is done once"));
+        assert!(problem("mirrors.ball", &[0.0], "[1]").starts_with("key: `mirrors.ball`: expected mirrors.NAME.VALUE"));
+        assert!(problem("mirrors.ball.shape", &[0.0], "[1]").contains("a mirror has no `shape`"));
+        assert!(problem("mirrors.ball.position", &[0.0], "[[1, 2]]").contains("expected 3 numbers each"));
+        assert!(problem("mirrors.ball.size", &[0.0], "[nan]").contains("expected a number each"));
+        assert!(problem("clips.room.on", &[0.0], "[1]").contains("expected true or false each"));
+        assert!(problem("sun.elevation", &[], "[]").starts_with("times: "));
+        assert!(problem("sun.elevation", &[0.0, 1.0], "[1]").contains("1 values for 2 times"));
+        for times in [[0.0, 0.0], [-1.0, 0.0], [0.0, f64::NAN], [1.0, f64::INFINITY]] {
+            assert!(problem("sun.elevation", &times, "[1, 2]").starts_with("times: expected seconds"), "{times:?}");
+        }
+    }
+}
