@@ -4,6 +4,7 @@
 #import frame_group
 #import brdf
 #import gloss
+#import finite
 #import vpl
 
 // a: specular intensity.
@@ -218,8 +219,8 @@ fn share_seen(v: u32, light: Vpl, at: vec3f, normal: vec3f) -> f32 {
     // The surface itself, as the texel's middle sees its plane.
     let ray = ray_of_map(lights, light, (texel + 0.5) / size * 2.0 - 1.0);
     let plane = dot(normal, at - ray.origin) / dot(normal, ray.direction);
-    // The comparison is false for NaN (a plane along the ray), which keeps the distance.
-    let expected = select(point.distance, plane, plane > 0.5 * point.distance && plane < point.distance);
+    // A plane along the ray keeps the distance.
+    let expected = select(point.distance, plane, is_finite(plane) && plane > 0.5 * point.distance && plane < point.distance);
     let stored = distance_of_code(lights, light.normal.w, code >> 16u);
     let bias = settings.gi.shadow_bias * lights.disc_radius;
     return select(1.0, 0.0, code != 0u && stored < expected - bias);

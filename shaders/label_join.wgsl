@@ -1,5 +1,5 @@
-// Labelling, second of three passes: the trees of a pixel and of its left and upper neighbours become one. A root only ever
-// gets a smaller parent, so the order of the threads cannot matter. One thread a pixel.
+// Labelling, second of three passes: the trees of a pixel and of its left and upper neighbours in other tiles become one.
+// A root only ever gets a smaller parent, so the order of the threads cannot matter. One thread a pixel.
 #import frame_group
 #import region
 
@@ -14,10 +14,10 @@ fn label_join(@builtin(global_invocation_id) id: vec3u) {
     if atomicLoad(&parents[index]) == OUTSIDE {
         return;
     }
-    if id.x > 0u {
+    if id.x > 0u && id.x % 8u == 0u {
         join(index, index - 1u);
     }
-    if id.y > 0u {
+    if id.y > 0u && id.y % 8u == 0u {
         join(index, index - frame.width);
     }
 }

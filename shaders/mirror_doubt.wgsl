@@ -40,20 +40,40 @@ const PROVEN: f32 = 1.0;
 // the occlusion error.
 const OTHER_SURFACE: f32 = 0.05;
 
+// The counts of a workgroup: one word of the counters is too hot for all pixels.
+var<workgroup> mirrors: atomic<u32>;
+var<workgroup> found: atomic<u32>;
+var<workgroup> closed: atomic<u32>;
+var<workgroup> doubted: atomic<u32>;
+
 @compute @workgroup_size(8, 8)
-fn mirror_doubt(@builtin(global_invocation_id) thread: vec3u) {
+fn mirror_doubt(@builtin(global_invocation_id) thread: vec3u, @builtin(local_invocation_index) lane: u32) {
     let id = mirror_pixel(frame, thread);
-    if id.x >= frame.width || id.y >= frame.height {
-        return;
+    if id.x < frame.width && id.y < frame.height {
+        judge(id);
     }
+    workgroupBarrier();
+    if lane == 0u {
+        atomicAdd(&counters[MIRROR_PIXELS], atomicLoad(&mirrors));
+        atomicAdd(&counters[FOUND_PIXELS], atomicLoad(&found));
+        atomicAdd(&counters[CLOSED_PIXELS], atomicLoad(&closed));
+        atomicAdd(&counters[DOUBTED_PIXELS], atomicLoad(&doubted));
+    }
+}
+
+fn judge(id: vec2u) {
     let point = textureLoad(point_in, id, 0);
     var doubt = 0.0;
     if point.w > 0.0 {
         let seen = textureLoad(seen_in, id, 0);
-        atomicAdd(&counters[MIRROR_PIXELS], 1u);
+        atomicAdd(&mirrors, 1u);
         if seen.w > 0.0 {
             let is_found = seen.w >= FOUND;
-            atomicAdd(&counters[select(CLOSED_PIXELS, FOUND_PIXELS, is_found)], 1u);
+            if is_found {
+                atomicAdd(&found, 1u);
+            } else {
+                atomicAdd(&closed, 1u);
+            }
             doubt = CLOSED;
             if is_found {
                 doubt = select(select(0.0, ALONE, is_alone(id, point.xyz, seen.xyz)), OFF_ITS_RAY, is_off(id, point.xyz, seen.xyz));
@@ -65,7 +85,7 @@ fn mirror_doubt(@builtin(global_invocation_id) thread: vec3u) {
             doubt = UNPROVEN;
         }
         if doubt > 0.0 {
-            atomicAdd(&counters[DOUBTED_PIXELS], 1u);
+            atomicAdd(&doubted, 1u);
         }
     }
     textureStore(doubt_out, id, vec4f(doubt));

@@ -80,12 +80,12 @@ fn splat_solution(item: Item, index: u32, solution: Solution) {
 }
 
 // Where a reflected ray meets a point's plane, from the mirror point; the point itself if the plane is seen edge-on, or
-// if it has none (NaN). With the points themselves, slanted surfaces would be seen in steps as wide as the splats.
+// if it has none. With the points themselves, slanted surfaces would be seen in steps as wide as the splats.
 fn on_plane(toward: vec3f, normal: vec3f, direction: vec3f) -> vec3f {
     let along = dot(toward, direction);
     let beside = length(toward - along * direction);
     let plane = dot(normal, toward) / dot(normal, direction);
-    return select(toward, plane * direction, plane > 0.0 && abs(plane - along) <= STEEPEST * beside);
+    return select(toward, plane * direction, is_finite(plane) && plane > 0.0 && abs(plane - along) <= STEEPEST * beside);
 }
 
 // A sum that wraps adds one to its half of a word of carries.

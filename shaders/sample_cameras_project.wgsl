@@ -200,8 +200,7 @@ const OVERLAP: f32 = 2.25;
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
     let place = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
-    // The comparison is false for NaN, a point without a place.
-    let is_tried = dot(place, place) < 3e38 && is_shown(index);
+    let is_tried = is_place(point.xyz) && dot(place, place) < 3e38 && is_shown(index);
     let own_radius = unpack_radius(point.w & 0xffffu);
     let radius = select(own_radius, item.origin_radius.w, own_radius == 0.0);
     // Those that are not drawn while the camera moves are stood for by the others.

@@ -2,17 +2,13 @@
 // points away. Runs twice: first for depths, then for identities.
 #import nearest_point
 #import hit
+#import run
 
 // The camera's picture, see screen_planes.wgsl.
 @group(2) @binding(0) var<storage, read> records: array<vec4u>;
 // Two words a pixel: identity of the point, nearness. 0: empty.
 @group(2) @binding(1) var<storage, read_write> nearest: array<atomic<u32>>;
-
-// Set for the second run.
-override finds_identity: bool = false;
-
-// Two compilations of the same arithmetic may differ in the last bits; without slack such a pixel would stay empty.
-const SLACK: u32 = 4u;
+@group(2) @binding(2) var<uniform> run: Run;
 
 @compute @workgroup_size(128)
 fn splat_behind(
@@ -24,9 +20,10 @@ fn splat_behind(
 }
 
 fn put(pixel: u32, depth: f32, identity: u32) {
+    let finds_identity = run.finds_identity != 0u;
     let key = nearness(depth);
     let so_far = atomicLoad(&nearest[pixel * 2u + 1u]);
-    if select(key <= so_far, key + SLACK < so_far, finds_identity) || !is_behind(pixel, depth, identity) {
+    if select(key <= so_far, key < so_far, finds_identity) || !is_behind(pixel, depth, identity) {
         return;
     }
     if finds_identity {

@@ -61,8 +61,7 @@ fn splat_point(item: Item, walked: u32) {
     let last = solutions[index];
     var solution = Solution(0u, 0.0);
     let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
-    // The comparison is false for NaN, a point without a place, which is not searched for.
-    let is_point = dot(q, q) < 3e38;
+    let is_point = is_place(point.xyz) && dot(q, q) < 3e38;
     if totals.regions > 0u && pick.is_searched && is_point && is_shown(index) {
         let identity = identities_from + index;
         var last_at = vec2f(-1.0);

@@ -4,6 +4,7 @@
 // squares instead: at least a texel wide, and as far everywhere as the point.
 // One thread a point and light.
 #import frame_group
+#import finite
 #import vpl
 
 @group(1) @binding(0) var<uniform> lights: Virtual;
@@ -65,8 +66,8 @@ fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
             let normal = select(surface.xyz, at.direction, all(surface.xyz == vec3f(0.0)));
             let distance = dot(normal, offset) / dot(normal, ray.direction);
             let beside = ray.direction * distance - offset;
-            // Written so that NaN (a plane through the light) is not drawn.
-            if distance > 0.0 && dot(beside, beside) <= radius * radius {
+            // A plane through the light is not drawn.
+            if is_finite(distance) && distance > 0.0 && dot(beside, beside) <= radius * radius {
                 let code = code_of_distance(lights, light.normal.w, distance);
                 atomicMax(&shadow_maps[texel], code << 16u | slot);
             }

@@ -7,6 +7,7 @@ use param::{Field, Group, Kind, Value};
 use scene::{METHODS, Settings, five_mirrors};
 use serde_json::json;
 
+use crate::info::grouped;
 use crate::terminal::{print, print_json};
 use crate::{environment, truth};
 
@@ -139,6 +140,9 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
                 "features": {"atomics64": report.atomics64, "timestamps": report.timestamps},
                 "limits": {"binding_bytes": report.max_binding_bytes, "buffer_bytes": report.max_buffer_bytes,
                     "texture_size": report.max_texture_size},
+                "needs": report.needs.iter().map(|(need, has)| {
+                    json!({"what": need.what, "least": need.least, "has": has})
+                }).collect::<Vec<_>>(),
                 "chosen": report.chosen, "why": report.why,
             })
         };
@@ -174,6 +178,11 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
         let (binding, buffer) = (mebibytes(report.max_binding_bytes), mebibytes(report.max_buffer_bytes));
         let size = report.max_texture_size;
         fact("limits", &format!("binding {binding} MiB, buffer {buffer} MiB, picture {size} x {size}"));
+        for (index, (need, has)) in report.needs.iter().enumerate() {
+            let name = if index == 0 { "needs" } else { "" };
+            let (least, has) = (grouped(need.least), grouped(*has));
+            fact(name, &format!("{least} {}, has {has}", need.what));
+        }
     }
     let display = match display {
         Some((name, value)) => format!("{name}={value}"),
@@ -190,7 +199,7 @@ fn threads() -> usize {
 }
 
 fn mebibytes(bytes: u64) -> String {
-    crate::info::grouped(bytes >> 20)
+    grouped(bytes >> 20)
 }
 
 /// The content of docs/parameters.md, made from the table of parameters.

@@ -23,8 +23,10 @@ fn index_of_identity(identity: u32) -> u32 {
     return items_of_runs[at] * BLOCK_POINTS + identity % BLOCK_POINTS;
 }
 
+// The item of a point of the page. A point of an earlier frame may have none any more; it then gets another, not what
+// lies beyond the list.
 fn item_of_point(index: u32) -> Item {
-    return items[items_of_runs[index / BLOCK_POINTS]];
+    return items[min(items_of_runs[index / BLOCK_POINTS], arrayLength(&items) - 1u)];
 }
 
 fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {

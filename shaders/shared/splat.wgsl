@@ -1,5 +1,6 @@
 // A point as an oriented disc on the screen: the pixels that it covers and its depth there. Every splatting pass uses
 // it, so that all of them agree on the same fragments.
+#import finite
 #import frame
 #import packing
 #import params
@@ -60,8 +61,7 @@ fn single_of_point(frame: Frame, item: Item, point: vec4u) -> Single {
     let center = view_from_relative(frame, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz);
     let pixel = floor(pixel_from_view(frame, center));
     let size = vec2f(f32(frame.width), f32(frame.height));
-    // The comparison is false for NaN, which is not drawn.
-    let is_drawn = center.z > frame.near && center.z < 3e38 && all(pixel >= vec2f(0.0)) && all(pixel < size);
+    let is_drawn = is_place(point.xyz) && center.z > frame.near && center.z < 3e38 && all(pixel >= vec2f(0.0)) && all(pixel < size);
     return Single(u32(pixel.y) * frame.width + u32(pixel.x), is_drawn, center);
 }
 
@@ -89,8 +89,7 @@ const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), vec2f(0.0), 0.0, vec2i
 fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
     let relative = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     let center = view_from_relative(frame, relative);
-    // The comparison is false for NaN, which is not drawn.
-    if !(center.z > frame.near && center.z < 3e38) {
+    if !is_place(point.xyz) || !(center.z > frame.near && center.z < 3e38) {
         return NOT_DRAWN;
     }
     let pixel = pixel_from_view(frame, center);
@@ -146,9 +145,9 @@ const STEEPEST: f32 = 6.0;
 
 // The depth at a pixel's centre of a surface whose depth is `own` at a point `width` world units beside it; `plane` is
 // the depth of the point's plane there. With the point's own depth a slanted surface would shift to the side, and the
-// nearer of several points would win. Seen edge-on, or without a normal (NaN), the result is the point's own depth.
+// nearer of several points would win. Seen edge-on, or without a normal, `plane` is no number and the result is the point's own depth.
 fn depth_beside(own: f32, plane: f32, width: f32) -> f32 {
-    return select(own, plane, abs(plane - own) <= STEEPEST * width);
+    return select(own, plane, is_finite(plane) && abs(plane - own) <= STEEPEST * width);
 }
 
 // Perspective-correct: the ray through the pixel's centre meets the disc's plane.
@@ -167,8 +166,8 @@ fn fragment_of_disc(frame: Frame, disc: Disc, pixel: vec2i) -> Fragment {
     let hit = hit_of_plane(frame, disc.center, disc.normal, at);
     let offset = hit - disc.center;
     let outside = dot(offset, offset) / (disc.radius * disc.radius);
-    // The comparison is false for NaN (a plane through the eye), which falls back.
-    if !(outside <= 1.0 && hit.z > frame.near) {
+    // A plane through the eye falls back.
+    if !(is_finite(outside) && outside <= 1.0 && hit.z > frame.near) {
         let half_pixel = 0.5 * disc.radius / disc.radius_pixels;
         return Fragment(select(0.0, depth_beside(disc.center.z, hit.z, half_pixel), is_center), 0.0);
     }

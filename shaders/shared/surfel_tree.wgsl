@@ -1,4 +1,5 @@
 // A chunk's points as a tree of oriented discs. Filled by crates/render/src/reflection/surfel_tree.rs.
+#import finite
 
 struct Node {
     // xyz: f32 bits of the box's lower corner. w: the node that follows when a ray misses this one.
@@ -53,8 +54,8 @@ fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, d
     let distance = dot(normal, offset) / dot(normal, direction);
     let across = direction * distance - offset;
     let outside = dot(across, across) / (radius * radius);
-    // The comparison is false for NaN (a disc seen edge-on), which misses.
-    let is_hit = outside <= 1.0 && distance > SELF_DISTANCE * radius;
+    // A disc seen edge-on is missed.
+    let is_hit = is_finite(outside) && outside <= 1.0 && distance > SELF_DISTANCE * radius;
     return DiscHit(select(0.0, distance, is_hit), outside, radius);
 }
 

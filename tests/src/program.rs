@@ -3,7 +3,6 @@
 
 use std::ffi::OsStr;
 use std::io::Read;
-use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
@@ -93,7 +92,11 @@ impl Folder {
     pub fn new() -> Folder {
         let folder = TempDir::with_prefix("glint-test-").expect("a temporary folder");
         // Access for its owner alone, as the specification of XDG_RUNTIME_DIR asks.
-        std::fs::DirBuilder::new().mode(0o700).create(folder.path().join("runtime")).expect("a folder inside it");
+        let mut builder = std::fs::DirBuilder::new();
+        // What Unix's window systems ask for.
+        #[cfg(unix)]
+        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+        builder.create(folder.path().join("runtime")).expect("a folder inside it");
         Folder { folder }
     }
 

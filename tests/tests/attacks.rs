@@ -1,5 +1,6 @@
 //! Names, words and files that somebody has made in order to break something: what a person sees is told in short, on one line,
 //! and nothing is waited for.
+#![cfg(unix)]
 
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt as _;

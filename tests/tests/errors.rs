@@ -163,6 +163,7 @@ fn inputs_that_cannot_be_read_are_bad_input_in_every_command() {
     assert!(!folder.path("pictures").exists());
 }
 
+#[cfg(unix)]
 #[test]
 fn files_without_permission_are_bad_input_in_every_command() {
     use std::os::unix::fs::PermissionsExt as _;

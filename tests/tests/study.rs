@@ -67,7 +67,7 @@ fn a_study_writes_its_results_goes_on_where_it_was_cut_and_comes_in_shards() {
         assert_eq!((&row["repeats"], &row["points"], &row["error"]), (&1.into(), &5000.into(), &Value::Null), "{row}");
         assert!(row["frame_ms"].as_f64().is_some_and(|time| time > 0.0), "{row}");
         assert!(row["adapter"].is_string() && row["commit"].is_string() && row["clock"].is_string(), "{row}");
-        assert!(row["passes"]["splat_nearest"].is_number() || row["passes"]["splat_depth"].is_number(), "{row}");
+        assert!(row["passes"]["splat_nearest"].is_number() || row["passes"]["splat_narrow"].is_number(), "{row}");
     }
     let of = |method: &str| whole.iter().find(|row| row["method"] == method).expect("a row of each method");
     let error = |method: &str| of(method)["same_input_delta_e"].as_f64().unwrap_or(f64::NAN);

@@ -8,13 +8,11 @@
 #[path = "../tests/las_files/mod.rs"]
 mod las_files;
 
-use std::fs::File;
-use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::{LazyLock, Mutex};
 
 use cloud::{Chunk, Progress};
-use codec::{Selection, Source};
+use codec::{Bytes, Selection, Source};
 use divan::counter::ItemsCount;
 use las_files::{Chunks, compress, terrain};
 use laz::laszip::{ChunkTable, ChunkTableEntry};
@@ -64,19 +62,19 @@ fn decode(records: &[u8]) -> Columns {
 
 fn points_start(path: &Path) -> u64 {
     let mut word = [0; 4];
-    File::open(path).unwrap().read_exact_at(&mut word, 96).unwrap();
+    Bytes::open(path).unwrap().read_at(96, &mut word).unwrap();
     u32::from_le_bytes(word).into()
 }
 
 fn bare_las(files: &Files) -> Vec<Columns> {
-    let file = File::open(&files.las).unwrap();
+    let file = Bytes::open(&files.las).unwrap();
     let start = points_start(&files.las);
     let blocks = files.points.div_ceil(CHUNK);
     let read = |buffer: &mut Vec<u8>, block: usize| {
         let count = CHUNK.min(files.points - block * CHUNK);
         buffer.resize(CHUNK * RECORD, 0);
         let bytes = &mut buffer[..count * RECORD];
-        file.read_exact_at(bytes, start + (block * CHUNK * RECORD) as u64).unwrap();
+        file.read_at(start + (block * CHUNK * RECORD) as u64, bytes).unwrap();
         decode(bytes)
     };
     (0..blocks).into_par_iter().map_init(Vec::new, read).collect()

@@ -8,12 +8,11 @@
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Write as _};
-use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::{LazyLock, Mutex};
 
 use cloud::{CHUNK_POINTS, Progress};
-use codec::Selection;
+use codec::{Bytes, Selection};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use ply_rs::parser::{Parser, Reader};
@@ -98,13 +97,13 @@ fn binary_ours(bencher: Bencher) {
 fn binary_bare(bencher: Bencher) {
     const STRIDE: usize = 15;
     bencher.counter(ItemsCount::new(points())).bench(|| {
-        let file = File::open(&FILES.binary).unwrap();
+        let file = Bytes::open(&FILES.binary).unwrap();
         let kept = Mutex::new(Vec::new());
         (0..points().div_ceil(CHUNK_POINTS)).into_par_iter().for_each(|chunk| {
             let rows = CHUNK_POINTS.min(points() - chunk * CHUNK_POINTS);
             let mut bytes = vec![0; rows * STRIDE];
             let offset = FILES.binary_start + (chunk * CHUNK_POINTS * STRIDE) as u64;
-            file.read_exact_at(&mut bytes, offset).unwrap();
+            file.read_at(offset, &mut bytes).unwrap();
             let (mut positions, mut colors) = (Vec::with_capacity(rows), Vec::with_capacity(rows));
             for row in bytes.chunks_exact(STRIDE) {
                 let float = |at: usize| f32::from_le_bytes([row[at], row[at + 1], row[at + 2], row[at + 3]]);
@@ -128,14 +127,14 @@ fn text_ours(bencher: Bencher) {
 fn text_bare(bencher: Bencher) {
     const BLOCK: u64 = 2 << 20;
     bencher.counter(ItemsCount::new(points())).bench(|| {
-        let file = File::open(&FILES.text).unwrap();
-        let length = file.metadata().unwrap().len();
+        let file = Bytes::open(&FILES.text).unwrap();
+        let length = file.length();
         let kept = Mutex::new(Vec::new());
         (0..(length - FILES.text_start).div_ceil(BLOCK)).into_par_iter().for_each(|block| {
             let start = FILES.text_start + block * BLOCK;
             // A block owns the lines that begin in it: 256 bytes more hold the end of its last.
             let mut bytes = vec![0; ((BLOCK + 256).min(length + 1 - start)) as usize];
-            file.read_exact_at(&mut bytes, start - 1).unwrap();
+            file.read_at(start - 1, &mut bytes).unwrap();
             let mut at = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
             let (mut positions, mut colors): Columns = Default::default();
             while at <= BLOCK as usize && at < bytes.len() {

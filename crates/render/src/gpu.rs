@@ -62,6 +62,8 @@ pub struct Gpu {
     pub clock: Clock,
     /// Whether storage buffers have a 64-bit atomic maximum.
     pub atomics64: bool,
+    /// Whether 64-bit atomics can be read: only with Vulkan, see splat_nearest_blind.wgsl.
+    pub(crate) reads_atomics64: bool,
     /// The passes that are kept from run to run, if the adapter hands them over and `keep_pipelines_in` named a folder.
     pub(crate) kept_pipelines: Option<KeptPipelines>,
     /// The first error outside of any error scope (memory that ran out, a lost device): the next wait reports it.
@@ -71,6 +73,106 @@ pub struct Gpu {
 /// The time after which the device is taken for lost: software Vulkan compiles shaders for seconds at the first
 /// dispatch, and slower still on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(300);
+
+/// A limit of adapters, and what glint's passes need of it.
+#[derive(Debug)]
+pub struct Need {
+    pub what: &'static str,
+    pub least: u64,
+    of: fn(&wgpu::Limits) -> u64,
+}
+
+#[cfg(test)]
+impl Need {
+    /// What some limits have of it.
+    pub(crate) fn promised(&self, limits: &wgpu::Limits) -> u64 {
+        (self.of)(limits)
+    }
+}
+
+/// The needs of all passes; docs/gpu.md says which pass needs how much.
+pub(crate) const NEEDS: [Need; 8] = [
+    Need {
+        what: "storage buffers in a shader",
+        least: 15,
+        of: |limits| limits.max_storage_buffers_per_shader_stage.into(),
+    },
+    Need {
+        what: "uniform buffers in a shader",
+        least: 3,
+        of: |limits| limits.max_uniform_buffers_per_shader_stage.into(),
+    },
+    Need {
+        what: "sampled textures in a shader",
+        least: 8,
+        of: |limits| limits.max_sampled_textures_per_shader_stage.into(),
+    },
+    Need {
+        what: "storage textures in a shader",
+        least: 4,
+        of: |limits| limits.max_storage_textures_per_shader_stage.into(),
+    },
+    Need { what: "groups of bindings", least: 3, of: |limits| limits.max_bind_groups.into() },
+    Need {
+        what: "threads in a workgroup",
+        least: 256,
+        of: |limits| limits.max_compute_invocations_per_workgroup.into(),
+    },
+    Need {
+        what: "bytes of workgroup memory",
+        least: 10_216,
+        of: |limits| limits.max_compute_workgroup_storage_size.into(),
+    },
+    // Pictures and pages of points adapt to it; WebGPU promises this much.
+    Need { what: "bytes of a bound buffer", least: 128 << 20, of: |limits| limits.max_storage_buffer_binding_size },
+];
+
+/// Says what limits lack, `None` if nothing.
+fn lack(limits: &wgpu::Limits) -> Option<String> {
+    let lacks = NEEDS.iter().filter(|need| (need.of)(limits) < need.least);
+    let lacks: Vec<String> =
+        lacks.map(|need| format!("{} {} where {} are needed", (need.of)(limits), need.what, need.least)).collect();
+    (!lacks.is_empty()).then(|| format!("it has {}", lacks.join(", ")))
+}
+
+/// Lets an adapter act like lesser ones, for tests (`cargo xtask test --modes`): words of the variable GLINT_ACT_LIKE.
+struct Acting(String);
+
+impl Acting {
+    fn from_environment() -> Self {
+        Self(std::env::var("GLINT_ACT_LIKE").unwrap_or_default())
+    }
+
+    fn like(&self, word: &str) -> bool {
+        self.0.split(',').any(|known| known == word)
+    }
+
+    /// The features that are left.
+    fn features(&self, features: wgpu::Features) -> wgpu::Features {
+        let hidden = if self.like("no-timestamps") { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
+        let int64 = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
+        features - hidden - if self.like("narrow-atomics") { int64 } else { wgpu::Features::empty() }
+    }
+
+    /// The limits that are left: those that WebGPU promises, and what glint needs above them.
+    fn limits(&self, limits: wgpu::Limits) -> wgpu::Limits {
+        if !self.like("low-limits") {
+            return limits;
+        }
+        let least = wgpu::Limits::defaults();
+        wgpu::Limits {
+            max_storage_buffers_per_shader_stage: NEEDS[0].least as u32,
+            max_storage_buffer_binding_size: least.max_storage_buffer_binding_size,
+            max_buffer_size: least.max_buffer_size,
+            max_texture_dimension_2d: least.max_texture_dimension_2d,
+            max_compute_workgroup_storage_size: least.max_compute_workgroup_storage_size,
+            max_compute_invocations_per_workgroup: least.max_compute_invocations_per_workgroup,
+            min_storage_buffer_offset_alignment: least.min_storage_buffer_offset_alignment,
+            min_uniform_buffer_offset_alignment: least.min_uniform_buffer_offset_alignment,
+            ..limits
+        }
+    }
+}
 
 /// The backends that glint runs on: the number of storage buffers and 64-bit atomics rule out GL.
 const BACKENDS: wgpu::Backends = wgpu::Backends::PRIMARY;
@@ -109,21 +211,27 @@ impl Gpu {
 
     fn open(adapter: wgpu::Adapter) -> Result<Arc<Self>> {
         let info = adapter.get_info();
-        let timestamps = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        let acting = Acting::from_environment();
+        let (features, limits) = (acting.features(adapter.features()), acting.limits(adapter.limits()));
+        if let Some(problem) = lack(&limits) {
+            return Err(Error::Device { adapter: info.name.clone(), problem });
+        }
+        let timestamps = features & wgpu::Features::TIMESTAMP_QUERY;
         let int64 = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
-        let atomics64 = adapter.features().contains(int64);
+        let atomics64 = features.contains(int64);
         let int64 = if atomics64 { int64 } else { wgpu::Features::empty() };
-        let pipeline_cache = adapter.features() & wgpu::Features::PIPELINE_CACHE;
+        let pipeline_cache = features & wgpu::Features::PIPELINE_CACHE;
         let request = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("glint"),
             required_features: timestamps | int64 | pipeline_cache,
-            required_limits: adapter.limits(),
+            required_limits: limits,
             ..Default::default()
         });
         let (device, queue) = pollster::block_on(request)
             .map_err(|error| Error::Device { adapter: info.name.clone(), problem: error.to_string() })?;
-        let clock =
-            if timestamps.is_empty() || info.device_type == wgpu::DeviceType::Cpu { Clock::Host } else { Clock::Gpu };
+        let is_timed = info.device_type != wgpu::DeviceType::Cpu || acting.like("gpu-clock");
+        let clock = if is_timed && !timestamps.is_empty() { Clock::Gpu } else { Clock::Host };
+        let reads_atomics64 = info.backend == wgpu::Backend::Vulkan && !acting.like("blind-atomics");
         let failure = Arc::new(Mutex::new(None));
         let first = failure.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
@@ -131,7 +239,7 @@ impl Gpu {
             first.get_or_insert_with(|| error.to_string());
         }));
         let kept_pipelines = KEPT_IN.get().and_then(|folder| KeptPipelines::open(&device, &info, folder));
-        Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64, kept_pipelines, failure }))
+        Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64, reads_atomics64, kept_pipelines, failure }))
     }
 
     pub(crate) fn pipeline_cache(&self) -> Option<&wgpu::PipelineCache> {
@@ -245,6 +353,8 @@ pub struct AdapterReport {
     pub max_binding_bytes: u64,
     pub max_buffer_bytes: u64,
     pub max_texture_size: u32,
+    /// What the passes need, and what of it the adapter has.
+    pub needs: Vec<(&'static Need, u64)>,
     pub chosen: bool,
     /// Why it is chosen, or why not.
     pub why: String,
@@ -255,17 +365,18 @@ pub fn adapters(wanted: Option<&str>) -> Vec<AdapterReport> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = BACKENDS;
     let all = pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(BACKENDS));
-    let chosen = choose(&all.iter().map(|adapter| adapter.get_info()).collect::<Vec<_>>(), wanted);
+    let chosen = choose(&candidates(&all), wanted);
     let report = |(index, adapter): (usize, &wgpu::Adapter)| {
         let info = adapter.get_info();
         let limits = adapter.limits();
         let features = adapter.features();
         let is_chosen = chosen == Some(index);
-        let why = match (is_chosen, wanted) {
-            (true, Some(wanted)) => format!("fits `{wanted}`"),
-            (true, None) => "the fastest kind there is".into(),
-            (false, Some(wanted)) if !fits(&info, wanted) => format!("does not fit `{wanted}`"),
-            (false, _) => "another is faster, or listed first".into(),
+        let why = match (is_chosen, wanted, lack(&limits)) {
+            (true, Some(wanted), None) => format!("fits `{wanted}`"),
+            (true, None, None) => "the fastest kind there is".into(),
+            (false, Some(wanted), _) if !fits(&info, wanted) => format!("does not fit `{wanted}`"),
+            (false, _, None) => "another is faster, or listed first".into(),
+            (_, _, Some(problem)) => problem,
         };
         AdapterReport {
             name: info.name.clone(),
@@ -277,6 +388,7 @@ pub fn adapters(wanted: Option<&str>) -> Vec<AdapterReport> {
             max_binding_bytes: limits.max_storage_buffer_binding_size,
             max_buffer_bytes: limits.max_buffer_size,
             max_texture_size: limits.max_texture_dimension_2d,
+            needs: NEEDS.iter().map(|need| (need, (need.of)(&limits))).collect(),
             chosen: is_chosen,
             why,
         }
@@ -298,15 +410,20 @@ pub fn kind_name(kind: wgpu::DeviceType) -> &'static str {
 fn best(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>, wanted: Option<&str>) -> Result<wgpu::Adapter> {
     let mut all = pollster::block_on(instance.enumerate_adapters(BACKENDS));
     all.retain(|adapter| surface.is_none_or(|surface| adapter.is_surface_supported(surface)));
-    let infos: Vec<wgpu::AdapterInfo> = all.iter().map(|adapter| adapter.get_info()).collect();
-    match choose(&infos, wanted) {
+    match choose(&candidates(&all), wanted) {
         Some(index) => Ok(all.swap_remove(index)),
         None => Err(Error::NoAdapter { wanted: wanted.map_or(String::new(), |wanted| format!(" fits `{wanted}`")) }),
     }
 }
 
-/// Chooses discrete before integrated before virtual before software adapters, then goes by the system's order.
-fn choose(infos: &[wgpu::AdapterInfo], wanted: Option<&str>) -> Option<usize> {
+/// The adapters to choose from, and whether each lacks something that glint needs.
+fn candidates(all: &[wgpu::Adapter]) -> Vec<(wgpu::AdapterInfo, bool)> {
+    all.iter().map(|adapter| (adapter.get_info(), lack(&adapter.limits()).is_some())).collect()
+}
+
+/// Chooses by name what has exactly the wanted one before what has it as a part, then adapters that lack nothing, then
+/// discrete before integrated before virtual before software ones, then goes by the system's order.
+fn choose(candidates: &[(wgpu::AdapterInfo, bool)], wanted: Option<&str>) -> Option<usize> {
     let rank = |kind| match kind {
         wgpu::DeviceType::DiscreteGpu => 0,
         wgpu::DeviceType::IntegratedGpu => 1,
@@ -314,11 +431,58 @@ fn choose(infos: &[wgpu::AdapterInfo], wanted: Option<&str>) -> Option<usize> {
         wgpu::DeviceType::Other => 3,
         wgpu::DeviceType::Cpu => 4,
     };
-    let fitting = infos.iter().enumerate().filter(|(_, info)| wanted.is_none_or(|wanted| fits(info, wanted)));
-    fitting.min_by_key(|(index, info)| (rank(info.device_type), *index)).map(|(index, _)| index)
+    let is_other = |info: &wgpu::AdapterInfo| wanted.is_some_and(|wanted| !info.name.eq_ignore_ascii_case(wanted));
+    let fitting = candidates.iter().enumerate().filter(|(_, (info, _))| wanted.is_none_or(|wanted| fits(info, wanted)));
+    let order = |(index, (info, lacks)): &(usize, &(wgpu::AdapterInfo, bool))| {
+        (is_other(info), *lacks, rank(info.device_type), *index)
+    };
+    fitting.min_by_key(order).map(|(index, _)| index)
 }
 
 fn fits(info: &wgpu::AdapterInfo, wanted: &str) -> bool {
     (wanted.eq_ignore_ascii_case("cpu") && info.device_type == wgpu::DeviceType::Cpu)
         || info.name.to_lowercase().contains(&wanted.to_lowercase())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn adapter(name: &str, kind: wgpu::DeviceType, lacks: bool) -> (wgpu::AdapterInfo, bool) {
+        (wgpu::AdapterInfo { name: name.into(), ..wgpu::AdapterInfo::new(kind, wgpu::Backend::Vulkan) }, lacks)
+    }
+
+    #[test]
+    fn an_adapter_is_chosen_by_its_whole_name_first_and_then_by_what_it_can_do() {
+        use wgpu::DeviceType::{Cpu, DiscreteGpu, IntegratedGpu};
+        let all = [
+            adapter("Software", Cpu, false),
+            adapter("RTX 3060 Ti", DiscreteGpu, false),
+            adapter("RTX 3060", DiscreteGpu, false),
+            adapter("Old Radeon", DiscreteGpu, true),
+            adapter("Iris", IntegratedGpu, false),
+        ];
+        assert_eq!(choose(&all, None), Some(1));
+        assert_eq!(choose(&all, Some("rtx")), Some(1));
+        assert_eq!(choose(&all, Some("rtx 3060")), Some(2), "not the first that has it as a part");
+        assert_eq!(choose(&all, Some("radeon")), Some(3), "what is asked for is refused with a reason");
+        assert_eq!(choose(&all[3..], None), Some(1), "an integrated one that can, not a discrete one that cannot");
+        assert_eq!(choose(&all[..1], Some("cpu")), Some(0));
+        assert_eq!(choose(&all, Some("Arc")), None);
+    }
+
+    #[test]
+    fn what_an_adapter_lacks_is_said_in_a_sentence() {
+        let mut limits = wgpu::Limits::unlimited();
+        assert_eq!(lack(&limits), None);
+        limits.max_storage_buffers_per_shader_stage = 8;
+        limits.max_bind_groups = 2;
+        let buffers = NEEDS[0].least;
+        assert_eq!(
+            lack(&limits).unwrap(),
+            format!(
+                "it has 8 storage buffers in a shader where {buffers} are needed, 2 groups of bindings where 3 are needed"
+            )
+        );
+    }
 }

@@ -49,6 +49,8 @@ structs! {
     Block { item: u32, first: u32, count: u32, first_identity: u32 }
     /// The values of one page of the store, of shaders/shared/splat.wgsl.
     Page { block_count: u32, point_count: u32, is_first: u32, step: u32 }
+    /// Which of its two runs over the points a pass makes, of shaders/shared/run.wgsl.
+    Run { finds_identity: u32, unused_0: u32, unused_1: u32, unused_2: u32 }
     /// A light with a shadow map, of shaders/shared/light.wgsl.
     LightSource { position_inner: Vec4, axis_outer: Vec4, intensity_focal: Vec4, right: Vec4, up: Vec4 }
     /// How fast the exposure changes, of shaders/shared/exposure.wgsl.

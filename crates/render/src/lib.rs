@@ -30,12 +30,14 @@ mod shading;
 mod store;
 mod surface;
 mod targets;
+#[cfg(test)]
+mod translation;
 
 pub use coloring::{ColorPlan, ColorSource, class_color, class_name, ramp_colors};
 pub use exposure::Exposure;
 pub use frame::Objects;
 pub use gi::LightReuse;
-pub use gpu::{AdapterReport, Clock, Error, Gpu, Result, adapters, keep_pipelines_in, kind_name};
+pub use gpu::{AdapterReport, Clock, Error, Gpu, Need, Result, adapters, keep_pipelines_in, kind_name};
 pub use handed::PictureRows;
 pub use identities::{ChunkId, CloudId};
 pub use image::{Aov, AovImage};

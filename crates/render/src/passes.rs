@@ -142,8 +142,8 @@ macro_rules! passes {
 
 passes! {
     splat_nearest: Surface over Blocks { nearest: ReadWrite }
-    splat_depth: Surface over Blocks { nearest: ReadWrite }
-    splat_identity: Surface over Blocks { nearest: ReadWrite }
+    splat_nearest_blind: Surface over Blocks { nearest: ReadWrite }
+    splat_narrow: Surface over Blocks { nearest: ReadWrite, run: Uniform }
     splat_accumulate: Surface over Blocks {
         nearest: Read, color_sums: ReadWrite, surface_sums: ReadWrite, specular_sums: ReadWrite, carries: ReadWrite,
     }
@@ -240,7 +240,7 @@ passes! {
     screen_planes: Method over Pixels {
         normal_in: Texture, position_in: Texture, records: ReadWrite, albedo_in: Texture,
     }
-    splat_behind: Method over Blocks { records: Read, nearest: ReadWrite }
+    splat_behind: Method over Blocks { records: Read, nearest: ReadWrite, run: Uniform }
     screen_bounds: Method over Pixels { screen: Read, records: Read, bounds: ReadWrite }
     screen_trace: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, screen: Read, records: Read, bounds: Read,

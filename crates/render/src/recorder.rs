@@ -12,9 +12,9 @@ use cloud::Progress;
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
-use crate::layout::Block;
+use crate::layout::{Block, Run};
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
-use crate::targets::Image;
+use crate::targets::{Image, uniform_buffer};
 
 /// The time of one pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -258,11 +258,18 @@ impl<'a> Recorder<'a> {
         nearest: wgpu::BindingResource<'_>,
         atomics64: bool,
     ) -> Result<()> {
-        if atomics64 {
-            return self.over_points(switches, inputs, passes::splat_nearest { nearest });
+        if !atomics64 {
+            for run in two_runs(self.gpu) {
+                let (nearest, run) = (nearest.clone(), run.as_entire_binding());
+                self.over_points(switches, inputs, passes::splat_narrow { nearest, run })?;
+            }
+            return Ok(());
         }
-        self.over_points(switches, inputs, passes::splat_depth { nearest: nearest.clone() })?;
-        self.over_points(switches, inputs, passes::splat_identity { nearest })
+        if self.gpu.reads_atomics64 {
+            self.over_points(switches, inputs, passes::splat_nearest { nearest })
+        } else {
+            self.over_points(switches, inputs, passes::splat_nearest_blind { nearest })
+        }
     }
 
     /// Runs a pass over the blocks of each page of points.
@@ -357,6 +364,10 @@ impl<'a> Recorder<'a> {
             return dispatches.into_iter().try_for_each(|dispatch| self.dispatch(pass, vec![dispatch]));
         }
         self.go_on()?;
+        // Metal has no times for a pass without work.
+        if dispatches.is_empty() {
+            return Ok(());
+        }
         if let Some(Rehearsal::Collect(missing)) = self.rehearsal.as_deref_mut() {
             for (switches, ..) in dispatches {
                 let is_known = missing.iter().any(|(known, values)| known.name == pass.name && *values == switches);
@@ -509,6 +520,11 @@ pub(crate) struct Times {
     /// The part that splats the points that the camera sees.
     pub splatting: f64,
     pub dispatches: u32,
+}
+
+/// What tells a pass that it runs for depths, and then for identities.
+pub(crate) fn two_runs(gpu: &Gpu) -> [wgpu::Buffer; 2] {
+    [0, 1].map(|finds_identity| uniform_buffer(gpu, bytemuck::bytes_of(&Run { finds_identity, ..Run::default() })))
 }
 
 fn summed(times: Vec<PassTime>) -> Vec<PassTime> {

@@ -17,24 +17,24 @@ use crate::lighting::MOST_LIGHTS;
 use crate::passes::Compiled;
 use crate::recorder::{Rehearsal, Variant};
 use crate::reflection::{gloss, is_clear};
-use crate::renderer::Renderer;
+use crate::renderer::{FrameStats, Renderer};
 use crate::store::{Material, PointStore};
 
 /// What decides which passes a frame has.
 #[derive(Clone, PartialEq)]
 pub(crate) struct Cast {
     /// Without the numbers that only change what the passes compute.
-    settings: Settings,
-    lights: usize,
-    clues: LightClues,
+    pub(crate) settings: Settings,
+    pub(crate) lights: usize,
+    pub(crate) clues: LightClues,
     /// Whether there are mirrors that are drawn by their formula, mirrors that have one but are drawn as points, and
     /// points without a formula that reflect.
-    mirrors: [bool; 3],
-    has_highlights: bool,
+    pub(crate) mirrors: [bool; 3],
+    pub(crate) has_highlights: bool,
     /// Whether light goes through mirrors with a formula, and through points.
-    clear: [bool; 2],
+    pub(crate) clear: [bool; 2],
     /// Whether some points are hidden.
-    filters: bool,
+    pub(crate) filters: bool,
 }
 
 impl Cast {
@@ -56,6 +56,15 @@ impl Cast {
             filters: store.hides_points(),
         }
     }
+}
+
+/// The scene of a rehearsal.
+pub(crate) struct Stage {
+    store: PointStore,
+    settings: Settings,
+    mirrors: Vec<Mirror>,
+    lights: Vec<SpotLight>,
+    clues: LightClues,
 }
 
 impl Renderer {
@@ -100,7 +109,46 @@ impl Renderer {
         Ok(())
     }
 
+    /// Compiles what a frame names and is not compiled, and runs it.
     fn rehearse(&mut self, cast: &Cast, settings: &Settings, progress: &Arc<Progress>) -> Result<()> {
+        let stage = self.stage(cast, settings)?;
+        let missing = self.missing(&stage)?;
+        if missing.is_empty() {
+            return Ok(());
+        }
+        progress.set_total(progress.total() + 2 * missing.len() as u64);
+        let compile = |(pass, switches): Variant| {
+            let compiled = Compiled::new(&self.gpu, pass, &switches).map_err(Error::Shader);
+            progress.add(1);
+            compiled.map(|compiled| ((pass.name, switches), compiled))
+        };
+        let compiled: Result<Vec<_>> = missing.into_par_iter().map(compile).collect();
+        self.pipelines.extend(compiled?);
+        self.forget();
+        self.draw_stage(&stage, &mut Rehearsal::Count(progress.clone()))?;
+        Ok(())
+    }
+
+    /// The passes that a frame names and that are not compiled.
+    pub(crate) fn missing(&mut self, stage: &Stage) -> Result<Vec<Variant>> {
+        let mut collect = Rehearsal::Collect(Vec::new());
+        match self.draw_stage(stage, &mut collect) {
+            // A rehearsal that only collects draws no frame.
+            Ok(_) | Err(Error::GivenUp) => {}
+            Err(error) => return Err(error),
+        }
+        Ok(if let Rehearsal::Collect(missing) = collect { missing } else { Vec::new() })
+    }
+
+    fn draw_stage(&mut self, stage: &Stage, rehearsal: &mut Rehearsal) -> Result<FrameStats> {
+        let Stage { store, settings, mirrors, lights, clues } = stage;
+        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
+        let objects = Objects { mirrors, lights, clues: *clues };
+        self.draw(store, &camera, settings, objects, [8, 8], Some(rehearsal))
+    }
+
+    /// A tiny scene with what a frame like this one has.
+    pub(crate) fn stage(&self, cast: &Cast, settings: &Settings) -> Result<Stage> {
         let mut settings = settings.clone();
         let gi = &mut settings.gi;
         (gi.vpls, gi.sky_lights, gi.shadow_points, gi.shadow_size) = (16, 4, 256, 16);
@@ -121,30 +169,7 @@ impl Renderer {
             inner_degrees: 30.0,
             outer_degrees: 40.0,
         };
-        let lights = vec![lamp; cast.lights];
-        let objects = Objects { mirrors: &mirrors, lights: &lights, clues: cast.clues };
-        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
-        let mut collect = Rehearsal::Collect(Vec::new());
-        match self.draw(&store, &camera, &settings, objects, [8, 8], Some(&mut collect)) {
-            // A rehearsal that only collects draws no frame.
-            Ok(_) | Err(Error::GivenUp) => {}
-            Err(error) => return Err(error),
-        }
-        let Rehearsal::Collect(missing) = collect else { return Ok(()) };
-        if missing.is_empty() {
-            return Ok(());
-        }
-        progress.set_total(progress.total() + 2 * missing.len() as u64);
-        let compile = |(pass, switches): Variant| {
-            let compiled = Compiled::new(&self.gpu, pass, &switches).map_err(Error::Shader);
-            progress.add(1);
-            compiled.map(|compiled| ((pass.name, switches), compiled))
-        };
-        let compiled: Result<Vec<_>> = missing.into_par_iter().map(compile).collect();
-        self.pipelines.extend(compiled?);
-        self.forget();
-        self.draw(&store, &camera, &settings, objects, [8, 8], Some(&mut Rehearsal::Count(progress.clone())))?;
-        Ok(())
+        Ok(Stage { store, settings, mirrors, lights: vec![lamp; cast.lights], clues: cast.clues })
     }
 
     /// A few points, and a mirror of each kind that the frame has.

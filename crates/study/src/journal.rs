@@ -3,7 +3,7 @@
 
 use std::collections::HashSet;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{ErrorKind, Read as _, Write as _};
+use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 use crate::plan::{Case, Plan};
@@ -64,7 +64,8 @@ impl Folder {
         let cases = plan.cases();
         let in_journal = |reason| unwritten(&journal_path, reason);
         check_journal(&journal_path)?;
-        let open = OpenOptions::new().create(true).read(true).append(true).open(&journal_path);
+        // Not to append: Windows gives such a file no right to cut off a torn line.
+        let open = OpenOptions::new().create(true).read(true).write(true).truncate(false).open(&journal_path);
         let mut journal = open.map_err(in_journal)?;
         // Some file systems of clusters have no locks: there other writers cannot be detected.
         if let Err(TryLockError::WouldBlock) = journal.try_lock() {
@@ -74,7 +75,7 @@ impl Folder {
         journal.read_to_end(&mut bytes).map_err(in_journal)?;
         let (runs, whole) = whole_runs(&journal_path, &bytes, cases.len())?;
         // A line that was torn when the program ended is dropped.
-        journal.set_len(whole).map_err(in_journal)?;
+        journal.set_len(whole).and_then(|()| journal.seek(SeekFrom::End(0))).map_err(in_journal)?;
         Ok(Self { path: path.to_owned(), plan, cases, runs, journal })
     }
 

@@ -8,8 +8,7 @@
 mod fuzz;
 mod needs;
 
-use std::os::unix::fs::DirBuilderExt as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, ExitStatus, Stdio};
 use std::time::Instant;
 
@@ -27,6 +26,9 @@ cargo xtask baseline         Write the checksums of pictures in tests/baseline a
 cargo xtask fuzz [TARGET] [--minutes N]
                              Try odd inputs on the parsers, led by their coverage: TARGET, or all of crates/fuzz/seeds, for
                              10 minutes or N in all. Needs a C++ compiler. What breaks something is kept in target/fuzz/found.
+cargo xtask test --modes     Run the renderer's tests while the adapter acts like lesser ones: without 64-bit atomics, without
+                             reading them (Metal, DirectX), timed by its own clock in one submit, with the limits that
+                             WebGPU promises, and without timestamps.
 cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed) and the links in comments, build
                              and run all tests.
 
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
         }
         ["run", inputs @ ..] if inputs.iter().all(|input| !input.starts_with('-')) => run(inputs),
         ["test"] => test(),
+        ["test", "--modes"] => test_modes(),
         ["baseline"] => baseline(),
         ["fuzz", words @ ..] => match Fuzzing::parse(words) {
             Some(fuzzing) => fuzz(&fuzzing),
@@ -165,6 +168,52 @@ fn test() -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// What an adapter can act like: words of the variable GLINT_ACT_LIKE (crates/render/src/gpu.rs).
+const MODES: [&str; 6] = [
+    "narrow-atomics",
+    "blind-atomics",
+    "gpu-clock",
+    "low-limits",
+    "no-timestamps",
+    "narrow-atomics,gpu-clock,low-limits",
+];
+
+fn test_modes() -> Result<ExitCode> {
+    provide(needs::needs_to_test())?;
+    let root = root()?;
+    let runtime = runtime_folder()?;
+    let mut failed = Vec::new();
+    for mode in MODES {
+        println!("== {mode}");
+        let mut command = cargo();
+        // The whole workspace is selected, so that dependencies are compiled with the features they always have.
+        command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]);
+        for test in render_tests(&root)? {
+            command.args(["--test", &test]);
+        }
+        command.current_dir(&root).env("GLINT_ACT_LIKE", mode).env("GLINT_REQUIRE_GPU", "1");
+        command.envs(runtime.as_ref().map(|folder| ("XDG_RUNTIME_DIR", folder)));
+        if !status(&mut command)?.success() {
+            failed.push(mode);
+        }
+    }
+    println!("== {} modes, failed: {}", MODES.len(), if failed.is_empty() { "none".into() } else { failed.join("; ") });
+    Ok(if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// The names of the renderer's tests.
+fn render_tests(root: &Path) -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(root.join("crates/render/tests"))? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|extension| extension == "rs") {
+            names.extend(path.file_stem().and_then(|name| name.to_str()).map(str::to_owned));
+        }
+    }
+    names.sort();
+    Ok(names)
+}
+
 fn baseline() -> Result<ExitCode> {
     provide(needs::needs_to_test())?;
     let mut command = cargo();
@@ -253,7 +302,10 @@ fn runtime_folder() -> Result<Option<PathBuf>> {
         return Ok(None);
     }
     let folder = root()?.join("target/runtime");
-    // The specification asks for access by its owner alone.
-    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder)?;
+    let mut builder = std::fs::DirBuilder::new();
+    // The specification asks for access by its owner alone. It is one of Unix.
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.recursive(true).create(&folder)?;
     Ok(Some(folder))
 }

@@ -52,10 +52,8 @@ impl Screen {
         let mut configuration = surface
             .get_default_config(&gpu.adapter, width, height)
             .ok_or_else(|| anyhow::anyhow!("{}: cannot show pictures in this window", gpu.info.name))?;
-        // egui blends in sRGB, as browsers do, so it needs a format that does not convert.
         let formats = surface.get_capabilities(&gpu.adapter).formats;
-        let plain = formats.iter().find(|format| !format.is_srgb());
-        configuration.format = *plain.unwrap_or(&configuration.format);
+        configuration.format = format_of(&formats).unwrap_or(configuration.format);
         configuration.present_mode = wgpu::PresentMode::AutoVsync;
         // What the window shows is copied to it where it can be; elsewhere it is drawn.
         configuration.usage |= surface.get_capabilities(&gpu.adapter).usages & wgpu::TextureUsages::COPY_DST;
@@ -142,6 +140,14 @@ impl Screen {
     }
 }
 
+/// The format of the window among those that it can have. egui blends in sRGB, as browsers do, so it needs one that does
+/// not convert, and pictures have eight bits. Some systems list ten bits or floats first.
+fn format_of(formats: &[wgpu::TextureFormat]) -> Option<wgpu::TextureFormat> {
+    let usual = [wgpu::TextureFormat::Bgra8Unorm, wgpu::TextureFormat::Rgba8Unorm];
+    let usual = formats.iter().find(|format| usual.contains(format));
+    usual.or_else(|| formats.iter().find(|format| !format.is_srgb())).copied()
+}
+
 /// Splits input that holds both a press and its release. Otherwise egui would see the button up again before it sees a
 /// drag: on a slow machine a quick drag falls between two frames of the window, and must not be lost.
 fn passes(mut input: egui::RawInput) -> Vec<egui::RawInput> {
@@ -197,5 +203,14 @@ mod tests {
             let passes = passes(egui::RawInput { events, ..Default::default() });
             assert_eq!((passes.len(), passes[0].events.len()), (1, count));
         }
+    }
+
+    #[test]
+    fn the_window_has_eight_bits_that_are_not_converted() {
+        use wgpu::TextureFormat::{Bgra8Unorm, Bgra8UnormSrgb, Rgb10a2Unorm, Rgba8Unorm, Rgba8UnormSrgb, Rgba16Float};
+        assert_eq!(format_of(&[Rgba16Float, Rgb10a2Unorm, Bgra8UnormSrgb, Bgra8Unorm]), Some(Bgra8Unorm));
+        assert_eq!(format_of(&[Rgba8UnormSrgb, Rgba8Unorm, Bgra8Unorm]), Some(Rgba8Unorm));
+        assert_eq!(format_of(&[Bgra8UnormSrgb, Rgb10a2Unorm]), Some(Rgb10a2Unorm));
+        assert_eq!(format_of(&[Bgra8UnormSrgb]), None);
     }
 }

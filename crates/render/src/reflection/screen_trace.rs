@@ -16,7 +16,7 @@ use super::task::Task;
 use crate::gpu::Result;
 use crate::layout::{NEAREST_BYTES, SCREEN_CELL_BYTES, SCREEN_TEXEL_BYTES, Screen};
 use crate::passes;
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, two_runs};
 use crate::store::PointStore;
 use crate::targets::storage;
 
@@ -86,9 +86,9 @@ impl Picture {
             let (buffer, size) = (&self.records, NonZeroU64::new(layer_bytes(self.size)));
             wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: first, size })
         };
-        for finds_identity in [0, 1] {
-            let bindings = passes::splat_behind { records: part(0), nearest: nearest.as_entire_binding() };
-            recorder.over_points(&[("finds_identity", finds_identity)], task.supply, bindings)?;
+        for run in two_runs(recorder.gpu) {
+            let (nearest, run) = (nearest.as_entire_binding(), run.as_entire_binding());
+            recorder.over_points(&[], task.supply, passes::splat_behind { records: part(0), nearest, run })?;
         }
         let records = part(layer_bytes(self.size));
         let bindings = passes::cube_planes { nearest: nearest.as_entire_binding(), records };

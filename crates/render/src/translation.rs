@@ -1,0 +1,257 @@
+//! Test: every pass, with every combination of its constants that the renderer uses, translates to the languages of the
+//! backends. And docs/gpu.md says what the passes need of an adapter.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use naga::{AddressSpace, Module};
+use param::Kind;
+use rayon::prelude::*;
+use scene::{LightClues, METHODS, Settings};
+
+use crate::gpu::{Error, Gpu, NEEDS};
+use crate::passes::{ALL, Pass, Slot};
+use crate::rehearsal::Cast;
+use crate::renderer::Renderer;
+use crate::shader::tests::module_of;
+
+/// The constants of a pass, by name.
+type Constants = BTreeMap<String, u32>;
+
+/// What a rehearsal is tried with: nothing special, then each kind of mirror, and all at once.
+fn casts(settings: &Settings) -> Vec<Cast> {
+    let plain = Cast {
+        settings: settings.clone(),
+        lights: 1,
+        clues: LightClues { sky_is_open: true, ..LightClues::default() },
+        mirrors: [true, false, false],
+        has_highlights: false,
+        clear: [false; 2],
+        filters: false,
+    };
+    vec![
+        Cast { lights: 0, ..plain.clone() },
+        Cast { mirrors: [false, false, true], filters: true, clear: [false, true], ..plain.clone() },
+        Cast { lights: 2, mirrors: [true; 3], has_highlights: true, clear: [true; 2], ..plain.clone() },
+        plain,
+    ]
+}
+
+/// Other values of the parameters, one at a time: every choice, and the ends of every range.
+fn others(wanted: impl Fn(&str) -> bool) -> Vec<(String, String)> {
+    let mut others = Vec::new();
+    for params in Settings::default().groups() {
+        let group = params.group();
+        for field in group.fields.iter().filter(|_| wanted(group.name)) {
+            let values: Vec<String> = match &field.kind {
+                Kind::Bool { .. } => vec!["true".into(), "false".into()],
+                Kind::Choice { names, .. } => names.iter().map(|name| (*name).to_owned()).collect(),
+                Kind::U32 { min, max, .. } => vec![min.to_string(), max.to_string()],
+                Kind::F32 { min, max, .. } => vec![min.to_string(), max.to_string()],
+                Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. } => Vec::new(),
+            };
+            others.extend(values.into_iter().map(|value| (format!("{}.{}", group.name, field.name), value)));
+        }
+    }
+    others
+}
+
+/// The settings of the frames that are rehearsed: all methods as they are, and with each parameter of theirs changed.
+/// Parameters that belong to no method are changed with two methods.
+fn all_settings() -> Vec<Settings> {
+    let owned: Vec<&str> = METHODS.iter().filter_map(|row| row.group).collect();
+    let mut all = Vec::new();
+    for (number, row) in METHODS.iter().filter(|row| row.method.chosen() == row.method).enumerate() {
+        let mut settings = Settings::default();
+        settings.reflection.method = row.method;
+        all.push(settings.clone());
+        let is_wanted = |group: &str| Some(group) == row.group || number < 2 && !owned.contains(&group);
+        let common = ["reflection.bounces=2", "reflection.samples=2", "gloss.samples=2", "reflection.show=steps"];
+        let common =
+            common.iter().filter_map(|pair| pair.split_once('=')).map(|(key, value)| (key.into(), value.into()));
+        for (key, value) in others(is_wanted).into_iter().chain(common) {
+            let mut changed = settings.clone();
+            changed.set_text(&key, &value).unwrap();
+            changed.reflection.method = if key == "reflection.method" { changed.reflection.method } else { row.method };
+            all.push(changed);
+        }
+    }
+    all
+}
+
+/// The constants with which the renderer compiles each pass, and each switch of each pass alone, by the pass's name.
+fn variants(gpu: &std::sync::Arc<Gpu>) -> BTreeMap<&'static str, BTreeSet<Constants>> {
+    let rehearse = |settings: Settings| {
+        let mut renderer = Renderer::bare(gpu.clone());
+        let mut named = Vec::new();
+        for cast in casts(&settings) {
+            let stage = renderer.stage(&cast, &settings).unwrap();
+            match renderer.missing(&stage) {
+                Ok(missing) => named.extend(missing),
+                Err(Error::PerfectMirrorsOnly { .. }) => {}
+                Err(error) => panic!("{error}"),
+            }
+        }
+        named
+    };
+    let mut variants: BTreeMap<&'static str, BTreeSet<Constants>> = BTreeMap::new();
+    for (pass, switches) in all_settings().into_par_iter().flat_map_iter(rehearse).collect::<Vec<_>>() {
+        let constants = switches.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+        variants.entry(pass.name).or_default().insert(constants);
+    }
+    for pass in ALL {
+        let of_pass = variants.entry(pass.name).or_default();
+        of_pass.insert(Constants::new());
+        let module = module_of(pass);
+        let switches = module.overrides.iter().filter(|(_, constant)| {
+            matches!(module.types[constant.ty].inner, naga::TypeInner::Scalar(scalar) if scalar.kind == naga::ScalarKind::Bool)
+        });
+        for (_, switch) in switches {
+            let name = switch.name.clone().unwrap();
+            of_pass.extend([0, 1].map(|value| Constants::from([(name.clone(), value)])));
+        }
+    }
+    variants
+}
+
+/// What a pass needs of an adapter, in the order of `NEEDS`, and whether it needs 64-bit atomics.
+struct Needed {
+    numbers: [u64; NEEDS.len()],
+    written: usize,
+    wide: bool,
+}
+
+impl Needed {
+    fn of(pass: &'static Pass) -> Self {
+        let module = module_of(pass);
+        let count = |is_kind: fn(&Slot) -> bool| {
+            pass.groups().flat_map(|slots| slots.iter()).filter(|(_, slot)| is_kind(slot)).count()
+        };
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(module.to_ctx()).unwrap();
+        let workgroup =
+            module.global_variables.iter().filter(|(_, variable)| variable.space == AddressSpace::WorkGroup);
+        let bytes: u32 = workgroup.map(|(_, variable)| layouter[variable.ty].size).sum();
+        let wide = module
+            .types
+            .iter()
+            .any(|(_, kind)| matches!(kind.inner, naga::TypeInner::Atomic(scalar) if scalar.width == 8));
+        let numbers = [
+            count(|slot| matches!(slot, Slot::Read | Slot::ReadWrite)) as u64,
+            count(|slot| matches!(slot, Slot::Uniform)) as u64,
+            count(|slot| matches!(slot, Slot::Texture)) as u64,
+            count(|slot| matches!(slot, Slot::Write(_))) as u64,
+            pass.groups().count() as u64,
+            module.entry_points[0].workgroup_size.map(u64::from).iter().product(),
+            bytes.into(),
+            0,
+        ];
+        Self { numbers, written: count(|slot| matches!(slot, Slot::ReadWrite)), wide }
+    }
+}
+
+/// Translates a pass with some constants.
+fn translate(module: &Module, info: &ModuleInfo, constants: &Constants) -> Result<(), String> {
+    let constants = constants.iter().map(|(name, value)| (name.clone(), f64::from(*value))).collect();
+    let entry = (naga::ShaderStage::Compute, module.entry_points[0].name.clone());
+    let (module, info) =
+        naga::back::pipeline_constants::process_overrides(module, info, Some((entry.0, &entry.1)), &constants)
+            .map_err(|error| error.to_string())?;
+    let options = naga::back::spv::PipelineOptions { shader_stage: entry.0, entry_point: entry.1 };
+    let words = naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), Some(&options))
+        .map_err(|error| format!("SPIR-V: {error}"))?;
+    validated(&words)
+}
+
+/// Lets spirv-val judge a module, where it is installed.
+fn validated(words: &[u32]) -> Result<(), String> {
+    static IS_INSTALLED: std::sync::LazyLock<bool> =
+        std::sync::LazyLock::new(|| std::process::Command::new("spirv-val").arg("--version").output().is_ok());
+    if !*IS_INSTALLED {
+        return Ok(());
+    }
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), bytemuck::cast_slice(words)).unwrap();
+    let judge =
+        std::process::Command::new("spirv-val").args(["--target-env", "vulkan1.1"]).arg(file.path()).output().unwrap();
+    if judge.status.success() { Ok(()) } else { Err(format!("spirv-val: {}", String::from_utf8_lossy(&judge.stderr))) }
+}
+
+#[test]
+fn every_pass_translates_with_every_combination_of_its_constants() {
+    let gpu = match Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => return println!("skipped: {error}"),
+    };
+    let variants = variants(&gpu);
+    let refused: Vec<String> = ALL
+        .par_iter()
+        .flat_map_iter(|pass| {
+            let module = module_of(pass);
+            let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module).unwrap();
+            let refused = |constants: &Constants| {
+                translate(&module, &info, constants).err().map(|why| format!("{} {constants:?}: {why}", pass.name))
+            };
+            variants[pass.name].iter().filter_map(refused).collect::<Vec<_>>()
+        })
+        .collect();
+    assert!(refused.is_empty(), "{} of them are refused: {}", refused.len(), refused.join("\n"));
+    let counts = variants.iter().map(|(name, constants)| (*name, constants.len())).collect();
+    let page = page(&counts);
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/gpu.md");
+    if std::env::var_os("UPDATE").is_some() {
+        std::fs::write(&path, &page).unwrap();
+    }
+    let is_kept = std::fs::read_to_string(&path).unwrap_or_default() == page;
+    assert!(is_kept, "docs/gpu.md is out of date: UPDATE=1 cargo test --release -p render --lib translation");
+}
+
+#[test]
+fn what_is_asked_of_adapters_is_what_the_passes_need() {
+    for (index, need) in NEEDS.iter().enumerate().filter(|(_, need)| need.what != "bytes of a bound buffer") {
+        let most = ALL.iter().map(|pass| (Needed::of(pass).numbers[index], pass.name)).max().unwrap();
+        assert_eq!(need.least, most.0, "{}: {} needs most", need.what, most.1);
+    }
+}
+
+/// The content of docs/gpu.md.
+fn page(variants: &BTreeMap<&'static str, usize>) -> String {
+    let mut page = String::from(
+        "# What the passes need of a GPU\n\n\
+         Written by `UPDATE=1 cargo test --release --workspace --lib translation`. That test translates every pass to SPIR-V\n\
+         for Vulkan, with every combination of constants that the renderer is known to compile it with: each method, each\n\
+         parameter changed alone, each kind of mirror. Where spirv-val is installed, it judges each result.\n\n\
+         ## An adapter must have\n\n\
+         `glint doctor` shows what an adapter has of it. One that lacks something is refused with a sentence, and another is\n\
+         taken where there is one.\n\n\
+         | what | needed | WebGPU promises |\n|---|---|---|\n",
+    );
+    let promised = wgpu::Limits::defaults();
+    for need in &NEEDS {
+        let _ = writeln!(page, "| {} | {} | {} |", need.what, need.least, need.promised(&promised));
+    }
+    page.push_str(
+        "\n## Passes\n\n\
+         Storage buffers and, of these, those that are written; uniform buffers; sampled textures; storage textures; bytes\n\
+         of workgroup memory; threads in a workgroup; the number of combinations of constants. Passes with 64-bit atomics\n\
+         run only where the adapter has them.\n\n\
+         | pass | storage | written | uniform | sampled | written textures | workgroup | threads | combinations | atomics |\n\
+         |---|---|---|---|---|---|---|---|---|---|\n",
+    );
+    for pass in ALL {
+        let Needed { numbers: [storage, uniform, sampled, textures, _, threads, bytes, _], written, wide } =
+            Needed::of(pass);
+        let count = variants[pass.name];
+        let atomics = if wide { "64 bits" } else { "" };
+        let _ = writeln!(
+            page,
+            "| `{}` | {storage} | {written} | {uniform} | {sampled} | {textures} | {bytes} | {threads} | {count} | {atomics} |",
+            pass.name
+        );
+    }
+    let sum: usize = variants.values().sum();
+    let _ = writeln!(page, "\n{} passes, {sum} combinations, 0 refused.", ALL.len());
+    page
+}
