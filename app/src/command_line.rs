@@ -17,7 +17,7 @@ use crate::terminal::escaped;
 #[derive(Debug, Parser)]
 #[command(
     name = "glint",
-    version,
+    version = env!("GLINT_VERSION"),
     args_conflicts_with_subcommands = true,
     disable_help_subcommand = true,
     after_help = "Exit status: 0 done, 1 the work failed, 2 bad usage or unreadable input, 3 no display or no adapter, 130 interrupted"

@@ -147,7 +147,7 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
             })
         };
         let report = json!({
-            "version": env!("CARGO_PKG_VERSION"),
+            "version": env!("GLINT_VERSION"),
             "threads": threads(),
             "adapters": adapters.iter().map(adapter).collect::<Vec<_>>(),
             "display": display.as_ref().map(|(name, value)| json!({"variable": name, "value": value})),
@@ -156,7 +156,7 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
         });
         return print_json(&report);
     }
-    let mut lines = vec![format!("glint {}, {} threads", env!("CARGO_PKG_VERSION"), threads())];
+    let mut lines = vec![format!("glint {}, {} threads", env!("GLINT_VERSION"), threads())];
     if adapters.is_empty() {
         lines.push(String::new());
         lines.push("No graphics adapter. Install a Vulkan driver; on Debian and Ubuntu mesa-vulkan-drivers runs without a GPU too.".into());

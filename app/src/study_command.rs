@@ -51,7 +51,7 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
         if interrupt::is_wanted() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let shard = arguments.shard.unwrap_or(Shard::WHOLE);
-    let outcome = runner::run(&mut folder, shard, &gpu, &Inputs, &version(), &mut show)?;
+    let outcome = runner::run(&mut folder, shard, &gpu, &Inputs, env!("GLINT_VERSION"), &mut show)?;
     bar.end();
     interrupt::check()?;
     if outcome.redone > 0 {
@@ -161,13 +161,6 @@ fn command(name: &OsStr, arguments: &StudyArguments) -> String {
     words.extend(arguments.shard.map(|shard| format!("--shard {}/{}", shard.number, shard.count)));
     words.extend(arguments.gpu.gpu.iter().map(|gpu| format!("--gpu {}", quoted(gpu))));
     words.join(" ")
-}
-
-fn version() -> String {
-    match option_env!("GLINT_COMMIT") {
-        Some(commit) => format!("{} ({commit})", env!("CARGO_PKG_VERSION")),
-        None => env!("CARGO_PKG_VERSION").to_owned(),
-    }
 }
 
 /// The scenes of studies: those that `glint render` knows, and those that provoke failures.

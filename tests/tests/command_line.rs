@@ -96,6 +96,11 @@ fn help_and_version_are_results() {
     let version = folder.glint(["--version"]);
     assert_done(&version);
     assert!(version.text().starts_with("glint "), "{version}");
+    let commit = std::process::Command::new("git").args(["rev-parse", "--short=12", "HEAD"]).output();
+    // The tests may be run from an archive of the sources.
+    if let Some(commit) = commit.ok().filter(|output| output.status.success()) {
+        assert!(version.text().contains(String::from_utf8_lossy(&commit.stdout).trim()), "{version}");
+    }
 }
 
 #[test]
