@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use scene::{Atomics, LargeDiscs, Splat};
 
+use crate::allocation;
 use crate::kept_pipelines::KeptPipelines;
 
 pub type Result<T> = std::result::Result<T, Error>;
@@ -28,8 +29,10 @@ pub enum Error {
     /// The frame was given up, as `Renderer::give_up_when` says.
     #[error("the frame was given up")]
     GivenUp,
-    #[error("the graphics device was lost or failed: {0}")]
+    #[error("the graphics device was lost: {0}")]
     Lost(String),
+    #[error("{adapter} has no memory left; ask for a smaller picture or fewer points ({problem})")]
+    NoMemory { adapter: String, problem: String },
     #[error("{what} needs {bytes} bytes, more than the {limit} that {adapter} allows{advice}")]
     TooLarge { what: &'static str, bytes: u64, limit: u64, adapter: String, advice: &'static str },
 }
@@ -64,10 +67,29 @@ pub struct Gpu {
     pub atomics64: bool,
     /// Whether 64-bit atomics can be read: only with Vulkan, see splat_nearest_blind.wgsl.
     pub(crate) reads_atomics64: bool,
+    /// Whether the system takes the device away if a dispatch takes long.
+    pub(crate) is_watched: bool,
     /// The passes that are kept from run to run, if the adapter hands them over and `keep_pipelines_in` named a folder.
     pub(crate) kept_pipelines: Option<KeptPipelines>,
-    /// The first error outside of any error scope (memory that ran out, a lost device): the next wait reports it.
-    failure: Arc<Mutex<Option<String>>>,
+    /// The first error outside of any error scope: the next wait reports it.
+    failure: Arc<Mutex<Option<Failure>>>,
+}
+
+/// An error that wgpu reports after the fact.
+#[derive(Debug, PartialEq)]
+enum Failure {
+    Lost(String),
+    NoMemory(String),
+    Refused(String),
+}
+
+impl Failure {
+    fn of(error: &wgpu::Error) -> Self {
+        match error {
+            wgpu::Error::OutOfMemory { .. } => Self::NoMemory(error.to_string()),
+            error => Self::Refused(error.to_string()),
+        }
+    }
 }
 
 /// The time after which the device is taken for lost: software Vulkan compiles shaders for seconds at the first
@@ -229,17 +251,34 @@ impl Gpu {
         });
         let (device, queue) = pollster::block_on(request)
             .map_err(|error| Error::Device { adapter: info.name.clone(), problem: error.to_string() })?;
-        let is_timed = info.device_type != wgpu::DeviceType::Cpu || acting.like("gpu-clock");
-        let clock = if is_timed && !timestamps.is_empty() { Clock::Gpu } else { Clock::Host };
+        let is_watched = info.device_type != wgpu::DeviceType::Cpu || acting.like("gpu-clock");
+        let clock = if is_watched && !timestamps.is_empty() { Clock::Gpu } else { Clock::Host };
         let reads_atomics64 = info.backend == wgpu::Backend::Vulkan && !acting.like("blind-atomics");
         let failure = Arc::new(Mutex::new(None));
         let first = failure.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let mut first = first.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            first.get_or_insert_with(|| error.to_string());
+            // Others follow from it.
+            first.get_or_insert_with(|| Failure::of(&error));
         }));
+        let lost = failure.clone();
+        device.set_device_lost_callback(move |reason, why| {
+            let mut failure = lost.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            *failure = Some(Failure::Lost(if why.is_empty() { format!("{reason:?}") } else { why }));
+        });
         let kept_pipelines = KEPT_IN.get().and_then(|folder| KeptPipelines::open(&device, &info, folder));
-        Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64, reads_atomics64, kept_pipelines, failure }))
+        Ok(Arc::new(Self {
+            adapter,
+            device,
+            queue,
+            info,
+            clock,
+            atomics64,
+            reads_atomics64,
+            is_watched,
+            kept_pipelines,
+            failure,
+        }))
     }
 
     pub(crate) fn pipeline_cache(&self) -> Option<&wgpu::PipelineCache> {
@@ -266,9 +305,27 @@ impl Gpu {
     /// The device was lost, took longer than five minutes, or something submitted since the last wait failed.
     pub fn wait(&self) -> Result<()> {
         let poll = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
-        self.device.poll(poll).map_err(|error| Error::Lost(error.to_string()))?;
-        let failure = self.failure.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).take();
-        failure.map_or(Ok(()), |failure| Err(Error::Lost(failure)))
+        let polled = self.device.poll(poll).map_err(|error| Error::Lost(error.to_string()));
+        self.failure()?;
+        polled.map(drop)
+    }
+
+    /// What has failed since the last call. A lost device stays lost.
+    ///
+    /// # Errors
+    /// The first failure.
+    pub(crate) fn failure(&self) -> Result<()> {
+        let mut failure = self.failure.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let Some(first) = failure.take() else { return Ok(()) };
+        let adapter = self.info.name.clone();
+        Err(match first {
+            Failure::Lost(why) => {
+                *failure = Some(Failure::Lost(why.clone()));
+                Error::Lost(why)
+            }
+            Failure::NoMemory(problem) => Error::NoMemory { adapter, problem },
+            Failure::Refused(problem) => Error::Device { adapter, problem },
+        })
     }
 
     /// Copies a buffer that was created with `COPY_SRC` to the CPU.
@@ -276,12 +333,15 @@ impl Gpu {
     /// # Errors
     /// The device was lost.
     pub fn read_buffer(&self, buffer: &wgpu::Buffer, offset: u64, size: u64) -> Result<Vec<u8>> {
-        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("read-back"),
-            size,
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
+        let staging = allocation::buffer(
+            &self.device,
+            &wgpu::BufferDescriptor {
+                label: Some("read-back"),
+                size,
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            },
+        );
         let mut encoder = self.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, offset, &staging, 0, size);
         self.queue.submit([encoder.finish()]);
@@ -304,12 +364,15 @@ impl Gpu {
         let bytes_per_pixel = texture.format().block_copy_size(None).unwrap_or(4);
         let row = texture.width() * bytes_per_pixel;
         let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("read-back"),
-            size: u64::from(padded) * u64::from(count),
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
+        let staging = allocation::buffer(
+            &self.device,
+            &wgpu::BufferDescriptor {
+                label: Some("read-back"),
+                size: u64::from(padded) * u64::from(count),
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            },
+        );
         let mut encoder = self.device.create_command_encoder(&Default::default());
         let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded), rows_per_image: None };
         let mut source = texture.as_image_copy();
@@ -469,6 +532,14 @@ mod tests {
         assert_eq!(choose(&all[3..], None), Some(1), "an integrated one that can, not a discrete one that cannot");
         assert_eq!(choose(&all[..1], Some("cpu")), Some(0));
         assert_eq!(choose(&all, Some("Arc")), None);
+    }
+
+    #[test]
+    fn memory_that_ran_out_is_told_from_what_was_refused() {
+        let source = || Box::new(std::io::Error::other("create_texture")) as wgpu::ErrorSource;
+        assert!(matches!(Failure::of(&wgpu::Error::OutOfMemory { source: source() }), Failure::NoMemory(_)));
+        let refused = wgpu::Error::Validation { source: source(), description: "a size".into() };
+        assert!(matches!(Failure::of(&refused), Failure::Refused(_)));
     }
 
     #[test]

@@ -1,13 +1,14 @@
 //! What a frame hands to the CPU: its pass times, its counters, its exposure and its picture. The frame's own commands copy them into
 //! one buffer, which stays from frame to frame, so that one wait brings them all and nothing is copied twice.
 
+use crate::allocation;
 use crate::gpu::{Clock, Error, Gpu, Result, tight};
 use crate::layout::{COUNTERS, FittedExposure};
 use crate::targets::Image;
 
 /// The number of passes of a frame that the GPU times, a timestamp pair each. A frame has some twenty, with many
 /// bounces of many rounds of SSCR some hundreds. Further passes are not timed.
-pub(crate) const MOST_PASSES: u32 = 512;
+pub(crate) const MOST_PASSES: u32 = 1024;
 
 const TICK_BYTES: u64 = 8;
 const TIMES_BYTES: u64 = MOST_PASSES as u64 * 2 * TICK_BYTES;
@@ -42,12 +43,15 @@ impl Handed {
                 ty: wgpu::QueryType::Timestamp,
                 count: MOST_PASSES * 2,
             });
-            let resolved = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("pass times"),
-                size: TIMES_BYTES,
-                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-                mapped_at_creation: false,
-            });
+            let resolved = allocation::buffer(
+                &gpu.device,
+                &wgpu::BufferDescriptor {
+                    label: Some("pass times"),
+                    size: TIMES_BYTES,
+                    usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                    mapped_at_creation: false,
+                },
+            );
             (queries, resolved)
         });
         Self { times, results: None }
@@ -62,7 +66,7 @@ impl Handed {
     /// Returns the timestamps.
     ///
     /// # Errors
-    /// The device was lost.
+    /// The device was lost, or there was no memory.
     pub fn take(
         &mut self,
         gpu: &Gpu,
@@ -77,12 +81,15 @@ impl Handed {
                 buffer.unmap();
                 buffer
             }
-            _ => gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("results"),
-                size: PICTURE + u64::from(stride(size[0])) * u64::from(size[1]),
-                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-                mapped_at_creation: false,
-            }),
+            _ => allocation::buffer(
+                &gpu.device,
+                &wgpu::BufferDescriptor {
+                    label: Some("results"),
+                    size: PICTURE + u64::from(stride(size[0])) * u64::from(size[1]),
+                    usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                    mapped_at_creation: false,
+                },
+            ),
         };
         let tick_bytes = u64::from(passes) * 2 * TICK_BYTES;
         if let Some((queries, resolved)) = self.times.as_ref().filter(|_| passes > 0) {

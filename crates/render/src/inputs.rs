@@ -2,6 +2,7 @@
 
 use scene::Settings;
 
+use crate::allocation;
 use crate::frame::FrameCamera;
 use crate::gpu::Gpu;
 use crate::identities::ChunkId;
@@ -60,12 +61,15 @@ fn blocks_per_workgroup(step: u32) -> u32 {
 impl Inputs {
     pub fn new(gpu: &Gpu, camera: FrameCamera, settings: &Settings, store: &PointStore, list: &DrawList) -> Self {
         let upload = |label, usage, bytes: &[u8]| {
-            let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: (bytes.len() as u64).max(128),
-                usage: usage | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            });
+            let buffer = allocation::buffer(
+                &gpu.device,
+                &wgpu::BufferDescriptor {
+                    label: Some(label),
+                    size: (bytes.len() as u64).max(128),
+                    usage: usage | wgpu::BufferUsages::COPY_DST,
+                    mapped_at_creation: false,
+                },
+            );
             gpu.queue.write_buffer(&buffer, 0, bytes);
             buffer
         };

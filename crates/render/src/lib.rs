@@ -3,6 +3,7 @@
 //! Everything here is synchronous and may be called from any thread: `Renderer::render` returns when the GPU is done.
 //! The window calls it from a thread of its own, so that the window never waits; the command line calls it directly.
 
+mod allocation;
 mod coloring;
 mod exposure;
 mod frame;

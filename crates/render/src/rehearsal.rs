@@ -94,7 +94,7 @@ impl Renderer {
         // Whatever went wrong, nobody waits for the rest any more.
         progress.add(progress.total().saturating_sub(progress.done()));
         self.prepared = Some(cast);
-        outcome
+        self.checked(outcome)
     }
 
     /// Compiles what every picture needs; the rest is compiled when it is known.

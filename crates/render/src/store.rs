@@ -295,6 +295,33 @@ impl PointStore {
         Ok(())
     }
 
+    /// Uploads all points again, to a device that takes the place of a lost one. Points and clouds keep their names.
+    ///
+    /// # Errors
+    /// No more memory: then chunks are missing, as if they had been removed.
+    pub fn move_to(&mut self, gpu: Arc<Gpu>) -> Result<()> {
+        self.nothing = buffer(&gpu, "nothing", 16);
+        self.gpu = gpu;
+        self.pages.clear();
+        let mut ids: Vec<ChunkId> = self.chunks.keys().copied().collect();
+        ids.sort_unstable();
+        let mut moved: Vec<StoredChunk> = ids.iter().filter_map(|id| self.chunks.remove(id)).collect();
+        for (id, mut chunk) in ids.into_iter().zip(moved.drain(..)) {
+            (chunk.page, chunk.range) = self.allocate(chunk.range.len() as u32)?;
+            let (points, layout, scalars) = (chunk.points.clone(), chunk.layout.clone(), chunk.scalars.take());
+            // Nothing of them is uploaded yet.
+            chunk.points = Chunk::new(points.first_point, points.origin, Vec::new());
+            self.chunks.insert(id, chunk);
+            self.update_chunk(id, &points, layout.as_ref())?;
+            if let Some((index, origin)) = scalars
+                && let Some(column) = points.columns.get(index).and_then(Option::as_ref)
+            {
+                self.upload_scalars(id, index, column, origin);
+            }
+        }
+        Ok(())
+    }
+
     /// Gives a chunk room for `count` points, in its place or elsewhere.
     fn fit(&mut self, id: ChunkId, count: usize) -> Result<()> {
         self.check_size(count)?;

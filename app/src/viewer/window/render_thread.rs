@@ -2,7 +2,7 @@
 //!
 //! It owns the renderer and the points on the GPU, on a device of its own. Waiting for a device holds a lock that
 //! presenting on the same device needs. And if a frame takes too long for the driver's watchdog, only the renderer's
-//! device is lost, and the window stays. Commands are carried out in order; of several waiting frames only the latest
+//! device is lost and opened again, and the window stays. Commands are carried out in order; of several waiting frames only the latest
 //! is drawn. A finished picture is written into a texture of the window's device. The window's next frame shows it,
 //! either whole or not at all.
 
@@ -270,7 +270,14 @@ struct Worker {
     summed: u32,
     /// The frame in the window; points are picked from it.
     on_screen: Option<FrameRequest>,
+    /// The part of an adapter's name that is wanted.
+    wanted: Option<String>,
+    /// When the device was last lost.
+    lost_at: Option<Instant>,
 }
+
+/// A device that is lost twice within this time would be lost again.
+const LOST_AGAIN: Duration = Duration::from_secs(60);
 
 impl Worker {
     fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>, shaders: Arc<Progress>) -> render::Result<Self> {
@@ -290,7 +297,27 @@ impl Worker {
             exposed_at: None,
             summed: 0,
             on_screen: None,
+            wanted: wanted.map(str::to_owned),
+            lost_at: None,
         })
+    }
+
+    /// Makes the device anew after a loss, and uploads the points again. Other errors pass.
+    ///
+    /// # Errors
+    /// The error itself if the device was lost shortly before, or what kept a new one from being made.
+    fn survive(&mut self, error: render::Error, report: &impl Fn(Report)) -> render::Result<()> {
+        if self.lost_at.is_some_and(|at| at.elapsed() < LOST_AGAIN) {
+            return Err(error);
+        }
+        self.lost_at = Some(Instant::now());
+        report(Report::Problem(format!("{error}; it is opened again")));
+        let name = self.window_gpu.info.name.clone();
+        let gpu = Gpu::headless(Some(self.wanted.as_deref().unwrap_or(&name)))?;
+        self.renderer = Renderer::with_progress(gpu.clone(), &self.shaders)?;
+        self.gpu = gpu.clone();
+        (self.held, self.on_screen, self.summed, self.exposed_at) = (None, None, 0, None);
+        self.resident.store.move_to(gpu)
     }
 
     fn run(
@@ -335,11 +362,14 @@ impl Worker {
                     }
                     other => self.obey(other, report),
                 };
-                if let Err(error) = result {
-                    if is_fatal(&error) {
-                        return report(Report::Lost(error.to_string()));
+                match result {
+                    Err(error) if is_fatal(&error) => {
+                        if let Err(error) = self.survive(error, report) {
+                            return report(Report::Lost(error.to_string()));
+                        }
                     }
-                    report(Report::Problem(error.to_string()));
+                    Err(error) => report(Report::Problem(error.to_string())),
+                    Ok(()) => {}
                 }
                 if frame.is_some() && started.elapsed() > upload_slice {
                     break;
@@ -360,7 +390,10 @@ impl Worker {
                         report(Report::Frame(Box::new(drawn)));
                     }
                     Err(render::Error::GivenUp) => frame = Some(request),
-                    Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
+                    Err(error) if is_fatal(&error) => match self.survive(error, report) {
+                        Ok(()) => frame = Some(request),
+                        Err(error) => return report(Report::Lost(error.to_string())),
+                    },
                     Err(error) => report(Report::NotDrawn(error.to_string())),
                 }
             } else if let Some((request, seed)) = estimate.take() {
@@ -368,7 +401,10 @@ impl Worker {
                 let answer = self.estimate(&request, seed);
                 self.renderer.give_up_when(None);
                 let answer = match answer {
-                    Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
+                    Err(error) if is_fatal(&error) => match self.survive(error, report) {
+                        Ok(()) => Ok(None),
+                        Err(error) => return report(Report::Lost(error.to_string())),
+                    },
                     Err(render::Error::GivenUp) => Ok(None),
                     answer => answer.map_err(|error| error.to_string()),
                 };
@@ -377,14 +413,15 @@ impl Worker {
                 self.renderer.give_up_when(Some(waiting.clone()));
                 let choice = self.choose(&request, target, &mut model);
                 self.renderer.give_up_when(None);
-                let choice = match choice.map_err(|error| (error.downcast_ref::<render::Error>().map(is_fatal), error))
-                {
+                let choice = match choice.map_err(|error| error.downcast::<render::Error>()) {
                     Ok(choice) => Ok(Some(choice)),
-                    Err((Some(true), error)) => return report(Report::Lost(error.to_string())),
-                    Err((_, error)) => match error.downcast_ref() {
-                        Some(render::Error::GivenUp) => Ok(None),
-                        _ => Err(format!("{error:#}")),
+                    Err(Ok(error)) if is_fatal(&error) => match self.survive(error, report) {
+                        Ok(()) => Ok(None),
+                        Err(error) => return report(Report::Lost(error.to_string())),
                     },
+                    Err(Ok(render::Error::GivenUp)) => Ok(None),
+                    Err(Ok(error)) => Err(error.to_string()),
+                    Err(Err(error)) => Err(format!("{error:#}")),
                 };
                 report(Report::Chosen { request, choice, model });
             }
@@ -556,7 +593,6 @@ impl Worker {
     }
 }
 
-/// Whether no further frame can be drawn after this error.
 /// How long the exposure takes to go two thirds of its way: eyes take longer, but nobody wants to wait.
 const ADAPTATION: Duration = Duration::from_millis(250);
 
@@ -568,6 +604,7 @@ fn adapted_share(time: Duration) -> f32 {
     1.0 - (-time.min(LONGEST_STEP).as_secs_f32() / ADAPTATION.as_secs_f32()).exp()
 }
 
+/// Whether no further frame can be drawn on the device after this error.
 fn is_fatal(error: &render::Error) -> bool {
     matches!(error, render::Error::Lost(_))
 }

@@ -141,3 +141,57 @@ fn samples_of_glossy_mirrors_come_in_steps_and_end_in_the_picture_of_all() {
     assert!(last.last().is_some_and(|frame| frame.request == *other));
     thread.end();
 }
+
+#[test]
+fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_points() {
+    let window_gpu = match Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => return println!("skipped: {error}"),
+    };
+    let mut worker = Worker::new(window_gpu, None, Arc::default()).unwrap();
+    let cloud = world::CloudKey(0);
+    let points: Vec<[f32; 3]> =
+        (0..4096).map(|i| [(i % 64) as f32 / 32.0 - 1.0, 0.0, (i / 64) as f32 / 32.0]).collect();
+    let chunk = cloud::Chunk::new(0, DVec3::ZERO, points);
+    let key = cloud.chunk(world::Part::Block(0));
+    worker.resident.apply(Change::Open { cloud, provisional_radius: 0.05 }).unwrap();
+    worker.resident.apply(Change::Put { key, chunk, layout: Arc::default() }).unwrap();
+    let request = request([48, 36]);
+    worker.render(&request, None).unwrap();
+    let before = worker.renderer.read_picture().unwrap();
+
+    let (sender, commands) = channel();
+    let (told, reports) = channel();
+    // The thread ends after the frame.
+    let sender = std::cell::RefCell::new(Some(sender));
+    let report = |report| {
+        if matches!(report, Report::Frame(_) | Report::NotDrawn(_) | Report::Lost(_)) {
+            sender.borrow_mut().take();
+        }
+        drop(told.send(report));
+    };
+    // The device goes in the middle of a frame: while the passes of its method are compiled.
+    let mut other = request.clone();
+    other.settings.reflection.method = scene::Method::SurfelTrace;
+    let (lost, shaders) = (worker.gpu.clone(), worker.shaders.clone());
+    let compiled = shaders.done();
+    let breaker = std::thread::spawn(move || {
+        while shaders.done() == compiled {
+            std::thread::yield_now();
+        }
+        lost.device.destroy();
+    });
+    sender.borrow().as_ref().unwrap().send(Command::Frame(other)).unwrap();
+    worker.run(&commands, &Arc::default(), &Arc::default(), &report);
+    breaker.join().unwrap();
+    let reports: Vec<Report> = reports.try_iter().collect();
+    assert!(reports.iter().any(|report| matches!(report, Report::Problem(_))), "nobody hears of it");
+    assert!(reports.iter().any(|report| matches!(report, Report::Frame(_))), "the frame is not drawn after all");
+    worker.render(&request, None).unwrap();
+    assert!(worker.renderer.read_picture().unwrap() == before, "another picture on the new device");
+
+    // Lost again at once, it is given up.
+    let again = worker.survive(render::Error::Lost("again".into()), &|_| ());
+    assert!(matches!(again, Err(render::Error::Lost(why)) if why == "again"));
+}

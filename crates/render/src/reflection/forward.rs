@@ -8,6 +8,7 @@
 use std::collections::HashMap;
 
 use super::task::Task;
+use crate::allocation;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::PageInputs;
 use crate::layout::{MIRROR_SUMS, NEAREST_REFLECTION_BYTES, SOLUTION_BYTES};
@@ -82,16 +83,19 @@ impl Pyramid {
 
     fn new(device: &wgpu::Device, size: [u32; 2], label: &str, format: wgpu::TextureFormat) -> Self {
         let mip_level_count = (PULL_LEVELS + 1).min(size[0].max(size[1]).ilog2() + 1);
-        let texture = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some(label),
-            size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
-            mip_level_count,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        });
+        let texture = allocation::texture(
+            device,
+            &wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+                mip_level_count,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            },
+        );
         let view = |base_mip_level, mip_level_count| {
             texture.create_view(&wgpu::TextureViewDescriptor { base_mip_level, mip_level_count, ..Default::default() })
         };

@@ -1,5 +1,6 @@
 //! The pages of the store: buffers on the GPU that hold many chunks, and the room in them.
 
+use crate::allocation;
 use crate::gpu::{Error, Gpu, Result};
 use crate::layout::{ATTRIBUTE_BYTES, BLOCK_POINTS, POINT_BYTES, SCALAR_BYTES};
 use crate::page_space::PageSpace;
@@ -145,10 +146,13 @@ impl PointStore {
 }
 
 pub(super) fn buffer(gpu: &Gpu, label: &str, size: u64) -> wgpu::Buffer {
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some(label),
-        size,
-        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
-        mapped_at_creation: false,
-    })
+    allocation::buffer(
+        &gpu.device,
+        &wgpu::BufferDescriptor {
+            label: Some(label),
+            size,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        },
+    )
 }

@@ -1,0 +1,102 @@
+//! Every buffer and texture is made here, so that a test can refuse each of them in turn. One that there is no memory for is
+//! an invalid one: wgpu tells the device's handler of errors, and the frame ends with what `Gpu::failure` says.
+
+/// Makes a buffer.
+pub(crate) fn buffer(device: &wgpu::Device, descriptor: &wgpu::BufferDescriptor<'_>) -> wgpu::Buffer {
+    #[cfg(test)]
+    if tests::is_refused() {
+        return device.create_buffer(&wgpu::BufferDescriptor { size: 1 << 60, ..descriptor.clone() });
+    }
+    device.create_buffer(descriptor)
+}
+
+/// Makes a texture.
+pub(crate) fn texture(device: &wgpu::Device, descriptor: &wgpu::TextureDescriptor<'_>) -> wgpu::Texture {
+    #[cfg(test)]
+    if tests::is_refused() {
+        let size = wgpu::Extent3d { width: 1 << 30, ..descriptor.size };
+        return device.create_texture(&wgpu::TextureDescriptor { size, ..descriptor.clone() });
+    }
+    device.create_texture(descriptor)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+    use std::sync::Arc;
+
+    use cloud::{Chunk, pack_radius};
+    use glam::DVec3;
+    use scene::{Camera, LightClues, Method, Mirror, Settings, Shape, SpotLight};
+
+    use crate::{Error, Gpu, Material, Objects, PointStore, Renderer};
+
+    thread_local! {
+        /// How many more buffers and textures are made before one is refused.
+        static LEFT: Cell<Option<u32>> = const { Cell::new(None) };
+    }
+
+    pub(super) fn is_refused() -> bool {
+        let left = LEFT.get();
+        LEFT.set(left.and_then(|left| left.checked_sub(1)));
+        left == Some(0)
+    }
+
+    #[test]
+    fn a_frame_that_is_refused_memory_anywhere_ends_with_an_error_and_the_next_one_is_whole() {
+        let gpu = match Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => return println!("skipped: {error}"),
+        };
+        let mut store = PointStore::new(gpu.clone());
+        let cloud = store.add_cloud(Material::default());
+        let wall = (-4..4).flat_map(|x| (-4..4).map(move |y| [x as f32 * 0.2, y as f32 * 0.2, -0.9]));
+        let mut chunk = Chunk::new(0, DVec3::ZERO, wall.collect());
+        chunk.radii = Some(Arc::new(vec![pack_radius(0.2); chunk.len()]));
+        store.add_chunk(cloud, &chunk, None).unwrap();
+        let mirrors = [Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.5)];
+        let lights = [SpotLight {
+            position: DVec3::Z * 3.0,
+            target: DVec3::ZERO,
+            intensity: [10.0; 3],
+            inner_degrees: 50.0,
+            outer_degrees: 60.0,
+        }];
+        let objects = Objects { mirrors: &mirrors, lights: &lights, clues: LightClues::default() };
+        let camera = Camera::looking(DVec3::ZERO, DVec3::new(1.0, 0.3, 0.2), 3.0, DVec3::Z);
+        for method in [Method::Sscr, Method::SurfelTrace] {
+            let mut settings = Settings::default();
+            settings.reflection.method = method;
+            (settings.gi.vpls, settings.gi.shadow_points, settings.gi.shadow_size) = (4, 64, 16);
+            let mut renderer = Renderer::bare(gpu.clone());
+            let mut draw = |left: Option<u32>| {
+                LEFT.set(left);
+                let outcome = renderer.render(&store, &camera, &settings, objects, [16, 12]);
+                let was_refused = LEFT.replace(None).is_none() && left.is_some();
+                let picture = outcome.and_then(|_| renderer.read_picture());
+                if picture.is_ok() {
+                    renderer.release();
+                }
+                (picture, was_refused)
+            };
+            let whole = draw(None).0.unwrap();
+            let mut refused = 0;
+            for left in 0.. {
+                let (picture, was_refused) = draw(Some(left));
+                if !was_refused {
+                    assert!(picture.unwrap() == whole);
+                    break;
+                }
+                refused += 1;
+                let error = picture.expect_err("a frame without one of its images");
+                assert!(matches!(error, Error::Device { .. } | Error::NoMemory { .. }), "{left}: {error}");
+                // Every frame after a refusal would double the time of the test.
+                if left % 8 == 0 {
+                    assert!(draw(None).0.unwrap() == whole, "{left}: something of the refused frame was kept");
+                }
+            }
+            assert!(refused > 30, "{refused}");
+        }
+    }
+}
