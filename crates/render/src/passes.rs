@@ -389,8 +389,7 @@ pub struct Compiled {
     name: &'static str,
     pub pipeline: wgpu::ComputePipeline,
     layouts: Vec<wgpu::BindGroupLayout>,
-    /// How long a workgroup took in the last dispatch, where the host's clock timed it; `None` before the second one,
-    /// because drivers compile at the first.
+    /// How long a workgroup took in the last dispatch; `None` before the second one, because drivers compile at the first.
     pub group_milliseconds: Option<f64>,
     /// Whether the pass has run.
     pub has_run: bool,
@@ -447,6 +446,15 @@ impl Compiled {
             return Err(format!("shader {}: {}", pass.name, woven.explain(&error.to_string())));
         }
         Ok(Self { name: pass.name, pipeline, layouts, group_milliseconds: None, has_run: false })
+    }
+
+    /// Notes how long a dispatch of so many workgroups took, if that counts.
+    pub fn learn(&mut self, milliseconds: f64, groups: f64, counts: bool) {
+        let is_known = self.has_run && counts && groups > 0.0;
+        // Parts of a picture differ. The slowest of the last ones counts.
+        let slowest = self.group_milliseconds.map_or(0.0, |known| 0.97 * known).max(milliseconds / groups);
+        self.group_milliseconds = is_known.then_some(slowest);
+        self.has_run = true;
     }
 
     /// Makes a bind group for group `group` of this pass from resources in slot order.

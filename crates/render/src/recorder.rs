@@ -1,4 +1,4 @@
-//! Compiles passes when they are first needed, records them, and times each of them: by GPU timestamps in one submit, or by
+//! Compiles passes when they are first needed, records them, and times each of them: by GPU timestamps in few submits, or by
 //! the host's clock around a submit each.
 
 use std::collections::HashMap;
@@ -51,8 +51,10 @@ pub(crate) struct Recorder<'a> {
     queries: Option<wgpu::QuerySet>,
     /// Whether each pass is submitted and waited for, because the host's clock times it.
     submits_each: bool,
-    /// The passes that the GPU times, and whether each splats what the camera sees.
-    names: Vec<(Name, bool)>,
+    /// The passes that the GPU times.
+    timed: Vec<Timed>,
+    /// The milliseconds that what is recorded and not submitted is estimated to take.
+    recorded: f64,
     /// The time of splatting what the camera sees, as far as the host's clock times it.
     splatting: f64,
     host_times: Vec<PassTime>,
@@ -71,11 +73,31 @@ pub(crate) struct Recorder<'a> {
 /// The name and stage under which a pass is timed.
 type Name = (&'static str, PassStage);
 
+/// A pass that the GPU times.
+struct Timed {
+    name: Name,
+    /// Whether it splats what the camera sees.
+    splats: bool,
+    /// The pass and its switches.
+    variant: (&'static str, Vec<(&'static str, u32)>),
+    /// The number of its workgroups.
+    groups: f64,
+}
+
 /// The name and stage for clearing buffers, where the host's clock times it.
 const CLEAR: Name = ("clear", PassStage::Surface);
 
-/// The most pieces of a pass: each is submitted and waited for.
+/// The most pieces of a pass where each is submitted and waited for.
 const MOST_PIECES: f64 = 64.0;
+/// The most pieces of a pass on a GPU.
+const MOST_PIECES_OF_GPU: f64 = 256.0;
+/// The milliseconds that a dispatch, and all that is submitted together, are meant to take at most on a GPU: systems take
+/// a GPU for stuck after two seconds or more, and what an earlier frame took is no promise.
+const LONGEST_ON_GPU: f64 = 50.0;
+/// A piece of a pass that nobody has timed yet has this many workgroups where there are more; and so many of these
+/// pieces, or of whole passes, are submitted together.
+const GROUPS_OF_UNKNOWN: f64 = 768.0;
+const UNKNOWN_TOGETHER: f64 = 8.0;
 const BLOCK_BYTES: u32 = size_of::<Block>() as u32;
 
 /// One dispatch: the switches of the pass, its bind groups in order, and the workgroups.
@@ -90,7 +112,8 @@ impl<'a> Recorder<'a> {
             encoder,
             queries: None,
             submits_each: gpu.clock == Clock::Host,
-            names: Vec::new(),
+            timed: Vec::new(),
+            recorded: 0.0,
             splatting: 0.0,
             host_times: Vec::new(),
             failure: None,
@@ -236,15 +259,28 @@ impl<'a> Recorder<'a> {
     /// Returns into how many pieces to cut a pass, so that none takes long and the frame can be given up between them.
     /// What a pass does must not depend on it.
     fn pieces(&self, pass: &Pass, switches: Switches<'_>, groups: [u32; 3]) -> u32 {
-        let compiled = self.pipelines.get(&(pass.name, switches.to_vec())).filter(|_| self.is_cut());
-        let each = compiled.and_then(|compiled| compiled.group_milliseconds).unwrap_or(0.0);
-        let groups = groups.map(f64::from).iter().product::<f64>();
-        (each * groups / self.longest_piece).ceil().clamp(1.0, MOST_PIECES) as u32
+        if !self.is_cut() {
+            return 1;
+        }
+        let compiled = self.pipelines.get(&(pass.name, switches.to_vec()));
+        let each = compiled.and_then(|compiled| compiled.group_milliseconds);
+        let longest = if self.submits_each && self.given_up.is_some() { self.longest_piece } else { LONGEST_ON_GPU };
+        pieces_of(each, groups.map(f64::from).iter().product(), longest, self.gpu.is_watched)
     }
 
-    /// Whether long passes are cut into pieces.
+    /// Whether long passes are cut into pieces: where a frame may be given up between them, and on a GPU.
     fn is_cut(&self) -> bool {
-        self.submits_each && self.given_up.is_some() && self.rehearsal.is_none()
+        self.rehearsal.is_none() && (self.submits_each && self.given_up.is_some() || self.gpu.is_watched)
+    }
+
+    /// Submits what is recorded if it is estimated to take long, without waiting for it.
+    fn submit_long(&mut self, each: Option<f64>, groups: f64) {
+        self.recorded += each.map_or(LONGEST_ON_GPU / UNKNOWN_TOGETHER, |each| each * groups);
+        if self.recorded >= LONGEST_ON_GPU {
+            let next = self.gpu.device.create_command_encoder(&Default::default());
+            self.gpu.queue.submit([std::mem::replace(&mut self.encoder, next).finish()]);
+            self.recorded = 0.0;
+        }
     }
 
     /// Finds the nearest point of each pixel, with atomics of the adapter's width.
@@ -393,7 +429,8 @@ impl<'a> Recorder<'a> {
         };
         let bound: Vec<_> = dispatches.into_iter().map(bind).collect();
         let splats = self.timed_as.is_none() && pass.stage == PassStage::Surface && pass.is_over_points();
-        let first = self.names.len() as u32 * 2;
+        let groups: f64 = bound.iter().map(|(.., groups)| groups.map(f64::from).iter().product::<f64>()).sum();
+        let first = self.timed.len() as u32 * 2;
         let queries = self.queries.as_ref().filter(|_| first < MOST_PASSES * 2);
         let timestamp_writes = queries.map(|query_set| wgpu::ComputePassTimestampWrites {
             query_set,
@@ -411,19 +448,20 @@ impl<'a> Recorder<'a> {
         }
         self.dispatches += bound.len() as u32;
         drop(compute);
+        let Some(variant) = variant else { return Ok(()) };
+        let each = self.pipelines.get(&variant).and_then(|compiled| compiled.group_milliseconds);
         if first < MOST_PASSES * 2 {
-            self.names.push((self.timed_as.unwrap_or((pass.name, pass.stage)), splats));
+            let name = self.timed_as.unwrap_or((pass.name, pass.stage));
+            self.timed.push(Timed { name, splats, variant: variant.clone(), groups });
+        }
+        if !self.submits_each && self.is_cut() {
+            self.submit_long(each, groups);
         }
         if self.submits_each {
             let milliseconds = self.submit((pass.name, pass.stage));
             self.splatting += if splats { milliseconds } else { 0.0 };
-            let groups: f64 = bound.iter().map(|(.., groups)| groups.map(f64::from).iter().product::<f64>()).sum();
-            if let Some(compiled) = variant.and_then(|variant| self.pipelines.get_mut(&variant)) {
-                let is_known = compiled.has_run && self.rehearsal.is_none() && groups > 0.0;
-                // Parts of a picture differ. The slowest of the last ones counts.
-                let slowest = compiled.group_milliseconds.map_or(0.0, |known| 0.97 * known).max(milliseconds / groups);
-                compiled.group_milliseconds = is_known.then_some(slowest);
-                compiled.has_run = true;
+            if let Some(compiled) = self.pipelines.get_mut(&variant) {
+                compiled.learn(milliseconds, groups, self.rehearsal.is_none());
             }
         }
         if let Some(Rehearsal::Count(progress)) = self.rehearsal.as_deref() {
@@ -489,7 +527,7 @@ impl<'a> Recorder<'a> {
         if matches!(self.rehearsal, Some(Rehearsal::Collect(_))) {
             return Err(Error::GivenUp);
         }
-        let timed = self.queries.as_ref().map_or(0, |_| self.names.len() as u32);
+        let timed = self.queries.as_ref().map_or(0, |_| self.timed.len() as u32);
         let ticks = handed.take(self.gpu, self.encoder, timed, [counters, exposure], picture)?;
         if self.submits_each {
             let total = self.host_times.iter().map(|time| time.milliseconds).sum();
@@ -498,17 +536,35 @@ impl<'a> Recorder<'a> {
         }
         let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
         let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
-        let pairs = self.names.iter().zip(ticks.chunks_exact(2));
+        let pairs = self.timed.iter().zip(ticks.chunks_exact(2));
         let mut splatting = 0.0;
-        let time = |(((name, stage), splats), pair): (&(Name, bool), &[u64])| {
+        let pipelines = self.pipelines;
+        let counts = self.rehearsal.is_none();
+        let time = |(timed, pair): (&Timed, &[u64])| {
             let milliseconds = span(pair[0], pair[1]);
-            splatting += if *splats { milliseconds } else { 0.0 };
-            PassTime { name, stage: *stage, milliseconds }
+            splatting += if timed.splats { milliseconds } else { 0.0 };
+            if let Some(compiled) = pipelines.get_mut(&timed.variant) {
+                compiled.learn(milliseconds, timed.groups, counts);
+            }
+            let (name, stage) = timed.name;
+            PassTime { name, stage, milliseconds }
         };
         let passes = summed(pairs.map(time).collect());
         let total = ticks.first().zip(ticks.last()).map_or(0.0, |(first, last)| span(*first, *last));
         Ok(Times { passes, total, splatting, dispatches: self.dispatches })
     }
+}
+
+/// Into how many pieces a pass of `groups` workgroups is cut so that none takes longer than `longest` milliseconds, if
+/// a workgroup takes `each`; `None` if nobody knows.
+fn pieces_of(each: Option<f64>, groups: f64, longest: f64, is_watched: bool) -> u32 {
+    let most = if is_watched { MOST_PIECES_OF_GPU } else { MOST_PIECES };
+    let pieces = match each {
+        Some(each) => each * groups / longest,
+        None if is_watched => groups / GROUPS_OF_UNKNOWN,
+        None => 1.0,
+    };
+    pieces.ceil().clamp(1.0, most) as u32
 }
 
 /// The times of a frame, milliseconds.
@@ -536,4 +592,41 @@ fn summed(times: Vec<PassTime>) -> Vec<PassTime> {
         }
     }
     sums
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A pass that may take long: what makes it so, its workgroups, and the milliseconds of all of them on a tenth of an
+    /// H100 (6.7 TFLOPS, 335 GB/s), computed from the instructions and bytes of a thread.
+    pub(crate) const LONG: [(&str, &str, f64, f64); 5] = [
+        ("indirect", "3840 x 2160, 1024 lights for each pixel", 129_600.0, 900.0),
+        ("indirect", "3840 x 2160, 17,408 lights for each pixel", 129_600.0, 16_000.0),
+        ("surfel_trace", "3840 x 2160, the mirror fills the picture", 129_600.0, 300.0),
+        ("sscr_solve", "10 million points, a round", 9_766.0, 150.0),
+        ("splat_accumulate", "10 million points, discs of 9 pixels", 9_766.0, 80.0),
+    ];
+
+    /// The longest dispatch of one of them before anybody has timed it, and after.
+    pub(crate) fn longest_dispatches(groups: f64, milliseconds: f64) -> [f64; 2] {
+        let each = milliseconds / groups;
+        [None, Some(each)].map(|known| {
+            let pieces = pieces_of(known, groups, LONGEST_ON_GPU, true);
+            (groups / f64::from(pieces)).ceil() * each
+        })
+    }
+
+    #[test]
+    fn no_dispatch_takes_a_tenth_of_a_second_on_a_tenth_of_a_fast_gpu() {
+        for (pass, case, groups, milliseconds) in LONG {
+            for longest in longest_dispatches(groups, milliseconds) {
+                assert!(longest <= 100.0, "{pass}, {case}: {longest} ms");
+            }
+        }
+        // Neither short passes nor those of software are cut without need.
+        assert_eq!(pieces_of(Some(1e-4), 129_600.0, LONGEST_ON_GPU, true), 1);
+        assert_eq!(pieces_of(None, 500.0, LONGEST_ON_GPU, true), 1);
+        assert_eq!(pieces_of(None, 129_600.0, 25.0, false), 1);
+    }
 }

@@ -287,8 +287,8 @@ impl Renderer {
 
     /// Lets the frames that follow end with `Error::GivenUp` before their next pass once the flag is set, because
     /// another picture is wanted. The frame after it is made as if that one had not been begun. Where the GPU times the
-    /// passes, a frame is submitted as a whole, so that it is given up only while it is recorded. Elsewhere long passes
-    /// are cut into several (`cut_passes`), which changes no picture.
+    /// passes, what is recorded is not waited for, so that a frame is given up only while it is recorded. Elsewhere long
+    /// passes are cut into several (`cut_passes`), which changes no picture.
     pub fn give_up_when(&mut self, flag: Option<Arc<AtomicBool>>) {
         self.given_up = flag;
     }
