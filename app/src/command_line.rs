@@ -51,10 +51,12 @@ pub enum Command {
     Surfaces(SurfacesArguments),
     /// Write the points of a section along a line: distance along, height, coordinates, attributes
     Profile(ProfileArguments),
-    /// Write the points that a scene shows to a new file, with all attributes: LAS, LAZ, COPC or PLY
+    /// Write the points that a scene shows to a new file, with all attributes: LAS, LAZ, COPC, PLY or a table
     Export(ExportArguments),
     /// Tell the measurements that a scene file keeps: values, units, uncertainty
     Measure(MeasureArguments),
+    /// Measure how far the points of a cloud are from another cloud
+    Compare(CompareArguments),
     /// Tell which adapter and display will be used, and why
     Doctor(DoctorArguments),
 }
@@ -314,7 +316,7 @@ pub struct ExportArguments {
     /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds and what it hides
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
-    /// File to write, by the end of its name: .las, .laz, .copc.laz or .ply; a file that is there is not replaced
+    /// File to write, by the end of its name: .las, .laz, .copc.laz, .ply or .csv; a file that is there is not replaced
     #[arg(short, long, value_name = "OUT.laz")]
     pub output: PathBuf,
     /// Scene file whose clips, filters and hidden classes decide which points are shown
@@ -332,6 +334,38 @@ pub struct MeasureArguments {
     /// Write JSON
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct CompareArguments {
+    /// The cloud whose points are measured: a `.las`, `.laz` or `.ply` file, a folder of them, or a scene file (`.toml`) for its
+    /// clouds and what it hides
+    pub first: OsString,
+    /// The cloud that they are measured to
+    pub second: OsString,
+    /// File to write: the points of the first cloud with their distances; .laz, .las, .copc.laz, .ply or .csv by the end of its
+    /// name; a file that is there is not replaced
+    #[arg(short, long, value_name = "OUT.laz")]
+    pub output: Option<PathBuf>,
+    /// What is measured: the distance to the nearest point, or m3c2: the distance along the normal of the first cloud, between
+    /// the mean places of both in a cylinder, with its level of detection (95 %)
+    #[arg(long, value_name = "nearest|m3c2", default_value = "nearest", value_parser = ["nearest", "m3c2"])]
+    pub method: String,
+    /// Diameter of the neighbourhood that gives a normal, for m3c2; 10 distances between neighbouring points if not given
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
+    pub normal_scale: Option<f64>,
+    /// Diameter of the cylinder, for m3c2; 8 distances between neighbouring points if not given
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
+    pub cylinder_scale: Option<f64>,
+    /// How far the cylinder reaches to either side, for m3c2; 10 of its diameters if not given
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
+    pub reach: Option<f64>,
+    /// Write JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Set a parameter, as in `--set stream.host_bytes=1GiB`; `glint methods` lists them
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
 }
 
 /// The corners of a line, as one value of the command line.

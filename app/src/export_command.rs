@@ -20,7 +20,7 @@ use crate::{picture_file, progress_bar};
 pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     let output = &arguments.output;
     if ExportFormat::of(output).is_none() {
-        let expected = "the name must end in .laz, .las, .copc.laz or .ply, which is what will be in it";
+        let expected = "the name must end in .laz, .las, .copc.laz, .ply or .csv, which is what will be in it";
         return Err(usage(format!("{}: {expected}", shown(output))));
     }
     picture_file::check_place(output)?;
@@ -45,7 +45,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
         return Ok(status);
     }
     let progress = Progress::default();
-    let write = || codec::export(&sources, &request.test(), output, memory, &progress);
+    let write = || codec::export(&sources, &request.test(), &[], output, memory, &progress);
     let written = progress_bar::watch("exporting", &progress, write)?;
     let Exported { points, warnings } = written.ok_or(stream::Error::Cancelled)?;
     terminal::warn(param::few(warnings, "warnings"));
@@ -55,12 +55,12 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
 }
 
 /// Opens the files of all inputs, and reports what cannot be opened.
-fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Arc<Source>> {
+pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Arc<Source>> {
     let mut sources = Vec::new();
     for input in &request.inputs {
         match input {
             world::Input::BuiltIn { .. } => {
-                failed.complain(&format!("{}: a built-in scene; files are exported", input.name()));
+                failed.complain(&format!("{}: a built-in scene; this command reads files", input.name()));
             }
             world::Input::Unknown { error, .. } => failed.complain(error),
             world::Input::File(_) | world::Input::Tiles { .. } => {}

@@ -3,6 +3,7 @@
 
 mod chosen;
 mod command_line;
+mod compare_command;
 mod costs;
 mod environment;
 mod export_command;
@@ -103,6 +104,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Methods(arguments) => listing::methods(arguments.json).map(|()| 0),
         Command::Scenes(arguments) => listing::scenes(arguments.json).map(|()| 0),
         Command::Study(arguments) => study_command::run(&arguments),
+        Command::Compare(arguments) => compare_command::run(&arguments),
         Command::Export(arguments) => export_command::run(&arguments),
         Command::Profile(arguments) => profile_command::run(&arguments),
         Command::Measure(arguments) => measure_command::run(&arguments),

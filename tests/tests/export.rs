@@ -82,13 +82,13 @@ fn an_export_that_cannot_be_made_is_refused() {
         assert_eq!(outcome.status, Some(status), "{outcome}");
         assert!(outcome.messages.contains(mentioned), "{mentioned}: {outcome}");
     };
-    refused(&["-o", "a.txt"], 2, "must end in .laz, .las, .copc.laz or .ply");
+    refused(&["-o", "a.txt"], 2, "must end in .laz, .las, .copc.laz, .ply or .csv");
     refused(&["-o", "there.ply"], 1, "a file of this name is there, and is not replaced; name another place");
     refused(&["-o", "two.ply"], 1, "is not replaced");
     refused(&["-o", "a.laz", "--scene", "gone.toml"], 2, "gone.toml");
     refused(&["-o", "a.laz", "--scene", "none.toml"], 2, "no point is shown");
     let built_in = folder.glint(["export", "five-mirrors/none", "-o", "a.laz"]);
-    assert!(built_in.status == Some(2) && built_in.messages.contains("files are exported"), "{built_in}");
+    assert!(built_in.status == Some(2) && built_in.messages.contains("this command reads files"), "{built_in}");
     assert_eq!(std::fs::read_to_string(folder.path("there.ply")).expect("the file"), "kept");
     assert!(!folder.path("a.laz").exists());
     // One of several inputs is missing: the others are exported.

@@ -4,11 +4,12 @@
 pub(crate) mod columns;
 mod ply_file;
 
-use std::io;
+use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Bounds, Grid, PointTest, Progress};
+use cloud::{Bounds, Column, Grid, PointTest, Progress};
 use glam::DVec3;
 use tempfile::NamedTempFile;
 
@@ -21,8 +22,12 @@ use crate::las::record_export::{Written, export_records, write_rows_to};
 use crate::las::{LasSource, write_copc};
 use crate::ply::PlySource;
 use crate::{Selection, Source};
+pub use columns::Added;
 use columns::{Piece, all_fields, columns_of};
 use ply_file::{PIECE_POINTS, PlyFile, RowFormat};
+
+/// The number of bytes of a table that are written at once.
+const TABLE_BYTES: usize = 1 << 20;
 
 /// The kind of file that is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +36,7 @@ pub enum ExportFormat {
     Laz,
     Copc,
     Ply,
+    Csv,
 }
 
 /// What was written.
@@ -45,7 +51,13 @@ impl ExportFormat {
     /// The format that a file's name asks for.
     pub fn of(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
-        let endings = [(".copc.laz", Self::Copc), (".laz", Self::Laz), (".las", Self::Las), (".ply", Self::Ply)];
+        let endings = [
+            (".copc.laz", Self::Copc),
+            (".laz", Self::Laz),
+            (".las", Self::Las),
+            (".ply", Self::Ply),
+            (".csv", Self::Csv),
+        ];
         endings.into_iter().find(|(ending, _)| name.ends_with(ending)).map(|(_, format)| format)
     }
 }
@@ -55,6 +67,8 @@ impl ExportFormat {
 /// the bytes held at once; temporary files lie in the folder of `output`. The file appears under its name when it is
 /// complete. `progress` counts points that are read, and for COPC again those that are written.
 ///
+/// Each point gets the numbers of `added`, too.
+///
 /// Returns `None` if it was cancelled; nothing is written then.
 ///
 /// # Errors
@@ -62,6 +76,7 @@ impl ExportFormat {
 pub fn export(
     sources: &[Arc<Source>],
     test: &PointTest,
+    added: &[Added],
     output: &Path,
     memory: u64,
     progress: &Progress,
@@ -82,11 +97,12 @@ pub fn export(
     progress.set_total(sources.iter().map(|source| source.info().points).sum());
     let file = temporary()?;
     let all: Option<Vec<&LasSource>> = sources.iter().map(|source| las(source)).collect();
-    let job = Job { sources, test, output, memory, progress };
+    let job = Job { sources, test, added, output, memory, progress };
     let written = match (format, &all) {
         (ExportFormat::Ply, _) => job.write_ply(file)?,
+        (ExportFormat::Csv, _) => job.write_csv(file)?,
         (_, Some(all)) if !all.is_empty() => {
-            export_records(all, test, (file, output), format != ExportFormat::Las, memory, progress)?
+            export_records(all, test, added, (file, output), format != ExportFormat::Las, memory, progress)?
         }
         _ => job.write_las(file, format != ExportFormat::Las)?,
     };
@@ -125,6 +141,7 @@ fn ply(source: &Source) -> Option<&PlySource> {
 struct Job<'a> {
     sources: &'a [Arc<Source>],
     test: &'a PointTest,
+    added: &'a [Added],
     output: &'a Path,
     memory: u64,
     progress: &'a Progress,
@@ -132,9 +149,13 @@ struct Job<'a> {
 
 impl Job<'_> {
     fn fields(&self, wide: bool) -> Vec<Vec<cloud::Attribute>> {
-        let fields = |source: &Arc<Source>| match &**source {
-            Source::Las(source) => source.column_fields(wide),
-            Source::Ply(source) => source.column_fields(wide),
+        let fields = |source: &Arc<Source>| {
+            let mut fields = match &**source {
+                Source::Las(source) => source.column_fields(wide),
+                Source::Ply(source) => source.column_fields(wide),
+            };
+            fields.extend(self.added.iter().map(Added::field));
+            fields
         };
         self.sources.iter().map(fields).collect()
     }
@@ -149,9 +170,14 @@ impl Job<'_> {
         rows_of: impl Fn(&Piece, &[Option<usize>]) -> Vec<u8> + Sync,
     ) -> Vec<String> {
         let mut problems = Vec::new();
-        for (source, own) in self.sources.iter().zip(self.fields(wide)) {
+        for (number, (source, own)) in self.sources.iter().zip(self.fields(wide)).enumerate() {
             let columns = columns_of(fields, &own);
-            let rows_of = |piece: &Piece| rows_of(piece, &columns);
+            let rows_of = |mut piece: Piece| {
+                let added = |added: &Added| Column::F32(added.of(number, piece.first_point, piece.points));
+                let added: Vec<Column> = self.added.iter().map(added).collect();
+                piece.columns.extend(added);
+                rows_of(&piece, &columns)
+            };
             problems.append(&mut match &**source {
                 Source::Las(source) => source.read_columns_in_order(self.test, wide, self.progress, order, &rows_of),
                 Source::Ply(source) => source.read_columns_in_order(self.test, wide, self.progress, order, &rows_of),
@@ -225,6 +251,47 @@ impl Job<'_> {
         }
         let points = points.into_inner().unwrap_or_else(PoisonError::into_inner);
         Ok(Some(Written { file: out.finish(points).map_err(unwritten)?, points, warnings }))
+    }
+
+    /// A table with a row for each point, and the names of the columns above it.
+    fn write_csv(&self, file: NamedTempFile) -> Result<Option<Written>> {
+        let unwritten = |error| Error::not_written(self.output, error);
+        let fields = all_fields(&self.fields(false));
+        let mut warnings = self.warnings();
+        let mut out = BufWriter::with_capacity(TABLE_BYTES, file);
+        let quoted = |name: &str| match name.contains([',', '"', '\n', '\r']) {
+            true => format!("\"{}\"", name.replace('"', "\"\"")),
+            false => name.to_owned(),
+        };
+        let names: Vec<String> = fields.iter().map(|field| quoted(&field.name)).collect();
+        writeln!(out, "{}", names.join(",")).map_err(unwritten)?;
+        let points = AtomicU64::new(0);
+        let encode = |text: Vec<u8>| Ok(text);
+        let mut write = |text: Vec<u8>| out.write_all(&text);
+        let is_cancelled = || self.progress.is_cancelled();
+        let order = InOrder::new(TABLE_BYTES, &encode, &mut write, &is_cancelled);
+        let rows_of = |piece: &Piece, columns: &[Option<usize>]| {
+            points.fetch_add(piece.kept.len() as u64, Ordering::Relaxed);
+            let mut text = String::new();
+            for index in &piece.kept {
+                for (place, column) in columns.iter().enumerate() {
+                    let value = column.and_then(|column| piece.columns.get(column));
+                    let value = value.map_or(String::new(), |column| column.text(*index as usize));
+                    text += if place == 0 { "" } else { "," };
+                    text += &value;
+                }
+                text += "\n";
+            }
+            text.into_bytes()
+        };
+        warnings.append(&mut self.read(&fields, false, &order, rows_of));
+        order.finish().map_err(unwritten)?;
+        if self.progress.is_cancelled() {
+            return Ok(None);
+        }
+        let file = out.into_inner().map_err(|error| unwritten(error.into_error()))?;
+        file.as_file().sync_data().map_err(unwritten)?;
+        Ok(Some(Written { file, points: points.into_inner(), warnings }))
     }
 
     fn write_las(&self, file: NamedTempFile, is_compressed: bool) -> Result<Option<Written>> {

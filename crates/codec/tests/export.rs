@@ -39,7 +39,7 @@ fn sources(paths: &[&Path]) -> Vec<Arc<Source>> {
 
 fn written(paths: &[&Path], test: &PointTest, output: &Path) -> Exported {
     let progress = Progress::default();
-    let exported = export(&sources(paths), test, output, MEMORY, &progress).unwrap().unwrap();
+    let exported = export(&sources(paths), test, &[], output, MEMORY, &progress).unwrap().unwrap();
     assert_eq!(progress.done(), progress.total());
     let left = std::fs::read_dir(output.parent().unwrap()).unwrap().map(|entry| entry.unwrap().file_name());
     assert!(!left.into_iter().any(|name| name.to_string_lossy().contains("unfinished")));
@@ -188,6 +188,7 @@ fn several_files_get_the_finest_steps_and_a_format_for_all() {
     let no = export(
         &sources(&[&first, &other]),
         &PointTest::default(),
+        &[],
         &output.with_file_name("no.las"),
         MEMORY,
         &Progress::default(),
@@ -282,7 +283,7 @@ fn a_file_is_new_and_whole_or_not_there() {
     for name in ["out.laz", "out.las", "out.ply", "out.copc.laz"] {
         let output = folder.path().join(name);
         let refusal = |inputs: &[&Path], test: &PointTest, output: &Path| {
-            export(&sources(inputs), test, output, MEMORY, &Progress::default()).unwrap_err().to_string()
+            export(&sources(inputs), test, &[], output, MEMORY, &Progress::default()).unwrap_err().to_string()
         };
         let hidden = refusal(&[&original], &PointTest::hiding(0..=255), &output);
         assert!(hidden.contains("no point is shown"), "{hidden}");
@@ -290,7 +291,7 @@ fn a_file_is_new_and_whole_or_not_there() {
         assert!(refusal(&[&original], &all, &folder.path().join("gone").join(name)).contains("no such folder"));
         let progress = Progress::default();
         progress.cancel();
-        assert!(export(&sources(&[&original]), &all, &output, MEMORY, &progress).unwrap().is_none());
+        assert!(export(&sources(&[&original]), &all, &[], &output, MEMORY, &progress).unwrap().is_none());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "something is left of {name}");
     }
     assert!(std::fs::read(&original).unwrap() == before);

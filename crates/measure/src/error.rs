@@ -8,6 +8,8 @@ pub enum Error {
     NoLength { corner: usize },
     #[error("a width of {width}, expected more than 0")]
     Width { width: f64 },
+    #[error("a scale of {length}, expected more than 0")]
+    Scale { length: f64 },
     #[error("{points} points, expected at least {least}")]
     TooFew { points: usize, least: usize },
     #[error("the points lie on a line, or evenly in all directions: no plane goes through them")]

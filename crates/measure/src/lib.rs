@@ -1,21 +1,25 @@
 //! Measurements on points: sections along a line; lengths, angles and areas; planes, circles and cylinders fitted to
-//! points; volumes between points and a plane; and how certain all of these are.
+//! points; volumes between points and a plane; distances between clouds; and how certain all of these are.
 //!
 //! This crate knows points, and no files, no scene and no GPU. Lengths are in the units of the coordinates, and angles in
 //! radians.
 
+mod compare;
 mod error;
 mod figures;
 mod fit;
 mod nearest;
 mod scatter;
 mod section;
+mod tree;
 mod volume;
 
+pub use compare::{Change, DistanceFigures, M3c2, spacing};
 pub use error::{Error, Result};
 pub use figures::{angle, area, height, length};
 pub use fit::{Plane, Round, circle, cylinder, plane};
 pub use nearest::Nearest;
 pub use scatter::{Scatter, spread};
 pub use section::{Placed, Section};
+pub use tree::PointTree;
 pub use volume::{Volume, VolumeGrid};

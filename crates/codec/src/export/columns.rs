@@ -2,8 +2,31 @@
 
 use cloud::{Attribute, Column, ColumnType};
 
+/// A number of each point that the files do not have, and that the new one gets.
+pub struct Added {
+    pub name: String,
+    /// One list for each file, with a value for each of its points.
+    pub values: Vec<Vec<f32>>,
+}
+
+impl Added {
+    /// The values of a file from a point on. Points beyond the list have no number.
+    pub fn of(&self, file: usize, first_point: u64, points: usize) -> Vec<f32> {
+        let values = self.values.get(file).map_or(&[][..], Vec::as_slice);
+        let value = |point: u64| values.get(point as usize).copied().unwrap_or(f32::NAN);
+        (first_point..first_point + points as u64).map(value).collect()
+    }
+
+    pub fn field(&self) -> Attribute {
+        Attribute { name: self.name.clone(), column_type: ColumnType::F32 }
+    }
+}
+
 /// Some points of a file, in its order.
 pub struct Piece {
+    /// The index in the file of the first point.
+    pub first_point: u64,
+    pub points: usize,
     /// One for each field of the file, with the values of all points.
     pub columns: Vec<Column>,
     /// The indices of the points that are shown.

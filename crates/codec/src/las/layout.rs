@@ -21,6 +21,9 @@ const WAVE_PACKET: [Option<usize>; 11] =
 /// The size in bytes of one descriptor in an Extra Bytes record.
 const DESCRIPTOR_LENGTH: usize = 192;
 
+/// The name of bytes that no descriptor describes.
+const UNDESCRIBED: &str = "ExtraBytes";
+
 /// How to read a value from a record; `at` is its first byte.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reading {
@@ -299,6 +302,16 @@ impl Layout {
         Self { record_length, properties, attributes, red, near_infrared: NEAR_INFRARED[format], extended }
     }
 
+    /// The number of bytes at the end of a record that no descriptor describes.
+    pub fn undescribed(&self) -> usize {
+        match self.properties.last() {
+            Some(Property { name, reading: Reading::Opaque { length, .. } }) if name.starts_with(UNDESCRIBED) => {
+                *length
+            }
+            _ => 0,
+        }
+    }
+
     /// The properties with their types in the file.
     pub fn property_attributes(&self) -> Vec<Attribute> {
         let attribute = |p: &Property| Attribute { name: p.name.clone(), column_type: p.reading.file_type() };
@@ -420,7 +433,7 @@ fn extra_dimensions(
         let length = record_length - at;
         warnings
             .push(format!("{length} bytes of each point are described by no Extra Bytes record: listed, not decoded"));
-        dimensions.push(Property { name: "ExtraBytes".into(), reading: Reading::Opaque { at, length } });
+        dimensions.push(Property { name: UNDESCRIBED.into(), reading: Reading::Opaque { at, length } });
     }
     dimensions
 }

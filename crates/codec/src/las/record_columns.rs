@@ -34,7 +34,7 @@ impl LasSource {
         wide: bool,
         progress: &Progress,
         order: &InOrder<'_>,
-        rows_of: &(dyn Fn(&Piece) -> Vec<u8> + Sync),
+        rows_of: &(dyn Fn(Piece) -> Vec<u8> + Sync),
     ) -> Vec<String> {
         let test = self.record_test(test);
         let (length, grid) = (self.layout.record_length, self.grid);
@@ -42,7 +42,7 @@ impl LasSource {
             Some(ColorDepth::Sixteen) => (value >> 8) as u8,
             _ => value.min(255) as u8,
         };
-        self.read_records_in_order(progress, order, |_, records| {
+        self.read_records_in_order(progress, order, |first_point, records| {
             let points = records.len() / length;
             let kept: Vec<u32> = match test.as_ref().map(|test| test.shown(records)) {
                 None => (0..points as u32).collect(),
@@ -65,7 +65,7 @@ impl LasSource {
                     column => column,
                 }
             };
-            Ok(rows_of(&Piece { columns: self.typed().map(column).collect(), kept }))
+            Ok(rows_of(Piece { first_point, points, columns: self.typed().map(column).collect(), kept }))
         })
     }
 }

@@ -5,10 +5,11 @@ use std::io;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{PointTest, Progress};
+use cloud::{Attribute, ColumnType, PointTest, Progress};
 use tempfile::NamedTempFile;
 
 use super::LasSource;
+use super::column_records::descriptor;
 use super::layout::Layout;
 use super::output_records::{
     Statistics, Target, Upgrade, check_alike, check_items, common_grid, leave_out_waves, one_at_a_time, upgrades,
@@ -17,6 +18,7 @@ use super::output_records::{
 use super::plain_writer::{CHUNK_POINTS, Head, PlainFile, compress};
 use super::whole_records::RecordTest;
 use crate::error::{Error, Result};
+use crate::export::columns::Added;
 use crate::in_order::InOrder;
 
 /// The header's bit that says that wave packets are in another file.
@@ -34,6 +36,7 @@ pub struct Written {
 pub fn export_records(
     sources: &[&LasSource],
     test: &PointTest,
+    added: &[Added],
     (file, output): (NamedTempFile, &Path),
     is_compressed: bool,
     memory: u64,
@@ -43,7 +46,7 @@ pub fn export_records(
     let mut warnings = Vec::new();
     check_alike(sources)?;
     warn_of(sources, &mut warnings);
-    let extra = first.layout.record_length - first.base_length();
+    let extra = first.layout.record_length - first.base_length() + 4 * added.len();
     let formats = || sources.iter().filter_map(|source| source.info.point_format);
     let is_one_format = formats().all(|format| Some(format) == first.info.point_format);
     let has_waves = formats().any(|format| Layout::wave_packet(format).is_some());
@@ -70,18 +73,40 @@ pub fn export_records(
         target,
         grid,
         items: items.clone(),
-        descriptors: first.descriptors.clone(),
+        descriptors: descriptors(first, added),
         most_points,
     };
     let mut write_rows = |order: &InOrder<'_>| {
-        for (source, upgrade) in sources.iter().zip(&upgrades) {
+        for (number, (source, upgrade)) in sources.iter().zip(&upgrades).enumerate() {
             let test = source.record_test(test);
-            let rows_of = |_: u64, records: &[u8]| converted(records, upgrade, test.as_ref());
+            let rows_of = |first_point: u64, records: &[u8]| {
+                let points = records.len() / upgrade.record_length;
+                let values: Vec<Vec<f32>> = added.iter().map(|added| added.of(number, first_point, points)).collect();
+                converted(records, upgrade, test.as_ref(), &values)
+            };
             warnings.append(&mut source.read_records_in_order(progress, order, rows_of));
         }
     };
     let written = write_rows_to(head, (file, output), memory, progress, &mut write_rows)?;
     Ok(written.map(|(file, points)| Written { file, points, warnings }))
+}
+
+/// The descriptors of the extra dimensions of a file and of those that are added. Bytes that none describes get one, so
+/// that those after them are in their places.
+fn descriptors(first: &LasSource, added: &[Added]) -> Vec<u8> {
+    let mut descriptors = first.descriptors.clone();
+    if !added.is_empty() {
+        let mut rest = first.layout.undescribed();
+        while rest > 0 {
+            let length = rest.min(usize::from(u8::MAX));
+            let mut bytes = descriptor(&Attribute { name: "undescribed".into(), column_type: ColumnType::U8 });
+            (bytes[2], bytes[3]) = (0, length as u8);
+            descriptors.extend(bytes);
+            rest -= length;
+        }
+        descriptors.extend(added.iter().flat_map(|added| descriptor(&added.field())));
+    }
+    descriptors
 }
 
 /// Writes what `write_rows` gives: rows of the head's format, in order. Returns the file and its number of points, or
@@ -122,15 +147,24 @@ pub fn write_rows_to<'a>(
     Ok(Some((out.finish(&statistics).map_err(unwritten)?, points)))
 }
 
-/// The shown records in the format of the file that is written.
-fn converted(records: &[u8], upgrade: &Upgrade, test: Option<&RecordTest<'_>>) -> io::Result<Vec<u8>> {
+/// The shown records in the format of the file that is written, with the values that are added to them.
+fn converted(
+    records: &[u8],
+    upgrade: &Upgrade,
+    test: Option<&RecordTest<'_>>,
+    added: &[Vec<f32>],
+) -> io::Result<Vec<u8>> {
     let length = upgrade.record_length;
     let shown = test.map(|test| test.shown(records));
     let mut rows = Vec::with_capacity(if test.is_none() { records.len() } else { 0 });
     for (index, record) in records.chunks_exact(length).enumerate() {
-        if shown.as_ref().is_none_or(|shown| shown.has(index)) && !upgrade.push(record, &mut rows) {
+        if shown.as_ref().is_some_and(|shown| !shown.has(index)) {
+            continue;
+        }
+        if !upgrade.push(record, &mut rows) {
             return Err(io::Error::other("a point lies too far outside of what the header says"));
         }
+        added.iter().for_each(|values| rows.extend(values[index].to_le_bytes()));
     }
     Ok(rows)
 }

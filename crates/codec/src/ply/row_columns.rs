@@ -36,7 +36,7 @@ impl PlySource {
         wide: bool,
         progress: &Progress,
         order: &InOrder<'_>,
-        rows_of: &(dyn Fn(&Piece) -> Vec<u8> + Sync),
+        rows_of: &(dyn Fn(Piece) -> Vec<u8> + Sync),
     ) -> Vec<String> {
         let packing = Packing::new(&self.header, self.element(), vec![true; self.element().properties.len()]);
         let layout = cloud::CloudLayout { attributes: self.info.attributes.clone(), grid: None };
@@ -45,7 +45,7 @@ impl PlySource {
         let selection = Selection { positions: true, colors: false, normals: false, attributes };
         let plan = RowDecoder::new(&self.scalars, &self.roles, &selection, &packing);
         let test = test.of(&layout);
-        let piece_of = |rows: &[u8]| {
+        let piece_of = |first_point: u64, rows: &[u8]| {
             let points = rows.len() / packing.stride;
             let mut builder = ChunkBuilder::new(&plan, 0, points);
             builder.push(rows);
@@ -60,21 +60,24 @@ impl PlySource {
                 }
             });
             let columns: Vec<Column> = if kept.is_empty() { Vec::new() } else { columns.collect() };
-            Piece { columns, kept }
+            Piece { first_point, points, columns, kept }
         };
         let problems = Mutex::new((Vec::new(), 0));
         order.blocks(self.rows.blocks.len(), rayon::current_num_threads(), &|index, out, _| {
             let block = self.rows.blocks[index];
+            let mut first_point = block.first_row;
             let counts = packing.read(&self.file, block, |mut rows| {
                 // Pieces of some megabytes, so that a thread holds little.
                 let most = (PIECE_BYTES / packing.stride).max(1) * packing.stride;
                 while !rows.is_empty() && !order.is_stopped() {
                     let (now, later) = rows.split_at(most.min(rows.len()));
-                    let piece = piece_of(now);
+                    let piece = piece_of(first_point, now);
+                    let points = piece.points as u64;
                     if !piece.kept.is_empty() {
-                        out.give(&rows_of(&piece));
+                        out.give(&rows_of(piece));
                     }
-                    progress.add((now.len() / packing.stride) as u64);
+                    progress.add(points);
+                    first_point += points;
                     rows = later;
                 }
             });
