@@ -1,9 +1,10 @@
 //! `glint export`: the points that a scene shows as a new file.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use cloud::Progress;
+use cloud::{PointTest, Progress};
 use codec::{ExportFormat, Exported, Source};
 use scene::{SceneFile, shown};
 use world::{Request, half_of};
@@ -73,4 +74,30 @@ pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Arc<Source>
         }
     }
     sources
+}
+
+/// Writes the points of files that a test shows, for the window. Returns `None` if it was cancelled.
+///
+/// # Errors
+/// A cloud that is no file or cannot be read, or what `codec::export` cannot do.
+pub fn write(
+    inputs: &[String],
+    test: &PointTest,
+    path: &Path,
+    memory: u64,
+    progress: &Progress,
+) -> Result<Option<Exported>, String> {
+    let mut sources = Vec::new();
+    for input in world::resolve(inputs).inputs {
+        if input.files().is_empty() {
+            return Err(format!("{}: not a file; points of files can be saved", input.name()));
+        }
+        for file in input.files() {
+            sources.push(world::open_file(file, memory)?);
+        }
+    }
+    if ExportFormat::of(path).is_none() {
+        return Err(format!("{}: the name must end in .laz, .las, .copc.laz, .ply or .csv", shown(path)));
+    }
+    codec::export(&sources, test, &[], path, memory, progress).map_err(|error| error.to_string())
 }

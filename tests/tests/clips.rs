@@ -50,6 +50,17 @@ fn a_box_about_a_pick_and_a_prism_clip_a_scan_are_saved_and_undone() {
     assert_eq!(rendered.status, Some(0), "{rendered}");
     let rendered = image::open(session.folder.path("clipped.png")).expect("the rendered picture").into_rgba8();
     assert!(rendered == clipped, "the saved scene is another picture");
+
+    // What is shown is saved, as `export` saves it.
+    let seen = window.events().len();
+    window.press("ctrl+e");
+    let exported = window.wait_for_event("exported", seen, |_| true);
+    let path = session.folder.path(exported["path"].as_str().expect("a path"));
+    let told = session.folder.glint(["export", scene, "-o", "same.laz"]);
+    assert!(told.text().starts_with(&format!("same.laz: {} of ", exported["points"])), "{told}");
+    let bytes = std::fs::read(path).expect("the exported file");
+    assert!(bytes == std::fs::read(session.folder.path("same.laz")).expect("the file"), "`export` writes another file");
+
     let seen = window.events().len();
     window.press("ctrl+z");
     window.wait_for_event("history", seen, |event| event["clips"] == 0);

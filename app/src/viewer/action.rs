@@ -68,6 +68,16 @@ pub enum Measuring {
     CopyAll,
 }
 
+/// A step of writing the points that are shown to a new file.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Export {
+    /// Asks for the place.
+    Ask,
+    To(PathBuf),
+    /// Gives the file up.
+    Stop,
+}
+
 /// Which handles of the gizmo are shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Handles {
@@ -160,6 +170,7 @@ pub enum Action {
     CopyCommandLine,
     SaveScene,
     SavePicture,
+    Export(Export),
     StopLoading,
     ShowCloud(CloudKey, bool),
     RemoveCloud(CloudKey),

@@ -117,7 +117,7 @@ impl Bench {
                 found.into_inner().into_iter().for_each(|news| self.session.on_found(news));
             }
             // These effects need a window.
-            Effect::OpenDialog | Effect::Copy(_) | Effect::SetFullScreen(_) | Effect::Log(_) => {}
+            Effect::OpenDialog | Effect::AskPlace(_) | Effect::Copy(_) | Effect::SetFullScreen(_) | Effect::Log(_) => {}
         }
     }
 }

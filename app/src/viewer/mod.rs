@@ -41,6 +41,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ::scene::{Settings, StandardView, View};
+use action::{Action, Export};
 use anyhow::Context as _;
 pub use headless::Headless;
 use messages::Level;
@@ -70,6 +71,8 @@ enum Wake {
     News(Box<News>),
     /// The files chosen in the system's dialog, and how long the dialog was open.
     Chosen(Option<Vec<PathBuf>>, Duration),
+    /// The place for points that was chosen, how long the dialog was open, and the place that was proposed.
+    Placed(Option<PathBuf>, Duration, PathBuf),
     /// Ctrl-C was pressed in the terminal.
     Interrupted,
 }
@@ -247,6 +250,15 @@ impl ApplicationHandler<Wake> for Viewer {
             }
             Wake::Chosen(Some(paths), _) => {
                 self.session.open(&paths);
+            }
+            Wake::Placed(Some(path), ..) => self.session.act(Action::Export(Export::To(path))),
+            Wake::Placed(None, took, proposed) => {
+                if took < QUICKEST_HAND {
+                    self.session
+                        .outside
+                        .note("No file dialog answers on this desktop: the file gets a name of its own.");
+                    self.session.act(Action::Export(Export::To(proposed)));
+                }
             }
             Wake::Chosen(None, took) => {
                 if took < QUICKEST_HAND {
@@ -477,6 +489,19 @@ impl Viewer {
                             .add_filter("All files", &["*"]);
                         let chosen = dialog.pick_files();
                         let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));
+                    };
+                    effects::begin(&mut self.session, "dialog", choose);
+                }
+                Some(Effect::AskPlace(proposed)) => {
+                    let wake = self.wake.clone();
+                    let choose = move || {
+                        let asked = Instant::now();
+                        let dialog = rfd::FileDialog::new()
+                            .set_title("Save the points that are shown")
+                            .set_file_name(proposed.display().to_string())
+                            .add_filter("LAZ, LAS, COPC, PLY, CSV", &["laz", "las", "ply", "csv"]);
+                        let chosen = dialog.save_file();
+                        let _ = wake.send_event(Wake::Placed(chosen, asked.elapsed(), proposed));
                     };
                     effects::begin(&mut self.session, "dialog", choose);
                 }

@@ -1,7 +1,7 @@
 //! What the parts of the session need from outside of it: the clock, the list of effects and the messages. Each
 //! function that needs it gets it as a parameter.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde_json::json;
@@ -20,6 +20,8 @@ pub enum Effect {
     },
     Work(Work),
     OpenDialog,
+    /// Asks where to save points; this place is proposed.
+    AskPlace(PathBuf),
     Copy(String),
     SetFullScreen(bool),
     /// Writes a line to the event log.

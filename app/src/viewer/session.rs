@@ -126,6 +126,7 @@ impl Session {
                 self.outside.note("Command line copied");
             }
             Action::SaveScene => self.scene.save_scene(&self.loaded, &mut self.outside),
+            Action::Export(step) => self.loaded.export(step, &self.scene, &mut self.outside),
             Action::SavePicture => self.scene.save_picture(&self.frames, &self.loaded, &mut self.outside),
             Action::StopLoading => self.with_loaded(Loaded::stop_loading),
             Action::ShowCloud(key, is_visible) => {
@@ -385,6 +386,7 @@ impl Session {
             Found::AddedToStudy { plan, result } => tuning::on_added_to_study(&plan, result, &mut self.outside),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
             Found::SceneSaved { path, result } => self.outside.scene_saved(&path, result),
+            Found::Exported { path, result } => self.loaded.on_exported(&path, result, &mut self.outside),
             Found::IndexDeleted { kept, result } => self.outside.index_deleted(&bytes(kept.bytes), result),
             Found::CacheSize(bytes) => self.loaded.cache_size = Some(bytes),
         }

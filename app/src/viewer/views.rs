@@ -172,7 +172,7 @@ fn picture_name(input: &str) -> String {
 }
 
 /// Returns `glint-NAME-1.png`, or the same with the first number that is free.
-fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
+pub fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
     let path = |number: u32| folder.join(format!("glint-{name}-{number}.{extension}"));
     (1..u32::MAX).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
 }

@@ -12,6 +12,7 @@ use scene::{Measurement, Mirror, MirrorNormals, MirrorPoints, Settings, Shape, S
 use world::mirrors::{self, Marked};
 use world::{AutoLight, CloudKey, IndexEntry};
 
+use crate::export_command;
 use crate::measuring::{self, Outcome};
 use crate::picture_file;
 use crate::viewer::loaded::figures::{Basis, Figures};
@@ -109,6 +110,13 @@ pub enum Work {
         path: PathBuf,
         text: String,
     },
+    /// Writes the points of files that are shown to a new file.
+    Export {
+        inputs: Vec<String>,
+        test: PointTest,
+        path: PathBuf,
+        progress: Arc<Progress>,
+    },
     /// Deletes an index that no cloud uses.
     DeleteIndex(IndexEntry),
     /// Measures the size of the cache of indexes.
@@ -179,6 +187,11 @@ pub enum Found {
         path: PathBuf,
         result: Result<(), String>,
     },
+    /// `result` holds `None` if the work was cancelled.
+    Exported {
+        path: PathBuf,
+        result: Result<Option<codec::Exported>, String>,
+    },
     IndexDeleted {
         kept: IndexEntry,
         result: Result<(), String>,
@@ -202,6 +215,7 @@ impl Work {
             Self::Measure { .. } => "measurement",
             Self::Cast(_) => "sight line",
             Self::SaveScene { .. } => "scene",
+            Self::Export { .. } => "export",
             Self::Truth(_) => "truth",
             Self::AddToStudy { .. } => "study",
             Self::SaveSweep(_) => "sweep",
@@ -283,6 +297,13 @@ impl Work {
                 let (folder, result) = sweep.save();
                 let result = result.map_err(|error| format!("{error:#}"));
                 found(Found::SweepSaved { folder, result });
+            }
+            Self::Export { inputs, test, path, progress } => {
+                let memory = world::half_of(stream.host_bytes);
+                let result = export_command::write(&inputs, &test, &path, memory, &progress);
+                // Whoever waits for the end of the work waits for the file to be gone, or whole.
+                drop(progress);
+                found(Found::Exported { path, result });
             }
             Self::DeleteIndex(kept) => {
                 let result = world::delete(stream, &kept).map_err(|error| error.to_string());

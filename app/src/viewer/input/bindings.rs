@@ -7,7 +7,7 @@ use egui::{Key, PointerButton};
 use glam::DVec2;
 use scene::{ColorBy, MeasurementKind, Shape, StandardView};
 
-use crate::viewer::action::{Action, Clipping, Handles, Measuring, Mode};
+use crate::viewer::action::{Action, Clipping, Export, Handles, Measuring, Mode};
 
 /// The modifier keys that a gesture needs; no others may be down. `ctrl` is the command key on a Mac.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,6 +127,7 @@ pub const BINDINGS: &[Binding] = {
         bind(FILES, Trigger::Key(CTRL, Key::Period), A::StopLoading, "Stop loading; what is loaded stays"),
         bind(FILES, Trigger::Key(CTRL, Key::Q), A::Quit, "Quit"),
         bind(FILES, key(Key::F12), A::SavePicture, "Save the picture"),
+        bind(FILES, Trigger::Key(CTRL, Key::E), A::Export(Export::Ask), "Save the points that are shown"),
         bind(FILES, Trigger::Key(CTRL, Key::C), A::CopyView, "Copy the view as text"),
         bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::C), A::CopyCommandLine, "Copy the command line of this picture"),

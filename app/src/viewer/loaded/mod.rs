@@ -3,6 +3,7 @@
 
 pub mod clouds;
 pub mod coloring;
+pub mod export;
 pub mod figures;
 pub mod light_search;
 pub mod lights;
@@ -21,6 +22,7 @@ use world::{CloudKey, Input, Mailbox};
 
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Samples, short_name};
+use crate::viewer::loaded::export::Writing;
 use crate::viewer::loaded::light_search::LightSearch;
 use crate::viewer::objects::{ObjectId, Objects};
 use crate::viewer::outside::Outside;
@@ -48,6 +50,8 @@ pub struct Loaded {
     /// The number of points and the test of what is shown that the render thread was last told.
     pub expected_points: u64,
     pub drawn_test: PointTest,
+    /// The file of exported points that is being written.
+    pub writing: Option<Writing>,
     next_cloud: u32,
     next_job: u32,
 }

@@ -5,7 +5,7 @@ use egui::{RichText, Ui};
 use render::ColorSource;
 use scene::{Clip, ClipShape, Filter, Keep, Object};
 
-use crate::viewer::action::{Action, Clipping};
+use crate::viewer::action::{Action, Clipping, Export};
 use crate::viewer::input::bindings;
 use crate::viewer::objects::{ObjectId, PlacedClip};
 use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};
@@ -35,6 +35,26 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         ui.push_id(id.0, |ui| numbers(ui, session, *id, clip.clone(), actions));
     }
     filters(ui, session, actions);
+    export(ui, session, actions);
+}
+
+/// Saves what is left of the points.
+fn export(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let Some(writing) = &session.loaded.writing else {
+        let ask = Action::Export(Export::Ask);
+        let text = format!("Save what is shown ({})", bindings::shortcut(&ask));
+        let button = ui.add_enabled(!session.loaded.clouds.is_empty(), egui::Button::new(text));
+        let button = button.on_hover_text("Writes the points that are shown to a new file: LAZ, LAS, COPC, PLY or CSV");
+        actions.extend(button.clicked().then_some(ask));
+        return;
+    };
+    ui.horizontal(|ui| {
+        let share = writing.progress.done() as f32 / writing.progress.total().max(1) as f32;
+        let bar = egui::ProgressBar::new(share).text("saving").desired_width(150.0).desired_height(14.0);
+        ui.add(bar).on_hover_text(writing.path.display().to_string());
+        actions.extend(ui.small_button("Stop").clicked().then_some(Action::Export(Export::Stop)));
+    });
+    ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
 }
 
 fn add_menu(ui: &mut Ui, actions: &mut Vec<Action>) {

@@ -89,9 +89,14 @@ impl Effects {
             job.progress.cancel();
             job.mailbox.end();
         }
+        let writing = session.loaded.writing.as_ref().map(|writing| &writing.progress);
+        writing.iter().for_each(|progress| progress.cancel());
         let start = Instant::now();
         let is_over = |job: &JobEntry| Arc::strong_count(&job.mailbox) == 1;
-        while !session.loaded.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
+        let is_at_rest = || {
+            session.loaded.jobs.iter().all(is_over) && writing.is_none_or(|progress| Arc::strong_count(progress) == 1)
+        };
+        while !is_at_rest() && start.elapsed() < CLOSING_TIME {
             std::thread::sleep(Duration::from_millis(5));
         }
     }
