@@ -11,6 +11,7 @@ use glam::DVec3;
 use scene::Preset;
 use study::Target;
 
+use crate::film::Codec;
 use crate::terminal::escaped;
 
 /// Views, lights and measures point clouds (LAS, LAZ, PLY).
@@ -37,7 +38,7 @@ pub enum Command {
     Info(InfoArguments),
     /// Write the picture the viewer would show
     Render(RenderArguments),
-    /// Write pictures along a path of the camera
+    /// Write a film or pictures along a path of the camera
     Record(RecordArguments),
     /// Make the index that large clouds are streamed from ahead of time, or write it as COPC; the viewer makes it by itself
     Index(IndexArguments),
@@ -177,9 +178,9 @@ pub struct RecordArguments {
     /// Path of the camera: of the scene file, or turntable, orbit or flight; the scene's only one if not given
     #[arg(long, value_name = "NAME")]
     pub path: Option<String>,
-    /// Folder for the pictures, frame-000000.png and so on; made if it is not there. Pictures that are there are kept: a
-    /// recording that was stopped goes on
-    #[arg(short, long, value_name = "DIR")]
+    /// Film to write (.mp4 or .gif), with its pictures in a folder beside it; any other name is that of a folder for the
+    /// pictures, frame-000000.png and so on. Pictures that are there are kept: a recording that was stopped goes on
+    #[arg(short, long, value_name = "OUT.mp4|OUT.gif|DIR")]
     pub output: PathBuf,
     /// Width and height of the pictures, pixels
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1280x720", value_parser = parse_size)]
@@ -190,6 +191,9 @@ pub struct RecordArguments {
     /// Frames of the path to record, from A to before B; all if not given
     #[arg(long, value_name = "A..B", value_parser = parse_frames)]
     pub frames: Option<Range<u32>>,
+    /// Encoder of an .mp4
+    #[arg(long, value_name = "NAME")]
+    pub codec: Option<Codec>,
     /// Record every N-th frame, from the K-th, into the same folder as the other shards
     #[arg(long, value_name = "K/N")]
     pub shard: Option<study::Shard>,

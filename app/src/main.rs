@@ -8,6 +8,7 @@ mod costs;
 mod environment;
 mod export_command;
 mod failure;
+mod film;
 mod index_command;
 mod info;
 mod interrupt;

@@ -115,6 +115,21 @@ fn partial(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
+/// Has a file written by `write`, which gets another name in the same folder. The file appears under its own name when it
+/// is whole.
+///
+/// # Errors
+/// Those of `write`, or if the file cannot be renamed.
+pub fn write_by_name(path: &Path, write: impl FnOnce(&Path) -> anyhow::Result<()>) -> anyhow::Result<()> {
+    let partial = partial(path);
+    let rename = || std::fs::rename(&partial, path).map_err(|reason| Error::not_written(path, reason).into());
+    let written = write(&partial).and_then(|()| rename());
+    if written.is_err() {
+        let _ = std::fs::remove_file(&partial);
+    }
+    written
+}
+
 fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>) -> anyhow::Result<()> {
     let finish = |file: File| {
         let mut file = BufWriter::new(file);
@@ -181,6 +196,20 @@ mod tests {
         assert!(error.ends_with(told), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_film_that_fails_leaves_nothing_and_one_that_is_whole_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film.mp4");
+        let half = |partial: &Path| {
+            std::fs::write(partial, "half")?;
+            Err(anyhow::anyhow!("the encoder fails"))
+        };
+        assert!(write_by_name(&path, half).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        write_by_name(&path, |partial| Ok(std::fs::write(partial, "whole")?)).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "whole");
     }
 
     #[test]

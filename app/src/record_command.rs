@@ -14,6 +14,7 @@ use world::Request;
 use crate::chosen::{self, AutoStats};
 use crate::command_line::RecordArguments;
 use crate::failure::usage;
+use crate::film::Output;
 use crate::progress_bar::Bar;
 use crate::recording::{self, PathChoice, Recorder};
 use crate::render_command::{Viewpoint, check_size};
@@ -30,29 +31,29 @@ const MOST_FRAMES: u32 = 1_000_000;
 pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
     request.check()?;
-    if arguments.output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mp4")) {
-        let name = scene::shown(&arguments.output);
-        return Err(usage(format!("{name}: films are not in this version yet; name a folder for the pictures")));
-    }
     let path = PathChoice::new(arguments.path.as_deref(), &request, Path::new(&arguments.scene))?;
-    let frames = frames(&path, arguments)?;
+    let all = frames(&path, arguments)?;
+    let of_shard = |frame: &u32| arguments.shard.is_none_or(|shard| shard.has(*frame as usize));
+    let frames = all.iter().copied().filter(of_shard).collect();
     set(&mut request, arguments)?;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     check_size(&gpu, arguments.size)?;
-    let folder = Folder { path: arguments.output.clone() };
-    let is_new = !folder.path.exists();
+    let output = Output::new(&arguments.output, arguments.codec)?;
+    let place = output.folder.path.clone();
+    let is_new = !place.exists();
     if is_new {
-        std::fs::create_dir(&folder.path).map_err(|reason| codec::Error::not_written(&folder.path, reason))?;
+        std::fs::create_dir(&place).map_err(|reason| codec::Error::not_written(&place, reason))?;
     }
-    let recorded = Recording { path, frames, folder, arguments }.run(gpu, request);
+    let recorded =
+        Recording { path, all, frames, folder: &output.folder, output: &output, arguments }.run(gpu, request);
     if is_new {
         // This removes the folder only if there is nothing in it.
-        let _ = std::fs::remove_dir(&arguments.output);
+        let _ = std::fs::remove_dir(&place);
     }
     recorded
 }
 
-/// The frames that `--frames` and `--shard` name, or all.
+/// The frames that `--frames` names, or all.
 fn frames(path: &PathChoice, arguments: &RecordArguments) -> anyhow::Result<Vec<u32>> {
     // The last picture is shown until the path ends. The subtraction keeps a rounding error from adding a frame.
     let all = (path.duration() * f64::from(arguments.fps) - 1e-6).ceil().max(1.0) as u32;
@@ -68,7 +69,7 @@ fn frames(path: &PathChoice, arguments: &RecordArguments) -> anyhow::Result<Vec<
     if frames.end > MOST_FRAMES {
         return Err(usage(format!("path `{}` has {all} frames, expected at most {MOST_FRAMES}", path.name())));
     }
-    Ok(frames.filter(|frame| arguments.shard.is_none_or(|shard| shard.has(*frame as usize))).collect())
+    Ok(frames.collect())
 }
 
 /// Sets the parameters that the command line names.
@@ -86,9 +87,12 @@ fn set(request: &mut Request, arguments: &RecordArguments) -> anyhow::Result<()>
 
 struct Recording<'a> {
     path: PathChoice,
+    /// The frames of all shards.
+    all: Vec<u32>,
     /// The frames that this run is to see to.
     frames: Vec<u32>,
-    folder: Folder,
+    folder: &'a Folder,
+    output: &'a Output,
     arguments: &'a RecordArguments,
 }
 
@@ -107,14 +111,27 @@ impl Recording<'_> {
         };
         self.apply(auto.as_ref(), recording::settings(&mut request))?;
         let description = Description { auto, ..wanted };
-        let lacking = self.lacking();
+        let lacking = self.lacking(&self.frames);
         let status =
             if lacking.is_empty() { 0 } else { self.make(&lacking, &description, made.is_none(), gpu, request)? };
         let (count, folder) = (self.frames.len(), scene::shown(&self.folder.path));
         let there = count - lacking.len();
         let were_there = if there > 0 { format!(", {there} of them were there") } else { String::new() };
-        if status == 0 || lacking.iter().all(|frame| self.folder.picture(*frame).exists()) {
+        let is_made = status == 0 || lacking.iter().all(|frame| self.folder.picture(*frame).exists());
+        if is_made {
             terminal::print([format!("{count} pictures in {folder}{were_there}")])?;
+        }
+        if let (Some(film), true) = (self.output.film(), is_made) {
+            let film = scene::shown(film);
+            let missing = if self.frames == self.all { 0 } else { self.lacking(&self.all).len() };
+            if missing == 0 {
+                self.output.encode(&self.all, self.arguments.size, self.arguments.fps)?;
+                terminal::print([format!("{} pictures in {film}", self.all.len())])?;
+            } else {
+                terminal::print([format!(
+                    "{film} is made by the shard that ends last: {missing} pictures are missing"
+                )])?;
+            }
         }
         Ok(status)
     }
@@ -137,12 +154,12 @@ impl Recording<'_> {
         }
     }
 
-    /// The frames whose pictures are not there, or not whole.
-    fn lacking(&self) -> Vec<u32> {
+    /// Those frames whose pictures are not there, or not whole.
+    fn lacking(&self, frames: &[u32]) -> Vec<u32> {
         let bar = Bar::pictures("looking");
         let mut lacking = Vec::new();
-        for (done, frame) in self.frames.iter().enumerate() {
-            bar.set(done as u64, self.frames.len() as u64);
+        for (done, frame) in frames.iter().enumerate() {
+            bar.set(done as u64, frames.len() as u64);
             if !self.folder.has(*frame, self.arguments.size) {
                 lacking.push(*frame);
             }
@@ -295,7 +312,6 @@ mod tests {
         );
         assert!(refusal(&[&one, "--set", "splat.sise=1"]).contains("did you mean `splat.size`?"));
         assert!(refusal(&["gone.toml"]).starts_with("gone.toml: "));
-        assert!(super::tests::refusal(&[&one, "-o", "a.mp4"]).contains("a.mp4: films are not in this version yet"));
         assert!(!Path::new(&output).exists());
     }
 
@@ -316,8 +332,6 @@ mod tests {
         let still = PathChoice::Own(still.unwrap().paths[0].clone());
         assert_eq!(frames(&still, &arguments(&["a", "-o", "b"])).unwrap(), [0]);
         let built_in = PathChoice::BuiltIn(scene::BuiltInPath::Orbit);
-        let shard =
-            |shard: &str| frames(&built_in, &arguments(&["a", "-o", "b", "--shard", shard, "--frames", "3..9"]));
-        assert_eq!([shard("1/2").unwrap(), shard("2/2").unwrap()], [[4, 6, 8], [3, 5, 7]]);
+        assert_eq!(frames(&built_in, &arguments(&["a", "-o", "b", "--frames", "3..6"])).unwrap(), [3, 4, 5]);
     }
 }

@@ -32,6 +32,19 @@ impl Folder {
         read_picture(&self.picture(frame)).is_ok_and(|picture| picture.dimensions() == (width, height))
     }
 
+    /// The picture of a frame: rows of sRGB red, green and blue, the top row first.
+    ///
+    /// # Errors
+    /// It is not there, not whole, or not of this size.
+    pub fn read(&self, frame: u32, size: [u32; 2]) -> Result<Vec<u8>> {
+        let file = self.picture(frame);
+        let malformed = |problem: String| Error::Malformed { name: scene::shown(&file), problem };
+        let picture = read_picture(&file).map_err(|error| malformed(error.to_string()))?;
+        let [width, height] = [picture.width(), picture.height()];
+        let expected = format!("it has {width}x{height} pixels, expected {}x{}", size[0], size[1]);
+        if [width, height] == size { Ok(picture.into_raw()) } else { Err(malformed(expected)) }
+    }
+
     /// What the pictures in the folder are of; `None` for a folder without a recording.
     ///
     /// # Errors
@@ -92,6 +105,8 @@ mod tests {
         assert!(file.ends_with("frame-000007.png"));
         image::RgbImage::from_fn(40, 30, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8])).save(&file).unwrap();
         assert!(folder.has(7, [40, 30]) && !folder.has(7, [30, 40]));
+        assert_eq!(folder.read(7, [40, 30]).unwrap()[3 * 42..][..3], [2, 1, 2]);
+        assert!(folder.read(7, [30, 40]).unwrap_err().to_string().contains("it has 40x30 pixels, expected 30x40"));
         let bytes = std::fs::read(&file).unwrap();
         for length in [0, 8, bytes.len() / 2, bytes.len() - 30] {
             std::fs::write(&file, &bytes[..length]).unwrap();

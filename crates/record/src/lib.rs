@@ -1,9 +1,15 @@
-//! Recordings: the folder of their pictures, and what the pictures are of.
+//! Recordings: the folder of their pictures, what the pictures are of, and films that play them.
 
 mod description;
 mod error;
+mod ffmpeg;
+mod film;
 mod folder;
+mod gif;
+mod mp4;
+mod yuv;
 
 pub use description::{Adapter, Description};
 pub use error::{Error, Result};
+pub use film::{Film, Format};
 pub use folder::Folder;

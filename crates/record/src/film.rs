@@ -1,0 +1,149 @@
+//! Films: files that play the pictures of a recording.
+
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::Path;
+
+use crate::ffmpeg::Ffmpeg;
+use crate::gif::Gif;
+use crate::mp4::Mp4;
+use crate::{Error, Result};
+
+/// The kind of a film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// MP4 with AV1, by an encoder of our own.
+    Av1,
+    /// MP4 with H.264, by `ffmpeg`.
+    H264,
+    Gif,
+}
+
+/// A film that is being written.
+pub enum Film {
+    Mp4(Box<Mp4<BufWriter<File>>>),
+    Ffmpeg(Ffmpeg),
+    Gif(Box<Gif<BufWriter<File>>>),
+}
+
+impl Film {
+    /// Begins a film of `count` pictures of one size in a file.
+    ///
+    /// # Errors
+    /// The file cannot be written, or the encoder cannot make such a film.
+    pub fn new(format: Format, path: &Path, size: [u32; 2], fps: u32, count: usize) -> Result<Self> {
+        let file = || File::create(path).map(BufWriter::new).map_err(Error::Io);
+        Ok(match format {
+            Format::Av1 => Self::Mp4(Box::new(Mp4::new(file()?, size, fps, count)?)),
+            Format::H264 => Self::Ffmpeg(Ffmpeg::new(path, size, fps)?),
+            Format::Gif => Self::Gif(Box::new(Gif::new(file()?, size, fps)?)),
+        })
+    }
+
+    /// Adds a picture: rows of sRGB red, green and blue, the top row first.
+    ///
+    /// # Errors
+    /// The encoder fails, or the file cannot be written.
+    pub fn add(&mut self, rgb: &[u8]) -> Result<()> {
+        match self {
+            Self::Mp4(film) => film.add(rgb),
+            Self::Ffmpeg(film) => film.add(rgb),
+            Self::Gif(film) => film.add(rgb),
+        }
+    }
+
+    /// Ends the film.
+    ///
+    /// # Errors
+    /// The encoder fails, or the file cannot be written.
+    pub fn end(self) -> Result<()> {
+        match self {
+            Self::Mp4(film) => film.end()?.flush().map_err(Error::Io),
+            Self::Ffmpeg(film) => film.end(),
+            Self::Gif(film) => film.end(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use shiguredo_mp4::boxes::SampleEntry;
+    use shiguredo_mp4::demux::{Input, Mp4FileDemuxer};
+
+    use super::*;
+
+    /// Pictures with a bright square that moves.
+    fn picture(frame: u32, [width, height]: [u32; 2]) -> Vec<u8> {
+        let pixel = |x: u32, y: u32| {
+            let is_inside = (x + width - frame) % width < 8 && y < 8;
+            if is_inside { [250, 240, 30] } else { [(x * 2) as u8, (y * 3) as u8, 90] }
+        };
+        (0..height).flat_map(|y| (0..width).flat_map(move |x| pixel(x, y))).collect()
+    }
+
+    fn film(format: Format, size: [u32; 2], fps: u32, count: u32) -> Result<Vec<u8>> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film");
+        let mut film = Film::new(format, &path, size, fps, count as usize)?;
+        for frame in 0..count {
+            film.add(&picture(frame, size))?;
+        }
+        film.end()?;
+        Ok(std::fs::read(&path).unwrap())
+    }
+
+    #[test]
+    fn an_mp4_tells_its_pictures_before_it_brings_them() {
+        for (size, count) in [([64, 48], 25), ([65, 49], 1)] {
+            let file = film(Format::Av1, size, 10, count).unwrap();
+            let place = |name: &[u8]| file.windows(4).position(|word| word == name).unwrap();
+            assert!(place(b"moov") < place(b"mdat"));
+            let mut demuxer = Mp4FileDemuxer::new();
+            while let Some(required) = demuxer.required_input() {
+                let position = required.position as usize;
+                let size = required.size.unwrap_or(file.len() - position);
+                demuxer.handle_input(Input { position: required.position, data: &file[position..position + size] });
+            }
+            let mut keys = Vec::new();
+            let mut number = 0;
+            while let Some(sample) = demuxer.next_sample().unwrap() {
+                assert_eq!((sample.track.timescale.get(), sample.timestamp, sample.duration), (10, number, 1));
+                if let Some(SampleEntry::Av01(entry)) = sample.sample_entry {
+                    assert_eq!([u32::from(entry.visual.width), u32::from(entry.visual.height)], size);
+                }
+                if sample.keyframe {
+                    keys.push(number);
+                }
+                number += 1;
+            }
+            assert_eq!(number, u64::from(count));
+            // Players can jump to every second second.
+            assert_eq!(keys, if count > 20 { vec![0, 20] } else { vec![0] });
+        }
+    }
+
+    #[test]
+    fn the_same_pictures_make_the_same_film() {
+        for format in [Format::Av1, Format::Gif] {
+            assert!(film(format, [64, 48], 10, 5).unwrap() == film(format, [64, 48], 10, 5).unwrap(), "{format:?}");
+        }
+    }
+
+    #[test]
+    fn a_gif_has_every_picture_and_lasts_as_long_as_they_do() {
+        let file = film(Format::Gif, [64, 48], 30, 45).unwrap();
+        let mut options = gif::DecodeOptions::new();
+        options.set_color_output(gif::ColorOutput::RGBA);
+        let mut decoder = options.read_info(file.as_slice()).unwrap();
+        assert_eq!((decoder.width(), decoder.height()), (64, 48));
+        let (mut count, mut hundredths) = (0, 0);
+        while let Some(frame) = decoder.read_next_frame().unwrap() {
+            let bright = frame.buffer.chunks(4).filter(|pixel| pixel[0] > 200 && pixel[2] < 80).count();
+            assert!((50..=64).contains(&bright), "{bright} of 64 pixels");
+            (count, hundredths) = (count + 1, hundredths + u32::from(frame.delay));
+        }
+        assert_eq!((count, hundredths), (45, 150));
+        let refused = film(Format::Gif, [64, 48], 60, 1).unwrap_err().to_string();
+        assert!(refused.contains("at most 50 pictures a second"), "{refused}");
+    }
+}
