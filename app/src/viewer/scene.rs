@@ -207,6 +207,7 @@ impl Scene {
             return outside.note(format!("There are {} {}s, and no room for more", kind.most, kind.name));
         }
         let (position, is_light) = (object.places().first().map(DVec3::to_array), matches!(object, Object::Light(_)));
+        let is_over_the_picture = matches!(object, Object::Measurement(_) | Object::Note(_));
         self.history.settle(&self.settings, &self.objects);
         if is_light && self.settings.light.by != Lighting::Auto {
             self.settings.light.by = Lighting::Lights;
@@ -215,7 +216,9 @@ impl Scene {
         self.history.settle(&self.settings, &self.objects);
         let name = self.objects.get(id).map(|(name, _)| name);
         outside.log(json!({ "event": kind.name, "name": name, "position": position }));
-        self.navigation.camera_moved(outside.now);
+        if !is_over_the_picture {
+            self.navigation.camera_moved(outside.now);
+        }
         self.selected = Some(id);
         if is_light {
             self.warn_of_dark_lights(outside);
@@ -241,12 +244,14 @@ impl Scene {
     }
 
     pub fn change_object(&mut self, id: ObjectId, changed: Object, now: Instant) {
-        let is_renamed_alone = match (&changed, self.objects.mirror(id)) {
-            (Object::Mirror(changed), Some(mirror)) => unnamed(changed) == unnamed(mirror),
-            _ => false,
+        let is_seen = match (&changed, self.objects.mirror(id)) {
+            (Object::Mirror(changed), Some(mirror)) => unnamed(changed) != unnamed(mirror),
+            // They are drawn over the picture.
+            (Object::Measurement(_) | Object::Note(_), _) => false,
+            _ => true,
         };
         self.objects.set(id, changed);
-        if !is_renamed_alone {
+        if is_seen {
             self.navigation.camera_moved(now);
         }
     }

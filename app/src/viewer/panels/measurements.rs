@@ -33,10 +33,12 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         ui.label(RichText::new("Nothing is measured or noted.").color(theme::WEAK));
     }
     for placed in &objects.measurements {
-        ui.push_id(placed.id.0, |ui| measurement_row(ui, session, placed, actions));
+        let row = ui.push_id(placed.id.0, |ui| ui.vertical(|ui| measurement_row(ui, session, placed, actions)));
+        show_selected(&row.response, session, placed.id);
     }
     for placed in &objects.notes {
-        ui.push_id(placed.id.0, |ui| note_row(ui, session, placed, actions));
+        let row = ui.push_id(placed.id.0, |ui| ui.vertical(|ui| note_row(ui, session, placed, actions)));
+        show_selected(&row.response, session, placed.id);
     }
     if objects.notes.len() > 1 {
         ui.horizontal(|ui| {
@@ -91,6 +93,21 @@ fn placing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         button("Back", Action::Measuring(Measuring::RemoveCorner));
         button("Cancel", Action::EndTool);
     });
+}
+
+/// Scrolls to a row whose object has just been selected: the panel is longer than most windows are high, and a new note
+/// waits for its text there.
+fn show_selected(row: &egui::Response, session: &Session, id: ObjectId) {
+    let known = egui::Id::unique("the selected measurement or note");
+    let before: Option<ObjectId> = row.ctx.data(|data| data.get_temp(known)).flatten();
+    if session.scene.selected != Some(id) {
+        if before == Some(id) {
+            row.ctx.data_mut(|data| data.insert_temp(known, None::<ObjectId>));
+        }
+    } else if before != Some(id) {
+        row.ctx.data_mut(|data| data.insert_temp(known, Some(id)));
+        row.scroll_to_me(Some(egui::Align::Center));
+    }
 }
 
 /// A button at the right end of a row.
