@@ -145,7 +145,11 @@ fn clicks_give_full_coordinates_attributes_and_the_distance() {
         let corner = window.wait_for_event("corner", seen, |_| true);
         [0, 1, 2].map(|axis| number(&corner, &format!("/world/{axis}")))
     });
-    assert_eq!(ends[0], [0, 1, 2].map(|axis| number(&first, &format!("/world/{axis}"))));
+    for [x, y, _] in ends {
+        let steps = [(x - 5_000_000.0) / 2.0, (y - 600_000.0) / 2.0];
+        assert!(steps.iter().all(|step| step.fract() == 0.0 && (0.0..=40.0).contains(step)), "{ends:?}");
+    }
+    assert!(ends[0] != ends[1], "{ends:?}");
     let measured = window.wait_for_event("measured", seen, |_| true);
     let difference = [0, 1, 2].map(|axis| ends[1][axis] - ends[0][axis]);
     let horizontal = difference[0].hypot(difference[1]);
