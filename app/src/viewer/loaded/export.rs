@@ -1,7 +1,7 @@
 //! Writes the points that are shown to a new file, in the background. The files are read again, so streamed clouds are
 //! written with all of their points and attributes.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use cloud::Progress;
@@ -9,18 +9,12 @@ use codec::Exported;
 use serde_json::json;
 
 use crate::viewer::action::Export;
-use crate::viewer::loaded::Loaded;
+use crate::viewer::loaded::{Loaded, Writing};
 use crate::viewer::messages::Level;
 use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
 use crate::viewer::views::free_path;
 use crate::viewer::work::Work;
-
-/// A file that is being written.
-pub struct Writing {
-    pub path: PathBuf,
-    pub progress: Arc<Progress>,
-}
 
 impl Loaded {
     pub fn export(&mut self, step: Export, scene: &Scene, outside: &mut Outside) {

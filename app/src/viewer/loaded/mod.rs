@@ -12,6 +12,7 @@ pub mod opening;
 mod shown_radii;
 pub mod streams;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -22,7 +23,6 @@ use world::{CloudKey, Input, Mailbox};
 
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Samples, short_name};
-use crate::viewer::loaded::export::Writing;
 use crate::viewer::loaded::light_search::LightSearch;
 use crate::viewer::objects::{ObjectId, Objects};
 use crate::viewer::outside::Outside;
@@ -54,6 +54,12 @@ pub struct Loaded {
     pub writing: Option<Writing>,
     next_cloud: u32,
     next_job: u32,
+}
+
+/// A file of exported points that is being written.
+pub struct Writing {
+    pub path: PathBuf,
+    pub progress: Arc<Progress>,
 }
 
 /// The parts of the session that change together with what is loaded, or that decide about it.
