@@ -93,7 +93,9 @@ fn shape_hit(kind: f32, parameter: f32, o: vec3f, d: vec3f, begin: f32, end: f32
         }
         return miss;
     }
-    // By steps that cannot pass the surface, then by bisection of the last one.
+    // By steps that cannot pass the surface, then by bisection of the last one. Mesa writes out loops whose length it
+    // knows, and processors then run all rounds under a mask, for mirrors of other shapes, too.
+    let rounds = select(0, 20, kind > PARABOLOID);
     var t = begin;
     var step = 0.0;
     let start = implicit(kind, parameter, o + d * begin);
@@ -109,7 +111,7 @@ fn shape_hit(kind: f32, parameter: f32, o: vec3f, d: vec3f, begin: f32, end: f32
         return miss;
     }
     var before = t - step;
-    for (var i = 0; i < 20; i++) {
+    for (var i = 0; i < rounds; i++) {
         let middle = (before + t) * 0.5;
         let is_before = implicit(kind, parameter, o + d * middle) * start > 0.0;
         before = select(before, middle, is_before);
@@ -117,12 +119,12 @@ fn shape_hit(kind: f32, parameter: f32, o: vec3f, d: vec3f, begin: f32, end: f32
     }
     let p = o + d * t;
     // Central differences: the gradients of the star shapes have longer formulas, which are no more exact in 32 bits.
-    let e = 2e-3;
-    let normal = vec3f(
-        implicit(kind, parameter, p + vec3f(e, 0.0, 0.0)) - implicit(kind, parameter, p - vec3f(e, 0.0, 0.0)),
-        implicit(kind, parameter, p + vec3f(0.0, e, 0.0)) - implicit(kind, parameter, p - vec3f(0.0, e, 0.0)),
-        implicit(kind, parameter, p + vec3f(0.0, 0.0, e)) - implicit(kind, parameter, p - vec3f(0.0, 0.0, e)),
-    );
+    var normal = vec3f(0.0);
+    for (var axis = 0; axis < min(rounds, 3); axis++) {
+        let e = 2e-3 * vec3f(vec3i(axis) == vec3i(0, 1, 2));
+        let slope = implicit(kind, parameter, p + e) - implicit(kind, parameter, p - e);
+        normal = select(normal, vec3f(slope), vec3i(axis) == vec3i(0, 1, 2));
+    }
     return FormulaHit(t, normal);
 }
 
@@ -146,13 +148,17 @@ fn implicit(kind: f32, parameter: f32, p: vec3f) -> f32 {
     }
     let r = length(p);
     let q = p / max(r, 1e-6);
-    if kind == BLOB {
+    // Processors compute both branches of a choice, and sines cost most of it: both shapes share them.
+    let is_blob = kind == BLOB;
+    let x = sin(select(19.0 * q.x, 6.0 * q.x + 1.0, is_blob));
+    let y = sin(select(17.0 * q.y, 5.0 * q.y, is_blob));
+    let z = sin(select(23.0 * q.z, 7.0 * q.z, is_blob));
+    if is_blob {
         // |grad| <= sqrt(1 + (0.6 + 0.5)^2 + ...) < 1.8 where r >= 0.8
-        return (r - (1.0 + 0.10 * sin(6.0 * q.x + 1.0) * sin(5.0 * q.y) + 0.06 * sin(7.0 * q.z))) / 1.8;
+        return (r - (1.0 + 0.10 * x * y + 0.06 * z)) / 1.8;
     }
     // |grad| <= sqrt(1 + (1.84 + 1.23)^2) < 3.6 where r >= 0.89
-    let bumps = 0.08 * sin(19.0 * q.x) * sin(17.0 * q.y) * sin(23.0 * q.z);
-    return (r - (1.0 + bumps + 0.03 * sin(41.0 * q.x + 3.0 * q.y))) / 3.6;
+    return (r - (1.0 + 0.08 * x * y * z + 0.03 * sin(41.0 * q.x + 3.0 * q.y))) / 3.6;
 }
 
 // The distance that a ray from a point must go before it can meet the mirror; small if the point lies on it.
