@@ -57,7 +57,7 @@ pub struct Haste {
 
 impl Haste {
     /// The largest divisor. Nobody recognises a coarser picture.
-    const MOST_DIVISOR: u32 = 4;
+    const MOST_DIVISOR: u32 = 5;
     /// The least number of points per pixel. Fewer, larger points cost a picture less than fewer pixels do:
     /// docs/performance.md has the differences that a person sees.
     const LEAST_POINTS: f64 = 1.0;
