@@ -86,18 +86,20 @@ window() {
     until DISPLAY=:87 xdotool getmouselocation > /dev/null 2>&1; do sleep 1; done
     GLINT_EVENT_LOG="$work/log" XDG_CONFIG_HOME="$work" DISPLAY=:87 "$glint" "$work/window.toml" &
     viewer=$!
-    await 1
+    await settled
     DISPLAY=:87 xdotool mousemove 745 400 click 1
-    await 2
+    await selected
+    # The selection is painted at once.
+    sleep 2
     DISPLAY=:87 import -window root "$work/window.png"
     kill "$viewer" && wait "$viewer" || true
     kill "$screen"
     convert "$work/window.png" -quality 88 "$pictures/window.jpg"
 }
 
-# Waits until that many pictures are final, or the window has gone.
+# Waits until the window has logged an event, or has gone.
 await() {
-    while kill -0 "$viewer" && [ "$(cat "$work/log" 2> /dev/null | grep -c settled)" -lt "$1" ]; do sleep 1; done
+    while kill -0 "$viewer" && ! grep -q "\"event\":\"$1\"" "$work/log" 2> /dev/null; do sleep 1; done
 }
 
 [ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake bunny courtyard window
