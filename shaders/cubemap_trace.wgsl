@@ -225,11 +225,6 @@ fn sample_at(map: u32, offset: vec3f) -> Sample {
     return sample;
 }
 
-fn texel_toward(view: DepthView, offset: vec3f) -> vec2i {
-    let slope = vec2f(dot(view.right, offset), -dot(view.up, offset)) / dot(view.forward, offset);
-    return clamp(vec2i(floor(0.5 * vec2f(view.size) + view.focal * slope)), vec2i(0), view.size - 1);
-}
-
 // The samples of a ray: by equal steps, or by equal angles as seen from a map's middle.
 struct Samples {
     // The foot of the map's middle on the ray, and its distance from it.
@@ -414,18 +409,6 @@ fn walk_cube(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
         walk.identity = NOTHING;
     }
     return walk;
-}
-
-// The face that sees a direction: that of its largest part.
-fn face_toward(direction: vec3f) -> u32 {
-    let parts = abs(direction);
-    var axis = 0u;
-    if parts.y > parts.x && parts.y >= parts.z {
-        axis = 1u;
-    } else if parts.z > parts.x {
-        axis = 2u;
-    }
-    return axis + select(0u, 3u, direction[axis] < 0.0);
 }
 
 // The face into which a ray goes through a side of a face, see `exit_of_view`: those to the left and right look along

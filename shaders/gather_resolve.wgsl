@@ -39,7 +39,11 @@ fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
             let surface = surface_of_point(index, -direction);
             albedo = surface.albedo;
             normal = surface.normal;
-            position = vec4f(point.xyz + direction * bitcast<f32>(hit.z), coverage_of(hit));
+            let along = bitcast<f32>(hit.z);
+            position = vec4f(point.xyz + direction * along, coverage_of(hit));
+            if along < 0.0 {
+                position = vec4f(place_beside(index, point.xyz, direction), 0.75);
+            }
         }
     }
     if is_ours {
@@ -47,4 +51,17 @@ fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
         textureStore(normal_out, id, normal);
         textureStore(position_out, id, position);
     }
+}
+
+// About the place of a point's disc that is nearest to a ray.
+fn place_beside(index: u32, origin: vec3f, direction: vec3f) -> vec3f {
+    let item = items[items_of_runs[index / BLOCK_POINTS]];
+    let point = points[index];
+    let center = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
+    let own_radius = unpack_radius(point.w & 0xffffu);
+    let radius = select(own_radius, item.origin_radius.w, own_radius == 0.0) * settings.splat.size;
+    let normal = unpack_normal(attributes[index].y);
+    let offset = origin + direction * max(dot(center - origin, direction), 0.0) - center;
+    let in_plane = offset - normal * dot(normal, offset);
+    return center + in_plane * min(1.0, radius / max(length(in_plane), 1e-30));
 }

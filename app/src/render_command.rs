@@ -210,9 +210,8 @@ fn method(name: &str) -> anyhow::Result<Method> {
     if let Some(method) = Method::from_name(name) {
         return Ok(method);
     }
-    let problem = if scene::LATER_METHODS.contains(&name) { "is not in this version yet" } else { "is unknown" };
     let available = Method::NAMES.join(", ");
-    Err(usage(format!("--method: `{name}` {problem}; available: {available}, {}", truth::RAY_TRACE)))
+    Err(usage(format!("--method: `{name}` is unknown; available: {available}, {}", truth::RAY_TRACE)))
 }
 
 /// Refuses an image that these settings do not make.
@@ -584,11 +583,6 @@ mod tests {
     #[test]
     fn bad_words_are_refused_by_name_before_any_work() {
         let scene = "five-mirrors/sphere";
-        let later = refusal(&[scene, "-o", "a.png", "--method", "light_field"]);
-        assert!(
-            later.contains("`light_field` is not in this version yet; available: auto, none, environment_map"),
-            "{later}"
-        );
         assert!(refusal(&[scene, "-o", "a.png", "--method", "ssrc"]).contains("is unknown; available: auto, none"));
         assert!(refusal(&[scene, "-o", "a.png", "--bounces", "9"]).contains("0 to 8"));
         let blind = ["--aov", "mirror_position=b.exr"];

@@ -1,5 +1,6 @@
 // Maps of six faces around mirrors, in which rays are walked. Filled by crates/render/src/reflection/cubemap_trace.rs.
 // The importing pass binds them as `cubes`, `records` and `bounds`.
+#import cube_faces
 #import depth_walk
 #import params
 
@@ -22,16 +23,8 @@ struct Cubes {
     places: array<vec4f>,
 }
 
-// A face of a map as a picture: faces 0 to 2 look along an axis, 3 to 5 against it; the two axes after it point right
-// and up, see face_camera of crates/render/src/reflection/environment_map.rs.
 fn face_of(map: u32, face: u32) -> DepthView {
-    var axes = array<vec3f, 3>(vec3f(1.0, 0.0, 0.0), vec3f(0.0, 1.0, 0.0), vec3f(0.0, 0.0, 1.0));
-    let forward = select(-1.0, 1.0, face < 3u) * axes[face % 3u];
-    let size = i32(cubes.size);
-    return DepthView(
-        cubes.places[map].xyz, axes[(face + 1u) % 3u], axes[(face + 2u) % 3u], forward, vec2i(size), 0.5 * f32(size),
-        false, map * 6u + face, i32(cubes.levels),
-    );
+    return cube_face(cubes.places[map].xyz, cubes.size, face, map * 6u + face, i32(cubes.levels));
 }
 
 // Set where no other criterion than that of planes is asked for.

@@ -1,4 +1,4 @@
-// The texels of pictures of depths that rays are walked through (depth_walk.wgsl), and their records.
+// Pictures of depths, their texels and the records of those.
 
 // A surface seen at a smaller angle than this sine has no slope that its depth would tell.
 const LEAST_COSINE: f32 = 0.16;
@@ -37,4 +37,45 @@ fn unpack_texel(record: vec4u) -> DepthTexel {
     let radius = exp2(f32(record.z >> 22u) / 64.0 - 8.0);
     let middle = vec2f(vec2i(vec2u(record.w << 16u, record.w & 0xffff0000u)) >> vec2u(16u)) / 32.0;
     return DepthTexel(record.x, bitcast<f32>(record.y), normalize(vec3f(flat, z)), radius, middle);
+}
+
+// From where, and how, a picture shows the scene.
+struct DepthView {
+    center: vec3f,
+    right: vec3f,
+    up: vec3f,
+    forward: vec3f,
+    // In texels.
+    size: vec2i,
+    // Texels per unit of tangent; of a parallel picture, per world unit.
+    focal: f32,
+    is_parallel: bool,
+    // The number by which the importing pass knows the picture.
+    picture: u32,
+    // The number of levels of bounds.
+    levels: i32,
+}
+
+// A line of sight: its place at a linear depth of 0, relative to the centre, and its way to a depth of 1 more.
+struct Sight {
+    origin: vec3f,
+    direction: vec3f,
+}
+
+// The line of sight at a place of the picture, in texels.
+fn sight_of(view: DepthView, place: vec2f) -> Sight {
+    let slope = (place - 0.5 * vec2f(view.size)) / view.focal;
+    let beside = view.right * slope.x - view.up * slope.y;
+    let turned = view.forward + view.right * slope.x - view.up * slope.y;
+    return Sight(select(vec3f(0.0), beside, view.is_parallel), select(turned, view.forward, view.is_parallel));
+}
+
+// The product of a plane's normal with its places less the centre.
+fn plane_of(sight: Sight, normal: vec3f, depth: f32) -> f32 {
+    return dot(normal, sight.origin) + dot(normal, sight.direction) * depth;
+}
+
+// The width of a texel at a depth.
+fn width_at(view: DepthView, depth: f32) -> f32 {
+    return select(depth, 1.0, view.is_parallel) / view.focal;
 }

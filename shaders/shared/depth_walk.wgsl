@@ -7,23 +7,6 @@
 // `said_by_texel` where nothing else decides what a ray meets.
 #import depth_texel
 
-// From where, and how, a picture shows the scene.
-struct DepthView {
-    center: vec3f,
-    right: vec3f,
-    up: vec3f,
-    forward: vec3f,
-    // In texels.
-    size: vec2i,
-    // Texels per unit of tangent; of a parallel picture, per world unit.
-    focal: f32,
-    is_parallel: bool,
-    // The number by which the importing pass knows the picture.
-    picture: u32,
-    // The number of levels of bounds.
-    levels: i32,
-}
-
 struct WalkRay {
     origin: vec3f,
     // Unit length.
@@ -75,33 +58,9 @@ const BOUNDS_MARGIN: f32 = 1e-5;
 const MOST_CELLS: u32 = 8192u;
 const NEVER: f32 = 3.4028235e38;
 
-// A line of sight: its place at a linear depth of 0, relative to the centre, and its way to a depth of 1 more.
-struct Sight {
-    origin: vec3f,
-    direction: vec3f,
-}
-
-// The line of sight at a place of the picture, in texels.
-fn sight_of(view: DepthView, place: vec2f) -> Sight {
-    let slope = (place - 0.5 * vec2f(view.size)) / view.focal;
-    let beside = view.right * slope.x - view.up * slope.y;
-    let turned = view.forward + view.right * slope.x - view.up * slope.y;
-    return Sight(select(vec3f(0.0), beside, view.is_parallel), select(turned, view.forward, view.is_parallel));
-}
-
-// The product of a plane's normal with its places less the centre.
-fn plane_of(sight: Sight, normal: vec3f, depth: f32) -> f32 {
-    return dot(normal, sight.origin) + dot(normal, sight.direction) * depth;
-}
-
 // The linear depth at which a line of sight meets a plane.
 fn depth_of_plane(sight: Sight, normal: vec3f, plane: f32) -> f32 {
     return (plane - dot(normal, sight.origin)) / dot(normal, sight.direction);
-}
-
-// The width of a texel at a depth.
-fn width_at(view: DepthView, depth: f32) -> f32 {
-    return select(depth, 1.0, view.is_parallel) / view.focal;
 }
 
 // The linear depths between which the plane of a texel lies.

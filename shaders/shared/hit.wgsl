@@ -1,5 +1,6 @@
 // What the mirror pixels' rays meet, four words each. x: f32 bits of the key by which the nearest is chosen. y: identity
-// of the point + 1, 0: nothing yet. z: f32 bits of the distance. w: tests so far, while they are counted.
+// of the point + 1, 0: nothing yet. z: f32 bits of the distance; below 0 if the point's disc is not on the ray, which then
+// sees the place of it that is nearest. w: tests so far, while they are counted.
 
 // x of a ray that ends on a pixel of the camera's picture; y is the pixel + 1 (screen_resolve.wgsl).
 const HIT_IN_PICTURE: u32 = 0x7fffffffu;

@@ -188,6 +188,7 @@ const REFLECTION_METHOD_SURFEL_TRACE: u32 = 6u;
 const REFLECTION_METHOD_CUBEMAP_TRACE: u32 = 7u;
 const REFLECTION_METHOD_SCREEN_TRACE: u32 = 8u;
 const REFLECTION_METHOD_SAMPLE_CAMERAS: u32 = 9u;
+const REFLECTION_METHOD_LIGHT_FIELD: u32 = 10u;
 const REFLECTION_SHOW_PICTURE: u32 = 0u;
 const REFLECTION_SHOW_UNCERTAIN: u32 = 1u;
 const REFLECTION_SHOW_BORDERS: u32 = 2u;
@@ -335,6 +336,33 @@ const SAMPLE_CAMERAS_REST_SURFEL_TRACE: u32 = 1u;
 const SAMPLE_CAMERAS_SPLAT_PUBLISHED: u32 = 0u;
 const SAMPLE_CAMERAS_SPLAT_FOOTPRINT: u32 = 1u;
 
+// Offset surface light fields (after Ang 2003): rays are looked up in maps that stand on the mirror.
+struct LightField {
+    samples: u32,
+    size: u32,
+    offset: f32,
+    neighbours: u32,
+    rule: u32,
+    visible_by: u32,
+    horizon: f32,
+    corrections: u32,
+    own: u32,
+    rest: u32,
+    maps_per_frame: u32,
+}
+const LIGHT_FIELD_RULE_NEAREST: u32 = 0u;
+const LIGHT_FIELD_RULE_ANGLE: u32 = 1u;
+const LIGHT_FIELD_RULE_RAY: u32 = 2u;
+const LIGHT_FIELD_VISIBLE_BY_DEPTH: u32 = 0u;
+const LIGHT_FIELD_VISIBLE_BY_ANGLE: u32 = 1u;
+const LIGHT_FIELD_OWN_AUTO: u32 = 0u;
+const LIGHT_FIELD_OWN_LEFT_OUT: u32 = 1u;
+const LIGHT_FIELD_OWN_TRACE: u32 = 2u;
+const LIGHT_FIELD_OWN_DRAWN: u32 = 3u;
+const LIGHT_FIELD_REST_NONE: u32 = 0u;
+const LIGHT_FIELD_REST_SURFEL_TRACE: u32 = 1u;
+const LIGHT_FIELD_REST_ENVIRONMENT_MAP: u32 = 2u;
+
 // Screen-space curved reflections (Preiner 2010).
 struct Sscr {
     seed_attempts: u32,
@@ -428,6 +456,7 @@ struct Settings {
     cubemap_trace: CubemapTrace,
     screen_trace: ScreenTrace,
     sample_cameras: SampleCameras,
+    light_field: LightField,
     sscr: Sscr,
     surface: Surface,
     stream: Stream,

@@ -106,6 +106,15 @@ structs! {
     Cubes {
         size: u32, padded_size: u32, texels_of_face: u32, levels: u32, maps: u32, lag: u32, unused_1: u32, unused_2: u32,
     }
+    /// The maps of `light_field` in a page; the grids of the mirrors follow. Of shaders/shared/light_field.wgsl.
+    Fields {
+        size: u32, texels_of_face: u32, first_slot: u32, slots: u32, is_first: u32, is_last: u32, unused_1: u32,
+        unused_2: u32,
+    }
+    /// The cells of a mirror's box, each with its samples, of shaders/shared/light_field.wgsl.
+    SampleGrid { low_scale: Vec4, columns: u32, rows: u32, layers: u32, first: u32 }
+    /// A sample of a mirror, of shaders/shared/light_field.wgsl.
+    FieldSample { surface_slot: Vec4, middle: Vec4 }
     /// The level of bounds that a pass makes, of shaders/cube_bounds.wgsl.
     CubeLevel { level: u32, unused_1: u32, unused_2: u32, unused_3: u32 }
     /// The camera's picture in `screen_trace`; the first cells of its levels follow. Of shaders/shared/screen.wgsl.
@@ -163,6 +172,7 @@ elements! {
     surfel_trace.hits: HIT_BYTES = 16;
     cubemap_trace.records: CUBE_TEXEL_BYTES = 16;
     cubemap_trace.bounds: CUBE_CELL_BYTES = 8;
+    light_field_need.needs: NEED_BYTES = 4;
     screen_trace.records: SCREEN_TEXEL_BYTES = 16;
     screen_trace.bounds: SCREEN_CELL_BYTES = 8;
     screen_trace.rest: REST_WORD_BYTES = 4;
@@ -223,6 +233,9 @@ constants! {
     AIM_COUNTS: u64 = 2;
     /// Marks an inner node of a tree of discs.
     INNER: u32 = u32::MAX;
+    /// The number of samples that a cell of a mirror's box has room for, and its mark of none.
+    CELL_SAMPLES: usize = 16;
+    NO_SAMPLE: u32 = u32::MAX;
     /// The number of words of a tile's list of nodes.
     LIST_WORDS: u64 = 97;
     /// The smallest region in pixels that a bracket fits in.

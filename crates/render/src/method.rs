@@ -11,6 +11,7 @@ use crate::reflection::environment_map::EnvironmentMap;
 use crate::reflection::forward::Forward;
 use crate::reflection::gather::Gather;
 use crate::reflection::kept_hits::KnownRays;
+use crate::reflection::light_field::LightField;
 use crate::reflection::mirrored_viewpoint::MirroredViewpoint;
 use crate::reflection::sample_cameras::SampleCameras;
 use crate::reflection::screen_trace::ScreenTrace;
@@ -34,6 +35,7 @@ pub(crate) struct Methods {
     forward: Option<Forward>,
     sscr: Option<Sscr>,
     cameras: SampleCameras,
+    pub(crate) light_field: LightField,
     /// The views of the method that ran last.
     views: Option<Origin>,
     /// Whether the method that ran last keeps the hits of its rays.
@@ -68,8 +70,8 @@ impl Methods {
     /// Empty methods for pictures of another size. The trees over the points and the maps around mirrors do not depend on
     /// the size: they are kept.
     pub fn resized(self, size: [u32; 2]) -> Self {
-        let Self { index, environment, cubemaps, .. } = self;
-        Self { size, index, environment, cubemaps, ..Self::default() }
+        let Self { index, environment, cubemaps, light_field, .. } = self;
+        Self { size, index, environment, cubemaps, light_field, ..Self::default() }
     }
 
     /// Fills the Mirror G-Buffer of a task of its own, whose rays are not those of the frame, with what they meet of
@@ -101,7 +103,8 @@ impl Methods {
         known: Option<&KnownRays<'_>>,
     ) -> Result<()> {
         self.keeps_hits = matches!(method, Method::CubemapTrace | Method::SurfelTrace | Method::SscrHierarchical);
-        self.leaves_rays = matches!(method, Method::CubemapTrace | Method::ScreenTrace | Method::SampleCameras);
+        self.leaves_rays =
+            matches!(method, Method::CubemapTrace | Method::ScreenTrace | Method::SampleCameras | Method::LightField);
         self.views = match method {
             // The method that `auto` resolves to runs in its place.
             Method::Auto | Method::None => None,
@@ -153,6 +156,11 @@ impl Methods {
                 self.sscr.iter_mut().for_each(Sscr::forget);
                 None
             }
+            Method::LightField => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                self.light_field.run(recorder, &mut self.index, &mut self.environment, gather, task)?;
+                Some(Origin::Gather)
+            }
         };
         Ok(())
     }
@@ -186,13 +194,21 @@ impl Methods {
 
     /// Forgets what methods keep from frame to frame.
     pub fn forget(&mut self) {
+        self.light_field.forget();
+        self.forget_unfinished();
+    }
+
+    /// Forgets what a frame that was given up may have left half done; `light_field` knows what it has drawn.
+    pub fn forget_unfinished(&mut self) {
         self.environment.forget();
         self.cubemaps.forget();
         self.sscr.iter_mut().for_each(Sscr::forget);
     }
 
     pub fn bytes(&self) -> u64 {
-        let Self { index, environment, cubemaps, screen, mirrored, gather, forward, sscr, cameras, .. } = self;
+        let Self {
+            index, environment, cubemaps, screen, mirrored, gather, forward, sscr, cameras, light_field, ..
+        } = self;
         index.bytes()
             + environment.bytes()
             + cubemaps.bytes()
@@ -202,6 +218,7 @@ impl Methods {
             + forward.as_ref().map_or(0, Forward::bytes)
             + sscr.as_ref().map_or(0, Sscr::bytes)
             + cameras.bytes()
+            + light_field.bytes()
     }
 }
 
@@ -248,10 +265,13 @@ pub(crate) fn walks_maps(settings: &Settings) -> bool {
 }
 
 /// The method that finds what is seen through clear surfaces: the frame's, unless that traces no rays of any kind, or
-/// traces them through the camera's picture, which shows clear surfaces and not what is behind them.
+/// traces them through the camera's picture, which shows clear surfaces and not what is behind them, or looks them up in
+/// maps that stand before mirrors.
 pub(crate) fn behind_clear(settings: &Settings) -> Method {
     match settings.reflection.method.chosen() {
-        Method::Sscr | Method::SampleCameras | Method::MirroredViewpoint | Method::ScreenTrace => Method::SurfelTrace,
+        Method::Sscr | Method::SampleCameras | Method::MirroredViewpoint | Method::ScreenTrace | Method::LightField => {
+            Method::SurfelTrace
+        }
         method => method,
     }
 }

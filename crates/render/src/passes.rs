@@ -237,6 +237,13 @@ passes! {
         point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, cubes: Read, records: Read, bounds: Read,
         hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite, listed: Read,
     }
+    light_field_need: Method over Pixels {
+        point_in: Texture, mirrors: Read, fields: Read, index: Read, samples: Read, needs: ReadWrite,
+    }
+    light_field_look_up: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, fields: Read, index: Read, samples: Read,
+        records: Read, hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite,
+    }
     screen_planes: Method over Pixels {
         normal_in: Texture, position_in: Texture, records: ReadWrite, albedo_in: Texture,
     }

@@ -161,6 +161,7 @@ impl Renderer {
         }
         settings.environment_map.size = 16;
         (settings.cubemap_trace.size, settings.cubemap_trace.maps) = (16, 1);
+        (settings.light_field.size, settings.light_field.samples) = (16, 1);
         let (store, mirrors) = self.tiny_scene(cast)?;
         let lamp = SpotLight {
             position: DVec3::X * 0.9,

@@ -1,9 +1,11 @@
-//! The two cheap gather methods against closed forms: they find what they claim to find, which is not always the true
-//! reflection.
+//! The methods that look rays up in maps or from elsewhere, against closed forms: they find what they claim to find,
+//! which is not always the true reflection.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[macro_use]
 mod stage;
+#[path = "baselines/light_field.rs"]
+mod light_field;
 #[allow(dead_code, reason = "each test takes what it needs of it")]
 mod walls;
 
@@ -236,10 +238,12 @@ fn draws_maps(stats: &FrameStats) -> bool {
 #[test]
 fn maps_are_kept_while_the_camera_moves_and_drawn_anew_when_points_or_mirrors_change() {
     let mut stage = stage_or_skip!();
-    for method in ["environment_map", "cubemap_trace"] {
+    for method in ["environment_map", "cubemap_trace", "light_field"] {
         let mut scene = Scene::new(&stage, room(&[2]), vec![sphere(DVec3::ZERO, RADIUS)]);
         let mut settings =
             by_map(&[("reflection.method", method), ("environment_map.size", "64"), ("cubemap_trace.size", "64")]);
+        // So few samples are all needed wherever the camera is.
+        (settings.light_field.size, settings.light_field.samples) = (64, 4);
         assert!(draws_maps(&scene.render(&mut stage, &settings)));
 
         type Change = fn(&mut Scene, &mut Settings);
@@ -251,7 +255,7 @@ fn maps_are_kept_while_the_camera_moves_and_drawn_anew_when_points_or_mirrors_ch
             ("the walk", false, |_, settings| settings.set_text("cubemap_trace.jump", "2").unwrap()),
             ("the mirror's place", true, |scene, _| scene.mirrors[0].position.x += 0.05),
             ("the texels", true, |_, settings| {
-                (settings.environment_map.size, settings.cubemap_trace.size) = (50, 50);
+                (settings.environment_map.size, settings.cubemap_trace.size, settings.light_field.size) = (50, 50, 50);
             }),
             ("the splats", true, |_, settings| settings.splat.size = 1.2),
             ("more points", true, |scene, _| {

@@ -167,6 +167,8 @@ fn by(method: &MethodRow) -> Settings {
     let mut settings = Settings::default();
     settings.reflection.method = method.method;
     (settings.gi.bounces, settings.sun.sky) = (0, 0.0);
+    // Each is drawn for each picture that is made anew.
+    (settings.light_field.samples, settings.light_field.size) = (8, 64);
     settings
 }
 

@@ -33,7 +33,7 @@ pub use clip::{Clip, ClipShape, Keep, MOST_CLIPS, Prism};
 pub use file::{Error, SceneFile, View};
 pub use light::{LightClues, ResolvedLight, SpotLight};
 pub use measurement::{MOST_MEASUREMENTS, MOST_NOTES, Measurement, MeasurementKind, Note};
-pub use method::{LATER_METHODS, METHODS, Method, MethodRow, RAY_TRACE, Supply};
+pub use method::{METHODS, Method, MethodRow, RAY_TRACE, Supply};
 pub use mirror::{MOST_MIRRORS, Mirror, REFRACTION, Shape, WATER};
 pub use mirror_mesh::MirrorMesh;
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
@@ -45,10 +45,11 @@ pub use preset::{PRESETS, Preset};
 pub use settings::{
     Atomics, Blank, BundleCull, BundleRest, BundleSplat, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement,
     CubeRest, CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings, Highlight,
-    JudgedBy, KeptPoints, LargeDiscs, Light, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints,
-    Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SceneSettings, ScreenBack, ScreenBox, ScreenCompletion,
-    ScreenCriterion, ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream,
-    Sun, Surface, SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    JudgedBy, KeptPoints, LargeDiscs, Light, LightField, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder,
+    OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SampleRest, SampleRule, SampleVisibility,
+    SceneSettings, ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling, Seeds,
+    Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream, Sun, Surface, SurfaceOrientation, SurfaceRadii, Tone,
+    Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use track::{Ease, Handle, Track};

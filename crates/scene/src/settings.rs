@@ -3,10 +3,12 @@
 use glam::DVec3;
 use param::{Bytes, Field, Value, choices, params, settings};
 
+pub use self::light_field::{LightField, SampleRest, SampleRule, SampleVisibility};
 pub use self::sample_cameras::{BundleCull, BundleRest, BundleSplat, JudgedBy, SampleCameras};
 pub use self::screen_trace::{ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling};
 use crate::{Method, Projection};
 
+mod light_field;
 mod sample_cameras;
 mod screen_trace;
 
@@ -575,6 +577,7 @@ settings! {
         cubemap_trace: CubemapTrace,
         screen_trace: ScreenTrace,
         sample_cameras: SampleCameras,
+        light_field: LightField,
         sscr: Sscr,
         surface: Surface,
         stream: Stream,

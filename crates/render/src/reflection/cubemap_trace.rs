@@ -8,9 +8,9 @@
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{CubeCriterion, CubePlacement, CubeRest, OwnPoints, Quality, Settings, Splat};
+use scene::{CubeCriterion, CubePlacement, CubeRest, OwnPoints, Settings};
 
-use super::cubemaps::{Drawn, Layout, MapCount, Maps, catch_up, draw, radius_of, upload_cubes};
+use super::cubemaps::{Drawn, Layout, MapCount, Maps, catch_up, draw, radius_of, splat_of_maps, upload_cubes};
 use super::gather::{Gather, rest_list};
 use super::mirror_places::{MirrorMap, MirrorPlace, mirror_places, upload};
 use super::surfel_index::SurfelIndex;
@@ -103,8 +103,7 @@ impl CubemapTrace {
         let mapped = || (0..mirrors.len()).filter(|mirror| has_maps[*mirror]);
         let drawn = Drawn {
             revision: task.store.geometry_revision(),
-            // The maps do not depend on the picture's quality, which changes whenever the camera begins to move.
-            splat: Splat { quality: Quality::Nearest, step: 1, ..task.settings.splat.clone() },
+            splat: splat_of_maps(task.settings),
             surface: task.settings.mirror.surface,
             size: settings.size,
             wanted: mapped()
@@ -201,12 +200,12 @@ fn wanted_places(mirror: &MirrorPlace, settings: &Settings, count: usize) -> Vec
     // From inside, a mirror that is drawn hides everything, but all of it is seen.
     let other = if settings.own == OwnPoints::Drawn { offset } else { -offset };
     let beside = |(place, normal): &(DVec3, DVec3)| [*place + *normal * offset, *place + *normal * other];
-    farthest(&mirror.samples, count).iter().map(|sample| beside(&mirror.samples[*sample])).collect()
+    farthest(&mirror.samples, 0, count).iter().map(|sample| beside(&mirror.samples[*sample])).collect()
 }
 
-/// Chooses samples that lie far from one another: each is the farthest from those before (Gonzalez 1985).
-fn farthest(samples: &[(DVec3, DVec3)], count: usize) -> Vec<usize> {
-    let mut chosen: Vec<usize> = (0..count.min(1)).collect();
+/// Chooses samples that lie far from one another: after the first each is the farthest from those before (Gonzalez 1985).
+pub(super) fn farthest(samples: &[(DVec3, DVec3)], first: usize, count: usize) -> Vec<usize> {
+    let mut chosen: Vec<usize> = (first..samples.len()).take(count.min(1)).collect();
     let mut distances = vec![f64::INFINITY; samples.len()];
     while chosen.len() < count.min(samples.len()) {
         let last = samples[chosen[chosen.len() - 1]].0;
@@ -221,7 +220,7 @@ fn farthest(samples: &[(DVec3, DVec3)], count: usize) -> Vec<usize> {
 
 /// The chunks of the mirrors that may see themselves: they are left out of their own maps, so rays are traced through
 /// their points.
-fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVec3) -> Vec<ChunkId> {
+pub(super) fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVec3) -> Vec<ChunkId> {
     let sees_itself = |mirror: &MirrorPlace| match own {
         OwnPoints::Auto => !is_convex(&mirror.samples, eye),
         OwnPoints::LeftOut | OwnPoints::Drawn => false,
@@ -454,9 +453,10 @@ pub(super) mod tests {
     #[test]
     fn maps_are_spread_over_the_mirrors() {
         let line: Vec<(DVec3, DVec3)> = (0..11).map(|i| (DVec3::X * f64::from(i), DVec3::Z)).collect();
-        assert_eq!(farthest(&line, 4), [0, 10, 5, 2]);
-        assert_eq!(farthest(&line[..2], 4).len(), 2);
-        assert!(farthest(&line, 0).is_empty());
+        assert_eq!(farthest(&line, 0, 4), [0, 10, 5, 2]);
+        assert_eq!(farthest(&line, 5, 3), [5, 0, 10]);
+        assert_eq!(farthest(&line[..2], 0, 4).len(), 2);
+        assert!(farthest(&line, 0, 0).is_empty());
         let maps = |mirrors, wanted, room| maps_of_mirrors(mirrors, wanted, room).collect::<Vec<_>>();
         assert_eq!((maps(2, 2, 9), maps(3, 4, 7)), (vec![2, 2], vec![2, 2, 2]));
         assert_eq!((maps(1, 2, 1), maps(3, 2, 2), maps(0, 2, 2)), (vec![1], vec![1, 1, 0], vec![]));

@@ -1,5 +1,5 @@
-//! The maps of `cubemap_trace`: pictures of six faces of the points around mirrors, how they are drawn, and how they
-//! follow points that come and go.
+//! Pictures of six faces of the points around mirrors: how they are drawn, for `cubemap_trace` and `light_field`, and how
+//! those of `cubemap_trace` follow points that come and go.
 
 use std::collections::VecDeque;
 use std::num::NonZeroU64;
@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{MirrorSurface, Settings, Splat};
+use scene::{MirrorSurface, Quality, Settings, Splat};
 
 use super::environment_map::face_camera;
 use super::mirror_places::{MirrorPlace, map_bytes};
@@ -58,7 +58,7 @@ pub struct Drawn {
 
 /// The sizes of the parts of a map, in elements.
 pub struct Layout {
-    size: u32,
+    pub size: u32,
     padded_size: u32,
     pub texels_of_face: u32,
     cells_of_face: u32,
@@ -112,35 +112,80 @@ pub fn upload_cubes(recorder: &Recorder<'_>, layout: &Layout, places: &[DVec3], 
     buffer
 }
 
+/// The splats of maps, which do not depend on the picture's quality: that changes whenever the camera begins to move.
+pub fn splat_of_maps(settings: &Settings) -> Splat {
+    Splat { quality: Quality::Nearest, step: 1, ..settings.splat.clone() }
+}
+
 /// What faces are drawn with.
-struct Pen<'a> {
+pub struct Pen<'a> {
     task: &'a Task<'a>,
     layout: &'a Layout,
     settings: Settings,
-    records: &'a wgpu::Buffer,
     /// The nearest points of the texels of the six faces of a map.
     nearest: wgpu::Buffer,
 }
 
+/// Where a map is drawn: its number among those of a buffer of records.
+#[derive(Clone, Copy)]
+pub struct MapRoom<'a> {
+    pub records: &'a wgpu::Buffer,
+    pub map: usize,
+}
+
 impl<'a> Pen<'a> {
-    fn new(
-        recorder: &Recorder<'_>,
-        task: &'a Task<'a>,
-        layout: &'a Layout,
-        drawn: &Drawn,
-        records: &'a wgpu::Buffer,
-    ) -> Self {
-        let settings = Settings { splat: drawn.splat.clone(), ..task.settings.clone() };
+    pub fn new(recorder: &Recorder<'_>, task: &'a Task<'a>, layout: &'a Layout) -> Self {
+        let settings = Settings { splat: splat_of_maps(task.settings), ..task.settings.clone() };
         let bytes = 6 * map_bytes([layout.size; 2]);
         let nearest = storage(&recorder.gpu.device, "nearest of a cubemap", bytes);
-        Self { task, layout, settings, records, nearest }
+        Self { task, layout, settings, nearest }
+    }
+
+    /// Draws a map at the first of two places, or at the second if less than half of the mirror is seen from the first,
+    /// because that may stand in a wall, and more from the second. Returns its place. `cloud` is not shown.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn draw_map(
+        &self,
+        recorder: &mut Recorder<'_>,
+        room: MapRoom<'_>,
+        wanted: [DVec3; 2],
+        mirror: &MirrorPlace,
+        cloud: Option<CloudId>,
+    ) -> Result<DVec3> {
+        let draw_at = |recorder: &mut Recorder<'_>, place: DVec3| -> Result<()> {
+            (0..6).try_for_each(|face| self.draw_face(recorder, room, face, place, mirror, cloud))
+        };
+        let seen = |recorder: &mut Recorder<'_>, place| -> Result<f64> {
+            let Some(bytes) = recorder.read(&self.nearest)? else { return Ok(1.0) };
+            Ok(share_seen(&mirror.samples, place, self.layout.size, &bytes))
+        };
+        draw_at(recorder, wanted[0])?;
+        if wanted[0] == wanted[1] {
+            return Ok(wanted[0]);
+        }
+        let here = seen(recorder, wanted[0])?;
+        if here >= 0.5 {
+            return Ok(wanted[0]);
+        }
+        draw_at(recorder, wanted[1])?;
+        if seen(recorder, wanted[1])? > here {
+            return Ok(wanted[1]);
+        }
+        draw_at(recorder, wanted[0])?;
+        Ok(wanted[0])
     }
 
     /// Draws a face of a map at `place`: the nearest point of each texel, then the records. `cloud` is not shown.
-    fn draw_face(
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn draw_face(
         &self,
         recorder: &mut Recorder<'_>,
-        [map, face]: [usize; 2],
+        MapRoom { records, map }: MapRoom<'_>,
+        face: usize,
         place: DVec3,
         mirror: &MirrorPlace,
         cloud: Option<CloudId>,
@@ -160,14 +205,13 @@ impl<'a> Pen<'a> {
         let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
         recorder.nearest_points(&[], &inputs, nearest.clone(), atomics64)?;
         let record_bytes = layout.record_bytes() / 6;
-        let records = part(self.records, record_bytes * (6 * map + face) as u64, record_bytes);
+        let records = part(records, record_bytes * (6 * map + face) as u64, record_bytes);
         let bindings = passes::cube_planes { nearest, records };
         recorder.over_page_pixels(&inputs, bindings, inputs.pixel_groups())
     }
 }
 
-/// Draws the maps. A map from which less than half of its mirror is seen is tried on the other side, because it may
-/// stand in a wall. `mirrors` has the mirror of each map.
+/// Draws the maps. `mirrors` has the mirror of each map.
 pub fn draw(
     recorder: &mut Recorder<'_>,
     task: &Task<'_>,
@@ -180,32 +224,12 @@ pub fn draw(
     let count = drawn.wanted.len().max(1) as u64;
     let records = storage(device, "cubemap records", layout.record_bytes() * count);
     let bounds = storage(device, "cubemap bounds", layout.bounds_bytes() * count);
-    let pen = Pen::new(recorder, task, layout, &drawn, &records);
+    let pen = Pen::new(recorder, task, layout);
     let mut places = Vec::new();
     for (map, (cloud, wanted)) in drawn.wanted.iter().enumerate() {
-        let draw_at = |recorder: &mut Recorder<'_>, place: DVec3| -> Result<()> {
-            (0..6).try_for_each(|face| pen.draw_face(recorder, [map, face], place, mirrors[map], *cloud))
-        };
-        draw_at(recorder, wanted[0])?;
-        let mut place = wanted[0];
-        if wanted[0] != wanted[1] {
-            let seen = |recorder: &mut Recorder<'_>, place| -> Result<f64> {
-                let Some(bytes) = recorder.read(&pen.nearest)? else { return Ok(1.0) };
-                Ok(share_seen(&mirrors[map].samples, place, layout.size, &bytes))
-            };
-            let here = seen(recorder, wanted[0])?;
-            if here < 0.5 {
-                draw_at(recorder, wanted[1])?;
-                place = wanted[1];
-                if seen(recorder, wanted[1])? <= here {
-                    draw_at(recorder, wanted[0])?;
-                    place = wanted[0];
-                }
-            }
-        }
-        places.push(place);
+        let room = MapRoom { records: &records, map };
+        places.push(pen.draw_map(recorder, room, *wanted, mirrors[map], *cloud)?);
     }
-    drop(pen);
     let identities = task.store.identities().clone();
     let maps = Maps { drawn, places, records, bounds, identities, asked: 0, stale: VecDeque::new() };
     bound(recorder, task, layout, &maps)?;
@@ -229,34 +253,44 @@ pub fn catch_up(
         maps.drawn = drawn;
     }
     recorder.time_as(Some(("cubemaps", PassStage::Method)));
-    renumber(recorder, task, maps)?;
-    let pen = Pen::new(recorder, task, layout, &maps.drawn, &maps.records);
+    renumber(recorder, task, &mut maps.identities, [&maps.records])?;
+    let pen = Pen::new(recorder, task, layout);
     let count = maps.stale.len().min(task.settings.cubemap_trace.faces_per_frame as usize);
     for face in maps.stale.drain(..count) {
         let map = face / 6;
-        pen.draw_face(recorder, [map, face % 6], maps.places[map], mirrors[map], maps.drawn.wanted[map].0)?;
+        let room = MapRoom { records: &maps.records, map };
+        pen.draw_face(recorder, room, face % 6, maps.places[map], mirrors[map], maps.drawn.wanted[map].0)?;
     }
-    drop(pen);
     bound(recorder, task, layout, maps)?;
     recorder.time_as(None);
     Ok(())
 }
 
-/// Gives the points of the maps the identities that they have now.
-fn renumber(recorder: &mut Recorder<'_>, task: &Task<'_>, maps: &mut Maps) -> Result<()> {
+/// Gives the points of maps the identities that they have now; `before` are those that they had.
+///
+/// # Errors
+/// A shader is refused.
+pub fn renumber<'r>(
+    recorder: &mut Recorder<'_>,
+    task: &Task<'_>,
+    before: &mut Arc<Identities>,
+    records: impl IntoIterator<Item = &'r wgpu::Buffer>,
+) -> Result<()> {
     let identities = task.store.identities();
-    let runs = maps.identities.runs_in(identities);
-    maps.identities = identities.clone();
+    let runs = before.runs_in(identities);
+    *before = identities.clone();
     if runs.iter().zip(0..).all(|(now, before)| *now == before) {
         return Ok(());
     }
     let buffer = storage(&recorder.gpu.device, "runs of identities", 4 * runs.len() as u64);
     recorder.gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&runs));
-    let bindings =
-        passes::cube_renumber { runs: buffer.as_entire_binding(), records: maps.records.as_entire_binding() };
-    let groups = (maps.records.size() / CUBE_TEXEL_BYTES).div_ceil(64) as u32;
-    let columns = groups.min(1024);
-    recorder.over(&[], task.supply, bindings, [columns, groups.div_ceil(columns), 1])
+    for records in records {
+        let bindings = passes::cube_renumber { runs: buffer.as_entire_binding(), records: records.as_entire_binding() };
+        let groups = (records.size() / CUBE_TEXEL_BYTES).div_ceil(64) as u32;
+        let columns = groups.min(1024);
+        recorder.over(&[], task.supply, bindings, [columns, groups.div_ceil(columns), 1])?;
+    }
+    Ok(())
 }
 
 /// Makes the bounds of all maps.

@@ -14,7 +14,7 @@ use crate::targets::storage;
 const MOST_SAMPLES: usize = 1024;
 
 /// A mirror of the scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MirrorPlace {
     /// The cloud of its points; `None` if it is drawn by its formula.
     pub cloud: Option<CloudId>,

@@ -22,6 +22,7 @@ pub(crate) mod forward;
 pub(crate) mod gather;
 pub(crate) mod gloss;
 pub(crate) mod kept_hits;
+pub(crate) mod light_field;
 #[cfg(test)]
 mod lobe;
 mod mirror_places;
@@ -75,10 +76,10 @@ pub struct ReflectionStats {
     pub unconverged: Option<f64>,
     /// The number of regions of the mirror pixels (SSCR), or of squares (`sample_cameras`).
     pub regions: Option<u32>,
-    /// The share of the mirror pixels whose ray no picture of depths resolves (`cubemap_trace`, `screen_trace`), or no
-    /// bundle of rays (`sample_cameras`).
+    /// The share of the mirror pixels whose ray no picture of depths resolves (`cubemap_trace`, `screen_trace`,
+    /// `light_field`), or no bundle of rays (`sample_cameras`).
     pub unresolved: Option<f64>,
-    /// The maps around mirrors through which rays walk (`cubemap_trace`).
+    /// The maps around mirrors through which rays walk (`cubemap_trace`), or in which they are looked up (`light_field`).
     pub maps: Option<MapCount>,
     /// The average numbers of nodes and of discs against which a ray was tested; known while steps are shown.
     pub tests_per_ray: Option<[f64; 2]>,
@@ -170,12 +171,13 @@ impl Reflections {
     /// are hits in maps that lacked points.
     pub fn begin(&mut self, was_unfinished: bool, lacks_points: bool, may_lag: bool) {
         if was_unfinished {
-            self.forget();
+            self.methods.forget_unfinished();
         }
         if lacks_points {
             self.forget_hits();
         }
         self.methods.cubemaps.begin(may_lag);
+        self.methods.light_field.begin(was_unfinished, may_lag);
     }
 
     /// Forgets what the rays of glossy mirrors meet.
@@ -185,7 +187,8 @@ impl Reflections {
 
     /// Whether what was found last came from maps that lack the newest points.
     pub fn lacks_points(&self, settings: &Settings) -> bool {
-        walks_maps(settings) && self.methods.cubemaps.lags()
+        let looks_up = settings.reflection.method == Method::LightField;
+        walks_maps(settings) && self.methods.cubemaps.lags() || looks_up && self.methods.light_field.lags()
     }
 
     /// Records that no mirror can be seen in the frame.
@@ -457,7 +460,10 @@ impl Reflections {
             seen_through_by: self.clear().map(|_| behind_clear(settings)),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
             unresolved: self.methods.leaves_rays().then(|| share(counters[RAYS_LEFT], pixels)),
-            maps: self.methods.cubemaps.count().filter(|_| walks_maps(settings)),
+            maps: match settings.reflection.method {
+                Method::LightField => self.methods.light_field.count(),
+                _ => self.methods.cubemaps.count().filter(|_| walks_maps(settings)),
+            },
             bounces,
         }
     }

@@ -1,0 +1,184 @@
+use glam::Vec3;
+use scene::{Camera, Method, SampleRule, SampleVisibility};
+
+use super::super::cubemap_trace::tests::{furnished, vectors};
+use super::super::depth_walk::texel_of;
+use super::twin::{self, Found};
+use super::*;
+use crate::frame::Objects;
+use crate::renderer::Renderer;
+
+#[test]
+fn the_gpu_looks_up_as_its_twin_does() {
+    let gpu = match Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => {
+            println!("skipped: {error}");
+            return;
+        }
+    };
+    let mut renderer = Renderer::new(gpu.clone()).unwrap();
+    let (room, open) = (furnished(&gpu, true), furnished(&gpu, false));
+    let (nearest, depth) = (SampleRule::Nearest, SampleVisibility::Depth);
+    for (store, samples, size, corrections, rule, visible_by) in [
+        (&room, 24, 64, 0, nearest, depth),
+        (&room, 24, 64, 1, nearest, depth),
+        (&room, 100, 33, 2, SampleRule::Ray, depth),
+        (&open, 24, 50, 1, SampleRule::Angle, depth),
+        (&open, 100, 50, 1, nearest, SampleVisibility::Angle),
+    ] {
+        let mut settings = Settings::default();
+        settings.reflection.method = Method::LightField;
+        settings.gi.bounces = 0;
+        let chosen = &mut settings.light_field;
+        (chosen.samples, chosen.size, chosen.corrections, chosen.rule) = (samples, size, corrections, rule);
+        (chosen.visible_by, chosen.rest, chosen.own) = (visible_by, SampleRest::None, OwnPoints::LeftOut);
+        if visible_by == SampleVisibility::Angle {
+            // Lower ones lie under the horizon of all but a few mirror points.
+            chosen.offset = 0.25;
+        }
+        let chosen = chosen.clone();
+        // The first picture makes other maps, so that there are several pages of them.
+        let sides = [DVec3::new(-1.0, 0.4, 0.1), DVec3::new(0.3, -1.0, 0.2)];
+        for side in sides {
+            let camera = Camera::looking(DVec3::new(0.1, 0.0, 0.1), side, 1.4, DVec3::Z);
+            renderer.render(store, &camera, &settings, Objects::default(), [96, 80]).unwrap();
+        }
+        let reflections = renderer.reflections.as_ref().unwrap();
+        let field = &reflections.methods.light_field;
+        let kept = field.kept.as_ref().unwrap();
+        assert_eq!(kept.fields.len(), 1);
+        assert!(samples < 100 || kept.pages.len() > 1, "{}", kept.pages.len());
+        let eye = renderer.camera.unwrap().eye;
+        let layout = Layout::new(size);
+        let pages: Vec<Vec<[u32; 4]>> = kept
+            .pages
+            .iter()
+            .map(|page| bytemuck::pod_collect_to_vec(&gpu.read_buffer(&page.records, 0, page.records.size()).unwrap()))
+            .collect();
+        let faces = |slot: usize| {
+            let page = kept.pages.iter().position(|page| slot < page.first + page.slots).unwrap();
+            std::array::from_fn(|face| {
+                let first = ((slot - kept.pages[page].first) * 6 + face) * layout.texels_of_face as usize;
+                pages[page][first..][..(size * size) as usize].iter().map(|record| texel_of(*record)).collect()
+            })
+        };
+        let slots = kept.slots_of_samples();
+        let sample = |((surface, _), slot): (&(DVec3, [DVec3; 2]), &Option<usize>)| {
+            let map = slot.and_then(|slot| Some((slot, kept.slots[slot].filter(|map| map.used == field.search)?)));
+            twin::Sample {
+                surface: (*surface - eye).as_vec3(),
+                middle: map.map_or(Vec3::ZERO, |(_, map)| (map.place - eye).as_vec3()),
+                faces: map.map(|(slot, _)| faces(slot)),
+            }
+        };
+        let twin = twin::Field {
+            samples: kept.fields[0].samples.iter().zip(&slots[0]).map(sample).collect(),
+            size,
+            neighbours: chosen.neighbours as usize,
+            rule,
+            visible_by,
+            horizon: chosen.horizon.to_radians(),
+            corrections,
+        };
+        let bounce = reflections.first().unwrap();
+        let targets = renderer.targets.as_ref().unwrap();
+        let normals = vectors(&gpu, &targets.surfaces[targets.shown].normal);
+        let [points, eyes] = [&bounce.mirror.point, &bounce.mirror.eye].map(|image| vectors(&gpu, image));
+        let hits = &reflections.methods.gather.as_ref().unwrap().hits;
+        let hits: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&gpu.read_buffer(hits, 0, hits.size()).unwrap());
+        let vector = |part: &[f32; 4]| Vec3::new(part[0], part[1], part[2]);
+        let (mut rays, mut apart, mut kinds) = (0_u32, 0_u32, [0_u32; 4]);
+        for pixel in (0..points.len()).filter(|pixel| points[*pixel][3] > 0.0) {
+            let (place, normal) = (vector(&points[pixel]), vector(&normals[pixel]));
+            let direction = (place - vector(&eyes[pixel])).reflect(normal).normalize();
+            let [key, found, distance, _] = hits[pixel];
+            let distance = f32::from_bits(distance);
+            let expected = twin.find(place, normal, direction);
+            let is_same = match expected {
+                Found::On { t, identity } => found == identity + 1 && (distance - t).abs() <= 1e-3 * (1.0 + t),
+                Found::Beside { identity } => found == identity + 1 && distance < 0.0,
+                Found::Open => found == 0 && key == 0,
+                Found::Nothing => found == 0 && key == 1,
+            };
+            rays += 1;
+            apart += u32::from(!is_same);
+            kinds[match expected {
+                Found::On { .. } => 0,
+                Found::Beside { .. } => 1,
+                Found::Open => 2,
+                Found::Nothing => 3,
+            }] += 1;
+        }
+        // Rounding moves a look-up to the next texel, and nearly equal samples change their order.
+        let about = format!("{samples} {size} {corrections} {rule:?} {visible_by:?}: {kinds:?}");
+        assert!(rays > 500 && apart * 50 <= rays, "{about}: {apart} of {rays} differ");
+        assert!(kinds[0] > 20, "{about}");
+        assert!(corrections > 0 || kinds[1] > rays / 4, "{about}");
+    }
+}
+
+/// Rays through a box whose walls are maps' texels: the angle by which a plain look-up is off is that of the sample's
+/// distance from the ray, as seen from what is found.
+#[test]
+fn a_plain_look_up_is_off_by_what_its_sample_lies_beside_the_ray() {
+    let half = 1.0_f32;
+    let size = 256;
+    let exit = |from: Vec3, along: Vec3| {
+        let distances = (along.signum() * half - from) / along;
+        from + along * distances.min_element()
+    };
+    let random = |seed: u32| {
+        let part =
+            |axis: u32| f64::from(cloud::hash(u64::from(seed * 3 + axis)) as u32) as f32 / u32::MAX as f32 * 2.0 - 1.0;
+        Vec3::new(part(0), part(1), part(2))
+    };
+    let mut is_exact = 0;
+    for case in 0..40 {
+        let middle = random(case) * 0.6;
+        // Each texel is a piece of a wall.
+        let texel = |face: usize, x: u32, y: u32| {
+            let axis = |turn: usize| Vec3::AXES[(face + turn) % 3];
+            let forward = if face < 3 { axis(0) } else { -axis(0) };
+            let slope = |at: u32| (at as f32 + 0.5) / (0.5 * size as f32) - 1.0;
+            let sight = forward + axis(1) * slope(x) - axis(2) * slope(y);
+            let place = exit(middle, sight);
+            let wall = place.abs().max_position();
+            super::super::depth_walk::Texel {
+                identity: 7,
+                depth: (place - middle).dot(forward),
+                normal: -Vec3::AXES[wall] * place[wall].signum(),
+                radius: 1.0,
+                middle: glam::Vec2::ZERO,
+            }
+        };
+        let faces: [Vec<_>; 6] =
+            std::array::from_fn(|face| (0..size * size).map(|at| texel(face, at % size, at / size)).collect());
+        let field = |corrections| twin::Field {
+            samples: vec![twin::Sample { surface: middle, middle, faces: Some(faces.clone()) }],
+            size,
+            neighbours: 1,
+            rule: SampleRule::Nearest,
+            visible_by: SampleVisibility::Depth,
+            horizon: 1.5,
+            corrections,
+        };
+        let [plain, corrected] = [0, 1].map(field);
+        for ray in 0..50 {
+            let (place, direction) = (random(1000 + case * 50 + ray) * 0.8, random(9000 + case * 50 + ray).normalize());
+            let shown = plain.place_in_direction(direction);
+            let beside = (middle - place).reject_from_normalized(direction).length();
+            let (expected, angle) = ((beside / shown.distance(place)).asin(), (shown - place).angle_between(direction));
+            // A texel is seen under up to this angle from the mirror point.
+            let slack = 2.0 / size as f32 * (shown - middle).length() * 1.8 / shown.distance(place);
+            assert!((angle - expected).abs() < slack || angle > 1.3, "{angle}, {expected}");
+            if let Found::On { t, .. } = corrected.find(place, Vec3::Z, direction) {
+                let error = (place + direction * t).distance(exit(place, direction));
+                // Beside an edge the second look-up may meet the other wall's plane.
+                is_exact += u32::from(error < 1e-4);
+            }
+        }
+    }
+    assert!(is_exact > 1000, "{is_exact} of 2000");
+}

@@ -1,0 +1,204 @@
+//! Light fields in boxes, where closed forms say what rays meet.
+
+use render::Error;
+
+use super::*;
+
+fn by_field(pairs: &[(&str, &str)]) -> Settings {
+    let all = [("reflection.method", "light_field"), ("light_field.size", "64"), ("splat.close_gaps", "false")];
+    settings(&[&all, pairs].concat())
+}
+
+/// How far what is seen lies from what rays meet in an empty box; and the number of pixels that see nothing.
+fn errors(stage: &Stage, scene: &Scene) -> (Vec<f64>, usize) {
+    let pixels = pixels(stage, &scene.camera);
+    let error = |seen: &Seen| Some(seen.found?.distance(exit(seen.point, seen.reflected).0));
+    let errors: Vec<f64> = pixels.iter().filter_map(error).collect();
+    let open = pixels.len() - errors.len();
+    (errors, open)
+}
+
+#[test]
+fn a_corrected_look_up_is_exact_on_walls_and_a_plain_one_is_not() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::new(0.3, 0.1, -0.4), RADIUS)]);
+    let mut seen = |pairs: &[(&str, &str)]| {
+        let stats = scene.render(&mut stage, &by_field(&[&[("light_field.rest", "none")], pairs].concat()));
+        (errors(&stage, &scene), stats.reflection.unwrap())
+    };
+    let ((plain, open), found) = seen(&[("light_field.samples", "16"), ("light_field.corrections", "0")]);
+    assert!(plain.len() > 300 && open == 0 && found.unresolved == Some(0.0), "{} {open} {found:?}", plain.len());
+    // From nearer places less is off.
+    let ((finer, _), _) = seen(&[("light_field.samples", "200"), ("light_field.corrections", "0")]);
+    let [coarse, fine] = [plain, finer].map(median);
+    assert!(coarse > 0.03 && fine < 0.5 * coarse, "{coarse}, {fine}");
+    for (corrections, most) in [("1", 12), ("2", 40)] {
+        for rule in ["nearest", "angle", "ray"] {
+            let pairs =
+                [("light_field.samples", "16"), ("light_field.corrections", corrections), ("light_field.rule", rule)];
+            let ((errors, open), found) = seen(&pairs);
+            // Beside the edges of the room two look-ups may meet two walls.
+            let off = errors.iter().filter(|error| **error > 0.003).count();
+            let what = format!("{corrections} {rule}: {off} of {} are off, {open} open, {found:?}", errors.len());
+            assert!(off * most < errors.len() && open * 100 < errors.len(), "{what}");
+            assert!(found.unresolved.unwrap() < 0.08, "{what}");
+        }
+    }
+}
+
+#[test]
+fn what_samples_do_not_resolve_is_traced_or_open_or_from_the_mirrors_middle() {
+    let mut stage = stage_or_skip!();
+    let mirrors = vec![sphere(DVec3::new(0.3, 0.0, -0.2), RADIUS), sphere(DVec3::new(-0.5, 0.3, 0.1), RADIUS)];
+    let scene = Scene::new(&stage, room(&[]), mirrors);
+    let mut found = |pairs: &[(&str, &str)]| {
+        let stats = scene.render(&mut stage, &by_field(pairs));
+        (pixels(&stage, &scene.camera), stats.reflection.unwrap())
+    };
+    let (truth, _) = found(&[("reflection.method", "surfel_trace")]);
+    let (traced, stats) = found(&[]);
+    let is_alike = |(a, b): &(&Seen, &Seen)| match (a.found, b.found) {
+        (Some(a), Some(b)) => a.distance(b) < 0.02,
+        (a, b) => a.is_some() == b.is_some(),
+    };
+    let alike = traced.iter().zip(&truth).filter(is_alike).count();
+    assert!(truth.len() > 1000 && alike * 100 >= truth.len() * 97, "{alike} of {}", truth.len());
+    assert!(stats.unresolved.is_some_and(|share| share < 0.02), "{stats:?}");
+    // No sample is above a horizon of 45 degrees.
+    let hidden = [("light_field.visible_by", "angle"), ("light_field.horizon", "45"), ("light_field.samples", "2")];
+    let with_rest = |rest| [&hidden[..], &[("light_field.rest", rest)]].concat();
+    let (open, stats) = found(&with_rest("none"));
+    let unresolved = stats.unresolved.unwrap();
+    assert!(unresolved > 0.9, "{unresolved}");
+    let is_of_other = |seen: &&Seen| seen.found.is_some_and(|found| (found.abs() - HALF).abs().min_element() < 0.01);
+    assert!(open.iter().filter(is_of_other).count() * 10 < open.len());
+    let (mapped, _) = found(&with_rest("environment_map"));
+    let (of_middle, _) = found(&[("reflection.method", "environment_map")]);
+    let same = mapped.iter().zip(&of_middle).filter(is_alike).count();
+    assert!(same * 10 > mapped.len() * 9, "{same} of {}", mapped.len());
+    let (traced, _) = found(&with_rest("surfel_trace"));
+    let alike = traced.iter().zip(&truth).filter(is_alike).count();
+    assert!(alike * 100 >= truth.len() * 99, "{alike} of {}", truth.len());
+}
+
+#[test]
+fn mirrors_see_themselves_if_they_are_hollow_and_others_always() {
+    let mut stage = stage_or_skip!();
+    let bowl = Shape::Paraboloid { focal_length: 0.1 };
+    let mut scene = Scene::new(&stage, room(&[]), Vec::new());
+    let bowl =
+        Mirror { position: DVec3::new(0.0, 0.0, -0.4), ..Mirror::standing(bowl, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.5) };
+    add_points(&mut scene.store, bowl.sample(20_000, 1), MIRROR);
+    let mut of_bowl = |own: &str| {
+        scene.render(&mut stage, &by_field(&[("light_field.rest", "none"), ("light_field.own", own)]));
+        let is_own = |seen: &&Seen| seen.found.is_some_and(|found| (found.abs() - HALF).abs().min_element() > 0.05);
+        pixels(&stage, &scene.camera).iter().filter(is_own).count()
+    };
+    let [traced, left_out, drawn] = ["auto", "left_out", "drawn"].map(|own| of_bowl(own));
+    assert!(traced > 20 && left_out < traced / 4 && drawn * 3 > traced, "{traced}, {left_out}, {drawn}");
+}
+
+#[test]
+fn maps_are_drawn_for_the_pixels_that_need_them_and_kept_within_the_memory() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, room(&[2]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    scene.camera = Camera::looking(DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0), 0.75, DVec3::Y);
+    let counted = |stats: &FrameStats| stats.reflection.and_then(|found| found.maps).unwrap();
+    // A map of 64 texels takes 6 x 64 x 64 x 16 bytes, so that 42 fit.
+    for (memory, most) in [("16 MiB", 42), ("256 MiB", 300)] {
+        let settings = by_field(&[("light_field.samples", "300"), ("light_field.memory", memory)]);
+        stage.renderer.forget();
+        let before = scene.render(&mut stage, &by_field(&[("reflection.method", "surfel_trace")])).gpu_bytes;
+        for _ in 0..5 {
+            scene.camera.orbit(0.7, 0.3);
+            let stats = scene.render(&mut stage, &settings);
+            let maps = counted(&stats);
+            assert!(maps.asked > 45 && maps.asked < 290 && maps.drawn == maps.asked.min(most), "{memory}: {maps:?}");
+            // The index of so many samples takes 2 MiB.
+            assert!(memory != "16 MiB" || stats.gpu_bytes - before < (19 << 20), "{} - {before}", stats.gpu_bytes);
+            let wandered = bits(&stage);
+            // What has gone before makes no difference, though the maps are elsewhere.
+            stage.renderer.forget();
+            let anew = scene.render(&mut stage, &settings);
+            assert!(bits(&stage) == wandered && counted(&anew) == maps, "{memory}");
+            // What no map shows is traced.
+            let (_, open) = errors(&stage, &scene);
+            scene.render(&mut stage, &by_field(&[("reflection.method", "surfel_trace")]));
+            let (_, truly_open) = errors(&stage, &scene);
+            assert!(open <= truly_open + 20, "{memory}: {open}, {truly_open}");
+        }
+    }
+    let too_large = by_field(&[("light_field.size", "512"), ("light_field.memory", "16 MiB")]);
+    let objects = Objects { mirrors: &scene.mirrors, ..Objects::default() };
+    let refused = stage.renderer.render(&scene.store, &scene.camera, &too_large, objects, SIZE).unwrap_err();
+    assert!(matches!(refused, Error::TooLarge { .. }), "{refused}");
+    assert!(refused.to_string().contains("light_field.memory allows; lower light_field.size"), "{refused}");
+}
+
+#[test]
+fn maps_that_may_lag_are_drawn_a_few_a_frame_and_end_as_those_drawn_at_once() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    let settings =
+        by_field(&[("light_field.maps_per_frame", "3"), ("light_field.neighbours", "1"), ("light_field.rest", "none")]);
+    let maps = |stats: FrameStats| stats.reflection.and_then(|found| found.maps).unwrap();
+    stage.renderer.forget();
+    stage.renderer.let_light_lag(true);
+    let first = maps(scene.render(&mut stage, &settings));
+    assert!(first.drawn == 3 && first.asked > 6, "{first:?}");
+    let (seen, open) = errors(&stage, &scene);
+    assert!(open > 100 && seen.len() > 30, "{open} are open, {} not", seen.len());
+    for frame in 2..=first.asked.div_ceil(3) {
+        let now = maps(scene.render(&mut stage, &settings));
+        assert_eq!(now.drawn, now.asked.min(3 * frame));
+    }
+    assert!(!draws_maps(&scene.render(&mut stage, &settings)), "all stand");
+    let caught_up = bits(&stage);
+    stage.renderer.let_light_lag(false);
+    stage.renderer.forget();
+    scene.render(&mut stage, &settings);
+    assert!(bits(&stage) == caught_up, "as at once");
+
+    // Points that come: old maps are used until they are drawn anew, and a picture that stays has none.
+    let before = errors(&stage, &scene).1;
+    stage.renderer.let_light_lag(true);
+    let screen = wall(DVec3::new(-0.9, -0.5, 0.9), [DVec3::X * 0.5, DVec3::Y * 1.1]);
+    add_points(&mut scene.store, vec![screen], Material::default());
+    let mut one = settings.clone();
+    one.light_field.maps_per_frame = 1;
+    let stats = scene.render(&mut stage, &one);
+    assert!(maps(stats).drawn == 1 && errors(&stage, &scene).1 <= before + 5);
+    let lagging = bits(&stage);
+    stage.renderer.let_light_lag(false);
+    scene.render(&mut stage, &settings);
+    let settled = bits(&stage);
+    stage.renderer.forget();
+    scene.render(&mut stage, &settings);
+    assert!(bits(&stage) == settled, "settled");
+    assert!(settled != lagging, "some maps were old");
+}
+
+#[test]
+fn light_fields_of_odd_mirrors_give_finite_pictures() {
+    let mut stage = stage_or_skip!();
+    let mut odd = room(&[2]);
+    odd.push(Chunk::new(0, DVec3::ZERO, vec![[f32::NAN; 3], [f32::INFINITY, 0.0, 0.0], [0.0, -1e38, 0.0]]));
+    for mirrors in [vec![sphere(DVec3::ZERO, RADIUS), sphere(DVec3::new(0.6, 0.0, 0.0), 1e-9)], Vec::new()] {
+        for (samples, neighbours, corrections) in [("1", "8", "4"), ("40", "1", "0"), ("7", "8", "1")] {
+            let scene = Scene::new(&stage, odd.clone(), mirrors.clone());
+            scene.render(
+                &mut stage,
+                &by_field(&[
+                    ("light_field.samples", samples),
+                    ("light_field.neighbours", neighbours),
+                    ("light_field.corrections", corrections),
+                    ("light_field.size", "33"),
+                ]),
+            );
+            let seen = pixels(&stage, &scene.camera);
+            let filled = seen.iter().filter(|seen| seen.found.is_some()).count();
+            assert!(mirrors.is_empty() || filled > 200, "{samples}: {filled} of {}", seen.len());
+            assert!(seen.iter().filter_map(|seen| seen.found).all(|found| found.is_finite()), "{samples}");
+        }
+    }
+}
