@@ -1,7 +1,7 @@
 //! Runs the rows of `scene::METHODS`: an arm of `Methods::run` for each, which also says where the views of its work
 //! are.
 
-use scene::{Method, ScreenRest, Settings, Supply};
+use scene::{Method, ScreenRest, Settings, Show, Supply};
 
 use crate::gpu::Result;
 use crate::identities::ChunkId;
@@ -273,5 +273,15 @@ pub(crate) fn behind_clear(settings: &Settings) -> Method {
             Method::SurfelTrace
         }
         method => method,
+    }
+}
+
+/// Whether something is shown instead of the picture. Not all methods have views of their work.
+pub fn shows_more(settings: &Settings, views: Option<&Views<'_>>) -> bool {
+    match settings.reflection.show {
+        // A search is shown by the picture that its points make.
+        Show::Picture | Show::Search | Show::Error => false,
+        Show::Borders | Show::Curvature | Show::Regions | Show::Steps | Show::Unconverged => views.is_some(),
+        Show::Uncertain | Show::Coverage | Show::Distance | Show::Albedo | Show::Normal | Show::Position => true,
     }
 }

@@ -1,5 +1,7 @@
 //! Renders a frame: runs the passes in their order on its images, and measures their time.
 
+mod failure;
+
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -16,7 +18,7 @@ use crate::inputs::Inputs;
 use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SPECULAR_WORDS, SURFACE_SUM_BYTES, ShownPoint};
 use crate::light_views;
 use crate::lighting::{DrawnMap, Lights, MappedLight};
-use crate::method::{self, Views};
+use crate::method;
 use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder, Rehearsal};
 use crate::reflection::gloss::{RaySet, RaySets};
@@ -315,30 +317,6 @@ impl Renderer {
         self.checked(outcome)
     }
 
-    /// Returns the failure from which others follow, if there is one: a buffer without memory, for example, is only told
-    /// of after the fact. What is kept from frame to frame may lack something then, and is given up.
-    pub(crate) fn checked<T>(&mut self, outcome: Result<T>) -> Result<T> {
-        let is_failed = outcome.as_ref().is_err_and(|error| !matches!(error, Error::GivenUp));
-        let known = if is_failed { self.gpu.wait() } else { self.gpu.failure() };
-        let outcome = known.and(outcome);
-        if matches!(outcome, Err(Error::Device { .. } | Error::NoMemory { .. } | Error::Lost(_))) {
-            self.release();
-        }
-        outcome
-    }
-
-    /// Gives up all images and buffers.
-    pub(crate) fn release(&mut self) {
-        let pipelines = std::mem::take(&mut self.pipelines);
-        let bare = Self::bare(self.gpu.clone());
-        let before = std::mem::replace(self, bare);
-        self.pipelines = pipelines;
-        (self.samples_at_once, self.most_points) = (before.samples_at_once, before.most_points);
-        (self.given_up, self.longest_piece) = (before.given_up, before.longest_piece);
-        (self.exposure.share, self.prepared) = (before.exposure.share, before.prepared);
-        (self.gi.may_lag, self.gi.keeper.reuse) = (before.gi.may_lag, before.gi.keeper.reuse);
-    }
-
     /// Draws a frame, or rehearses it.
     pub(crate) fn draw(
         &mut self,
@@ -570,7 +548,7 @@ impl Renderer {
                 };
                 recorder.over_pixels(&[("is_filmic", u32::from(is_filmic))], &inputs, bindings)?;
             }
-            (views, Some(bounce)) if shows_more(settings, views.as_ref()) => {
+            (views, Some(bounce)) if method::shows_more(settings, views.as_ref()) => {
                 let [albedo_in, normal_in, position_in] = bounce.seen.bind();
                 let bindings = passes::show {
                     color_in: targets.color.bind(),
@@ -707,16 +685,6 @@ impl Renderer {
             );
         }
         Ok(())
-    }
-}
-
-/// Whether something is shown instead of the picture. Not all methods have views of their work.
-fn shows_more(settings: &Settings, views: Option<&Views<'_>>) -> bool {
-    match settings.reflection.show {
-        // A search is shown by the picture that its points make.
-        Show::Picture | Show::Search | Show::Error => false,
-        Show::Borders | Show::Curvature | Show::Regions | Show::Steps | Show::Unconverged => views.is_some(),
-        Show::Uncertain | Show::Coverage | Show::Distance | Show::Albedo | Show::Normal | Show::Position => true,
     }
 }
 
