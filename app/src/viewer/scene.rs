@@ -243,7 +243,10 @@ impl Scene {
         self.place(id, Object::Light(light), outside);
     }
 
-    pub fn change_object(&mut self, id: ObjectId, changed: Object, now: Instant) {
+    pub fn change_object(&mut self, id: ObjectId, changed: Object, outside: &mut Outside) {
+        if let Object::Note(note) = &changed {
+            outside.log(json!({ "event": "note_changed", "text": note.text }));
+        }
         let is_seen = match (&changed, self.objects.mirror(id)) {
             (Object::Mirror(changed), Some(mirror)) => unnamed(changed) != unnamed(mirror),
             // They are drawn over the picture.
@@ -252,7 +255,7 @@ impl Scene {
         };
         self.objects.set(id, changed);
         if is_seen {
-            self.navigation.camera_moved(now);
+            self.navigation.camera_moved(outside.now);
         }
     }
 
@@ -628,7 +631,7 @@ impl Scene {
             Action::Paste(text) => self.paste_view(&text, outside),
             Action::AddSpot => self.add_spot(outside),
             Action::Select(id) => self.selected = id,
-            Action::ChangeObject(id, object) => self.change_object(id, *object, outside.now),
+            Action::ChangeObject(id, object) => self.change_object(id, *object, outside),
             Action::Duplicate => self.duplicate(outside),
             Action::Delete => {
                 if let Some(id) = self.selected.take() {
