@@ -13,6 +13,7 @@ use glam::{DVec2, DVec3};
 use crate::viewer::action::{Action, Measuring};
 use crate::viewer::input::bindings::Trigger;
 use crate::viewer::session::Session;
+use crate::viewer::tools::measurements::Placing;
 
 /// The cursor rests when it has not moved for this long. Then the point under it is looked up.
 const HOVER_DELAY: Duration = Duration::from_millis(60);
@@ -38,12 +39,13 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
         wheel(ui, session, actions);
     }
     hover(ui, picture, session, scale, actions);
+    let placing = session.tools.measurements.placing.as_ref();
     if is_taken {
         // A click on a handle does nothing else.
-    } else if picture.double_clicked() && session.tools.measurements.placing.is_some() {
+    } else if picture.double_clicked() && placing.is_some_and(Placing::has_begun) {
         // The first click of the double-click was the last point.
         actions.push(Action::Measuring(Measuring::End));
-    } else if picture.double_clicked() {
+    } else if picture.double_clicked() && placing.is_none() {
         // The first click of a double-click was not meant as a pick.
         actions.push(Action::UndoPick);
         actions.extend(bindings::action(Trigger::DoubleClick, session.scene.mode));

@@ -95,6 +95,11 @@ impl Placing {
         Self { wanted, corners: Vec::new(), reach: None, asked: 0, is_ending: false }
     }
 
+    /// Whether a click has given it a point, or is about to.
+    pub fn has_begun(&self) -> bool {
+        self.asked > 0 || !self.corners.is_empty()
+    }
+
     /// What the next click does, and how to end.
     pub fn hint(&self) -> String {
         let (least, most) = self.wanted.counts().into_inner();
