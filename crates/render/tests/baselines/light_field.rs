@@ -89,12 +89,12 @@ fn mirrors_see_themselves_if_they_are_hollow_and_others_always() {
     let bowl =
         Mirror { position: DVec3::new(0.0, 0.0, -0.4), ..Mirror::standing(bowl, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.5) };
     add_points(&mut scene.store, bowl.sample(20_000, 1), MIRROR);
-    let mut of_bowl = |own: &str| {
+    let of_bowl = |own: &str| {
         scene.render(&mut stage, &by_field(&[("light_field.rest", "none"), ("light_field.own", own)]));
         let is_own = |seen: &&Seen| seen.found.is_some_and(|found| (found.abs() - HALF).abs().min_element() > 0.05);
         pixels(&stage, &scene.camera).iter().filter(is_own).count()
     };
-    let [traced, left_out, drawn] = ["auto", "left_out", "drawn"].map(|own| of_bowl(own));
+    let [traced, left_out, drawn] = ["auto", "left_out", "drawn"].map(of_bowl);
     assert!(traced > 20 && left_out < traced / 4 && drawn * 3 > traced, "{traced}, {left_out}, {drawn}");
 }
 
