@@ -508,6 +508,21 @@ fn fits(info: &wgpu::AdapterInfo, wanted: &str) -> bool {
 }
 
 #[cfg(test)]
+impl Gpu {
+    /// The adapter of a test. Without one a test is skipped, or fails where `GLINT_REQUIRE_GPU` is set.
+    pub(crate) fn for_test() -> Option<Arc<Self>> {
+        match Self::headless(None) {
+            Ok(gpu) => Some(gpu),
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => {
+                println!("skipped: {error}");
+                None
+            }
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

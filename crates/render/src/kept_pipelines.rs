@@ -99,11 +99,7 @@ mod tests {
 
     #[test]
     fn data_of_another_program_are_not_used() {
-        let gpu = match Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => return println!("skipped: {error}"),
-        };
+        let Some(gpu) = Gpu::for_test() else { return };
         let folder = tempfile::tempdir().unwrap();
         let open = |gpu: &Gpu| KeptPipelines::open(&gpu.device, &gpu.info, folder.path());
         let Some(first) = open(&gpu) else { return println!("skipped: no pipeline cache") };

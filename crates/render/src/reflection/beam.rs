@@ -194,11 +194,7 @@ mod tests {
 
     #[test]
     fn the_shader_bounds_as_its_twin_does() {
-        let gpu = match Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => return println!("skipped: {error}"),
-        };
+        let Some(gpu) = Gpu::for_test() else { return };
         const CASES: usize = 4096;
         let mut runner = proptest::test_runner::TestRunner::deterministic();
         let strategy = beam_and_box();

@@ -311,14 +311,7 @@ pub(super) mod tests {
 
     #[test]
     fn the_gpu_walks_as_its_twin_does() {
-        let gpu = match Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => {
-                println!("skipped: {error}");
-                return;
-            }
-        };
+        let Some(gpu) = Gpu::for_test() else { return };
         let mut renderer = Renderer::new(gpu.clone()).unwrap();
         let store = furnished(&gpu, true);
         let camera = Camera::looking(DVec3::new(0.1, 0.0, 0.1), DVec3::new(0.3, -1.0, 0.2), 1.4, DVec3::Z);

@@ -10,14 +10,7 @@ use crate::renderer::Renderer;
 
 #[test]
 fn the_gpu_looks_up_as_its_twin_does() {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            println!("skipped: {error}");
-            return;
-        }
-    };
+    let Some(gpu) = Gpu::for_test() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let (room, open) = (furnished(&gpu, true), furnished(&gpu, false));
     let (nearest, depth) = (SampleRule::Nearest, SampleVisibility::Depth);
