@@ -11,6 +11,7 @@ use world::CloudKey;
 
 use crate::viewer::objects::{Marking, ObjectId};
 use crate::viewer::panels::path_prompt::PathPrompt;
+use crate::viewer::tab::Tab;
 use crate::viewer::tools::draft::Draft;
 use crate::viewer::tools::inspection::Pose;
 use crate::viewer::truth::sweep_range::SweepRange;
@@ -88,6 +89,15 @@ pub enum Handles {
     Scale,
 }
 
+/// What is typed into the command palette, and which of the rows that it finds is chosen.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Palette {
+    pub text: String,
+    pub chosen: usize,
+    /// Whether its field has the keyboard already.
+    pub is_shown: bool,
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     // ---- camera ----
@@ -122,6 +132,10 @@ pub enum Action {
         pivot: DVec3,
     },
     ToggleProjection,
+    /// Goes back to where the camera rested before.
+    LastView,
+    /// Takes that back.
+    NextView,
     /// Says which pixel the cursor is over; `None` if it is outside of the picture.
     PointAt(Option<[u32; 2]>),
     /// Asks the render thread which point is under the cursor.
@@ -238,6 +252,13 @@ pub enum Action {
     EndTool,
     ToggleInterface,
     TogglePanel,
+    OpenTab(Tab),
+    /// Searches the parameters of all tabs; an empty text shows the tab again.
+    Search(String),
+    /// Searches for a parameter from outside of the panel, which is then shown.
+    FindParameter(String),
+    TogglePalette,
+    ChangePalette(Option<Box<Palette>>),
     ToggleFullScreen,
     ToggleShortcuts,
     ListMessages(bool),

@@ -5,26 +5,21 @@ use std::time::Duration;
 
 use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, Ui};
 
-use param::Params;
 use scene::Show;
 use world::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 
 use crate::viewer::action::Action;
 use crate::viewer::input::bindings;
-use crate::viewer::loaded::clouds::{JobEntry, short_name};
+use crate::viewer::loaded::clouds::JobEntry;
 use crate::viewer::messages::Level;
+use crate::viewer::panels::overlay;
 use crate::viewer::panels::path_prompt::Outcome;
-use crate::viewer::panels::{overlay, presets};
 use crate::viewer::session::Session;
 use crate::viewer::theme::grouped;
 use crate::viewer::tools::gizmo;
 use crate::viewer::widgets::{progress_bar, progress_text};
 use crate::viewer::window::canvas::Picture;
 use crate::viewer::{input, panels, theme};
-
-/// The sections of parameters that have panels of their own. All other sections are generated from the parameter
-/// tables.
-const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
 
 /// Draws the whole window. `picture` is the render thread's last frame. Returns what the user asked for, in order.
 pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Action> {
@@ -41,7 +36,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
                 .default_size(310.0)
                 .size_range(270.0..=480.0)
                 .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 8)))
-                .show(ui, |ui| lights_are_shown = side_panel(ui, session, &mut actions));
+                .show(ui, |ui| lights_are_shown = panels::side::show(ui, session, &mut actions));
         }
     }
     if lights_are_shown != session.tools.light_panel_is_open {
@@ -62,6 +57,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
         actions.push(Action::ToggleShortcuts);
     }
     path_prompt(ui.ctx(), session, &mut actions);
+    panels::palette::show(ui.ctx(), session, &mut actions);
     if let Some(problem) = &session.fatal {
         fatal_notice(ui.ctx(), problem, &mut actions);
     }
@@ -100,125 +96,6 @@ fn open_dropped(ui: &Ui) -> Vec<Action> {
     dropped.iter().map(|file| Action::Open(file.path().to_path_buf())).collect()
 }
 
-/// Draws the panel. Returns true if the section of the lights is open.
-fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
-    ui.horizontal(|ui| {
-        action_button(ui, "Open…", Action::OpenDialog, actions);
-        recent_menu(ui, session, actions);
-        action_button(ui, "Frame all", Action::FrameAll, actions);
-        action_button(ui, "Save", Action::SavePicture, actions);
-        action_button(ui, "?", Action::ToggleShortcuts, actions);
-    });
-    ui.add_space(4.0);
-    let scrolled = egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        section(ui, "Clouds", true, |ui| {
-            panels::clouds::show(ui, session, actions);
-            if session.loaded.clouds.is_empty() {
-                ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
-            }
-        });
-        let is_streaming = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
-        if is_streaming {
-            section(ui, "Streaming", true, |ui| panels::streaming::show(ui, session, actions));
-        }
-        section(ui, "Colour", true, |ui| panels::colors::show(ui, session, actions));
-        let lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
-        section(ui, "Mirrors", true, |ui| panels::mirrors::show(ui, session, actions));
-        section(ui, "Clips and filters", true, |ui| panels::clips::show(ui, session, actions));
-        section(ui, "Measurements and notes", true, |ui| panels::measurements::show(ui, session, actions));
-        let mut shown: Vec<&str> = OWN_PANELS.into();
-        // While a cloud is streamed, the panel of streaming shows its parameters.
-        shown.extend(is_streaming.then_some(scene::Stream::table().section));
-        for group in session.scene.settings.groups().map(Params::group) {
-            if shown.contains(&group.section) {
-                continue;
-            }
-            shown.push(group.section);
-            // Parameters that only affect how points are read are seldom changed: a section of nothing else begins
-            // closed.
-            let acts_at_once = group.fields.iter().any(|field| !field.affects.points);
-            section(ui, group.section, acts_at_once, |ui| {
-                if group.section == scene::Sscr::table().section {
-                    let mirrors = session.scene.objects.mirrors.iter().map(|placed| &placed.mirror);
-                    presets::show(ui, &session.scene.settings, mirrors, actions);
-                }
-                parameter_groups(ui, session, group.section, actions)
-            });
-        }
-        section(ui, "Truth", true, |ui| panels::truth::show(ui, session, actions));
-        section(ui, "Timings", false, |ui| panels::timings::show(ui, session));
-        lights_are_shown
-    });
-    if session.frames.time_to_late(session.outside.now).is_some_and(|left| left.is_zero()) {
-        late_notice(ui);
-    }
-    scrolled.inner
-}
-
-/// Says at the lower end of the panel that the picture does not show its values yet. It covers the lowest line, so that
-/// nothing moves when it comes and goes.
-fn late_notice(ui: &mut Ui) {
-    let panel = ui.max_rect();
-    let area = Rect::from_min_max(egui::pos2(panel.left(), panel.bottom() - 18.0), panel.right_bottom());
-    ui.painter().rect_filled(area, 0.0, theme::PANEL);
-    let text = RichText::new("Picture of earlier values; drawing…").small().color(theme::WEAK);
-    ui.place(area, egui::Label::new(text).selectable(false));
-}
-
-/// Draws a section that can be folded. Returns true if it is open.
-fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) -> bool {
-    let heading = RichText::new(title).strong().size(13.5);
-    let header = egui::CollapsingHeader::new(heading).id_salt(title).default_open(is_open);
-    let shown = header.show_unindented(ui, |ui| {
-        ui.add_space(2.0);
-        contents(ui);
-        ui.add_space(6.0);
-    });
-    ui.separator();
-    shown.body_response.is_some()
-}
-
-fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut Vec<Action>) {
-    let mut groups: Vec<_> = session.scene.settings.groups().into_iter().collect();
-    groups.retain(|params| params.group().section == section);
-    let are_several = groups.len() > 1;
-    for params in groups {
-        if are_several {
-            // The help begins with the subject of the group: `Light.`, `Eye-dome lighting (Boucheny 2009): ...`.
-            let help = params.group().help;
-            let about = help.split([':', '.', '(']).next().unwrap_or(help).trim();
-            ui.label(RichText::new(about).small().color(theme::WEAK)).on_hover_text(help);
-        }
-        // The panel of streaming shows the point budget, and the window draws all pixels of a picture at rest.
-        panels::parameters::parameters(ui, params, &["point_budget", "resolution"], actions);
-    }
-}
-
-fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Action>) {
-    let is_listed = |binding: &&bindings::Binding| binding.action == action;
-    let help = bindings::BINDINGS.iter().find(is_listed).map_or("", |binding| binding.text);
-    let shortcut = bindings::shortcut(&action);
-    if ui.button(text).on_hover_text(format!("{help} ({shortcut})")).clicked() {
-        actions.push(action);
-    }
-}
-
-fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    ui.menu_button("Recent", |ui| {
-        for recent in &session.preferences.recent {
-            if ui.button(short_name(recent)).on_hover_text(recent).clicked() {
-                actions.push(Action::Open(recent.into()));
-            }
-        }
-        ui.separator();
-        for name in world::built_in_names() {
-            if ui.button(&name).clicked() {
-                actions.push(Action::Open(name.into()));
-            }
-        }
-    });
-}
-
 // ---- picture ----
 
 fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect: Rect, actions: &mut Vec<Action>) {
@@ -226,7 +103,8 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     let side = |length: f32| (length * scale).round().max(0.0) as u32;
     let size = [side(rect.width()), side(rect.height())];
     actions.extend((size != session.scene.view_size).then_some(Action::Resize(size)));
-    let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
+    // Tab leads through the widgets, and the picture is none: its keys are those of the whole window.
+    let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::CLICK | Sense::DRAG);
     if let (Some(picture), Some(_)) = (picture, &session.frames.shown) {
         ui.painter().add(picture.within(rect));
     } else {
@@ -447,12 +325,15 @@ mod tests {
     use cloud::Progress;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use param::Params;
     use world::Mailbox;
 
     use super::*;
     use crate::viewer::bench::Bench;
     use crate::viewer::outside::Effect;
+    use crate::viewer::panels::side::OWN_PANELS;
     use crate::viewer::preferences::Preferences;
+    use crate::viewer::tab::Tab;
     use crate::viewer::window::render_thread::Report;
 
     fn harness() -> Harness<'static, Session> {
@@ -517,19 +398,49 @@ mod tests {
     }
 
     #[test]
-    fn the_panel_shows_every_group_of_parameters() {
+    fn the_tabs_show_every_group_of_parameters() {
         let mut harness = harness();
-        harness.run_ok();
-        for title in ["Clouds", "Colour", "Mirrors", "Splats and view", "Light", "When loading", "Timings"] {
-            assert!(harness.query_all_by_label(title).next().is_some(), "{title}");
+        let mut labels: Vec<String> = Vec::new();
+        for tab in Tab::ALL {
+            harness.state_mut().act(Action::OpenTab(tab));
+            harness.run_ok();
+            let sections = harness.state().scene.settings.groups().map(|params| params.group().section);
+            let titles = ["Clouds", "Mirrors", "Clips and filters", "Measurements and notes", "Timings"];
+            let is_shown = |title: &&str| harness.query_all_by_label(title).next().is_some();
+            labels.extend(titles.into_iter().chain(sections).filter(is_shown).map(str::to_owned));
+        }
+        for title in ["Clouds", "Mirrors", "Clips and filters", "Measurements and notes", "Timings"] {
+            assert!(labels.iter().any(|label| label == title), "{title}");
         }
         for group in harness.state().scene.settings.groups().map(Params::group) {
-            assert!(harness.query_all_by_label(group.section).next().is_some(), "{}", group.section);
+            assert!(labels.iter().any(|label| label == group.section), "{}", group.section);
         }
         for title in OWN_PANELS {
             let is_of = |group: &param::Group| group.section == title;
             assert!(harness.state().scene.settings.groups().map(Params::group).into_iter().any(is_of), "{title}");
         }
+    }
+
+    #[test]
+    fn tab_reaches_the_widgets_and_arrows_orbit_until_one_has_the_focus() {
+        let mut harness = harness();
+        harness.run_ok();
+        let press = |harness: &mut Harness<'static, Session>, key| {
+            let before = harness.state().scene.camera;
+            harness.key_down(key);
+            harness.run_steps(3);
+            harness.key_up(key);
+            harness.run_ok();
+            harness.state().scene.camera != before
+        };
+        assert!(press(&mut harness, egui::Key::ArrowLeft), "an arrow orbits");
+        harness.key_press(egui::Key::Tab);
+        harness.run_ok();
+        assert!(harness.ctx.memory(|memory| memory.focused().is_some()));
+        assert!(!press(&mut harness, egui::Key::ArrowRight), "an arrow belongs to the widget that has the focus");
+        harness.key_press(egui::Key::Escape);
+        harness.run_ok();
+        assert!(press(&mut harness, egui::Key::ArrowRight));
     }
 
     #[test]

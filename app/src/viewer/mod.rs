@@ -22,10 +22,12 @@ mod objects;
 mod outside;
 mod pace;
 mod panels;
+mod past_views;
 mod preferences;
 mod reflection_figures;
 mod scene;
 mod session;
+mod tab;
 mod theme;
 mod tools;
 mod truth;
@@ -349,12 +351,11 @@ fn is_input(event: &WindowEvent) -> bool {
     )
 }
 
-/// Finds keys that egui does not pass on unchanged: it uses Tab itself and reports number pad keys as the number row.
+/// Finds keys that egui does not pass on unchanged: it reports number pad keys as the number row.
 fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<input::bindings::Trigger> {
     use input::bindings::Trigger;
     let PhysicalKey::Code(code) = key.physical_key else { return None };
     match code {
-        KeyCode::Tab => Some(Trigger::Key(modifiers.into(), egui::Key::Tab)),
         KeyCode::Numpad1 => Some(Trigger::Numpad(modifiers.into(), 1)),
         KeyCode::Numpad3 => Some(Trigger::Numpad(modifiers.into(), 3)),
         KeyCode::Numpad5 => Some(Trigger::Numpad(modifiers.into(), 5)),

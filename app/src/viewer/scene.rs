@@ -23,6 +23,7 @@ use crate::viewer::objects::{
     ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, PlacedMeasurement, PlacedNote, spot, unnamed,
 };
 use crate::viewer::outside::Outside;
+use crate::viewer::past_views::PastViews;
 use crate::viewer::tools::inspection::{Ray, Target};
 use crate::viewer::window::render_thread::{Command, PickPurpose};
 
@@ -56,6 +57,7 @@ pub struct Scene {
     pub mode: Mode,
     pub navigation: Navigation,
     pub history: History,
+    pub past_views: PastViews,
     /// The light before the user switched to the data's own colours.
     pub lit_by: Lighting,
     /// The size of the picture in pixels.
@@ -85,6 +87,7 @@ impl Scene {
             mode: Mode::Orbit,
             navigation: Navigation::default(),
             history: History::default(),
+            past_views: PastViews::default(),
             lit_by: Lighting::Auto,
             view_size: [1, 1],
             paths: Vec::new(),
@@ -524,7 +527,8 @@ impl Scene {
         if self.navigation.anchor().is_none() && self.navigation.asked.is_none() {
             self.ask_hover(outside);
         }
-        self.apply_pending_zoom(false, outside.now);
+        // Without a cursor over the picture there is nothing to wait for.
+        self.apply_pending_zoom(self.cursor().is_none(), outside.now);
     }
 
     /// Does the zoom that waits. With `at_once` it does so even if the point under the cursor is not known.
@@ -604,6 +608,8 @@ impl Scene {
                     Projection::Orthographic => Projection::Perspective,
                 };
             }
+            Action::LastView => self.step_view(true, outside),
+            Action::NextView => self.step_view(false, outside),
             Action::PointAt(pixel) => self.navigation.point_at(pixel, outside.now),
             Action::AskHover => self.ask_hover(outside),
             Action::SetParameter { key, value } => self.set_parameter(&key, value, outside.now),

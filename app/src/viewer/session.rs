@@ -12,7 +12,7 @@ use glam::DVec3;
 use scene::{Camera, Lighting, MirrorPoints, Settings, Shape, Show};
 use serde_json::json;
 
-use crate::viewer::action::{Action, Handles};
+use crate::viewer::action::{Action, Handles, Palette};
 use crate::viewer::auto::Auto;
 use crate::viewer::first_look::FirstLook;
 use crate::viewer::frames::{Frames, Situation};
@@ -48,6 +48,9 @@ pub struct Session {
     pub outside: Outside,
     pub preferences: Preferences,
     pub path_prompt: Option<PathPrompt>,
+    pub palette: Option<Palette>,
+    /// What is searched for among the parameters.
+    pub search: String,
     pub shortcuts_are_open: bool,
     pub interface_is_hidden: bool,
     pub is_full_screen: bool,
@@ -81,6 +84,8 @@ impl Session {
             outside: Outside::new(messages),
             preferences,
             path_prompt: None,
+            palette: None,
+            search: String::new(),
             shortcuts_are_open: false,
             interface_is_hidden: false,
             is_full_screen: false,
@@ -102,6 +107,12 @@ impl Session {
     }
 
     pub fn act(&mut self, action: Action) {
+        use Action::{
+            AddSpot, AskHover, ChangeObject, ChangeSettings, ColorBy, DollHouse, Duplicate, FieldOfView, FlySpeed,
+            FrameAll, FrameCloud, GoInside, LastView, LightBy, Look, LookAlong, LookFrom, Mark, NextLight, NextView,
+            Orbit, Pan, Paste, PivotHere, PointAt, PointSize, ReturnTo, Select, SetParameter, ShowClasses, ToggleEdl,
+            ToggleLight, ToggleMode, ToggleProjection, Travel, Unmark, Zoom,
+        };
         let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };
         match action {
             // `Travel` and `Hold` report keys that are held down, and `Paste` brings the clipboard's text.
@@ -192,6 +203,13 @@ impl Session {
             Action::EndTool => self.end_tool(),
             Action::ToggleInterface => self.interface_is_hidden = !self.interface_is_hidden,
             Action::TogglePanel => self.preferences.panel_is_open = !self.preferences.panel_is_open,
+            Action::OpenTab(tab) => self.preferences.tab = tab.name().to_owned(),
+            Action::Search(text) => self.search = text,
+            Action::FindParameter(key) => {
+                (self.search, self.preferences.panel_is_open, self.interface_is_hidden) = (key, true, false);
+            }
+            Action::TogglePalette => self.palette = Some(Palette::default()).filter(|_| self.palette.is_none()),
+            Action::ChangePalette(palette) => self.palette = palette.map(|palette| *palette),
             Action::ToggleFullScreen => {
                 self.is_full_screen = !self.is_full_screen;
                 self.outside.push(Effect::SetFullScreen(self.is_full_screen));
@@ -202,44 +220,12 @@ impl Session {
             Action::Resize(size) => self.set_view_size(size),
             Action::Quit => self.wants_to_quit = true,
             // The scene has already carried these out.
-            Action::Orbit { .. }
-            | Action::Look { .. }
-            | Action::Pan { .. }
-            | Action::Zoom { .. }
-            | Action::FieldOfView { .. }
-            | Action::FlySpeed { .. }
-            | Action::Travel { .. }
-            | Action::FrameAll
-            | Action::GoInside
-            | Action::DollHouse
-            | Action::FrameCloud { .. }
-            | Action::ToggleMode
-            | Action::LookFrom { .. }
-            | Action::LookAlong { .. }
-            | Action::ToggleProjection
-            | Action::PointAt { .. }
-            | Action::AskHover
-            | Action::PivotHere
-            | Action::SetParameter { .. }
-            | Action::ChangeSettings { .. }
-            | Action::PointSize { .. }
-            | Action::ColorBy { .. }
-            | Action::ShowClasses { .. }
-            | Action::ToggleEdl
-            | Action::ToggleLight
-            | Action::NextLight
-            | Action::LightBy { .. }
-            | Action::Undo
-            | Action::Redo
-            | Action::Paste { .. }
-            | Action::AddSpot
-            | Action::Select { .. }
-            | Action::ChangeObject { .. }
-            | Action::Duplicate
-            | Action::Delete
-            | Action::Mark { .. }
-            | Action::Unmark { .. }
-            | Action::ReturnTo { .. } => {}
+            LookAlong { .. } | SetParameter { .. } | Action::Undo | Action::Redo | Action::Delete => {}
+            Orbit(_) | Look(_) | Pan(_) | Zoom(_) | FieldOfView(_) | FlySpeed(_) | Travel(_) | FrameAll | GoInside
+            | DollHouse | FrameCloud(_) | ToggleMode | LookFrom(_) | ToggleProjection | LastView | NextView
+            | PointAt(_) | AskHover | PivotHere | ChangeSettings(_) | PointSize(_) | ColorBy(_) | ShowClasses(..)
+            | ToggleEdl | ToggleLight | NextLight | LightBy(_) | Paste(_) | AddSpot | Select(_) | ChangeObject(..)
+            | Duplicate | Mark(_) | Unmark(_) | ReturnTo(_) => {}
         }
     }
 
@@ -465,6 +451,7 @@ impl Session {
         self.scene.navigation.hold(is_held, now);
         let steps = self.scene.history.steps();
         let quiet = self.scene.history.watch(&self.scene.settings, &self.scene.objects, is_held, now);
+        let view = self.scene.past_views.watch(self.scene.camera, self.scene.camera_is_placed, is_held, now);
         self.with_loaded(Loaded::sync_visibility);
         let frame = self.request_frame();
         if self.scene.history.steps() != steps {
@@ -481,7 +468,7 @@ impl Session {
         let auto = self.auto.sync(self.picture(), still, &mut self.outside);
         // Once the panel says it, only the next picture changes that.
         let late = self.frames.time_to_late(now).filter(|left| !left.is_zero());
-        [quiet, zoom, frame, truth, late, auto].into_iter().flatten().min()
+        [quiet, view, zoom, frame, truth, late, auto].into_iter().flatten().min()
     }
 
     /// Requests the frame that is wanted now, unless it is already drawn or shown. Returns the time after which to call

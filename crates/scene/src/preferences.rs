@@ -13,6 +13,8 @@ pub struct Preferences {
     /// The window's size in logical pixels.
     pub window: [u32; 2],
     pub panel_is_open: bool,
+    /// The name of the panel's tab that is open.
+    pub tab: String,
     /// The recent files, newest first, as given to the command line.
     pub recent: Vec<String>,
     /// The parameters that differ from their defaults.
@@ -21,7 +23,13 @@ pub struct Preferences {
 
 impl Default for Preferences {
     fn default() -> Self {
-        Self { window: [1280, 800], panel_is_open: true, recent: Vec::new(), parameters: BTreeMap::new() }
+        Self {
+            window: [1280, 800],
+            panel_is_open: true,
+            tab: String::new(),
+            recent: Vec::new(),
+            parameters: BTreeMap::new(),
+        }
     }
 }
 

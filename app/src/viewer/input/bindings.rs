@@ -87,6 +87,16 @@ pub const BINDINGS: &[Binding] = {
         bind(MOVE, Hold(Key::D), A::Fly([1, 0, 0]), "Left, right"),
         bind(MOVE, Hold(Key::Q), A::Fly([0, -1, 0]), "Down, up"),
         bind(MOVE, Hold(Key::E), A::Fly([0, 1, 0]), "Down, up"),
+        bind_in(Mode::Orbit, MOVE, Hold(Key::ArrowLeft), A::Orbit(LEFT), "Orbit, as a drag does"),
+        bind_in(Mode::Orbit, MOVE, Hold(Key::ArrowRight), A::Orbit(RIGHT), "Orbit, as a drag does"),
+        bind_in(Mode::Orbit, MOVE, Hold(Key::ArrowUp), A::Orbit(UP), "Orbit, as a drag does"),
+        bind_in(Mode::Orbit, MOVE, Hold(Key::ArrowDown), A::Orbit(DOWN), "Orbit, as a drag does"),
+        bind_in(Mode::Fly, MOVE, Hold(Key::ArrowLeft), A::Look(LEFT), "Look around, as a drag does (fly)"),
+        bind_in(Mode::Fly, MOVE, Hold(Key::ArrowRight), A::Look(RIGHT), "Look around, as a drag does (fly)"),
+        bind_in(Mode::Fly, MOVE, Hold(Key::ArrowUp), A::Look(UP), "Look around, as a drag does (fly)"),
+        bind_in(Mode::Fly, MOVE, Hold(Key::ArrowDown), A::Look(DOWN), "Look around, as a drag does (fly)"),
+        bind(MOVE, key(Key::PageUp), A::Zoom(1.0), "Nearer"),
+        bind(MOVE, key(Key::PageDown), A::Zoom(-1.0), "Farther"),
         bind(MOVE, Modifier(SHIFT), A::Fast, "Move fast"),
         bind(MOVE, Modifier(CTRL), A::Slow, "Move slowly"),
         bind(MOVE, key(Key::V), A::ToggleMode, "Orbit or fly"),
@@ -96,13 +106,23 @@ pub const BINDINGS: &[Binding] = {
         bind(VIEWS, key(Key::R), A::FrameAll, "Frame all"),
         bind(VIEWS, key(Key::N), A::GoInside, "Inside of the room"),
         bind(VIEWS, key(Key::O), A::DollHouse, "The room as a doll's house"),
-        bind(VIEWS, Numpad(NONE, 1), A::LookFrom(StandardView::Front), "From the front, the back"),
-        bind(VIEWS, Numpad(CTRL, 1), A::LookFrom(StandardView::Back), "From the front, the back"),
-        bind(VIEWS, Numpad(NONE, 3), A::LookFrom(StandardView::Right), "From the right, the left"),
-        bind(VIEWS, Numpad(CTRL, 3), A::LookFrom(StandardView::Left), "From the right, the left"),
-        bind(VIEWS, Numpad(NONE, 7), A::LookFrom(StandardView::Top), "From the top, the bottom"),
-        bind(VIEWS, Numpad(CTRL, 7), A::LookFrom(StandardView::Bottom), "From the top, the bottom"),
+        bind(VIEWS, Numpad(NONE, 1), A::LookFrom(StandardView::Front), "From the front"),
+        bind(VIEWS, Trigger::Key(CTRL, Key::Num1), A::LookFrom(StandardView::Front), "From the front"),
+        bind(VIEWS, Numpad(CTRL, 1), A::LookFrom(StandardView::Back), "From the back"),
+        bind(VIEWS, Trigger::Key(CTRL, Key::Num2), A::LookFrom(StandardView::Back), "From the back"),
+        bind(VIEWS, Numpad(NONE, 3), A::LookFrom(StandardView::Right), "From the right"),
+        bind(VIEWS, Trigger::Key(CTRL, Key::Num3), A::LookFrom(StandardView::Right), "From the right"),
+        bind(VIEWS, Numpad(CTRL, 3), A::LookFrom(StandardView::Left), "From the left"),
+        bind(VIEWS, Trigger::Key(CTRL, Key::Num4), A::LookFrom(StandardView::Left), "From the left"),
+        bind(VIEWS, Numpad(NONE, 7), A::LookFrom(StandardView::Top), "From the top"),
+        bind(VIEWS, Trigger::Key(CTRL, Key::Num7), A::LookFrom(StandardView::Top), "From the top"),
+        bind(VIEWS, Numpad(CTRL, 7), A::LookFrom(StandardView::Bottom), "From the bottom"),
+        bind(VIEWS, Trigger::Key(CTRL, Key::Num8), A::LookFrom(StandardView::Bottom), "From the bottom"),
+        bind(VIEWS, Trigger::Key(CTRL, Key::Num6), A::LookFrom(StandardView::Isometric), "From a corner"),
         bind(VIEWS, Numpad(NONE, 5), A::ToggleProjection, "Perspective or orthographic"),
+        bind(VIEWS, Trigger::Key(CTRL, Key::Num5), A::ToggleProjection, "Perspective or orthographic"),
+        bind(VIEWS, key(Key::Z), A::LastView, "Back to the last view"),
+        bind(VIEWS, Trigger::Key(SHIFT, Key::Z), A::NextView, "Forth to the next view again"),
         bind(VIEWS, Wheel(SHIFT), A::FieldOfView(1.0), "Field of view"),
         bind(COLORS, key(Key::Num1), A::ColorBy(ColorBy::Rgb), "Colour by RGB"),
         bind(COLORS, key(Key::Num2), A::ColorBy(ColorBy::Height), "Colour by height"),
@@ -174,13 +194,20 @@ pub const BINDINGS: &[Binding] = {
         bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear the pick"),
         bind(TOOLS, Trigger::Key(CTRL, Key::Z), A::Undo, "Undo"),
         bind(TOOLS, Trigger::Key(CTRL_SHIFT, Key::Z), A::Redo, "Redo"),
-        bind(TOOLS, key(Key::Tab), A::ToggleInterface, "Hide or show the panels"),
+        bind(TOOLS, Trigger::Key(CTRL, Key::P), A::TogglePalette, "Command palette: all actions and parameters"),
+        bind(TOOLS, Trigger::Key(CTRL, Key::K), A::TogglePalette, "Command palette: all actions and parameters"),
         bind(TOOLS, key(Key::F2), A::ToggleInterface, "Hide or show the panels"),
         bind(TOOLS, key(Key::F11), A::ToggleFullScreen, "Full screen"),
         bind(TOOLS, key(Key::Questionmark), A::ToggleShortcuts, "This sheet"),
         bind(TOOLS, key(Key::F1), A::ToggleShortcuts, "This sheet"),
     ]
 };
+
+/// Directions of a drag.
+const LEFT: DVec2 = DVec2::NEG_X;
+const RIGHT: DVec2 = DVec2::X;
+const UP: DVec2 = DVec2::NEG_Y;
+const DOWN: DVec2 = DVec2::Y;
 
 const fn key(key: Key) -> Trigger {
     Trigger::Key(NONE, key)
@@ -208,9 +235,10 @@ pub fn action(trigger: Trigger, mode: Mode) -> Option<Action> {
 }
 
 /// The actions whose keys or modifiers are held down now. Keys that are down as part of a shortcut do not count.
-pub fn held(input: &egui::InputState, shortcuts: &HashSet<Key>) -> impl Iterator<Item = Action> {
+pub fn held(input: &egui::InputState, shortcuts: &HashSet<Key>, mode: Mode) -> impl Iterator<Item = Action> {
     let modifiers = Modifiers::from(input.modifiers);
-    BINDINGS.iter().filter_map(move |binding| {
+    let is_of_mode = move |binding: &&Binding| binding.mode.is_none_or(|wanted| wanted == mode);
+    BINDINGS.iter().filter(is_of_mode).filter_map(move |binding| {
         let down = match binding.trigger {
             Trigger::Hold(key) => input.key_down(key) && !shortcuts.contains(&key),
             Trigger::Modifier(wanted) => wanted == modifiers,
@@ -240,8 +268,8 @@ impl std::fmt::Display for Modifiers {
 impl std::fmt::Display for Trigger {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Key(modifiers, key) => write!(f, "{modifiers}{}", key.symbol_or_name()),
-            Self::Hold(key) => write!(f, "{}", key.symbol_or_name()),
+            Self::Key(modifiers, key) => write!(f, "{modifiers}{}", name_of(*key)),
+            Self::Hold(key) => write!(f, "{}", name_of(*key)),
             Self::Modifier(modifiers) => f.write_str(modifiers.to_string().trim_end_matches('+')),
             Self::Numpad(modifiers, digit) => write!(f, "{modifiers}Numpad {digit}"),
             Self::Wheel(modifiers) => write!(f, "{modifiers}Wheel"),
@@ -251,6 +279,14 @@ impl std::fmt::Display for Trigger {
             Self::Click => f.write_str("Click"),
             Self::DoubleClick => f.write_str("Double-click"),
         }
+    }
+}
+
+/// The name of a key. The fonts lack the symbols of the arrows.
+fn name_of(key: Key) -> &'static str {
+    match key {
+        Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown => key.name(),
+        _ => key.symbol_or_name(),
     }
 }
 

@@ -18,6 +18,11 @@ use crate::viewer::tools::measurements::Placing;
 /// The cursor rests when it has not moved for this long. Then the point under it is looked up.
 const HOVER_DELAY: Duration = Duration::from_millis(60);
 
+/// An arrow key turns the camera as a drag of so many points of the window a second does: by a radian.
+const ARROW_SPEED: f64 = 200.0;
+/// How much faster it turns at most while the key for moving fast is down.
+const MOST_ARROW_FACTOR: f64 = 2.0;
+
 /// Turns all input over the picture and from the keyboard since the last frame of the window into actions. `picture` is
 /// the response of the picture's rectangle, which senses clicks and drags. `is_taken` tells that the mouse is on a
 /// handle.
@@ -26,7 +31,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let scale = f64::from(ui.ctx().pixels_per_point());
     if is_typing {
         hold(session, false, false, actions);
-    } else {
+    } else if session.palette.is_none() {
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
         keys(ui, session, &mut shortcuts, actions);
         held(ui, session, &shortcuts, actions);
@@ -67,10 +72,21 @@ fn shortcut_keys() -> egui::Id {
     egui::Id::unique("keys of shortcuts")
 }
 
+/// Whether a key belongs to the widget that has the keyboard: it presses the widget, moves its value, or goes to
+/// another one.
+fn is_of_widget(ui: &Ui, key: egui::Key) -> bool {
+    use egui::Key;
+    let has_focus = ui.memory(|memory| memory.focused().is_some());
+    let is_taken =
+        matches!(key, Key::Enter | Key::Space | Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown);
+    has_focus && is_taken
+}
+
 fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions: &mut Vec<Action>) {
     for event in ui.input(|input| input.events.clone()) {
         let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
         match event {
+            Event::Key { key, pressed: true, .. } if is_of_widget(ui, key) => {}
             Event::Key { key, pressed: true, repeat, modifiers, .. } => {
                 let action = bindings::action(Trigger::Key(modifiers.into(), key), session.scene.mode);
                 if action.is_some() {
@@ -79,7 +95,9 @@ fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions:
                     shortcuts.remove(&key);
                 }
                 // A key that is kept down repeats steps, not toggles.
-                actions.extend(action.filter(|action| !repeat || matches!(action, Action::PointSize(_))));
+                actions.extend(
+                    action.filter(|action| !repeat || matches!(action, Action::PointSize(_) | Action::Zoom(_))),
+                );
             }
             Event::Key { key, pressed: false, .. } => {
                 shortcuts.remove(&key);
@@ -103,15 +121,22 @@ fn hold(session: &Session, raw_colors: bool, truth: bool, actions: &mut Vec<Acti
 }
 
 fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mut Vec<Action>) {
-    let (held, seconds) = ui.input(|input| (bindings::held(input, shortcuts).collect::<Vec<_>>(), input.stable_dt));
+    let mode = session.scene.mode;
+    let (held, seconds) =
+        ui.input(|input| (bindings::held(input, shortcuts, mode).collect::<Vec<_>>(), input.stable_dt));
     hold(session, held.contains(&Action::RawColors), held.contains(&Action::ShowTruth), actions);
-    let mut direction = DVec3::ZERO;
+    let (mut direction, mut turn) = (DVec3::ZERO, DVec2::ZERO);
     for action in &held {
-        if let Action::Fly(step) = action {
-            direction += DVec3::from(step.map(f64::from));
+        match action {
+            Action::Fly(step) => direction += DVec3::from(step.map(f64::from)),
+            Action::Orbit(step) | Action::Look(step) => turn += *step,
+            _ => {}
         }
     }
-    if direction == DVec3::ZERO {
+    if is_of_widget(ui, egui::Key::ArrowLeft) {
+        turn = DVec2::ZERO;
+    }
+    if direction == DVec3::ZERO && turn == DVec2::ZERO {
         return;
     }
     let factor = match () {
@@ -123,7 +148,13 @@ fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mu
     let speed = session.bounds().radius().max(1e-6) * 0.25 * f64::from(session.scene.navigation.speed).exp2() * factor;
     // The camera must not jump after a pause of the window.
     let seconds = f64::from(seconds.min(0.1));
-    actions.push(Action::Travel(direction * speed * seconds));
+    if direction != DVec3::ZERO {
+        actions.push(Action::Travel(direction * speed * seconds));
+    }
+    if turn != DVec2::ZERO {
+        let way = turn * ARROW_SPEED * factor.min(MOST_ARROW_FACTOR) * seconds;
+        actions.push(if session.scene.is_flying() { Action::Look(way) } else { Action::Orbit(way) });
+    }
     ui.ctx().request_repaint();
 }
 

@@ -3,7 +3,7 @@
 //! their defaults are marked.
 
 use egui::{RichText, Sense, Ui};
-use param::{Field, Kind, Params, Value};
+use param::{Field, Group, Kind, Params, Value};
 
 use crate::viewer::action::Action;
 use crate::viewer::theme;
@@ -15,6 +15,15 @@ pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut
     for field in group.fields.iter().filter(|field| !skip.contains(&field.name)) {
         parameter(ui, params, field.name, actions);
     }
+}
+
+/// Whether all words of a search stand in the key or the title of a parameter, or all of them in its help.
+pub fn is_found(search: &str, group: &Group, field: &Field) -> bool {
+    let name = format!("{}.{} {}", group.name, field.name, title(field.name)).to_lowercase();
+    let help = field.help.to_lowercase();
+    let search = search.to_lowercase();
+    let has_all = |text: &str| search.split_whitespace().all(|word| text.contains(word));
+    has_all(&name) || has_all(&help)
 }
 
 /// Draws one parameter.
@@ -147,7 +156,7 @@ fn even_amount(bytes: param::Bytes) -> param::Bytes {
 }
 
 /// Turns a name into words for people: `min_pixels` becomes `Min pixels`.
-fn title(name: &str) -> String {
+pub fn title(name: &str) -> String {
     let mut words = name.replace('_', " ");
     if let Some(first) = words.get_mut(..1) {
         first.make_ascii_uppercase();

@@ -321,10 +321,12 @@ mod tests {
     use crate::viewer::action::Action;
     use crate::viewer::bench::Bench;
     use crate::viewer::session::Session;
+    use crate::viewer::tab::Tab;
     use crate::viewer::truth::tasks::Kind;
     use crate::viewer::window::render_thread::Report;
 
-    fn harness(bench: Bench) -> Harness<'static, Bench> {
+    fn harness(mut bench: Bench) -> Harness<'static, Bench> {
+        bench.session.act(Action::OpenTab(Tab::Tuning));
         let mut harness = Harness::builder()
             .with_size([420.0, 5000.0])
             .with_max_steps(16)

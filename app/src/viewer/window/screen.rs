@@ -38,10 +38,11 @@ impl Screen {
     /// # Errors
     /// No window can be opened, or no adapter can show something in it.
     pub fn open(event_loop: &ActiveEventLoop, size: [u32; 2], wanted: Option<&str>) -> anyhow::Result<Self> {
+        let size = first_monitor(event_loop).map_or(size, |(monitor, scale)| fitted(size, monitor, scale));
         let attributes = Window::default_attributes()
             .with_title("glint")
             .with_inner_size(winit::dpi::LogicalSize::new(size[0], size[1]))
-            .with_min_inner_size(winit::dpi::LogicalSize::new(480, 320));
+            .with_min_inner_size(winit::dpi::LogicalSize::new(LEAST_SIZE[0], LEAST_SIZE[1]));
         let window = Arc::new(event_loop.create_window(attributes).map_err(|error| crate::viewer::no_screen(&error))?);
         let display = Box::new(event_loop.owned_display_handle());
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_with_display_handle(display));
@@ -140,6 +141,29 @@ impl Screen {
     }
 }
 
+/// What title bar, task bar and dock take of a monitor's height, in logical pixels.
+const BARS: f64 = 80.0;
+/// The least size of the window, in logical pixels.
+const LEAST_SIZE: [u32; 2] = [480, 320];
+
+/// The size of the monitor that the window is likely to open on, in pixels, and its scale.
+fn first_monitor(event_loop: &ActiveEventLoop) -> Option<([u32; 2], f64)> {
+    let monitor = event_loop.primary_monitor().or_else(|| event_loop.available_monitors().next())?;
+    let size = monitor.size();
+    Some(([size.width, size.height], monitor.scale_factor()))
+}
+
+/// The size of a window that lies within a monitor, in logical pixels.
+fn fitted(size: [u32; 2], monitor: [u32; 2], scale: f64) -> [u32; 2] {
+    // Some systems do not tell the size.
+    if monitor.contains(&0) || scale <= 0.0 {
+        return size;
+    }
+    let logical = monitor.map(|side| f64::from(side) / scale);
+    let room = [logical[0] as u32, (logical[1] - BARS).max(0.0) as u32];
+    [0, 1].map(|axis| size[axis].min(room[axis]).max(LEAST_SIZE[axis]))
+}
+
 /// The format of the window among those that it can have. egui blends in sRGB, as browsers do, so it needs one that does
 /// not convert, and pictures have eight bits. Some systems list ten bits or floats first.
 fn format_of(formats: &[wgpu::TextureFormat]) -> Option<wgpu::TextureFormat> {
@@ -203,6 +227,15 @@ mod tests {
             let passes = passes(egui::RawInput { events, ..Default::default() });
             assert_eq!((passes.len(), passes[0].events.len()), (1, count));
         }
+    }
+
+    #[test]
+    fn the_first_window_lies_within_its_monitor_at_any_scale() {
+        assert_eq!(fitted([1280, 800], [1920, 1080], 1.0), [1280, 800]);
+        assert_eq!(fitted([1280, 800], [1366, 768], 1.0), [1280, 688]);
+        assert_eq!(fitted([1280, 800], [2560, 1600], 2.5), [1024, 560]);
+        assert_eq!(fitted([3000, 2000], [800, 400], 1.0), [800, 320]);
+        assert_eq!(fitted([1280, 800], [0, 0], 1.0), [1280, 800]);
     }
 
     #[test]

@@ -1,0 +1,243 @@
+//! The command palette: a list of all actions that have a key, of the tabs and of all parameters. A person types part
+//! of a name, and Enter does it or goes to it.
+
+use egui::{Key, Modifiers, RichText};
+use scene::Settings;
+
+use crate::viewer::action::Action;
+use crate::viewer::input::bindings::{self, BINDINGS, Trigger};
+use crate::viewer::panels::{parameters, side};
+use crate::viewer::session::Session;
+use crate::viewer::tab::Tab;
+use crate::viewer::theme;
+
+/// A row of the palette.
+struct Entry {
+    text: String,
+    /// What stands at its right end: the key of an action, the name of a parameter.
+    detail: String,
+    /// What the search looks into besides.
+    help: &'static str,
+    action: Action,
+}
+
+/// Draws the palette if it is open.
+pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
+    let Some(before) = &session.palette else { return };
+    let mut palette = before.clone();
+    let entries = found(&palette.text, &session.scene.settings);
+    palette.chosen = palette.chosen.min(entries.len().saturating_sub(1));
+    let (mut run, mut is_open) = (None, true);
+    egui::Window::new("Command palette")
+        .title_bar(false)
+        .resizable(false)
+        .anchor(egui::Align2::CENTER_TOP, [0.0, 70.0])
+        .show(context, |ui| {
+            ui.set_width(520.0);
+            // The arrows belong to the list, not to the text.
+            for (key, step) in [(Key::ArrowDown, 1), (Key::ArrowUp, -1), (Key::PageDown, 8), (Key::PageUp, -8)] {
+                if ui.input_mut(|input| input.consume_key(Modifiers::NONE, key)) {
+                    let last = entries.len().saturating_sub(1);
+                    palette.chosen = palette.chosen.saturating_add_signed(step).min(last);
+                }
+            }
+            let field = egui::TextEdit::singleline(&mut palette.text).hint_text("Part of a name");
+            let response = ui.add(field.desired_width(f32::INFINITY)).accessible_name("Command");
+            if !palette.is_shown {
+                palette.is_shown = true;
+                response.request_focus();
+            }
+            if response.changed() {
+                palette.chosen = 0;
+            }
+            if response.lost_focus() {
+                is_open = false;
+                if ui.input(|input| input.key_pressed(Key::Enter)) {
+                    run = entries.get(palette.chosen).map(|entry| entry.action.clone());
+                }
+            }
+            run = list(ui, &entries, palette.chosen, palette != *before).or(run.take());
+            ui.label(RichText::new("Up and Down choose, Enter does it, Esc closes").small().color(theme::WEAK));
+        });
+    if let Some(run) = run {
+        actions.push(Action::ChangePalette(None));
+        if matches!(run, Action::FindParameter(_)) {
+            // From there, Tab leads to the value.
+            context.memory_mut(|memory| memory.request_focus(side::search_id()));
+        }
+        actions.push(run);
+    } else if !is_open {
+        actions.push(Action::ChangePalette(None));
+    } else if palette != *before {
+        actions.push(Action::ChangePalette(Some(Box::new(palette))));
+    }
+}
+
+/// Draws the rows. Returns what a click asks for.
+fn list(ui: &mut egui::Ui, entries: &[Entry], chosen: usize, has_changed: bool) -> Option<Action> {
+    let mut clicked = None;
+    egui::ScrollArea::vertical().max_height(340.0).auto_shrink([false, true]).show(ui, |ui| {
+        for (index, entry) in entries.iter().enumerate() {
+            let row = ui.horizontal(|ui| {
+                let label = ui.selectable_label(index == chosen, &entry.text);
+                ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                    ui.label(RichText::new(&entry.detail).monospace().size(11.0).color(theme::WEAK));
+                });
+                label
+            });
+            let label = row.inner;
+            if index == chosen && has_changed {
+                label.scroll_to_me(None);
+            }
+            if label.clicked() {
+                clicked = Some(entry.action.clone());
+            }
+        }
+        if entries.is_empty() {
+            ui.label(RichText::new("No command and no parameter has these words.").color(theme::WEAK));
+        }
+    });
+    clicked
+}
+
+/// The rows that have all words of the search: first those that have them in what is read, and then those that have
+/// them in their help.
+fn found(search: &str, settings: &Settings) -> Vec<Entry> {
+    let search = search.to_lowercase();
+    let rank = |entry: &Entry| {
+        let read = format!("{} {}", entry.text, entry.detail).to_lowercase();
+        let has_all = |text: &str| search.split_whitespace().all(|word| text.contains(word));
+        match () {
+            () if entry.detail.to_lowercase() == search.trim() => Some(0),
+            () if read.starts_with(search.trim()) => Some(1),
+            () if has_all(&read) => Some(2),
+            () if has_all(&entry.help.to_lowercase()) => Some(3),
+            () => None,
+        }
+    };
+    let mut found: Vec<(u8, Entry)> =
+        entries(settings).into_iter().filter_map(|entry| Some((rank(&entry)?, entry))).collect();
+    found.sort_by_key(|(rank, _)| *rank);
+    found.into_iter().map(|(_, entry)| entry).collect()
+}
+
+/// All rows: actions that a key does at once, tabs, parameters.
+fn entries(settings: &Settings) -> Vec<Entry> {
+    let mut entries: Vec<Entry> = Vec::new();
+    for binding in BINDINGS {
+        let is_at_once = matches!(binding.trigger, Trigger::Key(..) | Trigger::Numpad(..));
+        // The text of the clipboard comes with the keys for pasting alone.
+        let is_left_out = matches!(binding.action, Action::PasteView | Action::TogglePalette);
+        if is_at_once && !is_left_out && entries.iter().all(|entry| entry.action != binding.action) {
+            entries.push(Entry {
+                text: format!("{}: {}", binding.section, binding.text),
+                detail: bindings::shortcut(&binding.action),
+                help: "",
+                action: binding.action.clone(),
+            });
+        }
+    }
+    for tab in Tab::ALL {
+        let text = format!("Tab: {}", tab.name());
+        entries.push(Entry { text, detail: String::new(), help: tab.help(), action: Action::OpenTab(tab) });
+    }
+    for params in settings.groups() {
+        let group = params.group();
+        for field in &group.fields {
+            let key = format!("{}.{}", group.name, field.name);
+            let text = format!("{}: {}", group.section, parameters::title(field.name));
+            entries.push(Entry { text, detail: key.clone(), help: field.help, action: Action::FindParameter(key) });
+        }
+    }
+    entries
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+    use crate::viewer::interface;
+    use crate::viewer::preferences::Preferences;
+
+    fn harness() -> Harness<'static, Session> {
+        let mut harness = Harness::builder().with_size([1280.0, 800.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| {
+                let actions = interface::show(ui, session, None);
+                session.act_all(actions);
+            },
+            Session::new(Preferences::default()),
+        );
+        harness.run_ok();
+        harness
+    }
+
+    /// Opens the palette by its key, types and presses Enter.
+    fn command(harness: &mut Harness<'static, Session>, text: &str) {
+        harness.key_press_modifiers(Modifiers::COMMAND, Key::P);
+        harness.run_ok();
+        harness.event(egui::Event::Text(text.into()));
+        harness.run_ok();
+        harness.key_press(Key::Enter);
+        harness.run_ok();
+    }
+
+    #[test]
+    fn every_action_with_a_key_and_every_parameter_is_found_by_its_name() {
+        let settings = Settings::default();
+        for binding in BINDINGS {
+            let is_at_once = matches!(binding.trigger, Trigger::Key(..) | Trigger::Numpad(..));
+            let is_left_out = matches!(binding.action, Action::PasteView | Action::TogglePalette);
+            let is_found = || found(binding.text, &settings).iter().any(|entry| entry.action == binding.action);
+            assert!(!is_at_once || is_left_out || is_found(), "{}", binding.text);
+        }
+        for params in settings.groups() {
+            for field in &params.group().fields {
+                let key = format!("{}.{}", params.group().name, field.name);
+                let action = Action::FindParameter(key.clone());
+                assert!(found(&key, &settings).first().is_some_and(|entry| entry.action == action), "{key}");
+            }
+        }
+    }
+
+    #[test]
+    fn part_of_a_name_and_enter_do_an_action_and_close_the_palette() {
+        let mut harness = harness();
+        command(&mut harness, "colour by hei");
+        assert_eq!(harness.state().scene.settings.color.by, scene::ColorBy::Height);
+        assert!(harness.state().palette.is_none());
+        // The second row.
+        harness.key_press_modifiers(Modifiers::COMMAND, Key::P);
+        harness.run_ok();
+        harness.event(egui::Event::Text("tab:".into()));
+        harness.run_ok();
+        harness.key_press(Key::ArrowDown);
+        harness.run_ok();
+        harness.key_press(Key::Enter);
+        harness.run_ok();
+        assert_eq!(harness.state().preferences.tab, "Look");
+    }
+
+    #[test]
+    fn a_parameter_is_gone_to_though_its_panel_and_its_method_are_folded() {
+        let mut harness = harness();
+        harness.state_mut().act(Action::TogglePanel);
+        command(&mut harness, "sscr.seed_attempts");
+        assert!(harness.state().preferences.panel_is_open);
+        assert!(harness.query_all_by_label("Seed attempts").next().is_some());
+    }
+
+    #[test]
+    fn escape_closes_it_and_nothing_is_done() {
+        let mut harness = harness();
+        harness.key_press_modifiers(Modifiers::COMMAND, Key::K);
+        harness.run_ok();
+        assert!(harness.state().palette.is_some());
+        harness.event(egui::Event::Text("quit".into()));
+        harness.run_ok();
+        harness.key_press(Key::Escape);
+        harness.run_ok();
+        assert!(harness.state().palette.is_none() && !harness.state().wants_to_quit);
+    }
+}

@@ -1,0 +1,312 @@
+//! The panel on the left: buttons, the tabs with their sections, and the search for parameters, which shows those of
+//! all tabs.
+
+use egui::{Rect, RichText, Ui};
+
+use param::{Group, Params};
+
+use crate::viewer::action::Action;
+use crate::viewer::input::bindings;
+use crate::viewer::loaded::clouds::short_name;
+use crate::viewer::panels::{self, presets};
+use crate::viewer::session::Session;
+use crate::viewer::tab::Tab;
+use crate::viewer::theme;
+
+/// The sections of parameters that have panels of their own. All other sections are generated from the parameter
+/// tables.
+pub const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
+
+/// Parameters that are shown elsewhere: the panel of streaming shows the point budget, and the window draws all pixels
+/// of a picture at rest.
+const ELSEWHERE: [&str; 2] = ["point_budget", "resolution"];
+
+/// Draws the panel. Returns true if the section of the lights is open.
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 5.0;
+        action_button(ui, "Open…", Action::OpenDialog, actions);
+        recent_menu(ui, session, actions);
+        action_button(ui, "Save", Action::SaveScene, actions);
+        action_button(ui, "Frame all", Action::FrameAll, actions);
+        action_button(ui, "?", Action::ToggleShortcuts, actions);
+    });
+    tab_row(ui, session, actions);
+    search_field(ui, session, actions);
+    ui.add_space(2.0);
+    let tab = Tab::named(&session.preferences.tab);
+    // Each tab has a place of its own to which it is scrolled.
+    let area = egui::ScrollArea::vertical().auto_shrink(false).id_salt(tab.name());
+    let scrolled = area.show(ui, |ui| {
+        if session.search.trim().is_empty() {
+            contents(ui, session, tab, actions)
+        } else {
+            found(ui, session, actions);
+            false
+        }
+    });
+    if session.frames.time_to_late(session.outside.now).is_some_and(|left| left.is_zero()) {
+        late_notice(ui);
+    }
+    scrolled.inner
+}
+
+fn tab_row(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let open = Tab::named(&session.preferences.tab);
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing = egui::vec2(1.0, 1.0);
+        ui.spacing_mut().button_padding.x = 3.5;
+        for tab in Tab::ALL {
+            let is_open = tab == open && session.search.is_empty();
+            let name = RichText::new(tab.name()).size(12.0);
+            if ui.selectable_label(is_open, name).on_hover_text(tab.help()).clicked() {
+                actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
+            }
+        }
+    });
+}
+
+/// Where egui keeps the focus of the search field.
+pub fn search_id() -> egui::Id {
+    egui::Id::unique("search for parameters")
+}
+
+fn search_field(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        let mut text = session.search.clone();
+        let width = ui.available_width() - if text.is_empty() { 0.0 } else { 34.0 };
+        let hint = format!("Find a parameter ({}: anything)", bindings::shortcut(&Action::TogglePalette));
+        let field = egui::TextEdit::singleline(&mut text).id(search_id()).hint_text(hint).desired_width(width);
+        let response = ui.add(field).accessible_name("Find a parameter");
+        if text != session.search {
+            actions.push(Action::Search(text));
+        }
+        let is_left = response.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Escape));
+        if session.search.is_empty() {
+            return;
+        }
+        if ui.small_button("×").on_hover_text("Show the tab again").clicked() || is_left {
+            actions.push(Action::Search(String::new()));
+        }
+    });
+}
+
+/// Draws the parameters of all tabs that the search finds.
+fn found(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let mut count = 0;
+    for params in session.scene.settings.groups() {
+        let group = params.group();
+        let fields = || group.fields.iter().filter(|field| panels::parameters::is_found(&session.search, group, field));
+        if fields().next().is_none() {
+            continue;
+        }
+        let tab = Tab::of_section(group.section);
+        let place = format!("{} · {}", tab.name(), subject(group));
+        if ui.link(RichText::new(place).small()).on_hover_text("Open its tab").clicked() {
+            actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
+        }
+        for field in fields() {
+            panels::parameters::parameter(ui, params, field.name, actions);
+            count += 1;
+        }
+        ui.add_space(4.0);
+    }
+    if count == 0 {
+        ui.label(RichText::new("No parameter has these words in its name or its help.").color(theme::WEAK));
+    }
+}
+
+/// Draws the sections of a tab. Returns true if the section of the lights is open.
+fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>) -> bool {
+    let is_streaming = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
+    let mut lights_are_shown = false;
+    match tab {
+        Tab::Data => {
+            section(ui, "Clouds", true, |ui| {
+                panels::clouds::show(ui, session, actions);
+                if session.loaded.clouds.is_empty() {
+                    ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
+                }
+            });
+            section(ui, "Clips and filters", true, |ui| panels::clips::show(ui, session, actions));
+        }
+        Tab::Look => drop(section(ui, "Colour", true, |ui| panels::colors::show(ui, session, actions))),
+        Tab::Light => {
+            lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
+        }
+        Tab::Mirrors => drop(section(ui, "Mirrors", true, |ui| panels::mirrors::show(ui, session, actions))),
+        Tab::Measure => {
+            section(ui, "Measurements and notes", true, |ui| panels::measurements::show(ui, session, actions));
+        }
+        Tab::Tuning => {
+            section(ui, "Truth", true, |ui| panels::truth::show(ui, session, actions));
+            section(ui, "Timings", true, |ui| panels::timings::show(ui, session));
+        }
+        Tab::Streaming if is_streaming => {
+            section(ui, "Streaming", true, |ui| panels::streaming::show(ui, session, actions));
+        }
+        Tab::Streaming => {
+            ui.label(RichText::new("Nothing that is open is streamed.").color(theme::WEAK));
+        }
+    }
+    let mut shown: Vec<&str> = OWN_PANELS.into();
+    // While a cloud is streamed, the panel of streaming shows its parameters.
+    shown.extend(is_streaming.then_some(scene::Stream::table().section));
+    for group in session.scene.settings.groups().map(Params::group) {
+        if shown.contains(&group.section) || Tab::of_section(group.section) != tab {
+            continue;
+        }
+        shown.push(group.section);
+        section(ui, group.section, true, |ui| parameter_groups(ui, session, group.section, actions));
+    }
+    lights_are_shown
+}
+
+/// Says at the lower end of the panel that the picture does not show its values yet. It covers the lowest line, so that
+/// nothing moves when it comes and goes.
+fn late_notice(ui: &mut Ui) {
+    let panel = ui.max_rect();
+    let area = Rect::from_min_max(egui::pos2(panel.left(), panel.bottom() - 18.0), panel.right_bottom());
+    ui.painter().rect_filled(area, 0.0, theme::PANEL);
+    let text = RichText::new("Picture of earlier values; drawing…").small().color(theme::WEAK);
+    ui.place(area, egui::Label::new(text).selectable(false));
+}
+
+/// Draws a section that can be folded. Returns true if it is open.
+fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) -> bool {
+    let heading = RichText::new(title).strong().size(13.5);
+    let header = egui::CollapsingHeader::new(heading).id_salt(title).default_open(is_open);
+    let shown = header.show_unindented(ui, |ui| {
+        ui.add_space(2.0);
+        contents(ui);
+        ui.add_space(6.0);
+    });
+    ui.separator();
+    shown.body_response.is_some()
+}
+
+/// The subject of a group, with which its help begins: `Light.`, `Eye-dome lighting (Boucheny 2009): ...`.
+fn subject(group: &Group) -> &str {
+    group.help.split([':', '.', '(']).next().unwrap_or(group.help).trim()
+}
+
+/// Whether the reflection method in use reads no parameter of this group, but another method does.
+fn is_of_another_method(session: &Session, group: &Group) -> bool {
+    let in_use = session.scene.settings.reflection.method.chosen().row();
+    let is_of_a_method = scene::METHODS.iter().any(|row| row.group == Some(group.name));
+    is_of_a_method && in_use.group != Some(group.name)
+}
+
+fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut Vec<Action>) {
+    let groups = session.scene.settings.groups().into_iter().filter(|params| params.group().section == section);
+    let (others, used): (Vec<&dyn Params>, Vec<&dyn Params>) =
+        groups.partition(|params| is_of_another_method(session, params.group()));
+    let are_several = used.len() > 1;
+    for params in used {
+        parameter_group(ui, session, params, are_several, actions);
+    }
+    if !others.is_empty() {
+        let header = egui::CollapsingHeader::new(RichText::new("Other methods").color(theme::WEAK));
+        let shown = header.id_salt("other methods").show_unindented(ui, |ui| {
+            for params in others {
+                parameter_group(ui, session, params, true, actions);
+            }
+        });
+        shown.header_response.on_hover_text("Parameters of methods that are not in use now");
+    }
+}
+
+fn parameter_group(ui: &mut Ui, session: &Session, params: &dyn Params, has_heading: bool, actions: &mut Vec<Action>) {
+    let group = params.group();
+    if has_heading {
+        ui.label(RichText::new(subject(group)).small().color(theme::WEAK)).on_hover_text(group.help);
+    }
+    if group.name == scene::Sscr::table().name {
+        let mirrors = session.scene.objects.mirrors.iter().map(|placed| &placed.mirror);
+        presets::show(ui, &session.scene.settings, mirrors, actions);
+    }
+    panels::parameters::parameters(ui, params, &ELSEWHERE, actions);
+}
+
+fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Action>) {
+    let is_listed = |binding: &&bindings::Binding| binding.action == action;
+    let help = bindings::BINDINGS.iter().find(is_listed).map_or("", |binding| binding.text);
+    let shortcut = bindings::shortcut(&action);
+    if ui.button(text).on_hover_text(format!("{help} ({shortcut})")).clicked() {
+        actions.push(action);
+    }
+}
+
+fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    ui.menu_button("Recent", |ui| {
+        for recent in &session.preferences.recent {
+            if ui.button(short_name(recent)).on_hover_text(recent).clicked() {
+                actions.push(Action::Open(recent.into()));
+            }
+        }
+        ui.separator();
+        for name in world::built_in_names() {
+            if ui.button(&name).clicked() {
+                actions.push(Action::Open(name.into()));
+            }
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use scene::Method;
+
+    use super::*;
+    use crate::viewer::preferences::Preferences;
+
+    fn harness(tab: Tab) -> Harness<'static, Session> {
+        let mut session = Session::new(Preferences::default());
+        session.act(Action::OpenTab(tab));
+        Harness::builder().with_size([310.0, 1600.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| {
+                let mut actions = Vec::new();
+                show(ui, session, &mut actions);
+                session.act_all(actions);
+            },
+            session,
+        )
+    }
+
+    fn has(harness: &Harness<'_, Session>, label: &str) -> bool {
+        harness.query_all_by_label(label).next().is_some()
+    }
+
+    #[test]
+    fn a_tab_shows_its_own_sections_and_is_remembered() {
+        let mut harness = harness(Tab::Data);
+        harness.run_ok();
+        assert!(has(&harness, "Clouds") && !has(&harness, "Measurements and notes"));
+        harness.get_by_label("Measure").click();
+        harness.run_ok();
+        assert!(!has(&harness, "Clouds") && has(&harness, "Measurements and notes"));
+        assert_eq!(harness.state().preferences.tab, "Measure");
+    }
+
+    #[test]
+    fn parameters_of_other_methods_are_folded_but_found_by_the_search() {
+        let mut harness = harness(Tab::Mirrors);
+        harness.state_mut().scene.settings.reflection.method = Method::CubemapTrace;
+        harness.run_ok();
+        assert!(has(&harness, "Maps") && !has(&harness, "Seed attempts") && has(&harness, "Other methods"));
+        harness.state_mut().scene.settings.reflection.method = Method::Sscr;
+        harness.run_ok();
+        assert!(!has(&harness, "Maps") && has(&harness, "Seed attempts"));
+        // The search shows parameters of any method and any tab.
+        for (words, label) in [("cubemap maps", "Maps"), ("light.headlight", "Headlight"), ("spLAT siz", "Size")] {
+            harness.state_mut().act(Action::Search(words.into()));
+            harness.run_ok();
+            assert!(has(&harness, label) && !has(&harness, "Other methods"), "{words}");
+        }
+        harness.get_by_label("×").click();
+        harness.run_ok();
+        assert!(has(&harness, "Other methods") && harness.state().search.is_empty());
+    }
+}

@@ -1,0 +1,75 @@
+//! The tabs of the side panel. A section of the parameter tables belongs to one of them.
+
+/// A tab of the side panel, in the order of the row.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tab {
+    #[default]
+    Data,
+    Look,
+    Light,
+    Mirrors,
+    Measure,
+    Tuning,
+    Streaming,
+}
+
+impl Tab {
+    pub const ALL: [Self; 7] =
+        [Self::Data, Self::Look, Self::Light, Self::Mirrors, Self::Measure, Self::Tuning, Self::Streaming];
+
+    /// The name that people read, and by which the preferences remember the tab.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Data => "Data",
+            Self::Look => "Look",
+            Self::Light => "Light",
+            Self::Mirrors => "Mirrors",
+            Self::Measure => "Measure",
+            Self::Tuning => "Tuning",
+            Self::Streaming => "Streaming",
+        }
+    }
+
+    /// What is found in the tab, in a line.
+    pub fn help(self) -> &'static str {
+        match self {
+            Self::Data => "Clouds, clip volumes and filters, how files are read",
+            Self::Look => "Colours, splats and the view",
+            Self::Light => "Lamps, sun and sky, indirect light, tones",
+            Self::Mirrors => "Mirrors, and how reflections are found",
+            Self::Measure => "Measurements and notes",
+            Self::Tuning => "The truth, errors and times",
+            Self::Streaming => "Clouds larger than memory: indexes and budgets",
+        }
+    }
+
+    /// The tab of this name; the first one if there is none.
+    pub fn named(name: &str) -> Self {
+        Self::ALL.into_iter().find(|tab| tab.name() == name).unwrap_or_default()
+    }
+
+    /// The tab that shows a section of the parameter tables.
+    pub fn of_section(section: &str) -> Self {
+        match section {
+            "When loading" => Self::Data,
+            "Light" => Self::Light,
+            "Reflections" => Self::Mirrors,
+            "Truth" => Self::Tuning,
+            "When streaming" => Self::Streaming,
+            _ => Self::Look,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tab_is_remembered_by_its_name_and_an_unknown_name_is_the_first_tab() {
+        for tab in Tab::ALL {
+            assert_eq!(Tab::named(tab.name()), tab);
+        }
+        assert_eq!(Tab::named("gone"), Tab::Data);
+    }
+}
