@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use cloud::{Chunk, Cloud, PointTest, Progress};
-use codec::{Added, ExportFormat, Selection, Source};
+use codec::{Added, ExportFormat, Runs, Selection, Source};
 use glam::DVec3;
 use measure::{DistanceFigures, M3c2, PointTree};
 use scene::{Settings, shown};
@@ -28,12 +28,12 @@ struct Side {
     settings: Settings,
 }
 
-/// What is measured at each point of the first cloud: for each file, for each of its points. Points that are hidden or
-/// have no distance are NaN.
+/// What is measured at the points of the first cloud, for each of its files. Points that are hidden or have no distance
+/// are NaN.
 struct Measured {
-    distances: Vec<Vec<f32>>,
+    distances: Vec<Runs>,
     /// The levels of detection, if the method has them.
-    levels: Option<Vec<Vec<f32>>>,
+    levels: Option<Vec<Runs>>,
 }
 
 /// Measures the distances, prints what they amount to, and writes them if a file is named. Returns the exit status.
@@ -50,6 +50,8 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     }
     let [first, second] = [&arguments.first, &arguments.second].map(|word| open(word, &arguments.set));
     let (first, second) = (first?, second?);
+    let all = first.sources.iter().chain(&second.sources);
+    terminal::warn(param::few(world::other_systems(all.map(|source| source.info())), "warnings"));
     let second_tree = read_tree(&second, "second")?;
     let is_m3c2 = arguments.method == "m3c2";
     let measured = if is_m3c2 {
@@ -154,8 +156,8 @@ fn measure(
     has_levels: bool,
     at: impl Fn(DVec3, &mut Vec<DVec3>) -> [f32; 2] + Sync,
 ) -> anyhow::Result<Measured> {
-    let empty = || first.sources.iter().map(|source| vec![f32::NAN; source.info().points as usize]).collect::<Vec<_>>();
-    let lists = Mutex::new((empty(), has_levels.then(empty)));
+    let none = || vec![Runs::new(); first.sources.len()];
+    let lists = Mutex::new((none(), has_levels.then(none)));
     read(first, "comparing", |number, cloud, chunk, shown| {
         let mut around = Vec::new();
         let mut value = |index: usize| match shown.has(index) {
@@ -163,14 +165,11 @@ fn measure(
             false => [f32::NAN; 2],
         };
         let values: Vec<[f32; 2]> = (0..chunk.len()).map(&mut value).collect();
-        let start = chunk.first_point as usize;
+        let run = |which: usize| values.iter().map(|value| value[which]).collect();
         let mut lists = lists.lock().unwrap_or_else(PoisonError::into_inner);
         let (distances, levels) = &mut *lists;
-        let put = |list: &mut Vec<f32>, which: usize| {
-            list.iter_mut().skip(start).zip(&values).for_each(|(place, value)| *place = value[which]);
-        };
-        put(&mut distances[number], 0);
-        levels.iter_mut().for_each(|levels| put(&mut levels[number], 1));
+        distances[number].insert(chunk.first_point, run(0));
+        levels.iter_mut().for_each(|levels| drop(levels[number].insert(chunk.first_point, run(1))));
     })?;
     let (distances, levels) = lists.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok(Measured { distances, levels })
@@ -186,13 +185,16 @@ fn free_name(side: &Side, name: &str) -> String {
 }
 
 fn report(arguments: &CompareArguments, measured: &Measured) -> anyhow::Result<()> {
-    let figures = DistanceFigures::of(measured.distances.concat());
+    let all = |runs: &[Runs]| -> Vec<f32> { runs.iter().flat_map(Runs::values).flatten().copied().collect() };
+    let distances = all(&measured.distances);
+    let significant = measured.levels.as_ref().map(|levels| {
+        let levels = all(levels);
+        distances.iter().zip(levels).filter(|(distance, level)| distance.abs() > *level).count()
+    });
+    let figures = DistanceFigures::of(distances);
     let DistanceFigures { points, mean, median, std, rms, p95, max } =
         figures.ok_or_else(|| usage("no point of the first cloud has a distance to the second"))?;
-    let significant = measured.levels.as_ref().map(|levels| {
-        let pairs = measured.distances.iter().flatten().zip(levels.iter().flatten());
-        pairs.filter(|(distance, level)| distance.abs() > **level).count() as f64 / points as f64
-    });
+    let significant = significant.map(|count| count as f64 / points as f64);
     if arguments.json {
         return terminal::print_json(&json!({
             "points": points, "mean": mean, "median": median, "std": std, "rms": rms, "p95": p95, "max": max,

@@ -22,7 +22,7 @@ use crate::las::record_export::{Written, export_records, write_rows_to};
 use crate::las::{LasSource, write_copc};
 use crate::ply::PlySource;
 use crate::{Selection, Source};
-pub use columns::Added;
+pub use columns::{Added, Runs};
 use columns::{Piece, all_fields, columns_of};
 use ply_file::{PIECE_POINTS, PlyFile, RowFormat};
 

@@ -40,7 +40,8 @@ pub use mailbox::{IndexRequest, Mailbox, StreamView};
 pub use meshes::with_mesh;
 pub use resident::Resident;
 pub use source::{
-    file_warnings, open_file, options_for, parts, radii_of_shown, read_cloud, read_column, surfel_options, up_of,
+    file_warnings, open_file, options_for, other_systems, parts, radii_of_shown, read_cloud, read_column,
+    surfel_options, up_of,
 };
 pub use task::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 pub use words::{Input, Request, built_in_name, built_in_names, first_scene, resolve};

@@ -30,6 +30,18 @@ pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
     info.warnings.iter().map(|warning| format!("{}: {warning}", scene::shown(&info.path)))
 }
 
+/// Warns of files in another coordinate system than the first one that tells its own: their coordinates are taken as they
+/// are.
+pub fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Vec<String> {
+    let mut with_system = files.into_iter().filter_map(|info| Some((info, info.crs.as_ref()?)));
+    let Some((first, system)) = with_system.next() else { return Vec::new() };
+    let others = with_system.filter(|(_, other)| other.trim() != system.trim()).map(|(other, _)| {
+        let [other, first] = [&other.path, &first.path].map(scene::shown);
+        format!("{other} has another coordinate system than {first}; coordinates are taken as they are")
+    });
+    others.collect()
+}
+
 /// Groups streamed files into clouds: if all of them are COPC, one cloud each; else one cloud of all that are near each
 /// other.
 pub fn parts(sources: Vec<Arc<codec::Source>>) -> Vec<(Vec<Arc<codec::Source>>, Option<Pages>)> {

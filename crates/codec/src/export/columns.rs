@@ -1,20 +1,36 @@
 //! Points of files of any kind as columns, and rows of a file of another kind that are made of them.
 
+use std::collections::BTreeMap;
+
 use cloud::{Attribute, Column, ColumnType};
+
+/// The values of runs of points, by the index in the file of the first point of each run. Runs do not overlap. A list of
+/// all points would be as long as a damaged file claims to be.
+pub type Runs = BTreeMap<u64, Vec<f32>>;
 
 /// A number of each point that the files do not have, and that the new one gets.
 pub struct Added {
     pub name: String,
-    /// One list for each file, with a value for each of its points.
-    pub values: Vec<Vec<f32>>,
+    /// The values of each file.
+    pub values: Vec<Runs>,
 }
 
 impl Added {
-    /// The values of a file from a point on. Points beyond the list have no number.
+    /// The values of a file from a point on; NaN for points that are in no run.
     pub fn of(&self, file: usize, first_point: u64, points: usize) -> Vec<f32> {
-        let values = self.values.get(file).map_or(&[][..], Vec::as_slice);
-        let value = |point: u64| values.get(point as usize).copied().unwrap_or(f32::NAN);
-        (first_point..first_point + points as u64).map(value).collect()
+        let mut values = vec![f32::NAN; points];
+        let Some(runs) = self.values.get(file) else { return values };
+        let end = first_point.saturating_add(points as u64);
+        // The run before may reach into this one.
+        let begin = runs.range(..=first_point).next_back().map_or(first_point, |(start, _)| *start);
+        for (start, run) in runs.range(begin..end) {
+            let (from, to) = ((*start).max(first_point), (start + run.len() as u64).min(end));
+            if from < to {
+                let places = &mut values[(from - first_point) as usize..(to - first_point) as usize];
+                places.copy_from_slice(&run[(from - start) as usize..(to - start) as usize]);
+            }
+        }
+        values
     }
 
     pub fn field(&self) -> Attribute {
@@ -87,6 +103,23 @@ mod tests {
         let row =
             |short: u16, byte: u8, float: f32| [&[9][..], &short.to_le_bytes(), &[byte], &float.to_le_bytes()].concat();
         assert_eq!(rows, [row(1, 0, -1.0), row(0x304, 255, 3.0), row(4, 4, 4.0)].concat());
+    }
+
+    #[test]
+    fn values_are_those_of_their_runs_wherever_a_file_claims_them_to_be() {
+        let far = 1_u64 << 60;
+        let runs: Runs = [(2, vec![2.0, 3.0, 4.0]), (5, vec![5.0]), (far, vec![6.0, 7.0])].into();
+        let added = Added { name: "distance".into(), values: vec![Runs::new(), runs] };
+        let of = |file, first_point, points| -> Vec<Option<f32>> {
+            let values = added.of(file, first_point, points);
+            values.into_iter().map(|value| (!value.is_nan()).then_some(value)).collect()
+        };
+        assert_eq!(of(1, 0, 3), [None, None, Some(2.0)]);
+        assert_eq!(of(1, 3, 4), [Some(3.0), Some(4.0), Some(5.0), None]);
+        assert_eq!(of(1, far + 1, 2), [Some(7.0), None]);
+        assert_eq!(of(0, 2, 1), [None]);
+        assert_eq!(of(7, 2, 1), [None]);
+        assert_eq!(of(1, 2, 0), []);
     }
 
     #[test]
