@@ -317,7 +317,12 @@ impl Job<'_> {
             most_points: self.most_points(),
         };
         let mut write_rows = |order: &InOrder<'_>| {
-            warnings.append(&mut self.read(&format.fields, true, order, |piece, columns| format.rows(piece, columns)));
+            warnings.append(&mut self.read(&format.fields, true, order, |piece, columns| {
+                format.rows(piece, columns).unwrap_or_else(|error| {
+                    order.fail(error);
+                    Vec::new()
+                })
+            }));
         };
         let output = (file, self.output);
         let written = write_rows_to(head, output, self.memory, self.progress, &mut write_rows)?;

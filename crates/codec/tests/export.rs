@@ -275,6 +275,37 @@ fn a_clip_becomes_copc() {
 }
 
 #[test]
+fn warnings_about_a_copc_file_name_files_that_people_know() {
+    let folder = tempfile::tempdir().unwrap();
+    let original = file(&folder, "waves.las", las_file((1, 3), 4, &points(4, 100), &[]));
+    let told = written(&[&original], &PointTest::default(), &folder.path().join("waves.copc.laz"));
+    assert!(told.warnings.iter().any(|warning| warning.contains("left out")), "{:?}", told.warnings);
+    assert!(!told.warnings.iter().any(|warning| warning.contains("unfinished")), "{:?}", told.warnings);
+}
+
+#[test]
+fn points_beyond_the_grid_of_a_new_file_are_refused_and_not_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let near = file(&folder, "near.las", las_file((1, 4), 7, &points(7, 10), &[]));
+    // The header keeps the bounds, which the file's grid only just reaches with another offset of x. Most points lie
+    // further away than that of the first file reaches.
+    let mut far = las_file((1, 4), 7, &points(7, 10), &[]);
+    far[155..163].copy_from_slice(&(OFFSETS[0] + 2_147_400.0).to_le_bytes());
+    let far = file(&folder, "far.las", far);
+    let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+                end_header\n600001 5000002 103\n";
+    let ply = file(&folder, "a.ply", text);
+    for inputs in [&[&near, &far][..], &[&near, &far, &ply]] {
+        let inputs: Vec<&Path> = inputs.iter().map(|path| path.as_path()).collect();
+        let output = folder.path().join("out.las");
+        let refused = export(&sources(&inputs), &PointTest::default(), &[], &output, MEMORY, &Progress::default());
+        let refused = refused.unwrap_err().to_string();
+        assert!(refused.contains("a point lies too far outside of what the header says"), "{refused}");
+        assert!(!output.exists());
+    }
+}
+
+#[test]
 fn a_file_is_new_and_whole_or_not_there() {
     let folder = tempfile::tempdir().unwrap();
     let original = file(&folder, "original.laz", compress(&terrain(200_000), &Chunks::Fixed(50_000)));

@@ -1,10 +1,12 @@
 //! Makes records of point formats 6 to 8 of columns: standard fields where the names and types of columns fit them,
 //! extra dimensions else.
 
+use std::io;
+
 use cloud::{Attribute, Column, ColumnType, Grid};
 
 use super::layout::Layout;
-use super::output_records::Target;
+use super::output_records::{Target, far_outside};
 use crate::export::columns::{Piece, put};
 
 /// The number of steps of an angle in a degree.
@@ -52,36 +54,42 @@ impl RecordFormat {
     }
 
     /// The records of the kept points. `columns` says which column of the piece each field is.
-    pub fn rows(&self, piece: &Piece, columns: &[Option<usize>]) -> Vec<u8> {
+    ///
+    /// # Errors
+    /// A point that the grid does not reach.
+    pub fn rows(&self, piece: &Piece, columns: &[Option<usize>]) -> io::Result<Vec<u8>> {
         let length = self.target.record_length();
         let mut rows = vec![0; piece.kept.len() * length];
         // A point is the first return of one, unless its file says something else.
         rows.chunks_exact_mut(length).for_each(|row| row[14] = 1 | 1 << 4);
         for (place, column) in self.places.iter().zip(columns) {
             let Some(column) = column.and_then(|column| piece.columns.get(column)) else { continue };
-            self.put(&mut rows, place, column, &piece.kept);
+            self.put(&mut rows, place, column, &piece.kept)?;
         }
-        rows
+        Ok(rows)
     }
 
-    fn put(&self, rows: &mut [u8], place: &Place, column: &Column, kept: &[u32]) {
+    fn put(&self, rows: &mut [u8], place: &Place, column: &Column, kept: &[u32]) -> io::Result<()> {
         let length = self.target.record_length();
-        let mut steps = |at: usize, of: &dyn Fn(f64) -> f64, is_angle: bool| {
-            for (row, index) in rows.chunks_exact_mut(length).zip(kept) {
-                let step = of(column.value(*index as usize)).round();
-                if is_angle {
-                    row[at..at + 2].copy_from_slice(&(step as i16).to_le_bytes());
-                } else {
-                    row[at..at + 4].copy_from_slice(&(step as i32).to_le_bytes());
-                }
-            }
-        };
         match *place {
             Place::Coordinate { axis } => {
                 let (scale, offset) = (self.grid.scale[axis], self.grid.offset[axis]);
-                steps(4 * axis, &|value| (value - offset) / scale, false);
+                for (row, index) in rows.chunks_exact_mut(length).zip(kept) {
+                    let step = ((column.value(*index as usize) - offset) / scale).round();
+                    // NaN fails the comparison.
+                    let is_reached = step.abs() <= f64::from(i32::MAX);
+                    if !is_reached {
+                        return Err(far_outside());
+                    }
+                    row[4 * axis..4 * axis + 4].copy_from_slice(&(step as i32).to_le_bytes());
+                }
             }
-            Place::Angle { at } => steps(at, &|degrees| degrees * ANGLE_STEPS, true),
+            Place::Angle { at } => {
+                for (row, index) in rows.chunks_exact_mut(length).zip(kept) {
+                    let step = (column.value(*index as usize) * ANGLE_STEPS).round();
+                    row[at..at + 2].copy_from_slice(&(step as i16).to_le_bytes());
+                }
+            }
             Place::Number { at, column_type } => put(rows, length, at, column, kept, column_type),
             Place::Bits { at, shift, mask } => {
                 for (row, index) in rows.chunks_exact_mut(length).zip(kept) {
@@ -90,6 +98,7 @@ impl RecordFormat {
                 }
             }
         }
+        Ok(())
     }
 }
 

@@ -25,8 +25,8 @@ use rayon::iter::{
 
 use super::layout::bytes;
 use super::output_records::{
-    Statistics, Target, Upgrade, check_alike, check_items, common_grid, leave_out_waves, one_at_a_time, time, upgrades,
-    warn_of,
+    Statistics, Target, Upgrade, check_alike, check_items, common_grid, far_outside, leave_out_waves, one_at_a_time,
+    time, upgrades, warn_of,
 };
 use super::{Copc, LasSource};
 use crate::brief::vector;
@@ -233,7 +233,7 @@ impl Job<'_> {
                     Vec::with_capacity(records.len() / upgrade.record_length * self.plan.target.record_length());
                 for record in records.chunks_exact(upgrade.record_length) {
                     if !upgrade.push(record, &mut upgraded) {
-                        return Err(io::Error::other("a point lies too far outside of what the header says"));
+                        return Err(far_outside());
                     }
                 }
                 let length = self.plan.target.record_length();

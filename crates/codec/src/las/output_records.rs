@@ -1,6 +1,7 @@
 //! Converts point records of any format and grid to those of the file that is written: on its grid, in the same format
 //! or in one of the formats 6 to 8.
 
+use std::io;
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -332,6 +333,11 @@ pub fn common_grid(sources: &[&LasSource]) -> Result<Grid> {
         }
     }
     Ok(grid)
+}
+
+/// The failure of a point beyond the grid, which was chosen by the bounds that files tell.
+pub fn far_outside() -> io::Error {
+    io::Error::other("a point lies too far outside of what the header says")
 }
 
 impl LasSource {

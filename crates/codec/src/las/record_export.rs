@@ -12,8 +12,8 @@ use super::LasSource;
 use super::column_records::descriptor;
 use super::layout::Layout;
 use super::output_records::{
-    Statistics, Target, Upgrade, check_alike, check_items, common_grid, leave_out_waves, one_at_a_time, upgrades,
-    warn_of,
+    Statistics, Target, Upgrade, check_alike, check_items, common_grid, far_outside, leave_out_waves, one_at_a_time,
+    upgrades, warn_of,
 };
 use super::plain_writer::{CHUNK_POINTS, Head, PlainFile, compress};
 use super::whole_records::RecordTest;
@@ -162,7 +162,7 @@ fn converted(
             continue;
         }
         if !upgrade.push(record, &mut rows) {
-            return Err(io::Error::other("a point lies too far outside of what the header says"));
+            return Err(far_outside());
         }
         added.iter().for_each(|values| rows.extend(values[index].to_le_bytes()));
     }
