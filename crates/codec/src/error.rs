@@ -38,6 +38,19 @@ impl Error {
         Self::Malformed { path: path.to_owned(), place: place.into(), problem: problem.into() }
     }
 
+    /// The same failure, where people know the file by another name.
+    pub(crate) fn renamed(mut self, from: &[&Path], to: &Path) -> Self {
+        let (Self::Io { path, .. }
+        | Self::NotWritten { path, .. }
+        | Self::UnknownFormat { path, .. }
+        | Self::Malformed { path, .. }
+        | Self::Unsuitable { path, .. }) = &mut self;
+        if from.contains(&path.as_path()) {
+            *path = to.to_owned();
+        }
+        self
+    }
+
     pub fn unsuitable(path: &Path, problem: impl Into<String>) -> Self {
         Self::Unsuitable { path: path.to_owned(), problem: problem.into() }
     }

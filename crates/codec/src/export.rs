@@ -113,9 +113,16 @@ pub fn export(
     if format == ExportFormat::Copc {
         let whole = temporary()?.into_temp_path();
         let inputs = [file.path().to_owned()];
-        let Some(made) = write_copc(&inputs, &whole, memory, progress)? else { return Ok(None) };
+        let made = write_copc(&inputs, &whole, memory, progress);
+        let Some(made) = made.map_err(|error| error.renamed(&[file.path(), &whole], output))? else { return Ok(None) };
+        // Nobody knows the file without a name.
+        let own = format!("{}: ", file.path().display());
+        let told = |warning: String| match warning.strip_prefix(&own) {
+            Some(rest) => format!("{}: {rest}", output.display()),
+            None => warning,
+        };
+        warnings.extend(made.warnings.into_iter().map(told));
         drop(file);
-        warnings.extend(made.warnings);
         whole.persist_noclobber(output).map_err(|error| unwritten(error.error))?;
     } else {
         file.persist_noclobber(output).map_err(|error| unwritten(error.error))?;
