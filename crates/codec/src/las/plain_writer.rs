@@ -104,6 +104,9 @@ impl<'a> PlainFile<'a> {
             }
             let start = bytes.len();
             first.file.section(place.start, place.end).read_to_end(&mut bytes)?;
+            if ((bytes.len() - start) as u64) < place.end - place.start {
+                return Err(io::Error::other("its source has become shorter since it was opened"));
+            }
             if is_extra_bytes(&bytes[start..]) {
                 bytes.truncate(start);
             } else {
