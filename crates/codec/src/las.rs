@@ -5,6 +5,7 @@
 //! LAZ. Positioned reads fetch the blocks, and all cores decode them straight to columns, in an order that spreads over
 //! the file, so that the first chunks show its whole extent.
 
+mod byte_colors;
 pub mod column_records;
 mod columns;
 mod compressed;

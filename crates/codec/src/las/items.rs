@@ -7,6 +7,7 @@ use laz::las::{v1, v2, v3, v4};
 use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
 use laz::{DecompressionSelection, LazItem, LazItemType};
 
+use super::byte_colors::ByteColors;
 use super::extra_layers::ExtraLayers;
 use super::gps_times::GpsTimes;
 use super::point_layers::PointLayers;
@@ -152,7 +153,7 @@ fn add_sequential<R: Read>(
             (LazItemType::Point10, true) => decoder.add_field_decompressor(v2::LasPoint0Decompressor::default()),
             (LazItemType::GpsTime, false) => decoder.add_field_decompressor(v1::LasGpsTimeDecompressor::default()),
             (LazItemType::GpsTime, true) => decoder.add_field_decompressor(GpsTimes::of_records()),
-            (LazItemType::RGB12, false) => decoder.add_field_decompressor(v1::LasRGBDecompressor::default()),
+            (LazItemType::RGB12, false) => decoder.add_field_decompressor(ByteColors::default()),
             (LazItemType::RGB12, true) => decoder.add_field_decompressor(v2::LasRGBDecompressor::default()),
             (LazItemType::Byte(count), false) => {
                 decoder.add_field_decompressor(v1::LasExtraByteDecompressor::new(usize::from(count)));
