@@ -1,7 +1,7 @@
 //! `glint measure`: the measurements that a scene file keeps, carried out on the points of its files. Each file is read
-//! once, chunk by chunk, so it may be larger than memory.
+//! chunk by chunk, so it may be larger than memory: once, or several times where measurements take much memory.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::Context as _;
@@ -18,9 +18,23 @@ use crate::terminal::{self, Few};
 use crate::{interrupt, progress_bar};
 
 /// What all measurements share, known when the first file is open.
+#[derive(Clone, Copy)]
 struct Basis {
     units: Units,
-    gatherings: Vec<Mutex<Gathering>>,
+    up: DVec3,
+}
+
+/// The files whose points are measured, and which of the points.
+struct Job {
+    files: Vec<PathBuf>,
+    test: PointTest,
+    settings: Settings,
+    basis: Option<Basis>,
+    /// What the files say that have been read.
+    read: Vec<Info>,
+    /// The exit status so far.
+    status: u8,
+    failed: Few,
 }
 
 /// Tells the measurements. Returns exit status 2 if a file cannot be read, and 1 if something cannot be measured; both
@@ -37,29 +51,24 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         return Err(usage(format!("{name}: no measurements in it, expected a scene file with [[measurements]]")));
     }
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
-    let test = request.test();
-    let (mut basis, mut status) = (None, 0);
-    let mut failed = Few::of("that cannot be measured");
-    for input in &request.inputs {
-        if input.files().is_empty() {
-            status = UNUSABLE;
-            failed.complain(&format!("{}: points of files are measured", input.name()));
-        }
-        for file in input.files() {
-            if let Err(error) = read(file, &request.measurements, &test, &settings, &mut basis) {
-                let of_error = failure::exit_status(&error);
-                status = if of_error == UNUSABLE && status != FAILED { UNUSABLE } else { FAILED };
-                failed.complain(&format!("{error:#}"));
-            }
-            interrupt::check()?;
-        }
+    let memory = world::half_of(settings.stream.host_bytes);
+    let files = request.inputs.iter().flat_map(|input| input.files().to_vec()).collect();
+    let failed = Few::of("that cannot be measured");
+    let (read, test) = (Vec::new(), request.test());
+    let mut job = Job { files, test, settings, basis: None, read, status: 0, failed };
+    for input in request.inputs.iter().filter(|input| input.files().is_empty()) {
+        job.status = UNUSABLE;
+        job.failed.complain(&format!("{}: points of files are measured", input.name()));
     }
-    let Some(Basis { units, gatherings }) = basis else {
+    let mut results = Vec::new();
+    for round in rounds(&request.measurements, memory) {
+        results.append(&mut job.measure(round)?);
+    }
+    let Job { basis, mut status, mut failed, .. } = job;
+    let Some(Basis { units, .. }) = basis else {
         failed.end();
         return Ok(status.max(UNUSABLE));
     };
-    let gatherings = gatherings.into_iter().map(|one| one.into_inner().unwrap_or_else(PoisonError::into_inner));
-    let results: Vec<Outcome> = gatherings.map(Gathering::finish).collect();
     let measured = || request.measurements.iter().zip(&results);
     for (index, (measurement, figures)) in measured().enumerate() {
         if let Err(problem) = figures {
@@ -79,8 +88,22 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     Ok(status)
 }
 
+/// Divides measurements among readings of the files, so that those of one reading have room in `memory` bytes.
+fn rounds(measurements: &[Measurement], memory: u64) -> Vec<&[Measurement]> {
+    let most = (memory / Gathering::LARGE_BYTES).max(1) as usize;
+    let (mut rounds, mut rest) = (Vec::new(), measurements);
+    while !rest.is_empty() {
+        let mut large = rest.iter().enumerate().filter(|(_, one)| Gathering::is_large(one.kind));
+        let count = large.nth(most).map_or(rest.len(), |(index, _)| index);
+        let (round, later) = rest.split_at(count);
+        rounds.push(round);
+        rest = later;
+    }
+    rounds
+}
+
 impl Basis {
-    fn new(info: &Info, measurements: &[Measurement], up: DVec3) -> Self {
+    fn new(info: &Info, settings: &Settings) -> Self {
         if let (true, Some(level), Some(height)) = (info.units.are_mixed(), info.units.level, info.units.height) {
             terminal::warn([format!(
                 "heights are in {height} and the other coordinates in {level}: no lengths have a unit"
@@ -88,43 +111,83 @@ impl Basis {
         } else if info.units.are_mixed() {
             terminal::warn(["the coordinates are angles: no lengths have a unit"]);
         }
-        let gathering = |measurement| Mutex::new(Gathering::new(measurement, up));
-        Self { units: info.units, gatherings: measurements.iter().map(gathering).collect() }
+        Self { units: info.units, up: world::up_of(info, settings) }
+    }
+
+    fn begin(self, measurements: &[Measurement]) -> Vec<Mutex<Gathering>> {
+        measurements.iter().map(|one| Mutex::new(Gathering::new(one, self.up))).collect()
     }
 }
 
-/// Takes the points of a file into account that are shown.
-fn read(
-    path: &Path,
-    measurements: &[Measurement],
-    test: &PointTest,
-    settings: &Settings,
-    basis: &mut Option<Basis>,
-) -> anyhow::Result<()> {
-    let source = world::open_file(path, world::half_of(settings.stream.host_bytes)).map_err(usage)?;
-    let info = source.info();
-    let basis = basis.get_or_insert_with(|| Basis::new(info, measurements, world::up_of(info, settings)));
-    let cloud = Cloud { name: shown(path), attributes: info.attributes.clone(), grid: info.grid, chunks: Vec::new() };
-    let shown_ones = cloud.test(test);
-    let gather = |chunk: Chunk| {
-        let bounds = chunk.bounds();
-        for gathering in &basis.gatherings {
-            let mut gathering = gathering.lock().unwrap_or_else(PoisonError::into_inner);
-            if gathering.wants(bounds) {
-                for index in 0..chunk.len() {
-                    gathering.add(cloud.world_position(&chunk, index), || shown_ones.shows(&chunk, index));
+impl Job {
+    /// Reads the files once for these measurements. Files that cannot be read are left out from then on. Without a
+    /// file there are no results.
+    fn measure(&mut self, measurements: &[Measurement]) -> anyhow::Result<Vec<Outcome>> {
+        let is_first = self.read.is_empty();
+        let mut gatherings = self.basis.map(|basis| basis.begin(measurements)).unwrap_or_default();
+        let mut readable = Vec::new();
+        for file in std::mem::take(&mut self.files) {
+            match self.read(&file, measurements, &mut gatherings, is_first) {
+                Ok(()) => readable.push(file),
+                Err(error) => {
+                    let is_unusable = failure::exit_status(&error) == UNUSABLE && self.status != FAILED;
+                    self.status = if is_unusable { UNUSABLE } else { FAILED };
+                    self.failed.complain(&format!("{error:#}"));
                 }
             }
+            interrupt::check()?;
         }
-    };
-    // The test reads attributes.
-    let attributes = vec![!test.shows_all(); info.attributes.len()];
-    let selection = Selection { positions: true, colors: false, normals: false, attributes };
-    let progress = Progress::default();
-    let summary = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &gather));
-    let summary = summary.with_context(|| shown(path))?;
-    terminal::warn(summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path))));
-    Ok(())
+        self.files = readable;
+        if is_first {
+            let systems = world::other_systems(&self.read);
+            terminal::warn(param::few(systems, "warnings"));
+        }
+        let gathered = gatherings.into_iter().map(|one| one.into_inner().unwrap_or_else(PoisonError::into_inner));
+        Ok(gathered.map(Gathering::finish).collect())
+    }
+
+    /// Takes the points of a file into account that are shown. `tells` says that its warnings are not known yet.
+    fn read(
+        &mut self,
+        path: &Path,
+        measurements: &[Measurement],
+        gatherings: &mut Vec<Mutex<Gathering>>,
+        tells: bool,
+    ) -> anyhow::Result<()> {
+        let memory = world::half_of(self.settings.stream.host_bytes);
+        let source = world::open_file(path, memory).map_err(usage)?;
+        let info = source.info();
+        let basis = *self.basis.get_or_insert_with(|| Basis::new(info, &self.settings));
+        if gatherings.is_empty() {
+            *gatherings = basis.begin(measurements);
+        }
+        let cloud =
+            Cloud { name: shown(path), attributes: info.attributes.clone(), grid: info.grid, chunks: Vec::new() };
+        let shown_ones = cloud.test(&self.test);
+        let gather = |chunk: Chunk| {
+            let bounds = chunk.bounds();
+            for gathering in &*gatherings {
+                let mut gathering = gathering.lock().unwrap_or_else(PoisonError::into_inner);
+                if gathering.wants(bounds) {
+                    for index in 0..chunk.len() {
+                        gathering.add(cloud.world_position(&chunk, index), || shown_ones.shows(&chunk, index));
+                    }
+                }
+            }
+        };
+        // The test reads attributes.
+        let attributes = vec![!self.test.shows_all(); info.attributes.len()];
+        let selection = Selection { positions: true, colors: false, normals: false, attributes };
+        let progress = Progress::default();
+        let summary = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &gather));
+        let summary = summary.with_context(|| shown(path))?;
+        if tells {
+            let of_points = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path)));
+            terminal::warn(world::file_warnings(info).chain(of_points));
+            self.read.push(info.clone());
+        }
+        Ok(())
+    }
 }
 
 fn entry(measurement: &Measurement, figures: &Outcome, units: &Units) -> Value {
@@ -154,4 +217,35 @@ fn lines(measurement: &Measurement, figures: &Outcome, units: &Units) -> Vec<Str
         Err(problem) => lines.push(format!("  {problem}")),
     }
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::MeasurementKind;
+
+    use super::*;
+
+    #[test]
+    fn measurements_that_take_much_memory_are_divided_among_readings() {
+        let measurement = |kind: MeasurementKind| Measurement {
+            name: String::new(),
+            kind,
+            on: true,
+            color: [1.0; 3],
+            points: vec![DVec3::ZERO],
+            reach: None,
+            level: None,
+        };
+        use MeasurementKind::{Cylinder, Distance, Plane, Volume};
+        let all = [Distance, Volume, Plane, Distance, Cylinder, Distance, Volume, Volume].map(measurement);
+        let lengths = |count: u64| {
+            let rounds = rounds(&all, count * Gathering::LARGE_BYTES);
+            assert_eq!(rounds.concat(), all);
+            rounds.iter().map(|round| round.len()).collect::<Vec<_>>()
+        };
+        assert_eq!(lengths(100), [8]);
+        assert_eq!(lengths(2), [4, 3, 1]);
+        assert_eq!(lengths(0), [2, 2, 2, 1, 1]);
+        assert!(rounds(&[], 0).is_empty());
+    }
 }

@@ -212,6 +212,14 @@ fn circle(corners: &[DVec3], covariances: Option<&[DMat3]>) -> Vec<Figure> {
 }
 
 impl Gathering {
+    /// The most bytes that a large one takes: the cells of a volume twice, or the points of a fit.
+    pub const LARGE_BYTES: u64 = 128 << 20;
+
+    /// Whether a measurement may take much memory.
+    pub fn is_large(kind: MeasurementKind) -> bool {
+        kind == MeasurementKind::Volume || kind.has_reach()
+    }
+
     /// `up` is a unit vector.
     pub fn new(measurement: &Measurement, up: DVec3) -> Self {
         let kind = measurement.kind;
