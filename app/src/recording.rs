@@ -84,8 +84,8 @@ impl PathChoice {
         Motion::new(&self.over(place)).map_or(place.view, |motion| motion.camera(0.0))
     }
 
-    /// A checksum of the scene that the path leads through: of what scene files say, and of samples of the clouds.
-    /// It does not depend on the folders in which they lie.
+    /// A checksum of the scene that the path leads through: of what scene files say, and of samples of the clouds and
+    /// meshes. It does not depend on the folders in which they lie.
     pub fn checksum(&self, request: &Request) -> String {
         let name = |path: &str| Path::new(path).file_name().map_or(path.to_owned(), scene::shown);
         let mut file = SceneFile {
@@ -100,14 +100,17 @@ impl PathChoice {
         if let Self::Own(path) = self {
             file.paths = vec![path.clone()];
         }
+        let mut meshes = Vec::new();
         for mirror in &mut file.mirrors {
             if let Shape::Mesh(mesh) = &mut mirror.shape {
+                meshes.extend(mesh.is_file().then(|| mesh.name.clone()));
                 mesh.name = name(&mesh.name);
             }
         }
         file.mirror_points.iter_mut().for_each(|points| points.cloud = name(&points.cloud));
         let mut sum = crc32fast::Hasher::new();
         sum.update(file.to_text().as_bytes());
+        meshes.iter().for_each(|mesh| add_samples(&mut sum, Path::new(mesh)));
         for input in &request.inputs {
             sum.update(name(&input.name()).as_bytes());
             for path in input.files() {
@@ -245,5 +248,31 @@ impl Recorder {
         let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) as f32 } else { 0.0 };
         self.viewer.lock_exposure((stops[0] + (stops[1] - stops[0]) * share).clamp(-10.0, 10.0));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_mesh_of_the_same_name_is_another_scene_and_another_folder_is_not() {
+        let checksum = |width: u32| {
+            let folder = tempfile::tempdir().unwrap();
+            let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                          property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+            std::fs::write(folder.path().join("a.ply"), format!("{header}0 0 0\n{width} 0 0\n0 1 0\n3 0 1 2\n"))
+                .unwrap();
+            let scene = folder.path().join("a.toml");
+            let text = "clouds = [\"five-mirrors/none\"]\n[[mirrors]]\nname = \"a\"\nshape = { mesh = \"a.ply\" }\n\
+                        position = [0, 0, 0]\nrotation = [0, 0, 0, 1]\nsize = 1\n";
+            std::fs::write(&scene, text).unwrap();
+            let request = world::resolve(&[scene]);
+            request.check().unwrap();
+            assert_eq!(request.mirrors.len(), 1);
+            PathChoice::BuiltIn(BuiltInPath::Orbit).checksum(&request)
+        };
+        assert_eq!(checksum(1), checksum(1));
+        assert_ne!(checksum(1), checksum(2));
     }
 }
