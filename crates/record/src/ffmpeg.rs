@@ -1,5 +1,6 @@
 //! H.264 in MP4, for slides and old phones, through the program `ffmpeg`.
 
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -26,8 +27,11 @@ impl Ffmpeg {
         let input = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-r", &rate, "-i", "-"];
         let output = ["-vf", FILTER, "-c:v", "libx264", "-crf", QUALITY, "-pix_fmt", "yuv420p", "-colorspace", "bt709"];
         let tags = ["-color_primaries", "bt709", "-color_trc", "bt709", "-movflags", "+faststart", "-f", "mp4"];
+        // By itself a name such as `tour:1.mp4` would be an address.
+        let mut place = OsString::from("file:");
+        place.push(path);
         let mut command = Command::new("ffmpeg");
-        command.args(["-v", "error", "-nostdin", "-y"]).args(input).args(output).args(tags).arg(path);
+        command.args(["-v", "error", "-nostdin", "-y"]).args(input).args(output).args(tags).arg(place);
         let started = command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
         let problem = |error: std::io::Error| match error.kind() {
             std::io::ErrorKind::NotFound => {
