@@ -128,6 +128,10 @@ impl Scene {
         let measurements = self.objects.measurements.iter().map(|placed| placed.measurement.clone()).collect();
         let notes = self.objects.notes.iter().map(|placed| placed.note.clone()).collect();
         let file = SceneFile { paths: self.paths.clone(), measurements, notes, ..file };
+        // Several scenes that are open have more objects together than one file may have.
+        if let Some(problem) = file.problem() {
+            return outside.error(format!("{}: not saved: {problem}", path.display()));
+        }
         outside.work(Work::SaveScene { path, text: file.to_text() });
     }
 

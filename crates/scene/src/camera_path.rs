@@ -8,6 +8,8 @@ use crate::{Camera, Ease, Motion, Track};
 
 /// The most tracks of a path.
 const MOST_TRACKS: usize = 256;
+/// The most seconds that a path lasts. A recording of one picture a second has a tenth as many at most.
+const MOST_SECONDS: f64 = 1e7;
 
 /// A camera path, as `[[paths]]` of a scene file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -97,7 +99,18 @@ impl CameraPath {
             let (key, problem) = track.problem()?;
             Some(PathProblem { place: Some(("tracks", index)), key, problem })
         };
-        self.tracks.iter().enumerate().find_map(problem)
+        if let Some(problem) = self.tracks.iter().enumerate().find_map(problem) {
+            return Some(problem);
+        }
+        let duration = self.duration();
+        // NaN fails the comparison.
+        let is_short = duration <= MOST_SECONDS;
+        let key = if self.speed.is_some() { "speed" } else { "keyframes" };
+        (!is_short).then(|| PathProblem {
+            place: None,
+            key,
+            problem: format!("the path lasts {duration:e} seconds, expected at most {MOST_SECONDS:e}"),
+        })
     }
 }
 

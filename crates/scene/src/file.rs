@@ -162,7 +162,7 @@ impl SceneFile {
             let problem = format!("the camera's coordinates are not finite, or beyond {most:e}");
             return Err(Error::Malformed { problem });
         }
-        match file.odd_object().or_else(|| file.odd_path(text)) {
+        match file.problem().or_else(|| file.odd_path(text)) {
             Some(problem) => Err(Error::Malformed { problem }),
             None => Ok(file),
         }
@@ -188,8 +188,8 @@ impl SceneFile {
         None
     }
 
-    /// The first invalid object and the reason.
-    fn odd_object(&self) -> Option<String> {
+    /// The first invalid object and the reason; paths are not looked at. A file with one cannot be opened.
+    pub fn problem(&self) -> Option<String> {
         let numbered = |kind: &str, index: usize, name: &str, problem: Option<String>| {
             let name = param::shortened(name, param::MOST_QUOTED);
             let name = if name.is_empty() { name } else { format!(" (`{name}`)") };
@@ -208,6 +208,9 @@ impl SceneFile {
         ];
         if let Some((count, most, what)) = counts.into_iter().find(|(count, most, _)| count > most) {
             return Some(format!("{count} {what}, expected at most {most}"));
+        }
+        if let Some(index) = self.clouds.iter().position(String::is_empty) {
+            return Some(format!("cloud {} has no name, expected a file or a built-in scene", index + 1));
         }
         let filters = self.visibility.filters.iter().enumerate();
         let mut filters = filters.filter_map(|(i, filter)| numbered("filter", i, &filter.attribute, filter.problem()));
@@ -243,7 +246,8 @@ impl SceneFile {
         let folder = path.parent().unwrap_or(Path::new(""));
         let named = |cloud: &str| {
             let beside = folder.join(cloud);
-            if beside.exists() { beside } else { cloud.into() }
+            // Without a name it would be the folder itself.
+            if !cloud.is_empty() && beside.exists() { beside } else { cloud.into() }
         };
         let clouds: Vec<PathBuf> = file.clouds.iter().map(|cloud| named(cloud)).collect();
         file.clouds = clouds.iter().map(shown).collect();
@@ -440,6 +444,8 @@ mod tests {
         assert!(second("size = 1\nrefraction = 0.75").contains("(`ball`): refraction is 0.75, expected 1 to 4"));
         assert!(second("size = 1\ncolour = [1, 1, 1]").contains("colour"));
         assert!(refusal("[[mirrors]]\nshape = \"ball\"\nposition = [0, 0, 0]\nsize = 1\n").contains("line 2"));
+        let nameless = refusal("clouds = [\"five-mirrors\", \"\"]\n");
+        assert!(nameless.contains("cloud 2 has no name, expected a file or a built-in scene"), "{nameless}");
         let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n";
         assert!(refusal(&format!("{light}inner_degrees = 30\nouter_degrees = 20\n")).contains("light 1: it opens"));
         let points = "[[mirror_points]]\ncloud = \"a.laz\"\n";
@@ -492,6 +498,16 @@ mod tests {
         assert!(
             refusal("[[paths]]\nname = \"a\"\nkeyframes = []").contains("line 3, column 13: path 1 (`a`): keyframes")
         );
+        // Nobody waits so long, and clocks do not go so far.
+        for time in ["1.1e7", "1e300"] {
+            let long = changed("1.0", time);
+            assert!(long.contains("path 1 (`tour`): keyframes: the path lasts 1"), "{long}");
+            assert!(long.contains("seconds, expected at most 1e7"), "{long}");
+        }
+        let slow = FIRST.replace("1.0", "2.0").replace("eye = [1", "eye = [1.5");
+        let first = whole("tour").replace("[[paths.keyframes]]", "speed = 1e-9\n[[paths.keyframes]]");
+        let slow = refusal(&format!("{first}[[paths.keyframes]]\n{slow}"));
+        assert!(slow.contains("speed: the path lasts 5"), "{slow}");
         let many: String = (0..65).map(|index| whole(&format!("tour {index}"))).collect();
         assert!(refusal(&many).contains("65 paths, expected at most 64"));
     }
