@@ -553,6 +553,7 @@ impl Session {
                     self.auto.learn(&frame.request, &frame.stats);
                 }
                 let Frame { request, stats, total_milliseconds, .. } = *frame;
+                self.scene.navigation.on_picture(request.spared.is_some());
                 self.frames.show(request, stats, total_milliseconds, f64::from(self.scene.settings.view.frame_ms));
             }
             Report::Picked { pixel, purpose, point } => {

@@ -27,6 +27,8 @@ pub struct Navigation {
     /// The pixel that was last looked up, and the world position of the point there, if there is one.
     pub hovered: Option<([u32; 2], Option<DVec3>)>,
     pub asked: Option<[u32; 2]>,
+    /// Whether the picture that is shown is coarser than the window, or lacks points.
+    is_coarse: bool,
     pub pending_zoom: f32,
     pub zoom_since: Option<Instant>,
     pivot_shown: Option<Instant>,
@@ -78,6 +80,15 @@ impl Navigation {
         }
     }
 
+    /// Notes that a picture is shown. What was looked up in a coarse one is looked up again in the first fine one, whose
+    /// points are others.
+    pub fn on_picture(&mut self, is_coarse: bool) {
+        if self.is_coarse && !is_coarse {
+            self.hovered = None;
+        }
+        self.is_coarse = is_coarse;
+    }
+
     pub fn on_hover(&mut self, pixel: [u32; 2], world: Option<DVec3>) {
         self.hovered = Some((pixel, world));
         self.asked = None;
@@ -90,5 +101,24 @@ impl Navigation {
         let (pixel, world) = self.hovered?;
         let apart = to_vector(cursor).distance(to_vector(pixel));
         (apart <= SAME_PLACE).then_some(world)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_found_in_a_coarse_picture_is_looked_up_again_in_the_fine_one() {
+        let mut navigation = Navigation::default();
+        let found = Some(([40, 40], Some(DVec3::X)));
+        for (is_coarse, expected) in [(false, found), (true, found), (true, found), (false, None)] {
+            navigation.on_hover([40, 40], Some(DVec3::X));
+            navigation.on_picture(is_coarse);
+            assert_eq!(navigation.hovered, expected);
+        }
+        navigation.on_hover([40, 40], None);
+        navigation.on_picture(false);
+        assert_eq!(navigation.hovered, Some(([40, 40], None)));
     }
 }
