@@ -3,25 +3,27 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use param::shown;
+
 pub type Result<T> = std::result::Result<T, Error>;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused. The message contains the reason, so it is not given as `source` as well: it would
     /// be printed twice.
-    #[error("{path}: {reason}")]
+    #[error("{}: {reason}", shown(path))]
     Io { path: PathBuf, reason: std::io::Error },
     /// An output cannot be written; the inputs are not at fault.
-    #[error("{path}: cannot be written: {}; {}", why_unwritten(reason), what_then(reason))]
+    #[error("{}: cannot be written: {}; {}", shown(path), why_unwritten(reason), what_then(reason))]
     NotWritten { path: PathBuf, reason: std::io::Error },
     /// The file has no known format. `hint` says what it looks like and what to do.
-    #[error("{path}: not a LAS, LAZ or PLY file: {hint}")]
+    #[error("{}: not a LAS, LAZ or PLY file: {hint}", shown(path))]
     UnknownFormat { path: PathBuf, hint: String },
     /// The file has a known format, but is broken or of a variant that is not read. `place` is a byte, record or line.
-    #[error("{path}: {place}: {problem}")]
+    #[error("{}: {place}: {problem}", shown(path))]
     Malformed { path: PathBuf, place: String, problem: String },
     /// The file is valid, but cannot be used for the purpose.
-    #[error("{path}: {problem}")]
+    #[error("{}: {problem}", shown(path))]
     Unsuitable { path: PathBuf, problem: String },
 }
 
@@ -89,6 +91,15 @@ mod tests {
         let error = Error::io(Path::new("a"), std::io::Error::other("broken"));
         assert_eq!(error.to_string(), "a: broken");
         assert!(error.source().is_none());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn names_that_are_no_text_are_told_apart() {
+        use std::os::unix::ffi::OsStrExt as _;
+        let name = Path::new(std::ffi::OsStr::from_bytes(b"w\xe4ld.las"));
+        assert_eq!(Error::unsuitable(name, "odd").to_string(), r"w\xe4ld.las: odd");
+        assert!(Error::io(name, std::io::Error::other("broken")).to_string().starts_with(r"w\xe4ld.las: "));
     }
 
     #[test]

@@ -11,6 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::{Bounds, Column, Grid, PointTest, Progress};
 use glam::DVec3;
+use param::shown;
 use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
@@ -116,9 +117,9 @@ pub fn export(
         let made = write_copc(&inputs, &whole, memory, progress);
         let Some(made) = made.map_err(|error| error.renamed(&[file.path(), &whole], output))? else { return Ok(None) };
         // Nobody knows the file without a name.
-        let own = format!("{}: ", file.path().display());
+        let own = format!("{}: ", shown(file.path()));
         let told = |warning: String| match warning.strip_prefix(&own) {
-            Some(rest) => format!("{}: {rest}", output.display()),
+            Some(rest) => format!("{}: {rest}", shown(output)),
             None => warning,
         };
         warnings.extend(made.warnings.into_iter().map(told));
@@ -198,7 +199,7 @@ impl Job<'_> {
         let mut warnings = Vec::new();
         for source in self.sources {
             let info = source.info();
-            let path = info.path.display();
+            let path = shown(&info.path);
             warnings.extend(info.warnings.iter().map(|warning| format!("{path}: {warning}")));
             if source.is_mesh() {
                 warnings.push(format!("{path}: its {} faces are left out: points are exported", info.faces));
@@ -214,7 +215,7 @@ impl Job<'_> {
             match (&info.crs, found) {
                 (Some(crs), None) => found = Some((&info.path, crs)),
                 (Some(crs), Some((path, known))) if crs != known => {
-                    let problem = format!("is in another coordinate system than {}", path.display());
+                    let problem = format!("is in another coordinate system than {}", shown(path));
                     return Err(Error::unsuitable(&info.path, problem));
                 }
                 _ => {}
@@ -238,7 +239,7 @@ impl Job<'_> {
         }
         let is_wide = |source: &&LasSource| source.has_wide_colors();
         if let Some(source) = self.sources.iter().filter_map(|source| las(source)).find(is_wide) {
-            let path = source.info().path.display();
+            let path = shown(&source.info().path);
             warnings
                 .push(format!("{path}: of 16 bits of a colour, PLY keeps the upper 8, which programs expect there"));
         }

@@ -5,9 +5,11 @@
 //! nothing else repeats a name, a range or a default.
 
 mod field;
+mod path_text;
 mod value;
 
 pub use field::{Affects, Error, Field, Group, Kind, MOST_QUOTED, Params, Uses, differing, few, nearest, shortened};
+pub use path_text::shown;
 pub use value::{Bytes, Choice, Color, Type, Value};
 
 /// Declares parameter groups. A group says in which section of the panel it is shown and what its parameters affect. Each field is

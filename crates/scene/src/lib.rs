@@ -15,7 +15,6 @@ mod mirror_mesh;
 mod mirror_points;
 mod motion;
 mod object;
-mod path_text;
 pub mod pool;
 mod preferences;
 mod preset;
@@ -39,7 +38,7 @@ pub use mirror_mesh::MirrorMesh;
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use motion::Motion;
 pub use object::{Object, ObjectKind};
-pub use path_text::shown;
+pub use param::shown;
 pub use preferences::Preferences;
 pub use preset::{PRESETS, Preset};
 pub use settings::{

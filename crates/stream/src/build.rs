@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use cloud::{Chunk, Progress};
 use codec::{Selection, Source};
+use param::shown;
 
 use crate::buckets::{self, Bucket, Distribution};
 use crate::cache::{Cache, Identity};
@@ -329,7 +330,7 @@ impl Build<'_> {
             if self.progress.is_cancelled() {
                 return Err(Error::Cancelled);
             }
-            let path = input.info().path.display();
+            let path = shown(&input.info().path);
             match summary {
                 Ok(summary) => warnings.extend(summary.warnings.iter().map(|warning| format!("{path}: {warning}"))),
                 Err(error) => {

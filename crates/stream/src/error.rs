@@ -2,20 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
+use param::shown;
+
 /// Says what is wrong and where, in one or two lines for people.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The message contains the reason. So the reason is not given as `source` as well: it would be printed twice.
-    #[error("{path}: {reason}")]
+    #[error("{}: {reason}", shown(path))]
     Io { path: PathBuf, reason: std::io::Error },
     /// A file of the cache cannot be written; `of_cache` replaces its name by the cache's own folder.
     #[error(
-        "{path}: the cache cannot be written: {}; GLINT_CACHE_DIR can name another folder",
+        "{}: the cache cannot be written: {}; GLINT_CACHE_DIR can name another folder",
+        shown(path),
         codec::why_unwritten(reason)
     )]
     NotWritten { path: PathBuf, reason: std::io::Error },
     /// The pages on disk are not those that were written. They are made again, never trusted.
-    #[error("{path}: {problem}")]
+    #[error("{}: {problem}", shown(path))]
     Damaged { path: PathBuf, problem: String },
     #[error(transparent)]
     Input(#[from] codec::Error),
@@ -32,19 +35,23 @@ pub enum Error {
     #[error("an index of {points} points takes {} MiB besides the points at hand, the memory for making it is {} MiB: stream.host_bytes is too small for it", needed >> 20, budget >> 20)]
     TooMany { points: u64, needed: u64, budget: u64 },
     /// The input has no points to make pages of.
-    #[error("{path}: no points")]
+    #[error("{}: no points", shown(path))]
     Empty { path: PathBuf },
     /// A file was written to while its pages were made.
-    #[error("{path}: the file was changed while it was read; open it again when it is complete")]
+    #[error("{}: the file was changed while it was read; open it again when it is complete", shown(path))]
     Changed { path: PathBuf },
     #[error(
-        "{folder}: the cache cannot be written: the disk is full, and the index of this cloud needs about {} MB there; make \
-         room, or GLINT_CACHE_DIR can name another folder",
+        "{}: the cache cannot be written: the disk is full, and the index of this cloud needs about {} MB there; make room, \
+         or GLINT_CACHE_DIR can name another folder",
+        shown(folder),
         needed / 1_000_000 + 1
     )]
     Full { folder: PathBuf, needed: u64 },
     /// A file or folder that this program did not make has the name of an index.
-    #[error("{path}: this is in the place of an index, and not one that glint has made: move it away or delete it")]
+    #[error(
+        "{}: this is in the place of an index, and not one that glint has made: move it away or delete it",
+        shown(path)
+    )]
     InTheWay { path: PathBuf },
     #[error("cancelled")]
     Cancelled,

@@ -9,6 +9,7 @@ use cloud::{Bounds, Grid};
 use glam::DVec3;
 use laz::LazItem;
 use laz::laszip::LazItemRecordBuilder;
+use param::shown;
 
 use super::layout::{Layout, bytes};
 use super::{LasSource, items};
@@ -218,7 +219,7 @@ pub fn check_alike(sources: &[&LasSource]) -> Result<()> {
         let refuse = |problem: &str| {
             Err(Error::unsuitable(
                 &source.info.path,
-                format!("{problem} than {}; files of one kind can become one file", first.info.path.display()),
+                format!("{problem} than {}; files of one kind can become one file", shown(&first.info.path)),
             ))
         };
         if extra_dimensions(source) != extra_dimensions(first) {
@@ -237,7 +238,7 @@ pub fn check_alike(sources: &[&LasSource]) -> Result<()> {
 /// Adds the warnings of all files.
 pub fn warn_of(sources: &[&LasSource], warnings: &mut Vec<String>) {
     for info in sources.iter().map(|source| &source.info) {
-        warnings.extend(info.warnings.iter().map(|warning| format!("{}: {warning}", info.path.display())));
+        warnings.extend(info.warnings.iter().map(|warning| format!("{}: {warning}", shown(&info.path))));
     }
 }
 
@@ -245,7 +246,7 @@ pub fn warn_of(sources: &[&LasSource], warnings: &mut Vec<String>) {
 pub fn leave_out_waves(sources: &[&LasSource], reason: &str, warnings: &mut Vec<String>) {
     for source in sources {
         if source.info.point_format.and_then(Layout::wave_packet).is_some() {
-            warnings.push(format!("{}: {reason}: left out", source.info.path.display()));
+            warnings.push(format!("{}: {reason}: left out", shown(&source.info.path)));
         }
     }
 }
@@ -256,8 +257,8 @@ pub fn upgrades(sources: &[&LasSource], target: Target, grid: Grid, warnings: &m
     for (source, _) in sources.iter().zip(&upgrades).filter(|(_, upgrade)| !upgrade.is_exact()) {
         warnings.push(format!(
             "{}: its coordinates lie on another grid than those of {}: rounded to the nearest step",
-            source.info.path.display(),
-            sources[0].info.path.display()
+            shown(&source.info.path),
+            shown(&sources[0].info.path)
         ));
     }
     upgrades

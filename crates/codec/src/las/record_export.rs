@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use cloud::{Attribute, ColumnType, PointTest, Progress};
+use param::shown;
 use tempfile::NamedTempFile;
 
 use super::LasSource;
@@ -61,7 +62,7 @@ pub fn export_records(
     if first.global_encoding & EXTERNAL_WAVES != 0 && Layout::wave_packet(target.format).is_some() {
         warnings.push(format!(
             "{}: its wave packets are in a .wdp file of the same name; copy that beside the new file",
-            first.info.path.display()
+            shown(&first.info.path)
         ));
     }
     let grid = if let [one] = sources { one.grid } else { common_grid(sources)? };

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use cloud::{ChunkTest, CloudLayout, PointTest, Progress, ShownPoints};
 use laz::DecompressionSelection;
+use param::shown;
 
 use super::columns::{ChunkBuilder, ReadPlan};
 use super::{Block, LasSource, tile_records};
@@ -26,7 +27,7 @@ impl Failures {
     }
 
     fn described(self, source: &LasSource) -> Vec<String> {
-        let path = source.info.path.display();
+        let path = shown(&source.info.path);
         let describe = |(problem, (point, count)): (String, (u64, u64))| match count {
             1 => format!("{path}: record {point}: {problem}"),
             _ => format!("{path}: {count} times, first at record {point}: {problem}"),

@@ -4,6 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use cloud::{Attribute, Column, ColumnType, PointTest, Progress};
 use glam::Vec3;
+use param::shown;
 
 use super::PlySource;
 use super::columns::{ChunkBuilder, RowDecoder, color_column, column};
@@ -84,13 +85,13 @@ impl PlySource {
             let mut problems = problems.lock().unwrap_or_else(PoisonError::into_inner);
             match counts {
                 Ok((_, damaged)) => problems.1 += damaged,
-                Err(error) => problems.0.push(format!("{}: {error}", self.info.path.display())),
+                Err(error) => problems.0.push(format!("{}: {error}", shown(&self.info.path))),
             }
         });
         let (mut problems, damaged) = problems.into_inner().unwrap_or_else(PoisonError::into_inner);
         if damaged > 0 {
             let what = "vertices have text that is not a number, or too few numbers";
-            problems.push(format!("{}: {damaged} {what}", self.info.path.display()));
+            problems.push(format!("{}: {damaged} {what}", shown(&self.info.path)));
         }
         problems
     }
