@@ -46,7 +46,7 @@ pub use lighting::MOST_LIGHTS;
 pub use passes::PassStage;
 pub use probe::{LightProbe, MirrorProbe, Probe, SeenMirror, Shown};
 pub use read_back::Picked;
-pub use recorder::PassTime;
+pub use recorder::{IsGivenUp, PassTime};
 pub use reflection::kept_hits::GlossCache;
 pub use reflection::{MapCount, ReflectionStats};
 pub use renderer::{FrameStats, Renderer};

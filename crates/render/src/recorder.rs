@@ -4,7 +4,6 @@
 use std::collections::HashMap;
 use std::num::NonZeroU64;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use cloud::Progress;
@@ -60,7 +59,7 @@ pub(crate) struct Recorder<'a> {
     host_times: Vec<PassTime>,
     failure: Option<Error>,
     /// Once set, the frame is given up before its next pass.
-    given_up: Option<&'a AtomicBool>,
+    given_up: Option<&'a IsGivenUp>,
     /// The most milliseconds that a dispatch is meant to take where a frame may be given up.
     longest_piece: f64,
     /// The number of dispatches so far.
@@ -69,6 +68,9 @@ pub(crate) struct Recorder<'a> {
     /// The name and stage under which passes are timed; `None` for their own.
     timed_as: Option<Name>,
 }
+
+/// Says whether a frame is given up, because another one is wanted.
+pub type IsGivenUp = dyn Fn() -> bool + Send + Sync;
 
 /// The name and stage under which a pass is timed.
 type Name = (&'static str, PassStage);
@@ -130,10 +132,10 @@ impl<'a> Recorder<'a> {
         self.queries = handed.queries().cloned();
     }
 
-    /// Ends the frame with `Error::GivenUp` before the next pass once the flag is set. Passes that took longer than
+    /// Ends the frame with `Error::GivenUp` before the next pass once `is_given_up` says so. Passes that took longer than
     /// `longest_piece` milliseconds are cut into several.
-    pub fn give_up_when(&mut self, flag: Option<&'a AtomicBool>, longest_piece: f64) {
-        self.given_up = flag;
+    pub fn give_up_when(&mut self, is_given_up: Option<&'a IsGivenUp>, longest_piece: f64) {
+        self.given_up = is_given_up;
         self.longest_piece = longest_piece;
     }
 
@@ -155,7 +157,7 @@ impl<'a> Recorder<'a> {
     /// # Errors
     /// The frame is given up.
     pub fn go_on(&self) -> Result<()> {
-        if self.given_up.is_some_and(|flag| flag.load(Ordering::Relaxed)) { Err(Error::GivenUp) } else { Ok(()) }
+        if self.given_up.is_some_and(|is_given_up| is_given_up()) { Err(Error::GivenUp) } else { Ok(()) }
     }
 
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {

@@ -3,7 +3,6 @@
 mod failure;
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use cloud::Progress;
 use scene::{Camera, Curve, LightView, Lighting, Mirror, Quality, Settings, Show, Tone};
@@ -20,7 +19,7 @@ use crate::light_views;
 use crate::lighting::{DrawnMap, Lights, MappedLight};
 use crate::method;
 use crate::passes;
-use crate::recorder::{PassTime, Pipelines, Recorder, Rehearsal};
+use crate::recorder::{IsGivenUp, PassTime, Pipelines, Recorder, Rehearsal};
 use crate::reflection::gloss::{RaySet, RaySets};
 use crate::reflection::kept_hits::{GlossCache, Scenery};
 use crate::reflection::{self, ReflectionStats, Reflections, Search, SurfaceImages};
@@ -99,7 +98,7 @@ pub struct Renderer {
     pub(crate) drawn: Arc<Identities>,
     /// How many points that the camera sees a frame may draw.
     most_points: Option<u64>,
-    pub(crate) given_up: Option<Arc<AtomicBool>>,
+    pub(crate) given_up: Option<Arc<IsGivenUp>>,
     /// See `cut_passes`.
     pub(crate) longest_piece: f64,
     /// What the last `prepare` compiled for.
@@ -287,12 +286,12 @@ impl Renderer {
         self.samples_at_once = samples.map(|samples| samples.max(1));
     }
 
-    /// Lets the frames that follow end with `Error::GivenUp` before their next pass once the flag is set, because
-    /// another picture is wanted. The frame after it is made as if that one had not been begun. Where the GPU times the
+    /// Lets the frames that follow end with `Error::GivenUp` before their next pass once `is_given_up` says so, because
+    /// another picture is wanted; it is asked before each pass. The frame after it is made as if that one had not been begun. Where the GPU times the
     /// passes, what is recorded is not waited for, so that a frame is given up only while it is recorded. Elsewhere long
     /// passes are cut into several (`cut_passes`), which changes no picture.
-    pub fn give_up_when(&mut self, flag: Option<Arc<AtomicBool>>) {
-        self.given_up = flag;
+    pub fn give_up_when(&mut self, is_given_up: Option<Arc<IsGivenUp>>) {
+        self.given_up = is_given_up;
     }
 
     /// Sets how many milliseconds a pass over points, of indirect light or of rays is meant to take at most where a

@@ -4,7 +4,6 @@
 mod studio;
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use cloud::Progress;
 use render::{Aov, Gpu, Renderer};
@@ -167,7 +166,7 @@ fn a_probe_that_is_given_up_leaves_the_frame_and_can_be_made_again() {
     subject.render(renderer, &settings, SIZE).unwrap();
     let picture = renderer.read_picture().unwrap();
     let mut probe = |flag: bool| {
-        renderer.give_up_when(Some(Arc::new(AtomicBool::new(flag))));
+        renderer.give_up_when(Some(Arc::new(move || flag)));
         let probe = renderer.probe(&subject.store, &still_settings(&settings), subject.objects(), 64, 1);
         renderer.give_up_when(None);
         probe.map(|probe| (probe.mirrors, probe.lights))

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Progress;
 use glam::DVec3;
-use render::{Aov, AovImage, FrameStats, Gpu, LightReuse, Objects, Renderer};
+use render::{Aov, AovImage, FrameStats, Gpu, IsGivenUp, LightReuse, Objects, Renderer};
 use scene::{Camera, GlossPattern, LightClues, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
@@ -377,7 +377,7 @@ impl Worker {
                 next = commands.try_recv().ok();
             }
             if let Some(request) = frame.take() {
-                self.renderer.give_up_when((!request.hurried).then(|| urgent.clone()));
+                self.renderer.give_up_when((!request.hurried).then(|| once_set(urgent)));
                 let drawn = self.draw((*request).clone());
                 self.renderer.give_up_when(None);
                 match drawn {
@@ -397,7 +397,7 @@ impl Worker {
                     Err(error) => report(Report::NotDrawn(error.to_string())),
                 }
             } else if let Some((request, seed)) = estimate.take() {
-                self.renderer.give_up_when(Some(urgent.clone()));
+                self.renderer.give_up_when(Some(once_set(urgent)));
                 let answer = self.estimate(&request, seed);
                 self.renderer.give_up_when(None);
                 let answer = match answer {
@@ -410,7 +410,7 @@ impl Worker {
                 };
                 report(Report::Estimated { request, answer });
             } else if let Some((request, target, mut model)) = choose.take() {
-                self.renderer.give_up_when(Some(waiting.clone()));
+                self.renderer.give_up_when(Some(once_set(waiting)));
                 let choice = self.choose(&request, target, &mut model);
                 self.renderer.give_up_when(None);
                 let choice = match choice.map_err(|error| error.downcast::<render::Error>()) {
@@ -602,6 +602,12 @@ const LONGEST_STEP: Duration = Duration::from_millis(100);
 /// The share of its way that the exposure goes in the time between two frames.
 fn adapted_share(time: Duration) -> f32 {
     1.0 - (-time.min(LONGEST_STEP).as_secs_f32() / ADAPTATION.as_secs_f32()).exp()
+}
+
+/// Gives a frame up once a flag is set.
+fn once_set(flag: &Arc<AtomicBool>) -> Arc<IsGivenUp> {
+    let flag = flag.clone();
+    Arc::new(move || flag.load(Ordering::Relaxed))
 }
 
 /// Whether no further frame can be drawn on the device after this error.
