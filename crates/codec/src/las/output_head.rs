@@ -1,6 +1,7 @@
 //! The variable length records of a file that is written, and which of another file it keeps.
 
-use std::io;
+use std::io::{self, Write};
+use std::ops::Range;
 
 use super::LasSource;
 use super::layout::{bytes, text};
@@ -21,6 +22,15 @@ pub fn is_kept(source: &LasSource, start: u64) -> io::Result<(bool, bool)> {
         ("copc", _) | ("laszip encoded", _) | ("LASF_Spec", 100..=354 | 65535) | ("LAStools", 10 | 30)
     );
     Ok((!dropped, (user.as_str(), identifier) == ("LASF_Projection", 2112)))
+}
+
+/// Copies a record of another file as it is; returns its length in bytes.
+pub fn copy_record(source: &LasSource, place: &Range<u64>, out: &mut impl Write) -> io::Result<u64> {
+    let copied = io::copy(&mut source.file.section(place.start, place.end), out)?;
+    if copied < place.end - place.start {
+        return Err(io::Error::other("its source has become shorter since it was opened"));
+    }
+    Ok(copied)
 }
 
 pub fn is_extra_bytes(record: &[u8]) -> bool {

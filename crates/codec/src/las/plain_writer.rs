@@ -1,7 +1,7 @@
 //! Writes LAS and LAZ files: the header and the records of a file that is there, with other points; or a header of
 //! their own.
 
-use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom, Write as _};
+use std::io::{self, BufReader, BufWriter, Seek as _, SeekFrom, Write as _};
 
 use ::las::raw;
 use cloud::Grid;
@@ -12,7 +12,7 @@ use tempfile::NamedTempFile;
 
 use super::LasSource;
 use super::layout::Layout;
-use super::output_head::{WAVE_PACKETS, WKT, is_extra_bytes, is_kept, padded, write_record};
+use super::output_head::{WAVE_PACKETS, WKT, copy_record, is_extra_bytes, is_kept, padded, write_record};
 use super::output_records::{RANGE_OPTIONS, Statistics, Target};
 
 /// The number of points of a compressed chunk, as LASzip has it.
@@ -103,10 +103,7 @@ impl<'a> PlainFile<'a> {
                 continue;
             }
             let start = bytes.len();
-            first.file.section(place.start, place.end).read_to_end(&mut bytes)?;
-            if ((bytes.len() - start) as u64) < place.end - place.start {
-                return Err(io::Error::other("its source has become shorter since it was opened"));
-            }
+            copy_record(first, place, &mut bytes)?;
             if is_extra_bytes(&bytes[start..]) {
                 bytes.truncate(start);
             } else {
@@ -177,7 +174,7 @@ impl<'a> PlainFile<'a> {
         for (_, place) in first.records.iter().filter(|(extended, _)| *extended) {
             let head: [u8; 20] = first.file.bytes_at(place.start)?.unwrap_or([0; 20]);
             if is_kept(first, place.start)?.0 && !is_extra_bytes(&head) {
-                self.end += io::copy(&mut first.file.section(place.start, place.end), &mut self.out)?;
+                self.end += copy_record(first, place, &mut self.out)?;
                 count += 1;
             }
         }

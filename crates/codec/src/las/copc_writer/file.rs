@@ -1,7 +1,7 @@
 //! Writes the COPC file: header, records, chunks in the order of their arrival, chunk table, hierarchy.
 
 use std::collections::BTreeSet;
-use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom, Write};
+use std::io::{self, BufReader, BufWriter, Seek as _, SeekFrom, Write};
 use std::ops::Range;
 
 use ::las::raw;
@@ -11,7 +11,9 @@ use tempfile::NamedTempFile;
 use super::tree::{self, Cube};
 use super::{Compressed, OutputFormat};
 use crate::las::LasSource;
-use crate::las::output_head::{HEAD_LENGTH, WAVE_PACKETS, WKT, is_extra_bytes, is_kept, padded, write_record};
+use crate::las::output_head::{
+    HEAD_LENGTH, WAVE_PACKETS, WKT, copy_record, is_extra_bytes, is_kept, padded, write_record,
+};
 use crate::las::output_records::{RANGE_OPTIONS, Statistics};
 
 const HEADER_LENGTH: u16 = 375;
@@ -74,7 +76,7 @@ impl CopcFile {
                 continue;
             }
             let start = head.len();
-            first.file.section(place.start, place.end).read_to_end(&mut head)?;
+            copy_record(first, place, &mut head)?;
             if sources.len() > 1 && is_extra_bytes(&head[start..]) {
                 // The ranges of the first file's values are not those of all files.
                 head[start + HEAD_LENGTH..]
@@ -141,7 +143,7 @@ impl CopcFile {
         let mut extended_records = 1;
         for (_, place) in first.records.iter().filter(|(extended, _)| *extended) {
             if is_kept(first, place.start)?.0 {
-                io::copy(&mut first.file.section(place.start, place.end), &mut self.out)?;
+                copy_record(first, place, &mut self.out)?;
                 extended_records += 1;
             }
         }
