@@ -8,7 +8,7 @@ use clap::builder::{OsStringValueParser, TypedValueParser as _};
 use clap::error::{ContextKind, ContextValue};
 use clap::{Args, Parser, Subcommand};
 use glam::DVec3;
-use scene::Preset;
+use scene::{CameraPath, Preset};
 use study::Target;
 
 use crate::film::Codec;
@@ -414,8 +414,8 @@ fn parse_frames(text: &str) -> Result<Range<u32>, String> {
 }
 
 fn parse_time(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds: &f64| *seconds >= 0.0 && seconds.is_finite());
-    seconds.ok_or_else(|| "expected seconds from 0 on, as in 2.5".into())
+    let seconds = text.parse().ok().filter(|seconds: &f64| (0.0..=CameraPath::MOST_SECONDS).contains(seconds));
+    seconds.ok_or_else(|| format!("expected seconds from 0 to {:e}, as in 2.5", CameraPath::MOST_SECONDS))
 }
 
 fn parse_budget(text: &str) -> Result<Target, String> {
@@ -594,6 +594,8 @@ mod tests {
             &["glint", "render", "a.laz", "-o", "a.png", "--estimate"],
             &["glint", "render", "a.laz", "-o", "a.png", "--stats", "a.json", "--truth", "no"],
             &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--time", "-1"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--time", "1e300"],
             &["glint", "render", "a.laz", "-o", "a.png", "--preset", "publshed"],
             &["glint", "info"],
             &["glint", "record", "a.toml"],

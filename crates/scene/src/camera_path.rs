@@ -8,8 +8,6 @@ use crate::{Camera, Ease, Motion, Track};
 
 /// The most tracks of a path.
 const MOST_TRACKS: usize = 256;
-/// The most seconds that a path lasts. A recording of one picture a second has a tenth as many at most.
-const MOST_SECONDS: f64 = 1e7;
 
 /// A camera path, as `[[paths]]` of a scene file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -58,6 +56,9 @@ pub(crate) struct PathProblem {
 }
 
 impl CameraPath {
+    /// The most seconds that a path lasts. A recording of one picture a second has a tenth as many at most.
+    pub const MOST_SECONDS: f64 = 1e7;
+
     /// How long the path lasts in seconds: until the last keyframe, and until the last time of a track.
     pub fn duration(&self) -> f64 {
         let camera = Motion::new(self).map_or(0.0, |motion| motion.duration());
@@ -104,12 +105,12 @@ impl CameraPath {
         }
         let duration = self.duration();
         // NaN fails the comparison.
-        let is_short = duration <= MOST_SECONDS;
+        let is_short = duration <= Self::MOST_SECONDS;
         let key = if self.speed.is_some() { "speed" } else { "keyframes" };
         (!is_short).then(|| PathProblem {
             place: None,
             key,
-            problem: format!("the path lasts {duration:e} seconds, expected at most {MOST_SECONDS:e}"),
+            problem: format!("the path lasts {duration:e} seconds, expected at most {:e}", Self::MOST_SECONDS),
         })
     }
 }
