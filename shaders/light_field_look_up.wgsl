@@ -1,7 +1,8 @@
 // Light fields: each mirror pixel looks its reflected ray up in the map of a sample near to it. The disc found there
 // tells where the ray meets its plane, and that place is looked up again. Runs once for each page of maps; what the
-// first sample in order finds counts, whichever page it is on. What no sample resolves is listed by the last page. One
-// thread a pixel. CPU twin: reflection/light_field/twin.rs.
+// first sample in order finds counts, whichever page it is on. Where looks are blended it runs over all pages to learn
+// which samples tell, and once more to take one of their looks, of which the frame has the number. What no sample
+// resolves is listed by the last page. One thread a pixel. CPU twin: reflection/light_field/twin.rs.
 #import frame_group
 #import light_field
 #import cube_faces
@@ -18,17 +19,20 @@
 @group(1) @binding(6) var<storage, read> samples: array<FieldSample>;
 // The maps of the page, texel by texel; see depth_texel.wgsl.
 @group(1) @binding(7) var<storage, read> records: array<vec4u>;
-// See hit.wgsl. Between pages w holds the ranks of what is found.
+// See hit.wgsl. Between pages w holds the rank of what is found, or a bit for each sample that tells where looks are
+// blended; and the rank of what shows something beside the ray.
 @group(1) @binding(8) var<storage, read_write> hits: array<vec4u>;
 // As in cubemap_trace.wgsl.
 @group(1) @binding(9) var<storage, read_write> rest: array<atomic<u32>>;
-// z: the number of samples that were asked until one told.
+// x: the weight of the look. z: the number of samples that were asked until one told.
 @group(1) @binding(10) var views_out: texture_storage_2d<rgba32float, write>;
 @group(1) @binding(11) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Set for the first bounce, whose figures are told.
 override counts: bool = false;
 override rule: u32 = LIGHT_FIELD_RULE_NEAREST;
+// Set for the rules that blend.
+override blends: bool = false;
 override visible_by: u32 = LIGHT_FIELD_VISIBLE_BY_DEPTH;
 override rest_of_rays: u32 = LIGHT_FIELD_REST_SURFEL_TRACE;
 
@@ -51,20 +55,27 @@ fn light_field_look_up(@builtin(global_invocation_id) invocation: vec3u) {
     let ray = mirror_ray(point.xyz, normal, textureLoad(eye_in, id, 0).xyz);
     let pixel = id.y * frame.width + id.x;
     var hit = select(hits[pixel], vec4u(0u), fields.is_first != 0u);
-    // The ranks, plus 1, of the sample that tells what the ray meets, and of one that shows something beside it.
+    // The rank of the sample that tells what the ray meets, or a bit for each of them; the rank of one that shows
+    // something beside it. Ranks count from 1.
     var told = hit.w & 0xffu;
     var beside = hit.w >> 8u;
-    let near = in_order(samples_near(ray.origin, settings.light_field.neighbours), ray);
+    let near = in_order(ray, normal);
+    let picks = fields.picks != 0u;
+    let taken = rank_of_look(told);
     for (var rank = 1u; rank <= near.count; rank++) {
         let sample = samples[near.numbers[rank - 1u]];
         let slot = i32(sample.surface_slot.w) - i32(fields.first_slot);
         let is_here = slot >= 0 && slot < i32(fields.slots);
-        if is_here && (told == 0u || rank < told) && serves(u32(slot), sample.middle.xyz, ray.origin, normal) {
+        let is_asked = select(told == 0u || rank < told, !picks || rank == taken, blends);
+        if is_here && is_asked && serves(u32(slot), sample.middle.xyz, ray.origin, normal) {
             let seen = look_up(u32(slot), sample.middle.xyz, ray);
-            let is_shown = seen.kind == BESIDE && rest_of_rays == LIGHT_FIELD_REST_NONE && told == 0u;
-            if seen.kind == ON_THE_RAY || seen.kind == OPEN {
+            let is_shown = seen.kind == BESIDE && rest_of_rays == LIGHT_FIELD_REST_NONE && told == 0u && !picks;
+            let tells = seen.kind == ON_THE_RAY || seen.kind == OPEN;
+            if tells && (picks || !blends) {
                 hit = hit_of(seen);
-                told = rank;
+            }
+            if tells {
+                told = select(rank, told | (1u << (rank - 1u)), blends);
             } else if is_shown && (beside == 0u || rank < beside) {
                 hit = hit_of(seen);
                 beside = rank;
@@ -74,7 +85,15 @@ fn light_field_look_up(@builtin(global_invocation_id) invocation: vec3u) {
     hit.w = told | (beside << 8u);
     if fields.is_last != 0u {
         hit.w = 0u;
-        if told == 0u {
+        let is_first_look = !blends || frame.look == 0u;
+        var weight = select(0.0, 1.0, is_first_look);
+        if told != 0u && blends {
+            weight = weight_of_look(near, told);
+        }
+        if blends && !is_first_look && taken == 0u {
+            // There are not so many looks.
+            hit = vec4u(0u);
+        } else if told == 0u {
             if hit.y == 0u {
                 hit.x = select(HIT_UNKNOWN, 0u, rest_of_rays == LIGHT_FIELD_REST_SURFEL_TRACE);
             }
@@ -83,39 +102,94 @@ fn light_field_look_up(@builtin(global_invocation_id) invocation: vec3u) {
             atomicStore(&rest[2u + 2u * place], 0u);
         }
         if counts {
-            textureStore(views_out, id, vec4f(0.0, 0.0, f32(select(told, near.count, told == 0u)), 0.0));
+            let asked = select(select(told, taken, blends), near.count, told == 0u);
+            textureStore(views_out, id, vec4f(weight, 0.0, f32(asked), 0.0));
             atomicAdd(&counters[RAYS_LEFT], select(0u, 1u, told == 0u));
         }
     }
     hits[pixel] = hit;
 }
 
-// The samples in the order of the rule.
-fn in_order(by_distance: NearSamples, ray: MirrorRay) -> NearSamples {
-    var near = by_distance;
-    if rule != LIGHT_FIELD_RULE_NEAREST {
-        var keys = array<f32, MOST_NEAR>();
-        for (var i = 0u; i < near.count; i++) {
-            let number = near.numbers[i];
-            let key = key_of(samples[number].middle.xyz - ray.origin, ray.direction);
-            var at = i;
-            while at > 0u && keys[at - 1u] > key {
-                keys[at] = keys[at - 1u];
-                near.numbers[at] = near.numbers[at - 1u];
-                at -= 1u;
-            }
-            keys[at] = key;
-            near.numbers[at] = number;
-        }
+// The rank of the sample whose look is taken, of those with a bit: the first for the first look, and so on. 0 if there
+// are not so many.
+fn rank_of_look(telling: u32) -> u32 {
+    var bits = telling;
+    for (var i = 0u; i < frame.look; i++) {
+        bits &= bits - select(0u, 1u, bits != 0u);
     }
-    return near;
+    return firstTrailingBit(bits) + 1u;
 }
 
-// What a rule goes by; the smallest comes first.
-fn key_of(offset: vec3f, direction: vec3f) -> f32 {
-    let along = dot(offset, direction);
-    let angle = -along / max(length(offset), 1e-30);
-    return select(angle, length(offset - direction * along), rule == LIGHT_FIELD_RULE_RAY);
+// How much the look counts among those of all samples that tell; their weights sum up to 1.
+fn weight_of_look(near: OrderedSamples, telling: u32) -> f32 {
+    var sum = 0.0;
+    for (var i = 0u; i < near.count; i++) {
+        sum -= select(0.0, near.keys[i], (telling & (1u << i)) != 0u);
+    }
+    let taken = rank_of_look(telling);
+    // Where all weights vanish, all count the same.
+    let weight = select(1.0 / f32(countOneBits(telling)), -near.keys[max(taken, 1u) - 1u] / sum, sum > 0.0);
+    return select(weight, 0.0, taken == 0u);
+}
+
+struct OrderedSamples {
+    numbers: array<u32, MOST_NEAR>,
+    // What they are ordered by, the smallest first; the negative weight where looks are blended.
+    keys: array<f32, MOST_NEAR>,
+    count: u32,
+}
+
+// The nearest samples in the order of the rule.
+fn in_order(ray: MirrorRay, normal: vec3f) -> OrderedSamples {
+    let most = settings.light_field.neighbours;
+    // A smooth blend goes by the sample after the last, too.
+    let near = samples_near(ray.origin, most + select(0u, 1u, rule == LIGHT_FIELD_RULE_SMOOTH));
+    var ordered = OrderedSamples(near.numbers, array<f32, MOST_NEAR>(), min(near.count, most));
+    if rule == LIGHT_FIELD_RULE_NEAREST {
+        return ordered;
+    }
+    let along = select(ray.direction, normal, rule == LIGHT_FIELD_RULE_NORMAL);
+    var largest = 0.0;
+    for (var i = 0u; i < ordered.count; i++) {
+        largest = max(largest, cosine_to(samples[near.numbers[i]].middle.xyz - ray.origin, along));
+    }
+    var after = 0.0;
+    if near.count > most {
+        after = inverse_distance(near.numbers[most], ray.origin);
+    }
+    for (var i = 0u; i < ordered.count; i++) {
+        let number = near.numbers[i];
+        let offset = samples[number].middle.xyz - ray.origin;
+        var key = -1.0;
+        if rule == LIGHT_FIELD_RULE_ANGLE {
+            key = -cosine_to(offset, ray.direction);
+        } else if rule == LIGHT_FIELD_RULE_RAY {
+            key = length(offset - ray.direction * dot(offset, ray.direction));
+        } else if rule == LIGHT_FIELD_RULE_SMOOTH {
+            key = -max(inverse_distance(number, ray.origin) - after, 0.0);
+        } else if rule != LIGHT_FIELD_RULE_MEAN && largest > 0.0 {
+            // Relative to the largest, which keeps large powers from vanishing.
+            let share = max(cosine_to(offset, along) / largest, 1e-30);
+            key = -pow(share, settings.light_field.exponent);
+        }
+        var at = i;
+        while at > 0u && ordered.keys[at - 1u] > key {
+            ordered.keys[at] = ordered.keys[at - 1u];
+            ordered.numbers[at] = ordered.numbers[at - 1u];
+            at -= 1u;
+        }
+        ordered.keys[at] = key;
+        ordered.numbers[at] = number;
+    }
+    return ordered;
+}
+
+fn cosine_to(offset: vec3f, direction: vec3f) -> f32 {
+    return dot(offset, direction) / max(length(offset), 1e-30);
+}
+
+fn inverse_distance(number: u32, place: vec3f) -> f32 {
+    return 1.0 / max(distance(samples[number].surface_slot.xyz, place), 1e-20);
 }
 
 // Whether nothing is known to hide a mirror point from the middle of a map.

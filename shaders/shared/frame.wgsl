@@ -27,7 +27,8 @@ struct Frame {
     // The number of the glossy sample that the pass works for, and that of all samples; 0 of 0 for perfect mirrors.
     sample: u32,
     samples: u32,
-    unused: u32,
+    // The number of the look that the pass works for, where what several maps show is blended (light_field_look_up.wgsl).
+    look: u32,
 }
 
 // The thread of the whole pass that a thread of a dispatch is, in passes with workgroups of 8 x 8 that are cut by rows.

@@ -26,8 +26,9 @@ struct Fields {
     // Whether the page is the first one that is looked into, or the last one.
     is_first: u32,
     is_last: u32,
-    unused_1: u32,
-    unused_2: u32,
+    // Whether it is known which samples tell, and one of their looks is taken, where looks are blended.
+    picks: u32,
+    unused: u32,
     grids: array<SampleGrid>,
 }
 
@@ -41,8 +42,8 @@ struct FieldSample {
 // The number of samples that a cell has room for.
 const CELL_SAMPLES: u32 = 16u;
 const NO_SAMPLE: u32 = 0xffffffffu;
-// The most neighbours.
-const MOST_NEAR: u32 = 8u;
+// The most neighbours, and the one after them.
+const MOST_NEAR: u32 = 9u;
 
 struct NearSamples {
     numbers: array<u32, MOST_NEAR>,

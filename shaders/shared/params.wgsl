@@ -343,6 +343,7 @@ struct LightField {
     offset: f32,
     neighbours: u32,
     rule: u32,
+    exponent: f32,
     visible_by: u32,
     horizon: f32,
     corrections: u32,
@@ -353,6 +354,10 @@ struct LightField {
 const LIGHT_FIELD_RULE_NEAREST: u32 = 0u;
 const LIGHT_FIELD_RULE_ANGLE: u32 = 1u;
 const LIGHT_FIELD_RULE_RAY: u32 = 2u;
+const LIGHT_FIELD_RULE_MEAN: u32 = 3u;
+const LIGHT_FIELD_RULE_REFLECTION: u32 = 4u;
+const LIGHT_FIELD_RULE_NORMAL: u32 = 5u;
+const LIGHT_FIELD_RULE_SMOOTH: u32 = 6u;
 const LIGHT_FIELD_VISIBLE_BY_DEPTH: u32 = 0u;
 const LIGHT_FIELD_VISIBLE_BY_ANGLE: u32 = 1u;
 const LIGHT_FIELD_OWN_AUTO: u32 = 0u;

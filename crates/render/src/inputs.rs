@@ -15,8 +15,9 @@ use crate::targets::uniform_buffer;
 pub(crate) struct Inputs {
     pub camera: FrameCamera,
     pub size: [u32; 2],
-    /// The number of the glossy sample that passes work for, and that of all samples; `None` for perfect mirrors.
-    pub sample: Option<[u32; 2]>,
+    /// The number of the glossy sample that passes work for, that of all samples, and that of the look; `None` for
+    /// perfect mirrors.
+    pub sample: Option<[u32; 3]>,
     frame: wgpu::Buffer,
     settings: wgpu::Buffer,
     exposure_at: u64,
@@ -137,9 +138,9 @@ impl Inputs {
         }
     }
 
-    /// Lets the passes that are recorded from now on work for a glossy sample, given by its number and that of all, or for
-    /// perfect mirrors.
-    pub fn set_sample(&mut self, gpu: &Gpu, sample: Option<[u32; 2]>) {
+    /// Lets the passes that are recorded from now on work for a glossy sample, given as in `sample`, or for perfect
+    /// mirrors.
+    pub fn set_sample(&mut self, gpu: &Gpu, sample: Option<[u32; 3]>) {
         if self.sample != sample {
             self.sample = sample;
             self.frame = self.frame_from_row(gpu, 0);
@@ -148,8 +149,8 @@ impl Inputs {
 
     /// Group 0 of a dispatch that begins at this row of workgroups, where a pass is cut by rows.
     pub fn frame_from_row(&self, gpu: &Gpu, first_row: u32) -> wgpu::Buffer {
-        let [sample, samples] = self.sample.unwrap_or_default();
-        uniform_buffer(gpu, bytemuck::bytes_of(&Frame { first_row, sample, samples, ..self.camera.to_gpu() }))
+        let [sample, samples, look] = self.sample.unwrap_or_default();
+        uniform_buffer(gpu, bytemuck::bytes_of(&Frame { first_row, sample, samples, look, ..self.camera.to_gpu() }))
     }
 
     /// The buffer with the parameters, and the byte in it at which `tone.exposure` begins.

@@ -36,7 +36,7 @@ structs! {
         right: Vec4, up: Vec4, forward: Vec4, clip: Vec4,
         focal_pixels: f32, orthographic: u32, width: u32, height: u32,
         near: f32, reference_depth: f32, scene_radius: f32, mirror_tile: u32,
-        first_row: u32, sample: u32, samples: u32, unused: u32,
+        first_row: u32, sample: u32, samples: u32, look: u32,
     }
     /// A run of points with one origin and one material, of shaders/shared/splat.wgsl.
     Item {
@@ -108,8 +108,8 @@ structs! {
     }
     /// The maps of `light_field` in a page; the grids of the mirrors follow. Of shaders/shared/light_field.wgsl.
     Fields {
-        size: u32, texels_of_face: u32, first_slot: u32, slots: u32, is_first: u32, is_last: u32, unused_1: u32,
-        unused_2: u32,
+        size: u32, texels_of_face: u32, first_slot: u32, slots: u32, is_first: u32, is_last: u32, picks: u32,
+        unused: u32,
     }
     /// The cells of a mirror's box, each with its samples, of shaders/shared/light_field.wgsl.
     SampleGrid { low_scale: Vec4, columns: u32, rows: u32, layers: u32, first: u32 }

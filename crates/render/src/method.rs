@@ -11,7 +11,7 @@ use crate::reflection::environment_map::EnvironmentMap;
 use crate::reflection::forward::Forward;
 use crate::reflection::gather::Gather;
 use crate::reflection::kept_hits::KnownRays;
-use crate::reflection::light_field::LightField;
+use crate::reflection::light_field::{self, LightField};
 use crate::reflection::mirrored_viewpoint::MirroredViewpoint;
 use crate::reflection::sample_cameras::SampleCameras;
 use crate::reflection::screen_trace::ScreenTrace;
@@ -185,6 +185,12 @@ impl Methods {
             // Twice the steps after which a search gives up by default; rays are tested against more nodes and discs.
             Origin::Sscr => Some(Views { image: &self.sscr.as_ref()?.views, most_steps: 60, has_regions: true }),
         }
+    }
+
+    /// The weights of the looks of the method that ran last, if several are blended.
+    pub fn looks(&self, settings: &Settings) -> Option<&Image> {
+        let is_blended = settings.reflection.method == Method::LightField && light_field::looks(settings) > 1;
+        self.gather.as_ref().filter(|_| is_blended).map(|gather| &gather.views)
     }
 
     /// Whether the method that ran last counts rays that it does not resolve.

@@ -186,7 +186,7 @@ passes! {
     gloss_keep: Method over Pixels { point_in: Texture, pixels: Read, kept: ReadWrite, hits: ReadWrite, counters: ReadWrite }
     gloss_sum: Light over Pixels {
         point_in: Texture, seen_in: Texture, reflected_in: Texture, pixels: Read, sums: ReadWrite, distances: ReadWrite,
-        received_out: Write(Rgba16Float),
+        received_out: Write(Rgba16Float), looks_in: Texture,
     }
     gloss_blur: Light over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, distances: Read, received_in: Texture,

@@ -385,7 +385,7 @@ impl GlobalIllumination {
         let SurfaceImages { albedo, normal, position } = receiver.surface;
         let groups = if from_camera { inputs.pixel_groups() } else { inputs.mirror_groups() };
         let sample_runs =
-            if from_camera { 1 } else { sample_runs(gi, inputs.sample.map_or(1, |[_, samples]| samples)) };
+            if from_camera { 1 } else { sample_runs(gi, inputs.sample.map_or(1, |[_, samples, _]| samples)) };
         let interleave = gi.interleave;
         let groups_of_run = [groups[0], groups[1]].map(|groups| (groups * 8).div_ceil(interleave).div_ceil(8));
         let window = if gi.filtered { interleave } else { 1 };

@@ -259,25 +259,34 @@ pub(super) mod tests {
     use std::collections::HashMap;
     use std::sync::Arc;
 
-    use cloud::{Chunk, pack_normal, pack_radius};
+    use cloud::{Chunk, Cloud, pack_normal, pack_radius};
     use glam::{DQuat, Vec3};
     use scene::{Camera, CubeHit, CubeSampling, Method, Mirror, Shape};
 
     use super::super::depth_search::{Search, through_each};
     use super::super::depth_walk::{Answer, Choices, Criterion, Picture, Ray, View, relay, texel_of};
     use super::*;
-    use crate::Material;
     use crate::frame::Objects;
     use crate::gpu::Gpu;
     use crate::renderer::Renderer;
     use crate::store::PointStore;
+    use crate::{ColorPlan, Material};
+
+    /// The colour of a point by its index in its chunk.
+    pub fn color_of(index: usize) -> [u8; 4] {
+        let [red, green, blue, ..] = cloud::hash(index as u64).to_le_bytes();
+        [red, green, blue, 255]
+    }
 
     /// Two boxes of points and a mirror of points, in a room or without its walls.
     pub fn furnished(gpu: &Arc<Gpu>, has_walls: bool) -> PointStore {
         let mut store = PointStore::new(gpu.clone());
         let mut add = |material, chunk: &Chunk| {
-            let cloud = store.add_cloud(material);
-            store.add_chunk(cloud, chunk, None).unwrap();
+            let id = store.add_cloud(material);
+            let chunk_id = store.add_chunk(id, chunk, None).unwrap();
+            let cloud = Cloud { chunks: vec![chunk.clone()], ..Cloud::default() };
+            let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
+            store.set_color(id, &cloud, &[chunk_id], &plan, DVec3::Z).unwrap();
         };
         let boxes = [(DVec3::ZERO, 2.0), (DVec3::new(0.9, 0.9, -0.8), 0.3), (DVec3::new(-0.8, 0.7, 0.5), 0.2)];
         for (middle, half) in boxes.into_iter().skip(usize::from(!has_walls)) {
@@ -296,6 +305,7 @@ pub(super) mod tests {
             let mut chunk = Chunk::new(0, DVec3::ZERO, points);
             chunk.radii = Some(Arc::new(vec![pack_radius(radius as f32); chunk.len()]));
             chunk.normals = Some(Arc::new(normals));
+            chunk.colors = Some(Arc::new((0..chunk.len()).map(color_of).collect()));
             add(Material::default(), &chunk);
         }
         let mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.4);

@@ -5,6 +5,7 @@
 use scene::{GlossPattern, LightView, Method, Mirror, Settings, Show};
 
 use super::bounce::Bounce;
+use super::light_field;
 use super::task::MirrorSurface;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
@@ -18,8 +19,9 @@ use crate::targets::{Image, storage};
 /// One set of rays from the mirror pixels that the camera sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct RaySet {
-    /// The number of the sample and that of all samples, which count alike; `None` where one set of rays is all.
-    pub sample: Option<[u32; 2]>,
+    /// The number of the sample, that of all samples, which count alike, and that of the look, where several looks of a
+    /// sample are blended; `None` where one set of rays is all.
+    pub sample: Option<[u32; 3]>,
     /// Whether glossy mirrors draw their directions.
     pub is_glossy: bool,
     /// Whether rays leave from another place than the centres of pixels.
@@ -34,7 +36,7 @@ impl RaySet {
 
     /// Whether these are the rays that statistics and images tell of.
     pub fn is_perfect(&self) -> bool {
-        !self.is_glossy && !self.is_moved
+        !self.is_glossy && !self.is_moved && self.sample.is_none_or(|[_, _, look]| look == 0)
     }
 }
 
@@ -45,6 +47,8 @@ pub(crate) struct RaySets {
     pub glossy: u32,
     /// The number of places within each pixel.
     pub places: u32,
+    /// The number of looks of each ray that are blended by their weights (`light_field`); 1 if none are.
+    pub looks: u32,
 }
 
 impl RaySets {
@@ -57,20 +61,23 @@ impl RaySets {
         let is_picture = settings.reflection.show == Show::Picture && settings.light.show == LightView::Picture;
         let is_moved = is_picture && settings.reflection.method.row().method != Method::MirroredViewpoint;
         let places = if is_moved { settings.reflection.samples.max(1) } else { 1 };
-        Ok(Self { glossy: samples(settings, store, mirrors, is_picture)?, places })
+        let looks = if is_picture { light_field::looks(settings) } else { 1 };
+        Ok(Self { glossy: samples(settings, store, mirrors, is_picture)?, places, looks })
     }
 
     /// The number of sets that are summed; 0 where one set of perfect rays is all.
     pub fn summed(self) -> u32 {
-        let most = self.glossy.max(self.places);
+        let most = self.glossy.max(self.places) * self.looks;
         if self.glossy == 0 && most == 1 { 0 } else { most }
     }
 
-    /// The rays of a sample, whose hits are not kept. The last one of an odd number leaves from the centres of pixels.
-    pub fn rays(self, sample: u32) -> RaySet {
-        let all = self.summed();
+    /// The rays of a set, whose hits are not kept: all looks of the first sample, then those of the next. The last
+    /// sample of an odd number leaves from the centres of pixels.
+    pub fn rays(self, set: u32) -> RaySet {
+        let (sample, look) = (set / self.looks, set % self.looks);
+        let all = self.glossy.max(self.places);
         RaySet {
-            sample: Some([sample, all]),
+            sample: Some([sample, all, look]),
             is_glossy: self.glossy > 0,
             is_moved: self.places > 1 && (sample + 1 != all || all.is_multiple_of(2)),
             kept_as: None,
@@ -220,8 +227,8 @@ impl Gloss {
         MirrorSurface { point: self.rays.clone(), eye: mirror.eye.clone() }
     }
 
-    /// Adds what the sample of `inputs` receives, by the weights of its rays if glossy ones have some; the first sample
-    /// starts the sums anew.
+    /// Adds what the sample of `inputs` receives, by the weights of its rays if glossy ones have some, and by those of its
+    /// look in `looks` if several are blended; the first set starts the sums anew.
     ///
     /// # Errors
     /// The shader is refused.
@@ -232,6 +239,7 @@ impl Gloss {
         settings: &Settings,
         first: &Bounce,
         is_glossy: bool,
+        looks: Option<&Image>,
     ) -> Result<()> {
         let bindings = passes::gloss_sum {
             point_in: first.mirror.point.bind(),
@@ -241,10 +249,15 @@ impl Gloss {
             sums: self.sums.as_entire_binding(),
             distances: self.distances.as_entire_binding(),
             received_out: self.received.bind(),
+            // Without looks nothing reads them.
+            looks_in: looks.unwrap_or(&first.blended).bind(),
         };
         let is_weighed = is_glossy && settings.gloss.cache_power > 0.0;
-        let switches =
-            [("is_weighed", u32::from(is_weighed)), ("is_blurred", u32::from(is_glossy && is_blurred(settings)))];
+        let switches = [
+            ("is_weighed", u32::from(is_weighed)),
+            ("is_blurred", u32::from(is_glossy && is_blurred(settings))),
+            ("has_looks", u32::from(looks.is_some())),
+        ];
         recorder.over_mirrors(&switches, inputs, bindings)
     }
 

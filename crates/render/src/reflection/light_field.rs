@@ -14,7 +14,7 @@ mod twin;
 use std::sync::Arc;
 
 use glam::DVec3;
-use scene::{MirrorSurface, OwnPoints, SampleRest, Settings, Splat};
+use scene::{Method, MirrorSurface, OwnPoints, SampleRest, Settings, Splat};
 
 use super::cubemap_trace::{farthest, own_chunks};
 use super::cubemaps::{Layout, MapCount, MapRoom, Pen, radius_of, renumber, splat_of_maps};
@@ -50,6 +50,50 @@ pub(crate) struct LightField {
     /// Whether the frame lacked maps, or the newest points in some.
     lags: bool,
     count: Option<MapCount>,
+    map_use: Option<MapUse>,
+    /// Whether the frame has not searched yet.
+    is_new_frame: bool,
+}
+
+/// What the maps of a picture took.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapUse {
+    /// The maps that were drawn for it.
+    pub new: u32,
+    /// Those that stood before, needed or not.
+    pub kept: u32,
+    /// The share of what mirror pixels ask for of which no map stood: each asks for its nearest sample most.
+    pub missed: f64,
+    /// The memory of the maps.
+    pub bytes: u64,
+    /// What limits the maps, if something does.
+    pub limit: Option<MapLimit>,
+}
+
+/// What limits the maps of light fields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapLimit {
+    /// `light_field.memory`: fewer maps stand than the picture needs.
+    Memory,
+    /// One binding of the adapter: maps lie on more pages than they would without.
+    Binding,
+}
+
+impl MapLimit {
+    /// The name for people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Memory => "light_field.memory",
+            Self::Binding => "one binding of the adapter",
+        }
+    }
+}
+
+/// The number of looks at each ray that are blended; 1 where one is shown, as with other methods.
+pub(crate) fn looks(settings: &Settings) -> u32 {
+    let field = &settings.light_field;
+    let blends = settings.reflection.method == Method::LightField && field.rule.blends();
+    if blends { field.neighbours.min(field.samples) } else { 1 }
 }
 
 /// What maps are drawn from besides their places.
@@ -133,7 +177,7 @@ impl LightField {
             }
         }
         self.frame += 1;
-        (self.may_lag, self.left, self.lags) = (may_lag, None, false);
+        (self.may_lag, self.left, self.lags, self.is_new_frame) = (may_lag, None, false, true);
     }
 
     /// Whether the frame lacked maps, or the newest points in some.
@@ -144,6 +188,11 @@ impl LightField {
     /// The maps that stand of those that the camera's picture needs.
     pub fn count(&self) -> Option<MapCount> {
         self.count
+    }
+
+    /// What the maps of the last frame took that searched.
+    pub fn map_use(&self) -> Option<MapUse> {
+        self.map_use
     }
 
     /// Fills the Mirror G-Buffer of one bounce.
@@ -257,7 +306,12 @@ impl LightField {
         of_page: usize,
     ) -> Result<()> {
         let Some(kept) = &mut self.kept else { return Ok(()) };
-        let needed = kept.needed(recorder, task, places)?;
+        let needs = kept.needed(recorder, task, places)?;
+        let of_frame = std::mem::take(&mut self.is_new_frame);
+        if of_frame {
+            self.map_use = Some(kept.used_before(&needs));
+        }
+        let needed: Vec<Sample> = needs.into_iter().map(|(_, sample)| sample).collect();
         let chosen = &needed[..needed.len().min(kept.drawn.most)];
         let mut missing = 0;
         for sample in chosen {
@@ -289,6 +343,14 @@ impl LightField {
             kept.draw(recorder, pen, slot, *sample, [self.frame, self.search])?;
             recorder.time_as(None);
             standing += 1;
+            self.map_use.iter_mut().for_each(|map_use| map_use.new += 1);
+        }
+        if let Some(map_use) = &mut self.map_use {
+            map_use.bytes = kept.pages.iter().map(|page| page.records.size()).sum();
+            let is_short = of_frame && needed.len() > kept.drawn.most;
+            let is_cut = kept.pages.iter().any(|page| page.slots == of_page) && kept.drawn.most > of_page;
+            let limit = if is_short { Some(MapLimit::Memory) } else { is_cut.then_some(MapLimit::Binding) };
+            map_use.limit = if of_frame { limit } else { map_use.limit.or(limit) };
         }
         if task.bounce == 0 {
             self.count = Some(MapCount { drawn: standing, asked: needed.len() as u32 });
@@ -327,20 +389,26 @@ impl LightField {
         let pages: Vec<&Page> = if kept.pages.is_empty() { vec![&none] } else { kept.pages.iter().collect() };
         let rest = rest_list(recorder, &mut self.rest, task.supply.size);
         let settings = &task.settings.light_field;
+        let blends = settings.rule.blends();
         let switches = [
             ("counts", u32::from(task.bounce == 0)),
             ("rule", settings.rule as u32),
+            ("blends", u32::from(blends)),
             ("visible_by", settings.visible_by as u32),
             ("rest_of_rays", settings.rest as u32),
         ];
-        for (number, page) in pages.iter().enumerate() {
+        // Which samples tell what a ray meets is known after all pages; then one of them is taken.
+        let rounds = if blends { 2 } else { 1 };
+        let all = (0..rounds).flat_map(|round| pages.iter().map(move |page| (round, *page)));
+        for (number, (round, page)) in all.enumerate() {
             let fields = Fields {
                 size: layout.size,
                 texels_of_face: layout.texels_of_face,
                 first_slot: page.first as u32,
                 slots: page.slots as u32,
                 is_first: u32::from(number == 0),
-                is_last: u32::from(number + 1 == pages.len()),
+                is_last: u32::from(number + 1 == rounds * pages.len()),
+                picks: u32::from(round > 0),
                 ..Fields::default()
             };
             let fields = kept.head(gpu, fields, eye);
@@ -440,8 +508,28 @@ impl Kept {
         filled(gpu, "light fields", &[bytemuck::bytes_of(&fields), bytemuck::cast_slice(&grids)].concat())
     }
 
-    /// The samples that mirror pixels need, those of most pixels first.
-    fn needed(&mut self, recorder: &mut Recorder<'_>, task: &Task<'_>, places: &wgpu::Buffer) -> Result<Vec<Sample>> {
+    /// What a picture finds that needs these samples, each with how much it is asked for.
+    fn used_before(&self, needs: &[(u32, Sample)]) -> MapUse {
+        let asked = |counts: &[(u32, Sample)]| counts.iter().map(|(count, _)| f64::from(*count)).sum::<f64>();
+        let missing: Vec<(u32, Sample)> =
+            needs.iter().filter(|(_, sample)| self.slot_of(*sample).is_none()).copied().collect();
+        let all = asked(needs);
+        MapUse {
+            new: 0,
+            kept: self.slots.iter().flatten().count() as u32,
+            missed: if all > 0.0 { asked(&missing) / all } else { 0.0 },
+            bytes: 0,
+            limit: None,
+        }
+    }
+
+    /// The samples that mirror pixels need, each with how much it is asked for, those of most pixels first.
+    fn needed(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        task: &Task<'_>,
+        places: &wgpu::Buffer,
+    ) -> Result<Vec<(u32, Sample)>> {
         let (gpu, eye) = (recorder.gpu, task.supply.camera.eye);
         let relative = |place: DVec3| (place - eye).as_vec3();
         let sample = |(surface, _): &(DVec3, [DVec3; 2])| FieldSample {
@@ -465,12 +553,12 @@ impl Kept {
         recorder.over_mirrors(&[], task.supply, bindings)?;
         let all = self.fields.iter().enumerate();
         let all = all.flat_map(|(field, of)| (0..of.samples.len()).map(move |sample| (field, sample)));
-        let Some(bytes) = recorder.read(&needs)? else { return Ok(all.collect()) };
+        let Some(bytes) = recorder.read(&needs)? else { return Ok(all.map(|sample| (1, sample)).collect()) };
         let counts: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let mut needed: Vec<(u32, Sample)> = counts.into_iter().zip(all).filter(|(count, _)| *count > 0).collect();
         // Those that are asked for as much keep their order.
         needed.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
-        Ok(needed.into_iter().map(|(_, sample)| sample).collect())
+        Ok(needed)
     }
 
     /// Makes room for so many more maps than stand, as far as it goes.

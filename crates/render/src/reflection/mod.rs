@@ -47,6 +47,7 @@ use footprint::Footprint;
 pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet};
 use kept_hits::{GlossCache, KeptHits, KnownRays, Scenery};
+pub use light_field::{MapLimit, MapUse};
 pub(crate) use task::SurfaceImages;
 use task::Task;
 
@@ -81,6 +82,8 @@ pub struct ReflectionStats {
     pub unresolved: Option<f64>,
     /// The maps around mirrors through which rays walk (`cubemap_trace`), or in which they are looked up (`light_field`).
     pub maps: Option<MapCount>,
+    /// What the maps of `light_field` took.
+    pub map_use: Option<MapUse>,
     /// The average numbers of nodes and of discs against which a ray was tested; known while steps are shown.
     pub tests_per_ray: Option<[f64; 2]>,
     /// The share of the mirror pixels whose content is doubtful: closed from neighbours, more than a pixel beside the
@@ -409,7 +412,9 @@ impl Reflections {
         is_glossy: bool,
     ) -> Result<()> {
         match (&self.gloss, self.first()) {
-            (Some(gloss), Some(first)) => gloss.add(recorder, inputs, settings, first, is_glossy),
+            (Some(gloss), Some(first)) => {
+                gloss.add(recorder, inputs, settings, first, is_glossy, self.methods.looks(settings))
+            }
             _ => Ok(()),
         }
     }
@@ -463,6 +468,10 @@ impl Reflections {
             maps: match settings.reflection.method {
                 Method::LightField => self.methods.light_field.count(),
                 _ => self.methods.cubemaps.count().filter(|_| walks_maps(settings)),
+            },
+            map_use: match settings.reflection.method {
+                Method::LightField => self.methods.light_field.map_use(),
+                _ => None,
             },
             bounces,
         }

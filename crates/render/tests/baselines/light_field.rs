@@ -1,6 +1,6 @@
 //! Light fields in boxes, where closed forms say what rays meet.
 
-use render::Error;
+use render::{Error, MapLimit};
 
 use super::*;
 
@@ -44,6 +44,96 @@ fn a_corrected_look_up_is_exact_on_walls_and_a_plain_one_is_not() {
             assert!(found.unresolved.unwrap() < 0.08, "{what}");
         }
     }
+}
+
+#[test]
+fn few_samples_with_a_correction_are_better_than_many_without() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::new(0.2, 0.1, -0.3), RADIUS)]);
+    let mut of = |samples, corrections| {
+        let pairs = [("light_field.samples", samples), ("light_field.corrections", corrections)];
+        scene.render(
+            &mut stage,
+            &by_field(&[("light_field.memory", "1GiB")].into_iter().chain(pairs).collect::<Vec<_>>()),
+        );
+        let (mut errors, open) = errors(&stage, &scene);
+        errors.sort_by(f64::total_cmp);
+        assert!(errors.len() > 300 && open * 100 < errors.len(), "{samples}: {open} of {} are open", errors.len());
+        [errors[errors.len() / 2], errors[errors.len() * 95 / 100]]
+    };
+    let [few, many] = [of("32", "1"), of("512", "0")];
+    assert!(few[0] <= many[0] && few[1] < 0.1 * many[1], "{few:?}, {many:?}");
+}
+
+/// The root of the mean square error of grey levels, and the 99th percentile of how much that error changes from a
+/// mirror pixel to the next, in a room whose walls have a smooth pattern.
+fn grey_errors(stage: &Stage, scene: &Scene) -> [f64; 2] {
+    let colors = stage.renderer.read_aov(Aov::Color).unwrap().data;
+    let pixels = pixels(stage, &scene.camera);
+    let grey = |linear: f32| 255.0 * (1.055 * f64::from(linear).max(0.0).powf(1.0 / 2.4) - 0.055);
+    let error = |seen: &Seen| grey(colors[seen.pixel * 3]) - f64::from(pattern(exit(seen.point, seen.reflected).0));
+    let errors: std::collections::HashMap<usize, f64> = pixels.iter().map(|seen| (seen.pixel, error(seen))).collect();
+    let squares = errors.values().map(|error| error * error).sum::<f64>();
+    let (errors, width) = (&errors, SIZE[0] as usize);
+    let steps = errors.iter().flat_map(|(pixel, error)| {
+        [pixel + 1, pixel + width].into_iter().filter_map(move |next| Some((errors.get(&next)? - error).abs()))
+    });
+    let mut steps: Vec<f64> = steps.collect();
+    steps.sort_by(f64::total_cmp);
+    [(squares / errors.len() as f64).sqrt(), steps[steps.len() * 99 / 100]]
+}
+
+/// The grey of a place of a wall: waves a third of the room long.
+fn pattern(place: DVec3) -> u8 {
+    let waves = (place * 9.0).to_array().map(f64::sin);
+    (128.0 + 100.0 * (waves[0] + waves[1] + waves[2]) / 3.0) as u8
+}
+
+/// The thesis reports that the nearest sample has the smallest error in numbers, and that a blend by the fourth power of
+/// the cosine to the normal looks smoothest.
+#[test]
+fn the_nearest_sample_errs_least_and_blends_are_smoother() {
+    let mut stage = stage_or_skip!();
+    let mut walls = room(&[]);
+    for wall in &mut walls {
+        let origin = wall.origin;
+        let grey = |point: &[f32; 3]| {
+            let grey = pattern(origin + Vec3::from(*point).as_dvec3());
+            [grey, grey, grey, 255]
+        };
+        wall.colors = Some(Arc::new(wall.positions.iter().map(grey).collect()));
+    }
+    let scene = Scene::new(&stage, walls, vec![sphere(DVec3::new(0.2, 0.1, -0.3), RADIUS)]);
+    let mut of = |rule: &str, exponent: &str| {
+        let pairs = [
+            ("light_field.rule", rule),
+            ("light_field.exponent", exponent),
+            ("light_field.samples", "64"),
+            ("light_field.corrections", "0"),
+            ("light_field.visible_by", "angle"),
+            ("light_field.offset", "0.1"),
+            ("light.by", "colors"),
+            ("gi.bounces", "0"),
+        ];
+        scene.render(&mut stage, &by_field(&pairs));
+        grey_errors(&stage, &scene)
+    };
+    let rules = [
+        ("nearest", "4"),
+        ("angle", "4"),
+        ("mean", "4"),
+        ("reflection", "4"),
+        ("normal", "1"),
+        ("normal", "4"),
+        ("normal", "16"),
+        ("smooth", "4"),
+    ];
+    let found = rules.map(|(rule, exponent)| of(rule, exponent));
+    for (name, figures) in rules.iter().zip(&found) {
+        println!("{name:?}: {figures:?}");
+    }
+    let [nearest, angle, .., smooth] = &found[..] else { panic!("eight rules") };
+    assert!(nearest[0] < angle[0] && smooth[1] < angle[1], "{found:?}");
 }
 
 #[test]
@@ -109,10 +199,23 @@ fn maps_are_drawn_for_the_pixels_that_need_them_and_kept_within_the_memory() {
         let settings = by_field(&[("light_field.samples", "300"), ("light_field.memory", memory)]);
         stage.renderer.forget();
         let before = scene.render(&mut stage, &by_field(&[("reflection.method", "surfel_trace")])).gpu_bytes;
-        for _ in 0..5 {
+        for turn in 0..5 {
             scene.camera.orbit(0.7, 0.3);
             let stats = scene.render(&mut stage, &settings);
             let maps = counted(&stats);
+            let used = stats.reflection.and_then(|found| found.map_use).unwrap();
+            assert!(used.bytes <= settings.light_field.memory.0 && used.bytes > 0, "{used:?}");
+            assert_eq!(used.limit, (maps.asked > most).then_some(MapLimit::Memory), "{maps:?}");
+            assert!(turn > 0 || used.kept == 0 && used.missed == 1.0 && used.new == maps.drawn, "{used:?}");
+            assert!(turn == 0 || used.kept > 0 && used.missed < 1.0 && used.new <= maps.drawn, "{used:?}");
+            // A place beside the camera needs the same maps, unless they did not all fit.
+            let mut beside = scene.camera;
+            beside.orbit(1e-4, 0.0);
+            std::mem::swap(&mut scene.camera, &mut beside);
+            let again = scene.render(&mut stage, &settings).reflection.and_then(|found| found.map_use).unwrap();
+            std::mem::swap(&mut scene.camera, &mut beside);
+            assert!((again.missed < 0.01) == (maps.asked <= most), "{memory}: {again:?}, {maps:?}");
+            let stats = scene.render(&mut stage, &settings);
             assert!(maps.asked > 45 && maps.asked < 290 && maps.drawn == maps.asked.min(most), "{memory}: {maps:?}");
             // The index of so many samples takes 2 MiB.
             assert!(memory != "16 MiB" || stats.gpu_bytes - before < (19 << 20), "{} - {before}", stats.gpu_bytes);

@@ -5,9 +5,25 @@ use param::{Bytes, choices, params};
 use super::OwnPoints;
 
 choices! {
-    /// Which of the samples near to a mirror point are looked up, and in which order.
-    pub enum SampleRule { Nearest = "nearest", Angle = "angle", Ray = "ray" }
+    /// Which of the samples near to a mirror point are looked up, and in which order; or how what they show is blended.
+    pub enum SampleRule {
+        Nearest = "nearest",
+        Angle = "angle",
+        Ray = "ray",
+        Mean = "mean",
+        Reflection = "reflection",
+        Normal = "normal",
+        Smooth = "smooth",
+    }
 }
+
+impl SampleRule {
+    /// Whether the colours of what several samples show are blended.
+    pub fn blends(self) -> bool {
+        matches!(self, Self::Mean | Self::Reflection | Self::Normal | Self::Smooth)
+    }
+}
+
 choices! {
     /// By what a sample that something hides from a mirror point is told.
     pub enum SampleVisibility { Depth = "depth", Angle = "angle" }
@@ -28,8 +44,10 @@ params! {
         offset: f32 = 0.01, 0.0005..=0.25, "mirror radii";
         /// Nearest samples of a mirror point of which one is looked up: the next where something hides one, or where what it shows is not on the ray.
         neighbours: u32 = 4, 1..=8, "samples";
-        /// Which of them comes first: the nearest, or that in the direction of the ray by its angle, or by its distance from the ray.
+        /// Which of them comes first: the nearest, or that in the direction of the ray by its angle, or by its distance from the ray. The others blend the colours of all that tell, with equal weights, by the cosine of their angle to the ray or to the normal, or so that nothing jumps where the neighbours change.
         rule: SampleRule = SampleRule::Nearest;
+        /// The power of the cosine in the weights of reflection and normal; at 0 all weigh the same.
+        exponent: f32 = 4.0, 0.0..=64.0, "";
         /// How samples are told that something hides from the mirror point: by the depth in their map, or, as published, by their angle to the normal.
         visible_by: SampleVisibility = SampleVisibility::Depth;
         /// The largest angle to the normal of a sample, where that tells whether it is hidden.

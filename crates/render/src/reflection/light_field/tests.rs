@@ -1,12 +1,27 @@
 use glam::Vec3;
-use scene::{Camera, Method, SampleRule, SampleVisibility};
+use scene::{Camera, Lighting, Method, SampleRule, SampleVisibility};
 
-use super::super::cubemap_trace::tests::{furnished, vectors};
+use super::super::cubemap_trace::tests::{color_of, furnished, vectors};
 use super::super::depth_walk::texel_of;
 use super::twin::{self, Found};
 use super::*;
 use crate::frame::Objects;
 use crate::renderer::Renderer;
+
+/// The colours of an image of halves.
+fn halves(gpu: &Gpu, image: &crate::targets::Image) -> Vec<Vec3> {
+    let half = |pixel: &[u8], part: usize| half::f16::from_le_bytes([pixel[2 * part], pixel[2 * part + 1]]).to_f32();
+    let bytes = gpu.read_texture(&image.texture).unwrap();
+    bytes.chunks_exact(8).map(|pixel| Vec3::from([0, 1, 2].map(|part| half(pixel, part)))).collect()
+}
+
+/// Linear red, green and blue of sRGB bytes.
+fn linear([red, green, blue, _]: [u8; 4]) -> Vec3 {
+    Vec3::from([red, green, blue].map(|byte| {
+        let value = f32::from(byte) / 255.0;
+        if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+    }))
+}
 
 #[test]
 fn the_gpu_looks_up_as_its_twin_does() {
@@ -20,10 +35,19 @@ fn the_gpu_looks_up_as_its_twin_does() {
         (&room, 100, 33, 2, SampleRule::Ray, depth),
         (&open, 24, 50, 1, SampleRule::Angle, depth),
         (&open, 100, 50, 1, nearest, SampleVisibility::Angle),
+        (&room, 24, 40, 0, SampleRule::Mean, depth),
+        (&room, 24, 40, 1, SampleRule::Reflection, depth),
+        (&open, 100, 40, 1, SampleRule::Normal, depth),
+        (&room, 3, 40, 1, SampleRule::Smooth, depth),
+        (&room, 100, 40, 1, SampleRule::Smooth, depth),
     ] {
         let mut settings = Settings::default();
         settings.reflection.method = Method::LightField;
         settings.gi.bounces = 0;
+        // The picture is of the points' colours alone.
+        settings.light.by = Lighting::Colors;
+        settings.splat.close_gaps = false;
+        settings.set_text("view.background", "#000000").unwrap();
         let chosen = &mut settings.light_field;
         (chosen.samples, chosen.size, chosen.corrections, chosen.rule) = (samples, size, corrections, rule);
         (chosen.visible_by, chosen.rest, chosen.own) = (visible_by, SampleRest::None, OwnPoints::LeftOut);
@@ -71,6 +95,7 @@ fn the_gpu_looks_up_as_its_twin_does() {
             size,
             neighbours: chosen.neighbours as usize,
             rule,
+            exponent: chosen.exponent,
             visible_by,
             horizon: chosen.horizon.to_radians(),
             corrections,
@@ -82,6 +107,10 @@ fn the_gpu_looks_up_as_its_twin_does() {
         let hits = &reflections.methods.gather.as_ref().unwrap().hits;
         let hits: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&gpu.read_buffer(hits, 0, hits.size()).unwrap());
         let vector = |part: &[f32; 4]| Vec3::new(part[0], part[1], part[2]);
+        // What the last set of rays is, which statistics tell of: the look that weighs most.
+        let weights = vectors(&gpu, &reflections.methods.gather.as_ref().unwrap().views);
+        let received = rule.blends().then(|| halves(&gpu, &reflections.gloss.as_ref().unwrap().received));
+        let mut blended = [0_u32; 3];
         let (mut rays, mut apart, mut kinds) = (0_u32, 0_u32, [0_u32; 4]);
         for pixel in (0..points.len()).filter(|pixel| points[*pixel][3] > 0.0) {
             let (place, normal) = (vector(&points[pixel]), vector(&normals[pixel]));
@@ -97,6 +126,23 @@ fn the_gpu_looks_up_as_its_twin_does() {
             };
             rays += 1;
             apart += u32::from(!is_same);
+            if let Some(received) = received.as_ref().filter(|_| is_same) {
+                let looks = twin.looks(place, normal, direction);
+                let color = |found: &Found| match found {
+                    Found::On { identity, .. } | Found::Beside { identity } => {
+                        linear(color_of(store.identities().find(*identity).unwrap().1))
+                    }
+                    Found::Open | Found::Nothing => Vec3::ZERO,
+                };
+                let (sum, first) = match looks.first() {
+                    Some((_, first)) => (looks.iter().map(|(found, weight)| color(found) * *weight).sum(), *first),
+                    None => (color(&expected), 1.0),
+                };
+                blended[0] += 1;
+                blended[1] +=
+                    u32::from(received[pixel].distance(sum) > 0.02 || (weights[pixel][0] - first).abs() > 0.02);
+                blended[2] += u32::from(looks.len() > 1 && received[pixel].distance(color(&looks[0].0)) > 0.1);
+            }
             kinds[match expected {
                 Found::On { .. } => 0,
                 Found::Beside { .. } => 1,
@@ -108,7 +154,11 @@ fn the_gpu_looks_up_as_its_twin_does() {
         let about = format!("{samples} {size} {corrections} {rule:?} {visible_by:?}: {kinds:?}");
         assert!(rays > 500 && apart * 50 <= rays, "{about}: {apart} of {rays} differ");
         assert!(kinds[0] > 20, "{about}");
-        assert!(corrections > 0 || kinds[1] > rays / 4, "{about}");
+        assert!(
+            !rule.blends() || blended[1] * 25 <= blended[0] && blended[2] * 10 > blended[0],
+            "{about}: {blended:?}"
+        );
+        assert!(corrections > 0 || kinds[1] > rays / 5, "{about}");
     }
 }
 
@@ -153,6 +203,7 @@ fn a_plain_look_up_is_off_by_what_its_sample_lies_beside_the_ray() {
             size,
             neighbours: 1,
             rule: SampleRule::Nearest,
+            exponent: 1.0,
             visible_by: SampleVisibility::Depth,
             horizon: 1.5,
             corrections,
@@ -174,4 +225,80 @@ fn a_plain_look_up_is_off_by_what_its_sample_lies_beside_the_ray() {
         }
     }
     assert!(is_exact > 1000, "{is_exact} of 2000");
+}
+
+/// Samples all over a sphere, and mirror points on a way over it: the weights of all rules are shares of one, equal ones
+/// where the power vanishes, and only the smooth ones change without a jump where the neighbours change.
+#[test]
+fn weights_are_shares_and_smooth_ones_do_not_jump() {
+    let on_sphere = |number: u32, of: u32| {
+        let z = 1.0 - 2.0 * (number as f32 + 0.5) / of as f32;
+        let (sin, cos) = (number as f32 * 2.399_963).sin_cos();
+        Vec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z)
+    };
+    // Each map shows its own number in all directions.
+    let size = 2;
+    let faces = |identity: u32| -> [Vec<super::super::depth_walk::Texel>; 6] {
+        std::array::from_fn(|_| {
+            let texel = super::super::depth_walk::Texel {
+                identity,
+                depth: 9.0,
+                normal: Vec3::X,
+                radius: 1.0,
+                middle: glam::Vec2::ZERO,
+            };
+            vec![texel; (size * size) as usize]
+        })
+    };
+    let samples = || {
+        (0..60).map(|number| {
+            let place = on_sphere(number, 60);
+            twin::Sample { surface: place, middle: place * 1.01, faces: Some(faces(number)) }
+        })
+    };
+    let steps: u32 = 2000;
+    let along = |step: u32| {
+        let (sin, cos) = (step as f32 / steps as f32 * 3.0).sin_cos();
+        Vec3::new(cos * 0.9, sin * 0.9, 0.436)
+    };
+    let mut largest = Vec::new();
+    for (rule, exponent) in [
+        (SampleRule::Mean, 4.0),
+        (SampleRule::Reflection, 0.0),
+        (SampleRule::Normal, 0.0),
+        (SampleRule::Reflection, 64.0),
+        (SampleRule::Normal, 4.0),
+        (SampleRule::Smooth, 4.0),
+    ] {
+        let field = twin::Field {
+            samples: samples().collect(),
+            size,
+            neighbours: 4,
+            rule,
+            exponent,
+            visible_by: SampleVisibility::Depth,
+            horizon: 1.5,
+            corrections: 0,
+        };
+        let weights = |step: u32| {
+            let place = along(step);
+            let mut weights = [0.0; 60];
+            for (found, weight) in field.looks(place, place, Vec3::new(0.3, 0.2, 0.9).normalize()) {
+                let (Found::On { identity, .. } | Found::Beside { identity }) = found else { panic!("{found:?}") };
+                assert!((0.0..=1.0).contains(&weight), "{rule:?}: {weight}");
+                weights[identity as usize] += weight;
+            }
+            assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-4, "{rule:?}");
+            let is_mean = rule == SampleRule::Mean || exponent == 0.0;
+            assert!(!is_mean || weights.iter().all(|weight| [0.0, 0.25].contains(weight)), "{rule:?}: {weights:?}");
+            weights
+        };
+        let jump = |step| {
+            let (before, after) = (weights(step), weights(step + 1));
+            before.iter().zip(after).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        largest.push((0..steps).map(jump).fold(0.0, f32::max));
+    }
+    let [mean, .., normal, smooth] = largest[..] else { panic!("six rules") };
+    assert!(mean > 0.24 && normal > 0.02 && smooth < 0.02, "{largest:?}");
 }

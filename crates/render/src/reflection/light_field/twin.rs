@@ -18,6 +18,7 @@ pub struct Field {
     pub size: u32,
     pub neighbours: usize,
     pub rule: SampleRule,
+    pub exponent: f32,
     pub visible_by: SampleVisibility,
     /// Radians.
     pub horizon: f32,
@@ -43,22 +44,11 @@ struct Disc {
 }
 
 impl Field {
-    /// What the ray of a mirror point meets; only of a sample that resolves it, or the best that one has, too.
+    /// What the ray of a mirror point meets; only of a sample that resolves it, or the best that one has, too. Where
+    /// looks are blended it is that of the sample that weighs most.
     pub fn find(&self, place: Vec3, normal: Vec3, direction: Vec3) -> Found {
-        let mut order: Vec<&Sample> = self.samples.iter().collect();
-        order.sort_by(|a, b| a.surface.distance(place).total_cmp(&b.surface.distance(place)));
-        order.truncate(self.neighbours);
-        let key = |sample: &Sample| {
-            let offset = sample.middle - place;
-            match self.rule {
-                SampleRule::Nearest => 0.0,
-                SampleRule::Angle => -offset.normalize_or_zero().dot(direction),
-                SampleRule::Ray => offset.reject_from_normalized(direction).length(),
-            }
-        };
-        order.sort_by(|a, b| key(a).total_cmp(&key(b)));
         let mut beside = Found::Nothing;
-        for sample in order {
+        for (sample, _) in self.in_order(place, normal, direction) {
             let Some(faces) = &sample.faces else { continue };
             if !self.serves(sample, faces, place, normal) {
                 continue;
@@ -73,6 +63,51 @@ impl Field {
             }
         }
         beside
+    }
+
+    /// The looks that are blended: what each sample that tells finds, with its weight. The weights sum up to 1.
+    pub fn looks(&self, place: Vec3, normal: Vec3, direction: Vec3) -> Vec<(Found, f32)> {
+        let mut looks = Vec::new();
+        for (sample, weight) in self.in_order(place, normal, direction) {
+            let Some(faces) = sample.faces.as_ref().filter(|faces| self.serves(sample, faces, place, normal)) else {
+                continue;
+            };
+            match self.look_up(sample.middle, faces, place, direction) {
+                Found::Nothing => {}
+                Found::Beside { .. } if self.corrections > 0 => {}
+                found => looks.push((found, weight)),
+            }
+        }
+        let sum: f32 = looks.iter().map(|(_, weight)| weight).sum();
+        let count = looks.len() as f32;
+        looks.iter_mut().for_each(|(_, weight)| *weight = if sum > 0.0 { *weight / sum } else { 1.0 / count });
+        looks
+    }
+
+    /// The nearest samples in the order of the rule, with their weights, which are not yet normalised.
+    pub fn in_order(&self, place: Vec3, normal: Vec3, direction: Vec3) -> Vec<(&Sample, f32)> {
+        let distance = |sample: &Sample| sample.surface.distance(place);
+        let mut near: Vec<&Sample> = self.samples.iter().collect();
+        near.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let after = near.get(self.neighbours).map_or(0.0, |sample| 1.0 / distance(sample));
+        near.truncate(self.neighbours);
+        let cosine = |sample: &Sample, along: Vec3| (sample.middle - place).normalize_or_zero().dot(along);
+        let power = |sample: &Sample, along: Vec3| {
+            let largest = near.iter().map(|sample| cosine(sample, along)).fold(0.0, f32::max);
+            if largest > 0.0 { (cosine(sample, along).max(0.0) / largest).powf(self.exponent) } else { 1.0 }
+        };
+        let key = |sample: &Sample| match self.rule {
+            SampleRule::Nearest => 0.0,
+            SampleRule::Angle => -cosine(sample, direction),
+            SampleRule::Ray => (sample.middle - place).reject_from_normalized(direction).length(),
+            SampleRule::Mean => -1.0,
+            SampleRule::Reflection => -power(sample, direction),
+            SampleRule::Normal => -power(sample, normal),
+            SampleRule::Smooth => -(1.0 / distance(sample) - after).max(0.0),
+        };
+        let mut order: Vec<(&Sample, f32)> = near.iter().map(|sample| (*sample, -key(sample))).collect();
+        order.sort_by(|a, b| b.1.total_cmp(&a.1));
+        order
     }
 
     fn serves(&self, sample: &Sample, faces: &[Vec<Texel>; 6], place: Vec3, normal: Vec3) -> bool {
