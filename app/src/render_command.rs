@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use glam::DVec3;
 use param::Choice as _;
-use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
+use render::{Aov, FrameStats, Gpu, MapCount, MapLimit, MapUse, PassStage, Renderer};
 use scene::{Camera, Method, SceneFile, Settings, StandardView, Start, whole_file};
 use serde::Serialize;
 use study::results::Spread;
@@ -408,7 +408,7 @@ struct Stats {
     regions: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     unresolved: Option<f64>,
-    /// The maps around mirrors, of `cubemap_trace`.
+    /// The maps around mirrors, of `cubemap_trace` and `light_field`.
     #[serde(skip_serializing_if = "Option::is_none")]
     maps: Option<MapStats>,
     uncertain: Option<f64>,
@@ -450,8 +450,23 @@ struct PassStats {
 #[derive(Serialize)]
 struct MapStats {
     drawn: u32,
-    /// Fewer are drawn where they do not fit into one binding of the adapter.
+    /// Fewer are drawn where they do not fit into one binding of the adapter, or into `light_field.memory`.
     asked: u32,
+    #[serde(flatten)]
+    map_use: Option<MapUseStats>,
+}
+
+/// Of `light_field`.
+#[derive(Serialize)]
+struct MapUseStats {
+    /// The maps that were drawn for the last frame, and those that stood before.
+    new: u32,
+    kept: u32,
+    /// The share of what mirror pixels ask for of which no map stood.
+    missed: f64,
+    bytes: u64,
+    /// What limits the maps; null if nothing does.
+    limit: Option<&'static str>,
 }
 
 #[derive(Serialize)]
@@ -509,7 +524,14 @@ impl Stats {
             hit_rate: reflection.and_then(|stats| stats.hit_rate),
             regions: reflection.and_then(|stats| stats.regions),
             unresolved: reflection.and_then(|stats| stats.unresolved),
-            maps: reflection.and_then(|stats| stats.maps).map(|maps| MapStats { drawn: maps.drawn, asked: maps.asked }),
+            maps: reflection.and_then(|stats| {
+                let MapCount { drawn, asked } = stats.maps?;
+                let map_use = stats.map_use.map(|MapUse { new, kept, missed, bytes, limit }| {
+                    let limit = limit.map(MapLimit::name);
+                    MapUseStats { new, kept, missed, bytes, limit }
+                });
+                Some(MapStats { drawn, asked, map_use })
+            }),
             uncertain: reflection.map(|stats| stats.uncertain),
             seen_through_by: reflection.and_then(|stats| stats.seen_through_by).map(|method| method.row().name),
             bounces: reflection.map_or(0, |stats| stats.bounces),

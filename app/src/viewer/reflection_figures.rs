@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use render::{FrameStats, ReflectionStats};
 
-use crate::viewer::theme::grouped;
+use crate::viewer::theme::{bytes, grouped};
 
 /// How many frames the plots show.
 pub const REMEMBERED: usize = 120;
@@ -12,7 +12,7 @@ pub const REMEMBERED: usize = 120;
 /// A name, how a value is written, and how the value is read. A method that has no such figure gives `None`.
 pub type Figure = (&'static str, fn(f64) -> String, fn(&ReflectionStats) -> Option<f64>);
 
-pub const FIGURES: [Figure; 7] = [
+pub const FIGURES: [Figure; 12] = [
     ("Mirror pixels", |pixels| grouped(pixels as u64), |stats| Some(f64::from(stats.mirror_pixels))),
     ("Coverage", percent, |stats| Some(stats.coverage)),
     ("Closed coverage", percent, |stats| Some(stats.closed_coverage)),
@@ -20,6 +20,11 @@ pub const FIGURES: [Figure; 7] = [
     ("Hit rate", percent, |stats| stats.hit_rate),
     ("Unconverged", percent, |stats| stats.unconverged),
     ("Regions", |regions| grouped(regions as u64), |stats| stats.regions.map(f64::from)),
+    ("Unresolved rays", percent, |stats| stats.unresolved),
+    ("Maps needed", |maps| grouped(maps as u64), |stats| Some(f64::from(stats.maps?.asked))),
+    ("Maps drawn anew", |maps| grouped(maps as u64), |stats| Some(f64::from(stats.map_use?.new))),
+    ("Maps missed", percent, |stats| Some(stats.map_use?.missed)),
+    ("Memory of maps", |size| bytes(size as u64), |stats| Some(stats.map_use?.bytes as f64)),
 ];
 
 fn percent(share: f64) -> String {

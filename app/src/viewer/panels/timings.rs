@@ -16,6 +16,9 @@ fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
         let rect = row(ui, name, &text(value), None);
         sparkline(ui, rect, session.figure_history.of(index).filter(|value| value.is_finite()).collect());
     }
+    if let Some(limit) = stats.map_use.and_then(|map_use| map_use.limit) {
+        row(ui, "Maps limited by", limit.name(), None);
+    }
     if stats.bounces > 1 {
         row(ui, "Bounces", &stats.bounces.to_string(), None);
     }
