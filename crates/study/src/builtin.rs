@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 20] = [
+const PLANS: [(&str, &str); 21] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
@@ -19,6 +19,7 @@ const PLANS: [(&str, &str); 20] = [
     ("streamed", include_str!("../../../assets/plans/streamed.toml")),
     ("cubemap", include_str!("../../../assets/plans/cubemap.toml")),
     ("gloss", include_str!("../../../assets/plans/gloss.toml")),
+    ("light-field", include_str!("../../../assets/plans/light-field.toml")),
     ("screen", include_str!("../../../assets/plans/screen.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),
     ("auto", include_str!("../../../assets/plans/auto.toml")),

@@ -248,6 +248,14 @@ pub struct ImageError {
     pub flip: f64,
     /// The mean structural similarity, -1 to 1, 1 for equal pictures; see [`ssim`](crate::ssim).
     pub ssim: f64,
+    /// The roots of the mean square differences of L*, a* and b* in CIELAB.
+    #[serde(default = "unknown_lab")]
+    pub rmse_lab: [f64; 3],
+}
+
+/// The values of three figures that were not measured.
+fn unknown_lab() -> [f64; 3] {
+    [f64::NAN; 3]
 }
 
 /// Compares two pictures, linear red, green and blue, over the pixels marked in `mirror`; other pixels do not matter.
@@ -263,11 +271,16 @@ pub fn image_error(width: usize, mirror: &[bool], picture: &[[f32; 3]], referenc
     let flip = flip(width, &picture, &reference);
     let ssim = ssim(width, &picture, &reference);
     let (mut count, mut squares, mut delta_e, mut flip_sum, mut ssim_sum) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let mut lab_squares = [0.0; 3];
     for index in (0..mirror.len()).filter(|&index| mirror[index]) {
         let (color, true_color) = (picture[index], reference[index]);
         count += 1.0;
         squares += (0..3).map(|channel| (color[channel] - true_color[channel]).powi(2)).sum::<f64>() / 3.0;
-        delta_e += lab(color).difference(lab(true_color));
+        let (shown, truth) = (lab(color), lab(true_color));
+        delta_e += shown.difference(truth);
+        for (sum, difference) in lab_squares.iter_mut().zip([shown.l - truth.l, shown.a - truth.a, shown.b - truth.b]) {
+            *sum += difference * difference;
+        }
         flip_sum += flip[index];
         ssim_sum += ssim[index];
     }
@@ -276,6 +289,7 @@ pub fn image_error(width: usize, mirror: &[bool], picture: &[[f32; 3]], referenc
         delta_e: delta_e / count,
         flip: flip_sum / count,
         ssim: ssim_sum / count,
+        rmse_lab: lab_squares.map(|sum| (sum / count).sqrt()),
     }
 }
 
@@ -393,7 +407,7 @@ mod tests {
     #[test]
     fn figures_have_the_names_that_charts_rely_on() {
         let mut figures = accuracy(Truth::SameInput, 1, &[Some(pixel(0.0, 0.0))]);
-        figures.image = Some(ImageError { rmse: 0.5, delta_e: 2.0, flip: 0.25, ssim: 0.9 });
+        figures.image = Some(ImageError { rmse: 0.5, delta_e: 2.0, flip: 0.25, ssim: 0.9, rmse_lab: [1.0; 3] });
         figures.indirect = Some(LightError { relative_rmse: 0.1, mean_ratio: 0.9, brightest_ratio: 2.0 });
         let json = serde_json::to_value(&figures).unwrap();
         assert_eq!(json["truth"], "same_input");
@@ -418,6 +432,11 @@ mod tests {
         assert!((found.delta_e - 7.34935).abs() < 1e-3, "{}", found.delta_e);
         let mean_square = (0.05_f64.powi(2) + 0.05_f64.powi(2) + 0.02_f64.powi(2)) / 3.0;
         assert!((found.rmse - mean_square.sqrt()).abs() < 1e-6 && found.flip > 0.05, "{found:?}");
+        // Every pixel is off by the same.
+        let (one, other) = (lab([0.45, 0.25, 0.12]), lab([0.5, 0.2, 0.1]));
+        for (error, expected) in found.rmse_lab.iter().zip([one.l - other.l, one.a - other.a, one.b - other.b]) {
+            assert!((error - expected.abs()).abs() < 1e-4 && *error > 0.1, "{error}, {expected}");
+        }
         // Pixels without a mirror do not matter, not even through the filters.
         picture.iter_mut().zip(&mirror).filter(|(_, is_mirror)| !**is_mirror).for_each(|(color, _)| *color = [9.0; 3]);
         assert_eq!(image_error(8, &mirror, &picture, &reference), found);

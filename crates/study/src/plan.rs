@@ -34,6 +34,10 @@ pub const TARGET: &str = "target";
 /// The key of the camera's distance from its pivot, as a share of the scene's own; it is swept like a parameter.
 pub const DISTANCE: &str = "distance";
 
+/// The key of the degrees by which the camera turns about its pivot from frame to frame, and ends at the scene's own view;
+/// it is swept like a parameter.
+pub const ORBIT: &str = "orbit";
+
 /// The most characters of a message about a plan, which may quote it.
 const MOST_TOLD: usize = 400;
 
@@ -275,7 +279,7 @@ pub struct Group {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub set: BTreeMap<String, toml::Value>,
     /// Lists of values, or ranges `{ from, to, count, scale }`. A key without a dot is a variable, except `size`,
-    /// `target` and `distance`.
+    /// `target`, `distance` and `orbit`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sweep: BTreeMap<String, toml::Value>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -337,6 +341,8 @@ pub struct Case {
     pub preset: Option<&'static Preset>,
     /// The camera's distance from its pivot, as a share of the scene's own.
     pub distance: f64,
+    /// The degrees by which the camera turns from one of the frames before to the next; 0 if it stands still.
+    pub orbit: f64,
     /// The swept keys and variables with their values, sorted by key.
     pub swept: Vec<(String, String)>,
     /// The parameters that plan and group set; one list for all settings of a group.
@@ -541,6 +547,8 @@ impl Plan {
                         let target = target.and_then(|(_, value)| value.parse().ok());
                         let distance = swept.iter().find(|(key, _)| key == DISTANCE);
                         let distance = distance.and_then(|(_, value)| value.parse().ok()).unwrap_or(1.0);
+                        let orbit = swept.iter().find(|(key, _)| key == ORBIT);
+                        let orbit = orbit.and_then(|(_, value)| value.parse().ok()).unwrap_or(0.0);
                         cases.push(Case {
                             index: cases.len(),
                             group: index,
@@ -551,6 +559,7 @@ impl Plan {
                             target,
                             preset,
                             distance,
+                            orbit,
                             swept,
                             set: set.clone(),
                         });

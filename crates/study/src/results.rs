@@ -7,12 +7,12 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
 
 use param::Choice as _;
-use render::{PassStage, PassTime};
+use render::{FrameStats, PassStage, PassTime};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::estimate::{Estimate, EstimatedPercentiles};
 use crate::metrics::{Accuracy, Truth};
-use crate::plan::{Case, DISTANCE, Part, Plan, RAY_TRACE, SIZE, TARGET};
+use crate::plan::{Case, DISTANCE, ORBIT, Part, Plan, RAY_TRACE, SIZE, TARGET};
 use crate::sightlines::Sightlines;
 use crate::still::StillError;
 
@@ -90,6 +90,8 @@ pub struct Measured {
     pub regions: Option<f64>,
     /// The share of the mirror pixels whose ray no map resolves.
     pub unresolved: Option<f64>,
+    /// What the maps of light fields took.
+    pub maps: Option<MapFigures>,
     /// The share of the mirror pixels that the renderer itself does not trust.
     pub uncertain: Option<f64>,
     /// The errors as the renderer estimates them from random pixels.
@@ -109,10 +111,35 @@ pub struct Measured {
     pub flicker_moving: Option<f64>,
 }
 
+/// What the maps of light fields took, on the mean over the frames that count.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapFigures {
+    /// Maps drawn for a frame.
+    pub new: f64,
+    /// The share of what mirror pixels ask for of which no map stood.
+    pub missed: f64,
+    /// The memory of the maps.
+    pub bytes: f64,
+}
+
+impl MapFigures {
+    /// The mean over frames; `None` if a method has no such maps.
+    pub fn of(frames: &[FrameStats]) -> Option<Self> {
+        let uses: Vec<_> = frames.iter().filter_map(|frame| frame.reflection?.map_use).collect();
+        let mean = |value: fn(&render::MapUse) -> f64| uses.iter().map(value).sum::<f64>() / uses.len() as f64;
+        let of = || Self {
+            new: mean(|map_use| map_use.new.into()),
+            missed: mean(|map_use| map_use.missed),
+            bytes: mean(|map_use| map_use.bytes as f64),
+        };
+        (!uses.is_empty()).then(of)
+    }
+}
+
 /// The name, the label, the unit, and the source of a figure.
 type Reading<From> = (&'static str, &'static str, &'static str, fn(&From) -> Option<f64>);
 
-const FRAME_FIGURES: [Reading<Measured>; 14] = [
+const FRAME_FIGURES: [Reading<Measured>; 17] = [
     ("mirror_pixels", "mirror pixels", "", |measured| Some(measured.mirror_pixels)),
     ("coverage", "coverage", "share of mirror pixels", |measured| measured.coverage),
     ("closed_coverage", "closed coverage", "share of mirror pixels", |measured| measured.closed_coverage),
@@ -120,6 +147,9 @@ const FRAME_FIGURES: [Reading<Measured>; 14] = [
     ("unconverged", "unconverged", "share of points", |measured| measured.unconverged),
     ("regions", "regions", "", |measured| measured.regions),
     ("unresolved", "unresolved rays", "share of mirror pixels", |measured| measured.unresolved),
+    ("maps_new", "maps drawn for a frame", "", |measured| Some(measured.maps?.new)),
+    ("maps_missed", "maps missed", "share of what is asked for", |measured| Some(measured.maps?.missed)),
+    ("maps_bytes", "memory of maps", "bytes", |measured| Some(measured.maps?.bytes)),
     ("uncertain", "uncertain", "share of mirror pixels", |measured| measured.uncertain),
     ("estimated_pixel_error_median", "estimated pixel error, median", "pixels", |measured| {
         Some(measured.estimated_error()?.median)
@@ -141,7 +171,7 @@ const FRAME_FIGURES: [Reading<Measured>; 14] = [
     }),
 ];
 
-const TRUTH_FIGURES: [Reading<Accuracy>; 14] = [
+const TRUTH_FIGURES: [Reading<Accuracy>; 17] = [
     ("false_fill", "false fill", "share of mirror pixels", |accuracy| Some(accuracy.false_fill)),
     ("angle_error_median", "angle error, median", "degrees", |accuracy| Some(accuracy.angle_error.median)),
     ("angle_error_p95", "angle error, 95th percentile", "degrees", |accuracy| Some(accuracy.angle_error.p95)),
@@ -156,6 +186,9 @@ const TRUTH_FIGURES: [Reading<Accuracy>; 14] = [
     ("delta_e", "colour difference", "CIEDE2000", |accuracy| accuracy.image.map(|image| image.delta_e)),
     ("flip", "FLIP", "0 to 1", |accuracy| accuracy.image.map(|image| image.flip)),
     ("ssim", "SSIM", "-1 to 1", |accuracy| accuracy.image.map(|image| image.ssim)),
+    ("rmse_l", "RMSE of L*", "CIELAB", |accuracy| accuracy.image.map(|image| image.rmse_lab[0])),
+    ("rmse_a", "RMSE of a*", "CIELAB", |accuracy| accuracy.image.map(|image| image.rmse_lab[1])),
+    ("rmse_b", "RMSE of b*", "CIELAB", |accuracy| accuracy.image.map(|image| image.rmse_lab[2])),
 ];
 
 /// The figures of the pictures, or of the ray tracer where there are no pictures.
@@ -517,7 +550,7 @@ pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     put("method", text(&case.method));
     for key in plan.swept_keys() {
         // A variable may have the name of another column, so its name is in braces, as in the pattern.
-        let is_variable = !key.contains('.') && ![SIZE, TARGET, DISTANCE].contains(&key);
+        let is_variable = !key.contains('.') && ![SIZE, TARGET, DISTANCE, ORBIT].contains(&key);
         let column = if is_variable { format!("{{{key}}}") } else { key.to_owned() };
         put(&column, case.swept_value(key).map_or(Cell::Empty, Cell::of_text));
     }

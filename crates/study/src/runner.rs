@@ -23,7 +23,7 @@ use crate::metrics::Truth;
 use crate::picture;
 use crate::plan::{Case, Pictures, Plan, PlanError, RAY_TRACE};
 use crate::report;
-use crate::results::{self, Figure, Machine, Measured, Row, Run, TimedPass};
+use crate::results::{self, Figure, Machine, MapFigures, Measured, Row, Run, TimedPass};
 use crate::sightlines::Ruler;
 use crate::still::{Target, drawn_size};
 use crate::subject::Subject;
@@ -327,8 +327,8 @@ fn in_order(cases: &[Case], round: u32) -> Vec<&Case> {
 }
 
 /// The run of a setting that was judged.
-fn judged_run(case: &Case, settings: &Settings, points: u64, stats: &FrameStats, measured: Measured) -> Run {
-    let found = stats.reflection;
+fn judged_run(case: &Case, settings: &Settings, points: u64, frames: &[FrameStats], measured: Measured) -> Run {
+    let found = frames.last().and_then(|stats| stats.reflection);
     let measured = Measured {
         coverage: found.map(|found| found.coverage).or(measured.coverage),
         closed_coverage: found.map(|found| found.closed_coverage).or(measured.closed_coverage),
@@ -336,6 +336,7 @@ fn judged_run(case: &Case, settings: &Settings, points: u64, stats: &FrameStats,
         unconverged: found.and_then(|found| found.unconverged),
         regions: found.and_then(|found| found.regions).map(f64::from),
         unresolved: found.and_then(|found| found.unresolved),
+        maps: MapFigures::of(frames),
         uncertain: found.map(|found| found.uncertain),
         ..measured
     };
@@ -434,7 +435,7 @@ impl<'a> Runner<'a> {
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         let size = drawn_size(case.size, &settings);
-        let stats = draw(loaded, renderer, &settings, size, plan.groups[case.group].frames_before)?;
+        let frames = draw(loaded, renderer, case, &settings, plan.groups[case.group].frames_before)?;
         if let Some((_, _, still)) = loaded.still.as_ref().filter(|_| plan.still) {
             measured.still = Some(still.error(renderer, &loaded.subject.camera, &settings, size)?);
         }
@@ -442,9 +443,9 @@ impl<'a> Runner<'a> {
         let is_drawn_alone = plan.truths.is_empty() && case.method != RAY_TRACE && !flickers_count;
         // Where the still picture or sightlines judge alone, estimates would take long for nothing.
         if (plan.still || plan.sightlines) && is_drawn_alone {
-            let reflected = stats.reflection;
+            let reflected = frames.last().and_then(|stats| stats.reflection);
             measured.mirror_pixels = reflected.map_or(0.0, |found| f64::from(found.mirror_pixels));
-            return Ok(judged_run(case, &settings, loaded.points, &stats, measured));
+            return Ok(judged_run(case, &settings, loaded.points, &frames, measured));
         }
         // The ray tracer's reflections are not the renderer's.
         measured.estimate = match case.method == RAY_TRACE {
@@ -458,7 +459,7 @@ impl<'a> Runner<'a> {
         if is_drawn_alone {
             let mirror = renderer.read_aov(Aov::Mirror)?.data;
             measured.mirror_pixels = mirror.iter().filter(|mirror| **mirror > 0.0).count() as f64;
-            return Ok(judged_run(case, &settings, loaded.points, &stats, measured));
+            return Ok(judged_run(case, &settings, loaded.points, &frames, measured));
         }
         loaded.traced(plan, settings.splat.size)?;
         let drawn = drawn(loaded, case, &settings, renderer)?.0;
@@ -484,7 +485,7 @@ impl<'a> Runner<'a> {
         if flickers_count {
             [measured.flicker_still, measured.flicker_moving] = flickers(loaded, case, &settings, renderer, &drawn)?;
         }
-        Ok(judged_run(case, &settings, loaded.points, &stats, measured))
+        Ok(judged_run(case, &settings, loaded.points, &frames, measured))
     }
 
     /// Draws the still picture of a setting, unless it is at hand. The setting's own scene is the last of `loaded`
@@ -520,12 +521,18 @@ impl<'a> Runner<'a> {
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         let before = plan.groups[case.group].frames_before;
-        let stats = draw(loaded, renderer, &settings, drawn_size(case.size, &settings), before)?;
-        let FrameStats { passes, frame_milliseconds, .. } = stats;
+        let frames = draw(loaded, renderer, case, &settings, before)?;
         let timed = |name: &str, stage, ms| TimedPass { name: name.to_owned(), stage, ms };
-        let mut passes: Vec<TimedPass> =
-            passes.into_iter().map(|pass| timed(pass.name, pass.stage, pass.milliseconds)).collect();
-        let mut frame_ms = frame_milliseconds;
+        let share = 1.0 / frames.len() as f64;
+        let mut passes: Vec<TimedPass> = Vec::new();
+        for pass in frames.iter().flat_map(|frame| &frame.passes) {
+            let ms = share * pass.milliseconds;
+            match passes.iter_mut().find(|known| known.name == pass.name && known.stage == pass.stage) {
+                Some(known) if case.orbit != 0.0 => known.ms += ms,
+                _ => passes.push(timed(pass.name, pass.stage, ms)),
+            }
+        }
+        let mut frame_ms = share * frames.iter().map(|frame| frame.frame_milliseconds).sum::<f64>();
         if case.method == RAY_TRACE {
             loaded.traced(plan, settings.splat.size)?;
             let milliseconds = drawn(loaded, case, &settings, renderer)?.1;
@@ -543,7 +550,7 @@ impl<'a> Runner<'a> {
             let Self { plan, renderer, loaded, .. } = self;
             let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
             let (group, size) = (&plan.groups[case.group], drawn_size(case.size, &settings));
-            draw(loaded, renderer, &settings, size, group.frames_before)?;
+            draw(loaded, renderer, case, &settings, group.frames_before)?;
             let png = match group.pictures {
                 Pictures::Each => {
                     let mirror = renderer.read_aov(Aov::Mirror)?.data;
@@ -565,23 +572,31 @@ impl<'a> Runner<'a> {
 }
 
 /// Draws a frame that keeps nothing of other settings', after `before` others of the same setting, for methods that
-/// learn from frame to frame.
+/// learn from frame to frame. Returns the frames that count: the last one; where the camera turns, all but the first,
+/// which has nothing to begin with.
 fn draw(
     loaded: &Loaded,
     renderer: &mut Renderer,
+    case: &Case,
     settings: &Settings,
-    size: [u32; 2],
     before: u32,
-) -> render::Result<FrameStats> {
+) -> render::Result<Vec<FrameStats>> {
     let Subject { store, camera, .. } = &loaded.subject;
     let mut anew = settings.clone();
     // Each of the frames is drawn, even though nothing moves.
     anew.reflection.keep &= before == 0;
     renderer.forget();
-    for _ in 0..before {
-        renderer.render(store, camera, &anew, loaded.subject.objects(), size)?;
+    let mut frames = Vec::new();
+    for left in (0..=before).rev() {
+        let mut camera = *camera;
+        if left > 0 && case.orbit != 0.0 {
+            camera.orbit(-case.orbit.to_radians() * f64::from(left), 0.0);
+        }
+        let size = drawn_size(case.size, settings);
+        frames.push(renderer.render(store, &camera, &anew, loaded.subject.objects(), size)?);
     }
-    renderer.render(store, camera, &anew, loaded.subject.objects(), size)
+    let skipped = if case.orbit == 0.0 { before as usize } else { 1 };
+    Ok(frames.split_off(skipped))
 }
 
 /// A hash of all that a scene's loading depends on: how it is read, coloured and, without a camera or light of its own,

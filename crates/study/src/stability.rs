@@ -36,7 +36,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 24] = [
+const CASES: [Case; 25] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -149,6 +149,13 @@ const CASES: [Case; 24] = [
         default: 0.02,
         range: 0.001..=0.5,
         scene: hanging_mirror,
+    },
+    Case {
+        name: "crease",
+        value: "angle between the plates, degrees",
+        default: 90.0,
+        range: 30.0..=180.0,
+        scene: crease,
     },
     Case { name: "deep-room", value: "length of the room", default: 8.0, range: 4.0..=64.0, scene: deep_room },
 ];
@@ -502,6 +509,22 @@ fn half_wall(share: f64) -> Scene {
 fn hanging_mirror(gap: f64) -> Scene {
     let flat = mirror(Shape::Plane { height: 1.0 }, DVec3::new(0.2, 0.1, -2.0 + gap), 0.6);
     in_room([Piece::mirror(flat).spaced(0.006)])
+}
+
+/// Two plane mirrors that meet at an upright edge and open towards the camera.
+fn crease(degrees: f64) -> Scene {
+    let half = degrees.to_radians() / 2.0;
+    let plates = [-1.0, 1.0].map(|side| {
+        let along = DVec3::new(side * half.sin(), 0.0, half.cos());
+        let normal = DVec3::new(-side * half.cos(), 0.0, half.sin());
+        let plate = Mirror {
+            position: DVec3::Z * -0.4 + along * 0.35,
+            as_points: true,
+            ..Mirror::standing(Shape::Plane { height: 1.0 }, DVec3::ZERO, normal, DVec3::Y, 0.35)
+        };
+        Piece::mirror(plate).spaced(0.006)
+    });
+    in_room(plates)
 }
 
 /// A sphere at the end of a box that reaches far behind the eye.

@@ -389,3 +389,19 @@ fn a_box_resolves_what_leaves_the_picture_and_a_zoom_ends_in_the_same_places() {
     }
     assert!(resolved.windows(2).all(|pair| pair[0] < pair[1]), "a wider view tells more: {resolved:?}");
 }
+
+#[test]
+fn corrections_keep_light_fields_right_beside_a_wall_and_before_pillars() {
+    let by_field = |case: &str, set: &str| {
+        let all = format!("light_field.size=64 light_field.samples=64 {set}");
+        Some(judged("light_field", case, &all)?.same_input)
+    };
+    let Some(corrected) = by_field("near-wall:0.1", "") else { return };
+    let plain = by_field("near-wall:0.1", "light_field.corrections=0").unwrap();
+    let errors = [&corrected, &plain].map(|judged| judged.pixel_error.p95);
+    assert!(errors[0] < 1.0 && errors[1] > 2.0 * errors[0].max(0.5), "{errors:?}");
+    for case in ["pillars:0.04", "crease:90"] {
+        let judged = by_field(case, "").unwrap();
+        assert!(judged.occlusion_error < 0.1 && judged.closed_coverage > 0.97, "{case}: {judged:?}");
+    }
+}

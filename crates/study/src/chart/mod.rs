@@ -11,7 +11,7 @@ use std::path::Path;
 use scene::{METHODS, RAY_TRACE};
 
 use crate::file_name::file_name;
-use crate::plan::{Case, DISTANCE, Group, Plan, SIZE, TARGET};
+use crate::plan::{Case, DISTANCE, Group, ORBIT, Plan, SIZE, TARGET};
 use crate::results::{self, Figure, METHOD_MS, Row};
 use axis::Axis;
 
@@ -244,7 +244,7 @@ fn distinct<Item: PartialEq>(items: impl Iterator<Item = Item>) -> Vec<Item> {
 
 /// The swept keys that are no variables of the scene.
 fn is_of_setting(key: &str) -> bool {
-    key.contains('.') || [SIZE, TARGET, DISTANCE].contains(&key)
+    key.contains('.') || [SIZE, TARGET, DISTANCE, ORBIT].contains(&key)
 }
 
 /// The text that distinguishes settings of one method on one scene: the swept values, else the group if the method
@@ -494,6 +494,7 @@ fn key_title(key: &str) -> String {
     match unit.filter(|unit| !unit.is_empty()) {
         Some(unit) => format!("{key} [{unit}]"),
         None if key == SIZE => "size of the picture [pixels]".to_owned(),
+        None if key == ORBIT => "turn of the camera [degrees a frame]".to_owned(),
         None if key == DISTANCE => "distance of the camera [share of the scene's]".to_owned(),
         None => key.to_owned(),
     }

@@ -8,7 +8,9 @@ use toml::de::DeTable;
 
 use super::lines::{at_line, line_of};
 use super::sweep::{filled_length, parts, scalar_text, sweep_length, swept_values};
-use super::{Bound, Case, DISTANCE, Group, MOST_TOLD, Plan, PlanError, PlannedTarget, RAY_TRACE, SIZE, Size, TARGET};
+use super::{
+    Bound, Case, DISTANCE, Group, MOST_TOLD, ORBIT, Plan, PlanError, PlannedTarget, RAY_TRACE, SIZE, Size, TARGET,
+};
 use crate::file_name::file_name;
 use crate::results;
 
@@ -204,6 +206,14 @@ impl Group {
             let is_share = |value: &&String| value.parse().is_ok_and(|share: f64| share.is_finite() && share > 0.0);
             if let Some(value) = values.iter().find(|value| !is_share(value)) {
                 return Err(format!("distance `{value}`: expected a share of the camera's distance, above 0"));
+            }
+        } else if key == ORBIT {
+            let is_turn = |value: &&String| value.parse().is_ok_and(|degrees: f64| degrees.abs() <= 180.0);
+            if let Some(value) = values.iter().find(|value| !is_turn(value)) {
+                return Err(format!("orbit `{value}`: expected the degrees from frame to frame, -180 to 180"));
+            }
+            if self.frames_before == 0 {
+                return Err("orbit: there is nothing to turn through without `frames_before`".into());
             }
         } else if key.contains('.') {
             values.iter().try_for_each(|value| check_parameter(key, value))?;

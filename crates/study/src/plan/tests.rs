@@ -205,6 +205,9 @@ fn parts_pictures_and_distances_survive_being_written() {
     let plan = parse(&format!("{PARTS}{group}")).unwrap();
     assert_eq!(parse(&plan.to_text()), Ok(plan.clone()));
     assert_eq!(plan.cases().iter().map(|case| case.distance).collect::<Vec<_>>(), [0.5, 1.0]);
+    let turning = parse(&format!("{PARTS}{}", group.replace("distance = [0.5, 1]", "orbit = [0, -2.5]"))).unwrap();
+    assert_eq!(parse(&turning.to_text()), Ok(turning.clone()));
+    assert_eq!(turning.cases().iter().map(|case| case.orbit).collect::<Vec<_>>(), [0.0, -2.5]);
     let figure = plan.figure("search_ms").unwrap();
     assert_eq!((figure.title().as_str(), figure.more_is_better()), ("time of search [ms]", false));
     assert!(plan.figure("search").is_none() && plan.figure("coverage").is_some());
@@ -229,6 +232,8 @@ fn wrong_parts_and_stacks_are_refused() {
     refused(&with("pictures = \"all\""), "expected true, false or \"each\"");
     refused(&with("frames_before = 1001"), "frames_before is 1001, expected at most 1000");
     refused(&with("sweep = { distance = [0] }"), "distance `0`: expected a share");
+    refused(&with("frames_before = 2\nsweep = { orbit = [200] }"), "orbit `200`: expected the degrees");
+    refused(&with("sweep = { orbit = [2] }"), "nothing to turn through");
     refused(&format!("still_set = {{ \"view.point_budget\" = 1000000 }}\n{PARTS}{group}"), "still_set has no effect");
 }
 
