@@ -15,6 +15,7 @@ mod interrupt;
 mod listing;
 mod measure_command;
 mod measuring;
+mod overlays;
 mod picture_file;
 mod profile_command;
 mod progress_bar;

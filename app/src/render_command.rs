@@ -24,7 +24,7 @@ use crate::progress_bar::Bar;
 use crate::recording::{self, PathChoice, Recorder};
 use crate::subject::{self, LoadedSubject};
 use crate::truth::{self, Asked, Reference};
-use crate::{interrupt, listing, picture_file, terminal};
+use crate::{interrupt, listing, overlays, picture_file, terminal};
 
 /// Renders the picture. Returns exit status 2 if one of several inputs could not be read and the picture shows the
 /// others.
@@ -77,7 +77,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     terminal::warn(&request.warnings);
 
     let camera = |outline: &[DVec3], up, room| viewpoint.camera(outline, up, room, &settings, arguments.size);
-    let LoadedSubject { mut subject, status, stream, sources } =
+    let LoadedSubject { mut subject, status, stream, sources, facts } =
         match subject::open(&gpu, request, &settings, arguments.size, camera)? {
             Ok(opened) => opened,
             // The reasons have been reported already.
@@ -113,7 +113,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let traced = truth::trace(&asked, &subject, &settings, size, &mut renderer)?;
     // All output files are written from here on.
     interrupt::check()?;
-    let picture = study::picture::enlarged(&renderer.read_picture()?, &depth, size, arguments.size);
+    let mut picture = study::picture::enlarged(&renderer.read_picture()?, &depth, size, arguments.size);
+    overlays::draw(&mut picture, arguments.size, &subject.camera, &settings, &facts);
     picture_file::write_png(&arguments.output, arguments.size, &picture)?;
     for (aov, path) in &images {
         match traced.image(*aov) {

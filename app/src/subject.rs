@@ -9,10 +9,10 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use anyhow::anyhow;
-use cloud::{Chunk, Cloud, PointTest, Progress};
+use cloud::{Bounds, Chunk, Cloud, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
-use scene::{Camera, Mirror, MirrorPoints, MirrorSurface, Settings, Strays};
+use scene::{Camera, Measurement, Mirror, MirrorPoints, MirrorSurface, Settings, Strays, Visibility};
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
 use world::{
@@ -22,6 +22,9 @@ use world::{
 
 use crate::failure::{FAILED, UNUSABLE, usage};
 use crate::interrupt;
+use crate::measuring;
+use crate::overlays::Facts;
+use crate::overlays::labels::Mark;
 use crate::progress_bar::{self, Bar};
 use crate::terminal::{self, Few};
 
@@ -34,6 +37,8 @@ pub struct LoadedSubject {
     pub stream: Option<StreamReport>,
     /// For each cloud its file, if all points of the file are in memory and shown.
     pub sources: Vec<Option<Arc<codec::Source>>>,
+    /// What overlays of the picture tell.
+    pub facts: Facts,
 }
 
 /// What was loaded of streamed clouds for the picture.
@@ -136,10 +141,16 @@ pub fn open(
     resident.apply(Change::Visibility { test: test.clone() })?;
     resident.apply(Change::Expect { points: clouds.iter().map(|loaded| loaded.points).sum() })?;
     let mut parts = Vec::new();
+    let units = clouds.first().map(|loaded| loaded.units).unwrap_or_default();
+    let mut facts = Facts::new(units, up);
     for loaded in &mut clouds {
         let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
         let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
-        parts.extend(upload(&mut resident, loaded, &reflecting, settings, &test)?);
+        let shown = upload(&mut resident, loaded, &reflecting, settings, &test)?;
+        if let Some(part) = shown.first().filter(|_| settings.overlay.legend) {
+            facts.add_legend(&part.plan, &loaded.units, shown_classes(&loaded.cloud, &request.visibility));
+        }
+        parts.extend(shown);
     }
     for points in &request.mirror_points {
         if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
@@ -154,12 +165,40 @@ pub fn open(
         parts.push(SubjectPart::of_mirror(&mirror, samples));
         mirrors.push(mirror);
     }
+    if settings.overlay.labels {
+        facts.marks = marks(&request, &clouds, up, &test, &units);
+    }
     let (store, lights) = (resident.store, request.lights);
     let subject = Subject { parts, store, mirrors, lights, clues, camera, exact };
     // If some points of a mesh are hidden, its triangles are not what is drawn.
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
-    Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect() }))
+    Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect(), facts }))
+}
+
+/// The classes that occur in a cloud and are not hidden, in order.
+fn shown_classes(cloud: &Cloud, visibility: &Visibility) -> impl Iterator<Item = u8> {
+    let column = cloud.class_column();
+    let mut occurs = [false; 256];
+    for class in cloud.chunks.iter().filter_map(|chunk| chunk.classes(column)).flatten() {
+        occurs[usize::from(*class)] = !visibility.hidden_classes.contains(class);
+    }
+    (0..=255).zip(occurs).filter(|(_, occurs)| *occurs).map(|(class, _)| class)
+}
+
+/// The measurements and notes that are switched on, measured on the points that are loaded.
+fn marks(request: &Request, clouds: &[Assembly], up: DVec3, test: &PointTest, units: &codec::Units) -> Vec<Mark> {
+    let with_bounds = |loaded: &Assembly| -> (Cloud, Vec<Bounds>) {
+        (loaded.cloud.clone(), loaded.cloud.chunks.iter().map(Chunk::bounds).collect())
+    };
+    let measured: Vec<&Measurement> = request.measurements.iter().filter(|measurement| measurement.on).collect();
+    let with_bounds: Vec<_> = if measured.is_empty() { Vec::new() } else { clouds.iter().map(with_bounds).collect() };
+    let mark = |measurement: &Measurement| {
+        let figures = measuring::of_clouds(measurement, up, &with_bounds, test);
+        Mark::of_measurement(measurement, Some(&figures), units)
+    };
+    let notes = request.notes.iter().filter(|note| note.on).map(Mark::of_note);
+    measured.into_iter().map(mark).chain(notes).collect()
 }
 
 /// Reads the columns that filters test and that are not in memory, and says which filters have nothing to test.

@@ -72,6 +72,16 @@ const COLOR_RAMP_SPECTRAL: u32 = 4u;
 const COLOR_BLANK_AUTO: u32 = 0u;
 const COLOR_BLANK_BLACK: u32 = 1u;
 
+// Overlays: what is drawn over the picture to read it by, in the window, in pictures and in films.
+struct Overlay {
+    scale_bar: u32,
+    legend: u32,
+    north: u32,
+    axes: u32,
+    labels: u32,
+    text: f32,
+}
+
 // Eye-dome lighting (Boucheny 2009): a depth cue from the depth image alone.
 struct Edl {
     strength: f32,
@@ -448,6 +458,7 @@ struct Settings {
     view: View,
     splat: Splat,
     color: Color,
+    overlay: Overlay,
     edl: Edl,
     light: Light,
     sun: Sun,

@@ -12,8 +12,10 @@ use world::{Event, Request};
 
 use crate::failure::{FAILED, UNUSABLE};
 use crate::interrupt;
+use crate::overlays;
 use crate::progress_bar::Bar;
 use crate::terminal;
+use crate::viewer::facts::facts;
 use crate::viewer::messages::Level;
 use crate::viewer::outside::News;
 use crate::viewer::preferences::Preferences;
@@ -69,7 +71,7 @@ impl Headless {
         self.status
     }
 
-    /// Returns the final picture that the camera sees, and these float images of it; `None` if there is nothing to
+    /// Returns the final picture that the camera sees, with its overlays, and these float images of it; `None` if there is nothing to
     /// show. `now` and `bar` have the meaning of those of `settle`.
     ///
     /// # Errors
@@ -86,7 +88,12 @@ impl Headless {
         self.do_effects();
         loop {
             match self.news.recv()? {
-                News::Report(Report::Read(picture)) => return Ok(Some(*picture)),
+                News::Report(Report::Read(mut picture)) => {
+                    let Session { scene, loaded, tools, .. } = &self.session;
+                    let facts = facts(scene, loaded, &tools.measurements);
+                    overlays::draw(&mut picture.rgba, scene.view_size, &scene.camera, &scene.settings, &facts);
+                    return Ok(Some(*picture));
+                }
                 news => self.take(news)?,
             }
         }
@@ -161,7 +168,7 @@ impl Headless {
             let is_quiet = self.session.outside.effects.is_empty();
             self.do_effects();
             self.tell_messages(bar);
-            if let Some(request) = self.session.still_frame() {
+            if let Some(request) = self.session.still_frame().filter(|_| self.marks_are_known()) {
                 return Ok(Some(request.clone()));
             }
             if self.session.loaded.is_loading() {
@@ -178,6 +185,12 @@ impl Headless {
                 self.take(news)?;
             }
         }
+    }
+
+    /// Whether the values are known that the labels of measurements show, if there are any.
+    fn marks_are_known(&self) -> bool {
+        let Session { scene, tools, .. } = &self.session;
+        !scene.settings.overlay.labels || tools.measurements.are_known(scene)
     }
 
     /// Hands news of other threads to the session. A failure of the renderer is an error; the failure of an input only

@@ -10,11 +10,12 @@ mod action;
 mod auto;
 #[cfg(test)]
 mod bench;
+mod facts;
 mod first_look;
 mod frames;
 mod headless;
 mod history;
-mod input;
+pub mod input;
 mod interface;
 mod loaded;
 mod messages;

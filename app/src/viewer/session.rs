@@ -138,7 +138,7 @@ impl Session {
             }
             Action::SaveScene => self.scene.save_scene(&self.loaded, &mut self.outside),
             Action::Export(step) => self.loaded.export(step, &self.scene, &mut self.outside),
-            Action::SavePicture => self.scene.save_picture(&self.frames, &self.loaded, &mut self.outside),
+            Action::SavePicture => self.tools.save_picture(&self.scene, &self.frames, &self.loaded, &mut self.outside),
             Action::StopLoading => self.with_loaded(Loaded::stop_loading),
             Action::ShowCloud(key, is_visible) => {
                 self.with_loaded(|loaded, beside| loaded.set_visible(key, is_visible, beside))

@@ -6,6 +6,7 @@ use scene::{Object, SceneFile, Settings, Shape};
 use serde_json::json;
 
 use crate::command_line::quoted;
+use crate::overlays::Facts;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::short_name;
@@ -153,7 +154,7 @@ impl Scene {
         format!("{line} --camera - <<'{end}'\n{view}{end}\n")
     }
 
-    pub fn save_picture(&self, frames: &Frames, loaded: &Loaded, outside: &mut Outside) {
+    pub fn save_picture(&self, frames: &Frames, loaded: &Loaded, facts: Facts, outside: &mut Outside) {
         let Some(shown) = &frames.shown else {
             outside.note("There is no picture to save yet");
             return;
@@ -162,7 +163,7 @@ impl Scene {
         let request = request.unhurried(&self.settings);
         let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "png");
-        outside.render(Command::Save { request: Box::new(request), path });
+        outside.render(Command::Save { request: Box::new(request), path, facts: Box::new(facts) });
     }
 }
 

@@ -45,10 +45,10 @@ pub use settings::{
     Atomics, Blank, BundleCull, BundleRest, BundleSplat, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement,
     CubeRest, CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings, Highlight,
     JudgedBy, KeptPoints, LargeDiscs, Light, LightField, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder,
-    OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SampleRest, SampleRule, SampleVisibility,
-    SceneSettings, ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling, Seeds,
-    Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream, Sun, Surface, SurfaceOrientation, SurfaceRadii, Tone,
-    Trace, UpAxis, ViewSettings, VirtualLight,
+    Overlay, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SampleRest, SampleRule,
+    SampleVisibility, SceneSettings, ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest,
+    ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream, Sun, Surface,
+    SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use track::{Ease, Handle, Track};

@@ -4,11 +4,13 @@ use glam::DVec3;
 use param::{Bytes, Field, Value, choices, params, settings};
 
 pub use self::light_field::{LightField, SampleRest, SampleRule, SampleVisibility};
+pub use self::overlay::Overlay;
 pub use self::sample_cameras::{BundleCull, BundleRest, BundleSplat, JudgedBy, SampleCameras};
 pub use self::screen_trace::{ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling};
 use crate::{Method, Projection};
 
 mod light_field;
+mod overlay;
 mod sample_cameras;
 mod screen_trace;
 
@@ -564,6 +566,7 @@ settings! {
         view: ViewSettings,
         splat: Splat,
         color: Color,
+        overlay: Overlay,
         edl: Edl,
         light: Light,
         sun: Sun,

@@ -1,10 +1,15 @@
-//! Draws over the picture: the pivot, the picked point, measurements, notes and handles. All are projected through
+//! Draws over the picture in the window: the pivot, the picked point, handles, and the overlays that pictures have, too. All are projected through
 //! the camera of the picture that is shown, so that marks stick to their points.
 
 use cloud::Bounds;
 use egui::{Color32, Painter, Pos2, Rect, Stroke, vec2};
 use glam::DVec3;
+use scene::Settings;
 
+use crate::overlays;
+use crate::overlays::ground::SHADOW;
+use crate::overlays::labels::seen;
+use crate::viewer::facts::facts;
 use crate::viewer::input::lens::Lens;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::panels::labels;
@@ -12,7 +17,6 @@ use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::tools::gizmo;
 
-pub const SHADOW: Color32 = Color32::from_black_alpha(160);
 /// The most boxes of index nodes that are drawn; more would be a tangle.
 const MOST_BOXES: usize = 2000;
 
@@ -41,7 +45,12 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     if let Some(at) = session.tools.pick.as_ref().and_then(|pick| place(pick.world)) {
         cross(&painter, at);
     }
-    labels::paint(&painter, &place, session);
+    let facts = facts(&session.scene, &session.loaded, &session.tools.measurements);
+    overlays::paint_marks(&painter, &place, &session.scene.settings, &facts);
+    labels::placing(&painter, &place, session);
+    // The camera and the projection are those of the picture.
+    let settings = Settings { overlay: session.scene.settings.overlay.clone(), ..shown.request.settings.clone() };
+    overlays::paint(&painter, rect, &shown.request.camera, size, &settings, &facts);
     gizmo::paint(&painter, rect, session);
 }
 
@@ -56,23 +65,6 @@ fn wire(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, bounds: Bound
             painter.line_segment(ends, stroke);
         }
     }
-}
-
-/// The part of a line between two places that lies before the eye, in points of the window.
-pub fn seen(place: &impl Fn(DVec3) -> Option<Pos2>, a: DVec3, b: DVec3) -> Option<[Pos2; 2]> {
-    let (mut before, mut behind) = match (place(a), place(b)) {
-        (Some(a), Some(b)) => return Some([a, b]),
-        (Some(_), None) => (a, b),
-        (None, Some(_)) => (b, a),
-        (None, None) => return None,
-    };
-    let start = place(before)?;
-    // Halve the line until the missing rest is far outside of the picture.
-    for _ in 0..10 {
-        let middle = (before + behind) * 0.5;
-        if place(middle).is_some() { before = middle } else { behind = middle }
-    }
-    Some([start, place(before)?])
 }
 
 fn pivot(painter: &Painter, at: Pos2) {
@@ -101,19 +93,6 @@ mod tests {
     /// A camera that sees places with a z above 0, each at its x and y.
     fn place(world: DVec3) -> Option<Pos2> {
         (world.z > 0.0).then(|| pos2(world.x as f32, world.y as f32))
-    }
-
-    #[test]
-    fn a_line_is_cut_where_it_passes_the_eye() {
-        let (before, behind) = (DVec3::new(0.0, 0.0, 1.0), DVec3::new(8.0, 4.0, -3.0));
-        assert_eq!(seen(&place, before, before + DVec3::X), Some([pos2(0.0, 0.0), pos2(1.0, 0.0)]));
-        assert_eq!(seen(&place, behind, behind + DVec3::X), None);
-        // The line passes the eye after a quarter of its length; ten halvings come within a thousandth of that place.
-        for ends in [[before, behind], [behind, before]] {
-            let [from, to] = seen(&place, ends[0], ends[1]).expect("a part of it is before the eye");
-            assert_eq!(from, pos2(0.0, 0.0));
-            assert!(to.x <= 2.0 && to.distance(pos2(2.0, 1.0)) < 0.01, "{to}");
-        }
     }
 
     /// Returns the shapes that a closure paints.

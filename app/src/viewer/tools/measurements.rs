@@ -14,7 +14,7 @@ use crate::measuring::{Figure, Outcome, of_corners};
 use crate::viewer::action::Measuring;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::CloudEntry;
-use crate::viewer::objects::ObjectId;
+use crate::viewer::objects::{ObjectId, PlacedMeasurement};
 use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
 use crate::viewer::window::render_thread::PickPurpose;
@@ -136,6 +136,16 @@ impl Measurements {
     /// The values of a measurement, once they are known.
     pub fn figures(&self, id: ObjectId) -> Option<&Outcome> {
         self.known.get(&id).map(|known| &known.figures)
+    }
+
+    /// Whether the values of all measurements that are drawn are known for what is shown now, after a `sync`.
+    pub fn are_known(&self, scene: &Scene) -> bool {
+        let mut drawn = scene.objects.measurements.iter().filter(|placed| placed.measurement.on);
+        drawn.all(|placed| self.is_known(placed.id, &placed.measurement))
+    }
+
+    fn is_known(&self, id: ObjectId, measurement: &Measurement) -> bool {
+        self.known.get(&id).is_some_and(|known| known.is_current && known.measurement == essence(measurement))
     }
 }
 
@@ -260,10 +270,8 @@ impl Measurements {
             self.known.values_mut().for_each(|known| known.is_current = false);
             self.basis = basis;
         }
-        let is_known = |id: ObjectId, measurement: &Measurement| {
-            self.known.get(&id).is_some_and(|known| known.is_current && known.measurement == essence(measurement))
-        };
-        let Some(next) = placed.iter().find(|placed| !is_known(placed.id, &placed.measurement)) else { return };
+        let is_known = |placed: &&PlacedMeasurement| self.is_known(placed.id, &placed.measurement);
+        let Some(next) = placed.iter().find(|placed| !is_known(placed)) else { return };
         self.under_way = Some(next.id);
         let with_bounds = |entry: &CloudEntry| -> (Cloud, Vec<Bounds>) {
             (entry.cloud.clone(), entry.chunk_bounds().map(|(_, bounds)| bounds).collect())

@@ -17,6 +17,8 @@ use scene::{Mirror, Object, Shape};
 use serde_json::json;
 
 use crate::viewer::action::{Handles, Measuring};
+use crate::viewer::facts::facts;
+use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, Placed};
@@ -70,6 +72,11 @@ impl Tools {
         if !self.handle_is_grabbed {
             self.measurements.sync(scene, loaded, outside);
         }
+    }
+
+    /// Saves the picture as a file, with the overlays that are switched on.
+    pub fn save_picture(&self, scene: &Scene, frames: &Frames, loaded: &Loaded, outside: &mut Outside) {
+        scene.save_picture(frames, loaded, facts(scene, loaded, &self.measurements), outside);
     }
 
     /// Handles a click in the picture: it belongs to the tool that is in use, or picks what is under the cursor.

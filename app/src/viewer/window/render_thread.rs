@@ -20,6 +20,7 @@ use scene::{Camera, GlossPattern, LightClues, Mirror, MirrorSurface, Quality, Se
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
 
+use crate::overlays::{self, Facts};
 use crate::picture_file;
 use crate::viewer::pace::Spared;
 use crate::viewer::window::under_way::Pass;
@@ -70,6 +71,8 @@ pub enum Command {
     Save {
         request: Box<FrameRequest>,
         path: PathBuf,
+        /// What the overlays tell that are drawn over it.
+        facts: Box<Facts>,
     },
     /// Hands over a picture and float images of it. The frame is drawn first unless it is the last one that was drawn.
     Read {
@@ -444,9 +447,10 @@ impl Worker {
                 let point = point.map(|(chunk, index)| PickedPoint { chunk, index });
                 report(Report::Picked { pixel, purpose, point });
             }
-            Command::Save { request, path } => {
+            Command::Save { request, path, facts } => {
                 self.hold(&request, true)?;
-                let pixels = self.renderer.read_picture()?;
+                let mut pixels = self.renderer.read_picture()?;
+                overlays::draw(&mut pixels, request.size, &request.camera, &request.settings, &facts);
                 report(match picture_file::write_png(&path, request.size, &pixels) {
                     Ok(()) => Report::Saved(path),
                     Err(error) => Report::Problem(format!("{error:#}")),

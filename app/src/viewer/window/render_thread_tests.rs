@@ -65,10 +65,14 @@ fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("picture.png");
-    thread.send(Command::Save { request: request([20, 10]), path: path.clone() });
+    thread.send(Command::Save { request: request([20, 10]), path: path.clone(), facts: Box::default() });
     assert!(matches!(report(), Report::Saved(saved) if saved == path));
     assert_eq!(image::open(&path).unwrap().to_rgb8().dimensions(), (20, 10));
-    thread.send(Command::Save { request: request([20, 10]), path: folder.path().join("missing/picture.png") });
+    thread.send(Command::Save {
+        request: request([20, 10]),
+        path: folder.path().join("missing/picture.png"),
+        facts: Box::default(),
+    });
     assert!(matches!(report(), Report::Problem(problem) if problem.contains("missing")));
 
     thread.send(Command::Measure(request([48, 36])));

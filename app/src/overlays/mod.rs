@@ -1,0 +1,166 @@
+//! What is drawn over the picture to read it by: a scale bar, the colour legend, an arrow to the north, the axes, and
+//! the labels of measurements and notes. One code draws them in the window, in saved pictures and in films.
+
+pub mod canvas;
+mod directions;
+pub mod ground;
+pub mod labels;
+mod legend;
+mod scale_bar;
+mod steps;
+
+use codec::Units;
+use egui::{Painter, Pos2, Rect, pos2, vec2};
+use glam::DVec3;
+use render::ColorPlan;
+use scene::{Camera, Overlay, Projection, Settings};
+
+use crate::viewer::input::lens::Lens;
+use directions::{axes, north, north_arrow};
+use labels::Mark;
+use legend::Legend;
+use scale_bar::ScaleBar;
+
+/// The longest scale bar, as a share of the picture's width, and in heights of the text.
+const LONGEST_BAR: [f32; 2] = [0.3, 18.0];
+/// The length of the axes and half that of the arrow to the north, in heights of the text.
+const REACH: f32 = 2.6;
+/// The most legends side by side: of clouds that are coloured in different ways.
+const MOST_LEGENDS: usize = 3;
+
+/// What overlays tell, besides what follows from the camera.
+#[derive(Clone, Debug, Default)]
+pub struct Facts {
+    /// The units of the first cloud, in which all others are taken to be.
+    pub units: Units,
+    pub up: DVec3,
+    legends: Vec<Legend>,
+    pub marks: Vec<Mark>,
+}
+
+impl Facts {
+    pub fn new(units: Units, up: DVec3) -> Self {
+        Self { units, up, legends: Vec::new(), marks: Vec::new() }
+    }
+
+    /// Adds the legend of a cloud's colours, unless another cloud has the same. `classes` are those that are shown.
+    pub fn add_legend(&mut self, plan: &ColorPlan, units: &Units, classes: impl Iterator<Item = u8>) {
+        let legend = Legend::of(plan, units, classes);
+        self.legends.extend(legend.filter(|legend| !self.legends.contains(legend)));
+    }
+}
+
+/// Whether anything is drawn over a picture that is saved.
+pub fn are_any(overlay: &Overlay) -> bool {
+    overlay.scale_bar || overlay.legend || overlay.north || overlay.axes || overlay.labels
+}
+
+/// Draws all that is switched on over a picture in memory: rows of sRGB red, green, blue and opacity.
+pub fn draw(rgba: &mut [u8], size: [u32; 2], camera: &Camera, settings: &Settings, facts: &Facts) {
+    if !are_any(&settings.overlay) {
+        return;
+    }
+    let lens = Lens::new(camera, &settings.view, size);
+    canvas::draw(rgba, size, |painter, rect| {
+        if settings.overlay.labels {
+            let place = |world: DVec3| lens.project(world).map(|pixel| pos2(pixel.x as f32, pixel.y as f32));
+            paint_marks(painter, &place, settings, facts);
+        }
+        paint(painter, rect, camera, size, settings, facts);
+    });
+}
+
+/// Draws the measurements and notes.
+pub fn paint_marks(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, settings: &Settings, facts: &Facts) {
+    facts.marks.iter().for_each(|mark| mark.paint(painter, place, settings.overlay.text));
+}
+
+/// Draws scale bar, legend, arrow and axes over a picture of `pixels` that fills `rect`.
+pub fn paint(painter: &Painter, rect: Rect, camera: &Camera, pixels: [u32; 2], settings: &Settings, facts: &Facts) {
+    let (overlay, size) = (&settings.overlay, settings.overlay.text);
+    let rows = camera.view_from_world();
+    let area = rect.shrink(size * 0.8);
+    let mut corner = area.left_bottom();
+    if overlay.scale_bar {
+        let (bar, text) = bar(rect, camera, pixels, settings, facts);
+        scale_bar::paint(painter, corner, bar, &text, size);
+        corner.y -= size * 3.6;
+    }
+    if overlay.axes {
+        let reach = REACH * size;
+        axes(painter, corner + vec2(reach * 1.3, -reach * 1.3), reach, &rows, size);
+    }
+    if let (true, Some(north)) = (overlay.north, north(&facts.units, facts.up)) {
+        let reach = REACH * size * 0.7;
+        north_arrow(painter, area.right_top() + vec2(-reach * 1.6, reach * 1.6), reach, &rows, north, size);
+    }
+    // Levels of pages have a legend of their own in the window's panel.
+    if overlay.legend && !settings.stream.overlay {
+        let mut corner = area.right_bottom();
+        for legend in facts.legends.iter().take(MOST_LEGENDS) {
+            corner.y -= legend.paint(painter, corner, size);
+        }
+    }
+}
+
+/// The scale bar and its text. Where coordinates have no unit in common, the text says so, and there is no bar.
+fn bar(
+    rect: Rect,
+    camera: &Camera,
+    pixels: [u32; 2],
+    settings: &Settings,
+    facts: &Facts,
+) -> (Option<ScaleBar>, String) {
+    if facts.units.are_mixed() {
+        return (None, "no scale: the coordinates have no unit of length in common".into());
+    }
+    let lens = Lens::new(camera, &settings.view, pixels);
+    let pixels_per_point = f64::from(pixels[0]) / f64::from(rect.width().max(1.0));
+    let scale = lens.units_per_pixel(camera.pivot).map(|units| units * pixels_per_point);
+    let most = (rect.width() * LONGEST_BAR[0]).min(settings.overlay.text * LONGEST_BAR[1]);
+    let bar = scale.and_then(|scale| ScaleBar::fitting(scale, f64::from(most)));
+    let is_parallel = settings.view.projection == Projection::Orthographic;
+    (bar, bar.map_or("no scale".into(), |bar| bar.text(&facts.units, is_parallel)))
+}
+
+#[cfg(test)]
+mod tests {
+    use codec::Unit;
+    use scene::StandardView;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [400, 300];
+
+    fn picture(change: impl Fn(&mut Overlay)) -> Vec<u8> {
+        let mut settings = Settings::default();
+        change(&mut settings.overlay);
+        let camera = Camera::framing(&[DVec3::ZERO, DVec3::ONE], StandardView::Top, DVec3::Z, 60.0, 4.0 / 3.0);
+        let facts =
+            Facts { units: Units { level: Some(Unit::Metre), height: None }, ..Facts::new(Units::default(), DVec3::Z) };
+        let mut rgba = vec![90; (SIZE[0] * SIZE[1] * 4) as usize];
+        draw(&mut rgba, SIZE, &camera, &settings, &facts);
+        rgba
+    }
+
+    #[test]
+    fn a_picture_without_overlays_stays_as_it_is_and_each_overlay_has_a_place_of_its_own() {
+        let plain = picture(|_| {});
+        assert!(plain.iter().all(|byte| *byte == 90), "off by default");
+        let changed = |picture: &[u8]| -> Vec<bool> {
+            picture.chunks_exact(4).map(|pixel| pixel[..3].iter().any(|byte| *byte != 90)).collect()
+        };
+        let parts =
+            [changed(&picture(|overlay| overlay.axes = true)), changed(&picture(|overlay| overlay.north = true))];
+        assert!(parts.iter().all(|part| part.iter().filter(|changed| **changed).count() > 100));
+        assert!(!parts[0].iter().zip(&parts[1]).any(|(a, b)| *a && *b));
+        let both = picture(|overlay| (overlay.axes, overlay.north) = (true, true));
+        let joined: Vec<bool> = parts[0].iter().zip(&parts[1]).map(|(a, b)| *a || *b).collect();
+        assert_eq!(changed(&both), joined);
+        assert!(changed(&picture(|overlay| overlay.scale_bar = true)).iter().filter(|changed| **changed).count() > 500);
+        // Larger text makes all of it larger.
+        let large = changed(&picture(|overlay| (overlay.axes, overlay.text) = (true, 26.0)));
+        let count = |part: &[bool]| part.iter().filter(|changed| **changed).count() as f32;
+        assert!((2.5..5.0).contains(&(count(&large) / count(&parts[0]))), "{}", count(&large) / count(&parts[0]));
+    }
+}

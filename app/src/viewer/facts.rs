@@ -1,0 +1,32 @@
+//! What the overlays of a picture tell about what is open.
+
+use scene::Visibility;
+
+use crate::overlays::Facts;
+use crate::overlays::labels::Mark;
+use crate::viewer::loaded::Loaded;
+use crate::viewer::scene::Scene;
+use crate::viewer::tools::measurements::{Measurements, units};
+
+/// What overlays tell about the visible clouds, and the measurements and notes that are switched on.
+pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Facts {
+    let units = units(loaded);
+    let mut facts = Facts::new(units, scene.up(&loaded.clouds));
+    let Visibility { hidden_classes, .. } = &scene.objects.visibility;
+    for entry in loaded.clouds.iter().filter(|entry| entry.is_visible) {
+        if let Some(figures) = &entry.figures {
+            let classes = figures.classes.iter().map(|(class, _)| *class);
+            let shown = classes.filter(|class| !hidden_classes.contains(class));
+            facts.add_legend(&figures.plan, &entry.units, shown);
+        }
+    }
+    for placed in scene.objects.measurements.iter().filter(|placed| placed.measurement.on) {
+        let mark = Mark::of_measurement(&placed.measurement, measurements.figures(placed.id), &units);
+        facts.marks.push(Mark { is_selected: scene.selected == Some(placed.id), ..mark });
+    }
+    for placed in scene.objects.notes.iter().filter(|placed| placed.note.on) {
+        let is_selected = scene.selected == Some(placed.id);
+        facts.marks.push(Mark { is_selected, ..Mark::of_note(&placed.note) });
+    }
+    facts
+}
