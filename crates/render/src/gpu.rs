@@ -196,6 +196,11 @@ impl Acting {
     }
 }
 
+/// Whether 64-bit atomics can be read with a backend: Metal cannot, and naga translates it wrongly for DirectX.
+pub(crate) fn reads_atomics64(backend: wgpu::Backend) -> bool {
+    backend == wgpu::Backend::Vulkan
+}
+
 /// The backends that glint runs on: the number of storage buffers and 64-bit atomics rule out GL.
 const BACKENDS: wgpu::Backends = wgpu::Backends::PRIMARY;
 
@@ -253,7 +258,7 @@ impl Gpu {
             .map_err(|error| Error::Device { adapter: info.name.clone(), problem: error.to_string() })?;
         let is_watched = info.device_type != wgpu::DeviceType::Cpu || acting.like("gpu-clock");
         let clock = if is_watched && !timestamps.is_empty() { Clock::Gpu } else { Clock::Host };
-        let reads_atomics64 = info.backend == wgpu::Backend::Vulkan && !acting.like("blind-atomics");
+        let reads_atomics64 = reads_atomics64(info.backend) && !acting.like("blind-atomics");
         let failure = Arc::new(Mutex::new(None));
         let first = failure.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {

@@ -1,6 +1,8 @@
 //! Test: every pass, with every combination of its constants that the renderer uses, translates to the languages of the
 //! backends. And docs/gpu.md says what the passes need of an adapter.
 
+mod language;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
@@ -16,6 +18,8 @@ use crate::recorder::tests::{LONG, longest_dispatches};
 use crate::rehearsal::Cast;
 use crate::renderer::Renderer;
 use crate::shader::tests::module_of;
+
+use language::{LANGUAGES, Language, has_wide_atomics};
 
 /// The constants of a pass, by name.
 type Constants = BTreeMap<String, u32>;
@@ -134,10 +138,7 @@ impl Needed {
         let workgroup =
             module.global_variables.iter().filter(|(_, variable)| variable.space == AddressSpace::WorkGroup);
         let bytes: u32 = workgroup.map(|(_, variable)| layouter[variable.ty].size).sum();
-        let wide = module
-            .types
-            .iter()
-            .any(|(_, kind)| matches!(kind.inner, naga::TypeInner::Atomic(scalar) if scalar.width == 8));
+        let wide = has_wide_atomics(&module);
         let numbers = [
             count(|slot| matches!(slot, Slot::Read | Slot::ReadWrite)) as u64,
             count(|slot| matches!(slot, Slot::Uniform)) as u64,
@@ -152,50 +153,96 @@ impl Needed {
     }
 }
 
-/// Translates a pass with some constants.
-fn translate(module: &Module, info: &ModuleInfo, constants: &Constants) -> Result<(), String> {
+/// Whether a pass is given to a language, and naga writes it there with some constants.
+fn translate(
+    language: &Language,
+    pass: &'static Pass,
+    (module, info): (&Module, &ModuleInfo),
+    constants: &Constants,
+) -> Result<bool, String> {
+    if !language.is_asked(module, info) {
+        return Ok(false);
+    }
     let constants = constants.iter().map(|(name, value)| (name.clone(), f64::from(*value))).collect();
-    let entry = (naga::ShaderStage::Compute, module.entry_points[0].name.clone());
-    let (module, info) =
-        naga::back::pipeline_constants::process_overrides(module, info, Some((entry.0, &entry.1)), &constants)
-            .map_err(|error| error.to_string())?;
-    let options = naga::back::spv::PipelineOptions { shader_stage: entry.0, entry_point: entry.1 };
-    let words = naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), Some(&options))
-        .map_err(|error| format!("SPIR-V: {error}"))?;
-    validated(&words)
+    let entry = (naga::ShaderStage::Compute, pass.name);
+    let (module, info) = naga::back::pipeline_constants::process_overrides(module, info, Some(entry), &constants)
+        .map_err(|error| error.to_string())?;
+    language.write(pass, &module, &info).map(|()| true)
 }
 
-/// Lets spirv-val judge a module, where it is installed.
-fn validated(words: &[u32]) -> Result<(), String> {
-    static IS_INSTALLED: std::sync::LazyLock<bool> =
-        std::sync::LazyLock::new(|| std::process::Command::new("spirv-val").arg("--version").output().is_ok());
-    if !*IS_INSTALLED {
-        return Ok(());
-    }
-    let file = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(file.path(), bytemuck::cast_slice(words)).unwrap();
-    let judge =
-        std::process::Command::new("spirv-val").args(["--target-env", "vulkan1.1"]).arg(file.path()).output().unwrap();
-    if judge.status.success() { Ok(()) } else { Err(format!("spirv-val: {}", String::from_utf8_lossy(&judge.stderr))) }
+/// A pass's module, and what naga knows of it.
+fn valid_module_of(pass: &'static Pass) -> (Module, ModuleInfo) {
+    let module = module_of(pass);
+    let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module).unwrap();
+    (module, info)
 }
 
 #[test]
-fn every_pass_translates_with_every_combination_of_its_constants() {
+fn every_pass_translates_with_every_combination_of_its_constants_to_every_language() {
     let Some(gpu) = Gpu::for_test() else { return };
     let variants = variants(&gpu);
-    let refused: Vec<String> = ALL
-        .par_iter()
-        .flat_map_iter(|pass| {
-            let module = module_of(pass);
-            let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module).unwrap();
-            let refused = |constants: &Constants| {
-                translate(&module, &info, constants).err().map(|why| format!("{} {constants:?}: {why}", pass.name))
-            };
-            variants[pass.name].iter().filter_map(refused).collect::<Vec<_>>()
-        })
-        .collect();
-    assert!(refused.is_empty(), "{} of them are refused: {}", refused.len(), refused.join("\n"));
-    println!("{} combinations", variants.values().map(BTreeSet::len).sum::<usize>());
+    let results = ALL.par_iter().flat_map_iter(|pass| {
+        let module = valid_module_of(pass);
+        let mut results = Vec::new();
+        for constants in &variants[pass.name] {
+            for language in &LANGUAGES {
+                let result = translate(language, pass, (&module.0, &module.1), constants);
+                results.push(result.map_err(|why| format!("{} {constants:?}: {why}", pass.name)));
+            }
+        }
+        results
+    });
+    let results: Vec<Result<bool, String>> = results.collect();
+    let refused: Vec<&String> = results.iter().filter_map(|result| result.as_ref().err()).collect();
+    let written = results.iter().filter(|result| **result == Ok(true)).count();
+    let never = results.iter().filter(|result| **result == Ok(false)).count();
+    println!(
+        "{} combinations, {written} translations, {never} that no device asks for, {} refused",
+        variants.values().map(BTreeSet::len).sum::<usize>(),
+        refused.len()
+    );
+    assert!(refused.is_empty(), "{refused:#?}");
+}
+
+#[test]
+fn passes_are_kept_from_a_language_for_their_64_bit_atomics_only() {
+    let mut readers = 0;
+    for pass in ALL {
+        let (module, info) = valid_module_of(pass);
+        let is_kept = |backend: wgpu::Backend| {
+            let of_backend = LANGUAGES.iter().filter(|language| language.backend == backend);
+            of_backend.map(|language| !language.is_asked(&module, &info)).collect::<Vec<_>>()
+        };
+        let [vulkan, directx, metal] = [wgpu::Backend::Vulkan, wgpu::Backend::Dx12, wgpu::Backend::Metal].map(is_kept);
+        assert_eq!(vulkan, [false; 2], "{}", pass.name);
+        // Nothing, what older versions lack, or what cannot be read.
+        let (directx, metal) = (&directx[..], &metal[..]);
+        match has_wide_atomics(&module) {
+            false => assert_eq!((directx, metal), (&[false; 3][..], &[false; 3][..]), "{}", pass.name),
+            true if directx[2] => {
+                assert_eq!((directx, metal), (&[true; 3][..], &[true; 3][..]), "{}", pass.name);
+                readers += 1;
+            }
+            true => {
+                assert_eq!((directx, metal), (&[true, true, false][..], &[true, false, false][..]), "{}", pass.name)
+            }
+        }
+    }
+    assert_eq!(readers, 1, "another pass stands in for one that reads them");
+}
+
+#[test]
+fn every_pass_has_room_in_the_tables_of_directx_and_metal() {
+    for pass in ALL {
+        let Needed { numbers: [storage, uniform, sampled, textures, ..], written, .. } = Needed::of(pass);
+        let name = pass.name;
+        // Metal has 31 buffers of all kinds, of which wgpu keeps two: the sizes of the others, and a spare one.
+        assert!(storage + uniform <= 29, "{name} has {storage} + {uniform} buffers");
+        // DirectX's first tier of binding has 14 constant buffers, of which wgpu takes one, 128 read views and 64 written.
+        assert!(uniform <= 13, "{name} has {uniform} constant buffers");
+        let written = written as u64;
+        assert!(storage - written + sampled <= 128 && written + textures <= 64, "{name}");
+    }
 }
 
 #[test]
@@ -220,9 +267,7 @@ fn what_is_asked_of_adapters_is_what_the_passes_need() {
 fn page() -> String {
     let mut page = String::from(
         "# What the passes need of a GPU\n\n\
-         Written by `UPDATE=1 cargo test --release --workspace --lib translation`. Another test translates every pass to SPIR-V\n\
-         for Vulkan, with every combination of constants that the renderer is known to compile it with: each method, each\n\
-         parameter changed alone, each kind of mirror. Where spirv-val is installed, it judges each result.\n\n\
+         Written by `UPDATE=1 cargo test --release --workspace --lib translation`.\n\n\
          ## An adapter must have\n\n\
          `glint doctor` shows what an adapter has of it. One that lacks something is refused with a sentence, and another is\n\
          taken where there is one.\n\n\
@@ -249,6 +294,7 @@ fn page() -> String {
             pass.name
         );
     }
+    page.push_str(&languages());
     page.push_str(
         "\n## Long passes\n\n\
          Systems take a GPU for stuck where a dispatch takes two seconds or more. On a GPU these passes are cut by rows of\n\
@@ -261,4 +307,32 @@ fn page() -> String {
         let _ = writeln!(page, "| `{pass}` | {case} | {milliseconds} | {first:.0} | {later:.0} |");
     }
     page
+}
+
+/// The part of docs/gpu.md about shading languages.
+fn languages() -> String {
+    let mut part = String::from(
+        "\n## Passes and backends\n\n\
+         A test translates every pass to the languages of Vulkan (SPIR-V), DirectX 12 (HLSL) and Metal (MSL), as wgpu asks\n\
+         naga for it, with every combination of constants that the renderer is known to compile it with: each method, each\n\
+         parameter changed alone, each kind of mirror. None may be refused. Where spirv-val is installed, it judges SPIR-V 1.0;\n\
+         no compiler of HLSL or MSL has judged the others. Where a cell says `never`, the renderer takes another pass on such\n\
+         devices: HLSL and MSL cannot read 64-bit atomics, and older versions lack them.\n\n| pass |",
+    );
+    LANGUAGES.iter().for_each(|language| part.extend([" ", language.name, " |"]));
+    part.push_str("\n|---|");
+    LANGUAGES.iter().for_each(|_| part.push_str("---|"));
+    for pass in ALL {
+        let (module, info) = valid_module_of(pass);
+        let _ = write!(part, "\n| `{}` |", pass.name);
+        for language in &LANGUAGES {
+            part.push_str(match translate(language, pass, (&module, &info), &Constants::new()) {
+                Ok(true) => " yes |",
+                Ok(false) => " never |",
+                Err(_) => " refused |",
+            });
+        }
+    }
+    part.push('\n');
+    part
 }
