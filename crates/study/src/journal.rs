@@ -11,6 +11,8 @@ use crate::results::{Machine, Run, counted};
 
 const PLAN: &str = "plan.toml";
 const JOURNAL: &str = "runs.jsonl";
+/// Locked by the process that writes to the folder. Not the journal itself: Windows lets nobody else read a locked file.
+const LOCK: &str = ".lock";
 
 /// The errors of a study's folder.
 #[derive(Debug, thiserror::Error)]
@@ -39,8 +41,10 @@ pub struct Folder {
     pub plan: Plan,
     pub cases: Vec<Case>,
     pub runs: Vec<Run>,
-    /// The journal; runs are appended after the last whole line. Locked until it is closed.
+    /// The journal; runs are appended after the last whole line.
     journal: File,
+    /// Holds the folder's lock until it is closed.
+    _lock: File,
 }
 
 impl Folder {
@@ -62,21 +66,18 @@ impl Folder {
             write_whole(&path.join(PLAN), (about + &plan.to_text()).as_bytes())?;
         }
         let cases = plan.cases();
+        let lock = locked(path)?;
         let in_journal = |reason| unwritten(&journal_path, reason);
-        check_journal(&journal_path)?;
+        check_regular(&journal_path)?;
         // Not to append: Windows gives such a file no right to cut off a torn line.
         let open = OpenOptions::new().create(true).read(true).write(true).truncate(false).open(&journal_path);
         let mut journal = open.map_err(in_journal)?;
-        // Some file systems of clusters have no locks: there other writers cannot be detected.
-        if let Err(TryLockError::WouldBlock) = journal.try_lock() {
-            return Err(FolderError::InUse { folder: path.to_owned() });
-        }
         let mut bytes = Vec::new();
         journal.read_to_end(&mut bytes).map_err(in_journal)?;
         let (runs, whole) = whole_runs(&journal_path, &bytes, cases.len())?;
         // A line that was torn when the program ended is dropped.
         journal.set_len(whole).and_then(|()| journal.seek(SeekFrom::End(0))).map_err(in_journal)?;
-        Ok(Self { path: path.to_owned(), plan, cases, runs, journal })
+        Ok(Self { path: path.to_owned(), plan, cases, runs, journal, _lock: lock })
     }
 
     /// Joins folders of one plan into another one.
@@ -147,6 +148,19 @@ impl Folder {
     }
 }
 
+/// Locks a folder.
+fn locked(folder: &Path) -> Result<File, FolderError> {
+    let path = folder.join(LOCK);
+    check_regular(&path)?;
+    let open = OpenOptions::new().create(true).write(true).truncate(false).open(&path);
+    let lock = open.map_err(|reason| unwritten(&path, reason))?;
+    // Some file systems of clusters have no locks: there other writers cannot be detected.
+    match lock.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(FolderError::InUse { folder: folder.to_owned() }),
+        _ => Ok(lock),
+    }
+}
+
 fn kept_plan(folder: &Path) -> Result<Option<Plan>, FolderError> {
     let path = folder.join(PLAN);
     let text = match scene::whole_file::read(&path) {
@@ -159,7 +173,7 @@ fn kept_plan(folder: &Path) -> Result<Option<Plan>, FolderError> {
 }
 
 fn read_journal(path: &Path, cases: usize) -> Result<Vec<Run>, FolderError> {
-    check_journal(path)?;
+    check_regular(path)?;
     match std::fs::read(path) {
         Ok(bytes) => Ok(whole_runs(path, &bytes, cases)?.0),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(Vec::new()),
@@ -167,8 +181,8 @@ fn read_journal(path: &Path, cases: usize) -> Result<Vec<Run>, FolderError> {
     }
 }
 
-/// Checks that a journal is a regular file, if it exists: reading anything else of its name could block.
-fn check_journal(path: &Path) -> Result<(), FolderError> {
+/// Checks that a file is a regular one, if it exists: opening anything else of its name could block.
+fn check_regular(path: &Path) -> Result<(), FolderError> {
     match std::fs::metadata(path) {
         Ok(metadata) if !metadata.is_file() => {
             let reason = std::io::Error::other("not a regular file");
@@ -281,6 +295,10 @@ mod tests {
         let first = Folder::open(folder.path(), plan("one"), "").unwrap();
         let error = Folder::open(folder.path(), plan("one"), "").err().unwrap().to_string();
         assert!(error.contains("another `glint study` is at work") && error.lines().count() == 1, "{error}");
+        // Meanwhile others may read what is there, on Windows too: the journal itself is not locked.
+        assert!(File::open(folder.path().join(JOURNAL)).unwrap().try_lock_shared().is_ok());
+        let all = tempfile::tempdir().unwrap();
+        assert!(Folder::merge(&[folder.path().to_owned()], &all.path().join("all"), "").is_ok());
         drop(first);
         assert!(Folder::open(folder.path(), plan("one"), "").is_ok());
     }
