@@ -1,12 +1,16 @@
 //! `cargo xtask run` and `cargo xtask test`: from a fresh clone to a window, and to a tested tree, in one command each.
 //! `cargo xtask baseline` writes the checksums that pictures are compared with. `cargo xtask fuzz` looks for inputs
-//! that break parsers.
+//! that break parsers. `cargo xtask package` makes packages for Linux, and `cargo xtask systems` checks the sources for
+//! other systems.
 //!
-//! All first look for what the system lacks (`needs`) and install it where that is allowed. Everything else is left to
-//! cargo, in the one profile the project uses, so that running, checking and testing share what they compile.
+//! Those that run the program first look for what the system lacks (`needs`) and install it where that is allowed.
+//! Everything else is left to cargo, in the one profile the project uses, so that running, checking and testing share
+//! what they compile.
 
 mod fuzz;
 mod needs;
+mod package;
+mod systems;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, ExitStatus, Stdio};
@@ -26,13 +30,16 @@ cargo xtask baseline         Write the checksums of pictures in tests/baseline a
 cargo xtask fuzz [TARGET] [--minutes N]
                              Try odd inputs on the parsers, led by their coverage: TARGET, or all of crates/fuzz/seeds, for
                              10 minutes or N in all. Needs a C++ compiler. What breaks something is kept in target/fuzz/found.
+cargo xtask package          Build a .deb and a .tar.gz of the program in target/package: with menu entry, icon, file types and
+                             thumbnailer. Needs dpkg-deb, tar and objdump; fails where the program needs a newer glibc than 2.34.
+cargo xtask systems          Type-check everything for Windows and macOS, as far as their standard libraries are installed.
 cargo xtask test --modes     Run the renderer's tests while the adapter acts like lesser ones: without 64-bit atomics, without
                              reading them (Metal, DirectX), timed by its own clock in one submit, with the limits that
                              WebGPU promises, and without timestamps.
 cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed) and the links in comments, build
                              and run all tests.
 
-All but fuzz look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
+run, test and baseline look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
 ImageMagick) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
 the line to type and stop.
 
@@ -60,6 +67,8 @@ fn main() -> ExitCode {
         ["test"] => test(),
         ["test", "--modes"] => test_modes(),
         ["baseline"] => baseline(),
+        ["package"] => package(),
+        ["systems"] => systems(),
         ["fuzz", words @ ..] => match Fuzzing::parse(words) {
             Some(fuzzing) => fuzz(&fuzzing),
             None => return misunderstood(),
@@ -220,6 +229,26 @@ fn baseline() -> Result<ExitCode> {
     command.args(["test", "--release", "--workspace", "--locked", "--test", "baseline"]);
     command.current_dir(root()?).env("UPDATE", "1").env("GLINT_REQUIRE_GPU", "1");
     Ok(exit_code(status(&mut command)?))
+}
+
+fn package() -> Result<ExitCode> {
+    let root = root()?;
+    let mut command = cargo();
+    command.args(["build", "--release", "--locked", "--package", "glint"]).current_dir(&root);
+    let status = status(&mut command)?;
+    if !status.success() {
+        return Ok(exit_code(status));
+    }
+    for path in package::package(&root, &root.join("target/release/glint"))? {
+        println!("{}", path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn systems() -> Result<ExitCode> {
+    let failed = systems::check(cargo, &root()?)?;
+    println!("== failed: {}", if failed.is_empty() { "none".into() } else { failed.join(", ") });
+    Ok(if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 fn fuzz(fuzzing: &Fuzzing) -> Result<ExitCode> {

@@ -32,6 +32,13 @@ pub enum Painted {
     Again,
 }
 
+/// The program's icon; made from assets/desktop/glint.svg.
+fn icon() -> Option<winit::window::Icon> {
+    let image = image::load_from_memory(include_bytes!("../../../../assets/desktop/glint.png")).ok()?.into_rgba8();
+    let (width, height) = image.dimensions();
+    winit::window::Icon::from_rgba(image.into_raw(), width, height).ok()
+}
+
 impl Screen {
     /// Opens the window.
     ///
@@ -42,7 +49,11 @@ impl Screen {
         let attributes = Window::default_attributes()
             .with_title("glint")
             .with_inner_size(winit::dpi::LogicalSize::new(size[0], size[1]))
-            .with_min_inner_size(winit::dpi::LogicalSize::new(LEAST_SIZE[0], LEAST_SIZE[1]));
+            .with_min_inner_size(winit::dpi::LogicalSize::new(LEAST_SIZE[0], LEAST_SIZE[1]))
+            .with_window_icon(icon());
+        // By this name Wayland finds the icon, in the menu entry of a package.
+        #[cfg(target_os = "linux")]
+        let attributes = winit::platform::wayland::WindowAttributesExtWayland::with_name(attributes, "glint", "glint");
         let window = Arc::new(event_loop.create_window(attributes).map_err(|error| crate::viewer::no_screen(&error))?);
         let display = Box::new(event_loop.owned_display_handle());
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_with_display_handle(display));
@@ -236,6 +247,11 @@ mod tests {
         assert_eq!(fitted([1280, 800], [2560, 1600], 2.5), [1024, 560]);
         assert_eq!(fitted([3000, 2000], [800, 400], 1.0), [800, 320]);
         assert_eq!(fitted([1280, 800], [0, 0], 1.0), [1280, 800]);
+    }
+
+    #[test]
+    fn the_window_has_an_icon() {
+        assert!(icon().is_some());
     }
 
     #[test]
