@@ -20,7 +20,7 @@ use crate::las::column_records::RecordFormat;
 use crate::las::output_records::check_items;
 use crate::las::plain_writer::Head;
 use crate::las::record_export::{Written, export_records, write_rows_to};
-use crate::las::{LasSource, write_copc};
+use crate::las::{LasSource, coordinate_decimals, write_copc};
 use crate::ply::PlySource;
 use crate::{Selection, Source};
 pub use columns::{Added, Runs};
@@ -168,14 +168,14 @@ impl Job<'_> {
         self.sources.iter().map(fields).collect()
     }
 
-    /// Gives the rows of all files to `order`. `rows_of` makes them of a piece, by the columns that a file has of
-    /// `fields`.
+    /// Gives the rows of all files to `order`. `rows_of` makes them of a piece of a file, by the columns that the file has
+    /// of `fields`.
     fn read(
         &self,
         fields: &[cloud::Attribute],
         wide: bool,
         order: &InOrder<'_>,
-        rows_of: impl Fn(&Piece, &[Option<usize>]) -> Vec<u8> + Sync,
+        rows_of: impl Fn(&Source, &Piece, &[Option<usize>]) -> Vec<u8> + Sync,
     ) -> Vec<String> {
         let mut problems = Vec::new();
         for (number, (source, own)) in self.sources.iter().zip(self.fields(wide)).enumerate() {
@@ -184,7 +184,7 @@ impl Job<'_> {
                 let added = |added: &Added| Column::F32(added.of(number, piece.first_point, piece.points));
                 let added: Vec<Column> = self.added.iter().map(added).collect();
                 piece.columns.extend(added);
-                rows_of(&piece, &columns)
+                rows_of(source, &piece, &columns)
             };
             problems.append(&mut match &**source {
                 Source::Las(source) => source.read_columns_in_order(self.test, wide, self.progress, order, &rows_of),
@@ -252,7 +252,7 @@ impl Job<'_> {
         let mut write = |rows: Vec<u8>| out.push(&rows);
         let is_cancelled = || self.progress.is_cancelled();
         let order = InOrder::new(PIECE_POINTS * format.length, &encode, &mut write, &is_cancelled);
-        warnings.append(&mut self.read(&format.fields, false, &order, |piece, columns| format.rows(piece, columns)));
+        warnings.append(&mut self.read(&format.fields, false, &order, |_, piece, columns| format.rows(piece, columns)));
         order.finish().map_err(unwritten)?;
         if self.progress.is_cancelled() {
             return Ok(None);
@@ -278,13 +278,21 @@ impl Job<'_> {
         let mut write = |text: Vec<u8>| out.write_all(&text);
         let is_cancelled = || self.progress.is_cancelled();
         let order = InOrder::new(TABLE_BYTES, &encode, &mut write, &is_cancelled);
-        let rows_of = |piece: &Piece, columns: &[Option<usize>]| {
+        let axes: Vec<Option<usize>> =
+            fields.iter().map(|field| ["x", "y", "z"].iter().position(|axis| *axis == field.name)).collect();
+        let rows_of = |source: &Source, piece: &Piece, columns: &[Option<usize>]| {
             points.fetch_add(piece.kept.len() as u64, Ordering::Relaxed);
+            // The rounding of a multiple of a grid's steps is no digit of the file.
+            let decimals = source.info().grid.as_ref().map(coordinate_decimals);
+            let text_of = |column: &Column, axis: Option<usize>, index: usize| match decimals.zip(axis) {
+                Some((decimals, axis)) => format!("{:.*}", decimals[axis], column.value(index)),
+                None => column.text(index),
+            };
             let mut text = String::new();
             for index in &piece.kept {
-                for (place, column) in columns.iter().enumerate() {
+                for (place, (column, axis)) in columns.iter().zip(&axes).enumerate() {
                     let value = column.and_then(|column| piece.columns.get(column));
-                    let value = value.map_or(String::new(), |column| column.text(*index as usize));
+                    let value = value.map_or(String::new(), |column| text_of(column, *axis, *index as usize));
                     text += if place == 0 { "" } else { "," };
                     text += &value;
                 }
@@ -325,7 +333,7 @@ impl Job<'_> {
             most_points: self.most_points(),
         };
         let mut write_rows = |order: &InOrder<'_>| {
-            warnings.append(&mut self.read(&format.fields, true, order, |piece, columns| {
+            warnings.append(&mut self.read(&format.fields, true, order, |_, piece, columns| {
                 format.rows(piece, columns).unwrap_or_else(|error| {
                     order.fail(error);
                     Vec::new()

@@ -424,7 +424,7 @@ impl LasSource {
             Reading::Coordinate { axis } => {
                 let raw = i32::from_le_bytes(bytes(record, axis * 4));
                 let (scale, offset) = (self.grid.scale[axis], self.grid.offset[axis]);
-                let decimals = decimals(scale).max(decimals(offset));
+                let decimals = coordinate_decimals(&self.grid)[axis];
                 format!("{:.decimals$}", f64::from(raw) * scale + offset)
             }
             Reading::Opaque { at, length } => {
@@ -549,6 +549,11 @@ fn spread(count: usize) -> impl Iterator<Item = usize> + Send {
     let bits = count.next_power_of_two().trailing_zeros();
     let reversed = move |index: usize| if bits == 0 { index } else { index.reverse_bits() >> (usize::BITS - bits) };
     (0..count.next_power_of_two()).map(reversed).filter(move |&index| index < count)
+}
+
+/// The number of decimals that write each coordinate on a grid in full.
+pub fn coordinate_decimals(grid: &Grid) -> [usize; 3] {
+    [0, 1, 2].map(|axis| decimals(grid.scale[axis]).max(decimals(grid.offset[axis])))
 }
 
 /// The number of decimals that write `step` in full, up to 12 (a coordinate of seven digits has no more).

@@ -275,6 +275,22 @@ fn a_clip_becomes_copc() {
 }
 
 #[test]
+fn coordinates_of_a_table_have_the_digits_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let original = file(&folder, "original.las", las_file((1, 2), 0, &points(0, 500), &[]));
+    let output = folder.path().join("table.csv");
+    written(&[&original], &PointTest::default(), &output);
+    let table = std::fs::read_to_string(&output).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 500);
+    for (row, point) in rows.iter().zip(las_points(&original)) {
+        let expected = [point.x, point.y, point.z].map(|coordinate| format!("{coordinate:.3}"));
+        assert_eq!(row[..3], expected);
+        assert_eq!(row[3], point.intensity.to_string());
+    }
+}
+
+#[test]
 fn warnings_about_a_copc_file_name_files_that_people_know() {
     let folder = tempfile::tempdir().unwrap();
     let original = file(&folder, "waves.las", las_file((1, 3), 4, &points(4, 100), &[]));
