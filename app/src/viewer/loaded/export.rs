@@ -18,6 +18,11 @@ use crate::viewer::work::Work;
 
 impl Loaded {
     pub fn export(&mut self, step: Export, scene: &Scene, outside: &mut Outside) {
+        if let (Export::Ask | Export::To(_), Some(input)) = (&step, self.shown_in_part()) {
+            // Files are read again by the words that opened them.
+            let what = "some of its clouds are switched off; show all of them or none, and clip or filter the rest";
+            return outside.error(format!("{input}: not saved: {what}"));
+        }
         match step {
             Export::Stop => self.writing.iter().for_each(|writing| writing.progress.cancel()),
             Export::Ask | Export::To(_) if self.writing.is_some() => outside.note("A file is being written already"),
@@ -36,6 +41,13 @@ impl Loaded {
         }
     }
 
+    /// The input of which some clouds are switched on and others off, if there is one: a folder has several.
+    fn shown_in_part(&self) -> Option<&str> {
+        let shown = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.input.as_str());
+        let mut hidden = self.clouds.iter().filter(|entry| !entry.is_visible).map(|entry| entry.input.as_str());
+        hidden.find(|input| shown.clone().any(|other| other == *input))
+    }
+
     /// Tells how an export ended; `None` if it was stopped.
     pub fn on_exported(&mut self, path: &Path, result: Result<Option<Exported>, String>, outside: &mut Outside) {
         self.writing = None;
@@ -48,5 +60,38 @@ impl Loaded {
             Ok(None) => outside.note(format!("Not saved: {}", path.display())),
             Err(error) => outside.say(Level::Error, error),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use world::{Event, Opened};
+
+    use super::*;
+    use crate::viewer::action::Action;
+    use crate::viewer::session::Session;
+
+    #[test]
+    fn a_folder_of_which_a_cloud_is_switched_off_is_not_saved_as_a_whole() {
+        let mut session = Session::with_two_points();
+        let job = session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
+        let (name, input) = ("b".into(), "cloud.ply".into());
+        let opened = Opened { name, input, expected_points: 1, up: DVec3::Z, ..Opened::default() };
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud: 0, opened }, beside));
+        let key = session.loaded.clouds[1].key;
+        let begins = |session: &mut Session| {
+            session.outside.effects.clear();
+            session.act(Action::Export(Export::To("a.laz".into())));
+            session.loaded.writing = None;
+            session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::Export { .. })))
+        };
+        assert!(begins(&mut session));
+        session.act(Action::ShowCloud(key, false));
+        assert!(!begins(&mut session));
+        let told = session.outside.messages.all.last().map(|message| message.text.as_str()).unwrap_or_default();
+        assert!(told.starts_with("cloud.ply: not saved: some of its clouds are switched off"), "{told}");
+        session.act(Action::ShowCloud(key, true));
+        assert!(begins(&mut session));
     }
 }
