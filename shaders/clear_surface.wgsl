@@ -45,7 +45,7 @@ const NONE: u32 = 0xffffffffu;
 
 @compute @workgroup_size(8, 8)
 fn clear_surface(@builtin(global_invocation_id) thread: vec3u) {
-    let id = thread.xy;
+    let id = whole_thread(frame, thread).xy;
     if id.x >= frame.width || id.y >= frame.height {
         return;
     }

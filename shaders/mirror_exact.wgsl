@@ -12,7 +12,7 @@
 
 @compute @workgroup_size(8, 8)
 fn mirror_exact(@builtin(global_invocation_id) thread: vec3u) {
-    let id = mirror_pixel(frame, thread);
+    let id = mirror_pixel(frame, whole_thread(frame, thread));
     if id.x >= frame.width || id.y >= frame.height {
         return;
     }

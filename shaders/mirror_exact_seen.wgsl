@@ -18,7 +18,7 @@
 
 @compute @workgroup_size(8, 8)
 fn mirror_exact_seen(@builtin(global_invocation_id) thread: vec3u) {
-    let id = mirror_pixel(frame, thread);
+    let id = mirror_pixel(frame, whole_thread(frame, thread));
     if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id, 0).w == 0.0 {
         return;
     }

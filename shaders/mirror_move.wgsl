@@ -24,7 +24,8 @@ struct Moved {
 }
 
 @compute @workgroup_size(8, 8)
-fn mirror_move(@builtin(global_invocation_id) id: vec3u) {
+fn mirror_move(@builtin(global_invocation_id) thread: vec3u) {
+    let id = whole_thread(frame, thread);
     if id.x >= frame.width || id.y >= frame.height {
         return;
     }

@@ -33,6 +33,10 @@ pub enum Error {
     Lost(String),
     #[error("{adapter} has no memory left; ask for a smaller picture or fewer points ({problem})")]
     NoMemory { adapter: String, problem: String },
+    #[error(
+        "`{pass}` would keep {adapter} busy for {seconds:.1} s at a time, and systems reset a GPU after two; ask for a smaller picture, fewer points or fewer virtual lights (gi.vpls)"
+    )]
+    TooLong { pass: &'static str, seconds: f64, adapter: String },
     #[error("{what} needs {bytes} bytes, more than the {limit} that {adapter} allows{advice}")]
     TooLarge { what: &'static str, bytes: u64, limit: u64, adapter: String, advice: &'static str },
 }

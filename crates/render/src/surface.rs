@@ -130,7 +130,7 @@ pub(crate) fn lay_mirrors(
             normal_out,
             depth_out,
         };
-        recorder.over_mirrors(&[], inputs, bindings)?;
+        recorder.by_rows(&[], inputs, bindings, inputs.mirror_groups())?;
         targets.shown = 1 - targets.splatted;
     }
     let bindings =

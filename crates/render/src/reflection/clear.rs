@@ -318,7 +318,7 @@ impl Clear {
         };
         let switches =
             [("has_points", u32::from(points.is_some())), ("is_only", u32::from(is_only)), ("inner_way", way)];
-        recorder.over_pixels(&switches, supply, bindings)
+        recorder.by_rows(&switches, supply, bindings, supply.pixel_groups())
     }
 
     /// Puts what rays meet inside solids, on their way to where `task` has followed them from, before what they meet

@@ -53,6 +53,7 @@ impl Footprint {
             eye_out: mirror.eye.bind(),
             normal_out: self.normal.bind(),
         };
-        recorder.over_pixels(&[("has_formulas", u32::from(formulas.is_some()))], inputs, bindings)
+        let switches = [("has_formulas", u32::from(formulas.is_some()))];
+        recorder.by_rows(&switches, inputs, bindings, inputs.pixel_groups())
     }
 }

@@ -80,7 +80,7 @@ impl MirrorGBuffer {
             normal_out,
             position_out,
         };
-        recorder.over_mirrors(&[], task.supply, bindings)
+        recorder.by_rows(&[], task.supply, bindings, task.supply.mirror_groups())
     }
 
     pub fn bytes(&self) -> u64 {

@@ -28,3 +28,41 @@ impl Renderer {
         (self.gi.may_lag, self.gi.keeper.reuse) = (before.gi.may_lag, before.gi.keeper.reuse);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::DVec3;
+    use scene::{Camera, Method, Settings};
+
+    use super::*;
+    use crate::{Gpu, Objects, PointStore};
+
+    #[test]
+    fn a_pass_that_would_take_seconds_at_a_time_is_refused_on_a_gpu_and_tried_again() {
+        let Some(mut gpu) = Gpu::for_test() else { return };
+        Arc::get_mut(&mut gpu).unwrap().is_watched = true;
+        let store = PointStore::new(gpu.clone());
+        let mut renderer = Renderer::bare(gpu);
+        let mut settings = Settings::default();
+        settings.reflection.method = Method::None;
+        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
+        let mut draw = |seconds: Option<f64>| {
+            for compiled in renderer.pipelines.iter_mut().filter(|(key, _)| key.0 == "present") {
+                let groups = 8.0 * 8.0;
+                compiled.1.group_milliseconds =
+                    seconds.map_or(compiled.1.group_milliseconds, |seconds| Some(seconds * 1000.0 / groups));
+            }
+            let outcome = renderer.render(&store, &camera, &settings, Objects::default(), [64, 64]);
+            outcome.and_then(|_| renderer.read_picture()).map_err(|error| error.to_string())
+        };
+        let whole = draw(None).unwrap();
+        assert!(draw(Some(1.9)).unwrap() == whole);
+        let refused = draw(Some(6.0)).unwrap_err();
+        assert!(refused.contains("`present` would keep") && refused.contains("busy for 6.0 s"), "{refused}");
+        // One slow frame is not believed for ever.
+        assert!(draw(None).unwrap_err().contains("3.0 s"));
+        assert!(draw(None).unwrap() == whole);
+    }
+}
