@@ -4,6 +4,8 @@
 /// Makes a buffer.
 pub(crate) fn buffer(device: &wgpu::Device, descriptor: &wgpu::BufferDescriptor<'_>) -> wgpu::Buffer {
     #[cfg(test)]
+    tests::note(descriptor.label, descriptor.size);
+    #[cfg(test)]
     if tests::is_refused() {
         return device.create_buffer(&wgpu::BufferDescriptor { size: 1 << 60, ..descriptor.clone() });
     }
@@ -13,6 +15,8 @@ pub(crate) fn buffer(device: &wgpu::Device, descriptor: &wgpu::BufferDescriptor<
 /// Makes a texture.
 pub(crate) fn texture(device: &wgpu::Device, descriptor: &wgpu::TextureDescriptor<'_>) -> wgpu::Texture {
     #[cfg(test)]
+    tests::note(descriptor.label, bytes_of(descriptor));
+    #[cfg(test)]
     if tests::is_refused() {
         let size = wgpu::Extent3d { width: 1 << 30, ..descriptor.size };
         return device.create_texture(&wgpu::TextureDescriptor { size, ..descriptor.clone() });
@@ -21,8 +25,15 @@ pub(crate) fn texture(device: &wgpu::Device, descriptor: &wgpu::TextureDescripto
 }
 
 #[cfg(test)]
-mod tests {
-    use std::cell::Cell;
+fn bytes_of(descriptor: &wgpu::TextureDescriptor<'_>) -> u64 {
+    let wgpu::Extent3d { width, height, .. } = descriptor.size;
+    u64::from(width) * u64::from(height) * u64::from(descriptor.format.block_copy_size(None).unwrap_or(0))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::cell::{Cell, RefCell};
+    use std::collections::BTreeMap;
     use std::sync::Arc;
 
     use cloud::{Chunk, pack_radius};
@@ -34,6 +45,17 @@ mod tests {
     thread_local! {
         /// How many more buffers and textures are made before one is refused.
         static LEFT: Cell<Option<u32>> = const { Cell::new(None) };
+        /// The bytes of what this thread has made, by its label.
+        static MADE: RefCell<BTreeMap<String, u64>> = const { RefCell::new(BTreeMap::new()) };
+    }
+
+    pub(super) fn note(label: Option<&str>, bytes: u64) {
+        MADE.with_borrow_mut(|made| *made.entry(label.unwrap_or("?").to_owned()).or_default() += bytes);
+    }
+
+    /// The bytes of what this thread has made since it was asked last, by label.
+    pub(crate) fn made() -> BTreeMap<String, u64> {
+        MADE.take()
     }
 
     pub(super) fn is_refused() -> bool {

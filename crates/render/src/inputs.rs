@@ -54,6 +54,9 @@ pub(crate) struct ListInputs {
     pub pixels_only: bool,
 }
 
+/// The least bytes of a buffer that a frame uploads: a list without elements is bound where one with some may be.
+const LEAST_BYTES: usize = 128;
+
 /// The number of blocks that a workgroup draws where one point in `step` is drawn (shaders/shared/blocks.wgsl).
 fn blocks_per_workgroup(step: u32) -> u32 {
     1 << (step / 8).max(1).ilog2().min(7)
@@ -66,12 +69,19 @@ impl Inputs {
                 &gpu.device,
                 &wgpu::BufferDescriptor {
                     label: Some(label),
-                    size: (bytes.len() as u64).max(128),
+                    size: (bytes.len() as u64).max(LEAST_BYTES as u64),
                     usage: usage | wgpu::BufferUsages::COPY_DST,
                     mapped_at_creation: false,
                 },
             );
-            gpu.queue.write_buffer(&buffer, 0, bytes);
+            if bytes.len() < LEAST_BYTES {
+                // All of it is written: wgpu clears what is not, by a command for each buffer.
+                let mut whole = [0; LEAST_BYTES];
+                whole[..bytes.len()].copy_from_slice(bytes);
+                gpu.queue.write_buffer(&buffer, 0, &whole);
+            } else {
+                gpu.queue.write_buffer(&buffer, 0, bytes);
+            }
             buffer
         };
         let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);

@@ -17,6 +17,8 @@ mod kept_pipelines;
 mod layout;
 mod light_views;
 mod lighting;
+#[cfg(test)]
+mod memory;
 mod method;
 mod page_space;
 mod passes;

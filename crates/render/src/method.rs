@@ -74,6 +74,36 @@ impl Methods {
         Self { size, index, environment, cubemaps, light_field, ..Self::default() }
     }
 
+    /// Gives up the images and buffers of the picture's size that none of these methods needs: at 3840 x 2160 they are
+    /// gigabytes. The trees over the points and the maps around mirrors stay, because making them takes long.
+    pub fn keep_images_of(&mut self, methods: [Method; 2]) {
+        let uses = |any: &[Method]| methods.iter().any(|method| any.contains(method));
+        if !uses(&[Method::Sscr]) {
+            self.sscr = None;
+        }
+        if !uses(&[Method::Sscr, Method::SampleCameras]) {
+            self.forward = None;
+        }
+        if !uses(&[Method::SampleCameras]) {
+            self.cameras = SampleCameras::default();
+        }
+        if !uses(&[Method::ScreenTrace]) {
+            self.screen = ScreenTrace::default();
+        }
+        if !uses(&[Method::CubemapTrace, Method::ScreenTrace]) {
+            self.cubemaps.rest = None;
+        }
+        if !uses(&[Method::LightField]) {
+            self.light_field.rest = None;
+        }
+        if !uses(&[Method::MirroredViewpoint]) {
+            self.mirrored = MirroredViewpoint::default();
+        }
+        if methods.iter().all(|method| matches!(method, Method::Sscr | Method::None | Method::Auto)) {
+            self.gather = None;
+        }
+    }
+
     /// Fills the Mirror G-Buffer of a task of its own, whose rays are not those of the frame, with what they meet of
     /// `chunks`, as `surfel_trace` does.
     ///

@@ -67,6 +67,9 @@ pub(crate) struct Stage {
     clues: LightClues,
 }
 
+/// The size of the picture of a rehearsal: a workgroup.
+const STAGE_SIZE: [u32; 2] = [8, 8];
+
 impl Renderer {
     /// Compiles the passes that frames like this one need and are not compiled yet, on all cores, and runs each once on
     /// a tiny picture. `progress` counts each pass twice: when it is compiled, and when it has run.
@@ -125,14 +128,19 @@ impl Renderer {
         let compiled: Result<Vec<_>> = missing.into_par_iter().map(compile).collect();
         self.pipelines.extend(compiled?);
         self.forget();
-        self.draw_stage(&stage, &mut Rehearsal::Count(progress.clone()))?;
+        self.draw_stage(&stage, STAGE_SIZE, &mut Rehearsal::Count(progress.clone()))?;
         Ok(())
     }
 
     /// The passes that a frame names and that are not compiled.
     pub(crate) fn missing(&mut self, stage: &Stage) -> Result<Vec<Variant>> {
+        self.missing_at(stage, STAGE_SIZE)
+    }
+
+    /// The same for a picture of another size.
+    pub(crate) fn missing_at(&mut self, stage: &Stage, size: [u32; 2]) -> Result<Vec<Variant>> {
         let mut collect = Rehearsal::Collect(Vec::new());
-        match self.draw_stage(stage, &mut collect) {
+        match self.draw_stage(stage, size, &mut collect) {
             // A rehearsal that only collects draws no frame.
             Ok(_) | Err(Error::GivenUp) => {}
             Err(error) => return Err(error),
@@ -140,11 +148,11 @@ impl Renderer {
         Ok(if let Rehearsal::Collect(missing) = collect { missing } else { Vec::new() })
     }
 
-    fn draw_stage(&mut self, stage: &Stage, rehearsal: &mut Rehearsal) -> Result<FrameStats> {
+    fn draw_stage(&mut self, stage: &Stage, size: [u32; 2], rehearsal: &mut Rehearsal) -> Result<FrameStats> {
         let Stage { store, settings, mirrors, lights, clues } = stage;
         let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
         let objects = Objects { mirrors, lights, clues: *clues };
-        self.draw(store, &camera, settings, objects, [8, 8], Some(rehearsal))
+        self.draw(store, &camera, settings, objects, size, Some(rehearsal))
     }
 
     /// A tiny scene with what a frame like this one has.

@@ -419,7 +419,7 @@ impl Renderer {
         };
         let mut search = (is_sampled || has_mirrors && !is_kept).then(search);
         let has_clear = has_mirrors && reflection::clear::is_there(settings, store, objects.mirrors);
-        reflections.set_clear(has_clear);
+        reflections.expect(settings, has_clear);
         if let Some(search) = search.as_ref().filter(|_| has_clear && !is_kept) {
             let points = targets.clear_points.as_ref().filter(|_| store.has_clear_points(settings));
             reflections.look_through(&mut recorder, search, points)?;

@@ -247,11 +247,13 @@ fn every_pass_has_room_in_the_tables_of_directx_and_metal() {
 
 #[test]
 fn the_page_says_what_the_passes_need() {
+    let Some(gpu) = Gpu::for_test() else { return };
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/gpu.md");
+    let page = page(&gpu);
     if std::env::var_os("UPDATE").is_some() {
-        std::fs::write(&path, page()).unwrap();
+        std::fs::write(&path, &page).unwrap();
     }
-    let is_kept = std::fs::read_to_string(&path).unwrap_or_default() == page();
+    let is_kept = std::fs::read_to_string(&path).unwrap_or_default() == page;
     assert!(is_kept, "docs/gpu.md is out of date: UPDATE=1 cargo test --release --workspace --lib translation");
 }
 
@@ -264,7 +266,7 @@ fn what_is_asked_of_adapters_is_what_the_passes_need() {
 }
 
 /// The content of docs/gpu.md.
-fn page() -> String {
+fn page(gpu: &std::sync::Arc<Gpu>) -> String {
     let mut page = String::from(
         "# What the passes need of a GPU\n\n\
          Written by `UPDATE=1 cargo test --release --workspace --lib translation`.\n\n\
@@ -295,17 +297,38 @@ fn page() -> String {
         );
     }
     page.push_str(&languages());
+    page.push_str(&crate::memory::page(gpu));
     page.push_str(
         "\n## Long passes\n\n\
          Systems take a GPU for stuck where a dispatch takes two seconds or more. On a GPU these passes are cut by rows of\n\
          workgroups or by blocks of points, which changes no picture, and what is estimated to take 50 ms is submitted at\n\
-         once. The times are computed for a tenth of an H100 (6.7 TFLOPS, 335 GB/s), not measured.\n\n\
+         once. A dispatch that is estimated to take two seconds all the same is refused. The times are computed for a tenth of an\n\
+         H100 (6.7 TFLOPS, 335 GB/s), not measured.\n\n\
          | pass | case | whole, ms | longest dispatch in its first frame, ms | and later, ms |\n|---|---|---|---|---|\n",
     );
     for (pass, case, groups, milliseconds) in LONG {
         let [first, later] = longest_dispatches(groups, milliseconds);
         let _ = writeln!(page, "| `{pass}` | {case} | {milliseconds} | {first:.0} | {later:.0} |");
     }
+    let bytes_of = |(_, slot): &(&str, Slot)| match slot {
+        Slot::Write(format) => u64::from(format.block_copy_size(None).unwrap_or(0)),
+        _ => 16,
+    };
+    let is_listed = |pass: &&&Pass| LONG.iter().any(|(long, ..)| *long == pass.name);
+    let is_cut = |pass: &&&Pass| pass.source.contains("whole_thread(");
+    let cut: Vec<String> =
+        ALL.iter().filter(is_cut).filter(|pass| !is_listed(pass)).map(|pass| format!("`{}`", pass.name)).collect();
+    let others = ALL.iter().filter(|pass| pass.page.is_none() && !is_listed(pass) && !is_cut(pass));
+    let bytes = others.map(|pass| pass.slots.iter().map(bytes_of).sum::<u64>()).max().unwrap_or(0);
+    let _ = write!(
+        page,
+        "\nThese are cut by rows likewise:\n{}.\n\n\
+         Other passes over pixels loop over neighbours, levels, mirrors or the nodes about a tile only. What they read and\n\
+         write once is at most {bytes} bytes a pixel: {:.0} ms at 3840 x 2160. `beam_lists`, which waits for one node after the\n\
+         other, is thought to take up to 60 ms and is not cut.\n",
+        cut.join(", "),
+        bytes as f64 * 3840.0 * 2160.0 / 335e9 * 1e3
+    );
     page
 }
 

@@ -26,7 +26,7 @@ use crate::recorder::Recorder;
 pub(crate) struct CubemapTrace {
     maps: Option<Maps>,
     /// The rays that no map resolves.
-    rest: Option<wgpu::Buffer>,
+    pub(crate) rest: Option<wgpu::Buffer>,
     /// Whether the frame may do with maps that lack the newest points, and whether it has drawn its faces of them.
     may_lag: bool,
     has_caught_up: bool,

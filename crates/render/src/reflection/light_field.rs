@@ -40,7 +40,7 @@ const LEAST_PAGE: usize = 8;
 pub(crate) struct LightField {
     kept: Option<Kept>,
     /// The rays that no sample resolves.
-    rest: Option<wgpu::Buffer>,
+    pub(crate) rest: Option<wgpu::Buffer>,
     /// The numbers of the frame and of the search.
     frame: u64,
     search: u64,

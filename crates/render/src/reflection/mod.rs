@@ -380,9 +380,13 @@ impl Reflections {
         clear.find(recorder, &mut self.methods, search, points)
     }
 
-    /// Records whether light goes through something in the frame.
-    pub fn set_clear(&mut self, has_clear: bool) {
+    /// Records whether light goes through something in the frame. The images of methods that it does not use are given
+    /// up.
+    pub fn expect(&mut self, settings: &Settings, has_clear: bool) {
         self.has_clear = has_clear;
+        let behind = if has_clear { behind_clear(settings) } else { Method::None };
+        self.bounces.truncate(Self::asked(settings));
+        self.methods.keep_images_of([settings.reflection.method.chosen(), behind]);
     }
 
     /// What is seen through clear surfaces, if there are any.

@@ -10,6 +10,8 @@ pub(super) mod exact_mirrors;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
+pub(crate) mod threads;
+#[cfg(test)]
 pub(super) mod twin;
 
 use cloud::Bounds;

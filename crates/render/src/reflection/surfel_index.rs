@@ -9,7 +9,7 @@ use super::surfel_tree::{POINTS_PER_NODE, SurfelTree, tree_over_boxes};
 use crate::gpu::{Error, Gpu, Result};
 use crate::identities::ChunkId;
 use crate::inputs::Inputs;
-use crate::layout::{Node, ORDER_BYTES, SURFEL_BYTES, TreePlace};
+use crate::layout::{LIST_WORDS, Node, ORDER_BYTES, SURFEL_BYTES, TreePlace};
 use crate::recorder::Recorder;
 use crate::store::{PlacedChunk, PointStore};
 use crate::targets::storage;
@@ -39,6 +39,8 @@ pub(crate) struct SurfelIndex {
     pages: Vec<IndexPage>,
     /// The chunks whose trees are up to date.
     chunks: HashMap<ChunkId, Indexed>,
+    /// The nodes at which the rays of each tile start; kept from frame to frame for its room. And one for no tiles.
+    lists: [Option<wgpu::Buffer>; 2],
 }
 
 /// The inputs of a chunk's tree, and the number of its nodes.
@@ -63,6 +65,14 @@ impl Basis {
 }
 
 impl SurfelIndex {
+    /// The room for the lists of so many tiles. Passes write each list before they read it.
+    pub fn lists(&mut self, gpu: &Gpu, tiles: u32) -> wgpu::Buffer {
+        let bytes = (u64::from(tiles) * LIST_WORDS * 4).max(16);
+        let kept = &mut self.lists[usize::from(tiles > 0)];
+        let lists = kept.take().filter(|lists| lists.size() == bytes);
+        kept.insert(lists.unwrap_or_else(|| storage(&gpu.device, "lists of nodes", bytes))).clone()
+    }
+
     pub fn page(&self, number: usize) -> Option<&IndexPage> {
         self.pages.get(number)
     }
@@ -170,6 +180,7 @@ impl SurfelIndex {
     }
 
     pub fn bytes(&self) -> u64 {
-        self.pages.iter().map(|page| page.nodes.size() + page.surfels.size() + page.order.size()).sum()
+        let pages = self.pages.iter().map(|page| page.nodes.size() + page.surfels.size() + page.order.size());
+        pages.sum::<u64>() + self.lists.iter().flatten().map(wgpu::Buffer::size).sum::<u64>()
     }
 }

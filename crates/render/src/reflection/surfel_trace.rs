@@ -10,10 +10,8 @@ use super::surfel_index::SurfelIndex;
 use super::task::Task;
 use crate::gpu::Result;
 use crate::identities::ChunkId;
-use crate::layout::LIST_WORDS;
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::targets::storage;
 
 /// The rays that are traced, and where they start in the trees.
 #[derive(Clone, Copy)]
@@ -61,8 +59,7 @@ pub(super) fn trace(
     let trees = index.update(recorder, task.store, task.supply, chunks, task.settings.splat.size)?;
     let [width, height] = task.supply.size.map(|edge| edge.div_ceil(8));
     let tiles = width * height;
-    let list_bytes = if use_beams { u64::from(tiles) * LIST_WORDS * 4 } else { 16 };
-    let lists = storage(&recorder.gpu.device, "lists of nodes", list_bytes);
+    let lists = index.lists(recorder.gpu, if use_beams { tiles } else { 0 });
     for tree in &trees {
         let Some(page) = index.page(tree.page) else { continue };
         let Some(inputs) = task.supply.pages.iter().find(|inputs| inputs.number == tree.page) else { continue };
