@@ -239,7 +239,8 @@ fn package() -> Result<ExitCode> {
     if !status.success() {
         return Ok(exit_code(status));
     }
-    for path in package::package(&root, &root.join("target/release/glint"))? {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), |folder| root.join(folder));
+    for path in package::package(&root, &target)? {
         println!("{}", path.display());
     }
     Ok(ExitCode::SUCCESS)

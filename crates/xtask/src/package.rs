@@ -28,11 +28,12 @@ const FILES: [(&str, &str); 4] = [
     ("glint.thumbnailer", "share/thumbnailers"),
 ];
 
-/// Makes both packages in target/package from a program that is built. Returns their paths.
+/// Makes both packages in `target`/package from the program that is built in `target`. Returns their paths.
 ///
 /// # Errors
 /// A tool is missing, or the program needs a newer glibc or an unknown library.
-pub fn package(root: &Path, program: &Path) -> Result<Vec<PathBuf>> {
+pub fn package(root: &Path, target: &Path) -> Result<Vec<PathBuf>> {
+    let program = &target.join("release/glint");
     let symbols = output("objdump", &["-T"], program, "binutils")?;
     let newest = newest_glibc(&symbols);
     let [major, minor] = [newest.0, newest.1];
@@ -45,7 +46,7 @@ pub fn package(root: &Path, program: &Path) -> Result<Vec<PathBuf>> {
     );
     println!("The program needs glibc {major}.{minor}; packages promise to run with {}.{}.", GLIBC.0, GLIBC.1);
     let linked = packages_of(&output("objdump", &["-p"], program, "binutils")?)?;
-    let folder = root.join("target/package");
+    let folder = target.join("package");
     if folder.exists() {
         std::fs::remove_dir_all(&folder)?;
     }
