@@ -10,6 +10,8 @@ pub enum Error {
     Width { width: f64 },
     #[error("a scale of {length}, expected more than 0")]
     Scale { length: f64 },
+    #[error("a registration off by {registration}, expected 0 or more")]
+    Registration { registration: f64 },
     #[error("{points} points, expected at least {least}")]
     TooFew { points: usize, least: usize },
     #[error("the points lie on a line, or evenly in all directions: no plane goes through them")]

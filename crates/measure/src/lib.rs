@@ -14,12 +14,12 @@ mod section;
 mod tree;
 mod volume;
 
-pub use compare::{Change, DistanceFigures, M3c2, spacing};
+pub use compare::{Change, DistanceFigures, M3c2, nearest_distances, spacing};
 pub use error::{Error, Result};
 pub use figures::{angle, area, height, length};
 pub use fit::{Plane, Round, circle, cylinder, plane};
 pub use nearest::Nearest;
 pub use scatter::{Scatter, spread};
 pub use section::{Placed, Section};
-pub use tree::PointTree;
+pub use tree::{Cylinder, PointTree};
 pub use volume::{Volume, VolumeGrid};

@@ -1,7 +1,7 @@
 //! A k-d tree over points, for searches about any place.
 
 use cloud::Bounds;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// The most points of a leaf. Fewer cost more planes, more cost more distances.
 const LEAF_POINTS: usize = 12;
@@ -12,31 +12,36 @@ const ALONE: usize = 1 << 14;
 #[derive(Clone, Debug, Default)]
 pub struct PointTree {
     points: Vec<DVec3>,
-    /// The plane of each part, followed by those of its lower and of its upper half.
-    planes: Vec<Plane>,
+    /// The node of each part, followed by those of its lower and of its upper half.
+    nodes: Vec<Node>,
     bounds: Option<Bounds>,
 }
 
+/// The plane that divides a part, and the box about the part's points, relative to the least corner of all points and
+/// rounded outward.
 #[derive(Clone, Copy, Debug, Default)]
-struct Plane {
+struct Node {
     at: f64,
-    axis: usize,
+    axis: u32,
+    least: Vec3,
+    most: Vec3,
 }
 
-/// A part of the tree: its points and its planes.
+/// A part of the tree: its points and its nodes.
 #[derive(Clone, Copy)]
 struct Part<'a> {
     points: &'a [DVec3],
-    planes: &'a [Plane],
+    nodes: &'a [Node],
 }
 
 impl<'a> Part<'a> {
-    /// The plane and the two halves; `None` for a leaf.
-    fn halves(self) -> Option<(Plane, Self, Self)> {
-        let (plane, planes) = self.planes.split_first()?;
+    /// The node and the two halves; `None` for a leaf.
+    #[inline]
+    fn halves(self) -> Option<(&'a Node, Self, Self)> {
+        let (node, nodes) = self.nodes.split_first()?;
         let (lower, upper) = self.points.split_at(self.points.len() / 2);
-        let (of_lower, of_upper) = planes.split_at(planes.len() / 2);
-        Some((*plane, Self { points: lower, planes: of_lower }, Self { points: upper, planes: of_upper }))
+        let (of_lower, of_upper) = nodes.split_at(nodes.len() / 2);
+        Some((node, Self { points: lower, nodes: of_lower }, Self { points: upper, nodes: of_upper }))
     }
 }
 
@@ -45,10 +50,10 @@ impl PointTree {
     pub fn new(mut points: Vec<DVec3>) -> Self {
         points.retain(|point| point.is_finite());
         let leaves = points.len().div_ceil(LEAF_POINTS).next_power_of_two();
-        let mut planes = vec![Plane::default(); leaves - 1];
+        let mut nodes = vec![Node::default(); leaves - 1];
         let bounds = bounds_of(&points);
-        divide(&mut points, &mut planes);
-        Self { points, planes, bounds: (!bounds.is_empty()).then_some(bounds) }
+        divide(&mut points, &mut nodes, bounds.min);
+        Self { points, nodes, bounds: (!bounds.is_empty()).then_some(bounds) }
     }
 
     pub fn len(&self) -> usize {
@@ -65,7 +70,7 @@ impl PointTree {
     }
 
     fn whole(&self) -> Part<'_> {
-        Part { points: &self.points, planes: &self.planes }
+        Part { points: &self.points, nodes: &self.nodes }
     }
 
     /// The distance to the nearest point; `None` without points, or for a place that is not finite.
@@ -88,19 +93,50 @@ impl PointTree {
         best.is_finite().then(|| best.sqrt())
     }
 
-    /// Calls `visit` with each point within `radius`, its border included.
-    pub fn within(&self, place: DVec3, radius: f64, visit: &mut impl FnMut(DVec3)) {
-        let Some(bounds) = self.bounds.filter(|_| place.is_finite()) else { return };
-        gather(self.whole(), place, outside_of(bounds, place), radius * radius, visit);
+    /// Calls `visit` with points, a few at a time, among which are all that are within `radius` of a box.
+    pub fn near_box(&self, place: Bounds, radius: f64, visit: &mut impl FnMut(&[DVec3])) {
+        if let Some(bounds) = self.bounds.filter(|_| !place.is_empty()) {
+            let (least, most) = (place.min - bounds.min, place.max - bounds.min);
+            let is_near = |node: &Node| {
+                let outside = (node.least.as_dvec3() - most).max(least - node.most.as_dvec3()).max(DVec3::ZERO);
+                outside.length_squared() <= radius * radius
+            };
+            gather(self.whole(), &is_near, visit);
+        }
     }
 
-    /// Calls `visit` with the height above `place` of each point in a cylinder about `place` that reaches `reach` along
-    /// `axis`, a unit vector, to both sides.
-    pub fn in_cylinder(&self, place: DVec3, axis: DVec3, radius: f64, reach: f64, visit: &mut impl FnMut(f64)) {
-        let Some(bounds) = self.bounds.filter(|_| place.is_finite()) else { return };
-        let cylinder = Cylinder { place, axis, radius, reach };
-        cylinder.gather(self.whole(), bounds, visit);
+    /// Calls `visit` with points, a few at a time, among which are all that are in a cylinder.
+    pub fn near_cylinder(&self, cylinder: &Cylinder, visit: &mut impl FnMut(&[DVec3])) {
+        if let Some(bounds) = self.bounds.filter(|_| cylinder.place.is_finite()) {
+            let Cylinder { place, axis, radius, reach } = *cylinder;
+            let corner = bounds.min - place;
+            let (sides, across) = (axis.abs(), (1.0 - axis * axis).max(DVec3::ZERO).map(f64::sqrt));
+            let size = sides * reach + across * radius;
+            // No plane across one of these directions lies between the cylinder and the box of a node: the sides of the
+            // box, the axis, and the way from the axis to the middle of the box.
+            let may_touch = |node: &Node| {
+                let (least, most) = (node.least.as_dvec3(), node.most.as_dvec3());
+                let (half, offset) = ((most - least) * 0.5, corner + (most + least) * 0.5);
+                if offset.abs().cmpgt(half + size).any() {
+                    return false;
+                }
+                let along = offset.dot(axis);
+                let across = offset - axis * along;
+                along.abs() <= reach + half.dot(sides)
+                    && across.length_squared() <= radius * across.length() + half.dot(across.abs())
+            };
+            gather(self.whole(), &may_touch, visit);
+        }
     }
+}
+
+/// A cylinder about `place` that reaches `reach` along `axis`, a unit vector, to both sides.
+#[derive(Clone, Copy, Debug)]
+pub struct Cylinder {
+    pub place: DVec3,
+    pub axis: DVec3,
+    pub radius: f64,
+    pub reach: f64,
 }
 
 fn bounds_of(points: &[DVec3]) -> Bounds {
@@ -114,28 +150,30 @@ fn outside_of(bounds: Bounds, place: DVec3) -> DVec3 {
     (bounds.min - place).max(place - bounds.max).max(DVec3::ZERO)
 }
 
-fn divide(points: &mut [DVec3], planes: &mut [Plane]) {
-    let Some((plane, planes)) = planes.split_first_mut() else { return };
+fn divide(points: &mut [DVec3], nodes: &mut [Node], corner: DVec3) {
+    let Some((node, nodes)) = nodes.split_first_mut() else { return };
     let middle = points.len() / 2;
-    let axis = bounds_of(points).size().max_position();
+    let bounds = bounds_of(points);
+    let axis = bounds.size().max_position();
     if middle < points.len() {
         let at = points.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis])).1[axis];
-        *plane = Plane { at, axis };
+        let (least, most) = ((bounds.min - corner).as_vec3(), (bounds.max - corner).as_vec3());
+        *node = Node { at, axis: axis as u32, least: least.map(f32::next_down), most: most.map(f32::next_up) };
     }
     let is_large = points.len() > ALONE;
     let (lower, upper) = points.split_at_mut(middle);
-    let (of_lower, of_upper) = planes.split_at_mut(planes.len() / 2);
+    let (of_lower, of_upper) = nodes.split_at_mut(nodes.len() / 2);
     if is_large {
-        rayon::join(|| divide(lower, of_lower), || divide(upper, of_upper));
+        rayon::join(|| divide(lower, of_lower, corner), || divide(upper, of_upper, corner));
     } else {
-        divide(lower, of_lower);
-        divide(upper, of_upper);
+        divide(lower, of_lower, corner);
+        divide(upper, of_upper, corner);
     }
 }
 
 /// `outside` is how far the place is outside of the part along each axis.
 fn search(part: Part<'_>, place: DVec3, outside: DVec3, least: f64, best: &mut f64) {
-    let Some((plane, lower, upper)) = part.halves() else {
+    let Some((node, lower, upper)) = part.halves() else {
         for point in part.points {
             let squared = point.distance_squared(place);
             if squared < *best && squared > least {
@@ -144,66 +182,37 @@ fn search(part: Part<'_>, place: DVec3, outside: DVec3, least: f64, best: &mut f
         }
         return;
     };
-    let beyond = place[plane.axis] - plane.at;
+    let axis = node.axis as usize;
+    let beyond = place[axis] - node.at;
     let (near, far) = if beyond < 0.0 { (lower, upper) } else { (upper, lower) };
     search(near, place, outside, least, best);
     let mut outside = outside;
-    outside[plane.axis] = beyond.abs();
+    outside[axis] = beyond.abs();
     if outside.length_squared() < *best {
         search(far, place, outside, least, best);
     }
 }
 
-fn gather(part: Part<'_>, place: DVec3, outside: DVec3, squared: f64, visit: &mut impl FnMut(DVec3)) {
-    if outside.length_squared() > squared {
-        return;
+/// Visits the points of all leaves whose nodes above them are wanted.
+fn gather(part: Part<'_>, is_wanted: &impl Fn(&Node) -> bool, visit: &mut impl FnMut(&[DVec3])) {
+    match part.halves() {
+        None => visit(part.points),
+        Some((node, lower, upper)) if is_wanted(node) => {
+            gather(lower, is_wanted, visit);
+            gather(upper, is_wanted, visit);
+        }
+        Some(_) => {}
     }
-    let Some((plane, lower, upper)) = part.halves() else {
-        return part
-            .points
-            .iter()
-            .filter(|point| point.distance_squared(place) <= squared)
-            .for_each(|point| visit(*point));
-    };
-    let beyond = place[plane.axis] - plane.at;
-    let (near, far) = if beyond < 0.0 { (lower, upper) } else { (upper, lower) };
-    gather(near, place, outside, squared, visit);
-    let mut outside = outside;
-    outside[plane.axis] = beyond.abs();
-    gather(far, place, outside, squared, visit);
-}
-
-struct Cylinder {
-    place: DVec3,
-    axis: DVec3,
-    radius: f64,
-    reach: f64,
 }
 
 impl Cylinder {
-    fn gather(&self, part: Part<'_>, bounds: Bounds, visit: &mut impl FnMut(f64)) {
-        let offset = bounds.center() - self.place;
-        let along = offset.dot(self.axis).clamp(-self.reach, self.reach);
-        let most = self.radius + bounds.size().length() * 0.5;
-        if (offset - self.axis * along).length_squared() > most * most {
-            return;
-        }
-        let Some((Plane { at, axis }, lower, upper)) = part.halves() else {
-            for point in part.points {
-                let offset = *point - self.place;
-                let height = offset.dot(self.axis);
-                let across = offset.length_squared() - height * height;
-                if height.abs() <= self.reach && across <= self.radius * self.radius {
-                    visit(height);
-                }
-            }
-            return;
-        };
-        let (mut of_lower, mut of_upper) = (bounds, bounds);
-        of_lower.max[axis] = at;
-        of_upper.min[axis] = at;
-        self.gather(lower, of_lower, visit);
-        self.gather(upper, of_upper, visit);
+    /// The height above its place of a point in it.
+    #[inline]
+    pub fn height_of(&self, point: DVec3) -> Option<f64> {
+        let offset = point - self.place;
+        let height = offset.dot(self.axis);
+        let across = offset.length_squared() - height * height;
+        (height.abs() <= self.reach && across <= self.radius * self.radius).then_some(height)
     }
 }
 
@@ -240,21 +249,18 @@ mod tests {
                 assert_eq!(tree.distance(place), Some(nearest));
                 let other = distances().filter(|distance| *distance > 0.0).fold(f64::INFINITY, f64::min);
                 assert_eq!(tree.distance_to_other(place), other.is_finite().then_some(other));
+                for axis in [DVec3::new(0.36, 0.48, 0.8), DVec3::Y, DVec3::new(0.0, -0.6, 0.8)] {
+                    let cylinder = Cylinder { place, axis, radius: 0.5, reach: 3.0 };
+                    let is_in = |point: &&DVec3| cylinder.height_of(**point).is_some();
+                    let mut found = 0;
+                    tree.near_cylinder(&cylinder, &mut |near| found += near.iter().filter(is_in).count());
+                    assert_eq!(found, points.iter().filter(is_in).count());
+                }
+                let block = Bounds { min: place, max: place + DVec3::new(0.5, 0.0, 2.0) };
+                let is_near = |point: &&DVec3| point.distance(point.clamp(block.min, block.max)) <= 0.7;
                 let mut found = 0;
-                tree.within(place, 1.5, &mut |point| {
-                    assert!(point.distance(place) <= 1.5);
-                    found += 1;
-                });
-                assert_eq!(found, points.iter().filter(|point| point.distance_squared(place) <= 2.25).count());
-                let axis = DVec3::new(0.36, 0.48, 0.8);
-                let is_in = |point: &&DVec3| {
-                    let offset = **point - place;
-                    let height = offset.dot(axis);
-                    height.abs() <= 3.0 && offset.length_squared() - height * height <= 0.25
-                };
-                let mut heights = 0;
-                tree.in_cylinder(place, axis, 0.5, 3.0, &mut |_| heights += 1);
-                assert_eq!(heights, points.iter().filter(is_in).count());
+                tree.near_box(block, 0.7, &mut |near| found += near.iter().filter(is_near).count());
+                assert_eq!(found, points.iter().filter(is_near).count());
             }
             assert_eq!(tree.distance(DVec3::NAN), None);
         }
