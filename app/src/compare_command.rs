@@ -1,40 +1,22 @@
-//! `glint compare`: how far the points of a cloud are from another one. Both are read chunk by chunk; only places and
-//! distances stay in memory.
+//! `glint compare`: how far the points of a cloud are from another one.
 
 use std::ffi::OsStr;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use anyhow::Context as _;
-use cloud::{Chunk, Cloud, PointTest, Progress};
-use codec::{Added, ExportFormat, Runs, Selection, Source};
+use cloud::Progress;
+use codec::{Added, ExportFormat, Source};
 use glam::DVec3;
-use measure::{DistanceFigures, M3c2, PointTree};
-use scene::{Settings, shown};
+use measure::DistanceFigures;
+use scene::shown;
 use serde_json::json;
 use world::half_of;
 
 use crate::command_line::CompareArguments;
+use crate::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
 use crate::failure::usage;
 use crate::terminal::{self, Few};
-use crate::{export_command, interrupt, picture_file, progress_bar};
-
-/// The number of points of the first cloud that decide to which side normals point.
-const ORIENTING_POINTS: usize = 200_000;
-
-/// The files of a cloud, and which of their points are shown.
-struct Side {
-    sources: Vec<Arc<Source>>,
-    test: PointTest,
-    settings: Settings,
-}
-
-/// What is measured at the points of the first cloud, for each of its files. Points that are hidden or have no distance
-/// are NaN.
-struct Measured {
-    distances: Vec<Runs>,
-    /// The levels of detection, if the method has them.
-    levels: Option<Vec<Runs>>,
-}
+use crate::{export_command, picture_file, progress_bar};
 
 /// Measures the distances, prints what they amount to, and writes them if a file is named. Returns the exit status.
 ///
@@ -48,30 +30,26 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
         }
         picture_file::check_place(output)?;
     }
-    let [first, second] = [&arguments.first, &arguments.second].map(|word| open(word, &arguments.set));
-    let (first, second) = (first?, second?);
-    let all = first.sources.iter().chain(&second.sources);
+    let (first, sources) = open(&arguments.first, &arguments.set)?;
+    let (second, others) = open(&arguments.second, &arguments.set)?;
+    let all = sources.iter().chain(&others);
     terminal::warn(param::few(world::other_systems(all.map(|source| source.info())), "warnings"));
-    let second_tree = read_tree(&second, "second")?;
-    let is_m3c2 = arguments.method == "m3c2";
-    let measured = if is_m3c2 {
-        let first_tree = read_tree(&first, "first")?;
-        let options = options(arguments, &first, &first_tree).map_err(|error| usage(error.to_string()))?;
-        measure(&first, true, |place, around| {
-            let change = options.change(&first_tree, &second_tree, place, around);
-            change.map_or([f32::NAN; 2], |change| [change.distance as f32, change.level.map_or(f32::NAN, |l| l as f32)])
-        })?
-    } else {
-        measure(&first, false, |place, _| [second_tree.distance(place).map_or(f32::NAN, |d| d as f32), f32::NAN])?
+    let CompareArguments { normal_scale: normal, cylinder_scale: cylinder, reach, registration, core, .. } = *arguments;
+    let method = match arguments.method.as_str() {
+        "m3c2" => Method::M3c2(Scales { normal, cylinder, reach, registration }),
+        _ => Method::Nearest,
     };
-    drop(second_tree);
+    let progress = Progress::default();
+    let compare = || comparing::compare(&first, &second, method, core, &progress);
+    let (measured, warnings) = progress_bar::watch("comparing", &progress, compare)?.ok_or(stream::Error::Cancelled)?;
+    terminal::warn(param::few(warnings, "warnings"));
     report(arguments, &measured)?;
     if let Some(output) = &arguments.output {
-        let mut added = vec![Added { name: free_name(&first, "distance"), values: measured.distances }];
-        added.extend(measured.levels.map(|values| Added { name: free_name(&first, "level_of_detection"), values }));
+        let mut added = vec![Added { name: free_name(&sources, "distance"), values: measured.distances }];
+        added.extend(measured.levels.map(|values| Added { name: free_name(&sources, "level_of_detection"), values }));
         let progress = Progress::default();
         let memory = half_of(first.settings.stream.host_bytes);
-        let write = || codec::export(&first.sources, &first.test, &added, output, memory, &progress);
+        let write = || codec::export(&sources, &first.test, &added, output, memory, &progress);
         let exported = progress_bar::watch("writing", &progress, write)?.ok_or(stream::Error::Cancelled)?;
         terminal::warn(param::few(exported.warnings, "warnings"));
     }
@@ -79,7 +57,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
 }
 
 /// Opens the cloud that a word names.
-fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
+fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<(Side, Vec<Arc<Source>>)> {
     let request = world::resolve(&[word]);
     request.check()?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
@@ -95,106 +73,13 @@ fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
         // Distances to a part of a cloud would be wrong.
         return Err(usage(format!("{}: not all of this cloud can be read, so nothing is compared", shown(word))));
     }
-    Ok(Side { sources, test: request.test(), settings })
-}
-
-/// Calls `give` with the chunks of all files, the number of the file, what the chunks belong to, and which of their
-/// points are shown.
-fn read(
-    side: &Side,
-    task: &str,
-    give: impl Fn(usize, &Cloud, &Chunk, &cloud::ShownPoints) + Sync,
-) -> anyhow::Result<()> {
-    for (number, source) in side.sources.iter().enumerate() {
-        let info = source.info();
-        let (name, attributes) = (shown(&info.path), info.attributes.clone());
-        let is_read = |name: &str| name == "classification" || side.test.filtered().any(|filtered| filtered == name);
-        let selected = attributes.iter().map(|attribute| is_read(&attribute.name)).collect();
-        let cloud = Cloud { name, attributes, grid: info.grid, chunks: Vec::new() };
-        let test = cloud.test(&side.test);
-        let selection = Selection { positions: true, attributes: selected, ..Selection::default() };
-        let progress = Progress::default();
-        let emit = |chunk: Chunk| give(number, &cloud, &chunk, &test.shown(&chunk, chunk.bounds()));
-        let summary = progress_bar::watch(task, &progress, || source.read(&selection, &progress, &emit))?;
-        interrupt::check()?;
-        terminal::warn(
-            info.warnings.iter().chain(&summary.warnings).map(|warning| format!("{}: {warning}", cloud.name)),
-        );
-    }
-    Ok(())
-}
-
-fn read_tree(side: &Side, which: &str) -> anyhow::Result<PointTree> {
-    // By file and chunk, so that the tree does not depend on the order in which chunks come.
-    let found = Mutex::new(Vec::new());
-    read(side, "reading", |number, cloud, chunk, shown| {
-        let places: Vec<DVec3> = shown.indices(chunk.len()).map(|index| cloud.world_position(chunk, index)).collect();
-        found.lock().unwrap_or_else(PoisonError::into_inner).push(((number, chunk.first_point), places));
-    })?;
-    let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
-    found.sort_unstable_by_key(|(place, _)| *place);
-    let mut places = Vec::with_capacity(found.iter().map(|(_, places)| places.len()).sum());
-    found.into_iter().for_each(|(_, mut part)| places.append(&mut part));
-    let tree = PointTree::new(places);
-    interrupt::check()?;
-    if tree.is_empty() { Err(usage(format!("the {which} cloud shows no points"))) } else { Ok(tree) }
-}
-
-fn options(arguments: &CompareArguments, first: &Side, tree: &PointTree) -> measure::Result<M3c2> {
-    let CompareArguments { normal_scale, cylinder_scale, reach, .. } = arguments;
-    let up = first.sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &first.settings));
-    let step = tree.len().div_ceil(ORIENTING_POINTS).max(1);
-    let origin = tree.points().first().copied().unwrap_or_default().round();
-    let some = tree.points().iter().step_by(step).map(|point| (*point - origin).as_vec3().to_array()).collect();
-    let orientation = world::options_for(&[Chunk::new(0, origin, some)], up, &first.settings).orientation;
-    M3c2::new(tree, *normal_scale, *cylinder_scale, *reach, orientation)
-}
-
-/// Measures all shown points of the first cloud: `at` gives the distance and the level of detection.
-fn measure(
-    first: &Side,
-    has_levels: bool,
-    at: impl Fn(DVec3, &mut Vec<DVec3>) -> [f32; 2] + Sync,
-) -> anyhow::Result<Measured> {
-    let none = || vec![Runs::new(); first.sources.len()];
-    let lists = Mutex::new((none(), has_levels.then(none)));
-    read(first, "comparing", |number, cloud, chunk, shown| {
-        let mut around = Vec::new();
-        let mut value = |index: usize| match shown.has(index) {
-            true => at(cloud.world_position(chunk, index), &mut around),
-            false => [f32::NAN; 2],
-        };
-        let values: Vec<[f32; 2]> = (0..chunk.len()).map(&mut value).collect();
-        let run = |which: usize| values.iter().map(|value| value[which]).collect();
-        let mut lists = lists.lock().unwrap_or_else(PoisonError::into_inner);
-        let (distances, levels) = &mut *lists;
-        distances[number].insert(chunk.first_point, run(0));
-        levels.iter_mut().for_each(|levels| drop(levels[number].insert(chunk.first_point, run(1))));
-    })?;
-    let (distances, levels) = lists.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(Measured { distances, levels })
-}
-
-/// A name that no attribute of the cloud has.
-fn free_name(side: &Side, name: &str) -> String {
-    let is_taken = |name: &String| {
-        side.sources.iter().any(|source| source.info().properties.iter().any(|property| property.name == *name))
-    };
-    let numbered = (2..).map(|number| format!("{name}_{number}"));
-    std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
+    let up = sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &settings));
+    Ok((Side { points: Points::Files(sources.clone()), test: request.test(), up, settings }, sources))
 }
 
 fn report(arguments: &CompareArguments, measured: &Measured) -> anyhow::Result<()> {
-    let all = |runs: &[Runs]| -> Vec<f32> { runs.iter().flat_map(Runs::values).flatten().copied().collect() };
-    let distances = all(&measured.distances);
-    let significant = measured.levels.as_ref().map(|levels| {
-        let levels = all(levels);
-        distances.iter().zip(levels).filter(|(distance, level)| distance.abs() > *level).count()
-    });
-    let figures = DistanceFigures::of(distances);
-    let DistanceFigures { points, mean, median, std, rms, p95, max } =
-        figures.ok_or_else(|| usage("no point of the first cloud has a distance to the second"))?;
-    let significant = significant.map(|count| count as f64 / points as f64);
+    let DistanceFigures { points, mean, median, std, rms, p95, max } = measured.figures;
+    let significant = measured.significant;
     if arguments.json {
         return terminal::print_json(&json!({
             "points": points, "mean": mean, "median": median, "std": std, "rms": rms, "p95": p95, "max": max,

@@ -4,6 +4,7 @@
 mod chosen;
 mod command_line;
 mod compare_command;
+mod comparing;
 mod costs;
 mod environment;
 mod export_command;
