@@ -1,11 +1,12 @@
 //! `glint export`: the points that a scene shows as a new file.
 
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
 use cloud::{PointTest, Progress};
-use codec::{ExportFormat, Exported, Source};
+use codec::{Added, ExportFormat, Exported, Runs, Source};
 use scene::{SceneFile, shown};
 use world::{Request, half_of};
 
@@ -76,13 +77,15 @@ pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Arc<Source>
     sources
 }
 
-/// Writes the points of files that a test shows, for the window. Returns `None` if it was cancelled.
+/// Writes the points of files that a test shows, for the window. `added` holds values that the files do not have: the
+/// file, their name, and those of its points. Returns `None` if it was cancelled.
 ///
 /// # Errors
 /// A cloud that is no file or cannot be read, or what `codec::export` cannot do.
 pub fn write(
     inputs: &[String],
     test: &PointTest,
+    added: &[(PathBuf, String, Arc<Runs>)],
     path: &Path,
     memory: u64,
     progress: &Progress,
@@ -99,5 +102,17 @@ pub fn write(
     if ExportFormat::of(path).is_none() {
         return Err(format!("{}: the name must end in .laz, .las, .copc.laz, .ply or .csv", shown(path)));
     }
-    codec::export(&sources, test, &[], path, memory, progress).map_err(|error| error.to_string())
+    codec::export(&sources, test, &columns(&sources, added), path, memory, progress).map_err(|error| error.to_string())
+}
+
+/// The added values by their names, for each file; some files have none.
+fn columns(sources: &[Arc<Source>], added: &[(PathBuf, String, Arc<Runs>)]) -> Vec<Added> {
+    let names: BTreeSet<&String> = added.iter().map(|(_, name, _)| name).collect();
+    let list = |source: &Arc<Source>, wanted: &String| {
+        let of_file = added.iter().find(|(path, name, _)| *path == source.info().path && name == wanted);
+        of_file.map_or_else(Runs::new, |(_, _, values)| values.as_ref().clone())
+    };
+    let column =
+        |name: &String| Added { name: name.clone(), values: sources.iter().map(|source| list(source, name)).collect() };
+    names.into_iter().map(column).collect()
 }

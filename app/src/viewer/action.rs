@@ -9,6 +9,7 @@ use scene::{
 };
 use world::CloudKey;
 
+use crate::viewer::loaded::comparisons::CompareDraft;
 use crate::viewer::objects::{Marking, ObjectId};
 use crate::viewer::panels::path_prompt::PathPrompt;
 use crate::viewer::tab::Tab;
@@ -77,6 +78,27 @@ pub enum Export {
     To(PathBuf),
     /// Gives the file up.
     Stop,
+}
+
+/// A step of measuring the distances between two clouds.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Compare {
+    Change(Box<CompareDraft>),
+    Start,
+    Stop,
+}
+
+/// What a person does with the kept state of the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum KeptStep {
+    /// Keeps the present state, in place of one kept before.
+    Keep,
+    LetGo,
+    /// Makes the kept state the present one, and the other way around.
+    Swap,
+    ToggleSplit,
+    /// The position of the split, from 0 at the left to 1.
+    SplitAt(f32),
 }
 
 /// Which handles of the gizmo are shown.
@@ -158,6 +180,7 @@ pub enum Action {
     Hold {
         raw_colors: bool,
         truth: bool,
+        kept: bool,
     },
     /// Switches to the data's own colours, or back to the light before.
     ToggleLight,
@@ -185,6 +208,7 @@ pub enum Action {
     SaveScene,
     SavePicture,
     Export(Export),
+    Compare(Compare),
     StopLoading,
     ShowCloud(CloudKey, bool),
     RemoveCloud(CloudKey),
@@ -223,6 +247,11 @@ pub enum Action {
     CopyPick,
     ClearPick,
     Measuring(Measuring),
+
+    // ---- the kept state ----
+    /// A held key that shows the kept state in place of the picture.
+    ShowKept,
+    Kept(KeptStep),
 
     // ---- truth ----
     /// A held key that shows the ray-traced truth in place of the picture.

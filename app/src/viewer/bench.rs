@@ -80,6 +80,16 @@ impl Bench {
         }
     }
 
+    /// The picture of the frame on the screen.
+    pub fn read(&mut self) -> Vec<u8> {
+        let request = Box::new(self.session.frames.shown.as_ref().expect("a frame").request.clone());
+        self.thread.send(Command::Read { request, images: Vec::new() });
+        match self.report() {
+            Report::Read(picture) => picture.rgba,
+            _ => panic!("no picture"),
+        }
+    }
+
     fn work(&mut self, effect: Effect) {
         match effect {
             Effect::Render(command) => {
@@ -87,6 +97,7 @@ impl Bench {
                     command,
                     Command::Frame(_)
                         | Command::Capture { .. }
+                        | Command::Read { .. }
                         | Command::Measure(_)
                         | Command::Present { .. }
                         | Command::Estimate { .. }

@@ -117,6 +117,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         }
     }
     panels::truth::paint(ui, rect, session, actions);
+    panels::comparing::paint(ui, rect, session, actions);
     overlay::paint(ui.painter(), rect, session);
     let is_taken = gizmo::interact(&response, session, actions);
     input::handle(ui, &response, is_taken, session, actions);

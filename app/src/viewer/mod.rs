@@ -17,6 +17,7 @@ mod headless;
 mod history;
 pub mod input;
 mod interface;
+mod kept;
 mod loaded;
 mod messages;
 mod objects;

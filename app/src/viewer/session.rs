@@ -12,10 +12,11 @@ use glam::DVec3;
 use scene::{Camera, Lighting, MirrorPoints, Settings, Shape, Show};
 use serde_json::json;
 
-use crate::viewer::action::{Action, Handles, Palette};
+use crate::viewer::action::{Action, Handles, KeptStep, Palette};
 use crate::viewer::auto::Auto;
 use crate::viewer::first_look::FirstLook;
 use crate::viewer::frames::{Frames, Situation};
+use crate::viewer::kept::Kept;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded, all_mirrors};
 use crate::viewer::messages::{Level, Messages};
@@ -27,7 +28,6 @@ use crate::viewer::reflection_figures::FigureHistory;
 use crate::viewer::scene::{STEP, Scene};
 use crate::viewer::theme::bytes;
 use crate::viewer::tools::Tools;
-use crate::viewer::truth::study_file::{STUDY, group_of};
 use crate::viewer::truth::sweep::Sweeps;
 use crate::viewer::truth::tasks::Answer;
 use crate::viewer::truth::tuning::Tuning;
@@ -43,6 +43,7 @@ pub struct Session {
     pub tools: Tools,
     pub raw_colors: bool,
     pub truth: TruthView,
+    pub kept: Kept,
     pub tuning: Tuning,
     pub sweeps: Sweeps,
     pub outside: Outside,
@@ -79,6 +80,7 @@ impl Session {
             tools: Tools::default(),
             raw_colors: false,
             truth: TruthView::new(),
+            kept: Kept::new(),
             tuning: Tuning::default(),
             sweeps: Sweeps::default(),
             outside: Outside::new(messages),
@@ -117,9 +119,9 @@ impl Session {
         match action {
             // `Travel` and `Hold` report keys that are held down, and `Paste` brings the clipboard's text.
             Action::Fly(_) | Action::Fast | Action::Slow => {}
-            Action::RawColors | Action::ShowTruth | Action::PasteView => {}
-            Action::Hold { raw_colors, truth } => {
-                self.raw_colors = raw_colors;
+            Action::RawColors | Action::ShowTruth | Action::ShowKept | Action::PasteView => {}
+            Action::Hold { raw_colors, truth, kept } => {
+                (self.raw_colors, self.kept.is_held) = (raw_colors, kept);
                 // Without clouds there is no truth to show.
                 let is_held = truth && (self.truth.is_held || !self.loaded.clouds.is_empty());
                 self.truth.hold(is_held, &mut self.outside);
@@ -139,6 +141,8 @@ impl Session {
             Action::SaveScene => self.scene.save_scene(&self.loaded, &mut self.outside),
             Action::Export(step) => self.loaded.export(step, &self.scene, &mut self.outside),
             Action::SavePicture => self.tools.save_picture(&self.scene, &self.frames, &self.loaded, &mut self.outside),
+            Action::Compare(step) => self.with_loaded(|loaded, beside| loaded.compare(step, beside)),
+            Action::Kept(step) => self.act_kept(step),
             Action::StopLoading => self.with_loaded(Loaded::stop_loading),
             Action::ShowCloud(key, is_visible) => {
                 self.with_loaded(|loaded, beside| loaded.set_visible(key, is_visible, beside))
@@ -195,7 +199,7 @@ impl Session {
             Action::StopTruth => self.stop_truth(),
             Action::ToggleChart => self.tuning.is_open = !self.tuning.is_open,
             Action::ForgetTrials => self.tuning.forget_trials(),
-            Action::AddToStudy => self.add_to_study(),
+            Action::AddToStudy => self.scene.add_to_study(&self.loaded, &mut self.outside),
             Action::AskSweep(key) => self.sweeps.ask(&key, &self.scene.settings, &mut self.outside),
             Action::ChangeSweep(range) => self.sweeps.asked = range.map(|range| *range),
             Action::StartSweep { key, values } => self.start_sweep(&key, values, &sweep::places()),
@@ -227,6 +231,13 @@ impl Session {
             | ToggleEdl | ToggleLight | NextLight | LightBy(_) | Paste(_) | AddSpot | Select(_) | ChangeObject(..)
             | Duplicate | Mark(_) | Unmark(_) | ReturnTo(_) => {}
         }
+    }
+
+    fn act_kept(&mut self, step: KeptStep) {
+        let request = self.auto.applied(self.picture());
+        let mut kept = std::mem::take(&mut self.kept);
+        self.with_loaded(|loaded, beside| kept.act(step, request, loaded, beside));
+        self.kept = kept;
     }
 
     /// If the typed text names nothing, the prompt stays open.
@@ -373,6 +384,7 @@ impl Session {
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
             Found::SceneSaved { path, result } => self.outside.scene_saved(&path, result),
             Found::Exported { path, result } => self.loaded.on_exported(&path, result, &mut self.outside),
+            Found::Compared(comparison) => self.with_loaded(|loaded, beside| loaded.on_compared(*comparison, beside)),
             Found::IndexDeleted { kept, result } => self.outside.index_deleted(&bytes(kept.bytes), result),
             Found::CacheSize(bytes) => self.loaded.cache_size = Some(bytes),
         }
@@ -462,6 +474,8 @@ impl Session {
         self.with_loaded(Loaded::look_around);
         self.with_loaded(Loaded::sync_levels);
         self.with_loaded(Loaded::sync_objects);
+        let still = self.still_frame().cloned();
+        self.kept.sync(still.as_ref(), &self.loaded, &mut self.outside);
         let truth = self.sync_truth();
         let still = self.still_frame().and(self.frames.shown.as_ref()).filter(|_| !self.is_recorded);
         let still = still.map(|shown| shown.stats.frame_milliseconds);
@@ -560,8 +574,7 @@ impl Session {
                 self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);
             }
             Report::Saved(path) => self.outside.saved(&path),
-            // Whoever drives a recording has taken it.
-            Report::Read(_) => {}
+            Report::Read(picture) => self.kept.on_read(picture.rgba, &mut self.outside),
             Report::Captured(captured) => {
                 if let Some(captured) = self.sweeps.on_images(*captured, &self.truth, &mut self.outside) {
                     self.truth.on_captured(captured, self.frames.revision);
@@ -580,7 +593,10 @@ impl Session {
             }
             Report::NotJudged(problem) => self.on_not_judged(&problem),
             Report::Estimated { request, answer } => self.truth.live.on_answer(*request, answer, &mut self.outside),
-            Report::Problem(problem) => self.outside.say(Level::Error, problem),
+            Report::Problem(problem) => {
+                self.kept.on_problem();
+                self.outside.say(Level::Error, problem);
+            }
             Report::NotDrawn(problem) => {
                 self.frames.give_up();
                 self.outside.say(Level::Error, problem);
@@ -660,19 +676,6 @@ impl Session {
             Taken::Swept { request, figures, picture } => self.sweeps.on_judged(&request, *figures, picture),
             Taken::Failed(problem) => self.on_not_judged(&problem),
         }
-    }
-
-    /// Adds the current setting to the plan in the current folder, and writes the view as a scene file beside it.
-    pub fn add_to_study(&mut self) {
-        if self.loaded.clouds.is_empty() {
-            self.outside.note("There is no setting to add yet");
-            return;
-        }
-        let scene = self.scene.view_as_scene(&self.loaded);
-        // The path is absolute because a plan may be run from any folder.
-        let folder = std::env::current_dir().unwrap_or_default();
-        let group = group_of(&self.scene.written_settings(&self.loaded), self.scene.view_size);
-        self.outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });
     }
 }
 

@@ -13,10 +13,23 @@ use crate::viewer::loaded::clouds::short_name;
 use crate::viewer::objects::{Placed, PlacedClip};
 use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
+use crate::viewer::truth::study_file::{STUDY, group_of};
 use crate::viewer::window::render_thread::{Command, FrameRequest};
 use crate::viewer::work::Work;
 
 impl Scene {
+    /// Adds the current setting to the plan in the current folder, and writes the view as a scene file beside it.
+    pub fn add_to_study(&self, loaded: &Loaded, outside: &mut Outside) {
+        if loaded.clouds.is_empty() {
+            outside.note("There is no setting to add yet");
+            return;
+        }
+        // The path is absolute because a plan may be run from any folder.
+        let folder = std::env::current_dir().unwrap_or_default();
+        let group = group_of(&self.written_settings(loaded), self.view_size);
+        outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene: self.view_as_scene(loaded), group });
+    }
+
     pub fn copy_view(&self, loaded: &Loaded, outside: &mut Outside) {
         outside.push(Effect::Copy(self.view_as_text(loaded)));
         outside.note("View copied as text");

@@ -15,6 +15,7 @@ use world::{AutoLight, CloudKey, IndexEntry};
 use crate::export_command;
 use crate::measuring::{self, Outcome};
 use crate::picture_file;
+use crate::viewer::loaded::comparisons::{Comparing, Comparison};
 use crate::viewer::loaded::figures::{Basis, Figures};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::tools::inspection;
@@ -114,9 +115,13 @@ pub enum Work {
     Export {
         inputs: Vec<String>,
         test: PointTest,
+        /// Values that the files do not have: the file, their name, and those of its points.
+        added: Vec<(PathBuf, String, Arc<codec::Runs>)>,
         path: PathBuf,
         progress: Arc<Progress>,
     },
+    /// Measures the distances between two clouds.
+    Compare(Box<Comparing>),
     /// Deletes an index that no cloud uses.
     DeleteIndex(IndexEntry),
     /// Measures the size of the cache of indexes.
@@ -192,6 +197,7 @@ pub enum Found {
         path: PathBuf,
         result: Result<Option<codec::Exported>, String>,
     },
+    Compared(Box<Comparison>),
     IndexDeleted {
         kept: IndexEntry,
         result: Result<(), String>,
@@ -216,6 +222,7 @@ impl Work {
             Self::Cast(_) => "sight line",
             Self::SaveScene { .. } => "scene",
             Self::Export { .. } => "export",
+            Self::Compare(_) => "comparison",
             Self::Truth(_) => "truth",
             Self::AddToStudy { .. } => "study",
             Self::SaveSweep(_) => "sweep",
@@ -298,13 +305,14 @@ impl Work {
                 let result = result.map_err(|error| format!("{error:#}"));
                 found(Found::SweepSaved { folder, result });
             }
-            Self::Export { inputs, test, path, progress } => {
+            Self::Export { inputs, test, added, path, progress } => {
                 let memory = world::half_of(stream.host_bytes);
-                let result = export_command::write(&inputs, &test, &path, memory, &progress);
+                let result = export_command::write(&inputs, &test, &added, &path, memory, &progress);
                 // Whoever waits for the end of the work waits for the file to be gone, or whole.
                 drop(progress);
                 found(Found::Exported { path, result });
             }
+            Self::Compare(comparing) => found(Found::Compared(Box::new(comparing.run()))),
             Self::DeleteIndex(kept) => {
                 let result = world::delete(stream, &kept).map_err(|error| error.to_string());
                 found(Found::IndexDeleted { kept, result });

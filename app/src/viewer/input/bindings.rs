@@ -7,7 +7,7 @@ use egui::{Key, PointerButton};
 use glam::DVec2;
 use scene::{ColorBy, MeasurementKind, Shape, StandardView};
 
-use crate::viewer::action::{Action, Clipping, Export, Handles, Measuring, Mode};
+use crate::viewer::action::{Action, Clipping, Export, Handles, KeptStep, Measuring, Mode};
 
 /// The modifier keys that a gesture needs; no others may be down. `ctrl` is the command key on a Mac.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -190,6 +190,14 @@ pub const BINDINGS: &[Binding] = {
         bind(MEASURE, key(Key::Comma), A::Measuring(Measuring::StepNote(-1)), "Next note, previous note"),
         bind(TOOLS, Hold(Key::X), A::ShowTruth, "The ray-traced truth while held"),
         bind(TOOLS, Trigger::Key(SHIFT, Key::X), A::PinTruth, "Pin the truth; again: let go"),
+        bind(TOOLS, Hold(Key::F3), A::ShowKept, "The kept state of the picture while held"),
+        bind(TOOLS, Trigger::Key(SHIFT, Key::F3), A::Kept(KeptStep::Keep), "Keep this state of the picture"),
+        bind(
+            TOOLS,
+            Trigger::Key(CTRL, Key::F3),
+            A::Kept(KeptStep::ToggleSplit),
+            "The kept state beside this one; again: one",
+        ),
         bind(TOOLS, key(Key::C), A::ToggleChart, "Tuning chart: time against error"),
         bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear the pick"),
         bind(TOOLS, Trigger::Key(CTRL, Key::Z), A::Undo, "Undo"),

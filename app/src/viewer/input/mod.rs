@@ -30,7 +30,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let is_typing = ui.ctx().text_edit_focused();
     let scale = f64::from(ui.ctx().pixels_per_point());
     if is_typing {
-        hold(session, false, false, actions);
+        hold(session, [false; 3], actions);
     } else if session.palette.is_none() {
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
         keys(ui, session, &mut shortcuts, actions);
@@ -114,9 +114,9 @@ fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions:
 }
 
 /// Tells the session what is held down, if that has changed.
-fn hold(session: &Session, raw_colors: bool, truth: bool, actions: &mut Vec<Action>) {
-    if (raw_colors, truth) != (session.raw_colors, session.truth.is_held) {
-        actions.push(Action::Hold { raw_colors, truth });
+fn hold(session: &Session, [raw_colors, truth, kept]: [bool; 3], actions: &mut Vec<Action>) {
+    if [raw_colors, truth, kept] != [session.raw_colors, session.truth.is_held, session.kept.is_held] {
+        actions.push(Action::Hold { raw_colors, truth, kept });
     }
 }
 
@@ -124,7 +124,8 @@ fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mu
     let mode = session.scene.mode;
     let (held, seconds) =
         ui.input(|input| (bindings::held(input, shortcuts, mode).collect::<Vec<_>>(), input.stable_dt));
-    hold(session, held.contains(&Action::RawColors), held.contains(&Action::ShowTruth), actions);
+    let is_held = [Action::RawColors, Action::ShowTruth, Action::ShowKept].map(|action| held.contains(&action));
+    hold(session, is_held, actions);
     let (mut direction, mut turn) = (DVec3::ZERO, DVec2::ZERO);
     for action in &held {
         match action {

@@ -60,6 +60,8 @@ pub struct CloudEntry {
     pub marks: Arc<Vec<Marked>>,
     /// The marked points that a worker thread is looking up now.
     pub marking: Option<(Vec<MirrorPoints>, Arc<Progress>)>,
+    /// The attributes that comparisons have added: their names and values.
+    pub added: Vec<(String, Arc<codec::Runs>)>,
     /// The state of streaming, if the cloud is streamed.
     pub streamed: Option<Streamed>,
 }
@@ -98,6 +100,7 @@ impl CloudEntry {
             marked: Vec::new(),
             marks: Arc::default(),
             marking: None,
+            added: Vec::new(),
             streamed: None,
         }
     }

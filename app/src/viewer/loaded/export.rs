@@ -36,7 +36,8 @@ impl Loaded {
             Export::To(path) => {
                 let progress = Arc::new(Progress::default());
                 self.writing = Some(Writing { path: path.clone(), progress: progress.clone() });
-                outside.work(Work::Export { inputs: self.inputs(), test: scene.objects.test(), path, progress });
+                let (inputs, test, added) = (self.inputs(), scene.objects.test(), self.added_values());
+                outside.work(Work::Export { inputs, test, added, path, progress });
             }
         }
     }

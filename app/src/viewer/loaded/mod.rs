@@ -3,6 +3,8 @@
 
 pub mod clouds;
 pub mod coloring;
+mod comparing;
+pub mod comparisons;
 pub mod export;
 pub mod figures;
 pub mod light_search;
@@ -23,6 +25,7 @@ use world::{CloudKey, Input, Mailbox};
 
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Samples, short_name};
+use crate::viewer::loaded::comparisons::Comparisons;
 use crate::viewer::loaded::light_search::LightSearch;
 use crate::viewer::objects::{ObjectId, Objects};
 use crate::viewer::outside::Outside;
@@ -52,6 +55,7 @@ pub struct Loaded {
     pub drawn_test: PointTest,
     /// The file of exported points that is being written.
     pub writing: Option<Writing>,
+    pub comparisons: Comparisons,
     next_cloud: u32,
     next_job: u32,
 }

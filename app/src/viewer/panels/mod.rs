@@ -3,6 +3,7 @@
 pub mod clips;
 pub mod clouds;
 pub mod colors;
+pub mod comparing;
 pub mod labels;
 pub mod light;
 pub mod marking;

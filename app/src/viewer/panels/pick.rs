@@ -51,7 +51,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         Some(Ok(record)) => {
             egui::ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
                 egui::Grid::new("record").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
-                    for (name, value) in record {
+                    for (name, value) in record.iter().chain(&pick.added) {
                         ui.label(RichText::new(name).size(12.0));
                         ui.add(egui::Label::new(RichText::new(value).monospace().size(11.5)).selectable(true));
                         ui.end_row();
@@ -94,6 +94,7 @@ mod tests {
             cloud: "office.laz".into(),
             world,
             record,
+            added: vec![("distance".into(), "0.25".into())],
             is_streamed: false,
         }
     }
@@ -108,13 +109,13 @@ mod tests {
         );
         harness.run();
         assert!(harness.query_by_label("3  0  -4").is_some());
-        assert!(harness.query_by_label("1234").is_some());
+        assert!(harness.query_by_label("1234").is_some() && harness.query_by_label("0.25").is_some());
         harness.get_by_label("Copy").click();
         harness.run();
         let copied = harness.state().outside.effects.iter().find_map(|effect| match effect {
             Effect::Copy(text) => Some(text.clone()),
             _ => None,
         });
-        assert!(copied.is_some_and(|text| text.contains("point 77\t3\t0\t-4\nintensity\t1234\n")));
+        assert!(copied.is_some_and(|text| text.contains("point 77\t3\t0\t-4\nintensity\t1234\ndistance\t0.25\n")));
     }
 }

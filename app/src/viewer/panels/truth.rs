@@ -220,7 +220,7 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
         return;
     };
     let part = match look {
-        Look::Split => split(ui, rect, session.truth.split, actions),
+        Look::Split => split(ui, rect, session.truth.split, Action::SplitTruth, actions),
         Look::Truth => rect,
         Look::Difference => {
             // Darken the picture, so that what is not measured can still be recognised.
@@ -232,9 +232,7 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
     painter.with_clip_rect(part).image(picture, rect, whole, Color32::WHITE);
     match look {
         Look::Split => {
-            let line = [part.left_top(), part.left_bottom()];
-            painter.line_segment(line, Stroke::new(3.5, SHADOW));
-            painter.line_segment(line, Stroke::new(1.5, theme::ACCENT));
+            divide(&painter, part);
         }
         Look::Difference => legend(&painter, rect, session.truth.measure),
         Look::Truth => {}
@@ -255,22 +253,30 @@ fn paths([mirrors, all]: [u32; 2], wanted: u32) -> String {
     }
 }
 
-/// Lets the user drag the split's line. Returns the rectangle to its right.
-fn split(ui: &Ui, rect: Rect, mut share: f32, actions: &mut Vec<Action>) -> Rect {
+/// Lets the user drag the split's line, which gives the action of its new position. Returns the rectangle to its right.
+pub fn split(ui: &Ui, rect: Rect, mut share: f32, moved: fn(f32) -> Action, actions: &mut Vec<Action>) -> Rect {
     let line = |share: f32| egui::lerp(rect.x_range(), share);
     let x = line(share);
     let grip = Rect::from_x_y_ranges(x - GRIP..=x + GRIP, rect.y_range());
-    let response = ui.interact(grip, ui.scope_id().with("split"), Sense::drag());
+    let id = ui.scope_id().with(("split", moved(0.0) == Action::SplitTruth(0.0)));
+    let response = ui.interact(grip, id, Sense::drag());
     if let Some(pointer) = response.interact_pointer_pos().filter(|_| response.dragged()) {
         // The line stays where it can be grabbed again.
         share = ((pointer.x - rect.left()) / rect.width().max(1.0)).clamp(0.01, 0.99);
-        actions.push(Action::SplitTruth(share));
+        actions.push(moved(share));
     }
     response.on_hover_and_drag_cursor(egui::CursorIcon::ResizeHorizontal);
     Rect::from_min_max(pos2(line(share), rect.top()), rect.max)
 }
 
-fn tag(painter: &egui::Painter, at: Pos2, align: Align2, text: &str) {
+/// Draws the line at the left of the part to the right of a split.
+pub fn divide(painter: &egui::Painter, part: Rect) {
+    let line = [part.left_top(), part.left_bottom()];
+    painter.line_segment(line, Stroke::new(3.5, SHADOW));
+    painter.line_segment(line, Stroke::new(1.5, theme::ACCENT));
+}
+
+pub fn tag(painter: &egui::Painter, at: Pos2, align: Align2, text: &str) {
     let galley = painter.layout_no_wrap(text.into(), FontId::proportional(12.0), Color32::WHITE);
     let place = align.anchor_size(at, galley.size());
     painter.rect_filled(place.expand(4.0), 4.0, SHADOW);
@@ -428,7 +434,7 @@ mod tests {
         let mut harness = Harness::builder().with_size(rect.size()).build_ui_state(
             |ui, session: &mut Session| {
                 session.show_and_act(|session, actions| {
-                    let _ = split(ui, rect, session.truth.split, actions);
+                    let _ = split(ui, rect, session.truth.split, Action::SplitTruth, actions);
                 });
             },
             session,

@@ -168,8 +168,15 @@ impl Tools {
         let source = entry.source.clone().filter(|_| !is_streamed);
         let cloud = entry.cloud.name.clone();
         let record = source.is_none().then(|| Ok(loaded_attributes(&entry.cloud, chunk, point.index)));
+        let value = |runs: &codec::Runs| {
+            let (start, run) = runs.range(..=number).next_back()?;
+            run.get((number - start) as usize).map(f32::to_string)
+        };
+        // What is known without the file has them already.
+        let added = entry.added.iter().filter(|_| record.is_none());
+        let added = added.filter_map(|(name, list)| Some((name.clone(), value(list)?))).collect();
         outside.log(json!({ "event": "picked", "cloud": cloud, "point": number, "world": world.to_array() }));
-        self.pick = Some(Pick { point, number, cloud, world, record, is_streamed });
+        self.pick = Some(Pick { point, number, cloud, world, record, added, is_streamed });
         if let Some(source) = source {
             outside.work(Work::ReadRecord { picked: point, record: number, source });
         }

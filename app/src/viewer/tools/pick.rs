@@ -16,6 +16,8 @@ pub struct Pick {
     pub world: DVec3,
     /// All attributes that the file has of the point; `None` until they have been read.
     pub record: Option<Result<Vec<(String, String)>, String>>,
+    /// What comparisons have added to it.
+    pub added: Vec<(String, String)>,
     /// Whether the point comes from an index, which keeps neither its number in the file nor its other attributes.
     pub is_streamed: bool,
 }
@@ -57,7 +59,7 @@ impl Pick {
         // The number of a streamed point means nothing outside of its index.
         let number = if self.is_streamed { String::new() } else { format!("\tpoint {}", self.number) };
         let mut text = format!("{}{number}\t{}\n", self.cloud, coordinates(self.world).replace("  ", "\t"));
-        for (name, value) in self.record.iter().flatten().flatten() {
+        for (name, value) in self.record.iter().flatten().flatten().chain(&self.added) {
             text += &format!("{name}\t{value}\n");
         }
         text

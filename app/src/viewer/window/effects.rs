@@ -90,11 +90,13 @@ impl Effects {
             job.mailbox.end();
         }
         let writing = session.loaded.writing.as_ref().map(|writing| &writing.progress);
-        writing.iter().for_each(|progress| progress.cancel());
+        let comparison = session.loaded.comparisons.under_way.as_ref();
+        writing.iter().chain(&comparison).for_each(|progress| progress.cancel());
         let start = Instant::now();
         let is_over = |job: &JobEntry| Arc::strong_count(&job.mailbox) == 1;
         let is_at_rest = || {
-            session.loaded.jobs.iter().all(is_over) && writing.is_none_or(|progress| Arc::strong_count(progress) == 1)
+            let is_done = |progress: &&Arc<Progress>| Arc::strong_count(progress) == 1;
+            session.loaded.jobs.iter().all(is_over) && writing.iter().chain(&comparison).all(is_done)
         };
         while !is_at_rest() && start.elapsed() < CLOSING_TIME {
             std::thread::sleep(Duration::from_millis(5));

@@ -1,0 +1,309 @@
+//! Compares two clouds in the background. The distances of a cloud in memory become an attribute of it; those of a
+//! streamed cloud go to a new file with all of its points, which is opened in its place.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use cloud::{Attribute, Cloud, Column, ColumnType};
+use codec::{ExportFormat, Runs};
+use scene::{ColorBy, shown};
+use serde_json::json;
+use world::CloudKey;
+
+use crate::comparing::{Measured, Method};
+use crate::viewer::action::Compare;
+use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::loaded::comparisons::{CompareDraft, Compared, Comparing, Comparison, Ends, Outcome, Second};
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::messages::Level;
+use crate::viewer::outside::Effect;
+use crate::viewer::work::Work;
+
+/// The names of the attributes that a comparison adds.
+const NAMES: [&str; 2] = ["distance", "level_of_detection"];
+
+impl Loaded {
+    pub fn compare(&mut self, step: Compare, beside: &mut Beside<'_>) {
+        match step {
+            Compare::Change(draft) => self.comparisons.draft = *draft,
+            Compare::Stop => self.comparisons.under_way.iter().for_each(|progress| progress.cancel()),
+            Compare::Start if self.comparisons.under_way.is_some() => {
+                beside.outside.note("Clouds are being compared already");
+            }
+            Compare::Start => match self.comparing(beside) {
+                Ok(comparing) => {
+                    self.comparisons.under_way = Some(comparing.progress.clone());
+                    beside.outside.work(Work::Compare(Box::new(comparing)));
+                }
+                Err(problem) => beside.outside.say(Level::Error, problem),
+            },
+        }
+    }
+
+    /// The cloud whose points would be measured.
+    pub fn compared_first(&self) -> Option<&CloudEntry> {
+        let chosen = self.comparisons.draft.first.and_then(|key| self.cloud(key));
+        chosen.or(self.clouds.first())
+    }
+
+    fn comparing(&self, beside: &Beside<'_>) -> Result<Comparing, String> {
+        let CompareDraft { second, is_m3c2, scales, core, output, .. } = &self.comparisons.draft;
+        let first = self.compared_first().ok_or("There is no cloud to compare yet")?;
+        let (second, to) = match second {
+            Second::Cloud(key) => {
+                let entry = self.cloud(*key).ok_or("Choose a second cloud, or a file, to measure the distances to")?;
+                if entry.key == first.key {
+                    return Err(format!("{}: a cloud has no distance to itself; choose another", first.cloud.name));
+                }
+                (ends(entry)?, entry.cloud.name.clone())
+            }
+            Second::File(path) if path.trim().is_empty() => {
+                return Err("Choose a second cloud, or a file, to measure the distances to".into());
+            }
+            Second::File(path) => (Ends::Files(vec![path.trim().to_owned()]), shown(path.trim()).to_string()),
+        };
+        let output = first.streamed.is_some().then(|| PathBuf::from(output.trim()));
+        if let Some(path) = &output {
+            if ExportFormat::of(path).is_none() {
+                let name = shown(path);
+                return Err(format!("{name}: the new file's name must end in .copc.laz, .laz, .las or .ply"));
+            }
+            if path.symlink_metadata().is_ok() {
+                return Err(format!("{}: a file of this name is there; it is not replaced", shown(path)));
+            }
+        }
+        let settings = Box::new(beside.scene.settings.clone());
+        let objects = &beside.scene.objects;
+        Ok(Comparing {
+            key: first.key,
+            what: format!("{} to {to}, {}", first.cloud.name, if *is_m3c2 { "M3C2" } else { "nearest points" }),
+            first: ends(first)?,
+            second,
+            method: if *is_m3c2 { Method::M3c2(*scales) } else { Method::Nearest },
+            core: *core,
+            // Where a clip volume cuts both clouds, the points at its border would seem to have moved.
+            tests: [objects.test(), objects.visibility.test([])],
+            settings,
+            output,
+            progress: Arc::default(),
+        })
+    }
+
+    pub fn on_compared(&mut self, comparison: Comparison, beside: &mut Beside<'_>) {
+        self.comparisons.under_way = None;
+        let Comparison { key, what, result } = comparison;
+        let Outcome { measured, output, warnings } = match result {
+            Ok(Some(outcome)) => outcome,
+            Ok(None) => return beside.outside.note(format!("Not compared: {what}")),
+            Err(error) => return beside.outside.say(Level::Error, error),
+        };
+        param::few(warnings, "warnings").into_iter().for_each(|warning| beside.outside.warning(warning));
+        let Measured { distances, levels, figures, significant } = measured;
+        beside.outside.log(json!({
+            "event": "compared", "what": what, "points": figures.points, "mean": figures.mean, "p95": figures.p95,
+            "significant": significant,
+        }));
+        beside.outside.note(format!("Compared: {what}"));
+        self.comparisons.last = Some(Compared { what, figures, significant });
+        match output {
+            Some(path) => self.open_compared(key, &path, beside),
+            None => {
+                let lists = std::iter::once(distances).chain(levels).map(|mut lists| lists.pop().unwrap_or_default());
+                self.put_distances(key, lists.collect(), beside);
+            }
+        }
+    }
+
+    /// Opens the file that the distances of a streamed cloud were written to, in its place.
+    fn open_compared(&mut self, key: CloudKey, path: &Path, beside: &mut Beside<'_>) {
+        let request = world::resolve(&[path]);
+        if let Err(error) = request.check() {
+            return beside.outside.say(Level::Error, error.to_string());
+        }
+        beside.outside.note(format!("Distances written: {}", path.display()));
+        beside.outside.push(Effect::Load { inputs: request.inputs });
+        self.set_visible(key, false, beside);
+        color_by(NAMES[0], beside);
+    }
+
+    /// Adds values of the file's points to a cloud in memory, or replaces those from before.
+    fn put_distances(&mut self, key: CloudKey, lists: Vec<Runs>, beside: &mut Beside<'_>) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        let mut changes = Vec::new();
+        entry.added.truncate(lists.len());
+        for (which, list) in lists.into_iter().enumerate() {
+            let known = entry.added.get(which).map(|(name, _)| name.clone());
+            let name = known.unwrap_or_else(|| unused_name(&entry.cloud, NAMES[which]));
+            let place = entry.cloud.attributes.iter().position(|attribute| attribute.name == name);
+            let attribute = place.unwrap_or_else(|| {
+                entry.cloud.attributes.push(Attribute { name: name.clone(), column_type: ColumnType::F32 });
+                entry.cloud.attributes.len() - 1
+            });
+            let column = |(first, run): (&u64, &Vec<f32>)| (*first, Arc::new(Column::F32(run.clone())));
+            changes = entry.put_late_column(attribute, list.iter().map(column).collect());
+            let list = Arc::new(list);
+            match entry.added.get_mut(which) {
+                Some(added) => added.1 = list,
+                None => entry.added.push((name, list)),
+            }
+        }
+        let name = entry.added[0].0.clone();
+        // The figures are those of the values before.
+        entry.figures_basis = None;
+        entry.marked = Vec::new();
+        changes.into_iter().for_each(|change| beside.outside.change(change));
+        color_by(&name, beside);
+    }
+
+    /// The values that comparisons have added to clouds of files, for the files of these clouds.
+    pub fn added_values(&self) -> Vec<(PathBuf, String, Arc<Runs>)> {
+        let of_entry = |entry: &CloudEntry| {
+            let path = entry.source.as_ref().map(|source| source.info().path.clone());
+            let values = entry.added.clone().into_iter();
+            path.into_iter().flat_map(move |path| values.clone().map(move |(name, list)| (path.clone(), name, list)))
+        };
+        self.clouds.iter().filter(|entry| entry.is_visible).flat_map(of_entry).collect()
+    }
+}
+
+/// Where the points of an open cloud come from.
+fn ends(entry: &CloudEntry) -> Result<Ends, String> {
+    if entry.streamed.is_some() {
+        return Ok(Ends::Files(vec![entry.input.clone()]));
+    }
+    if !entry.is_read {
+        return Err(format!("{}: wait until it is loaded", entry.cloud.name));
+    }
+    Ok(Ends::Memory { cloud: entry.cloud.clone(), up: entry.up })
+}
+
+/// A name that no attribute of the cloud has.
+fn unused_name(cloud: &Cloud, name: &str) -> String {
+    let is_taken = |name: &String| cloud.attributes.iter().any(|attribute| attribute.name == *name);
+    let numbered = (2..).map(|number| format!("{name}_{number}"));
+    std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
+}
+
+fn color_by(attribute: &str, beside: &mut Beside<'_>) {
+    let color = &mut beside.scene.settings.color;
+    (color.by, color.attribute) = (ColorBy::Attribute, attribute.to_owned());
+}
+
+#[cfg(test)]
+mod tests {
+    use cloud::Chunk;
+    use glam::DVec3;
+    use world::{Event, Opened, Part};
+
+    use super::*;
+    use crate::comparing::Scales;
+    use crate::viewer::action::Action;
+    use crate::viewer::preferences::Preferences;
+    use crate::viewer::session::Session;
+    use crate::viewer::work::Found;
+
+    /// Two plates, of which the second is 0.25 higher on one half.
+    fn session() -> Session {
+        let mut session = Session::new(Preferences::default());
+        let outside = &session.outside;
+        let job = session.loaded.add_job(&[], Default::default(), Default::default(), outside.now);
+        for (cloud, rise) in [(0, 0.0), (1, 0.25)] {
+            let name = format!("{cloud}.ply");
+            let opened =
+                Opened { name: name.clone(), input: name, expected_points: 800, up: DVec3::Z, ..Default::default() };
+            let point = |index: usize| {
+                let place = [(index % 40) as f32 * 0.1, (index / 40) as f32 * 0.1];
+                [place[0], place[1], if place[0] > 2.0 { rise } else { 0.0 }]
+            };
+            session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud, opened }, beside));
+            for block in 0..2 {
+                let points = (block * 400..(block + 1) * 400).map(point).collect();
+                let chunk = Chunk::new(block as u64 * 400, DVec3::ZERO, points);
+                let event = Event::Chunk { cloud, part: Part::Block(block as u64), chunk };
+                session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+            }
+            let event = Event::Read { cloud, summary: codec::Summary::default() };
+            session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+        }
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Finished, beside));
+        session
+    }
+
+    fn start(session: &mut Session, change: impl FnOnce(&mut CompareDraft)) -> Option<Comparing> {
+        session.outside.effects.clear();
+        let mut draft = session.loaded.comparisons.draft.clone();
+        change(&mut draft);
+        session.act(Action::Compare(Compare::Change(Box::new(draft))));
+        session.act(Action::Compare(Compare::Start));
+        session.outside.effects.drain(..).find_map(|effect| match effect {
+            Effect::Work(Work::Compare(comparing)) => Some(*comparing),
+            _ => None,
+        })
+    }
+
+    fn finish(session: &mut Session, comparing: Comparing) {
+        session.on_found(Found::Compared(Box::new(comparing.run())));
+    }
+
+    #[test]
+    fn distances_become_an_attribute_that_colours_the_points_and_a_second_run_replaces_it() {
+        let mut session = session();
+        let second = session.loaded.clouds[1].key;
+        let comparing = start(&mut session, |draft| draft.second = Second::Cloud(second)).unwrap();
+        assert!(session.loaded.comparisons.under_way.is_some());
+        finish(&mut session, comparing);
+        assert!(session.loaded.comparisons.under_way.is_none());
+        let last = session.loaded.comparisons.last.as_ref().unwrap();
+        assert!(
+            last.figures.points == 800 && last.significant.is_none() && last.figures.max > 0.1,
+            "{:?}",
+            last.figures
+        );
+        let names = |session: &Session| {
+            let attributes = &session.loaded.clouds[0].cloud.attributes;
+            attributes.iter().map(|attribute| attribute.name.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(names(&session), ["distance"]);
+        let color = &session.scene.settings.color;
+        assert_eq!((color.by, color.attribute.as_str()), (ColorBy::Attribute, "distance"));
+        let value = |session: &Session, which: usize, point: usize| {
+            let chunk = &session.loaded.clouds[0].cloud.chunks[point / 400];
+            chunk.columns[which].as_ref().unwrap().value(point % 400)
+        };
+        assert!(value(&session, 0, 405) == 0.0 && value(&session, 0, 435) > 0.1);
+        let m3c2 = |draft: &mut CompareDraft| {
+            draft.is_m3c2 = true;
+            draft.scales = Scales { normal: Some(0.5), cylinder: Some(0.4), reach: Some(1.0), registration: 0.0 };
+        };
+        let comparing = start(&mut session, m3c2).unwrap();
+        finish(&mut session, comparing);
+        assert_eq!(names(&session), ["distance", "level_of_detection"]);
+        assert!((value(&session, 0, 435) - 0.25).abs() < 1e-6 && value(&session, 1, 435) < 0.01);
+        assert!(session.loaded.comparisons.last.as_ref().unwrap().significant.is_some());
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_said_and_a_comparison_is_stopped() {
+        let mut session = session();
+        let [first, second] = [0, 1].map(|index| session.loaded.clouds[index].key);
+        let problems = |session: &Session| {
+            session.outside.messages.all.iter().map(|message| message.text.as_str()).collect::<Vec<_>>().join("\n")
+        };
+        for (chosen, mentioned) in [
+            (Second::File("  ".into()), "Choose a second cloud"),
+            (Second::Cloud(first), "no distance to itself"),
+            (Second::Cloud(CloudKey(99)), "Choose a second cloud"),
+        ] {
+            assert!(start(&mut session, |draft| draft.second = chosen).is_none());
+            assert!(problems(&session).contains(mentioned), "{mentioned}: {}", problems(&session));
+        }
+        let gone = start(&mut session, |draft| draft.second = Second::File("/gone.laz".into())).unwrap();
+        finish(&mut session, gone);
+        assert!(problems(&session).contains("/gone.laz"), "{}", problems(&session));
+        let comparing = start(&mut session, |draft| draft.second = Second::Cloud(second)).unwrap();
+        assert!(start(&mut session, |_| {}).is_none(), "one at a time");
+        session.act(Action::Compare(Compare::Stop));
+        finish(&mut session, comparing);
+        assert!(session.loaded.comparisons.last.is_none() && session.loaded.clouds[0].cloud.attributes.is_empty());
+    }
+}

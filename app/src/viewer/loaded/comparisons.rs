@@ -1,0 +1,149 @@
+//! What is compared, and the work of it: the distances of the points of one cloud to another.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use cloud::{Cloud, PointTest, Progress};
+use codec::{Added, Source};
+use glam::DVec3;
+use measure::DistanceFigures;
+use scene::Settings;
+use world::{CloudKey, half_of};
+
+use crate::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
+
+/// What a person has chosen to compare.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CompareDraft {
+    /// The cloud whose points are measured; the first one if none is chosen.
+    pub first: Option<CloudKey>,
+    pub second: Second,
+    pub is_m3c2: bool,
+    pub scales: Scales,
+    pub core: Option<f64>,
+    /// The file for the distances of a streamed cloud.
+    pub output: String,
+}
+
+/// What the distances are measured to.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Second {
+    Cloud(CloudKey),
+    File(String),
+}
+
+impl Default for Second {
+    fn default() -> Self {
+        Self::File(String::new())
+    }
+}
+
+/// What the panel shows of comparisons, and the one under way.
+#[derive(Default)]
+pub struct Comparisons {
+    pub draft: CompareDraft,
+    pub under_way: Option<Arc<Progress>>,
+    pub last: Option<Compared>,
+}
+
+/// The result of a comparison.
+pub struct Compared {
+    /// Which clouds, and how.
+    pub what: String,
+    pub figures: DistanceFigures,
+    /// The share of distances beyond their level of detection, if the method has levels.
+    pub significant: Option<f64>,
+}
+
+/// A cloud of a comparison as the window knows it.
+pub enum Ends {
+    Memory {
+        cloud: Cloud,
+        up: DVec3,
+    },
+    /// Words as on the command line.
+    Files(Vec<String>),
+}
+
+/// A comparison that a worker thread carries out.
+pub struct Comparing {
+    pub key: CloudKey,
+    pub what: String,
+    pub first: Ends,
+    pub second: Ends,
+    pub method: Method,
+    pub core: Option<f64>,
+    /// The points of the first cloud that are measured, and those of the second.
+    pub tests: [PointTest; 2],
+    pub settings: Box<Settings>,
+    /// The file to write for a streamed cloud.
+    pub output: Option<PathBuf>,
+    pub progress: Arc<Progress>,
+}
+
+/// How it ended; nothing was found if it was cancelled.
+pub struct Comparison {
+    pub key: CloudKey,
+    pub what: String,
+    pub result: Result<Option<Outcome>, String>,
+}
+
+pub struct Outcome {
+    pub measured: Measured,
+    pub output: Option<PathBuf>,
+    pub warnings: Vec<String>,
+}
+
+impl Ends {
+    fn side(self, test: PointTest, settings: &Settings) -> Result<(Side, Vec<Arc<Source>>), String> {
+        let settings = settings.clone();
+        let words = match self {
+            Self::Memory { cloud, up } => {
+                return Ok((Side { points: Points::Memory(cloud), test, up, settings }, Vec::new()));
+            }
+            Self::Files(words) => words,
+        };
+        let request = world::resolve(&words);
+        request.check().map_err(|error| error.to_string())?;
+        let mut sources = Vec::new();
+        for input in &request.inputs {
+            if input.files().is_empty() {
+                return Err(format!("{}: not a file; files and open clouds can be compared", input.name()));
+            }
+            for file in input.files() {
+                sources.push(world::open_file(file, half_of(settings.stream.host_bytes))?);
+            }
+        }
+        let up = sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &settings));
+        Ok((Side { points: Points::Files(sources.clone()), test, up, settings }, sources))
+    }
+}
+
+impl Comparing {
+    /// Measures the distances, and writes the file.
+    pub fn run(self) -> Comparison {
+        let (key, what) = (self.key, self.what.clone());
+        Comparison { key, what, result: self.outcome() }
+    }
+
+    fn outcome(self) -> Result<Option<Outcome>, String> {
+        let Self { first, second, method, core, tests: [own, other], settings, output, progress, .. } = self;
+        let (first, sources) = first.side(own, &settings)?;
+        let (second, _) = second.side(other, &settings)?;
+        let compared = comparing::compare(&first, &second, method, core, &progress);
+        let Some((mut measured, mut warnings)) = compared.map_err(|error| format!("{error:#}"))? else {
+            return Ok(None);
+        };
+        if let Some(path) = &output {
+            let distances = std::mem::take(&mut measured.distances);
+            let mut added = vec![Added { name: free_name(&sources, "distance"), values: distances }];
+            let level = |values| Added { name: free_name(&sources, "level_of_detection"), values };
+            added.extend(measured.levels.take().map(level));
+            let memory = half_of(settings.stream.host_bytes);
+            let written = codec::export(&sources, &first.test, &added, path, memory, &progress);
+            let Some(written) = written.map_err(|error| error.to_string())? else { return Ok(None) };
+            warnings.extend(written.warnings);
+        }
+        Ok(Some(Outcome { measured, output, warnings }))
+    }
+}

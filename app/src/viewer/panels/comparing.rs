@@ -1,0 +1,270 @@
+//! The panel of comparisons: measures the distances of one cloud to another, and keeps a state of the picture to look at
+//! beside the present one.
+
+use egui::{Align2, Color32, Pos2, Rect, RichText, Ui, pos2, vec2};
+use measure::DistanceFigures;
+
+use crate::comparing::Scales;
+use crate::viewer::action::{Action, Compare, KeptStep};
+use crate::viewer::input::bindings;
+use crate::viewer::loaded::comparisons::{CompareDraft, Compared, Second};
+use crate::viewer::panels::truth::{divide, split, tag};
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::theme::grouped;
+use crate::viewer::widgets::{name_label, progress_bar};
+
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    distances(ui, session, actions);
+    ui.separator();
+    kept(ui, session, actions);
+}
+
+/// The buttons of the kept state.
+fn kept(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let mut button = |ui: &mut Ui, name: &str, is_on: bool, is_able: bool, step: KeptStep, help: &str| {
+        let action = Action::Kept(step);
+        let shortcut = match bindings::shortcut(&action) {
+            shortcut if shortcut.is_empty() => shortcut,
+            shortcut => format!(" ({shortcut})"),
+        };
+        let button = ui.add_enabled(is_able, egui::Button::selectable(is_on, name));
+        actions.extend(button.on_hover_text(format!("{help}{shortcut}")).clicked().then_some(action));
+    };
+    let (is_there, is_split) = (session.kept.is_there(), session.kept.is_split);
+    ui.horizontal(|ui| {
+        let help = "Keeps parameters, lights, colours and which points are shown, to look at beside later ones";
+        button(ui, "Keep this state", false, true, KeptStep::Keep, help);
+        let help = "The kept state on the left, the present one on the right: drag the line";
+        button(ui, "Split", is_split, is_there, KeptStep::ToggleSplit, help);
+    });
+    ui.horizontal(|ui| {
+        let help =
+            "Parameters and shown clouds of the kept state become the present ones, and the present ones are kept";
+        button(ui, "Swap", false, is_there, KeptStep::Swap, help);
+        button(ui, "Let go", false, is_there, KeptStep::LetGo, "Forgets the kept state");
+        let hold = bindings::shortcut(&Action::ShowKept);
+        ui.label(RichText::new(format!("hold {hold} to see it")).color(theme::WEAK));
+    });
+}
+
+/// Draws the kept state over the picture in `rect`, where it is asked for.
+pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) {
+    let kept = &session.kept;
+    if !kept.is_asked_for() {
+        return;
+    }
+    let painter = ui.painter().with_clip_rect(rect);
+    let right = if kept.is_held {
+        Rect::from_min_max(rect.right_top(), rect.max)
+    } else {
+        let moved = |share| Action::Kept(KeptStep::SplitAt(share));
+        split(ui, rect, kept.split, moved, actions)
+    };
+    let left = rect.with_max_x(right.left());
+    // The camera may have moved since the frame on the screen.
+    let (camera, size) = (session.scene.camera, session.scene.view_size);
+    let shown = session.frames.shown.as_ref().map(|shown| &shown.request);
+    let shown = shown.filter(|request| request.camera == camera && request.size == size);
+    let text = match shown.and_then(|request| kept.picture(request)) {
+        Some(picture) => {
+            let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+            painter.with_clip_rect(left).image(picture.texture(ui.ctx()), rect, whole, Color32::WHITE);
+            "kept state"
+        }
+        None => "the kept state is drawn once the picture stands still",
+    };
+    if !kept.is_held {
+        divide(&painter, right);
+    }
+    tag(&painter.with_clip_rect(left), rect.left_top() + vec2(10.0, 10.0), Align2::LEFT_TOP, text);
+}
+
+/// What is compared, and what came out.
+fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let loaded = &session.loaded;
+    let before = &loaded.comparisons.draft;
+    let mut draft = before.clone();
+    let Some(first) = loaded.compared_first() else {
+        ui.label(RichText::new("Open two clouds to measure how far they are apart.").color(theme::WEAK));
+        return;
+    };
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Points of");
+        let choice = egui::ComboBox::from_id_salt("first cloud").width(180.0).selected_text(&first.cloud.name);
+        let shown = choice.show_ui(ui, |ui| {
+            for entry in &loaded.clouds {
+                ui.selectable_value(&mut draft.first, Some(entry.key), &entry.cloud.name);
+            }
+        });
+        shown.response.labelled_by(label.id);
+    });
+    second(ui, session, &mut draft);
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Measure");
+        let help = "To the nearest point, without a sign; or M3C2: along the normal of the first cloud, between the mean \
+                    places of both in a cylinder, with the least distance that is a change (95 %)";
+        for (is_m3c2, name) in [(false, "nearest point"), (true, "M3C2")] {
+            let choice = ui.selectable_label(draft.is_m3c2 == is_m3c2, name).on_hover_text(help);
+            if choice.labelled_by(label.id).clicked() {
+                draft.is_m3c2 = is_m3c2;
+            }
+        }
+    });
+    if draft.is_m3c2 {
+        let Scales { normal, cylinder, reach, registration } = &mut draft.scales;
+        length(ui, "Normal scale", normal, "Diameter of the neighbourhood that gives a normal");
+        length(ui, "Cylinder scale", cylinder, "Diameter of the cylinder along the normal");
+        length(ui, "Reach", reach, "How far the cylinder reaches to either side");
+        ui.horizontal(|ui| {
+            let label = name_label(ui, "Registration");
+            let drag = egui::DragValue::new(registration).speed(0.001).range(0.0..=f64::MAX).max_decimals(4);
+            let help = "Standard deviation of how far the clouds are off as a whole: 1.96 times as much is added to every \
+                        level of detection";
+            ui.add(drag).labelled_by(label.id).on_hover_text(help);
+        });
+    }
+    let help =
+        "Measures one point only in each cube with edges of this length; the others in the cube get its distance";
+    length(ui, "Core points", &mut draft.core, help);
+    if first.streamed.is_some() {
+        ui.horizontal(|ui| {
+            let label = name_label(ui, "New file");
+            let help = "A streamed cloud does not fit into memory: its points with their distances are written to this file \
+                        (.copc.laz opens fastest), which is then opened";
+            let field = egui::TextEdit::singleline(&mut draft.output).hint_text("distances.copc.laz").desired_width(180.0);
+            ui.add(field).labelled_by(label.id).on_hover_text(help);
+        });
+    }
+    if draft != *before {
+        actions.push(Action::Compare(Compare::Change(Box::new(draft))));
+    }
+    match &loaded.comparisons.under_way {
+        Some(progress) => {
+            ui.horizontal(|ui| {
+                progress_bar(ui, progress.done() as f32 / progress.total().max(1) as f32);
+                if ui.button("Stop").clicked() {
+                    actions.push(Action::Compare(Compare::Stop));
+                }
+            });
+            ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
+        }
+        None => {
+            if ui.button("Compare").clicked() {
+                actions.push(Action::Compare(Compare::Start));
+            }
+        }
+    }
+    if let Some(compared) = &loaded.comparisons.last {
+        result(ui, compared);
+    }
+}
+
+fn second(ui: &mut Ui, session: &Session, draft: &mut CompareDraft) {
+    let clouds = &session.loaded.clouds;
+    let own = session.loaded.compared_first().map(|entry| entry.key);
+    let other = match &draft.second {
+        Second::Cloud(key) => clouds.iter().find(|entry| entry.key == *key).map(|entry| entry.cloud.name.as_str()),
+        Second::File(_) => Some("a file"),
+    };
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "To");
+        let choice = egui::ComboBox::from_id_salt("second cloud").width(180.0).selected_text(other.unwrap_or("choose"));
+        let shown = choice.show_ui(ui, |ui| {
+            for entry in clouds.iter().filter(|entry| Some(entry.key) != own) {
+                ui.selectable_value(&mut draft.second, Second::Cloud(entry.key), &entry.cloud.name);
+            }
+            let is_file = matches!(draft.second, Second::File(_));
+            if ui.selectable_label(is_file, "a file").clicked() && !is_file {
+                draft.second = Second::default();
+            }
+        });
+        shown.response.labelled_by(label.id);
+    });
+    if let Second::File(path) = &mut draft.second {
+        ui.horizontal(|ui| {
+            let label = name_label(ui, "File");
+            let field = egui::TextEdit::singleline(path).hint_text("/folder/scan.laz").desired_width(180.0);
+            ui.add(field).labelled_by(label.id);
+        });
+    }
+}
+
+/// A length that may be left to the program.
+fn length(ui: &mut Ui, name: &str, value: &mut Option<f64>, help: &str) {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        let mut is_given = value.is_some();
+        let is_changed = ui.checkbox(&mut is_given, "").labelled_by(label.id).on_hover_text(help).changed();
+        match value {
+            Some(length) => {
+                let drag = egui::DragValue::new(length).speed(0.01).range(1e-6..=f64::MAX).max_decimals(4);
+                ui.add(drag).labelled_by(label.id).on_hover_text(help);
+            }
+            None if name == "Core points" => drop(ui.label(RichText::new("all points").color(theme::WEAK))),
+            None => drop(ui.label(RichText::new("by the spacing").color(theme::WEAK))),
+        }
+        if is_changed {
+            *value = is_given.then_some(1.0);
+        }
+    });
+}
+
+fn result(ui: &mut Ui, compared: &Compared) {
+    ui.label(RichText::new(&compared.what).small().color(theme::WEAK));
+    let DistanceFigures { points, mean, median, std, p95, max, .. } = compared.figures;
+    let number = |value: f64| format!("{value:.4}");
+    let significant = compared.significant.map(|share| format!("{:.1} %", share * 100.0));
+    let lines = [
+        ("Points", Some(grouped(points)), "Those that have a distance"),
+        ("Mean", Some(number(mean)), "M3C2 distances have a sign: positive along the normal of the first cloud"),
+        ("Median", Some(number(median)), "Half of the distances are below"),
+        ("Std", Some(number(std)), "The standard deviation about the mean"),
+        ("95 % within", Some(number(p95)), "95 % of the distances are no longer, whatever their sign"),
+        ("Longest", Some(number(max)), "The longest distance, whatever its sign"),
+        ("Beyond level", significant, "The share of distances beyond the level of detection (95 %): changes"),
+    ];
+    egui::Grid::new("distances").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
+        for (name, value, help) in lines {
+            if let Some(value) = value {
+                ui.label(RichText::new(name).size(12.0)).on_hover_text(help);
+                ui.label(RichText::new(value).monospace().size(11.5));
+                ui.end_row();
+            }
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    #[test]
+    fn what_is_compared_and_how_is_chosen_and_the_figures_are_shown() {
+        let mut session = Session::with_two_points();
+        session.loaded.comparisons.last = Some(Compared {
+            what: "a to b, M3C2".into(),
+            figures: DistanceFigures { points: 1234, mean: -0.25, median: 0.5, std: 1.0, rms: 1.0, p95: 2.0, max: 3.0 },
+            significant: Some(0.375),
+        });
+        let mut harness = Harness::builder().with_size([340.0, 600.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_ok();
+        for text in ["1,234", "-0.2500", "37.5 %"] {
+            assert!(harness.query_by_label(text).is_some(), "{text}");
+        }
+        assert!(harness.query_by_label("Reach").is_none());
+        harness.get_by_label("M3C2").click();
+        harness.run_ok();
+        assert!(harness.state().loaded.comparisons.draft.is_m3c2 && harness.query_by_label("Reach").is_some());
+        harness.get_by_label("Compare").click();
+        harness.run_ok();
+        let said = harness.state().outside.messages.all.iter().any(|message| message.text.contains("Choose a second"));
+        assert!(said && harness.state().loaded.comparisons.under_way.is_none());
+    }
+}
