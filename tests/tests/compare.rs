@@ -48,6 +48,15 @@ fn distances_of_planes_are_those_that_they_were_made_with() {
     let found = figures(&folder, &scales);
     assert!(is_near(&found["mean"], 0.02, 0.002) && is_near(&found["significant"], 0.0, 0.02), "{found}");
 
+    // A registration that may be off by 0.05 hides a change of 0.05, which is beyond a level of 0.
+    folder.write("a.ply", plane(0.0, 0.0));
+    folder.write("b.ply", plane(-0.05, 0.0));
+    let found = figures(&folder, &["--method", "m3c2", "--registration", "0.05"]);
+    assert!(is_near(&found["mean"], -0.05, 1e-6) && found["significant"] == 0.0, "{found}");
+    // One point in each cube of 2 units, 10 by 10 of them.
+    let found = figures(&folder, &["--method", "m3c2", "--core", "2"]);
+    assert!(is_near(&found["mean"], -0.05, 1e-6) && found["points"] == 100, "{found}");
+
     // The file has the points that are shown, and their distances.
     folder.write("a.ply", plane(0.0, 0.0));
     folder.write("b.ply", plane(0.25, 0.0));
@@ -99,6 +108,8 @@ fn what_cannot_be_compared_is_refused() {
     refused(&["a.ply", "gone.ply"], 2, "no such file");
     refused(&["a.ply", "b.ply", "--method", "icp"], 2, "nearest, m3c2");
     refused(&["a.ply", "b.ply", "--method", "m3c2", "--reach", "0"], 2, "a scale of 0");
+    refused(&["a.ply", "b.ply", "--method", "m3c2", "--registration", "-1"], 2, "a registration off by -1");
+    refused(&["a.ply", "b.ply", "--core", "0"], 2, "core points 0 apart");
     refused(&["a.ply", "b.ply", "-o", "a.txt"], 2, ".csv");
     refused(&["a.ply", "b.ply", "-o", "b.ply"], 1, "is not replaced");
     refused(&["a.ply", "none.toml"], 2, "the second cloud shows no points");
