@@ -2,11 +2,7 @@
 // One workgroup a block of points: the squares whose rays may meet the block's box are listed first.
 #import blocks
 #import beam
-#import bundle
-#import counters
-#import hash
-#import mirror_ray
-#import mirror_splat
+#import camera_root
 #import ordered
 
 @group(2) @binding(0) var<uniform> grid: BundleGrid;
@@ -21,10 +17,8 @@
 @group(2) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
 
 override degree: u32 = 2u;
-override roots: u32 = 4u;
 // Whether whole blocks descend before their points.
 override by_blocks: bool = true;
-override count_points: bool = true;
 
 // What the walk over the points is for.
 const BOUND: u32 = 0u;
@@ -46,9 +40,6 @@ var<workgroup> chances: array<f32, 256>;
 var<workgroup> largest_area: atomic<u32>;
 var<workgroup> leaf_count: atomic<u32>;
 var<workgroup> is_full: atomic<u32>;
-var<workgroup> tried: atomic<u32>;
-var<workgroup> reflected: atomic<u32>;
-var<workgroup> dropped: atomic<u32>;
 
 @compute @workgroup_size(128)
 fn sample_cameras_project(
@@ -68,14 +59,7 @@ fn sample_cameras_project(
     }
     walk = SOLVE;
     splat_block(group, groups, lane);
-    if count_points {
-        workgroupBarrier();
-        if lane == 0u {
-            atomicAdd(&counters[POINTS_TRIED], atomicLoad(&tried));
-            atomicAdd(&counters[POINTS_FOUND], atomicLoad(&reflected));
-            atomicAdd(&counters[POINTS_UNCONVERGED], atomicLoad(&dropped));
-        }
-    }
+    count_roots(lane);
 }
 
 // Lists the leaves that may reflect a point of the block, level by level.
@@ -181,53 +165,30 @@ fn beam_of(node: BundleNode) -> Beam {
     return Beam(node.origin_low.xyz, node.origin_high.xyz, node.direction_low.xyz, node.direction_high.xyz);
 }
 
-// A point, with what its roots need.
-struct Reflected {
-    // Relative to the eye.
-    place: vec3f,
-    // Zero if there is none.
-    normal: vec3f,
-    // Of its disc.
-    radius: f32,
-    // The area that it stands for: discs overlap.
-    area: f32,
-    identity: u32,
-}
-
-// The discs of a surface together have so many times its area: radii are 1.5 sqrt(area / (pi count)).
-const OVERLAP: f32 = 2.25;
-
 fn splat_point(item: Item, index: u32) {
-    let point = points[index];
-    let place = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
-    let is_tried = is_place(point.xyz) && dot(place, place) < 3e38 && is_shown(index);
-    let own_radius = unpack_radius(point.w & 0xffffu);
-    let radius = select(own_radius, item.origin_radius.w, own_radius == 0.0);
-    // Those that are not drawn while the camera moves are stood for by the others.
-    let area = 3.14159274 * radius * radius / OVERLAP * f32(page.step);
+    let point = tried_point(item, index);
+    let given = point.reflected;
     if walk == BOUND {
-        if is_tried {
-            if atomicLoad(&largest_area) < bitcast<u32>(area) {
-                atomicMax(&largest_area, bitcast<u32>(area));
+        if point.is_point {
+            if atomicLoad(&largest_area) < bitcast<u32>(given.area) {
+                atomicMax(&largest_area, bitcast<u32>(given.area));
             }
             for (var axis = 0u; axis < 3u; axis++) {
-                lower(axis, ordered(place[axis]));
-                raise(axis, ordered(place[axis]));
+                lower(axis, ordered(given.place[axis]));
+                raise(axis, ordered(given.place[axis]));
             }
         }
         return;
     }
     var found = 0u;
-    if is_tried {
-        let normal = unpack_normal(attributes[index].y);
-        let given = Reflected(place, normal, radius * settings.splat.size, area, identities_from + index);
+    if point.is_point {
         if by_blocks && atomicLoad(&is_full) == 0u {
             let count = min(atomicLoad(&leaf_count), QUEUE);
             var i = next_leaf(given.identity, 0u, count);
             while i < count {
                 let level = leaves[i] >> 28u;
                 let node = first_of_level(grid, level) + (leaves[i] & 0xfffffffu);
-                if beam_entry(beam_of(nodes[node]), place, place) >= 0.0 {
+                if beam_entry(beam_of(nodes[node]), given.place, given.place) >= 0.0 {
                     found = with_root(given, index, found, root_in(given, node, leaves[i]));
                 }
                 i = next_leaf(given.identity, i + 1u, count);
@@ -235,15 +196,8 @@ fn splat_point(item: Item, index: u32) {
         } else {
             found = descend(given, index);
         }
-        if count_points {
-            atomicAdd(&tried, 1u);
-            atomicAdd(&reflected, min(found, 1u));
-            atomicAdd(&dropped, select(0u, 1u, found > roots));
-        }
     }
-    if found < roots {
-        solutions[index + found * page.point_count] = Solution(0u, 0.0);
-    }
+    end_roots(index, found, point.is_point);
 }
 
 // The next leaf of the list that may keep the point. Most keep few: threads that run in step then wait for each other
@@ -254,11 +208,6 @@ fn next_leaf(identity: u32, first: u32, count: u32) -> u32 {
         i++;
     }
     return i;
-}
-
-// A number from 0 to 1 for a point and a leaf.
-fn drawn_for(identity: u32, leaf: u32) -> f32 {
-    return f32(hash(identity ^ (leaf * 2654435769u)) >> 8u) / 16777216.0;
 }
 
 // Reading first saves nearly all atomics: bounds settle after a few points.
@@ -301,26 +250,9 @@ fn descend(given: Reflected, index: u32) -> u32 {
     return found;
 }
 
-// Keeps a root, if it is one and not that of a neighbouring square. Returns the number of roots so far; those beyond
-// `roots` are dropped.
-fn with_root(given: Reflected, index: u32, found: u32, root: Solution) -> u32 {
-    var is_new = root.distance > 0.0;
-    let at = unpack_place(root.place);
-    for (var other = 0u; other < min(found, roots) && is_new; other++) {
-        let before = unpack_place(solutions[index + other * page.point_count].place);
-        is_new = distance(at, before) > SAME_ROOT;
-    }
-    if is_new && found < roots {
-        solutions[index + found * page.point_count] = root;
-    }
-    return found + select(0u, 1u, is_new);
-}
-
 // Squares reach this much over their border, in pixels: neighbouring bundles differ by up to the accuracy, and a root
 // must not fall between them.
 const BORDER: f32 = 0.25;
-// Roots of a point that are no farther apart than this, in pixels, are one.
-const SAME_ROOT: f32 = 1.0;
 // The most steps of Newton's method; two are usual.
 const STEPS: u32 = 6u;
 // In halves of the square's edge: a step that leaves the square by more starts from there.
@@ -329,11 +261,6 @@ const FARTHEST: f32 = 2.5;
 const PEAK: f32 = 1.25;
 // Discs that are nearly edge-on in the middle of the square may turn elsewhere.
 const LEAST_FACING: f32 = 0.1;
-// The squares that are splatted are so many times as large as the discs' reflections: so they overlap also where points
-// are left out at random.
-const COVER: f32 = 2.0;
-// The largest side of a splat that `pack_side` keeps.
-const LARGEST_SIDE: f32 = 15.0;
 
 // The largest z at which points are searched for: discs reach beyond the box about their middles.
 fn farthest_z(largest: f32) -> f32 {
@@ -419,87 +346,6 @@ fn root_in(given: Reflected, node: u32, leaf: u32) -> Solution {
     if !is_found {
         return Solution(0u, 0.0);
     }
-    return kept_root(given, node, across, z, p, by_x, by_y, drawn, middle_share);
+    let camera = CameraFrame(middle.xyz, axis.xyz, across, square.z, square.w != 0.0);
+    return kept_root(given, camera, z, square.xy + p * square.z, by_x, by_y, drawn, middle_share);
 }
-
-// Which way a point's disc turns: its area across a direction.
-fn facing_of(given: Reflected, direction: vec3f) -> f32 {
-    return select(abs(dot(given.normal, direction)), 1.0, all(given.normal == vec3f(0.0)));
-}
-
-fn area_of(by_x: vec2f, by_y: vec2f) -> f32 {
-    return max(abs(by_x.x * by_y.y - by_x.y * by_y.x), 1e-30);
-}
-
-// The step (x, y) with x by_x + y by_y = value.
-fn solved(by_x: vec2f, by_y: vec2f, value: vec2f) -> vec2f {
-    let determinant = by_x.x * by_y.y - by_x.y * by_y.x;
-    let safe = select(determinant, 1e-30, determinant == 0.0);
-    return vec2f(value.x * by_y.y - value.y * by_y.x, by_x.x * value.y - by_x.y * value.x) / safe;
-}
-
-// The root at place `p` of the leaf's square, by the mirror pixel there: none if there is no mirror, or the point is
-// behind it, or belongs to the mirror itself beside it, or if the pixel's own ray passes it by.
-fn kept_root(
-    given: Reflected,
-    node: u32,
-    across: Across,
-    z: f32,
-    p: vec2f,
-    by_x: vec2f,
-    by_y: vec2f,
-    drawn: f32,
-    middle_share: f32,
-) -> Solution {
-    let square = bundles[node].square;
-    let axis = bundles[node].axis.xyz;
-    let middle = bundles[node].middle.xyz;
-    let size = vec2f(f32(frame.width), f32(frame.height));
-    let target_offset = given.place - middle;
-    let target_place = vec2f(dot(target_offset, across.x), dot(target_offset, across.y));
-    var at = square.xy + p * square.z;
-    var solution = Solution(0u, 0.0);
-    var is_kept = true;
-    for (var step = 0u; step <= settings.sample_cameras.polish && is_kept; step++) {
-        let pixel = floor(at);
-        is_kept = all(pixel >= vec2f(0.0)) && all(pixel < size);
-        let texel = vec2i(select(vec2f(0.0), pixel, is_kept));
-        let point = textureLoad(point_in, texel, 0);
-        let normal = textureLoad(normal_in, texel, 0).xyz;
-        let offset = given.place - point.xyz;
-        let reach = length(offset);
-        let is_before = dot(offset, normal) > 0.0 && reach > OWN_SURFACE_RADII * given.radius;
-        let direction = reflected_direction(point.xyz, normal, textureLoad(eye_in, texel, 0).xyz);
-        let along = dot(direction, axis);
-        is_kept = is_kept && point.w > 0.0 && is_before && along > LEAST_ALONG;
-        // How far the pixel's own ray is beside the point, less what the place is beside the pixel's middle.
-        let ray = ray_in_frame(middle, axis, across, point.xyz, direction);
-        let aside = (pixel + 0.5 - at) / square.z;
-        let beside = ray.xy + z * ray.zw - target_place - aside.x * by_x - aside.y * by_y;
-        let step_back = solved(by_x, by_y, beside) * square.z;
-        if step < settings.sample_cameras.polish {
-            at -= clamp(step_back, vec2f(-LONGEST_POLISH), vec2f(LONGEST_POLISH));
-        } else {
-            let by_ray = length(beside) / max(max(length(by_x), length(by_y)), 1e-20) * square.z;
-            let is_by_solve = settings.sample_cameras.judged_by == SAMPLE_CAMERAS_JUDGED_BY_SOLVE;
-            let error = select(by_ray, length(step_back), is_by_solve);
-            // Within the accuracy, all rays of the square are near enough.
-            is_kept = is_kept && (square.w == 0.0 || error <= settings.sample_cameras.accuracy);
-            // The pixels that all points like this one, together without gaps, would cover each.
-            let covers = facing_of(given, direction) / along * square.z * square.z / area_of(by_x, by_y);
-            let per_pixel = settings.sample_cameras.points_per_pixel;
-            let share = min(per_pixel * given.area * covers, middle_share);
-            let chance = select(min(share, 1.0), 1.0, per_pixel == 0.0);
-            is_kept = is_kept && drawn < chance;
-            if is_kept {
-                let disc = OVERLAP * given.area * settings.splat.size * settings.splat.size * covers;
-                let side = sqrt(COVER * disc / max(chance, 1e-20));
-                solution = Solution(pack_place(at), pack_side(reach, clamp(side, 1.0, LARGEST_SIDE)));
-            }
-        }
-    }
-    return solution;
-}
-
-// The longest step of polishing, in pixels.
-const LONGEST_POLISH: f32 = 2.0;

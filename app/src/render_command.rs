@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use glam::DVec3;
 use param::Choice as _;
-use render::{Aov, FrameStats, Gpu, MapCount, MapLimit, MapUse, PassStage, Renderer};
+use render::{Aov, CameraCount, FrameStats, Gpu, MapCount, MapLimit, MapUse, PassStage, Renderer};
 use scene::{Camera, Method, SceneFile, Settings, StandardView, Start, whole_file};
 use serde::Serialize;
 use study::results::Spread;
@@ -412,6 +412,9 @@ struct Stats {
     /// The maps around mirrors, of `cubemap_trace` and `light_field`.
     #[serde(skip_serializing_if = "Option::is_none")]
     maps: Option<MapStats>,
+    /// The cells of space of `sample_cameras`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cameras: Option<CameraStats>,
     uncertain: Option<f64>,
     /// The method that found what is seen through glass and water, where there is some.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -468,6 +471,26 @@ struct MapUseStats {
     bytes: u64,
     /// What limits the maps; null if nothing does.
     limit: Option<&'static str>,
+}
+
+#[derive(Serialize)]
+struct CameraStats {
+    pinholes: u32,
+    lists: u32,
+    /// How many copies of each ray there are in all cells.
+    ray_copies: f32,
+    bytes: u64,
+    /// The time that making them took.
+    ms: f32,
+    /// The share of the points found that a list projects.
+    listed: f32,
+}
+
+impl CameraStats {
+    fn new(cameras: &CameraCount) -> Self {
+        let CameraCount { pinholes, lists, copies, bytes, milliseconds, listed, .. } = *cameras;
+        Self { pinholes, lists, ray_copies: copies, bytes, ms: milliseconds, listed }
+    }
 }
 
 #[derive(Serialize)]
@@ -533,6 +556,7 @@ impl Stats {
                 });
                 Some(MapStats { drawn, asked, map_use })
             }),
+            cameras: reflection.and_then(|stats| stats.cameras).map(|cameras| CameraStats::new(&cameras)),
             uncertain: reflection.map(|stats| stats.uncertain),
             seen_through_by: reflection.and_then(|stats| stats.seen_through_by).map(|method| method.row().name),
             bounces: reflection.map_or(0, |stats| stats.bounces),

@@ -18,3 +18,5 @@ const RAYS_LEFT: u32 = 10u;
 // first.
 const RAYS_TRACED: u32 = 11u;
 const RAYS_KEPT: u32 = 13u;
+// The points that a list of rays projects (sample_cameras with cells of space).
+const POINTS_LISTED: u32 = 15u;

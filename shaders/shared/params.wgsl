@@ -323,6 +323,7 @@ const SCREEN_TRACE_REST_ENVIRONMENT_MAP: u32 = 3u;
 
 // Sample-based cameras (after Popescu, Sacks and Mei 2006): bundles of the mirror's rays project points.
 struct SampleCameras {
+    cells: u32,
     accuracy: f32,
     down_sampling: u32,
     degree: u32,
@@ -330,6 +331,8 @@ struct SampleCameras {
     largest_square: u32,
     judged_by: u32,
     near: f32,
+    split_gain: f32,
+    longest_list: u32,
     roots: u32,
     cull: u32,
     polish: u32,
@@ -337,6 +340,8 @@ struct SampleCameras {
     rest: u32,
     splat: u32,
 }
+const SAMPLE_CAMERAS_CELLS_IMAGE: u32 = 0u;
+const SAMPLE_CAMERAS_CELLS_SPACE: u32 = 1u;
 const SAMPLE_CAMERAS_JUDGED_BY_SOLVE: u32 = 0u;
 const SAMPLE_CAMERAS_JUDGED_BY_RAY: u32 = 1u;
 const SAMPLE_CAMERAS_CULL_NONE: u32 = 0u;

@@ -127,6 +127,21 @@ structs! {
         first_x: u32, first_y: u32, columns: u32, rows: u32, last_level: u32, level: u32, largest: u32, stride: u32,
         scene_low: Vec4, scene_high: Vec4,
     }
+    /// The trees of reflected rays of `sample_cameras` with cells of space, of shaders/shared/camera_tree.wgsl.
+    CameraTrees {
+        first_x: u32, first_y: u32, columns: u32, rows: u32, stride: u32, trees: u32, unused_1: u32, unused_2: u32,
+        shift: Vec4,
+    }
+    /// A plane of such a tree, of shaders/shared/camera_tree.wgsl.
+    CameraNode { plane: Vec4, above: u32, below: u32, unused_1: u32, unused_2: u32 }
+    /// A leaf of such a tree, of shaders/shared/camera_tree.wgsl.
+    CameraLeaf {
+        kind: u32, first: u32, count: u32, next: u32,
+        middle: Vec4, axis: Vec4, by_u: Vec4, by_v: Vec4, depth: Vec4, factors_0: Vec4, factors_1: Vec4,
+        factors_2: Vec4,
+    }
+    /// A reflected ray, of shaders/shared/camera_tree.wgsl.
+    CameraRay { point: Vec4, direction: Vec4 }
     /// The draw of a region that a search is for, of shaders/sscr_solve.wgsl.
     Round { draw: u32, seed: u32 }
 }
@@ -260,6 +275,7 @@ constants! {
     RAYS_LEFT: usize = 10;
     RAYS_TRACED: usize = 11;
     RAYS_KEPT: usize = 13;
+    POINTS_LISTED: usize = 15;
     /// The sources of a point's colour.
     COLOR_PLAIN: u32 = 0;
     COLOR_RGB: u32 = 1;
@@ -269,6 +285,11 @@ constants! {
     COLOR_SCALAR: u32 = 5;
     COLOR_RGB_OR_PLAIN: u32 = 6;
     COLOR_RGB_OR_GREY: u32 = 7;
+    /// Marks a leaf among the nodes of a tree of rays, and the kinds of leaves.
+    CAMERA_LEAF: u32 = 1 << 31;
+    CAMERA_OPEN: u32 = 0;
+    CAMERA_PINHOLE: u32 = 1;
+    CAMERA_LIST: u32 = 2;
     /// The shapes of mirrors with a formula.
     PLANE: f32 = 0.0;
     SPHERE: f32 = 1.0;
@@ -280,7 +301,7 @@ constants! {
 
 /// The number of counters that the buffer has room for.
 pub const COUNTERS: usize = 16;
-const _: () = assert!(RAYS_KEPT + 1 < COUNTERS);
+const _: () = assert!(POINTS_LISTED < COUNTERS);
 
 /// The name, the size and the fields of a struct.
 #[cfg(test)]

@@ -50,6 +50,6 @@ pub use probe::{LightProbe, MirrorProbe, Probe, SeenMirror, Shown};
 pub use read_back::Picked;
 pub use recorder::{IsGivenUp, PassTime};
 pub use reflection::kept_hits::GlossCache;
-pub use reflection::{MapCount, MapLimit, MapUse, ReflectionStats};
+pub use reflection::{CameraCount, MapCount, MapLimit, MapUse, ReflectionStats};
 pub use renderer::{FrameStats, Renderer};
 pub use store::{Material, PointStore};

@@ -1,7 +1,7 @@
 //! Runs the rows of `scene::METHODS`: an arm of `Methods::run` for each, which also says where the views of its work
 //! are.
 
-use scene::{Method, ScreenRest, Settings, Show, Supply};
+use scene::{CameraCells, Method, ScreenRest, Settings, Show, Supply};
 
 use crate::gpu::Result;
 use crate::identities::ChunkId;
@@ -34,7 +34,7 @@ pub(crate) struct Methods {
     pub(crate) gather: Option<Gather>,
     forward: Option<Forward>,
     sscr: Option<Sscr>,
-    cameras: SampleCameras,
+    pub(crate) cameras: SampleCameras,
     pub(crate) light_field: LightField,
     /// The views of the method that ran last.
     views: Option<Origin>,
@@ -298,6 +298,12 @@ pub(crate) fn walks_maps(settings: &Settings) -> bool {
         Method::ScreenTrace => settings.screen_trace.rest == ScreenRest::CubemapTrace,
         _ => false,
     }
+}
+
+/// Whether cameras of rays stand for cells of space.
+pub(crate) fn has_cells(settings: &Settings) -> bool {
+    let is_space = settings.sample_cameras.cells == CameraCells::Space;
+    settings.reflection.method.chosen() == Method::SampleCameras && is_space
 }
 
 /// The method that finds what is seen through clear surfaces: the frame's, unless that traces no rays of any kind, or

@@ -302,6 +302,16 @@ passes! {
         grid: Uniform, nodes: Read, bundles: Read, point_in: Texture, normal_in: Texture, eye_in: Texture,
         solutions: ReadWrite, counters: ReadWrite,
     }
+    sample_cameras_rays: Method over Pixels {
+        trees: Uniform, point_in: Texture, normal_in: Texture, eye_in: Texture, rays: ReadWrite,
+    }
+    sample_cameras_mark: Method over Pixels {
+        trees: Uniform, standing: Read, point_in: Texture, hits: ReadWrite, rest: ReadWrite, counters: ReadWrite,
+    }
+    sample_cameras_space: Method over Blocks {
+        trees: Uniform, nodes: Read, leaves: Read, cells: Read, rays: Read, point_in: Texture, normal_in: Texture,
+        eye_in: Texture, solutions: ReadWrite, counters: ReadWrite,
+    }
     mirror_depth: Method over Blocks { solutions: Read, point_in: Texture, nearest: ReadWrite }
     mirror_visibility: Method over Blocks {
         solutions: Read, point_in: Texture, nearest: Read, sums: ReadWrite, carries: ReadWrite, normal_in: Texture,

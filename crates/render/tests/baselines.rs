@@ -6,6 +6,8 @@
 mod stage;
 #[path = "baselines/light_field.rs"]
 mod light_field;
+#[path = "baselines/sample_cameras.rs"]
+mod sample_cameras;
 #[allow(dead_code, reason = "each test takes what it needs of it")]
 mod walls;
 

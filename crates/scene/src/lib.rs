@@ -42,10 +42,10 @@ pub use param::shown;
 pub use preferences::Preferences;
 pub use preset::{PRESETS, Preset};
 pub use settings::{
-    Atomics, Blank, BundleCull, BundleRest, BundleSplat, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement,
-    CubeRest, CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings, Highlight,
-    JudgedBy, KeptPoints, LargeDiscs, Light, LightField, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder,
-    Overlay, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SampleRest, SampleRule,
+    Atomics, Blank, BundleCull, BundleRest, BundleSplat, CameraCells, Color, ColorBy, CubeCriterion, CubeHit,
+    CubePlacement, CubeRest, CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings,
+    Highlight, JudgedBy, KeptPoints, LargeDiscs, Light, LightField, LightView, Lighting, MirrorSettings, MirrorSurface,
+    Occluder, Overlay, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SampleRest, SampleRule,
     SampleVisibility, SceneSettings, ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest,
     ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream, Sun, Surface,
     SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,

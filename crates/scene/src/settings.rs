@@ -5,7 +5,7 @@ use param::{Bytes, Field, Value, choices, params, settings};
 
 pub use self::light_field::{LightField, SampleRest, SampleRule, SampleVisibility};
 pub use self::overlay::Overlay;
-pub use self::sample_cameras::{BundleCull, BundleRest, BundleSplat, JudgedBy, SampleCameras};
+pub use self::sample_cameras::{BundleCull, BundleRest, BundleSplat, CameraCells, JudgedBy, SampleCameras};
 pub use self::screen_trace::{ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling};
 use crate::{Method, Projection};
 

@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 21] = [
+const PLANS: [(&str, &str); 22] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
@@ -18,6 +18,7 @@ const PLANS: [(&str, &str); 21] = [
     ("solvers", include_str!("../../../assets/plans/solvers.toml")),
     ("streamed", include_str!("../../../assets/plans/streamed.toml")),
     ("cubemap", include_str!("../../../assets/plans/cubemap.toml")),
+    ("cameras", include_str!("../../../assets/plans/cameras.toml")),
     ("gloss", include_str!("../../../assets/plans/gloss.toml")),
     ("light-field", include_str!("../../../assets/plans/light-field.toml")),
     ("screen", include_str!("../../../assets/plans/screen.toml")),

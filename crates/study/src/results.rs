@@ -92,6 +92,12 @@ pub struct Measured {
     pub unresolved: Option<f64>,
     /// What the maps of light fields took.
     pub maps: Option<MapFigures>,
+    /// The share of the points found that a list of rays projects, how many copies there are of each ray, the bytes of
+    /// all cells of space, and the milliseconds that it took to make them.
+    pub listed: Option<f64>,
+    pub ray_copies: Option<f64>,
+    pub cameras_bytes: Option<f64>,
+    pub cameras_ms: Option<f64>,
     /// The share of the mirror pixels that the renderer itself does not trust.
     pub uncertain: Option<f64>,
     /// The errors as the renderer estimates them from random pixels.
@@ -139,7 +145,7 @@ impl MapFigures {
 /// The name, the label, the unit, and the source of a figure.
 type Reading<From> = (&'static str, &'static str, &'static str, fn(&From) -> Option<f64>);
 
-const FRAME_FIGURES: [Reading<Measured>; 17] = [
+const FRAME_FIGURES: [Reading<Measured>; 21] = [
     ("mirror_pixels", "mirror pixels", "", |measured| Some(measured.mirror_pixels)),
     ("coverage", "coverage", "share of mirror pixels", |measured| measured.coverage),
     ("closed_coverage", "closed coverage", "share of mirror pixels", |measured| measured.closed_coverage),
@@ -150,6 +156,10 @@ const FRAME_FIGURES: [Reading<Measured>; 17] = [
     ("maps_new", "maps drawn for a frame", "", |measured| Some(measured.maps?.new)),
     ("maps_missed", "maps missed", "share of what is asked for", |measured| Some(measured.maps?.missed)),
     ("maps_bytes", "memory of maps", "bytes", |measured| Some(measured.maps?.bytes)),
+    ("listed", "points projected by lists", "share of points found", |measured| measured.listed),
+    ("ray_copies", "copies of each ray", "", |measured| measured.ray_copies),
+    ("cameras_bytes", "cells of space", "bytes", |measured| measured.cameras_bytes),
+    ("cameras_ms", "making cells of space", "ms", |measured| measured.cameras_ms),
     ("uncertain", "uncertain", "share of mirror pixels", |measured| measured.uncertain),
     ("estimated_pixel_error_median", "estimated pixel error, median", "pixels", |measured| {
         Some(measured.estimated_error()?.median)

@@ -329,6 +329,7 @@ fn in_order(cases: &[Case], round: u32) -> Vec<&Case> {
 /// The run of a setting that was judged.
 fn judged_run(case: &Case, settings: &Settings, points: u64, frames: &[FrameStats], measured: Measured) -> Run {
     let found = frames.last().and_then(|stats| stats.reflection);
+    let cameras = found.and_then(|found| found.cameras);
     let measured = Measured {
         coverage: found.map(|found| found.coverage).or(measured.coverage),
         closed_coverage: found.map(|found| found.closed_coverage).or(measured.closed_coverage),
@@ -337,6 +338,10 @@ fn judged_run(case: &Case, settings: &Settings, points: u64, frames: &[FrameStat
         regions: found.and_then(|found| found.regions).map(f64::from),
         unresolved: found.and_then(|found| found.unresolved),
         maps: MapFigures::of(frames),
+        listed: cameras.map(|cameras| cameras.listed.into()),
+        ray_copies: cameras.map(|cameras| cameras.copies.into()),
+        cameras_bytes: cameras.map(|cameras| cameras.bytes as f64),
+        cameras_ms: cameras.map(|cameras| cameras.milliseconds.into()),
         uncertain: found.map(|found| found.uncertain),
         ..measured
     };

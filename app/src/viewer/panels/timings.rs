@@ -103,6 +103,9 @@ pub fn show(ui: &mut Ui, session: &Session) {
         };
         ui.label(RichText::new(text).small().color(theme::ACCENT));
     }
+    if let Some(text) = stats.reflection.as_ref().and_then(cameras_text) {
+        ui.label(RichText::new(text).small().color(theme::ACCENT));
+    }
     ui.separator();
     let loaded: u64 = session.loaded.clouds.iter().map(|entry| entry.points).sum();
     let total: u64 = session.loaded.clouds.iter().map(|entry| entry.expected_points.max(entry.points)).sum();
@@ -120,6 +123,17 @@ pub fn show(ui: &mut Ui, session: &Session) {
     if let Some(adapter) = &session.adapter {
         ui.label(RichText::new(adapter).small().color(theme::WEAK));
     }
+}
+
+/// What there is to say of the cells of space of `sample_cameras`.
+fn cameras_text(reflection: &ReflectionStats) -> Option<String> {
+    let cameras = reflection.cameras.as_ref()?;
+    Some(if cameras.is_late {
+        "Cameras of an earlier view, while those of this one are made".to_owned()
+    } else {
+        let (pinholes, lists) = (grouped(cameras.pinholes.into()), grouped(cameras.lists.into()));
+        format!("{pinholes} pinholes, {lists} lists of rays, made in {:.0} ms", cameras.milliseconds)
+    })
 }
 
 /// Draws a row: the name on the left, the figure on the right, and behind them a bar. `share` is the bar's length over

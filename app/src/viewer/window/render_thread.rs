@@ -161,7 +161,7 @@ pub enum Report {
     },
     Measured {
         request: Box<FrameRequest>,
-        stats: FrameStats,
+        stats: Box<FrameStats>,
     },
     Presented {
         request: Box<FrameRequest>,
@@ -485,7 +485,7 @@ impl Worker {
             }
             Command::Measure(request) => {
                 self.renderer.forget();
-                let stats = self.render(&request, None)?;
+                let stats = Box::new(self.render(&request, None)?);
                 report(Report::Measured { request, stats });
             }
             Command::Present { request, colors, pass } => {

@@ -48,6 +48,7 @@ pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet};
 use kept_hits::{GlossCache, KeptHits, KnownRays, Scenery};
 pub use light_field::{MapLimit, MapUse};
+pub use sample_cameras::CameraCount;
 pub(crate) use task::SurfaceImages;
 use task::Task;
 
@@ -55,9 +56,9 @@ use crate::gpu::Result;
 use crate::inputs::Inputs;
 use crate::layout::{
     CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, HIT_BYTES, MIRROR_PIXELS, NODES_TESTED,
-    POINTS_FOUND, POINTS_TRIED, POINTS_UNCONVERGED, RAYS_KEPT, RAYS_LEFT, RAYS_TRACED, REGIONS,
+    POINTS_FOUND, POINTS_LISTED, POINTS_TRIED, POINTS_UNCONVERGED, RAYS_KEPT, RAYS_LEFT, RAYS_TRACED, REGIONS,
 };
-use crate::method::{Methods, Views, behind_clear, walks_maps};
+use crate::method::{Methods, Views, behind_clear, has_cells, walks_maps};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, storage};
@@ -75,8 +76,10 @@ pub struct ReflectionStats {
     /// The share of the points tried whose search ran out of steps (SSCR), or that more places reflect than are kept
     /// (`sample_cameras`).
     pub unconverged: Option<f64>,
-    /// The number of regions of the mirror pixels (SSCR), or of squares (`sample_cameras`).
+    /// The number of regions of the mirror pixels (SSCR), or of squares or cells of space (`sample_cameras`).
     pub regions: Option<u32>,
+    /// The cells of space (`sample_cameras`).
+    pub cameras: Option<CameraCount>,
     /// The share of the mirror pixels whose ray no picture of depths resolves (`cubemap_trace`, `screen_trace`,
     /// `light_field`), or no bundle of rays (`sample_cameras`).
     pub unresolved: Option<f64>,
@@ -181,6 +184,7 @@ impl Reflections {
         }
         self.methods.cubemaps.begin(may_lag);
         self.methods.light_field.begin(was_unfinished, may_lag);
+        self.methods.cameras.begin(may_lag);
     }
 
     /// Forgets what the rays of glossy mirrors meet.
@@ -188,10 +192,12 @@ impl Reflections {
         self.kept.forget();
     }
 
-    /// Whether what was found last came from maps that lack the newest points.
+    /// Whether what was found last came from maps that lack the newest points, or by cameras of an earlier view.
     pub fn lacks_points(&self, settings: &Settings) -> bool {
         let looks_up = settings.reflection.method == Method::LightField;
-        walks_maps(settings) && self.methods.cubemaps.lags() || looks_up && self.methods.light_field.lags()
+        walks_maps(settings) && self.methods.cubemaps.lags()
+            || looks_up && self.methods.light_field.lags()
+            || has_cells(settings) && self.methods.cameras.lags()
     }
 
     /// Records that no mirror can be seen in the frame.
@@ -457,6 +463,9 @@ impl Reflections {
         let share = |part: u32, whole: u32| if whole == 0 { 0.0 } else { f64::from(part) / f64::from(whole) };
         let pixels = counters[MIRROR_PIXELS];
         let tried = counters[POINTS_TRIED];
+        let listed = share(counters[POINTS_LISTED], counters[POINTS_FOUND]) as f32;
+        let cameras = self.methods.cameras.count().filter(|_| has_cells(settings));
+        let cameras = cameras.map(|cameras| CameraCount { listed, ..cameras });
         ReflectionStats {
             mirror_pixels: pixels,
             coverage: share(counters[FOUND_PIXELS], pixels),
@@ -467,7 +476,11 @@ impl Reflections {
                 .then(|| [counters[NODES_TESTED], counters[DISCS_TESTED]].map(|tests| share(tests, pixels))),
             uncertain: share(counters[DOUBTED_PIXELS], pixels),
             seen_through_by: self.clear().map(|_| behind_clear(settings)),
-            regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
+            regions: match &cameras {
+                Some(cameras) => Some(cameras.pinholes + cameras.lists),
+                None => (counters[REGIONS] > 0).then_some(counters[REGIONS]),
+            },
+            cameras,
             unresolved: self.methods.leaves_rays().then(|| share(counters[RAYS_LEFT], pixels)),
             maps: match settings.reflection.method {
                 Method::LightField => self.methods.light_field.count(),

@@ -1,16 +1,21 @@
 //! Sample-based cameras (after Popescu, Sacks and Mei 2006): the reflected rays of a square of the mirror's picture are
 //! a bundle, a pair of polynomials, and project points as a camera does. Bundles are fitted anew each frame, so the
-//! method needs no tree over the points and keeps nothing. docs/methods/sample_cameras.md tells what became of the
-//! paper.
+//! method needs no tree over the points and keeps nothing. Or, as published, trees of pinholes and lists of rays part
+//! space (`space`), and are kept while camera and mirrors stand. docs/methods/sample_cameras.md tells what became of
+//! the paper.
 
+mod pinhole;
+mod space;
+#[cfg(test)]
+mod space_tests;
 #[cfg(test)]
 mod tests;
+mod tree;
 #[cfg(test)]
 mod twin;
 
 use cloud::Bounds;
-use glam::DVec3;
-use scene::{BundleCull, BundleRest, BundleSplat, SampleCameras as Parameters};
+use scene::{BundleCull, BundleRest, BundleSplat, CameraCells, SampleCameras as Parameters};
 
 use super::forward::{Forward, Splats, picture_buffer};
 use super::gather::{Gather, rest_list};
@@ -22,11 +27,14 @@ use crate::layout::{BUNDLE_BYTES, BUNDLE_NODE_BYTES, BundleGrid, SOLUTION_BYTES}
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::uniform_buffer;
+pub use space::CameraCount;
+use space::Space;
 
-/// The state of the method that is kept from frame to frame: room.
+/// The state of the method that is kept from frame to frame: room, and the trees of cells of space.
 #[derive(Default)]
 pub(crate) struct SampleCameras {
     squares: Option<Squares>,
+    space: Space,
     /// The rays that no bundle stands for.
     rest: Option<wgpu::Buffer>,
     /// What is found before mirrors with a formula are put in front.
@@ -54,8 +62,7 @@ impl BundleGrid {
     /// The squares about the part of a picture in which mirrors may be seen, given by its first pixel and the one
     /// beyond its last; `scene` is the box about all points, relative to the eye.
     fn new(settings: &Parameters, [first, end]: [[u32; 2]; 2], scene: Bounds) -> Self {
-        let power_below = |number: u32| 1 << number.ilog2();
-        let stride = power_below(settings.down_sampling);
+        let stride = power_below(settings.down_sampling.max(1));
         let least = power_below(settings.least_square).max(2 * stride);
         let largest = power_below(settings.largest_square).max(least);
         let [first_x, first_y] = first.map(|edge| edge / largest * largest);
@@ -78,7 +85,25 @@ impl BundleGrid {
 impl SampleCameras {
     pub fn bytes(&self) -> u64 {
         let squares = self.squares.as_ref().map_or(0, |squares| squares.nodes.size() + squares.bundles.size());
-        squares + self.rest.as_ref().map_or(0, wgpu::Buffer::size) + self.found.as_ref().map_or(0, MirrorGBuffer::bytes)
+        squares
+            + self.space.bytes()
+            + self.rest.as_ref().map_or(0, wgpu::Buffer::size)
+            + self.found.as_ref().map_or(0, MirrorGBuffer::bytes)
+    }
+
+    /// Begins a frame. With `may_lag` it may show trees of an earlier view while its own are made.
+    pub fn begin(&mut self, may_lag: bool) {
+        self.space.begin(may_lag);
+    }
+
+    /// Whether the frame showed trees of an earlier view.
+    pub fn lags(&self) -> bool {
+        self.space.lags()
+    }
+
+    /// The trees of cells of space.
+    pub fn count(&self) -> Option<CameraCount> {
+        self.space.count()
     }
 
     /// Fills the Mirror G-Buffer of one bounce.
@@ -94,25 +119,34 @@ impl SampleCameras {
         task: &Task<'_>,
     ) -> Result<()> {
         let gpu = recorder.gpu;
-        let grid = grid_of(task);
-        let count = grid.all_squares().max(1);
-        let kept = self.squares.take().filter(|squares| squares.count >= count);
-        let squares = match kept {
-            Some(squares) => squares,
-            None => Squares::new(gpu, count)?,
-        };
-        let squares = &*self.squares.insert(squares);
+        let settings = &task.settings.sample_cameras;
         let rounds = rounds_of(gpu, task);
         forward.reserve(gpu, task, 1, rounds, [0, 1])?;
         let rest = rest_list(recorder, &mut self.rest, task.supply.size);
-        fit(recorder, task, squares, grid, &gather.hits, rest)?;
-        forward.clear(recorder);
-        project(recorder, forward, task, squares, grid, rounds)?;
-        let own_sides = task.settings.sample_cameras.splat == BundleSplat::Footprint;
+        match settings.cells {
+            CameraCells::Image => {
+                let grid = grid_of(task);
+                let count = grid.all_squares().max(1);
+                let kept = self.squares.take().filter(|squares| squares.count >= count);
+                let squares = match kept {
+                    Some(squares) => squares,
+                    None => Squares::new(gpu, count)?,
+                };
+                let squares = &*self.squares.insert(squares);
+                fit(recorder, task, squares, grid, &gather.hits, rest)?;
+                forward.clear(recorder);
+                project(recorder, forward, task, squares, grid, rounds)?;
+            }
+            CameraCells::Space => {
+                forward.clear(recorder);
+                self.space.project(recorder, forward, task, rounds, [&gather.hits, rest])?;
+            }
+        }
+        let own_sides = settings.splat == BundleSplat::Footprint;
         let splats = Splats { rounds, own_sides };
         forward.depth(recorder, task, splats, [0, 0])?;
         forward.visibility(recorder, task, splats, [0, 0])?;
-        let traces_rest = task.settings.sample_cameras.rest == BundleRest::SurfelTrace;
+        let traces_rest = settings.rest == BundleRest::SurfelTrace;
         if traces_rest {
             surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, Rays::Listed(rest))?;
         }
@@ -130,18 +164,28 @@ impl SampleCameras {
 
 /// The squares of a bounce.
 fn grid_of(task: &Task<'_>) -> BundleGrid {
+    let (bounds, eye) = (scene_of(task), task.supply.camera.eye);
+    let scene = Bounds { min: bounds.min - eye, max: bounds.max - eye };
+    BundleGrid::new(&task.settings.sample_cameras, part_of(task), scene)
+}
+
+/// The first pixel of the part of the picture in which mirrors may be seen, and the one beyond its last.
+fn part_of(task: &Task<'_>) -> [[u32; 2]; 2] {
     let tiles = task.supply.camera.mirror_tiles;
     let end = |axis: usize| ((tiles.first[axis] + tiles.count[axis]) * 8).min(task.supply.size[axis]);
-    let part = [tiles.first.map(|tile| tile * 8), [end(0), end(1)]];
+    [tiles.first.map(|tile| tile * 8), [end(0), end(1)]]
+}
+
+/// The box about all points; the eye if there are none.
+fn scene_of(task: &Task<'_>) -> Bounds {
     let placed = task.supply.chunks.iter().filter_map(|chunk| task.store.placed(*chunk));
     let bounds = placed.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds));
     let eye = task.supply.camera.eye;
-    let scene = if bounds.min.cmple(bounds.max).all() {
-        Bounds { min: bounds.min - eye, max: bounds.max - eye }
-    } else {
-        Bounds { min: DVec3::ZERO, max: DVec3::ZERO }
-    };
-    BundleGrid::new(&task.settings.sample_cameras, part, scene)
+    if bounds.is_empty() { Bounds { min: eye, max: eye } } else { bounds }
+}
+
+fn power_below(number: u32) -> u32 {
+    1 << number.ilog2()
 }
 
 /// The number of places that are kept of each point: as many as are asked for, or fit into a binding.

@@ -26,17 +26,17 @@ use crate::store::{Material, PointStore};
 use crate::targets::{Image, storage};
 
 const SMALL: UVec2 = UVec2::new(200, 150);
-const RADIUS: f32 = 0.002;
+pub const RADIUS: f32 = 0.002;
 /// The radius of the scene, for what is measured in it.
 const SCENE_RADIUS: f32 = 2.5;
 
 /// All points and roots, with splats as large as pixels.
-fn all_points() -> Parameters {
+pub fn all_points() -> Parameters {
     Parameters { points_per_pixel: 0.0, roots: 16, rest: BundleRest::None, ..Parameters::default() }
 }
 
 /// The box of the walls, relative to the eye.
-fn walls() -> Bounds {
+pub fn walls() -> Bounds {
     let eye = camera().eye;
     Bounds { min: DVec3::new(-1.0, -1.0, -2.0) - eye, max: DVec3::new(1.0, 1.0, 2.0) - eye }
 }
@@ -45,7 +45,7 @@ fn bundles<'a>(picture: &'a MirrorPicture, settings: &'a Parameters) -> Bundles<
     Bundles::new(picture, settings, walls(), SCENE_RADIUS.into())
 }
 
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((values.len() - 1) as f64 * share) as usize]
 }
@@ -100,7 +100,7 @@ fn searched_roots(picture: &MirrorPicture, q: Vec3) -> usize {
 }
 
 /// The place on the sphere that reflects a point to the eye: where the angles of both to the normal are equal.
-fn place_on_sphere(center: DVec3, radius: f64, q: DVec3) -> Option<DVec3> {
+pub fn place_on_sphere(center: DVec3, radius: f64, q: DVec3) -> Option<DVec3> {
     let (to_eye, to_point) = (-center, q - center);
     let (first, across) = (to_eye.normalize(), to_point.reject_from(to_eye).normalize_or_zero());
     let most = to_eye.angle_between(to_point);
@@ -121,7 +121,7 @@ fn place_on_sphere(center: DVec3, radius: f64, q: DVec3) -> Option<DVec3> {
 }
 
 /// The pixel coordinate of a place that the scene's camera sees.
-fn on_screen(place: DVec3, size: UVec2) -> DVec2 {
+pub fn on_screen(place: DVec3, size: UVec2) -> DVec2 {
     let focal = f64::from(size.y) * 0.5 / 30.0_f64.to_radians().tan();
     let size = size.as_dvec2();
     DVec2::new(size.x * 0.5 - place.x * focal / place.z, size.y * 0.5 + place.y * focal / place.z)
@@ -150,11 +150,10 @@ fn roots_on_a_sphere_are_where_angles_are_equal() {
     assert!(median < 0.15 && most < 0.5, "{median} {most}");
 }
 
-#[test]
-fn a_plane_projects_as_a_pinhole_at_the_mirrored_eye() {
-    let (size, distance) = (SMALL, 1.5);
+/// A tilted plane through a place before the eye: the picture of the mirror, its normal, and that place.
+pub fn plane_picture(size: UVec2) -> (MirrorPicture, DVec3, DVec3) {
+    let distance = 1.5;
     let focal = f64::from(size.y) * 0.5 / 30.0_f64.to_radians().tan();
-    // A tilted plane through a place before the eye.
     let (normal, middle) = (DVec3::new(0.3, -0.2, 1.0).normalize(), DVec3::new(0.0, 0.0, -distance));
     let pixel = |index: u32| {
         let at = DVec2::new(f64::from(index % size.x), f64::from(index / size.x)) + 0.5 - size.as_dvec2() * 0.5;
@@ -164,7 +163,13 @@ fn a_plane_projects_as_a_pinhole_at_the_mirrored_eye() {
         Some(MirrorPixel { point, normal, toward_eye: -ray.as_vec3(), linear_depth: -point.z })
     };
     let pixels = (0..size.x * size.y).map(pixel).collect();
-    let picture = MirrorPicture { size, pixels, right: Vec3::X, up: Vec3::Y };
+    (MirrorPicture { size, pixels, right: Vec3::X, up: Vec3::Y }, normal, middle)
+}
+
+#[test]
+fn a_plane_projects_as_a_pinhole_at_the_mirrored_eye() {
+    let size = SMALL;
+    let (picture, normal, middle) = plane_picture(size);
     let mirrored = normal * (2.0 * middle.dot(normal));
     for judged_by in [JudgedBy::Solve, JudgedBy::Ray] {
         let settings = Parameters { judged_by, accuracy: 0.25, ..all_points() };
@@ -222,7 +227,7 @@ fn all_roots_are_found_and_obey_the_law_of_reflection() {
 }
 
 /// The GPU, or `None` where there is none.
-fn gpu() -> Option<Arc<Gpu>> {
+pub fn gpu() -> Option<Arc<Gpu>> {
     match Gpu::headless(None) {
         Ok(gpu) => Some(gpu),
         Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
@@ -234,10 +239,10 @@ fn gpu() -> Option<Arc<Gpu>> {
 }
 
 /// What a frame found.
-struct Made {
+pub struct Made {
     /// The places and distances of each point, in order.
-    roots: Vec<Vec<Root>>,
-    counters: Vec<u32>,
+    pub roots: Vec<Vec<Root>>,
+    pub counters: Vec<u32>,
     /// The Mirror G-Buffer's positions.
     position: Vec<[u32; 4]>,
 }
@@ -251,7 +256,7 @@ fn wall_normal(q: Vec3) -> Vec3 {
 }
 
 /// Finds reflections of points in an exact mirror.
-fn made(gpu: &Arc<Gpu>, picture: &MirrorPicture, points: &[Vec3], parameters: &Parameters) -> Made {
+pub fn made(gpu: &Arc<Gpu>, picture: &MirrorPicture, points: &[Vec3], parameters: &Parameters) -> Made {
     made_of(gpu, picture, points, RADIUS, parameters)
 }
 

@@ -121,7 +121,7 @@ impl Leaf {
 impl<'a> Bundles<'a> {
     pub fn new(picture: &'a MirrorPicture, settings: &'a Parameters, scene: Bounds, scene_radius: f64) -> Self {
         let power = |number: u32| 1 << number.ilog2();
-        let stride: u32 = power(settings.down_sampling);
+        let stride: u32 = power(settings.down_sampling.max(1));
         let least = power(settings.least_square).max(2 * stride);
         let largest = power(settings.largest_square).max(least);
         let mut bundles = Self { picture, settings, scene, scene_radius, leaves: Vec::new() };
