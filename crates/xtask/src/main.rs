@@ -31,7 +31,7 @@ cargo xtask fuzz [TARGET] [--minutes N]
                              Try odd inputs on the parsers, led by their coverage: TARGET, or all of crates/fuzz/seeds, for
                              10 minutes or N in all. Needs a C++ compiler. What breaks something is kept in target/fuzz/found.
 cargo xtask package          Build a .deb and a .tar.gz of the program in target/package: with menu entry, icon, file types and
-                             thumbnailer. Needs dpkg-deb, tar and objdump; fails where the program needs a newer glibc than 2.34.
+                             thumbnailer. Needs dpkg-deb, tar and objdump; fails where the program needs a newer glibc than 2.35.
 cargo xtask systems          Type-check everything for Windows and macOS, as far as their standard libraries are installed.
 cargo xtask test --modes     Run the renderer's tests while the adapter acts like lesser ones: without 64-bit atomics, without
                              reading them (Metal, DirectX), timed by its own clock in one submit, with the limits that
