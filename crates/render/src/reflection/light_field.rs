@@ -510,7 +510,8 @@ impl Kept {
 
     /// What a picture finds that needs these samples, each with how much it is asked for.
     fn used_before(&self, needs: &[(u32, Sample)]) -> MapUse {
-        let asked = |counts: &[(u32, Sample)]| counts.iter().map(|(count, _)| f64::from(*count)).sum::<f64>();
+        // The sum of nothing is -0.
+        let asked = |counts: &[(u32, Sample)]| counts.iter().fold(0.0, |sum, (count, _)| sum + f64::from(*count));
         let missing: Vec<(u32, Sample)> =
             needs.iter().filter(|(_, sample)| self.slot_of(*sample).is_none()).copied().collect();
         let all = asked(needs);
