@@ -12,8 +12,8 @@ use glam::{DVec3, Vec3};
 use laz::laszip::{ChunkTable, LazItemRecordBuilder};
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
 use scene::{
-    Camera, CameraPath, Clip, ClipShape, Filter, Keep, Keyframe, Measurement, MeasurementKind, Mirror, MirrorNormals,
-    MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings, Shape, SpotLight,
+    Bookmark, Camera, CameraPath, Clip, ClipShape, Filter, Keep, Keyframe, Measurement, MeasurementKind, Mirror,
+    MirrorNormals, MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings, Shape, SpotLight,
 };
 
 /// The most bytes of all seeds together.
@@ -423,6 +423,7 @@ fn scene() -> String {
         let Camera { eye, pivot, up } = level();
         Keyframe { time, eye: eye + DVec3::Y * time, pivot, up }
     };
+    file.bookmarks = vec![Bookmark::new("door".into(), Some(1), level())];
     file.paths = vec![CameraPath {
         name: "tour".into(),
         keyframes: vec![keyframe(0.0), keyframe(2.5)],

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Camera, Ease, Motion, Track};
 
 /// The most tracks of a path.
-const MOST_TRACKS: usize = 256;
+pub(crate) const MOST_TRACKS: usize = 256;
 
 /// A camera path, as `[[paths]]` of a scene file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

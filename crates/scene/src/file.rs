@@ -37,6 +37,12 @@
 //! [[notes]]
 //! text = "a crack"
 //! position = [1.0, 2.0, 2.0]
+//! [[bookmarks]]                        # kept views
+//! name = "door"
+//! digit = 1                            # Ctrl+1 flies there
+//! eye = [1.0, 2.0, 1.7]
+//! pivot = [4.0, 4.0, 1.5]
+//! up = [0.0, 0.0, 1.0]
 //! [[paths]]                            # of the camera, for `glint record`
 //! name = "tour"
 //! [[paths.keyframes]]
@@ -57,8 +63,8 @@ use toml::de::DeTable;
 
 use crate::camera_path::PathProblem;
 use crate::{
-    Camera, CameraPath, Clip, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS, MOST_NOTES, Measurement, Mirror,
-    MirrorPoints, Note, Settings, Shape, SpotLight, Visibility, shown, whole_file,
+    Bookmark, Camera, CameraPath, Clip, MOST_BOOKMARKS, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS, MOST_NOTES,
+    Measurement, Mirror, MirrorPoints, Note, Settings, Shape, SpotLight, Visibility, shown, whole_file,
 };
 
 /// The most filters of a scene: every point is tested against each.
@@ -121,6 +127,9 @@ pub struct SceneFile {
     pub measurements: Vec<Measurement>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<Note>,
+    /// Kept views.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bookmarks: Vec<Bookmark>,
     /// The paths of the camera.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub paths: Vec<CameraPath>,
@@ -203,6 +212,7 @@ impl SceneFile {
             (self.mirror_points.len(), MOST_MIRROR_POINTS, "mirror_points"),
             (self.measurements.len(), MOST_MEASUREMENTS, "measurements"),
             (self.notes.len(), MOST_NOTES, "notes"),
+            (self.bookmarks.len(), MOST_BOOKMARKS, "bookmarks"),
             (self.paths.len(), MOST_PATHS, "paths"),
             (self.parameters.len(), MOST_PARAMETERS, "parameters"),
         ];
@@ -228,7 +238,9 @@ impl SceneFile {
         let mut rules = filters.by_ref().chain(clips.by_ref());
         let odd = rules.next().or_else(|| mirrors.next()).or_else(|| lights.next()).or_else(|| points.next());
         let odd = odd.or_else(|| measurements.next());
-        odd.or_else(|| notes.find_map(|(i, note)| numbered("note", i, &note.text, note.problem())))
+        let mut bookmarks = self.bookmarks.iter().enumerate();
+        let odd = odd.or_else(|| notes.find_map(|(i, note)| numbered("note", i, &note.text, note.problem())));
+        odd.or_else(|| bookmarks.find_map(|(i, one)| numbered("bookmark", i, &one.name, one.problem())))
     }
 
     /// Reads the scene, and resolves its clouds and meshes: a name is a path beside the scene file if something is

@@ -1,5 +1,6 @@
 //! A scene and how it is shown: camera, parameters, scene files, built-in scenes.
 
+mod bookmark;
 mod built_in_path;
 mod camera;
 mod camera_path;
@@ -15,6 +16,7 @@ mod mirror_mesh;
 mod mirror_points;
 mod motion;
 mod object;
+mod path_edit;
 pub mod pool;
 mod preferences;
 mod preset;
@@ -25,6 +27,7 @@ mod track;
 mod visibility;
 pub mod whole_file;
 
+pub use bookmark::{Bookmark, MOST_BOOKMARKS};
 pub use built_in_path::{BuiltInPath, PathPlace};
 pub use camera::{Camera, Projection, StandardView};
 pub use camera_path::{CameraPath, Keyframe};
@@ -39,6 +42,7 @@ pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use motion::Motion;
 pub use object::{Object, ObjectKind};
 pub use param::shown;
+pub use path_edit::LEAST_GAP;
 pub use preferences::Preferences;
 pub use preset::{PRESETS, Preset};
 pub use settings::{

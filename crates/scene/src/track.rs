@@ -153,6 +153,62 @@ impl Track {
         is_of_points.then(|| ("key", format!("`{key}` says how points are read, which is done once; it has no track")))
     }
 
+    /// The values of objects that tracks change, by the name of their kind: mirror, light or clip.
+    pub fn values_of(kind: &str) -> impl Iterator<Item = &'static str> {
+        KINDS
+            .into_iter()
+            .filter(move |(_, known, _)| *known == kind)
+            .flat_map(|(.., values)| values)
+            .map(|(name, _)| *name)
+    }
+
+    /// The key of an object's value. `name` is the object's; a light's number from 1.
+    pub fn key_of(kind: &str, name: &str, value: &str) -> Option<String> {
+        let (list, ..) = KINDS.into_iter().find(|(_, known, _)| *known == kind)?;
+        Some(format!("{list}.{name}.{value}"))
+    }
+
+    /// What a parameter is now, as a value of a track.
+    pub fn value_of_parameter(key: &str, settings: &Settings) -> Option<toml::Value> {
+        let (group, name) = key.split_once('.')?;
+        let params = settings.groups().into_iter().find(|params| params.group().name == group)?;
+        let (field, value) = params.group().fields.iter().zip(params.values()).find(|(field, _)| field.name == name)?;
+        let text = field.format(&value);
+        Some(match value {
+            param::Value::Text(_) | param::Value::Choice(_) => toml::Value::String(text),
+            _ => (text.parse().map(toml::Value::Boolean))
+                .or_else(|_| text.parse().map(toml::Value::Integer))
+                .or_else(|_| text.parse().map(toml::Value::Float))
+                .unwrap_or(toml::Value::String(text)),
+        })
+    }
+
+    /// What a value of an object is now, as a value of a track.
+    pub fn value_of_object(name: &str, object: &Object) -> Option<toml::Value> {
+        let number = |value: f32| toml::Value::Float(f64::from(value));
+        let place = |place: DVec3| list(&place.to_array());
+        let color = |color: [f32; 3]| list(&color.map(f64::from));
+        Some(match (object, name) {
+            (Object::Mirror(mirror), "position") => place(mirror.position),
+            (Object::Mirror(mirror), "rotation") => list(&mirror.rotation.to_array()),
+            (Object::Mirror(mirror), "size") => toml::Value::Float(mirror.size),
+            (Object::Mirror(mirror), "color") => color(mirror.color),
+            (Object::Mirror(mirror), "specular_intensity") => number(mirror.specular_intensity),
+            (Object::Mirror(mirror), "specular_power") => number(mirror.specular_power),
+            (Object::Mirror(mirror), "refraction") => number(mirror.refraction?),
+            (Object::Light(light), "position") => place(light.position),
+            (Object::Light(light), "target") => place(light.target),
+            (Object::Light(light), "intensity") => color(light.intensity),
+            (Object::Light(light), "inner_degrees") => number(light.inner_degrees),
+            (Object::Light(light), "outer_degrees") => number(light.outer_degrees),
+            (Object::Clip(clip), "position") => place(clip.position),
+            (Object::Clip(clip), "rotation") => list(&clip.rotation.to_array()),
+            (Object::Clip(clip), "size") => place(clip.size),
+            (Object::Clip(clip), "on") => toml::Value::Boolean(clip.on),
+            _ => return None,
+        })
+    }
+
     /// The value at a time: that of the first time before it, and that of the last one after it.
     pub fn value(&self, time: f64) -> toml::Value {
         let next = self.times.partition_point(|known| *known <= time);
@@ -334,6 +390,41 @@ mod tests {
         half("lights.1.intensity", "[[0, 0, 0], [2, 4, 6]]").set_object("intensity", &mut light, 0.5);
         let Object::Light(light) = light else { panic!("no light") };
         assert_eq!(light.intensity, [0.5, 1.0, 1.5]);
+    }
+
+    #[test]
+    fn what_anything_is_now_is_a_key_that_leaves_it_as_it_is() {
+        let settings = Settings::default();
+        let mut count = 0;
+        for params in settings.groups() {
+            let group = params.group();
+            for field in group.fields.iter().filter(|field| !field.affects.points) {
+                let key = format!("{}.{}", group.name, field.name);
+                let value = Track::value_of_parameter(&key, &settings).unwrap();
+                let track = Track { key: key.clone(), times: vec![1.0], values: vec![value], ease: Ease::Hold };
+                assert_eq!(track.problem(), None, "{key}");
+                let mut changed = settings.clone();
+                track.set_parameter(&key, &mut changed, 0.0).unwrap();
+                assert_eq!(changed, settings, "{key}");
+                count += 1;
+            }
+        }
+        assert!(count > 100, "{count}");
+        let mirror =
+            Mirror { refraction: Some(1.5), ..Mirror::standing(Shape::Sphere, DVec3::ONE, DVec3::X, DVec3::Z, 0.3) };
+        let clip = crate::Clip::around(crate::ClipShape::Box, cloud::Bounds { min: DVec3::ZERO, max: DVec3::ONE });
+        for object in [Object::Mirror(mirror), Object::Light(five_mirrors::light()), Object::Clip(clip)] {
+            let kind = object.kind().name;
+            for name in Track::values_of(kind) {
+                let (key, value) = (Track::key_of(kind, "a", name).unwrap(), Track::value_of_object(name, &object));
+                let value = value.unwrap_or_else(|| panic!("{key}"));
+                let track = Track { key, times: vec![1.0], values: vec![value], ease: Ease::Hold };
+                assert_eq!(track.problem(), None, "{}", track.key);
+                let mut changed = object.clone();
+                track.set_object(name, &mut changed, 0.0);
+                assert_eq!(changed, object, "{}", track.key);
+            }
+        }
     }
 
     #[test]

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use cloud::PointTest;
 use scene::{
-    CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, SceneFile, SpotLight, View, Visibility, five_mirrors,
-    shown,
+    Bookmark, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, SceneFile, SpotLight, View, Visibility,
+    five_mirrors, shown,
 };
 
 use crate::error::{Error, Result};
@@ -71,6 +71,8 @@ pub struct Request {
     /// The measurements and notes of scene files.
     pub measurements: Vec<Measurement>,
     pub notes: Vec<Note>,
+    /// The bookmarks of scene files.
+    pub bookmarks: Vec<Bookmark>,
     /// The camera paths of scene files. Of paths with the same name the last one counts.
     pub paths: Vec<CameraPath>,
     pub warnings: Vec<String>,
@@ -147,7 +149,7 @@ impl Request {
         self.furnish(file);
     }
 
-    /// Adds the mirrors, lights, clips, measurements, notes and paths of a scene file, and hides what it hides.
+    /// Adds the mirrors, lights, clips, measurements, notes, bookmarks and paths of a scene file, and hides what it hides.
     pub fn furnish(&mut self, file: &SceneFile) {
         self.paths.retain(|known| !file.paths.iter().any(|path| path.name == known.name));
         self.paths.extend(file.paths.iter().cloned());
@@ -158,6 +160,7 @@ impl Request {
         self.clips.extend(file.clips.iter().cloned());
         self.measurements.extend(file.measurements.iter().cloned());
         self.notes.extend(file.notes.iter().cloned());
+        self.bookmarks.extend(file.bookmarks.iter().cloned());
         for input in &mut self.inputs {
             if let Input::BuiltIn { without, .. } = input {
                 without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));
