@@ -191,6 +191,18 @@ pub struct RecordArguments {
     /// Frames of the path to record, from A to before B; all if not given
     #[arg(long, value_name = "A..B", value_parser = parse_frames)]
     pub frames: Option<Range<u32>>,
+    /// Average so many pictures over the time that the shutter is open: motion blur
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub subframes: u32,
+    /// Share of a frame's time for which the shutter of --subframes is open, from the time of the frame on
+    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = parse_shutter)]
+    pub shutter: f64,
+    /// Draw pictures with so many times as many pixels in each direction, and average them
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub supersample: u32,
+    /// Write float images of each frame, too, as frame-000000.NAME.exr: depth, normal and others that `glint render` makes
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    pub aov: Vec<String>,
     /// Encoder of an .mp4
     #[arg(long, value_name = "NAME")]
     pub codec: Option<Codec>,
@@ -206,6 +218,10 @@ pub struct RecordArguments {
     pub set: Vec<(String, String)>,
     #[command(flatten)]
     pub target: TargetArguments,
+    /// Write the progress to standard output as lines of JSON, and stop when standard input ends: for programs that
+    /// start this one
+    #[arg(long)]
+    pub report: bool,
     #[command(flatten)]
     pub gpu: GpuArgument,
 }
@@ -424,6 +440,11 @@ fn parse_frames(text: &str) -> Result<Range<u32>, String> {
 fn parse_time(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds: &f64| (0.0..=CameraPath::MOST_SECONDS).contains(seconds));
     seconds.ok_or_else(|| format!("expected seconds from 0 to {:e}, as in 2.5", CameraPath::MOST_SECONDS))
+}
+
+fn parse_shutter(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok().filter(|share: &f64| *share > 0.0 && *share <= 1.0);
+    share.ok_or_else(|| "expected a share above 0, at most 1, as in 0.5".into())
 }
 
 fn parse_budget(text: &str) -> Result<Target, String> {

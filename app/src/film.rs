@@ -6,8 +6,8 @@ use clap::ValueEnum;
 use record::{Film, Folder, Format};
 
 use crate::failure::usage;
+use crate::picture_file;
 use crate::progress_bar::Bar;
-use crate::{interrupt, picture_file};
 
 /// The encoder of a film, as `--codec`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -46,6 +46,7 @@ impl Output {
             _ => None,
         };
         let Some(format) = format else { return Ok(Self { folder: Folder { path: name.to_owned() }, film: None }) };
+        format.check().map_err(|error| usage(format!("{shown}: {error}")))?;
         picture_file::check_place(name)?;
         Ok(Self { folder: Folder { path: name.with_extension("frames") }, film: Some((name.to_owned(), format)) })
     }
@@ -58,8 +59,15 @@ impl Output {
     /// Makes the film of these frames, all of which are there. It appears under its name when it is whole.
     ///
     /// # Errors
-    /// A picture cannot be read, the encoder fails, the film cannot be written, or somebody pressed Ctrl-C.
-    pub fn encode(&self, frames: &[u32], size: [u32; 2], fps: u32) -> anyhow::Result<()> {
+    /// A picture cannot be read, the encoder fails, the film cannot be written, or `check` fails, which is called
+    /// between pictures.
+    pub fn encode(
+        &self,
+        frames: &[u32],
+        size: [u32; 2],
+        fps: u32,
+        check: impl Fn() -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
         let Some((path, format)) = &self.film else { return Ok(()) };
         let bar = Bar::pictures("encoding");
         picture_file::write_by_name(path, |partial| {
@@ -69,7 +77,7 @@ impl Output {
             };
             let mut film = Film::new(*format, partial, size, fps, frames.len()).map_err(unwritten)?;
             for (done, frame) in frames.iter().enumerate() {
-                interrupt::check()?;
+                check()?;
                 bar.set(done as u64, frames.len() as u64);
                 film.add(&self.folder.read(*frame, size)?).map_err(unwritten)?;
             }

@@ -33,6 +33,16 @@ pub fn catch(wake: impl Fn() + Send + 'static) {
     }
 }
 
+/// From now on the end of standard input asks the work to stop, too.
+pub fn catch_end_of_input() {
+    std::thread::spawn(|| {
+        let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+        IS_WANTED.store(true, Ordering::Relaxed);
+        std::thread::sleep(PATIENCE);
+        end();
+    });
+}
+
 fn end() -> ! {
     complain(&Interrupted.to_string());
     std::process::exit(i32::from(INTERRUPTED))

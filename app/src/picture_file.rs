@@ -47,6 +47,13 @@ pub fn write_exr(path: &Path, picture: &render::AovImage) -> anyhow::Result<()> 
     write_whole(path, |file| file.write_all(bytes.get_ref()))
 }
 
+/// Whether a float image is there, with this size and to its last pixel.
+pub fn is_exr(path: &Path, [width, height]: [u32; 2]) -> bool {
+    let read = exr::prelude::read_all_flat_layers_from_file(path);
+    let size = read.ok().and_then(|image| image.layer_data.first().map(|layer| layer.size));
+    size == Some(exr::math::Vec2(width as usize, height as usize))
+}
+
 /// Writes a text file, such as that of `--stats`.
 ///
 /// # Errors

@@ -2,18 +2,53 @@
 //! task.
 
 use std::fmt::Write;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use cloud::Progress;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
+use serde::{Deserialize, Serialize};
 use world::{CloudTask, TaskKind, TaskStatus};
 
 use crate::interrupt;
-use crate::terminal::escaped;
+use crate::terminal::{self, escaped};
 
 /// The time between two updates: short enough that the bar moves and Ctrl-C acts at once, long enough to cost nothing.
 const INTERVAL: Duration = Duration::from_millis(100);
+
+/// The progress of a task, as a line of JSON tells it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stage {
+    pub task: String,
+    pub done: u64,
+    pub total: u64,
+}
+
+static IS_REPORTED: AtomicBool = AtomicBool::new(false);
+/// What was reported last, and when.
+static REPORTED: Mutex<Option<(Stage, Instant)>> = Mutex::new(None);
+
+/// From now on all bars also write their progress to standard output, as lines of JSON.
+pub fn report() {
+    IS_REPORTED.store(true, Ordering::Relaxed);
+}
+
+/// Reports progress, but not more often than people can read.
+fn report_stage(stage: Stage) {
+    let mut reported = REPORTED.lock().unwrap_or_else(PoisonError::into_inner);
+    let is_early = |(before, at): &(Stage, Instant)| {
+        before.task == stage.task && (before.done == stage.done || at.elapsed() < INTERVAL)
+    };
+    if !reported.as_ref().is_some_and(is_early) {
+        // Whoever reads no more wants no more.
+        if let Ok(line) = serde_json::to_string(&stage) {
+            let _ = terminal::print([line]);
+        }
+        *reported = Some((stage, Instant::now()));
+    }
+}
 
 /// A progress bar on the terminal, if there is one.
 pub struct Bar(ProgressBar);
@@ -53,6 +88,9 @@ impl Bar {
     pub fn set(&self, done: u64, total: u64) {
         self.0.set_length(total);
         self.0.set_position(done);
+        if IS_REPORTED.load(Ordering::Relaxed) {
+            report_stage(Stage { task: self.0.message(), done, total });
+        }
     }
 
     /// Shows the state of `progress`.

@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use record::{Adapter, Description, Folder};
-use render::{Gpu, Renderer};
+use record::{Adapter, Averaging, Description, Folder};
+use render::{Aov, Gpu, Renderer};
 use scene::{Camera, PathPlace, Settings};
 use world::Request;
 
@@ -15,9 +15,9 @@ use crate::chosen::{self, AutoStats};
 use crate::command_line::RecordArguments;
 use crate::failure::usage;
 use crate::film::Output;
-use crate::progress_bar::Bar;
+use crate::progress_bar::{self, Bar};
 use crate::recording::{self, PathChoice, Recorder};
-use crate::render_command::{Viewpoint, check_size};
+use crate::render_command::{Viewpoint, check_is_made, check_size};
 use crate::subject::{self, LoadedSubject};
 use crate::{interrupt, picture_file, terminal};
 
@@ -29,6 +29,10 @@ const MOST_FRAMES: u32 = 1_000_000;
 /// # Errors
 /// Fails on bad usage, without an adapter, if no input can be read, if a file cannot be written, or on Ctrl-C.
 pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
+    if arguments.report {
+        progress_bar::report();
+        interrupt::catch_end_of_input();
+    }
     let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
     request.check()?;
     let path = PathChoice::new(arguments.path.as_deref(), &request, Path::new(&arguments.scene))?;
@@ -36,16 +40,19 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     let of_shard = |frame: &u32| arguments.shard.is_none_or(|shard| shard.has(*frame as usize));
     let frames = all.iter().copied().filter(of_shard).collect();
     set(&mut request, arguments)?;
+    let averaging = Averaging::new(arguments.subframes, arguments.shutter, arguments.supersample);
+    let images = images(arguments, recording::settings(&mut request))?;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
-    check_size(&gpu, arguments.size)?;
+    check_size(&gpu, averaging.drawn_size(arguments.size))?;
     let output = Output::new(&arguments.output, arguments.codec)?;
     let place = output.folder.path.clone();
     let is_new = !place.exists();
     if is_new {
         std::fs::create_dir(&place).map_err(|reason| codec::Error::not_written(&place, reason))?;
     }
-    let recorded =
-        Recording { path, all, frames, folder: &output.folder, output: &output, arguments }.run(gpu, request);
+    let recording =
+        Recording { path, all, frames, averaging, images, folder: &output.folder, output: &output, arguments };
+    let recorded = recording.run(gpu, request);
     if is_new {
         // This removes the folder only if there is nothing in it.
         let _ = std::fs::remove_dir(&place);
@@ -72,6 +79,25 @@ fn frames(path: &PathChoice, arguments: &RecordArguments) -> anyhow::Result<Vec<
     Ok(frames.collect())
 }
 
+/// The float images of `--aov`.
+fn images(arguments: &RecordArguments, settings: &Settings) -> anyhow::Result<Vec<Aov>> {
+    let mut images: Vec<Aov> = Vec::new();
+    for name in &arguments.aov {
+        let Some(aov) = Aov::ALL.into_iter().find(|aov| aov.name() == name) else {
+            let available = Aov::ALL.map(Aov::name).join(", ");
+            return Err(usage(format!("--aov: `{name}` is unknown; available: {available}")));
+        };
+        check_is_made(aov, settings, false)?;
+        if !images.contains(&aov) {
+            images.push(aov);
+        }
+    }
+    if !images.is_empty() && arguments.supersample > 1 {
+        return Err(usage("--aov: float values of several pixels are never mixed; leave --supersample out".to_owned()));
+    }
+    Ok(images)
+}
+
 /// Sets the parameters that the command line names.
 fn set(request: &mut Request, arguments: &RecordArguments) -> anyhow::Result<()> {
     let mirrors = request.all_mirrors();
@@ -91,6 +117,9 @@ struct Recording<'a> {
     all: Vec<u32>,
     /// The frames that this run is to see to.
     frames: Vec<u32>,
+    averaging: Averaging,
+    /// The float images that are written of each frame.
+    images: Vec<Aov>,
     folder: &'a Folder,
     output: &'a Output,
     arguments: &'a RecordArguments,
@@ -125,7 +154,11 @@ impl Recording<'_> {
             let film = scene::shown(film);
             let missing = if self.frames == self.all { 0 } else { self.lacking(&self.all)?.len() };
             if missing == 0 {
-                self.output.encode(&self.all, self.arguments.size, self.arguments.fps)?;
+                let encoded = self.output.encode(&self.all, self.arguments.size, self.arguments.fps, interrupt::check);
+                if encoded.is_err() && !interrupt::is_wanted() {
+                    terminal::warn([format!("the pictures stay in {folder}; the same command makes the film of them")]);
+                }
+                encoded?;
                 terminal::print([format!("{} pictures in {film}", self.all.len())])?;
             } else {
                 terminal::print([format!(
@@ -150,18 +183,21 @@ impl Recording<'_> {
                 driver: format!("{} {}", gpu.info.driver, gpu.info.driver_info).trim().to_owned(),
             },
             set: recording::settings(request).differing().into_iter().collect(),
+            averaging: self.averaging,
             auto: None,
         }
     }
 
-    /// Those frames whose pictures are not there, or not whole.
+    /// Those frames whose files are not there, or not whole.
     fn lacking(&self, frames: &[u32]) -> anyhow::Result<Vec<u32>> {
         let bar = Bar::pictures("looking");
         let mut lacking = Vec::new();
         for (done, frame) in frames.iter().enumerate() {
             interrupt::check()?;
             bar.set(done as u64, frames.len() as u64);
-            if !self.folder.has(*frame, self.arguments.size) {
+            let has_image =
+                |image: &Aov| picture_file::is_exr(&self.folder.image(*frame, image.name()), self.arguments.size);
+            if !(self.folder.has(*frame, self.arguments.size) && self.images.iter().all(has_image)) {
                 lacking.push(*frame);
             }
         }
@@ -182,7 +218,7 @@ impl Recording<'_> {
         let mut fixed = chosen::fixed(&self.arguments.set, &settings);
         // Pictures of a recording are those of the window, which are not enlarged.
         fixed.push("view.resolution".to_owned());
-        let size = self.arguments.size;
+        let size = self.averaging.drawn_size(self.arguments.size);
         let viewpoint = Viewpoint::new(None, &mut request, &mut settings)?;
         let first = |outline: &[glam::DVec3], up, room| {
             let view = viewpoint.camera(outline, up, room, &settings, size);
@@ -232,7 +268,9 @@ impl Recording<'_> {
     ) -> anyhow::Result<u8> {
         picture_file::check_place(&self.folder.picture(frames[0]))?;
         let wanted_gpu = self.arguments.gpu.gpu.clone();
-        let mut recorder = match Recorder::open(gpu, wanted_gpu, self.arguments.size, request, &self.path)? {
+        let (size, averaging) = (self.arguments.size, self.averaging);
+        let opened = Recorder::open(gpu, wanted_gpu, averaging.drawn_size(size), request, &self.path)?;
+        let mut recorder = match opened {
             Ok(recorder) => recorder,
             Err(status) => return Ok(status),
         };
@@ -250,8 +288,13 @@ impl Recording<'_> {
         let mut is_told = false;
         for (done, frame) in frames.iter().enumerate() {
             bar.set(done as u64, frames.len() as u64);
-            let picture = recorder.picture(self.time(*frame), &[], &bar)?;
-            picture_file::write_png(&self.folder.picture(*frame), self.arguments.size, &picture.rgba)?;
+            let (time, fps) = (self.time(*frame), self.arguments.fps);
+            let picture = recorder.frame(time, fps, size, averaging, &self.images, &bar)?;
+            for (image, values) in self.images.iter().zip(&picture.images) {
+                picture_file::write_exr(&self.folder.image(*frame, image.name()), values)?;
+            }
+            // A frame with a picture is whole.
+            picture_file::write_png(&self.folder.picture(*frame), size, &picture.rgba)?;
             if recorder.is_empty() && !std::mem::replace(&mut is_told, true) {
                 let warning = format!("frame {frame}: the picture is empty, the camera looks past all points");
                 bar.suspend(|| terminal::warn([warning]));
@@ -313,6 +356,10 @@ mod tests {
         );
         assert!(refusal(&[&one, "--set", "splat.sise=1"]).contains("did you mean `splat.size`?"));
         assert!(refusal(&["gone.toml"]).starts_with("gone.toml: "));
+        assert!(refusal(&[&one, "--aov", "dept"]).contains("--aov: `dept` is unknown; available: depth, normal"));
+        let blind = [&one, "--aov", "mirror_position", "--set", "reflection.method=none"];
+        assert!(refusal(&blind).contains("it needs a --method"));
+        assert!(refusal(&[&one, "--aov", "depth", "--supersample", "2"]).contains("leave --supersample out"));
         assert!(!Path::new(&output).exists());
     }
 

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use record::{Average, Averaging};
 use render::{Aov, Gpu};
 use scene::{BuiltInPath, Camera, CameraPath, ExposureFit, Motion, PathPlace, SceneFile, Settings, Shape, View};
 use world::{Input, Request};
@@ -204,6 +205,33 @@ impl Recorder {
         self.expose(time, bar)?;
         let picture = self.viewer.picture(self.motion.camera(time), self.now(time), images, bar)?;
         picture.ok_or_else(|| anyhow!("the points are gone"))
+    }
+
+    /// The picture of a frame at a time of the path, averaged from those that are drawn, of which each has
+    /// `averaging.supersample` times as many pixels in each direction as `size`. The float images are those of the
+    /// first.
+    ///
+    /// # Errors
+    /// Those of `picture`.
+    pub fn frame(
+        &mut self,
+        time: f64,
+        fps: u32,
+        size: [u32; 2],
+        averaging: Averaging,
+        images: &[Aov],
+        bar: &Bar,
+    ) -> anyhow::Result<Picture> {
+        let first = self.picture(time, images, bar)?;
+        if averaging.is_none() {
+            return Ok(first);
+        }
+        let mut average = Average::new(size, averaging.supersample);
+        average.add(&first.rgba);
+        for time in averaging.times(time, fps).skip(1) {
+            average.add(&self.picture(time, &[], bar)?.rgba);
+        }
+        Ok(Picture { rgba: average.end(), ..first })
     }
 
     /// Whether the picture that was made last is empty.

@@ -70,7 +70,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     check_resolution(arguments, &settings)?;
     let asked = Asked::new(arguments, references, &request, &settings)?;
     for (aov, _) in &images {
-        check_is_made(*aov, &settings, &asked)?;
+        check_is_made(*aov, &settings, asked.makes(*aov))?;
     }
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     check_size(&gpu, arguments.size)?;
@@ -149,7 +149,7 @@ fn at_time(
     }
     let asked = Asked::new(arguments, Vec::new(), &request, &settings)?;
     for (aov, _) in images {
-        check_is_made(*aov, &settings, &asked)?;
+        check_is_made(*aov, &settings, asked.makes(*aov))?;
     }
     *recording::settings(&mut request) = settings;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
@@ -215,10 +215,13 @@ fn method(name: &str) -> anyhow::Result<Method> {
     Err(usage(format!("--method: `{name}` is unknown; available: {available}, {}", truth::RAY_TRACE)))
 }
 
-/// Refuses an image that these settings do not make.
-fn check_is_made(aov: Aov, settings: &Settings, asked: &Asked) -> anyhow::Result<()> {
+/// Refuses an image that these settings do not make. `is_traced` says that the ray tracer makes it.
+///
+/// # Errors
+/// Bad usage, which says what the image needs.
+pub fn check_is_made(aov: Aov, settings: &Settings, is_traced: bool) -> anyhow::Result<()> {
     let (method, name) = (settings.reflection.method, aov.name());
-    let is_looked_for = (method != Method::None || asked.makes(aov)) && settings.reflection.bounces > 0;
+    let is_looked_for = (method != Method::None || is_traced) && settings.reflection.bounces > 0;
     match aov {
         Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal | Aov::Uncertain if !is_looked_for => Err(usage(
             format!("--aov: `{name}` is of what mirrors show; it needs a --method and at least one of --bounces"),

@@ -393,3 +393,101 @@ fn the_exposure_of_a_path_is_that_of_its_keyframes_and_goes_evenly_between_them(
     assert_eq!(locked.status, Some(0), "{locked}");
     assert!(bytes(folder.path("tour/frame-000001.png")) == bytes(folder.path("still.png")), "{between}");
 }
+
+/// A ball that crosses the picture, on black.
+fn crossing_ball() -> Folder {
+    let folder = Folder::new();
+    let camera = "eye = [0.0, 0.0, 1.9]\npivot = [0.0, 0.0, 0.0]\nup = [0.0, 1.0, 0.0]\n";
+    folder.write(
+        "ball.toml",
+        format!(
+            "clouds = [\"five-mirrors/none\"]\n[camera]\n{camera}[parameters]\n\"gi.bounces\" = 0\n\"scene.points\" = 20000\n\
+             \"reflection.method\" = \"none\"\n[[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\n\
+             position = [0.0, 0.0, 0.0]\nsize = 0.4\n[[paths]]\nname = \"crossing\"\n[[paths.keyframes]]\ntime = 0.0\n\
+             {camera}[[paths.tracks]]\nkey = \"mirrors.ball.position\"\ntimes = [0.0, 1.0]\n\
+             values = [[-0.6, 0, 0], [0.6, 0, 0]]\nease = \"linear\"\n"
+        ),
+    );
+    folder
+}
+
+/// Frame 1 of two a second, with a shutter that is open for half of it: the pictures at 0.5, 0.5625, 0.625 and 0.6875
+/// seconds.
+#[test]
+fn sub_frames_average_the_light_of_the_pictures_while_the_shutter_is_open() {
+    let folder = crossing_ball();
+    let record = |output: &str, more: &str| {
+        let words = format!("record ball.toml -o {output} --size 64x48 --fps 2 --frames 1..2 {more}");
+        folder.glint_within(PATIENCE, words.split_whitespace())
+    };
+    let sharp = record("sharp", "");
+    if lacks_adapter(&sharp) {
+        return;
+    }
+    assert_eq!(sharp.status, Some(0), "{sharp}");
+    let blurred = record("blurred", "--subframes 4 --shutter 0.5 --aov depth,normal");
+    assert_eq!((blurred.status, blurred.messages.as_str()), (Some(0), ""), "{blurred}");
+    let picture = |name: &str| image::open(folder.path(name)).expect("a picture").into_rgb8();
+    let light = |value: u8| {
+        let value = f64::from(value) / 255.0;
+        if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+    };
+    let pictures = ["0.5", "0.5625", "0.625", "0.6875"].map(|time| {
+        let words = format!("render ball.toml -o {time}.png --size 64x48 --time {time}");
+        assert_eq!(folder.glint_within(PATIENCE, words.split(' ')).status, Some(0));
+        picture(&format!("{time}.png"))
+    });
+    let whole = picture("blurred/frame-000001.png");
+    for (place, value) in whole.as_raw().iter().enumerate() {
+        let mean = pictures.iter().map(|picture| light(picture.as_raw()[place])).sum::<f64>() / 4.0;
+        let expected = if mean <= 0.0031308 { mean * 12.92 } else { 1.055 * mean.powf(1.0 / 2.4) - 0.055 };
+        assert!((f64::from(*value) - expected * 255.0).abs() < 0.51, "{value} at {place}, expected {expected}");
+    }
+    assert!(whole != pictures[0], "the ball moves");
+    // The numbers are those of the frame's own time, and a single sub-frame is the frame itself.
+    let words = "render ball.toml -o then.png --size 64x48 --time 0.5 --aov depth=depth.exr";
+    assert_eq!(folder.glint_within(PATIENCE, words.split(' ')).status, Some(0));
+    assert!(bytes(folder.path("depth.exr")) == bytes(folder.path("blurred/frame-000001.depth.exr")));
+    assert!(folder.path("blurred/frame-000001.normal.exr").exists());
+    assert!(bytes(folder.path("then.png")) == bytes(folder.path("sharp/frame-000001.png")));
+    // A frame whose numbers are missing is made again, and no other.
+    std::fs::remove_file(folder.path("blurred/frame-000001.normal.exr")).expect("the normals");
+    let again = record("blurred", "--subframes 4 --shutter 0.5 --aov depth,normal");
+    assert_eq!(again.text(), "1 pictures in blurred\n");
+    assert!(folder.path("blurred/frame-000001.normal.exr").exists());
+    let refused = record("blurred", "--aov depth,normal");
+    assert!(refused.messages.contains("record.json: its pictures have 4 sub-frames"), "{refused}");
+}
+
+/// How the window runs a recording: with lines of progress, until its end of a pipe closes.
+#[test]
+fn a_reported_recording_makes_the_same_pictures_and_stops_when_its_input_ends() {
+    let folder = crossing_ball();
+    let words = "record ball.toml --size 64x48 --fps 8 --path crossing";
+    let plain = folder.glint_within(PATIENCE, words.split(' ').chain(["-o", "plain"]));
+    if lacks_adapter(&plain) {
+        return;
+    }
+    assert_eq!(plain.status, Some(0), "{plain}");
+    let start = |output: &str, more: &[&str]| {
+        let words = words.split(' ').chain(["-o", output, "--report"]).chain(more.iter().copied());
+        let mut command = folder.command(words);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts")
+    };
+    let mut whole = start("whole", &[]);
+    // The pipe stays open until the end.
+    let input = whole.stdin.take();
+    let output = whole.wait_with_output().expect("its end");
+    drop(input);
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    let lines: Vec<serde_json::Value> = told.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    assert!(lines.iter().any(|line| line["task"] == "recording" && line["total"] == 8), "{told}");
+    assert_eq!(told.lines().last(), Some("8 pictures in whole"), "{told}");
+    for name in names(&folder.path("plain")) {
+        assert!(bytes(folder.path("plain").join(&name)) == bytes(folder.path("whole").join(&name)), "{name}");
+    }
+    let stopped = start("stopped", &["--subframes", "200"]);
+    let output = stopped.wait_with_output().expect("its end");
+    assert_eq!(output.status.code(), Some(130), "{}", String::from_utf8_lossy(&output.stderr));
+}

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::Averaging;
+
 /// What the pictures of a folder are of, as `record.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Description {
@@ -19,6 +21,9 @@ pub struct Description {
     pub adapter: Adapter,
     /// The parameters that differ from their defaults.
     pub set: BTreeMap<String, String>,
+    /// What each picture is averaged from.
+    #[serde(default, skip_serializing_if = "Averaging::is_none")]
+    pub averaging: Averaging,
     /// What was chosen for a target of time or error, if one was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub auto: Option<serde_json::Value>,
@@ -36,7 +41,8 @@ impl Description {
     /// Returns in words the first thing that makes the pictures of `self` others than those of `wanted`. What was
     /// chosen for a target does not count.
     pub fn difference(&self, wanted: &Self) -> Option<String> {
-        let Self { version, scene, path, size: [width, height], fps, adapter, set, auto: _ } = self;
+        let Self { version, scene, path, size: [width, height], fps, adapter, set, averaging, auto: _ } = self;
+        let Averaging { subframes, shutter, supersample } = averaging;
         let Adapter { name, backend, driver } = adapter;
         let differs = [
             (*version != wanted.version, format!("its pictures are of version {version}, this is {}", wanted.version)),
@@ -44,6 +50,12 @@ impl Description {
             (*path != wanted.path, format!("its pictures are of the path `{path}`")),
             (self.size != wanted.size, format!("its pictures have {width}x{height} pixels")),
             (*fps != wanted.fps, format!("its pictures are {fps} a second")),
+            (
+                *averaging != wanted.averaging,
+                format!(
+                    "its pictures have {subframes} sub-frames, a shutter of {shutter} and {supersample} samples across a pixel"
+                ),
+            ),
             (
                 *adapter != wanted.adapter,
                 format!(
@@ -76,6 +88,7 @@ mod tests {
             fps: 30,
             adapter,
             set: [("splat.size".to_owned(), "2".to_owned())].into(),
+            averaging: Averaging::NONE,
             auto: None,
         }
     }
@@ -94,6 +107,7 @@ mod tests {
         assert!(told(&|wanted| wanted.path = "other".into()).contains("path `tour`"));
         assert!(told(&|wanted| wanted.size = [64, 49]).contains("64x48"));
         assert!(told(&|wanted| wanted.fps = 25).contains("30 a second"));
+        assert!(told(&|wanted| wanted.averaging = Averaging::new(4, 0.5, 1)).contains("have 1 sub-frames"));
         assert!(told(&|wanted| wanted.adapter.driver = "1.3".into()).contains("card (Vulkan, 1.2)"));
         assert!(told(&|wanted| drop(wanted.set.remove("splat.size"))).contains("splat.size = 2"));
         assert!(

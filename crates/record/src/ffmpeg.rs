@@ -17,6 +17,27 @@ pub struct Ffmpeg {
     child: Child,
 }
 
+/// Checks that `ffmpeg` can be started.
+///
+/// # Errors
+/// It is not on the PATH, or does not start.
+pub fn check() -> Result<()> {
+    let mut command = Command::new("ffmpeg");
+    command.arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command.status().map(drop).map_err(not_started)
+}
+
+fn not_started(error: std::io::Error) -> Error {
+    let problem = match error.kind() {
+        std::io::ErrorKind::NotFound => {
+            "it is not on the PATH, and makes the films of --codec h264; install it, or leave --codec out for AV1"
+                .into()
+        }
+        _ => error.to_string(),
+    };
+    Error::Ffmpeg { problem }
+}
+
 impl Ffmpeg {
     /// Begins a film.
     ///
@@ -33,14 +54,7 @@ impl Ffmpeg {
         let mut command = Command::new("ffmpeg");
         command.args(["-v", "error", "-nostdin", "-y"]).args(input).args(output).args(tags).arg(place);
         let started = command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
-        let problem = |error: std::io::Error| match error.kind() {
-            std::io::ErrorKind::NotFound => {
-                "it is not on the PATH, and makes the films of --codec h264; install it, or leave --codec out for AV1"
-                    .into()
-            }
-            _ => error.to_string(),
-        };
-        Ok(Self { child: started.map_err(|error| Error::Ffmpeg { problem: problem(error) })? })
+        Ok(Self { child: started.map_err(not_started)? })
     }
 
     /// Adds a picture: rows of sRGB red, green and blue, the top row first.

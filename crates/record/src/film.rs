@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
 
-use crate::ffmpeg::Ffmpeg;
+use crate::ffmpeg::{self, Ffmpeg};
 use crate::gif::Gif;
 use crate::mp4::Mp4;
 use crate::{Error, Result};
@@ -17,6 +17,16 @@ pub enum Format {
     /// MP4 with H.264, by `ffmpeg`.
     H264,
     Gif,
+}
+
+impl Format {
+    /// Checks, before pictures are drawn, that films of this kind can be made here.
+    ///
+    /// # Errors
+    /// The program that makes them is missing.
+    pub fn check(self) -> Result<()> {
+        if self == Self::H264 { ffmpeg::check() } else { Ok(()) }
+    }
 }
 
 /// A film that is being written.
@@ -119,6 +129,47 @@ mod tests {
             assert_eq!(number, u64::from(count));
             // Players can jump to every second second.
             assert_eq!(keys, if count > 20 { vec![0, 20] } else { vec![0] });
+        }
+    }
+
+    /// A disk with room for so many bytes.
+    struct SmallDisk(u64, std::io::Cursor<Vec<u8>>);
+
+    impl std::io::Write for SmallDisk {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            if self.1.position() + bytes.len() as u64 > self.0 {
+                return Err(std::io::ErrorKind::StorageFull.into());
+            }
+            self.1.write(bytes)
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl std::io::Seek for SmallDisk {
+        fn seek(&mut self, place: std::io::SeekFrom) -> std::io::Result<u64> {
+            self.1.seek(place)
+        }
+    }
+
+    #[test]
+    fn a_disk_that_is_full_is_told_wherever_the_film_meets_its_end() {
+        let (size, count) = ([64, 48], 3);
+        let film = |room: u64| -> Result<u64> {
+            let mut film = Mp4::new(SmallDisk(room, std::io::Cursor::default()), size, 10, count as usize)?;
+            for frame in 0..count {
+                film.add(&picture(frame, size))?;
+            }
+            Ok(film.end()?.1.into_inner().len() as u64)
+        };
+        let whole = film(u64::MAX).unwrap();
+        assert_eq!(film(whole).unwrap(), whole);
+        for room in [0, 10, whole / 2, whole - 1] {
+            let error = film(room).unwrap_err();
+            let is_full = matches!(&error, Error::Io(reason) if reason.kind() == std::io::ErrorKind::StorageFull);
+            assert!(is_full, "{room} of {whole} bytes: {error}");
         }
     }
 

@@ -22,6 +22,11 @@ impl Folder {
         self.path.join(format!("frame-{frame:06}.png"))
     }
 
+    /// The file of float images of a frame, such as its depth.
+    pub fn image(&self, frame: u32, name: &str) -> PathBuf {
+        self.path.join(format!("frame-{frame:06}.{name}.exr"))
+    }
+
     /// The file that says what the pictures are of.
     pub fn description_file(&self) -> PathBuf {
         self.path.join(DESCRIPTION)

@@ -1,5 +1,6 @@
 //! Recordings: the folder of their pictures, what the pictures are of, and films that play them.
 
+mod average;
 mod description;
 mod error;
 mod ffmpeg;
@@ -9,6 +10,7 @@ mod gif;
 mod mp4;
 mod yuv;
 
+pub use average::{Average, Averaging};
 pub use description::{Adapter, Description};
 pub use error::{Error, Result};
 pub use film::{Film, Format};
