@@ -5,11 +5,13 @@ use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
 use scene::{
-    ClipShape, ColorBy, Filter, Lighting, MeasurementKind, MirrorPoints, Object, Settings, Shape, StandardView,
+    Bookmark, CameraPath, ClipShape, ColorBy, Filter, Lighting, MeasurementKind, MirrorPoints, Object, Settings, Shape,
+    StandardView,
 };
 use world::CloudKey;
 
 use crate::viewer::loaded::comparisons::CompareDraft;
+use crate::viewer::filming::wanted::Wanted;
 use crate::viewer::objects::{Marking, ObjectId};
 use crate::viewer::panels::path_prompt::PathPrompt;
 use crate::viewer::tab::Tab;
@@ -68,6 +70,59 @@ pub enum Measuring {
     StepNote(i32),
     /// Copies the values of all measurements.
     CopyAll,
+}
+
+/// A path that begins with something in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PathPreset {
+    /// One keyframe: the view.
+    View,
+    /// All bookmarks, in their order, two seconds apart.
+    Bookmarks,
+    Turntable,
+    /// Around the selected object, rising and sinking.
+    Orbit,
+    /// Along the points of the selected measurement.
+    Polyline,
+    /// The view, across which the selected mirror moves and back.
+    MirrorSweep,
+    /// The view, with every method for two seconds.
+    MethodTour,
+}
+
+/// What a person does with kept views and with paths of the camera.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Film {
+    /// Keeps the view. A digit takes the place of the view that it flew to before.
+    Keep(Option<u8>),
+    FlyToDigit(u8),
+    /// Flies to the bookmark with this index.
+    FlyTo(usize),
+    ChangeBookmark(usize, Box<Bookmark>),
+    RemoveBookmark(usize),
+    /// Opens or closes the timeline.
+    Toggle,
+    /// Shows the path of this name in the timeline.
+    Choose(String),
+    Add(PathPreset),
+    /// Changes the path in the timeline.
+    Change(Box<CameraPath>),
+    Remove,
+    /// Keeps what a parameter or a value of an object is now, as a key of a track at the time of the timeline.
+    Key(String),
+    /// Shows the path at a time, in seconds.
+    Scrub(f64),
+    /// Plays the path, or pauses.
+    Play,
+    Repeat(bool),
+    /// Opens the dialog of recordings for the path in the timeline.
+    AskRecording,
+    /// Changes the dialog; `None` closes it.
+    ChangeRecording(Option<Box<Wanted>>),
+    StartRecording,
+    StopRecording,
+    /// Records the window; again: ends that.
+    Capture,
 }
 
 /// A step of writing the points that are shown to a new file.
@@ -252,6 +307,7 @@ pub enum Action {
     /// A held key that shows the kept state in place of the picture.
     ShowKept,
     Kept(KeptStep),
+    Film(Film),
 
     // ---- truth ----
     /// A held key that shows the ray-traced truth in place of the picture.
@@ -308,6 +364,15 @@ impl Action {
             Self::FlySpeed(step) => Self::FlySpeed(step * notches),
             Self::InspectDistance(step) => Self::InspectDistance(step * notches),
             Self::InspectTilt(step) => Self::InspectTilt(step * notches),
+            other => other,
+        }
+    }
+
+    /// Gives the actions of the digit keys their digit. Other actions stay as they are.
+    pub fn with_digit(self, digit: u8) -> Self {
+        match self {
+            Self::Film(Film::Keep(_)) => Self::Film(Film::Keep(Some(digit))),
+            Self::Film(Film::FlyToDigit(_)) => Self::Film(Film::FlyToDigit(digit)),
             other => other,
         }
     }

@@ -96,6 +96,7 @@ impl Bench {
                 let is_answered = matches!(
                     command,
                     Command::Frame(_)
+                        | Command::Read { .. }
                         | Command::Capture { .. }
                         | Command::Read { .. }
                         | Command::Measure(_)
@@ -128,7 +129,12 @@ impl Bench {
                 found.into_inner().into_iter().for_each(|news| self.session.on_found(news));
             }
             // These effects need a window.
-            Effect::OpenDialog | Effect::AskPlace(_) | Effect::Copy(_) | Effect::SetFullScreen(_) | Effect::Log(_) => {}
+            Effect::OpenDialog
+            | Effect::AskPlace(_)
+            | Effect::Copy(_)
+            | Effect::SetFullScreen(_)
+            | Effect::Capture(_)
+            | Effect::Log(_) => {}
         }
     }
 }

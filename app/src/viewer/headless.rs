@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use render::{Aov, Gpu};
-use scene::{Camera, ExposureFit, Handle, PathPlace, Settings, Tone, Track};
+use scene::{Camera, ExposureFit, PathPlace, Tone, Track};
 use world::{Event, Request};
 
 use crate::failure::{FAILED, UNUSABLE};
@@ -31,8 +31,6 @@ pub struct Headless {
     status: u8,
     /// The number of messages that were handled so far.
     told: usize,
-    /// The parameters that the scene asks for, where no track changes them.
-    settings: Option<Settings>,
     /// The tone that the scene asks for now.
     pub tone: Tone,
 }
@@ -61,7 +59,7 @@ impl Headless {
         session.set_view_size(size);
         session.open_request(request);
         let tone = session.scene.settings.tone.clone();
-        let mut headless = Self { session, effects, news, status: 0, told: 0, settings: None, tone };
+        let mut headless = Self { session, effects, news, status: 0, told: 0, tone };
         headless.do_effects();
         Ok(headless)
     }
@@ -114,25 +112,8 @@ impl Headless {
     /// # Errors
     /// A track names nothing in the scene, or gives it a value that it cannot have: with the number of the track.
     pub fn pose(&mut self, tracks: &[Track], time: f64) -> Result<(), (usize, String)> {
-        let scene = &mut self.session.scene;
-        let mut settings = self.settings.get_or_insert_with(|| scene.settings.clone()).clone();
-        for (index, track) in tracks.iter().enumerate() {
-            match track.handle().map_err(|problem| (index, problem))? {
-                Handle::Parameter(key) => {
-                    track.set_parameter(key, &mut settings, time).map_err(|error| (index, error.to_string()))?;
-                }
-                Handle::Object { kind, name, value } => {
-                    let (id, mut object) = scene.objects.named(kind, name).map_err(|problem| (index, problem))?;
-                    track.set_object(value, &mut object, time);
-                    if let Some(problem) = object.problem() {
-                        return Err((index, format!("{kind} `{name}` at {time} s: {problem}")));
-                    }
-                    scene.objects.set(id, object);
-                }
-            }
-        }
-        self.tone = settings.tone.clone();
-        scene.settings = settings;
+        self.session.scene.pose(tracks, time)?;
+        self.tone = self.session.scene.settings.tone.clone();
         Ok(())
     }
 

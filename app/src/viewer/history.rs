@@ -169,6 +169,12 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
     if from.objects.visibility != objects.visibility {
         tell("which points are shown".into());
     }
+    for path in differing_of(&from.objects.paths, &objects.paths) {
+        tell(format!("path {}", param::shortened(&path.name, MOST_NAMED)));
+    }
+    for bookmark in differing_of(&from.objects.bookmarks, &objects.bookmarks) {
+        tell(format!("bookmark {}", param::shortened(&bookmark.name, MOST_NAMED)));
+    }
     let (before, after): (BTreeSet<_>, BTreeSet<_>) =
         (from.settings.differing().into_iter().collect(), settings.differing().into_iter().collect());
     before.symmetric_difference(&after).for_each(|(key, _)| tell(key.clone()));
@@ -181,6 +187,12 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
         told.push(format!("{rest} more"));
     }
     told.join(", ")
+}
+
+/// What is in one of two lists and not in the other.
+fn differing_of<'a, T: PartialEq>(before: &'a [T], after: &'a [T]) -> impl Iterator<Item = &'a T> {
+    let gone = before.iter().filter(|one| !after.contains(one));
+    gone.chain(after.iter().filter(|one| !before.contains(one)))
 }
 
 #[cfg(test)]

@@ -31,6 +31,9 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
             .resizable(false)
             .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 3)))
             .show(ui, |ui| status_bar(ui, session, &mut actions));
+        if session.filming.timeline.is_open {
+            panels::timeline::dock(ui, session, &mut actions);
+        }
         if session.preferences.panel_is_open {
             Panel::left("panel")
                 .default_size(310.0)
@@ -51,6 +54,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     panels::pick::show(ui.ctx(), above_status, session, &mut actions);
     panels::tuning::show(ui.ctx(), session, &mut actions);
     panels::sweep::show(ui.ctx(), session, &mut actions);
+    panels::recording::show(ui.ctx(), session, &mut actions);
     let mut shortcuts_are_open = session.shortcuts_are_open;
     bindings::sheet_window(ui.ctx(), &mut shortcuts_are_open);
     if shortcuts_are_open != session.shortcuts_are_open {
@@ -227,6 +231,7 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             }
         }
         panels::truth::progress(ui, session, actions);
+        panels::recording::progress(ui, session, actions);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             messages_button(ui, session, actions);
             if let Some(shown) = &session.frames.shown {

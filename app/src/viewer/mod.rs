@@ -11,6 +11,7 @@ mod auto;
 #[cfg(test)]
 mod bench;
 mod facts;
+mod filming;
 mod first_look;
 mod frames;
 mod headless;
@@ -25,6 +26,7 @@ mod outside;
 mod pace;
 mod panels;
 mod past_views;
+mod posing;
 mod preferences;
 mod reflection_figures;
 mod scene;
@@ -39,9 +41,9 @@ mod window;
 mod work;
 
 use std::cell::Cell;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use ::scene::{Settings, StandardView, View};
@@ -53,6 +55,7 @@ use outside::{Effect, News};
 use panels::path_prompt::PathPrompt;
 use serde_json::json;
 use session::Session;
+use window::capture::{Capture, Captured};
 use window::effects::{self, Effects};
 use window::event_log::EventLog;
 pub use window::render_thread::Picture;
@@ -63,6 +66,7 @@ use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::WindowId;
+use work::Found;
 use world::Request;
 
 use crate::command_line::ViewArguments;
@@ -162,11 +166,13 @@ pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Resul
         is_asked: Cell::new(false),
         idle_paint: None,
         title: String::new(),
+        captures: Vec::new(),
         modifiers: egui::Modifiers::NONE,
         device_lost: Arc::default(),
         failure: None,
     };
     let ended = event_loop.run_app(&mut viewer);
+    viewer.end_captures();
     viewer.screen = None;
     viewer.effects.close(&viewer.session);
     if let Err(error) = ended {
@@ -205,6 +211,8 @@ struct Viewer {
     /// When the window was painted last, if nothing had changed.
     idle_paint: Option<Instant>,
     title: String,
+    /// Recordings of the window; of the last one the window may still take pictures.
+    captures: Vec<Capture>,
     /// The modifier keys that are held down now.
     modifiers: egui::Modifiers,
     /// True when the window's own device is lost: nothing can be shown any more.
@@ -421,6 +429,15 @@ impl Viewer {
         session.act_all(actions);
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
         let again = session.step(Instant::now(), is_held);
+        let capture = match (self.captures.last_mut(), &painted) {
+            (Some(capture), Painted::Next { is_new, .. }) => {
+                if *is_new {
+                    capture.changed();
+                }
+                capture.step(Instant::now(), || screen.pixels())
+            }
+            _ => None,
+        };
         let must_follow;
         match painted {
             Painted::Next { delay, is_new, .. } => {
@@ -428,6 +445,7 @@ impl Viewer {
                 self.idle_paint = (!is_new).then(Instant::now);
                 let delay = again.map_or(delay, |again| delay.min(again));
                 let delay = if is_new { delay } else { delay.max(IDLE_PAINT_INTERVALS[0]) };
+                let delay = capture.map_or(delay, |capture| delay.min(capture));
                 self.next_paint = Instant::now().checked_add(delay);
                 must_follow = delay.is_zero() || is_changed;
             }
@@ -478,6 +496,37 @@ impl Viewer {
         }
     }
 
+    fn begin_capture(&mut self, name: &Path, dropped: Arc<AtomicU64>) {
+        let wake = self.wake.clone();
+        let tell = move |captured| drop(wake.send_event(Wake::News(Box::new(News::Found(Found::Captured(captured))))));
+        match Capture::new(name, dropped, tell) {
+            Ok(capture) => {
+                self.session.outside.note(format!("Recording the window: {}", name.display()));
+                self.captures.push(capture);
+            }
+            Err(error) => {
+                let captured = Captured { result: Err(format!("{error:#}")) };
+                self.session.on_found(Found::Captured(captured));
+            }
+        }
+    }
+
+    /// Keeps the pictures of recordings of the window whose films are not made.
+    fn end_captures(&mut self) {
+        for capture in self.captures.drain(..) {
+            capture.give_up();
+        }
+        if let Some(live) = &self.session.filming.live {
+            let folder = live.name.with_extension("frames");
+            let told = format!(
+                "the window was closed before {} was made; its pictures are in {}",
+                live.name.display(),
+                folder.display()
+            );
+            crate::terminal::warn([told]);
+        }
+    }
+
     /// Carries out the effects that the session has queued.
     fn do_effects(&mut self) {
         for effect in std::mem::take(&mut self.session.outside.effects) {
@@ -519,6 +568,10 @@ impl Viewer {
                         let borderless = winit::window::Fullscreen::Borderless(None);
                         screen.window.set_fullscreen(on.then_some(borderless));
                     }
+                }
+                Some(Effect::Capture(Some((name, dropped)))) => self.begin_capture(&name, dropped),
+                Some(Effect::Capture(None)) => {
+                    self.captures.iter_mut().for_each(|capture| capture.end(Instant::now()));
                 }
                 Some(Effect::Log(event)) => self.log.write(&event),
                 Some(Effect::Render(_) | Effect::Load { .. } | Effect::Work(_)) | None => {}

@@ -6,8 +6,8 @@
 use cloud::PointTest;
 use glam::DVec3;
 use scene::{
-    Clip, Measurement, Mirror, MirrorPoints, Note, Object, ObjectKind, SceneFile, Shape, SpotLight, Visibility,
-    five_mirrors,
+    Bookmark, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, Object, ObjectKind, SceneFile, Shape,
+    SpotLight, Visibility, five_mirrors,
 };
 use world::{CloudKey, built_in_name};
 
@@ -70,6 +70,9 @@ pub struct Objects {
     pub visibility: Visibility,
     pub measurements: Vec<PlacedMeasurement>,
     pub notes: Vec<PlacedNote>,
+    pub bookmarks: Vec<Bookmark>,
+    /// The camera paths; no two have one name.
+    pub paths: Vec<CameraPath>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -316,7 +319,7 @@ pub fn spot(eye: DVec3, pivot: DVec3, field_of_view_degrees: f32) -> SpotLight {
 }
 
 /// Returns `wanted`, or `wanted` with the first number from 2 on, whichever is not in `taken`.
-fn numbered<'a>(wanted: &str, taken: impl Iterator<Item = &'a str>) -> String {
+pub fn numbered<'a>(wanted: &str, taken: impl Iterator<Item = &'a str>) -> String {
     let taken: Vec<&str> = taken.collect();
     let numbered = (2..u32::MAX).map(|number| format!("{wanted} {number}"));
     let mut names = std::iter::once(wanted.to_string()).chain(numbered);

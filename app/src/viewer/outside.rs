@@ -2,6 +2,8 @@
 //! function that needs it gets it as a parameter.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 use std::time::Instant;
 
 use serde_json::json;
@@ -24,6 +26,8 @@ pub enum Effect {
     AskPlace(PathBuf),
     Copy(String),
     SetFullScreen(bool),
+    /// Begins to record the window to a film of this name, and counts the pictures that are dropped; or ends that.
+    Capture(Option<(PathBuf, Arc<AtomicU64>)>),
     /// Writes a line to the event log.
     Log(serde_json::Value),
 }

@@ -7,8 +7,8 @@ use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
 use scene::{
-    Camera, CameraPath, Clip, ColorBy, LightClues, Lighting, Measurement, Mirror, Note, Object, Projection, Settings,
-    SpotLight, StandardView, Start, Visibility,
+    Camera, Clip, ColorBy, LightClues, Lighting, Measurement, Mirror, Note, Object, Projection, Settings, SpotLight,
+    StandardView, Start, Visibility,
 };
 use serde_json::json;
 use world::{Apart, CloudKey, mirrors};
@@ -24,6 +24,7 @@ use crate::viewer::objects::{
 };
 use crate::viewer::outside::Outside;
 use crate::viewer::past_views::PastViews;
+use crate::viewer::posing::Posed;
 use crate::viewer::tools::inspection::{Ray, Target};
 use crate::viewer::window::render_thread::{Command, PickPurpose};
 
@@ -62,8 +63,8 @@ pub struct Scene {
     pub lit_by: Lighting,
     /// The size of the picture in pixels.
     pub view_size: [u32; 2],
-    /// The camera paths of the scene files.
-    pub paths: Vec<CameraPath>,
+    /// Set while tracks of a path have changed the scene.
+    pub posed: Option<Posed>,
     next_object: u32,
 }
 
@@ -90,7 +91,7 @@ impl Scene {
             past_views: PastViews::default(),
             lit_by: Lighting::Auto,
             view_size: [1, 1],
-            paths: Vec::new(),
+            posed: None,
             next_object: 0,
         }
     }
@@ -112,6 +113,7 @@ impl Scene {
 
     /// Changes the objects in one step of undo.
     pub fn edit_objects(&mut self, now: Instant, change: impl FnOnce(&mut Objects)) {
+        self.unpose();
         self.history.settle(&self.settings, &self.objects);
         change(&mut self.objects);
         self.history.settle(&self.settings, &self.objects);
@@ -120,6 +122,7 @@ impl Scene {
 
     /// Changes the objects without a step of undo, because a file was opened or closed.
     pub fn rewrite_objects(&mut self, change: impl Fn(&mut Objects)) {
+        self.unpose();
         self.history.settle(&self.settings, &self.objects);
         change(&mut self.objects);
         self.history.rewrite(change);

@@ -12,8 +12,9 @@ use glam::DVec3;
 use scene::{Camera, Lighting, MirrorPoints, Settings, Shape, Show};
 use serde_json::json;
 
-use crate::viewer::action::{Action, Handles, KeptStep, Palette};
+use crate::viewer::action::{Action, Film, Handles, KeptStep, Palette};
 use crate::viewer::auto::Auto;
+use crate::viewer::filming::Filming;
 use crate::viewer::first_look::FirstLook;
 use crate::viewer::frames::{Frames, Situation};
 use crate::viewer::kept::Kept;
@@ -59,6 +60,7 @@ pub struct Session {
     pub adapter: Option<String>,
     pub frames: Frames,
     pub auto: Auto,
+    pub filming: Filming,
     /// Set while the window shows what it does when nothing is named.
     pub first_look: Option<FirstLook>,
     /// The reason why nothing can be drawn any more.
@@ -94,6 +96,7 @@ impl Session {
             adapter: None,
             frames: Frames::default(),
             auto: Auto::default(),
+            filming: Filming::default(),
             first_look: None,
             fatal: None,
             wants_to_quit: false,
@@ -115,6 +118,7 @@ impl Session {
             Orbit, Pan, Paste, PivotHere, PointAt, PointSize, ReturnTo, Select, SetParameter, ShowClasses, ToggleEdl,
             ToggleLight, ToggleMode, ToggleProjection, Travel, Unmark, Zoom,
         };
+        self.filming.before(&action, &mut self.scene);
         let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };
         match action {
             // `Travel` and `Hold` report keys that are held down, and `Paste` brings the clipboard's text.
@@ -189,6 +193,11 @@ impl Session {
             Action::Measuring(measuring) => {
                 self.tools.measure(measuring, &mut self.scene, &self.loaded, &mut self.outside)
             }
+            Action::Film(Film::StartRecording) => {
+                let adapter = self.adapter.as_deref();
+                self.filming.recording.start(&self.scene, &self.loaded, adapter, &mut self.outside)
+            }
+            Action::Film(film) => self.filming.act(film, &mut self.scene, &self.loaded, &mut self.outside),
             Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
             Action::LookAtTruth(look) => self.truth.look = look,
             Action::MeasureTruth(measure) => self.truth.measure = measure,
@@ -314,8 +323,7 @@ impl Session {
         self.loaded.awaited_markings.extend(request.mirror_points);
         self.scene.bring_visibility(&request.visibility, request.clips);
         self.scene.bring_measurements(request.measurements, request.notes);
-        self.scene.paths.retain(|known| !request.paths.iter().any(|path| path.name == known.name));
-        self.scene.paths.extend(request.paths);
+        self.scene.bring_paths(request.bookmarks, request.paths);
         if !request.inputs.is_empty() {
             self.outside.push(Effect::Load { inputs: request.inputs });
         }
@@ -385,6 +393,9 @@ impl Session {
             Found::SceneSaved { path, result } => self.outside.scene_saved(&path, result),
             Found::Exported { path, result } => self.loaded.on_exported(&path, result, &mut self.outside),
             Found::Compared(comparison) => self.with_loaded(|loaded, beside| loaded.on_compared(*comparison, beside)),
+            Found::Recording(stage) => self.filming.recording.on_stage(stage, &self.outside),
+            Found::Captured(captured) => self.filming.on_captured(captured, &mut self.outside),
+            Found::Recorded(ended) => self.filming.recording.on_end(ended, &mut self.outside),
             Found::IndexDeleted { kept, result } => self.outside.index_deleted(&bytes(kept.bytes), result),
             Found::CacheSize(bytes) => self.loaded.cache_size = Some(bytes),
         }
@@ -462,7 +473,9 @@ impl Session {
         self.tools.follow_cursor(&mut self.scene, &self.loaded, &mut self.outside);
         self.scene.navigation.hold(is_held, now);
         let steps = self.scene.history.steps();
-        let quiet = self.scene.history.watch(&self.scene.settings, &self.scene.objects, is_held, now);
+        let still = self.still_frame().filter(|_| !self.is_recorded).cloned();
+        let film = self.filming.step(&mut self.scene, still.as_ref(), &mut self.outside);
+        let quiet = self.scene.watch(is_held, now);
         let view = self.scene.past_views.watch(self.scene.camera, self.scene.camera_is_placed, is_held, now);
         self.with_loaded(Loaded::sync_visibility);
         let frame = self.request_frame();
@@ -482,7 +495,7 @@ impl Session {
         let auto = self.auto.sync(self.picture(), still, &mut self.outside);
         // Once the panel says it, only the next picture changes that.
         let late = self.frames.time_to_late(now).filter(|left| !left.is_zero());
-        [quiet, view, zoom, frame, truth, late, auto].into_iter().flatten().min()
+        [quiet, view, zoom, frame, truth, late, auto, film].into_iter().flatten().min()
     }
 
     /// Requests the frame that is wanted now, unless it is already drawn or shown. Returns the time after which to call
@@ -574,7 +587,12 @@ impl Session {
                 self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);
             }
             Report::Saved(path) => self.outside.saved(&path),
-            Report::Read(picture) => self.kept.on_read(picture.rgba, &mut self.outside),
+            Report::Read(picture) => {
+                // Whoever drives a recording has taken it. In the window it is a bookmark's, or the kept state's.
+                if let Some(picture) = self.filming.on_picture(*picture) {
+                    self.kept.on_read(picture.rgba, &mut self.outside);
+                }
+            }
             Report::Captured(captured) => {
                 if let Some(captured) = self.sweeps.on_images(*captured, &self.truth, &mut self.outside) {
                     self.truth.on_captured(captured, self.frames.revision);

@@ -131,22 +131,41 @@ impl Scene {
         self.movable_scene(&settings, loaded).to_text()
     }
 
-    pub fn save_scene(&self, loaded: &Loaded, outside: &mut Outside) {
+    /// Returns everything that is kept of the scene.
+    pub fn whole_file(&self, loaded: &Loaded) -> SceneFile {
         let file = self.movable_scene(&self.written_settings(loaded), loaded);
+        let measurements = self.objects.measurements.iter().map(|placed| placed.measurement.clone()).collect();
+        let notes = self.objects.notes.iter().map(|placed| placed.note.clone()).collect();
+        let (bookmarks, paths) = (self.objects.bookmarks.clone(), self.objects.paths.clone());
+        SceneFile { bookmarks, paths, measurements, notes, ..file }
+    }
+
+    pub fn save_scene(&self, loaded: &Loaded, outside: &mut Outside) {
+        let file = self.whole_file(loaded);
         if file.clouds.is_empty() {
             outside.note("There is no scene to save yet");
             return;
         }
         let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "toml");
-        let measurements = self.objects.measurements.iter().map(|placed| placed.measurement.clone()).collect();
-        let notes = self.objects.notes.iter().map(|placed| placed.note.clone()).collect();
-        let file = SceneFile { paths: self.paths.clone(), measurements, notes, ..file };
         // Several scenes that are open have more objects together than one file may have.
         if let Some(problem) = file.problem() {
             return outside.error(format!("{}: not saved: {problem}", path.display()));
         }
         outside.work(Work::SaveScene { path, text: file.to_text() });
+    }
+
+    /// Adds the current setting to the plan in the current folder, and writes the view as a scene file beside it.
+    pub fn add_to_study(&self, loaded: &Loaded, outside: &mut Outside) {
+        if loaded.clouds.is_empty() {
+            outside.note("There is no setting to add yet");
+            return;
+        }
+        let scene = self.view_as_scene(loaded);
+        // The path is absolute because a plan may be run from any folder.
+        let folder = std::env::current_dir().unwrap_or_default();
+        let group = group_of(&self.written_settings(loaded), self.view_size);
+        outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });
     }
 
     /// Returns the command that renders what is on the screen, for a POSIX shell.

@@ -3,6 +3,7 @@
 //! `Work::run`.
 
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -16,12 +17,15 @@ use crate::export_command;
 use crate::measuring::{self, Outcome};
 use crate::picture_file;
 use crate::viewer::loaded::comparisons::{Comparing, Comparison};
+use crate::progress_bar::Stage;
+use crate::viewer::filming::recording::{self, Ended, Leash};
 use crate::viewer::loaded::figures::{Basis, Figures};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::tools::inspection;
 use crate::viewer::truth::study_file;
 use crate::viewer::truth::sweep_files::SweepResult;
 use crate::viewer::truth::tasks::{Answer, Task};
+use crate::viewer::window::capture::Captured;
 use crate::viewer::window::render_thread::PickedPoint;
 
 /// Work that the session asks for.
@@ -122,6 +126,12 @@ pub enum Work {
     },
     /// Measures the distances between two clouds.
     Compare(Box<Comparing>),
+    /// Has `glint record` make a film or pictures of a scene; `words` follow the scene.
+    Record {
+        scene: String,
+        words: Vec<OsString>,
+        leash: Leash,
+    },
     /// Deletes an index that no cloud uses.
     DeleteIndex(IndexEntry),
     /// Measures the size of the cache of indexes.
@@ -198,6 +208,9 @@ pub enum Found {
         result: Result<Option<codec::Exported>, String>,
     },
     Compared(Box<Comparison>),
+    Recording(Stage),
+    Recorded(Ended),
+    Captured(Captured),
     IndexDeleted {
         kept: IndexEntry,
         result: Result<(), String>,
@@ -223,6 +236,7 @@ impl Work {
             Self::SaveScene { .. } => "scene",
             Self::Export { .. } => "export",
             Self::Compare(_) => "comparison",
+            Self::Record { .. } => "recording",
             Self::Truth(_) => "truth",
             Self::AddToStudy { .. } => "study",
             Self::SaveSweep(_) => "sweep",
@@ -313,6 +327,10 @@ impl Work {
                 found(Found::Exported { path, result });
             }
             Self::Compare(comparing) => found(Found::Compared(Box::new(comparing.run()))),
+            Self::Record { scene, words, leash } => {
+                let ended = recording::run(&scene, &words, &leash, |stage| found(Found::Recording(stage)));
+                found(Found::Recorded(ended));
+            }
             Self::DeleteIndex(kept) => {
                 let result = world::delete(stream, &kept).map_err(|error| error.to_string());
                 found(Found::IndexDeleted { kept, result });

@@ -16,7 +16,7 @@ pub struct Bookmark {
     /// What is to be seen there.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
-    /// The digit that flies there with Ctrl, 0 to 9.
+    /// The digit that flies there with Shift, 0 to 9.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digit: Option<u8>,
     /// The eye in world units.

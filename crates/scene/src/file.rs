@@ -39,7 +39,7 @@
 //! position = [1.0, 2.0, 2.0]
 //! [[bookmarks]]                        # kept views
 //! name = "door"
-//! digit = 1                            # Ctrl+1 flies there
+//! digit = 1                            # Shift+1 flies there
 //! eye = [1.0, 2.0, 1.7]
 //! pivot = [4.0, 4.0, 1.5]
 //! up = [0.0, 0.0, 1.0]

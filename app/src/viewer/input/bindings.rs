@@ -7,7 +7,7 @@ use egui::{Key, PointerButton};
 use glam::DVec2;
 use scene::{ColorBy, MeasurementKind, Shape, StandardView};
 
-use crate::viewer::action::{Action, Clipping, Export, Handles, KeptStep, Measuring, Mode};
+use crate::viewer::action::{Action, Clipping, Export, Film, Handles, KeptStep, Measuring, Mode};
 
 /// The modifier keys that a gesture needs; no others may be down. `ctrl` is the command key on a Mac.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +37,8 @@ pub enum Trigger {
     Hold(Key),
     /// Modifiers that change what held keys do.
     Modifier(Modifiers),
+    /// Any digit of the number row: the action gets it.
+    Digit(Modifiers),
     /// A digit of the number pad, which egui does not tell apart from the number row.
     Numpad(Modifiers, u8),
     Wheel(Modifiers),
@@ -73,7 +75,7 @@ const TOOLS: &str = "Tools and window";
 /// The table. Rows with the same section and text share a row of the shortcut sheet.
 pub const BINDINGS: &[Binding] = {
     use Action as A;
-    use Trigger::{Click, DoubleClick, Drag, Hold, Modifier, Numpad, Wheel};
+    use Trigger::{Click, Digit, DoubleClick, Drag, Hold, Modifier, Numpad, Wheel};
     &[
         bind_in(Mode::Orbit, MOVE, Drag(PointerButton::Primary), A::Orbit(DVec2::ZERO), "Orbit about the pivot"),
         bind_in(Mode::Fly, MOVE, Drag(PointerButton::Primary), A::Look(DVec2::ZERO), "Look around (fly)"),
@@ -123,6 +125,8 @@ pub const BINDINGS: &[Binding] = {
         bind(VIEWS, Trigger::Key(CTRL, Key::Num5), A::ToggleProjection, "Perspective or orthographic"),
         bind(VIEWS, key(Key::Z), A::LastView, "Back to the last view"),
         bind(VIEWS, Trigger::Key(SHIFT, Key::Z), A::NextView, "Forth to the next view again"),
+        bind(VIEWS, Digit(CTRL_SHIFT), A::Film(Film::Keep(None)), "Keep the view as a bookmark"),
+        bind(VIEWS, Digit(SHIFT), A::Film(Film::FlyToDigit(0)), "Fly to the kept view"),
         bind(VIEWS, Wheel(SHIFT), A::FieldOfView(1.0), "Field of view"),
         bind(COLORS, key(Key::Num1), A::ColorBy(ColorBy::Rgb), "Colour by RGB"),
         bind(COLORS, key(Key::Num2), A::ColorBy(ColorBy::Height), "Colour by height"),
@@ -147,6 +151,7 @@ pub const BINDINGS: &[Binding] = {
         bind(FILES, Trigger::Key(CTRL, Key::Period), A::StopLoading, "Stop loading; what is loaded stays"),
         bind(FILES, Trigger::Key(CTRL, Key::Q), A::Quit, "Quit"),
         bind(FILES, key(Key::F12), A::SavePicture, "Save the picture"),
+        bind(FILES, Trigger::Key(SHIFT, Key::F12), A::Film(Film::Capture), "Record the window; again: end it"),
         bind(FILES, Trigger::Key(CTRL, Key::E), A::Export(Export::Ask), "Save the points that are shown"),
         bind(FILES, Trigger::Key(CTRL, Key::C), A::CopyView, "Copy the view as text"),
         bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),
@@ -199,6 +204,8 @@ pub const BINDINGS: &[Binding] = {
             "The kept state beside this one; again: one",
         ),
         bind(TOOLS, key(Key::C), A::ToggleChart, "Tuning chart: time against error"),
+        bind(TOOLS, Trigger::Key(CTRL, Key::T), A::Film(Film::Toggle), "Timeline of camera paths; again: close it"),
+        bind(TOOLS, key(Key::Space), A::Film(Film::Play), "Play the path of the timeline; again: pause"),
         bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear the pick"),
         bind(TOOLS, Trigger::Key(CTRL, Key::Z), A::Undo, "Undo"),
         bind(TOOLS, Trigger::Key(CTRL_SHIFT, Key::Z), A::Redo, "Redo"),
@@ -279,6 +286,7 @@ impl std::fmt::Display for Trigger {
             Self::Key(modifiers, key) => write!(f, "{modifiers}{}", name_of(*key)),
             Self::Hold(key) => write!(f, "{}", name_of(*key)),
             Self::Modifier(modifiers) => f.write_str(modifiers.to_string().trim_end_matches('+')),
+            Self::Digit(modifiers) => write!(f, "{modifiers}Digit"),
             Self::Numpad(modifiers, digit) => write!(f, "{modifiers}Numpad {digit}"),
             Self::Wheel(modifiers) => write!(f, "{modifiers}Wheel"),
             Self::Drag(PointerButton::Primary) => f.write_str("Left drag"),

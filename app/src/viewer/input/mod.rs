@@ -87,8 +87,14 @@ fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions:
         let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
         match event {
             Event::Key { key, pressed: true, .. } if is_of_widget(ui, key) => {}
-            Event::Key { key, pressed: true, repeat, modifiers, .. } => {
-                let action = bindings::action(Trigger::Key(modifiers.into(), key), session.scene.mode);
+            Event::Key { key, physical_key, pressed: true, repeat, modifiers } => {
+                let mode = session.scene.mode;
+                let of_key = bindings::action(Trigger::Key(modifiers.into(), key), mode);
+                // With Shift, the number row has other characters, and on each keyboard other ones.
+                let of_digit = digit(physical_key.unwrap_or(key)).and_then(|digit| {
+                    Some(bindings::action(Trigger::Digit(modifiers.into()), mode)?.with_digit(digit))
+                });
+                let action = of_key.or(of_digit);
                 if action.is_some() {
                     shortcuts.insert(key);
                 } else {
@@ -111,6 +117,14 @@ fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions:
             _ => {}
         }
     }
+}
+
+/// The digit of a key of the number row.
+fn digit(key: egui::Key) -> Option<u8> {
+    use egui::Key;
+    let row =
+        [Key::Num0, Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
+    (0..).zip(row).find(|(_, known)| *known == key).map(|(digit, _)| digit)
 }
 
 /// Tells the session what is held down, if that has changed.

@@ -275,7 +275,10 @@ impl Loaded {
         if is_last {
             beside.scene.camera_is_placed = false;
             beside.scene.room = None;
-            beside.scene.paths.clear();
+            beside.scene.rewrite_objects(|objects| {
+                objects.paths.clear();
+                objects.bookmarks.clear();
+            });
             beside.frames.shown = None;
             self.light_search.forget();
         }

@@ -1,5 +1,6 @@
 //! The panels and what is drawn over the picture. They read the session and push actions.
 
+pub mod bookmarks;
 pub mod clips;
 pub mod clouds;
 pub mod colors;
@@ -15,9 +16,11 @@ pub mod parameters;
 pub mod path_prompt;
 pub mod pick;
 pub mod presets;
+pub mod recording;
 pub mod side;
 pub mod streaming;
 pub mod sweep;
+pub mod timeline;
 pub mod timings;
 pub mod truth;
 pub mod tuning;

@@ -130,7 +130,10 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
             });
             section(ui, "Clips and filters", true, |ui| panels::clips::show(ui, session, actions));
         }
-        Tab::Look => drop(section(ui, "Colour", true, |ui| panels::colors::show(ui, session, actions))),
+        Tab::Look => {
+            section(ui, "Colour", true, |ui| panels::colors::show(ui, session, actions));
+            section(ui, "Bookmarks and paths", true, |ui| panels::bookmarks::show(ui, session, actions));
+        }
         Tab::Light => {
             lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
         }

@@ -104,6 +104,33 @@ impl Canvas {
         }
     }
 
+    /// Reads what the window shows: its size, and rows of red, green, blue and opacity. `None` if the device is lost.
+    pub fn pixels(&self) -> Option<([u32; 2], Vec<u8>)> {
+        let [width, height] = self.size();
+        let stride = (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let buffer = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("pixels of the window"),
+            size: u64::from(stride) * u64::from(height),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(stride), rows_per_image: None };
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let target = wgpu::TexelCopyBufferInfo { buffer: &buffer, layout };
+        encoder.copy_texture_to_buffer(self.texture.as_image_copy(), target, self.texture.size());
+        queue.submit([encoder.finish()]);
+        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
+        device.poll(wgpu::PollType::wait_indefinitely()).ok()?;
+        let mapped = buffer.get_mapped_range(..).ok()?;
+        let mut rgba: Vec<u8> =
+            mapped.chunks_exact(stride as usize).flat_map(|row| &row[..width as usize * 4]).copied().collect();
+        if self.texture.format() == wgpu::TextureFormat::Bgra8Unorm {
+            rgba.chunks_exact_mut(4).for_each(|pixel| pixel.swap(0, 2));
+        }
+        Some(([width, height], rgba))
+    }
+
     fn size(&self) -> [u32; 2] {
         [self.texture.width(), self.texture.height()]
     }

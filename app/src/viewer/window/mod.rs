@@ -2,6 +2,7 @@
 //! effects.
 
 pub mod canvas;
+pub mod capture;
 pub mod effects;
 pub mod event_log;
 pub mod render_thread;

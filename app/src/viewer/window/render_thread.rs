@@ -107,6 +107,7 @@ pub enum Command {
 
 /// A picture with what a recording keeps of it.
 pub struct Picture {
+    pub camera: Camera,
     /// Rows of sRGB red, green, blue and opacity.
     pub rgba: Vec<u8>,
     /// The images that were asked for, in order.
@@ -460,7 +461,7 @@ impl Worker {
                 self.hold(&request, true)?;
                 let rgba = self.renderer.read_picture()?;
                 let images = images.into_iter().map(|image| self.renderer.read_aov(image)).collect::<Result<_, _>>()?;
-                report(Report::Read(Box::new(Picture { rgba, images })));
+                report(Report::Read(Box::new(Picture { camera: request.camera, rgba, images })));
             }
             Command::Capture { .. } | Command::Measure(_) | Command::Present { .. } => {
                 match self.judge(command, report) {

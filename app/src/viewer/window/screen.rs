@@ -98,6 +98,11 @@ impl Screen {
         [size.width, size.height]
     }
 
+    /// Reads what the window shows, as `Canvas::pixels` does.
+    pub fn pixels(&self) -> Option<([u32; 2], Vec<u8>)> {
+        self.canvas.pixels()
+    }
+
     /// Shows the render thread's texture from the next paint on. This must be called for each new content of it.
     pub fn set_picture(&mut self, texture: &wgpu::Texture) {
         self.picture = Some(self.canvas.picture(texture));

@@ -1,0 +1,107 @@
+//! Kept views: how the camera flies to one, and the small pictures of them.
+
+use std::time::Instant;
+
+use scene::{Bookmark, Camera, CameraPath, Ease, Motion};
+use serde_json::json;
+
+use crate::viewer::objects::numbered;
+use crate::viewer::outside::Outside;
+use crate::viewer::scene::Scene;
+use crate::viewer::truth::view;
+use crate::viewer::window::render_thread::{Command, FrameRequest, Picture};
+
+/// How long a flight to a bookmark takes, in seconds: long enough to see where it leads.
+const FLIGHT_SECONDS: f64 = 0.8;
+/// The size of the small pictures, in pixels.
+const SIZE: [u32; 2] = [128, 80];
+
+/// Keeps the view. A digit takes the place of the bookmark that had it.
+pub fn keep(digit: Option<u8>, scene: &mut Scene, outside: &mut Outside) {
+    let camera = scene.camera;
+    let known = digit.and_then(|digit| scene.objects.bookmarks.iter().position(|known| known.digit == Some(digit)));
+    let names = scene.objects.bookmarks.iter().map(|bookmark| bookmark.name.as_str());
+    let name = match known {
+        Some(index) => scene.objects.bookmarks[index].name.clone(),
+        None => numbered("view", names),
+    };
+    if known.is_none() && scene.objects.bookmarks.len() >= scene::MOST_BOOKMARKS {
+        return outside.note(format!("There are {} bookmarks, and no room for more", scene::MOST_BOOKMARKS));
+    }
+    outside.log(json!({ "event": "bookmark", "name": name, "digit": digit }));
+    outside.note(match digit {
+        Some(digit) => format!("View kept as `{name}`: Shift+{digit} flies there"),
+        None => format!("View kept as `{name}`"),
+    });
+    scene.edit_objects(outside.now, |objects| match known {
+        Some(index) => {
+            let note = std::mem::take(&mut objects.bookmarks[index].note);
+            objects.bookmarks[index] = Bookmark { note, ..Bookmark::new(name, digit, camera) };
+        }
+        None => objects.bookmarks.push(Bookmark::new(name, digit, camera)),
+    });
+}
+
+/// The camera on its way to a bookmark.
+pub struct Flight {
+    motion: Motion,
+    since: Instant,
+}
+
+impl Flight {
+    /// Begins a flight, in one step of undo.
+    pub fn to(index: usize, scene: &mut Scene, outside: &mut Outside) -> Option<Self> {
+        let bookmark = scene.objects.bookmarks.get(index)?.clone();
+        outside.log(json!({ "event": "flight", "name": bookmark.name }));
+        let from = scene.camera;
+        let mut path = CameraPath { name: bookmark.name.clone(), ease: Ease::InOut, ..CameraPath::default() };
+        path.set_keyframe(0.0, from);
+        path.set_keyframe(FLIGHT_SECONDS, bookmark.camera());
+        scene.jump(outside.now, scene.settings.clone(), from);
+        Some(Self { motion: Motion::new(&path)?, since: outside.now })
+    }
+
+    /// Moves the camera. Returns whether it has arrived.
+    pub fn step(&self, scene: &mut Scene, now: Instant) -> bool {
+        let passed = now.saturating_duration_since(self.since).as_secs_f64();
+        scene.camera = self.motion.camera(passed);
+        scene.camera_moved_by_hand(now);
+        passed >= self.motion.duration()
+    }
+}
+
+/// Small pictures of the bookmarks. They are made one by one while nothing else is to be drawn.
+#[derive(Default)]
+pub struct Thumbnails {
+    made: Vec<(Camera, view::Picture)>,
+    awaited: Option<Camera>,
+}
+
+impl Thumbnails {
+    /// The picture of a bookmark, if it is made.
+    pub fn of(&self, bookmark: &Bookmark) -> Option<&view::Picture> {
+        let camera = bookmark.camera();
+        self.made.iter().find(|(known, _)| *known == camera).map(|(_, picture)| picture)
+    }
+
+    /// Asks for the next picture that lacks.
+    pub fn step(&mut self, scene: &Scene, shown: &FrameRequest, outside: &mut Outside) {
+        let cameras: Vec<Camera> = scene.objects.bookmarks.iter().map(Bookmark::camera).collect();
+        if self.awaited.is_some() {
+            return;
+        }
+        self.made.retain(|(known, _)| cameras.contains(known));
+        let lacking = cameras.into_iter().find(|camera| self.made.iter().all(|(known, _)| known != camera));
+        if let Some(camera) = lacking {
+            self.awaited = Some(camera);
+            let request = Box::new(FrameRequest { camera, size: SIZE, ..shown.clone() });
+            outside.render(Command::Read { request, images: Vec::new() });
+        }
+    }
+
+    pub fn take(&mut self, picture: Picture) {
+        if self.awaited.take() == Some(picture.camera) {
+            self.made.push((picture.camera, view::Picture::new(SIZE, picture.rgba)));
+        }
+    }
+}

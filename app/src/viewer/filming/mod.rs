@@ -1,0 +1,216 @@
+//! Kept views, and paths of the camera that are made and played in the window.
+
+mod bookmarks;
+mod presets;
+pub mod recording;
+mod timeline;
+pub mod wanted;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use bookmarks::Flight;
+pub use bookmarks::Thumbnails;
+use recording::Recording;
+use serde_json::json;
+pub use timeline::Timeline;
+
+use crate::viewer::action::{Action, Film};
+use crate::viewer::loaded::Loaded;
+use crate::viewer::messages::Level;
+use crate::viewer::outside::{Effect, Outside};
+use crate::viewer::scene::Scene;
+use crate::viewer::window::capture::{self, Captured};
+use crate::viewer::window::render_thread::{FrameRequest, Picture};
+
+/// The time between two steps while the camera moves by itself: that of a frame of most screens.
+const STEP: Duration = Duration::from_millis(16);
+
+#[derive(Default)]
+pub struct Filming {
+    pub timeline: Timeline,
+    pub thumbnails: Thumbnails,
+    pub recording: Recording,
+    /// The recording of the window that is under way.
+    pub live: Option<Live>,
+    flight: Option<Flight>,
+}
+
+/// A recording of the window.
+pub struct Live {
+    pub name: PathBuf,
+    pub since: Instant,
+    pub dropped: Arc<AtomicU64>,
+    /// Whether its film is being made.
+    pub is_ending: bool,
+}
+
+impl Filming {
+    /// Prepares for an action: a move of the camera by hand ends those that it makes by itself, and what reads or
+    /// changes the scene's own values gets them.
+    pub fn before(&mut self, action: &Action, scene: &mut Scene) {
+        match action {
+            Action::Orbit(_) | Action::Look(_) | Action::Pan(_) | Action::Zoom(_) | Action::Travel(_) => {
+                self.flight = None;
+                self.timeline.pause();
+            }
+            // These concern the picture as it is, or the window.
+            Action::Fly(_)
+            | Action::Fast
+            | Action::Slow
+            | Action::PointAt(_)
+            | Action::AskHover
+            | Action::Hold { .. }
+            | Action::PivotHere
+            | Action::Pick
+            | Action::UndoPick
+            | Action::CopyPick
+            | Action::ClearPick
+            | Action::Select(_)
+            | Action::Gizmo(_)
+            | Action::GrabHandle(_)
+            | Action::ShowLights(_)
+            | Action::SavePicture
+            | Action::PinTruth
+            | Action::LookAtTruth(_)
+            | Action::MeasureTruth(_)
+            | Action::SplitTruth(_)
+            | Action::KeepTruthReady(_)
+            | Action::EstimateErrors(_)
+            | Action::StopTruth
+            | Action::Copy(_)
+            | Action::ToggleInterface
+            | Action::TogglePanel
+            | Action::ToggleFullScreen
+            | Action::ToggleShortcuts
+            | Action::TogglePalette
+            | Action::ChangePalette(_)
+            | Action::OpenTab(_)
+            | Action::Search(_)
+            | Action::ListMessages(_)
+            | Action::DismissMessage(_)
+            | Action::Resize(_) => {}
+            // A recording is one of the scene's own values.
+            Action::Film(film) if *film != Film::StartRecording => {}
+            // The picture goes on to follow the path, which may be another one then.
+            Action::Undo | Action::Redo => {
+                self.flight = None;
+                scene.unpose();
+            }
+            _ => {
+                self.flight = None;
+                self.timeline.leave();
+                scene.unpose();
+            }
+        }
+    }
+
+    pub fn act(&mut self, film: Film, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        match film {
+            Film::Keep(digit) => bookmarks::keep(digit, scene, outside),
+            Film::FlyToDigit(digit) => {
+                match scene.objects.bookmarks.iter().position(|bookmark| bookmark.digit == Some(digit)) {
+                    Some(index) => self.fly(index, scene, outside),
+                    None => outside.note(format!("No view is kept: Ctrl+Shift+{digit} keeps this one")),
+                }
+            }
+            Film::FlyTo(index) => self.fly(index, scene, outside),
+            Film::ChangeBookmark(index, changed) => {
+                if let Some(known) = scene.objects.bookmarks.get_mut(index) {
+                    *known = *changed;
+                }
+            }
+            Film::RemoveBookmark(index) => {
+                if index < scene.objects.bookmarks.len() {
+                    scene.edit_objects(outside.now, |objects| drop(objects.bookmarks.remove(index)));
+                }
+            }
+            Film::Add(preset) => match presets::path(preset, scene, loaded) {
+                Ok(path) => self.timeline.add(path, scene, outside),
+                Err(problem) => outside.note(problem),
+            },
+            Film::AskRecording => {
+                if let Some(path) = self.timeline.path(scene) {
+                    self.recording.ask(&path.name, scene);
+                }
+            }
+            Film::ChangeRecording(asked) => self.recording.asked = asked.map(|asked| *asked),
+            Film::StopRecording => self.recording.stop(),
+            Film::Capture => self.capture(outside),
+            other => self.timeline.act(other, scene, outside),
+        }
+    }
+
+    /// Begins to record the window, or ends that.
+    fn capture(&mut self, outside: &mut Outside) {
+        match &mut self.live {
+            None => {
+                let (name, dropped) = (capture::free_name("".as_ref()), Arc::<AtomicU64>::default());
+                outside.log(json!({ "event": "capture", "path": name }));
+                outside.push(Effect::Capture(Some((name.clone(), dropped.clone()))));
+                self.live = Some(Live { name, since: outside.now, dropped, is_ending: false });
+            }
+            Some(live) if live.is_ending => outside.note("The film of the window is still being made"),
+            Some(live) => {
+                live.is_ending = true;
+                outside.push(Effect::Capture(None));
+            }
+        }
+    }
+
+    /// Tells how a recording of the window has ended.
+    pub fn on_captured(&mut self, captured: Captured, outside: &mut Outside) {
+        let Some(live) = self.live.take() else { return };
+        let (name, dropped) = (live.name.display(), live.dropped.load(Ordering::Relaxed));
+        outside.log(json!({ "event": "captured", "path": live.name, "frames": captured.result.as_ref().ok(), "dropped": dropped }));
+        let told = if dropped > 0 {
+            format!("; {dropped} were dropped, because writing took too long")
+        } else {
+            String::new()
+        };
+        match captured.result {
+            Ok(frames) => {
+                let seconds = f64::from(frames) / f64::from(capture::FPS);
+                let level = if dropped > 0 { Level::Warning } else { Level::Note };
+                outside.say(level, format!("Window recorded: {name}, {seconds:.1} s{told}"));
+            }
+            Err(problem) => outside.say(Level::Error, format!("Recording of the window: {problem}{told}")),
+        }
+    }
+
+    fn fly(&mut self, index: usize, scene: &mut Scene, outside: &mut Outside) {
+        self.timeline.leave();
+        scene.unpose();
+        self.flight = Flight::to(index, scene, outside);
+    }
+
+    /// Moves what moves by itself. `still` is the picture on the screen, if it is final. Returns the time after which to call this
+    /// again.
+    pub fn step(&mut self, scene: &mut Scene, still: Option<&FrameRequest>, outside: &mut Outside) -> Option<Duration> {
+        let flies = match &self.flight {
+            Some(flight) => {
+                let is_over = flight.step(scene, outside.now);
+                if is_over {
+                    self.flight = None;
+                }
+                true
+            }
+            None => false,
+        };
+        let plays = self.timeline.step(scene, outside);
+        if let Some(still) = still.filter(|_| !flies && !plays) {
+            self.thumbnails.step(scene, still, outside);
+        }
+        (flies || plays).then_some(STEP)
+    }
+
+    /// Takes a small picture of a bookmark.
+    pub fn on_picture(&mut self, picture: Picture) {
+        self.thumbnails.take(picture);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,384 @@
+use std::time::Duration;
+
+use clap::Parser as _;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable as _;
+use glam::{DVec2, DVec3};
+use scene::{Camera, CameraPath, Mirror, Object, SceneFile, Shape};
+
+use super::*;
+use crate::command_line::{Command, CommandLine};
+use crate::viewer::action::PathPreset;
+use crate::viewer::bench::Bench;
+use crate::viewer::filming::recording::Ended;
+use crate::viewer::interface;
+use crate::viewer::session::Session;
+use crate::viewer::work::{Found, Work};
+
+fn film(session: &mut Session, film: Film) {
+    session.act(Action::Film(film));
+}
+
+/// Steps the session so many seconds later.
+fn later(session: &mut Session, seconds: f64) {
+    let now = session.outside.now + Duration::from_secs_f64(seconds);
+    session.step(now, false);
+}
+
+fn orbit(session: &mut Session) -> Camera {
+    session.act(Action::Orbit(DVec2::new(80.0, 20.0)));
+    session.scene.camera
+}
+
+fn path(session: &Session) -> &CameraPath {
+    session.filming.timeline.path(&session.scene).unwrap()
+}
+
+fn add_ball(session: &mut Session) {
+    let ball = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 0.5);
+    let id = session.scene.next_object_id();
+    let ball = Mirror { name: "ball".into(), position: DVec3::ZERO, ..ball };
+    session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Mirror(ball)));
+    session.scene.selected = Some(id);
+}
+
+fn ball(session: &Session) -> DVec3 {
+    session.scene.objects.mirrors[0].mirror.position
+}
+
+#[test]
+fn a_kept_view_is_flown_to_by_its_digit_saved_and_undone() {
+    let mut session = Session::with_two_points();
+    later(&mut session, 1.0);
+    let kept = session.scene.camera;
+    film(&mut session, Film::Keep(Some(3)));
+    later(&mut session, 1.0);
+    let other = orbit(&mut session);
+    film(&mut session, Film::FlyToDigit(3));
+    later(&mut session, 0.4);
+    let between = session.scene.camera;
+    assert!(between != kept && between != other, "it flies");
+    later(&mut session, 1.0);
+    assert_eq!(session.scene.camera, session.scene.objects.bookmarks[0].camera());
+    assert!(session.scene.camera.eye.distance(kept.eye) < 1e-9);
+    session.act(Action::Undo);
+    assert!(session.scene.camera.eye.distance(other.eye) < 1e-9, "back to where the flight began");
+    // The same digit keeps another view under the same name, and no digit another one.
+    film(&mut session, Film::Keep(Some(3)));
+    film(&mut session, Film::Keep(None));
+    let bookmarks = &session.scene.objects.bookmarks;
+    assert_eq!(bookmarks.iter().map(|bookmark| bookmark.name.as_str()).collect::<Vec<_>>(), ["view", "view 2"]);
+    assert!(bookmarks[0].camera().eye.distance(other.eye) < 1e-9);
+    let text = session.scene.whole_file(&session.loaded).to_text();
+    assert_eq!(SceneFile::parse(&text).unwrap().bookmarks, *bookmarks);
+    session.act(Action::Undo);
+    assert_eq!(session.scene.objects.bookmarks.len(), 1);
+    film(&mut session, Film::RemoveBookmark(0));
+    assert!(session.scene.objects.bookmarks.is_empty());
+    session.act(Action::Undo);
+    assert_eq!(session.scene.objects.bookmarks.len(), 1);
+    film(&mut session, Film::FlyToDigit(7));
+    assert!(session.outside.messages.all.last().unwrap().text.contains("Ctrl+Shift+7 keeps this one"));
+}
+
+#[test]
+fn moving_the_camera_by_hand_ends_a_flight() {
+    let mut session = Session::with_two_points();
+    film(&mut session, Film::Keep(Some(1)));
+    orbit(&mut session);
+    film(&mut session, Film::FlyToDigit(1));
+    later(&mut session, 0.3);
+    let by_hand = orbit(&mut session);
+    later(&mut session, 0.5);
+    assert_eq!(session.scene.camera, by_hand);
+}
+
+#[test]
+fn a_path_is_played_by_the_clock_and_the_scene_keeps_its_own_values() {
+    let mut session = Session::with_two_points();
+    add_ball(&mut session);
+    let own = session.scene.settings.sun.elevation;
+    film(&mut session, Film::Add(PathPreset::View));
+    let start = session.scene.camera;
+    // A second keyframe and keys of a parameter and of the ball, at two seconds.
+    film(&mut session, Film::Scrub(2.0));
+    later(&mut session, 0.1);
+    let end = orbit(&mut session);
+    let mut changed = path(&session).clone();
+    changed.set_keyframe(2.0, end);
+    film(&mut session, Film::Change(Box::new(changed)));
+    for (time, elevation, place) in [(0.0, 10.0, 0.0), (2.0, 50.0, 4.0)] {
+        film(&mut session, Film::Scrub(time));
+        session.act(Action::set("sun", "elevation", param::Value::F32(elevation)));
+        let (id, mut moved) = session.scene.objects.named("mirror", "ball").unwrap();
+        if let Object::Mirror(mirror) = &mut moved {
+            mirror.position.x = place;
+        }
+        session.act(Action::ChangeObject(id, Box::new(moved)));
+        film(&mut session, Film::Key("sun.elevation".into()));
+        film(&mut session, Film::Key("mirrors.ball.position".into()));
+    }
+    assert_eq!(path(&session).tracks.iter().map(|track| track.times.clone()).collect::<Vec<_>>(), vec![[0.0, 2.0]; 2]);
+    session.act(Action::set("sun", "elevation", param::Value::F32(own)));
+    later(&mut session, 1.0);
+    let (elevation, steps) = (session.scene.settings.sun.elevation, session.scene.history.steps());
+
+    film(&mut session, Film::Scrub(0.0));
+    film(&mut session, Film::Play);
+    later(&mut session, 0.0);
+    assert!(session.scene.camera.eye.distance(start.eye) < 1e-9);
+    later(&mut session, 1.0);
+    assert!(session.filming.timeline.is_playing());
+    assert_eq!((session.scene.settings.sun.elevation, ball(&session).x), (30.0, 2.0));
+    later(&mut session, 1.5);
+    assert!(!session.filming.timeline.is_playing());
+    assert_eq!((session.filming.timeline.time, ball(&session).x), (2.0, 4.0));
+    assert!(session.scene.camera.eye.distance(end.eye) < 1e-9);
+    later(&mut session, 1.0);
+    assert_eq!(session.scene.history.steps(), steps, "playing is no step of undo");
+
+    // What is saved, and what undo goes back to, are the scene's own values.
+    film(&mut session, Film::Scrub(1.0));
+    later(&mut session, 0.1);
+    session.act(Action::SaveScene);
+    assert_eq!(session.scene.settings.sun.elevation, elevation);
+    let saved = session.outside.effects.iter().find_map(|effect| match effect {
+        Effect::Work(Work::SaveScene { text, .. }) => SceneFile::parse(text).ok(),
+        _ => None,
+    });
+    let saved = saved.expect("a scene file");
+    assert_eq!((&saved.paths, saved.mirrors[0].position.x), (&session.scene.objects.paths, 4.0));
+    // Repeating goes on from the beginning; a drag of the camera pauses.
+    film(&mut session, Film::Repeat(true));
+    film(&mut session, Film::Scrub(0.0));
+    film(&mut session, Film::Play);
+    later(&mut session, 0.0);
+    later(&mut session, 2.5);
+    assert!(session.filming.timeline.is_playing() && (session.filming.timeline.time - 0.5).abs() < 1e-9);
+    orbit(&mut session);
+    assert!(!session.filming.timeline.is_playing());
+}
+
+#[test]
+fn edits_of_a_path_are_undone_and_the_picture_follows() {
+    let mut session = Session::with_two_points();
+    film(&mut session, Film::Add(PathPreset::View));
+    later(&mut session, 1.0);
+    let view = session.scene.camera;
+    let end = orbit(&mut session);
+    let mut changed = path(&session).clone();
+    changed.set_keyframe(3.0, end);
+    film(&mut session, Film::Change(Box::new(changed.clone())));
+    later(&mut session, 1.0);
+    later(&mut session, 1.0);
+    changed.move_keyframe(1, 4.0);
+    film(&mut session, Film::Change(Box::new(changed)));
+    film(&mut session, Film::Scrub(3.5));
+    later(&mut session, 1.0);
+    later(&mut session, 1.0);
+    assert_eq!(path(&session).duration(), 4.0);
+    let before = session.scene.camera;
+    session.act(Action::Undo);
+    assert!(session.outside.messages.all.last().unwrap().text.contains("path path"));
+    later(&mut session, 0.1);
+    assert_eq!(path(&session).duration(), 3.0);
+    assert!(session.scene.camera != before && session.scene.camera.eye.distance(end.eye) < 1e-9);
+    session.act(Action::Undo);
+    assert_eq!(path(&session).keyframes.len(), 1);
+    session.act(Action::Redo);
+    assert_eq!(path(&session).duration(), 3.0);
+    film(&mut session, Film::Remove);
+    assert!(session.scene.objects.paths.is_empty());
+    session.act(Action::Undo);
+    assert_eq!(path(&session).keyframes[0].eye, view.eye);
+    // Impossible changes are told and change nothing.
+    let known = path(&session).clone();
+    film(&mut session, Film::Change(Box::new(CameraPath { keyframes: Vec::new(), ..known.clone() })));
+    assert_eq!(*path(&session), known);
+    film(&mut session, Film::Key("mirrors.gone.position".into()));
+    assert_eq!(*path(&session), known);
+}
+
+#[test]
+fn every_preset_is_a_path_or_says_what_it_lacks() {
+    let mut session = Session::with_two_points();
+    let all = [
+        PathPreset::View,
+        PathPreset::Bookmarks,
+        PathPreset::Turntable,
+        PathPreset::Orbit,
+        PathPreset::Polyline,
+        PathPreset::MirrorSweep,
+        PathPreset::MethodTour,
+    ];
+    let made = |session: &Session| all.map(|preset| presets::path(preset, &session.scene, &session.loaded).is_ok());
+    assert_eq!(made(&session), [true, false, true, false, false, false, true]);
+    add_ball(&mut session);
+    film(&mut session, Film::Keep(None));
+    orbit(&mut session);
+    film(&mut session, Film::Keep(None));
+    assert_eq!(made(&session), [true, true, true, true, false, true, true]);
+    for preset in all.into_iter().filter(|preset| *preset != PathPreset::Polyline) {
+        film(&mut session, Film::Add(preset));
+        assert!(path(&session).check().is_ok(), "{preset:?}");
+        film(&mut session, Film::Scrub(1.0));
+        later(&mut session, 0.1);
+        assert!(session.outside.messages.all.iter().all(|message| message.level != Level::Error), "{preset:?}");
+    }
+    // Each has a name of its own.
+    let mut names: Vec<&str> = session.scene.objects.paths.iter().map(|path| path.name.as_str()).collect();
+    names.dedup();
+    assert_eq!(names.len(), 6);
+}
+
+#[test]
+fn a_track_that_names_nothing_is_told_and_the_scene_stays() {
+    let mut session = Session::with_two_points();
+    add_ball(&mut session);
+    film(&mut session, Film::Add(PathPreset::MirrorSweep));
+    let id = session.scene.selected.unwrap();
+    session.scene.edit_objects(session.outside.now, |objects| objects.remove(id));
+    let settings = session.scene.settings.clone();
+    film(&mut session, Film::Scrub(1.0));
+    later(&mut session, 0.1);
+    let told = &session.outside.messages.all.last().unwrap().text;
+    assert!(told.contains("path `mirror sweep`, track 1: no mirror is called `ball`"), "{told}");
+    assert!(session.scene.posed.is_none() && session.scene.settings == settings);
+}
+
+/// The command line, for which a test holds that it makes the same pictures each time.
+#[test]
+fn record_is_the_command_with_the_scene_that_is_saved() {
+    let mut session = Session::with_two_points();
+    add_ball(&mut session);
+    film(&mut session, Film::Add(PathPreset::MirrorSweep));
+    film(&mut session, Film::Scrub(1.0));
+    later(&mut session, 0.1);
+    film(&mut session, Film::AskRecording);
+    let mut wanted = session.filming.recording.asked.clone().unwrap();
+    (wanted.size, wanted.fps, wanted.frames, wanted.subframes) = ([320, 240], 25, [10, 20], 4);
+    wanted.output = "a film.mp4".into();
+    film(&mut session, Film::ChangeRecording(Some(Box::new(wanted))));
+    session.outside.effects.clear();
+    film(&mut session, Film::StartRecording);
+    let asked = std::mem::take(&mut session.outside.effects).into_iter().find_map(|effect| match effect {
+        Effect::Work(Work::Record { scene, words, .. }) => Some((scene, words)),
+        _ => None,
+    });
+    let (scene, words) = asked.expect("work for a recording");
+    assert_eq!(ball(&session).x, 0.0, "the scene's own values are recorded");
+    assert_eq!(scene, session.scene.whole_file(&session.loaded).to_text());
+    let line = ["glint", "record", "scene.toml"].map(std::ffi::OsString::from).into_iter().chain(words);
+    let Some(Command::Record(arguments)) = CommandLine::try_parse_from(line).unwrap().command else {
+        panic!("no record")
+    };
+    assert_eq!((arguments.size, arguments.fps, arguments.frames), ([320, 240], 25, Some(10..20)));
+    assert_eq!((arguments.subframes, arguments.shutter, arguments.supersample), (4, 0.5, 1));
+    assert_eq!((arguments.path.as_deref(), arguments.output.to_str()), (Some("mirror sweep"), Some("a film.mp4")));
+    // Its progress and its end are told.
+    let stage = |done| Found::Recording(crate::progress_bar::Stage { task: "recording".into(), done, total: 10 });
+    session.on_found(stage(0));
+    session.outside.now += Duration::from_secs(4);
+    session.on_found(stage(2));
+    let left = session.filming.recording.under_way.as_ref().unwrap().seconds_left(session.outside.now);
+    assert_eq!(left, Some(16.0));
+    film(&mut session, Film::StopRecording);
+    session.on_found(Found::Recorded(Ended::Stopped));
+    assert!(session.filming.recording.under_way.is_none());
+    assert!(session.outside.messages.all.last().unwrap().text.contains("goes on from there"));
+}
+
+fn harness() -> Harness<'static, Session> {
+    Harness::builder().with_size([1280.0, 800.0]).with_max_steps(16).build_ui_state(
+        |ui, session: &mut Session| {
+            let mut actions = interface::show(ui, session, None);
+            actions.retain(|action| !matches!(action, Action::Resize(_)));
+            session.act_all(actions);
+            session.step(session.outside.now, false);
+        },
+        Session::with_two_points(),
+    )
+}
+
+#[test]
+fn the_timeline_makes_a_path_with_keys_that_are_selected_and_deleted() {
+    let mut harness = harness();
+    harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::T);
+    harness.run_ok();
+    assert!(harness.query_by_label_contains("There is no path yet").is_some());
+    film(harness.state_mut(), Film::Add(PathPreset::View));
+    harness.run_ok();
+    harness.get_by_label("Keyframe 1 at 0.00 s");
+    film(harness.state_mut(), Film::Scrub(0.0));
+    harness.state_mut().filming.timeline.time = 2.0;
+    harness.run_ok();
+    harness.get_by_label("+ Keyframe").click();
+    harness.run_ok();
+    assert_eq!(path(harness.state()).keyframes.len(), 2);
+    harness.get_by_label("Keyframe 2 at 2.00 s").click();
+    harness.run_ok();
+    assert_eq!(harness.state().filming.timeline.time, 2.0);
+    harness.get_by_label("Stay").click();
+    harness.run_ok();
+    assert_eq!(path(harness.state()).duration(), 3.0);
+    harness.get_by_label("Delete key").click();
+    harness.run_ok();
+    assert_eq!(path(harness.state()).keyframes.len(), 2);
+    harness.get_by_label("Loop").click();
+    harness.run_ok();
+    assert!(path(harness.state()).is_loop);
+    film(harness.state_mut(), Film::Key("sun.elevation".into()));
+    harness.run_ok();
+    harness.get_by_label("Delete track sun.elevation").click();
+    harness.run_ok();
+    assert!(path(harness.state()).tracks.is_empty());
+    harness.get_by_label("Record…").click();
+    harness.run_ok();
+    assert!(harness.query_by_label("Record `path`").is_some());
+    harness.get_by_label("Cancel").click();
+    harness.run_ok();
+    assert!(harness.state().filming.recording.asked.is_none());
+    harness.get_by_label("Close the timeline").click();
+    harness.run_ok();
+    assert!(!harness.state().filming.timeline.is_open);
+}
+
+#[test]
+fn a_digit_with_shift_keeps_and_flies_whatever_character_shift_makes_of_it() {
+    let mut harness = harness();
+    let press = |harness: &mut Harness<'static, Session>, key, physical_key, modifiers| {
+        harness.event(egui::Event::Key {
+            key,
+            physical_key: Some(physical_key),
+            pressed: true,
+            repeat: false,
+            modifiers,
+        });
+        harness.run_ok();
+    };
+    let keep = egui::Modifiers::COMMAND | egui::Modifiers::SHIFT;
+    press(&mut harness, egui::Key::Exclamationmark, egui::Key::Num1, keep);
+    assert_eq!(harness.state().scene.objects.bookmarks[0].digit, Some(1));
+    harness.run_ok();
+    harness.get_by_label("Fly to view");
+    orbit(harness.state_mut());
+    press(&mut harness, egui::Key::Exclamationmark, egui::Key::Num1, egui::Modifiers::SHIFT);
+    assert!(harness.state().filming.flight.is_some());
+    assert_ne!(harness.state().scene.settings.color.by, scene::ColorBy::Rgb, "Shift+1 is not 1");
+}
+
+#[test]
+fn bookmarks_get_small_pictures_while_nothing_else_is_drawn() {
+    let Some(mut bench) = Bench::with_sphere() else { return };
+    bench.settle();
+    film(&mut bench.session, Film::Keep(None));
+    bench.settle();
+    bench.session.act(Action::Orbit(DVec2::new(60.0, 0.0)));
+    film(&mut bench.session, Film::Keep(None));
+    bench.settle();
+    let Session { scene, filming, .. } = &bench.session;
+    let pictures: Vec<_> =
+        scene.objects.bookmarks.iter().map(|bookmark| filming.thumbnails.of(bookmark).expect("a picture")).collect();
+    assert!(pictures.len() == 2 && pictures[0].rgba != pictures[1].rgba);
+    assert!(pictures[0].rgba.chunks(4).any(|pixel| pixel[..3] != pictures[0].rgba[..3]), "it shows something");
+}
