@@ -13,6 +13,7 @@ use crate::viewer::bench::Bench;
 use crate::viewer::filming::recording::Ended;
 use crate::viewer::interface;
 use crate::viewer::session::Session;
+use crate::viewer::tab::Tab;
 use crate::viewer::work::{Found, Work};
 
 fn film(session: &mut Session, film: Film) {
@@ -120,6 +121,7 @@ fn a_path_is_played_by_the_clock_and_the_scene_keeps_its_own_values() {
     }
     assert_eq!(path(&session).tracks.iter().map(|track| track.times.clone()).collect::<Vec<_>>(), vec![[0.0, 2.0]; 2]);
     session.act(Action::set("sun", "elevation", param::Value::F32(own)));
+    later(&mut session, 1.0);
     later(&mut session, 1.0);
     let (elevation, steps) = (session.scene.settings.sun.elevation, session.scene.history.steps());
 
@@ -346,6 +348,7 @@ fn the_timeline_makes_a_path_with_keys_that_are_selected_and_deleted() {
 #[test]
 fn a_digit_with_shift_keeps_and_flies_whatever_character_shift_makes_of_it() {
     let mut harness = harness();
+    harness.state_mut().act(Action::OpenTab(Tab::Look));
     let press = |harness: &mut Harness<'static, Session>, key, physical_key, modifiers| {
         harness.event(egui::Event::Key {
             key,

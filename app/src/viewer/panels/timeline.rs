@@ -12,6 +12,8 @@ use crate::viewer::theme;
 /// The height of a lane, and the width of what stands before it, in points of the window.
 const LANE: f32 = 20.0;
 const NAMES: f32 = 210.0;
+/// The latest time that is set by hand, in seconds: a day.
+const LATEST: f64 = 86_400.0;
 /// Half of the width of a key's mark.
 const MARK: f32 = 5.5;
 
@@ -113,7 +115,7 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
             push(Film::Repeat(repeats));
         }
         let mut time = timeline.time;
-        let drag = egui::DragValue::new(&mut time).speed(0.02).range(0.0..=path.duration()).suffix(" s");
+        let drag = egui::DragValue::new(&mut time).speed(0.02).range(0.0..=LATEST).suffix(" s");
         if ui.add(drag.fixed_decimals(2)).accessible_name("Time").changed() {
             push(Film::Scrub(time));
         }
@@ -191,7 +193,7 @@ fn options(
     let Some(key) = *selected else { return };
     ui.separator();
     let mut at = time_of(path, key).unwrap_or_default();
-    let drag = egui::DragValue::new(&mut at).speed(0.02).range(0.0..=1e6).suffix(" s").fixed_decimals(2);
+    let drag = egui::DragValue::new(&mut at).speed(0.02).range(0.0..=LATEST).suffix(" s").fixed_decimals(2);
     if ui.add(drag).on_hover_text("The time of the selected key").accessible_name("Time of the key").changed() {
         move_key(path, key, at);
     }
@@ -301,13 +303,13 @@ fn lanes(
     let area = ui.available_rect_before_wrap();
     let left = area.left() + NAMES;
     let width = (area.right() - left - 2.0 * MARK).max(50.0);
-    let scale = Scale { left, width, span: rounded_up((duration * 1.02).max(1.0)) };
+    let scale = Scale { left, width, span: rounded_up((duration * 1.1).max(5.0)) };
     let (ruler, _) = ui.allocate_exact_size(vec2(area.width(), LANE), Sense::hover());
     let ruler = ui.interact(ruler.with_min_x(left - MARK), ui.scope_id().with("ruler"), Sense::click_and_drag());
     ruler.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Slider, true, "Time of the path"));
     paint_ruler(ui, ruler.rect, scale);
     if let Some(place) = ruler.interact_pointer_pos() {
-        push(Film::Scrub(scale.time(place.x).min(duration)));
+        push(Film::Scrub(scale.time(place.x)));
     }
     let mut removed = None;
     let top = ruler.rect.top();
@@ -325,7 +327,7 @@ fn lanes(
                     let response = mark(ui, row, scale.x(*time), ("keyframe", 0, index), &name, *selected == Some(key));
                     // With a constant speed, the way decides about the time.
                     let moves = path.speed.is_none();
-                    follow(&response, key, moves, scale, path, selected, push);
+                    follow(&response, (key, *time), moves, scale, path, selected, push);
                 }
             },
         );
@@ -348,7 +350,7 @@ fn lanes(
                     let response = mark(ui, row, scale.x(*time), place, &name, *selected == Some(at));
                     let value = path.tracks[track].values.get(index).map(ToString::to_string).unwrap_or_default();
                     let response = response.on_hover_text(format!("{time:.2} s: {}", param::shortened(&value, 60)));
-                    follow(&response, at, true, scale, path, selected, push);
+                    follow(&response, (at, *time), true, scale, path, selected, push);
                 }
             });
             path.tracks[track].ease = ease;
@@ -399,7 +401,7 @@ fn mark(ui: &mut Ui, row: Rect, x: f32, place: (&str, usize, usize), name: &str,
 /// Selects a key that is clicked and shows its time, and moves one that is dragged.
 fn follow(
     mark: &Response,
-    key: Selected,
+    (key, time): (Selected, f64),
     moves: bool,
     scale: Scale,
     path: &mut CameraPath,
@@ -410,7 +412,7 @@ fn follow(
         *selected = Some(key);
     }
     if mark.clicked() {
-        push(Film::Scrub(scale.time(mark.rect.center().x).min(path.duration())));
+        push(Film::Scrub(time));
     }
     if let Some(place) = mark.interact_pointer_pos().filter(|_| mark.dragged() && moves) {
         move_key(path, key, scale.time(place.x));
