@@ -26,6 +26,7 @@ mod outside;
 mod pace;
 mod panels;
 mod past_views;
+mod posed;
 mod posing;
 mod preferences;
 mod reflection_figures;

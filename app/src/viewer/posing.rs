@@ -3,18 +3,11 @@
 
 use std::time::{Duration, Instant};
 
-use scene::{Bookmark, CameraPath, Ease, Handle, Mirror, Settings, Track};
+use scene::{Bookmark, CameraPath, Ease, Handle, Track};
 
-use crate::viewer::objects::{ObjectId, Objects};
+use crate::viewer::objects::ObjectId;
+use crate::viewer::posed::Posed;
 use crate::viewer::scene::Scene;
-
-/// What the scene has of its own where tracks have changed it.
-pub struct Posed {
-    settings: Settings,
-    objects: Objects,
-    /// The objects that tracks have changed.
-    touched: Vec<ObjectId>,
-}
 
 impl Scene {
     /// Sets parameters and objects as tracks have them at a time of their path, in seconds, until `unpose`.
@@ -105,23 +98,5 @@ impl Scene {
             objects.paths.retain(|known| !paths.iter().any(|path| path.name == known.name));
             objects.paths.extend(paths.iter().cloned());
         });
-    }
-}
-
-impl Objects {
-    /// Gives an object all values that it has in `before`, but leaves a mesh that was read meanwhile.
-    fn restore(&mut self, id: ObjectId, before: &Self) {
-        let mirror = self.mirrors.iter_mut().find(|placed| placed.id == id);
-        if let (Some(placed), Some(known)) = (mirror, before.mirror(id)) {
-            placed.mirror = Mirror { shape: placed.mirror.shape.clone(), ..known.clone() };
-        }
-        let light = self.lights.iter_mut().find(|placed| placed.id == id);
-        if let (Some(placed), Some(known)) = (light, before.lights.iter().find(|known| known.id == id)) {
-            *placed = known.clone();
-        }
-        let clip = self.clips.iter_mut().find(|placed| placed.id == id);
-        if let (Some(placed), Some(known)) = (clip, before.clips.iter().find(|known| known.id == id)) {
-            *placed = known.clone();
-        }
     }
 }

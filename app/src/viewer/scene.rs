@@ -24,7 +24,7 @@ use crate::viewer::objects::{
 };
 use crate::viewer::outside::Outside;
 use crate::viewer::past_views::PastViews;
-use crate::viewer::posing::Posed;
+use crate::viewer::posed::Posed;
 use crate::viewer::tools::inspection::{Ray, Target};
 use crate::viewer::window::render_thread::{Command, PickPurpose};
 

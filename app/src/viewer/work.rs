@@ -18,7 +18,7 @@ use crate::measuring::{self, Outcome};
 use crate::picture_file;
 use crate::viewer::loaded::comparisons::{Comparing, Comparison};
 use crate::progress_bar::Stage;
-use crate::viewer::filming::recording::{self, Ended, Leash};
+use crate::viewer::filming::process::{self, Ended, Leash};
 use crate::viewer::loaded::figures::{Basis, Figures};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::tools::inspection;
@@ -328,7 +328,7 @@ impl Work {
             }
             Self::Compare(comparing) => found(Found::Compared(Box::new(comparing.run()))),
             Self::Record { scene, words, leash } => {
-                let ended = recording::run(&scene, &words, &leash, |stage| found(Found::Recording(stage)));
+                let ended = process::run(&scene, &words, &leash, |stage| found(Found::Recording(stage)));
                 found(Found::Recorded(ended));
             }
             Self::DeleteIndex(kept) => {

@@ -2,7 +2,8 @@
 
 mod bookmarks;
 mod presets;
-pub mod recording;
+pub mod process;
+mod recording;
 mod timeline;
 pub mod wanted;
 

@@ -10,7 +10,7 @@ use super::*;
 use crate::command_line::{Command, CommandLine};
 use crate::viewer::action::PathPreset;
 use crate::viewer::bench::Bench;
-use crate::viewer::filming::recording::Ended;
+use crate::viewer::filming::process::Ended;
 use crate::viewer::interface;
 use crate::viewer::session::Session;
 use crate::viewer::tab::Tab;

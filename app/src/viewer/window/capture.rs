@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 
 use crate::film::{Codec, Output};
-use crate::viewer::views::free_path;
 use crate::{interrupt, picture_file};
 
 /// The pictures of a film of the window in a second.
@@ -55,7 +54,7 @@ pub struct Capture {
 pub fn free_name(folder: &Path) -> PathBuf {
     let is_free = |path: &PathBuf| !path.exists() && !path.with_extension("frames").exists();
     let names = (1..u32::MAX).map(|number| folder.join(format!("glint-window-{number}.mp4")));
-    names.into_iter().find(is_free).unwrap_or_else(|| free_path(folder, "window", "mp4"))
+    names.into_iter().find(is_free).unwrap_or_else(|| folder.join("glint-window.mp4"))
 }
 
 impl Capture {
