@@ -10,8 +10,8 @@ use scene::{
 };
 use world::CloudKey;
 
-use crate::viewer::loaded::comparisons::CompareDraft;
 use crate::viewer::filming::wanted::Wanted;
+use crate::viewer::loaded::comparisons::CompareDraft;
 use crate::viewer::objects::{Marking, ObjectId};
 use crate::viewer::panels::path_prompt::PathPrompt;
 use crate::viewer::tab::Tab;

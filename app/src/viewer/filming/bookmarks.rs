@@ -99,9 +99,14 @@ impl Thumbnails {
         }
     }
 
-    pub fn take(&mut self, picture: Picture) {
-        if self.awaited.take() == Some(picture.camera) {
-            self.made.push((picture.camera, view::Picture::new(SIZE, picture.rgba)));
+    /// Takes the picture that was asked for; returns any other.
+    pub fn take(&mut self, picture: Picture) -> Option<Picture> {
+        let is_small = picture.rgba.len() == SIZE.map(|side| side as usize).iter().product::<usize>() * 4;
+        if !is_small || self.awaited != Some(picture.camera) {
+            return Some(picture);
         }
+        self.awaited = None;
+        self.made.push((picture.camera, view::Picture::new(SIZE, picture.rgba)));
+        None
     }
 }

@@ -207,9 +207,9 @@ impl Filming {
         (flies || plays).then_some(STEP)
     }
 
-    /// Takes a small picture of a bookmark.
-    pub fn on_picture(&mut self, picture: Picture) {
-        self.thumbnails.take(picture);
+    /// Takes a small picture of a bookmark; returns any other.
+    pub fn on_picture(&mut self, picture: Picture) -> Option<Picture> {
+        self.thumbnails.take(picture)
     }
 }
 
