@@ -215,10 +215,7 @@ fn method(name: &str) -> anyhow::Result<Method> {
     Err(usage(format!("--method: `{name}` is unknown; available: {available}, {}", truth::RAY_TRACE)))
 }
 
-/// Refuses an image that these settings do not make. `is_traced` says that the ray tracer makes it.
-///
-/// # Errors
-/// Bad usage, which says what the image needs.
+/// Refuses an image that these settings do not make, as bad usage. `is_traced` says that the ray tracer makes it.
 pub fn check_is_made(aov: Aov, settings: &Settings, is_traced: bool) -> anyhow::Result<()> {
     let (method, name) = (settings.reflection.method, aov.name());
     let is_looked_for = (method != Method::None || is_traced) && settings.reflection.bounces > 0;

@@ -12,7 +12,7 @@ use glam::DVec3;
 use scene::{Camera, Lighting, MirrorPoints, Settings, Shape, Show};
 use serde_json::json;
 
-use crate::viewer::action::{Action, Film, Handles, KeptStep, Palette};
+use crate::viewer::action::{Action, Handles, KeptStep, Palette};
 use crate::viewer::auto::Auto;
 use crate::viewer::filming::Filming;
 use crate::viewer::first_look::FirstLook;
@@ -193,11 +193,10 @@ impl Session {
             Action::Measuring(measuring) => {
                 self.tools.measure(measuring, &mut self.scene, &self.loaded, &mut self.outside)
             }
-            Action::Film(Film::StartRecording) => {
-                let adapter = self.adapter.as_deref();
-                self.filming.recording.start(&self.scene, &self.loaded, adapter, &mut self.outside)
+            Action::Film(film) => {
+                let drawn_by = self.adapter.as_deref();
+                self.filming.act(film, &mut self.scene, &self.loaded, drawn_by, &mut self.outside)
             }
-            Action::Film(film) => self.filming.act(film, &mut self.scene, &self.loaded, &mut self.outside),
             Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
             Action::LookAtTruth(look) => self.truth.look = look,
             Action::MeasureTruth(measure) => self.truth.measure = measure,
@@ -588,7 +587,6 @@ impl Session {
             }
             Report::Saved(path) => self.outside.saved(&path),
             Report::Read(picture) => {
-                // Whoever drives a recording has taken it. In the window it is a bookmark's, or the kept state's.
                 if let Some(picture) = self.filming.on_picture(*picture) {
                     self.kept.on_read(picture.rgba, &mut self.outside);
                 }

@@ -108,7 +108,15 @@ impl Filming {
         }
     }
 
-    pub fn act(&mut self, film: Film, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+    /// `drawn_by` is the adapter that draws the window.
+    pub fn act(
+        &mut self,
+        film: Film,
+        scene: &mut Scene,
+        loaded: &Loaded,
+        drawn_by: Option<&str>,
+        outside: &mut Outside,
+    ) {
         match film {
             Film::Keep(digit) => bookmarks::keep(digit, scene, outside),
             Film::FlyToDigit(digit) => {
@@ -138,6 +146,7 @@ impl Filming {
                 }
             }
             Film::ChangeRecording(asked) => self.recording.asked = asked.map(|asked| *asked),
+            Film::StartRecording => self.recording.start(scene, loaded, drawn_by, outside),
             Film::StopRecording => self.recording.stop(),
             Film::Capture => self.capture(outside),
             other => self.timeline.act(other, scene, outside),
