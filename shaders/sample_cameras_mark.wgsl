@@ -27,18 +27,17 @@ fn sample_cameras_mark(@builtin(global_invocation_id) thread: vec3u) {
         return;
     }
     let beyond = vec2i(pixel) - vec2i(i32(trees.first_x), i32(trees.first_y));
-    // A pixel with a ray of its own lies on the border of cells: any of them will do.
+    // A pixel with a ray of its own lies in several cells: all of them must stand, or a part of it is missing.
     let stride = i32(trees.stride);
-    var is_standing = false;
-    if all(beyond >= vec2i(0)) {
+    var is_standing = all(beyond >= vec2i(0));
+    if is_standing {
         let last = beyond / stride;
         let first = last - select(vec2i(0), vec2i(1), beyond % stride == vec2i(0));
-        for (var y = max(first.y, 0); y <= last.y; y++) {
-            for (var x = max(first.x, 0); x <= last.x; x++) {
-                if x < i32(trees.columns) && y < i32(trees.rows) {
-                    let cell = u32(y) * trees.columns + u32(x);
-                    is_standing = is_standing || (standing[cell / 32u] >> (cell % 32u) & 1u) != 0u;
-                }
+        for (var y = first.y; y <= last.y; y++) {
+            for (var x = first.x; x <= last.x; x++) {
+                let is_cell = x >= 0 && y >= 0 && x < i32(trees.columns) && y < i32(trees.rows);
+                let cell = select(0u, u32(y) * trees.columns + u32(x), is_cell);
+                is_standing = is_standing && is_cell && (standing[cell / 32u] >> (cell % 32u) & 1u) != 0u;
             }
         }
     }
