@@ -120,7 +120,7 @@ pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.label(format!("making {}{dropped}", live.name.display()));
         } else {
             let seconds = session.outside.now.saturating_duration_since(live.since).as_secs();
-            ui.colored_label(theme::ERROR, format!("● recording the window, {seconds} s{dropped}"));
+            ui.colored_label(theme::ERROR, format!("recording the window, {seconds} s{dropped}"));
             let stop = Action::Film(Film::Capture);
             let shortcut = bindings::shortcut(&stop);
             actions.extend(ui.small_button("Stop").on_hover_text(shortcut).clicked().then_some(stop));
