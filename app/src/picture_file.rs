@@ -18,14 +18,11 @@ use image::codecs::png::PngEncoder;
 /// If the file cannot be written; the error names it.
 pub fn write_png(path: &Path, size: [u32; 2], rgba: &[u8]) -> anyhow::Result<()> {
     let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
-    write_whole(path, |file| {
-        let [width, height] = size;
-        let written = PngEncoder::new(file).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8);
-        written.map_err(|error| match error {
-            image::ImageError::IoError(reason) => reason,
-            other => std::io::Error::other(other),
-        })
-    })
+    // The encoder would hide why a file cannot be written, so it writes to memory.
+    let mut bytes = Vec::new();
+    let [width, height] = size;
+    PngEncoder::new(&mut bytes).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8)?;
+    write_whole(path, |file| file.write_all(&bytes))
 }
 
 /// Writes 32-bit float scan lines, ZIP-compressed. NaN and values above 1 stay as they are.
