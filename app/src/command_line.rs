@@ -418,7 +418,7 @@ pub struct DoctorArguments {
 
 /// The largest side of a picture, in pixels. Every adapter of WebGPU's class can hold 8192, common ones 16384 or more.
 /// An adapter that can hold less refuses a picture later, with its own limit in the message.
-const LARGEST_SIDE: u32 = 32_768;
+pub const LARGEST_SIDE: u32 = 32_768;
 
 fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let sides =

@@ -164,6 +164,27 @@ impl Window<'_> {
         self.ended()
     }
 
+    /// Kills the program, which cannot do anything about it.
+    pub fn kill(mut self) {
+        self.program.kill().expect("the program runs");
+        self.ended();
+    }
+
+    /// Saves the scene under the name that the program proposes. Returns the file's path.
+    pub fn save_scene_as(&self) -> String {
+        let seen = self.events().len();
+        self.press("ctrl+shift+s");
+        self.wait_until_painted("prompt", seen);
+        self.press("Return");
+        let saved = self.wait_for_event("scene_saved", seen, |_| true);
+        saved["path"].as_str().expect("a path").to_owned()
+    }
+
+    /// Waits until the program has ended.
+    pub fn end(mut self) -> std::process::ExitStatus {
+        self.ended()
+    }
+
     /// Quits the program, and waits until it has ended.
     pub fn quit(mut self) -> std::process::ExitStatus {
         self.press("ctrl+q");

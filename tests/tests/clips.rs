@@ -40,10 +40,8 @@ fn a_box_about_a_pick_and_a_prism_clip_a_scan_are_saved_and_undone() {
     window.wait_for_event("clip", seen, |event| event["name"] == "box");
     let clipped = saved(&session, &window, seen);
     assert!(clipped != whole, "the box hides nothing");
-    let seen = window.events().len();
-    window.press("ctrl+s");
-    let scene = window.wait_for_event("scene_saved", seen, |_| true);
-    let scene = scene["path"].as_str().expect("a path");
+    let scene = window.save_scene_as();
+    let scene = scene.as_str();
     let text = std::fs::read_to_string(session.folder.path(scene)).expect("the saved scene");
     assert!(text.contains("[[clips]]") && text.contains("shape = \"box\""), "{text}");
     let rendered = session.folder.glint(["render", scene, "--size", &size, "-o", "clipped.png"]);
@@ -82,5 +80,8 @@ fn a_box_about_a_pick_and_a_prism_clip_a_scan_are_saved_and_undone() {
         picture.pixels().filter(|pixel| **pixel != background).count()
     };
     assert!(drawn(&clipped) * 3 < drawn(&whole) && drawn(&clipped) > 100, "{} pixels", drawn(&clipped));
+    let seen = window.events().len();
+    window.press("ctrl+s");
+    window.wait_for_event("scene_saved", seen, |_| true);
     assert!(window.quit().success());
 }

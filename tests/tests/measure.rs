@@ -286,10 +286,8 @@ fn every_tool_of_the_window_measures_a_scan_as_the_command_line_does_from_the_sa
     window.press("Escape");
     window.press("period");
     window.wait_for_event("note_shown", noted, |event| event["text"] == "a door");
-    let seen_all = window.events().len();
-    window.press("ctrl+s");
-    let saved = window.wait_for_event("scene_saved", seen_all, |_| true);
-    let outcome = session.folder.glint(["measure", saved["path"].as_str().expect("a path"), "--json"]);
+    let saved = window.save_scene_as();
+    let outcome = session.folder.glint(["measure", &saved, "--json"]);
     assert_eq!(outcome.status, Some(0), "{outcome}");
     let report = outcome.json();
     for (index, event) in events.iter().enumerate() {
@@ -306,8 +304,7 @@ fn every_tool_of_the_window_measures_a_scan_as_the_command_line_does_from_the_sa
             }
         }
     }
-    let text =
-        std::fs::read_to_string(session.folder.path(saved["path"].as_str().expect("a path"))).expect("the scene");
+    let text = std::fs::read_to_string(&saved).expect("the scene");
     assert!(text.contains("text = \"a door\""), "{text}");
     // Undo takes the note away, and says so.
     let undone = window.events().len();

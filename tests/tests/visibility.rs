@@ -242,12 +242,11 @@ fn the_window_hides_what_a_scene_file_hides_and_saves_it() {
     window.wait_for_event("settled", 0, |_| true);
     window.press("F12");
     let saved = window.wait_for_event("saved", 0, |_| true);
-    window.press("ctrl+s");
-    let scene = window.wait_for_event("scene_saved", 0, |_| true);
+    let scene = window.save_scene_as();
     assert!(window.quit().success());
     let picture = image::open(session.folder.path(saved["path"].as_str().expect("a path"))).expect("the saved picture");
     let size = format!("{}x{}", picture.width(), picture.height());
-    let scene = scene["path"].as_str().expect("a path");
+    let scene = scene.as_str();
     for scene in ["hiding.toml", scene] {
         let rendered = session.folder.glint(["render", scene, "--size", &size, "-o", "rendered.png"]);
         assert_eq!(rendered.status, Some(0), "{rendered}");

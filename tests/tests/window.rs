@@ -273,10 +273,7 @@ fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
         window.press(keys);
         window.wait_for_event("history", seen, |_| true);
         settled(&window, seen);
-        let seen = window.events().len();
-        window.press("ctrl+s");
-        let saved = window.wait_for_event("scene_saved", seen, |_| true);
-        files.push(saved["path"].as_str().expect("a path").to_owned());
+        files.push(window.save_scene_as());
     }
     let position = |file: &String| {
         let text = std::fs::read_to_string(session.folder.path(file)).expect("the saved scene");
@@ -320,11 +317,7 @@ fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
     window.press("u");
     assert!(view(&settled(&window, seen)) != unlit, "the light came back");
     window.wait_for_event("step", seen, |_| true);
-    let seen = window.events().len();
-    window.press("ctrl+s");
-    let saved = window.wait_for_event("scene_saved", seen, |_| true);
-    let text =
-        std::fs::read_to_string(session.folder.path(saved["path"].as_str().expect("a path"))).expect("the scene");
+    let text = std::fs::read_to_string(window.save_scene_as()).expect("the scene");
     assert_eq!(text.matches("[[lights]]").count(), 1, "{text}");
     // The switch to data colours and back are steps of their own.
     for lights in [1, 1, 0] {
@@ -334,6 +327,43 @@ fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
         assert_eq!(history["lights"], lights, "{history}");
     }
     assert!(window.is_open(), "{}", window.messages());
+}
+
+#[test]
+fn unsaved_work_comes_back_after_a_crash_and_is_asked_for_before_the_window_closes() {
+    let session = Session::start();
+    session.folder.write("small.toml", SMALL_SCENE);
+    let window = session.open(["small.toml"]);
+    window.wait_for_event("settled", 0, |_| true);
+    window.press("b");
+    window.wait_for_event("kept", 0, |event| event["unsaved"] == true);
+    window.kill();
+    session.folder.write("events.jsonl", "");
+
+    let window = session.open(["small.toml"]);
+    window.wait_for_event("left", 0, |event| event["count"] == 1);
+    window.wait_until_painted("loaded", 0);
+    let seen = window.events().len();
+    window.press("Return");
+    window.wait_for_event("kept", seen, |event| event["unsaved"] == true);
+    // The window stays while the question has no answer, and when the answer is to stay.
+    window.press("ctrl+q");
+    window.wait_until_painted("asked", seen);
+    window.press("Escape");
+    window.press("ctrl+s");
+    let saved = window.wait_for_event("scene_saved", seen, |_| true);
+    let text = std::fs::read_to_string(saved["path"].as_str().expect("a path")).expect("the scene");
+    assert!(text.contains("[[mirrors]]") && saved["path"].as_str().is_some_and(|path| path.ends_with("small.toml")));
+    window.press("b");
+    window.wait_for_event("mirror", seen, |_| true);
+    let seen = window.events().len();
+    window.press("ctrl+q");
+    window.wait_until_painted("asked", seen);
+    assert!(window.is_open(), "{}", window.messages());
+    window.press("Tab Return");
+    assert!(window.end().success());
+    let left = std::fs::read_dir(session.folder.path(".config/glint/unsaved")).expect("the folder").count();
+    assert_eq!(left, 0);
 }
 
 #[test]

@@ -125,6 +125,29 @@ pub enum Film {
     Capture,
 }
 
+/// What a person does with the scene file.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Filing {
+    Save,
+    /// Asks for a place first.
+    SaveAs,
+    SaveTo(PathBuf),
+    /// No place was chosen.
+    NoPlace,
+    /// Closes everything and opens another scene file.
+    Open(PathBuf),
+    /// The answers to the question about unsaved work.
+    SaveAndLeave,
+    Discard,
+    Stay,
+    /// The answers to the offer of work that a crash has left.
+    Restore,
+    DeleteLeft,
+    Later,
+    /// Whether the last scene file is opened at the start.
+    Reopen(bool),
+}
+
 /// A step of writing the points that are shown to a new file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Export {
@@ -173,6 +196,38 @@ pub struct Palette {
     pub chosen: usize,
     /// Whether its field has the keyboard already.
     pub is_shown: bool,
+}
+
+/// What a person has entered about a picture to save.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureDraft {
+    pub path: String,
+    /// The size in pixels.
+    pub size: [u32; 2],
+    /// Whether its field has the keyboard already.
+    pub is_shown: bool,
+}
+
+/// A step of saving the picture.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SavePicture {
+    /// As it is shown, under the next free name.
+    AtOnce,
+    /// Asks for size, name and place.
+    Ask,
+    /// Changes what is entered; `None` closes the window.
+    Change(Option<Box<PictureDraft>>),
+    /// Asks for the place in the system's dialog; this one is proposed.
+    Browse(PathBuf),
+    To(Box<PictureDraft>),
+}
+
+impl PictureDraft {
+    /// The path with its extension.
+    pub fn place(&self) -> String {
+        let path = self.path.trim();
+        if path.to_lowercase().ends_with(".png") { path.to_owned() } else { format!("{path}.png") }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -260,8 +315,8 @@ pub enum Action {
     PasteView,
     Paste(String),
     CopyCommandLine,
-    SaveScene,
-    SavePicture,
+    File(Filing),
+    SavePicture(SavePicture),
     Export(Export),
     Compare(Compare),
     StopLoading,

@@ -130,7 +130,7 @@ impl Bench {
             }
             // These effects need a window.
             Effect::OpenDialog
-            | Effect::AskPlace(_)
+            | Effect::AskPlace(..)
             | Effect::Copy(_)
             | Effect::SetFullScreen(_)
             | Effect::Capture(_)

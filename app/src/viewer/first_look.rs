@@ -2,7 +2,7 @@
 //! first file that is opened, and takes its own parameters with it; those that the person changed meanwhile stay.
 
 use scene::{Settings, pool};
-use world::{CloudKey, Input, Request};
+use world::{Input, Request};
 
 use crate::viewer::history::History;
 use crate::viewer::loaded::{Beside, Loaded};
@@ -44,11 +44,7 @@ impl FirstLook {
 
     /// Closes the scene, and brings the person's parameters back.
     pub fn leave(self, loaded: &mut Loaded, beside: &mut Beside<'_>) {
-        loaded.stop_loading(beside);
-        let keys: Vec<CloudKey> = loaded.clouds.iter().map(|entry| entry.key).collect();
-        for key in keys {
-            loaded.remove_cloud(key, beside);
-        }
+        loaded.close_all(beside);
         beside.scene.selected = None;
         beside.scene.settings = self.own(&beside.scene.settings);
         // Nobody wants the scene back by undoing.

@@ -8,12 +8,21 @@ use scene::{Camera, Object, Settings};
 
 use crate::viewer::objects::{ObjectId, Objects};
 
+/// Which of the states that there were the present one is: parameters and objects are the same where the numbers are.
+/// What files bring changes no number.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Marks {
+    pub settings: u64,
+    pub objects: u64,
+}
+
 /// The state before a step. `camera` is set only if the step made the camera jump (frame all, standard views, paste).
 #[derive(Clone, Debug, PartialEq)]
 struct Snapshot {
     settings: Settings,
     objects: Objects,
     camera: Option<Camera>,
+    marks: Marks,
 }
 
 #[derive(Default)]
@@ -22,6 +31,9 @@ pub struct History {
     future: Vec<Snapshot>,
     /// The state at the end of the last step.
     settled: Option<(Settings, Objects)>,
+    marks: Marks,
+    /// The last number that was given to a state.
+    last_mark: u64,
     changed: Option<(Settings, Objects, Instant)>,
 }
 
@@ -63,12 +75,35 @@ impl History {
         self.past.len()
     }
 
+    /// Which state the present one is, but for a change that has not ended.
+    pub fn marks(&self) -> Marks {
+        self.marks
+    }
+
+    /// Whether something changes just now.
+    pub fn is_changing(&self) -> bool {
+        self.changed.is_some()
+    }
+
+    /// Gives a new state its numbers.
+    fn mark(&mut self, has_other_settings: bool, has_other_objects: bool) {
+        self.last_mark += 1;
+        if has_other_settings {
+            self.marks.settings = self.last_mark;
+        }
+        if has_other_objects {
+            self.marks.objects = self.last_mark;
+        }
+    }
+
     /// Ends the current step, if something has changed since the last one.
     pub fn settle(&mut self, settings: &Settings, objects: &Objects) {
         self.changed = None;
         match self.settled.take() {
             Some((before, objects_before)) if before != *settings || objects_before != *objects => {
-                self.push(Snapshot { settings: before, objects: objects_before, camera: None });
+                let differ = (before != *settings, objects_before != *objects);
+                self.push(Snapshot { settings: before, objects: objects_before, camera: None, marks: self.marks });
+                self.mark(differ.0, differ.1);
                 self.settled = Some((settings.clone(), objects.clone()));
             }
             settled => self.settled = settled,
@@ -94,11 +129,16 @@ impl History {
     /// Must be called before a jump, which may change the settings, the objects and the camera.
     pub fn before_jump(&mut self, settings: &Settings, objects: &Objects, camera: Camera) {
         self.settle(settings, objects);
-        self.push(Snapshot { settings: settings.clone(), objects: objects.clone(), camera: Some(camera) });
+        let (settings, objects, marks) = (settings.clone(), objects.clone(), self.marks);
+        self.push(Snapshot { settings, objects, camera: Some(camera), marks });
     }
 
     /// Must be called after a jump.
     pub fn after_jump(&mut self, settings: &Settings, objects: &Objects) {
+        let before = self.settled.as_ref();
+        let differ = before.map_or((false, false), |before| (before.0 != *settings, before.1 != *objects));
+        self.mark(differ.0, differ.1);
+        self.changed = None;
         self.settled = Some((settings.clone(), objects.clone()));
     }
 
@@ -134,6 +174,7 @@ impl History {
             settings: std::mem::replace(settings, step.settings),
             objects: std::mem::replace(objects, step.objects),
             camera: step.camera.map(|_| *camera),
+            marks: std::mem::replace(&mut self.marks, step.marks),
         };
         if let Some(before) = step.camera {
             *camera = before;
@@ -314,6 +355,39 @@ mod tests {
         assert!(subject.objects.mirrors.is_empty());
         assert!(subject.redo() && subject.redo() && subject.redo());
         assert_eq!(subject.objects.mirrors[0].mirror.position.x, 10.0);
+    }
+
+    #[test]
+    fn a_state_that_is_come_back_to_is_the_same_and_what_a_file_brings_or_a_camera_does_is_no_other_state() {
+        let mut subject = Subject::new();
+        let first = subject.history.marks();
+        subject.jump(camera(5.0));
+        let bring = |objects: &mut Objects| objects.mirrors.push(ball(1));
+        bring(&mut subject.objects);
+        subject.history.rewrite(bring);
+        subject.watch(false);
+        assert_eq!(subject.history.marks(), first);
+        subject.settings.splat.size = 2.0;
+        subject.watch(false);
+        assert!(subject.history.is_changing());
+        subject.history.settle(&subject.settings, &subject.objects);
+        let second = subject.history.marks();
+        assert!(second.settings != first.settings && second.objects == first.objects);
+        subject.objects.mirrors.clear();
+        subject.history.settle(&subject.settings, &subject.objects);
+        let third = subject.history.marks();
+        assert!(third.settings == second.settings && third.objects != first.objects);
+        assert!(subject.undo());
+        assert_eq!(subject.history.marks(), second);
+        assert!(subject.undo());
+        assert_eq!(subject.history.marks(), first);
+        assert!(subject.redo() && subject.redo());
+        assert_eq!(subject.history.marks(), third);
+        // Another change after undoing is another state.
+        assert!(subject.undo());
+        subject.objects.mirrors.clear();
+        subject.history.settle(&subject.settings, &subject.objects);
+        assert!(![first.objects, third.objects].contains(&subject.history.marks().objects));
     }
 
     #[test]

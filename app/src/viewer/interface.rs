@@ -8,9 +8,9 @@ use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, Ric
 use scene::Show;
 use world::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 
-use crate::viewer::action::Action;
+use crate::viewer::action::{Action, Filing};
 use crate::viewer::input::bindings;
-use crate::viewer::loaded::clouds::JobEntry;
+use crate::viewer::loaded::clouds::{JobEntry, short_name};
 use crate::viewer::messages::Level;
 use crate::viewer::panels::overlay;
 use crate::viewer::panels::path_prompt::Outcome;
@@ -62,6 +62,8 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     }
     path_prompt(ui.ctx(), session, &mut actions);
     panels::palette::show(ui.ctx(), session, &mut actions);
+    panels::picture::show(ui.ctx(), session, &mut actions);
+    panels::leaving::show(ui.ctx(), session, &mut actions);
     if let Some(problem) = &session.fatal {
         fatal_notice(ui.ctx(), problem, &mut actions);
     }
@@ -129,7 +131,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
     if session.loaded.clouds.is_empty() && !session.loaded.is_loading() {
-        empty_state(ui, rect, actions);
+        empty_state(ui, session, rect, actions);
     }
     if session.first_look.is_some() && session.frames.shown.is_some() && !session.interface_is_hidden {
         caption(ui, rect.center_bottom() - egui::vec2(0.0, 24.0), FIRST_LOOK);
@@ -152,9 +154,12 @@ fn caption(ui: &Ui, middle: egui::Pos2, text: &str) {
     ui.painter().galley(area.min, galley, Color32::WHITE);
 }
 
+/// How many of the last scenes the page lists.
+const RECENT_SCENES: usize = 4;
+
 /// Draws the page that is left when everything is closed.
-fn empty_state(ui: &mut Ui, rect: Rect, actions: &mut Vec<Action>) {
-    let size = egui::vec2(420.0, 230.0).min(rect.size());
+fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec<Action>) {
+    let size = egui::vec2(420.0, 320.0).min(rect.size());
     let area = Rect::from_center_size(rect.center(), size);
     ui.scope_builder(egui::UiBuilder::new().max_rect(area), |ui| {
         ui.vertical_centered(|ui| {
@@ -164,6 +169,11 @@ fn empty_state(ui: &mut Ui, rect: Rect, actions: &mut Vec<Action>) {
             ui.add_space(10.0);
             if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
                 actions.push(Action::OpenDialog);
+            }
+            for path in session.preferences.sessions.iter().take(RECENT_SCENES) {
+                if ui.link(short_name(path)).on_hover_text(path).clicked() {
+                    actions.push(Action::File(Filing::Open(path.into())));
+                }
             }
             ui.add_space(14.0);
             ui.label(RichText::new("or look at a built-in scene").color(theme::WEAK));

@@ -8,12 +8,15 @@
 
 mod action;
 mod auto;
+mod autosave;
 #[cfg(test)]
 mod bench;
+mod document;
 mod facts;
 mod filming;
 mod first_look;
 mod frames;
+mod furnishing;
 mod headless;
 mod history;
 pub mod input;
@@ -37,6 +40,7 @@ mod theme;
 mod tools;
 mod truth;
 mod views;
+mod wanted;
 mod widgets;
 mod window;
 mod work;
@@ -48,11 +52,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use ::scene::{Settings, StandardView, View};
-use action::{Action, Export};
+use action::{Action, Export, Filing, PictureDraft, SavePicture};
 use anyhow::Context as _;
 pub use headless::Headless;
 use messages::Level;
-use outside::{Effect, News};
+use outside::{Asked, Effect, News};
 use panels::path_prompt::PathPrompt;
 use serde_json::json;
 use session::Session;
@@ -80,8 +84,9 @@ enum Wake {
     News(Box<News>),
     /// The files chosen in the system's dialog, and how long the dialog was open.
     Chosen(Option<Vec<PathBuf>>, Duration),
-    /// The place for points that was chosen, how long the dialog was open, and the place that was proposed.
-    Placed(Option<PathBuf>, Duration, PathBuf),
+    /// What a place was asked for, the place that was chosen, how long the dialog was open, and the place that was
+    /// proposed.
+    Placed(Asked, Option<PathBuf>, Duration, PathBuf),
     /// Ctrl-C was pressed in the terminal.
     Interrupted,
 }
@@ -148,6 +153,12 @@ pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Resul
     let (preferences, problem) = preferences::load();
     let mut session = Session::new(preferences);
     session.auto.is_kept = true;
+    if let Some(folder) = preferences::unsaved_folder() {
+        session.document.abandoned = autosave::abandoned(&folder);
+        let left = session.document.abandoned.len();
+        session.outside.log(json!({ "event": "left", "count": left }));
+        session.document.keeper = Some(autosave::Keeper::new(folder));
+    }
     if let Some(problem) = problem {
         session.outside.say(Level::Warning, problem);
     }
@@ -176,6 +187,10 @@ pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Resul
     viewer.end_captures();
     viewer.screen = None;
     viewer.effects.close(&viewer.session);
+    // Nobody was asked about unsaved work where something else than a person ended the program.
+    let stays = (viewer.failure.is_some() || ended.is_err()) && viewer.session.is_unsaved();
+    viewer.session.scene.unpose();
+    viewer.session.document.end(stays, &viewer.session.scene, &viewer.session.loaded);
     if let Err(error) = ended {
         // winit's own text names places in its source code, which does not help the user.
         tracing::error!("window: {error}");
@@ -264,15 +279,7 @@ impl ApplicationHandler<Wake> for Viewer {
             Wake::Chosen(Some(paths), _) => {
                 self.session.open(&paths);
             }
-            Wake::Placed(Some(path), ..) => self.session.act(Action::Export(Export::To(path))),
-            Wake::Placed(None, took, proposed) => {
-                if took < QUICKEST_HAND {
-                    self.session
-                        .outside
-                        .note("No file dialog answers on this desktop: the file gets a name of its own.");
-                    self.session.act(Action::Export(Export::To(proposed)));
-                }
-            }
+            Wake::Placed(asked, chosen, took, proposed) => self.on_placed(asked, chosen, took, proposed),
             Wake::Chosen(None, took) => {
                 if took < QUICKEST_HAND {
                     self.session.outside.log(json!({ "event": "prompt" }));
@@ -297,8 +304,13 @@ impl ApplicationHandler<Wake> for Viewer {
         }
         match &event {
             WindowEvent::CloseRequested => {
-                self.keep_preferences();
-                return event_loop.exit();
+                self.session.act(Action::Quit);
+                // A window that is hidden is not painted, so it must not wait for a paint.
+                if self.session.wants_to_quit {
+                    self.keep_preferences();
+                    return event_loop.exit();
+                }
+                return self.request_paint();
             }
             WindowEvent::Resized(size) => {
                 screen.resize(*size);
@@ -387,15 +399,25 @@ impl Viewer {
         self.log.write(&json!({ "event": "window" }));
         if let Some((request, start)) = self.request.take() {
             let is_empty = request.inputs.is_empty() && request.view.is_none();
-            let request = if is_empty { world::resolve(&[world::first_scene()]) } else { request };
+            let request = if is_empty { self.unnamed() } else { request };
             self.session.open_request(request);
             self.before_set = first_look::own_settings(&self.session);
             start.apply(&mut self.session);
             self.after_set = first_look::own_settings(&self.session);
+            self.session.document.take_as_saved(&self.session.scene);
         }
         self.do_effects();
         self.request_paint();
         Ok(())
+    }
+
+    /// What to open where nothing is named: the last scene file, if the person wants that and it is there, or else the
+    /// first look.
+    fn unnamed(&self) -> Request {
+        let preferences = &self.session.preferences;
+        let last = preferences.sessions.first().filter(|_| preferences.reopens);
+        let last = last.map(|path| world::resolve(&[path])).filter(|request| request.check().is_ok());
+        last.unwrap_or_else(|| world::resolve(&[world::first_scene()]))
     }
 
     fn request_paint(&self) {
@@ -456,7 +478,7 @@ impl Viewer {
             self.is_asked.set(true);
             screen.window.request_redraw();
         }
-        let title = self.session.loaded.title();
+        let title = self.session.document.title(self.session.is_unsaved(), &self.session.loaded);
         if title != self.title {
             screen.window.set_title(&title);
             self.title = title;
@@ -469,14 +491,45 @@ impl Viewer {
         }
     }
 
+    /// Takes in the answer of a dialog that asked for a place; `proposed` is the place that it proposed.
+    fn on_placed(&mut self, asked: Asked, chosen: Option<PathBuf>, took: Duration, proposed: PathBuf) {
+        let has_no_dialog = chosen.is_none() && took < QUICKEST_HAND;
+        let session = &mut self.session;
+        match (asked, chosen) {
+            (Asked::Points, Some(path)) => session.act(Action::Export(Export::To(path))),
+            (Asked::Points, None) if has_no_dialog => {
+                session.outside.note("No file dialog answers on this desktop: the file gets a name of its own.");
+                session.act(Action::Export(Export::To(proposed)));
+            }
+            (Asked::Points, None) => {}
+            (Asked::Scene, Some(path)) => session.act(Action::File(Filing::SaveTo(path))),
+            (Asked::Scene, None) if has_no_dialog => {
+                session.outside.log(json!({ "event": "prompt" }));
+                let reason = "No file dialog answers on this desktop: type the path.";
+                session.path_prompt = Some(PathPrompt::to_save_scene(&proposed, reason));
+            }
+            (Asked::Scene, None) => session.act(Action::File(Filing::NoPlace)),
+            (Asked::Picture, Some(path)) => {
+                let path = path.display().to_string();
+                let draft = session.tools.picture_draft.clone().map(|draft| Box::new(PictureDraft { path, ..draft }));
+                session.act(Action::SavePicture(SavePicture::Change(draft)));
+            }
+            (Asked::Picture, None) if has_no_dialog => {
+                session.outside.note("No file dialog answers on this desktop: type the path.");
+            }
+            (Asked::Picture, None) => {}
+        }
+    }
+
     fn on_news(&mut self, news: News) {
         if let (News::Report(Report::Frame(frame)), Some(screen)) = (&news, &mut self.screen) {
             // The session decides whether the frame is shown.
             screen.set_picture(&frame.texture);
         }
+        let is_saved = matches!(news, News::Found(work::Found::SceneSaved { .. }));
         let is_loaded = matches!(news, News::Loading(_, world::Event::Finished, _));
         self.session.on_news(news);
-        if is_loaded {
+        if is_loaded || is_saved {
             self.keep_preferences();
         }
     }
@@ -545,16 +598,23 @@ impl Viewer {
                     };
                     effects::begin(&mut self.session, "dialog", choose);
                 }
-                Some(Effect::AskPlace(proposed)) => {
+                Some(Effect::AskPlace(asked, proposed)) => {
                     let wake = self.wake.clone();
                     let choose = move || {
-                        let asked = Instant::now();
-                        let dialog = rfd::FileDialog::new()
-                            .set_title("Save the points that are shown")
-                            .set_file_name(proposed.display().to_string())
-                            .add_filter("LAZ, LAS, COPC, PLY, CSV", &["laz", "las", "ply", "csv"]);
+                        let opened = Instant::now();
+                        let name = proposed.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                        let dialog = rfd::FileDialog::new().set_file_name(name);
+                        let dialog = match asked {
+                            Asked::Points => dialog
+                                .set_title("Save the points that are shown")
+                                .add_filter("LAZ, LAS, COPC, PLY, CSV", &["laz", "las", "ply", "csv"]),
+                            Asked::Picture => dialog.set_title("Save the picture").add_filter("PNG", &["png"]),
+                            Asked::Scene => dialog.set_title("Save the scene").add_filter("Scene", &["toml"]),
+                        };
+                        let folder = proposed.parent().filter(|folder| folder.is_absolute());
+                        let dialog = folder.map_or(dialog.clone(), |folder| dialog.set_directory(folder));
                         let chosen = dialog.save_file();
-                        let _ = wake.send_event(Wake::Placed(chosen, asked.elapsed(), proposed));
+                        let _ = wake.send_event(Wake::Placed(asked, chosen, opened.elapsed(), proposed));
                     };
                     effects::begin(&mut self.session, "dialog", choose);
                 }

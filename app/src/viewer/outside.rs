@@ -22,14 +22,22 @@ pub enum Effect {
     },
     Work(Work),
     OpenDialog,
-    /// Asks where to save points; this place is proposed.
-    AskPlace(PathBuf),
+    /// Asks where to save something; this place is proposed.
+    AskPlace(Asked, PathBuf),
     Copy(String),
     SetFullScreen(bool),
     /// Begins to record the window to a film of this name, and counts the pictures that are dropped; or ends that.
     Capture(Option<(PathBuf, Arc<AtomicU64>)>),
     /// Writes a line to the event log.
     Log(serde_json::Value),
+}
+
+/// What a place is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asked {
+    Points,
+    Scene,
+    Picture,
 }
 
 /// News from other threads.

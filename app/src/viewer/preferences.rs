@@ -12,6 +12,11 @@ fn path() -> Option<PathBuf> {
     Some(environment::settings_folder()?.join("viewer.toml"))
 }
 
+/// The folder of unsaved work.
+pub fn unsaved_folder() -> Option<PathBuf> {
+    Some(environment::settings_folder()?.join("unsaved"))
+}
+
 /// What was kept, and what was wrong with it.
 pub fn load() -> (Preferences, Option<String>) {
     let Some(path) = path() else { return (Preferences::default(), None) };

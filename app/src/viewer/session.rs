@@ -4,24 +4,25 @@
 //! code that drives the session. Tests drive it without a window.
 
 use std::ffi::OsStr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{Camera, Lighting, MirrorPoints, Settings, Shape, Show};
+use scene::{Camera, MirrorPoints, Shape};
 use serde_json::json;
+use world::CloudKey;
 
-use crate::viewer::action::{Action, Handles, KeptStep, Palette};
+use crate::viewer::action::{Action, Filing, KeptStep, Palette};
 use crate::viewer::auto::Auto;
+use crate::viewer::document::{Document, Leaving, Next};
 use crate::viewer::filming::Filming;
 use crate::viewer::first_look::FirstLook;
-use crate::viewer::frames::{Frames, Situation};
+use crate::viewer::frames::Frames;
 use crate::viewer::kept::Kept;
 use crate::viewer::loaded::clouds::CloudEntry;
-use crate::viewer::loaded::{Beside, Loaded, all_mirrors};
+use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::messages::{Level, Messages};
-use crate::viewer::objects::Origin;
 use crate::viewer::outside::{Effect, News, Outside};
 use crate::viewer::panels::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::preferences::Preferences;
@@ -34,6 +35,7 @@ use crate::viewer::truth::tasks::Answer;
 use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::truth::view::{Taken, TruthView};
 use crate::viewer::truth::{Around, sweep, tuning};
+use crate::viewer::wanted;
 use crate::viewer::window::render_thread::{Command, Frame, FrameRequest, Report};
 use crate::viewer::work::{Found, Work};
 
@@ -63,6 +65,7 @@ pub struct Session {
     pub filming: Filming,
     /// Set while the window shows what it does when nothing is named.
     pub first_look: Option<FirstLook>,
+    pub document: Document,
     /// The reason why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
@@ -98,6 +101,7 @@ impl Session {
             auto: Auto::default(),
             filming: Filming::default(),
             first_look: None,
+            document: Document::default(),
             fatal: None,
             wants_to_quit: false,
             is_recorded: false,
@@ -135,57 +139,38 @@ impl Session {
             Action::OpenPrompt => self.path_prompt = Some(PathPrompt::default()),
             Action::ChangePrompt(prompt) => self.path_prompt = Some(*prompt),
             Action::OpenPrompted(path) => self.open_prompted(path),
-            Action::ClosePrompt => self.path_prompt = None,
+            Action::ClosePrompt => self.close_prompt(),
             Action::Copy(text) => self.outside.push(Effect::Copy(text)),
             Action::CopyView => self.scene.copy_view(&self.loaded, &mut self.outside),
-            Action::CopyCommandLine => {
-                self.outside.push(Effect::Copy(self.scene.command_line(&self.loaded)));
-                self.outside.note("Command line copied");
-            }
-            Action::SaveScene => self.scene.save_scene(&self.loaded, &mut self.outside),
+            Action::CopyCommandLine => self.scene.copy_command_line(&self.loaded, &mut self.outside),
+            Action::File(filing) => self.file(filing),
             Action::Export(step) => self.loaded.export(step, &self.scene, &mut self.outside),
-            Action::SavePicture => self.tools.save_picture(&self.scene, &self.frames, &self.loaded, &mut self.outside),
+            Action::SavePicture(step) => {
+                self.tools.save_picture(step, &self.scene, &self.frames, &self.loaded, &mut self.outside)
+            }
             Action::Compare(step) => self.with_loaded(|loaded, beside| loaded.compare(step, beside)),
             Action::Kept(step) => self.act_kept(step),
             Action::StopLoading => self.with_loaded(Loaded::stop_loading),
             Action::ShowCloud(key, is_visible) => {
                 self.with_loaded(|loaded, beside| loaded.set_visible(key, is_visible, beside))
             }
-            Action::RemoveCloud(key) => {
-                self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
-                if self.loaded.clouds.is_empty() {
-                    self.leave_first_look();
-                }
-            }
+            Action::RemoveCloud(key) if self.loaded.clouds.len() > 1 => self.remove_cloud(key),
+            Action::RemoveCloud(key) => self.leave(Leaving::Close(key)),
             Action::StopMaking(key) => self.loaded.stop_making(key),
             Action::ResumeMaking(key) => self.loaded.resume_making(key),
             Action::DeleteIndex(key) => self.with_loaded(|loaded, beside| loaded.delete_index(key, beside)),
             Action::AddMirror(shape) => self.tools.add_mirror(shape, &mut self.scene, &self.loaded, &mut self.outside),
             Action::Clip(clipping) => self.tools.clip(clipping, &mut self.scene, &self.loaded, &mut self.outside),
-            Action::Gizmo(handles) => {
-                self.tools.handles = if self.tools.handles == handles { Handles::All } else { handles };
-            }
-            Action::GrabHandle(is_grabbed) => {
-                if std::mem::replace(&mut self.tools.handle_is_grabbed, is_grabbed) && !is_grabbed {
-                    self.scene.log_moved(&mut self.outside);
-                }
-            }
+            Action::Gizmo(handles) => self.tools.show_handles(handles),
+            Action::GrabHandle(is_grabbed) => self.tools.grab(is_grabbed, &self.scene, &mut self.outside),
             Action::ShowLights(are_shown) => self.tools.light_panel_is_open = are_shown,
             Action::Inspect => self.tools.toggle_inspection(&mut self.scene, &self.loaded, &mut self.outside),
             Action::InspectDistance(notches) => self.tools.change_pose(|pose| pose.move_away(STEP.powf(notches))),
             Action::InspectTilt(notches) => self.tools.change_pose(|pose| pose.lean(notches)),
             Action::ChangeInspection(changed) => self.tools.change_pose(|pose| *pose = changed),
             Action::ChangeDraft(draft) => self.tools.draft = *draft,
-            Action::CountPoints(key, wanted) => {
-                if let Some(entry) = self.loaded.cloud(key) {
-                    let (cloud, source, wanted) = (entry.cloud.clone(), entry.source.clone(), *wanted);
-                    self.outside.work(Work::CountPoints { cloud, source, wanted });
-                }
-            }
-            Action::StopMarking(key) => {
-                let marking = self.loaded.cloud(key).and_then(|entry| entry.marking.as_ref());
-                marking.iter().for_each(|(_, progress)| progress.cancel());
-            }
+            Action::CountPoints(key, wanted) => self.loaded.count_points(key, *wanted, &mut self.outside),
+            Action::StopMarking(key) => self.loaded.stop_marking(key),
             Action::Pick => self.tools.click(&mut self.scene, &mut self.outside),
             Action::UndoPick => self.tools.pick = self.scene.navigation.pick_before.take(),
             Action::CopyPick => self.tools.copy_pick(&mut self.outside),
@@ -230,7 +215,7 @@ impl Session {
             Action::ListMessages(is_open) => self.outside.messages.list_is_open = is_open,
             Action::DismissMessage(place) => self.outside.messages.dismiss(place),
             Action::Resize(size) => self.set_view_size(size),
-            Action::Quit => self.wants_to_quit = true,
+            Action::Quit => self.leave(Leaving::Quit),
             // The scene has already carried these out.
             LookAlong { .. } | SetParameter { .. } | Action::Undo | Action::Redo | Action::Delete => {}
             Orbit(_) | Look(_) | Pan(_) | Zoom(_) | FieldOfView(_) | FlySpeed(_) | Travel(_) | FrameAll | GoInside
@@ -251,7 +236,10 @@ impl Session {
     /// If the typed text names nothing, the prompt stays open.
     fn open_prompted(&mut self, path: String) {
         let purpose = self.path_prompt.as_ref().map_or(Purpose::Open, |prompt| prompt.purpose);
-        if purpose == Purpose::Mesh {
+        if purpose == Purpose::SaveScene {
+            self.path_prompt = None;
+            self.file(Filing::SaveTo(path.into()));
+        } else if purpose == Purpose::Mesh {
             self.path_prompt = None;
             self.outside.work(Work::ReadMesh(Shape::Mesh(path.into())));
         } else if self.open(std::slice::from_ref(&path)) {
@@ -267,9 +255,81 @@ impl Session {
         if self.shortcuts_are_open {
             self.shortcuts_are_open = false;
         } else if self.path_prompt.is_some() {
-            self.path_prompt = None;
+            self.close_prompt();
         } else if !self.tools.end_one(&mut self.scene, &mut self.outside) && self.is_full_screen {
             self.act(Action::ToggleFullScreen);
+        }
+    }
+
+    fn close_prompt(&mut self) {
+        self.path_prompt = None;
+        self.document.on_no_place();
+    }
+
+    // ---- the scene file ----
+
+    fn file(&mut self, filing: Filing) {
+        match self.document.act(filing, &self.scene, &self.loaded, &mut self.preferences, &mut self.outside) {
+            Some(Next::Leave(leaving)) => self.leave(leaving),
+            Some(Next::Go(leaving)) => self.go(leaving),
+            None => {}
+        }
+    }
+
+    /// Whether a person's work would be lost if the program ended now.
+    pub fn is_unsaved(&self) -> bool {
+        self.first_look.is_none() && self.document.is_unsaved(&self.scene, &self.loaded)
+    }
+
+    /// Does what would lose unsaved work, or asks first.
+    fn leave(&mut self, leaving: Leaving) {
+        self.scene.history.settle(&self.scene.settings, &self.scene.objects);
+        if self.is_unsaved() && self.fatal.is_none() {
+            self.outside.log(json!({ "event": "asked" }));
+            self.document.asked = Some(leaving);
+        } else {
+            self.go(leaving);
+        }
+    }
+
+    fn go(&mut self, leaving: Leaving) {
+        match leaving {
+            Leaving::Quit => self.wants_to_quit = true,
+            Leaving::Close(key) => self.remove_cloud(key),
+            Leaving::Open(path) => self.open_instead(&path, None),
+            Leaving::Restore => {
+                if let Some((path, place)) = self.document.restore() {
+                    self.open_instead(&path, Some(place));
+                }
+            }
+        }
+    }
+
+    /// Closes everything and opens a scene file, or the work that was kept of the file at `restored`.
+    fn open_instead(&mut self, path: &Path, restored: Option<Option<PathBuf>>) {
+        let mut request = world::resolve(&[path]);
+        if let Err(error) = request.check() {
+            return self.outside.say(Level::Error, error.to_string());
+        }
+        self.leave_first_look();
+        self.with_loaded(Loaded::close_all);
+        self.preferences.remember_settings(&self.scene.settings);
+        self.scene.clear(self.preferences.settings().0);
+        self.tools = Tools { light_panel_is_open: self.tools.light_panel_is_open, ..Tools::default() };
+        self.document.forget();
+        if restored.is_some() {
+            request.scene_files.clear();
+        }
+        self.open_request(request);
+        restored.into_iter().for_each(|place| self.document.on_restored(place));
+    }
+
+    fn remove_cloud(&mut self, key: CloudKey) {
+        let input = self.loaded.cloud(key).map(|entry| entry.input.clone()).unwrap_or_default();
+        self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
+        self.document.closed(&input, &self.loaded);
+        if self.loaded.clouds.is_empty() {
+            self.leave_first_look();
         }
     }
 
@@ -279,50 +339,31 @@ impl Session {
     /// and returns whether they name something.
     pub fn open<Word: AsRef<OsStr>>(&mut self, words: &[Word]) -> bool {
         let request = world::resolve(words);
-        match request.check() {
-            Ok(()) => {
-                self.open_request(request);
-                true
-            }
-            Err(error) => {
-                self.outside.say(Level::Error, error.to_string());
-                false
-            }
+        if let Err(error) = request.check() {
+            self.outside.say(Level::Error, error.to_string());
+            return false;
         }
+        self.open_request(request);
+        true
     }
 
     pub fn open_request(&mut self, mut request: world::Request) {
         if !request.inputs.is_empty() {
             self.leave_first_look();
+            self.document.add_inputs(request.inputs.iter().map(world::Input::name));
             self.scene.ground = request.ground();
             let is_alone = self.loaded.clouds.is_empty() && !self.loaded.is_loading() && !self.is_recorded;
             self.first_look = FirstLook::of(&mut request, &self.scene.settings).filter(|_| is_alone);
         }
-        let built_in_light = request.built_in_light();
-        for warning in request.warnings {
+        for warning in std::mem::take(&mut request.warnings) {
             self.outside.say(Level::Warning, warning);
         }
-        if let Some(view) = request.view {
-            // A built-in scene brings a camera without parameters of its own: the current ones stay.
-            let settings =
-                if view.settings == Settings::default() { self.scene.settings.clone() } else { view.settings.clone() };
-            match view.camera {
-                Some(camera) if self.loaded.clouds.is_empty() => self.scene.jump(self.outside.now, settings, camera),
-                _ => self.scene.settings = settings,
-            }
+        self.loaded.awaited_markings.append(&mut request.mirror_points);
+        self.scene.furnish(&mut request, self.loaded.clouds.is_empty(), &mut self.outside);
+        if self.loaded.is_empty() {
+            self.scene.history.settle(&self.scene.settings, &self.scene.objects);
+            self.document.opened(&request.scene_files, &self.scene, &mut self.preferences);
         }
-        let built_in = built_in_light.map(|light| (light, Origin::BuiltIn));
-        self.scene.bring_lights(
-            request.lights.into_iter().map(|light| (light, Origin::Person)).chain(built_in),
-            &mut self.outside,
-        );
-        for mirror in request.mirrors {
-            self.scene.bring_mirror(mirror, None, &mut self.outside);
-        }
-        self.loaded.awaited_markings.extend(request.mirror_points);
-        self.scene.bring_visibility(&request.visibility, request.clips);
-        self.scene.bring_measurements(request.measurements, request.notes);
-        self.scene.bring_paths(request.bookmarks, request.paths);
         if !request.inputs.is_empty() {
             self.outside.push(Effect::Load { inputs: request.inputs });
         }
@@ -331,6 +372,7 @@ impl Session {
     fn leave_first_look(&mut self) {
         if let Some(first) = self.first_look.take() {
             self.with_loaded(|loaded, beside| first.leave(loaded, beside));
+            self.document.forget();
         }
     }
 
@@ -338,6 +380,7 @@ impl Session {
     pub fn on_news(&mut self, news: News) {
         match news {
             News::Loading(job, event, pass) => {
+                self.document.on_event(&event, &self.loaded);
                 self.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
                 if let Some(first) = &mut self.first_look {
                     first.offer_ball(&mut self.scene);
@@ -363,12 +406,7 @@ impl Session {
                 self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))
             }
             Found::Record { picked, record, result } => {
-                for pick in self.tools.pick.iter_mut().filter(|pick| pick.point == picked) {
-                    pick.record = Some(result.clone());
-                }
-                let attributes: serde_json::Map<_, _> =
-                    result.unwrap_or_default().into_iter().map(|(name, value)| (name, value.into())).collect();
-                self.outside.log(json!({ "event": "record", "point": record, "attributes": attributes }));
+                self.tools.on_record(picked, record, result, &mut self.outside);
             }
             Found::Samples { id, mirror, area_per_point, result } => {
                 self.with_loaded(|loaded, beside| loaded.on_samples(id, mirror, area_per_point, result, beside))
@@ -389,7 +427,12 @@ impl Session {
             Found::Truth(answer) => self.on_truth(*answer),
             Found::AddedToStudy { plan, result } => tuning::on_added_to_study(&plan, result, &mut self.outside),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
-            Found::SceneSaved { path, result } => self.outside.scene_saved(&path, result),
+            Found::SceneSaved { path, result } => {
+                let then = self.document.on_saved(&path, &result, &mut self.preferences);
+                self.outside.scene_saved(&path, result);
+                then.into_iter().for_each(|leaving| self.leave(leaving));
+            }
+            Found::Kept(result) => self.document.on_kept(result, &mut self.outside),
             Found::Exported { path, result } => self.loaded.on_exported(&path, result, &mut self.outside),
             Found::Compared(comparison) => self.with_loaded(|loaded, beside| loaded.on_compared(*comparison, beside)),
             Found::Recording(stage) => self.filming.recording.on_stage(stage, &self.outside),
@@ -438,18 +481,12 @@ impl Session {
         self.scene.up(&self.loaded.clouds)
     }
 
-    /// Frames everything unless someone has placed the camera: the clouds' outlines, or `bounds` while no outline is
-    /// known.
-    pub fn frame_while_unplaced(&mut self, bounds: Bounds) {
-        self.scene.frame_while_unplaced(bounds, &self.loaded.clouds);
-    }
-
     /// Sets the size of the picture in pixels.
     pub fn set_view_size(&mut self, size: [u32; 2]) {
         if self.scene.view_size != size {
             self.scene.view_size = size;
             let bounds = self.bounds();
-            self.frame_while_unplaced(bounds);
+            self.scene.frame_while_unplaced(bounds, &self.loaded.clouds);
         }
     }
 
@@ -489,12 +526,13 @@ impl Session {
         let still = self.still_frame().cloned();
         self.kept.sync(still.as_ref(), &self.loaded, &mut self.outside);
         let truth = self.sync_truth();
+        let kept = self.document.sync(self.is_unsaved(), &self.scene, &self.loaded, &mut self.outside);
         let still = self.still_frame().and(self.frames.shown.as_ref()).filter(|_| !self.is_recorded);
         let still = still.map(|shown| shown.stats.frame_milliseconds);
         let auto = self.auto.sync(self.picture(), still, &mut self.outside);
         // Once the panel says it, only the next picture changes that.
         let late = self.frames.time_to_late(now).filter(|left| !left.is_zero());
-        [quiet, view, zoom, frame, truth, late, auto, film].into_iter().flatten().min()
+        [quiet, view, kept, zoom, frame, truth, late, auto, film].into_iter().flatten().min()
     }
 
     /// Requests the frame that is wanted now, unless it is already drawn or shown. Returns the time after which to call
@@ -506,16 +544,7 @@ impl Session {
         if self.adapter.is_none() || self.scene.view_size.contains(&0) || is_empty {
             return None;
         }
-        let is_mirror = self.scene.selected.is_some_and(|id| self.scene.objects.mirror(id).is_some());
-        let situation = Situation {
-            points_come: self.loaded.points_come(),
-            light_comes: !self.loaded.light_search.is_known(),
-            soon_changes: self.loaded.soon_changes(),
-            rest: self.scene.navigation.time_to_rest(self.outside.now),
-            a_mirror_is_dragged: is_mirror && self.tools.handle_is_grabbed,
-            is_recorded: self.is_recorded,
-            milliseconds: f64::from(self.scene.settings.view.frame_ms),
-        };
+        let situation = wanted::situation(&self.scene, &self.loaded, &self.tools, self.outside.now, self.is_recorded);
         let under_way = self.frames.under_way;
         let again = self.frames.request(self.auto.applied(self.picture()), &situation, &mut self.outside);
         if is_first && self.frames.under_way > under_way {
@@ -526,28 +555,7 @@ impl Session {
 
     /// The request for the current view in full quality.
     pub fn picture(&self) -> FrameRequest {
-        let mut settings = self.scene.settings.clone();
-        if self.raw_colors {
-            settings.edl.strength = 0.0;
-            settings.light.by = Lighting::Colors;
-        }
-        if let Some(pick) = self.tools.pick.as_ref().filter(|_| settings.reflection.show == Show::Error) {
-            settings.reflection.point = pick.world.to_array().map(|value| value.to_string()).join(", ");
-        }
-        FrameRequest {
-            camera: self.scene.camera,
-            settings: settings.drawn(),
-            mirrors: all_mirrors(&self.scene.objects, self.tools.inspection.as_ref())
-                .map(|(_, mirror)| mirror.clone())
-                .collect(),
-            lights: self.loaded.lights(&self.scene),
-            clues: self.loaded.clues(&self.scene),
-            size: self.scene.view_size,
-            revision: self.frames.revision,
-            spared: None,
-            hurried: false,
-            light_may_lag: self.loaded.light_may_lag(),
-        }
+        wanted::picture(&self.scene, &self.loaded, &self.tools, self.frames.revision, self.raw_colors)
     }
 
     /// The frame on the screen, if it is final and no work is under way that would change it.
@@ -656,15 +664,6 @@ impl Session {
 
     pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
         self.with_truth(|around, _, _, sweeps, outside| sweeps.start(key, values, places, around, outside));
-    }
-
-    /// The frame whose truth belongs in the picture now. `None` if the view has changed and its picture is not drawn
-    /// yet: the traced truth belongs to the view before.
-    pub fn truth_frame(&self) -> Option<FrameRequest> {
-        let request = &self.frames.shown.as_ref().filter(|_| self.truth.is_asked_for())?.request;
-        let is_current =
-            request.camera == self.scene.camera && request.size == self.scene.view_size && !request.hurried;
-        is_current.then(|| request.clone())
     }
 
     /// Stops all work for the truth, the chart and a sweep.

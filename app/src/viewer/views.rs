@@ -7,6 +7,7 @@ use serde_json::json;
 
 use crate::command_line::quoted;
 use crate::overlays::Facts;
+use crate::viewer::action::PictureDraft;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::short_name;
@@ -91,10 +92,14 @@ impl Scene {
 
     /// Returns what is on the screen as a scene, with the parameters of `settings`.
     fn scene_file(&self, settings: &Settings, loaded: &Loaded) -> SceneFile {
+        self.scene_file_of(&loaded.inputs(), settings)
+    }
+
+    fn scene_file_of(&self, inputs: &[String], settings: &Settings) -> SceneFile {
         SceneFile {
             camera: Some(self.camera),
             parameters: SceneFile::new(Vec::new(), self.camera, settings).parameters,
-            ..self.objects.scene_file(&loaded.inputs())
+            ..self.objects.scene_file(inputs)
         }
     }
 
@@ -110,14 +115,11 @@ impl Scene {
 
     /// Returns what is on the screen as a scene file that may lie in any folder: the paths of files are absolute. Names
     /// of built-in scenes stay as they are.
-    fn movable_scene(&self, settings: &Settings, loaded: &Loaded) -> SceneFile {
-        let mut file = self.scene_file(settings, loaded);
-        let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
-        let meshes = file.mirrors.iter_mut().filter_map(|mirror| match &mut mirror.shape {
-            Shape::Mesh(mesh) if mesh.is_file() => Some(&mut mesh.name),
-            _ => None,
-        });
-        for name in clouds.chain(meshes).filter(|name| Path::new(name).is_file()) {
+    fn movable_scene_of(&self, inputs: &[String], settings: &Settings) -> SceneFile {
+        let mut file = self.scene_file_of(inputs, settings);
+        let built_in = world::built_in_names();
+        let is_there = |name: &&mut String| !built_in.contains(name) && Path::new(name.as_str()).exists();
+        for name in named_files(&mut file).filter(is_there) {
             if let Ok(path) = std::path::absolute(&*name) {
                 *name = path.display().to_string();
             }
@@ -125,47 +127,46 @@ impl Scene {
         file
     }
 
+    /// Returns everything that a scene file holds as text. `inputs` are all clouds of the scene. In a file for `folder`,
+    /// the names of files in that folder are relative to it, so that both may be moved together.
+    ///
+    /// # Errors
+    /// Several scenes that are open have more objects together than one file may have: says of what.
+    pub fn session_text(&self, inputs: &[String], loaded: &Loaded, folder: Option<&Path>) -> Result<String, String> {
+        let mut file = self.whole_file_of(inputs, loaded);
+        file.mirror_points.extend(loaded.awaited_markings.iter().cloned());
+        if let Some(folder) = folder {
+            named_files(&mut file).for_each(|name| {
+                if let Some(beside) = Path::new(&*name).strip_prefix(folder).ok().and_then(Path::to_str) {
+                    *name = beside.to_owned();
+                }
+            });
+        }
+        file.problem().map_or_else(|| Ok(file.to_text()), Err)
+    }
+
     /// Returns the scene as text. Of the parameters it has only those that built-in scenes are made with.
     pub fn view_as_scene(&self, loaded: &Loaded) -> String {
         let settings = Settings { scene: self.settings.scene.clone(), ..Settings::default() };
-        self.movable_scene(&settings, loaded).to_text()
+        self.movable_scene_of(&loaded.inputs(), &settings).to_text()
     }
 
     /// Returns everything that is kept of the scene.
     pub fn whole_file(&self, loaded: &Loaded) -> SceneFile {
-        let file = self.movable_scene(&self.written_settings(loaded), loaded);
+        self.whole_file_of(&loaded.inputs(), loaded)
+    }
+
+    fn whole_file_of(&self, inputs: &[String], loaded: &Loaded) -> SceneFile {
+        let file = self.movable_scene_of(inputs, &self.written_settings(loaded));
         let measurements = self.objects.measurements.iter().map(|placed| placed.measurement.clone()).collect();
         let notes = self.objects.notes.iter().map(|placed| placed.note.clone()).collect();
         let (bookmarks, paths) = (self.objects.bookmarks.clone(), self.objects.paths.clone());
         SceneFile { bookmarks, paths, measurements, notes, ..file }
     }
 
-    pub fn save_scene(&self, loaded: &Loaded, outside: &mut Outside) {
-        let file = self.whole_file(loaded);
-        if file.clouds.is_empty() {
-            outside.note("There is no scene to save yet");
-            return;
-        }
-        let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
-        let path = free_path(Path::new(""), &name, "toml");
-        // Several scenes that are open have more objects together than one file may have.
-        if let Some(problem) = file.problem() {
-            return outside.error(format!("{}: not saved: {problem}", path.display()));
-        }
-        outside.work(Work::SaveScene { path, text: file.to_text() });
-    }
-
-    /// Adds the current setting to the plan in the current folder, and writes the view as a scene file beside it.
-    pub fn add_to_study(&self, loaded: &Loaded, outside: &mut Outside) {
-        if loaded.clouds.is_empty() {
-            outside.note("There is no setting to add yet");
-            return;
-        }
-        let scene = self.view_as_scene(loaded);
-        // The path is absolute because a plan may be run from any folder.
-        let folder = std::env::current_dir().unwrap_or_default();
-        let group = group_of(&self.written_settings(loaded), self.view_size);
-        outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });
+    pub fn copy_command_line(&self, loaded: &Loaded, outside: &mut Outside) {
+        outside.push(Effect::Copy(self.command_line(loaded)));
+        outside.note("Command line copied");
     }
 
     /// Returns the command that renders what is on the screen, for a POSIX shell.
@@ -186,26 +187,56 @@ impl Scene {
         format!("{line} --camera - <<'{end}'\n{view}{end}\n")
     }
 
-    pub fn save_picture(&self, frames: &Frames, loaded: &Loaded, facts: Facts, outside: &mut Outside) {
+    /// What is proposed for a picture that a person gives a name: the next free name, in the size of the window.
+    pub fn picture_draft(&self, loaded: &Loaded) -> PictureDraft {
+        let path = std::path::absolute(free_picture(loaded)).unwrap_or_else(|_| free_picture(loaded));
+        PictureDraft { path: path.display().to_string(), size: self.view_size, is_shown: false }
+    }
+
+    /// Saves the picture: as it is shown and under a free name, or as a person has asked for it.
+    pub fn save_picture(
+        &self,
+        draft: Option<&PictureDraft>,
+        frames: &Frames,
+        loaded: &Loaded,
+        facts: Facts,
+        outside: &mut Outside,
+    ) {
         let Some(shown) = &frames.shown else {
             outside.note("There is no picture to save yet");
             return;
         };
-        let request = FrameRequest { camera: self.camera, size: self.view_size, ..shown.request.clone() };
+        let size = draft.map_or(self.view_size, |draft| draft.size);
+        let request = FrameRequest { camera: self.camera, size, ..shown.request.clone() };
         let request = request.unhurried(&self.settings);
-        let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
-        let path = free_path(Path::new(""), &name, "png");
+        let path = draft.map_or_else(|| free_picture(loaded), |draft| draft.place().into());
         outside.render(Command::Save { request: Box::new(request), path, facts: Box::new(facts) });
     }
 }
 
+/// The names of files in a scene file: of clouds, and of meshes.
+fn named_files(file: &mut SceneFile) -> impl Iterator<Item = &mut String> {
+    let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
+    let meshes = file.mirrors.iter_mut().filter_map(|mirror| match &mut mirror.shape {
+        Shape::Mesh(mesh) if mesh.is_file() => Some(&mut mesh.name),
+        _ => None,
+    });
+    clouds.chain(meshes)
+}
+
 /// Returns a name for files: `office` for `scans/office.laz`, `five-mirrors-sphere` for a built-in scene.
-fn picture_name(input: &str) -> String {
+pub fn picture_name(input: &str) -> String {
     let name = short_name(input);
     if name.contains('/') {
         return name.replace('/', "-");
     }
     Path::new(name).file_stem().map_or(name.into(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// Returns the next free name of a picture of what is open.
+fn free_picture(loaded: &Loaded) -> PathBuf {
+    let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
+    free_path(Path::new(""), &name, "png")
 }
 
 /// Returns `glint-NAME-1.png`, or the same with the first number that is free.

@@ -17,6 +17,7 @@ use crate::export_command;
 use crate::measuring::{self, Outcome};
 use crate::picture_file;
 use crate::progress_bar::Stage;
+use crate::viewer::autosave::Keeper;
 use crate::viewer::filming::process::{self, Ended, Leash};
 use crate::viewer::loaded::comparisons::{Comparing, Comparison};
 use crate::viewer::loaded::figures::{Basis, Figures};
@@ -115,6 +116,13 @@ pub enum Work {
         path: PathBuf,
         text: String,
     },
+    /// Keeps unsaved work against a crash: a scene that belongs to the file `place`. Without text it removes what was
+    /// kept.
+    Keep {
+        keeper: Arc<Keeper>,
+        text: Option<String>,
+        place: Option<PathBuf>,
+    },
     /// Writes the points of files that are shown to a new file.
     Export {
         inputs: Vec<String>,
@@ -202,6 +210,7 @@ pub enum Found {
         path: PathBuf,
         result: Result<(), String>,
     },
+    Kept(Result<(), String>),
     /// `result` holds `None` if the work was cancelled.
     Exported {
         path: PathBuf,
@@ -234,6 +243,7 @@ impl Work {
             Self::Measure { .. } => "measurement",
             Self::Cast(_) => "sight line",
             Self::SaveScene { .. } => "scene",
+            Self::Keep { .. } => "unsaved work",
             Self::Export { .. } => "export",
             Self::Compare(_) => "comparison",
             Self::Record { .. } => "recording",
@@ -308,6 +318,10 @@ impl Work {
             Self::SaveScene { path, text } => {
                 let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
                 found(Found::SceneSaved { path, result });
+            }
+            Self::Keep { keeper, text, place } => {
+                let kept = keeper.keep(text.as_deref().map(|text| (text, place.as_deref())));
+                found(Found::Kept(kept.map_err(|error| format!("{error:#}"))));
             }
             Self::Truth(task) => task.run(|answer| found(Found::Truth(Box::new(answer)))),
             Self::AddToStudy { plan, scene, group } => {

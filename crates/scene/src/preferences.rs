@@ -17,6 +17,10 @@ pub struct Preferences {
     pub tab: String,
     /// The recent files, newest first, as given to the command line.
     pub recent: Vec<String>,
+    /// The scene files that were saved or opened, newest first.
+    pub sessions: Vec<String>,
+    /// Whether the window opens the last of them where nothing is named.
+    pub reopens: bool,
     /// The parameters that differ from their defaults.
     pub parameters: BTreeMap<String, String>,
 }
@@ -28,6 +32,8 @@ impl Default for Preferences {
             panel_is_open: true,
             tab: String::new(),
             recent: Vec::new(),
+            sessions: Vec::new(),
+            reopens: false,
             parameters: BTreeMap::new(),
         }
     }
@@ -51,9 +57,12 @@ impl Preferences {
     }
 
     pub fn remember_file(&mut self, name: &str) {
-        self.recent.retain(|recent| recent != name);
-        self.recent.insert(0, name.to_string());
-        self.recent.truncate(RECENT_FILES);
+        put_first(&mut self.recent, name);
+    }
+
+    /// Remembers a scene file by its absolute path.
+    pub fn remember_session(&mut self, path: &str) {
+        put_first(&mut self.sessions, path);
     }
 
     pub fn remember_settings(&mut self, settings: &Settings) {
@@ -71,6 +80,12 @@ impl Preferences {
         }
         (settings, warnings)
     }
+}
+
+fn put_first(names: &mut Vec<String>, name: &str) {
+    names.retain(|known| known != name);
+    names.insert(0, name.to_string());
+    names.truncate(RECENT_FILES);
 }
 
 #[cfg(test)]

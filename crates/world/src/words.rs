@@ -58,6 +58,8 @@ impl Input {
 #[derive(Clone, Debug, Default)]
 pub struct Request {
     pub inputs: Vec<Input>,
+    /// The scene files that were read.
+    pub scene_files: Vec<PathBuf>,
     /// The camera and parameters of the scene file, or the camera of a built-in scene that is shown alone.
     pub view: Option<View>,
     /// The mirrors of scene files; built-in scenes bring theirs when they are loaded.
@@ -197,6 +199,7 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
             request.inputs.extend(clouds.iter().map(|cloud| named(cloud.as_ref(), &format!("{name}: "))));
             let view = file.view();
             files.push(file);
+            request.scene_files.push(path.to_owned());
             request.warnings.extend(view.warnings.iter().map(|warning| format!("{name}: {warning}")));
             if request.view.replace(view).is_some() {
                 request

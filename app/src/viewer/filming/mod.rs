@@ -73,7 +73,7 @@ impl Filming {
             | Action::Gizmo(_)
             | Action::GrabHandle(_)
             | Action::ShowLights(_)
-            | Action::SavePicture
+            | Action::SavePicture(_)
             | Action::PinTruth
             | Action::LookAtTruth(_)
             | Action::MeasureTruth(_)

@@ -8,7 +8,7 @@ use scene::{Camera, CameraPath, Mirror, Object, SceneFile, Shape};
 
 use super::*;
 use crate::command_line::{Command, CommandLine};
-use crate::viewer::action::PathPreset;
+use crate::viewer::action::{Filing, PathPreset};
 use crate::viewer::bench::Bench;
 use crate::viewer::filming::process::Ended;
 use crate::viewer::interface;
@@ -142,7 +142,7 @@ fn a_path_is_played_by_the_clock_and_the_scene_keeps_its_own_values() {
     // What is saved, and what undo goes back to, are the scene's own values.
     film(&mut session, Film::Scrub(1.0));
     later(&mut session, 0.1);
-    session.act(Action::SaveScene);
+    session.act(Action::File(Filing::SaveTo("film.toml".into())));
     assert_eq!(session.scene.settings.sun.elevation, elevation);
     let saved = session.outside.effects.iter().find_map(|effect| match effect {
         Effect::Work(Work::SaveScene { text, .. }) => SceneFile::parse(text).ok(),

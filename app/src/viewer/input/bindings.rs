@@ -7,7 +7,7 @@ use egui::{Key, PointerButton};
 use glam::DVec2;
 use scene::{ColorBy, MeasurementKind, Shape, StandardView};
 
-use crate::viewer::action::{Action, Clipping, Export, Film, Handles, KeptStep, Measuring, Mode};
+use crate::viewer::action::{Action, Clipping, Export, Filing, Film, Handles, KeptStep, Measuring, Mode, SavePicture};
 
 /// The modifier keys that a gesture needs; no others may be down. `ctrl` is the command key on a Mac.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,13 +150,20 @@ pub const BINDINGS: &[Binding] = {
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::O), A::OpenPrompt, "Open by typing a path"),
         bind(FILES, Trigger::Key(CTRL, Key::Period), A::StopLoading, "Stop loading; what is loaded stays"),
         bind(FILES, Trigger::Key(CTRL, Key::Q), A::Quit, "Quit"),
-        bind(FILES, key(Key::F12), A::SavePicture, "Save the picture"),
+        bind(FILES, key(Key::F12), A::SavePicture(SavePicture::AtOnce), "Save the picture"),
         bind(FILES, Trigger::Key(SHIFT, Key::F12), A::Film(Film::Capture), "Record the window; again: end it"),
+        bind(
+            FILES,
+            Trigger::Key(CTRL, Key::F12),
+            A::SavePicture(SavePicture::Ask),
+            "Save the picture at any size, with name and place",
+        ),
         bind(FILES, Trigger::Key(CTRL, Key::E), A::Export(Export::Ask), "Save the points that are shown"),
         bind(FILES, Trigger::Key(CTRL, Key::C), A::CopyView, "Copy the view as text"),
         bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::C), A::CopyCommandLine, "Copy the command line of this picture"),
-        bind(FILES, Trigger::Key(CTRL, Key::S), A::SaveScene, "Save the scene"),
+        bind(FILES, Trigger::Key(CTRL, Key::S), A::File(Filing::Save), "Save the scene"),
+        bind(FILES, Trigger::Key(CTRL_SHIFT, Key::S), A::File(Filing::SaveAs), "Save the scene under another name"),
         bind(OBJECTS, key(Key::B), A::AddMirror(Shape::Sphere), "Add a mirror ball at the picked point"),
         bind(
             OBJECTS,

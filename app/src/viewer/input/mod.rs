@@ -31,7 +31,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let scale = f64::from(ui.ctx().pixels_per_point());
     if is_typing {
         hold(session, [false; 3], actions);
-    } else if session.palette.is_none() {
+    } else if session.palette.is_none() && session.document.asked.is_none() && session.tools.picture_draft.is_none() {
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
         keys(ui, session, &mut shortcuts, actions);
         held(ui, session, &shortcuts, actions);

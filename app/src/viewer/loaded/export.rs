@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::viewer::action::Export;
 use crate::viewer::loaded::{Loaded, Writing};
 use crate::viewer::messages::Level;
-use crate::viewer::outside::{Effect, Outside};
+use crate::viewer::outside::{Asked, Effect, Outside};
 use crate::viewer::scene::Scene;
 use crate::viewer::views::free_path;
 use crate::viewer::work::Work;
@@ -29,7 +29,7 @@ impl Loaded {
             Export::Ask => match self.inputs().first() {
                 Some(input) => {
                     let name = Path::new(input).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-                    outside.push(Effect::AskPlace(free_path(Path::new(""), &name, "laz")));
+                    outside.push(Effect::AskPlace(Asked::Points, free_path(Path::new(""), &name, "laz")));
                 }
                 None => outside.note("There are no points to save yet"),
             },

@@ -12,9 +12,23 @@ use crate::viewer::loaded::clouds::Sample;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::messages::Level;
 use crate::viewer::objects::{Marking, ObjectId, unnamed};
+use crate::viewer::outside::Outside;
 use crate::viewer::work::Work;
 
 impl Loaded {
+    /// Counts the points of a cloud that would reflect.
+    pub fn count_points(&self, key: CloudKey, wanted: MirrorPoints, outside: &mut Outside) {
+        if let Some(entry) = self.cloud(key) {
+            outside.work(Work::CountPoints { cloud: entry.cloud.clone(), source: entry.source.clone(), wanted });
+        }
+    }
+
+    /// Stops finding the points of a cloud that reflect.
+    pub fn stop_marking(&self, key: CloudKey) {
+        let marking = self.cloud(key).and_then(|entry| entry.marking.as_ref());
+        marking.iter().for_each(|(_, progress)| progress.cancel());
+    }
+
     /// Takes in the points of a mirror, and the triangles of its mesh. The mirror is taken away if its mesh cannot be
     /// read. The points are dropped if the mirror has been deleted meanwhile.
     pub fn on_samples(

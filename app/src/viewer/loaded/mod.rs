@@ -24,14 +24,13 @@ use scene::{Mirror, MirrorPoints};
 use world::{CloudKey, Input, Mailbox};
 
 use crate::viewer::frames::Frames;
-use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Samples, short_name};
+use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Samples};
 use crate::viewer::loaded::comparisons::Comparisons;
 use crate::viewer::loaded::light_search::LightSearch;
 use crate::viewer::objects::{ObjectId, Objects};
 use crate::viewer::outside::Outside;
 use crate::viewer::preferences::Preferences;
 use crate::viewer::scene::Scene;
-use crate::viewer::theme::grouped;
 use crate::viewer::tools::inspection::Inspection;
 use crate::viewer::window::render_thread::PickedPoint;
 
@@ -144,15 +143,5 @@ impl Loaded {
             }
         }
         inputs
-    }
-
-    /// The window's title.
-    pub fn title(&self) -> String {
-        let points = self.all_points();
-        match self.inputs().as_slice() {
-            [] => "glint".into(),
-            [one] => format!("{} - {} points - glint", short_name(one), grouped(points)),
-            several => format!("{} clouds - {} points - glint", several.len(), grouped(points)),
-        }
     }
 }

@@ -199,6 +199,27 @@ impl Loaded {
     }
 
     /// Whether points are still being loaded, regardless of the view.
+    /// Whether nothing is open, and nothing is being opened.
+    pub fn is_empty(&self) -> bool {
+        let is_over = |job: &JobEntry| job.is_loaded || job.progress.is_cancelled();
+        self.clouds.is_empty() && self.jobs.iter().all(is_over)
+    }
+
+    /// Whether a built-in scene is being loaded, whose mirrors are still to come.
+    pub fn is_loading_built_in(&self) -> bool {
+        let is_built_in = |job: &JobEntry| self.clouds.iter().any(|entry| job.owns(entry.key) && entry.is_built_in());
+        self.jobs.iter().any(|job| !job.is_loaded && is_built_in(job))
+    }
+
+    /// Stops loading, and closes all clouds.
+    pub fn close_all(&mut self, beside: &mut Beside<'_>) {
+        self.stop_loading(beside);
+        let keys: Vec<CloudKey> = self.clouds.iter().map(|entry| entry.key).collect();
+        for key in keys {
+            self.remove_cloud(key, beside);
+        }
+    }
+
     pub fn is_loading(&self) -> bool {
         self.jobs.iter().any(|job| !job.is_loaded)
     }

@@ -407,7 +407,7 @@ mod tests {
         drop_chunk(&mut session, 0);
         assert_eq!(session.bounds(), octree().nodes[0].bounds);
         assert_eq!((session.loaded.points(), session.loaded.all_points(), session.loaded.clouds[0].total()), (3, 8, 8));
-        assert_eq!(session.loaded.title(), "survey - 8 points - glint");
+        assert_eq!(session.document.title(false, &session.loaded), "survey - 8 points - glint");
         let room = |session: &mut Session| {
             let commands = commands(session).into_iter();
             commands

@@ -4,7 +4,7 @@ use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
 use scene::{Mirror, MirrorSurface, Object, REFRACTION, Shape};
 
-use crate::viewer::action::Action;
+use crate::viewer::action::{Action, Filing};
 use crate::viewer::input::bindings;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::panels::marking;
@@ -26,10 +26,10 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
         let save = ui.button("Save scene").on_hover_text(format!(
             "Clouds, camera, parameters and mirrors as a file ({})",
-            bindings::shortcut(&Action::SaveScene)
+            bindings::shortcut(&Action::File(Filing::Save))
         ));
         if save.clicked() {
-            actions.push(Action::SaveScene);
+            actions.push(Action::File(Filing::Save));
         }
     });
     inspection(ui, session, actions);

@@ -17,6 +17,8 @@ pub struct PathPrompt {
     reason: Option<&'static str>,
     pub purpose: Purpose,
     is_shown: bool,
+    /// The text whose file the next Enter replaces: the prompt has said that there is one.
+    replaced: Option<String>,
 }
 
 /// What happens with the file.
@@ -28,6 +30,8 @@ pub enum Purpose {
     MirrorPoints,
     /// Its faces will be a mirror.
     Mesh,
+    /// The scene is saved under this name.
+    SaveScene,
 }
 
 /// How the prompt ended.
@@ -57,11 +61,25 @@ impl PathPrompt {
         Self { purpose: Purpose::Mesh, ..Self::because("The faces of this PLY file will be a mirror.") }
     }
 
+    /// A prompt for the name of a scene file, which proposes one.
+    pub fn to_save_scene(proposed: &Path, reason: &'static str) -> Self {
+        Self { purpose: Purpose::SaveScene, text: proposed.display().to_string(), ..Self::because(reason) }
+    }
+
+    fn saves(&self) -> bool {
+        self.purpose == Purpose::SaveScene
+    }
+
     /// Draws the prompt. Returns how it ended, if it has.
     pub fn show(&mut self, context: &egui::Context) -> Option<Outcome> {
         let mut outcome = None;
         let mut is_open = true;
-        egui::Window::new("Open a file")
+        let (title, help) = if self.saves() {
+            ("Save the scene", "Tab completes, Enter saves, Esc closes")
+        } else {
+            ("Open a file", "Tab completes, Enter opens, Esc closes")
+        };
+        egui::Window::new(title)
             .open(&mut is_open)
             .collapsible(false)
             .resizable(false)
@@ -73,7 +91,11 @@ impl PathPrompt {
                 }
                 outcome = self.field(ui);
                 self.candidate_list(ui);
-                ui.label(RichText::new("Tab completes, Enter opens, Esc closes").small().color(theme::WEAK));
+                if self.replaced.as_ref() == Some(&self.text) {
+                    let text = "A file of this name is there. Enter again replaces it.";
+                    ui.label(RichText::new(text).color(theme::WARNING));
+                }
+                ui.label(RichText::new(help).small().color(theme::WEAK));
             });
         if is_open { outcome } else { Some(Outcome::Close) }
     }
@@ -102,7 +124,7 @@ impl PathPrompt {
                 move_cursor_to_end(ui.ctx(), id, &self.text);
                 response.request_focus();
             }
-            if ui.button("Open").clicked() || entered {
+            if ui.button(if self.saves() { "Save" } else { "Open" }).clicked() || entered {
                 outcome = Some(Outcome::Open(self.text.trim().to_string()));
             }
         });
@@ -118,6 +140,11 @@ impl PathPrompt {
                 self.is_shown = false;
                 None
             }
+            Some(Outcome::Open(text)) if self.saves() && self.asks_to_replace(&text) => {
+                self.replaced = Some(self.text.clone());
+                self.is_shown = false;
+                None
+            }
             Some(Outcome::Open(text)) => {
                 // If the path names nothing, the prompt stays for another try.
                 self.is_shown = false;
@@ -125,6 +152,11 @@ impl PathPrompt {
             }
             other => other,
         }
+    }
+
+    /// Whether the file is there, and the prompt has not said so yet.
+    fn asks_to_replace(&self, text: &str) -> bool {
+        expanded(text).exists() && self.replaced.as_ref() != Some(&self.text)
     }
 
     fn candidate_list(&mut self, ui: &mut egui::Ui) {
@@ -238,6 +270,27 @@ mod tests {
         let offices = candidates(&format!("{start}of"));
         assert_eq!(completed(&format!("{start}of"), &offices), format!("{start}office_"));
         assert_eq!(completed("nothing", &[]), "nothing");
+    }
+
+    #[test]
+    fn a_name_that_is_taken_is_replaced_by_a_second_enter_only() {
+        let folder = folder();
+        let proposed = folder.path().join("office_1.laz");
+        let mut harness = egui_kittest::Harness::builder().with_size([800.0, 500.0]).build_ui_state(
+            |ui, (prompt, outcome): &mut (PathPrompt, Option<Outcome>)| {
+                if let Some(ended) = prompt.show(ui.ctx()) {
+                    *outcome = Some(ended);
+                }
+            },
+            (PathPrompt::to_save_scene(&proposed, "No dialog."), None),
+        );
+        harness.run();
+        harness.key_press(Key::Enter);
+        harness.run();
+        assert_eq!(harness.state().1, None);
+        harness.key_press(Key::Enter);
+        harness.run();
+        assert_eq!(harness.state().1, Some(Outcome::Open(proposed.display().to_string())));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use egui::{Rect, RichText, Ui};
 
 use param::{Group, Params};
 
-use crate::viewer::action::Action;
+use crate::viewer::action::{Action, Filing};
 use crate::viewer::input::bindings;
 use crate::viewer::loaded::clouds::short_name;
 use crate::viewer::panels::{self, presets};
@@ -27,7 +27,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
         ui.spacing_mut().item_spacing.x = 5.0;
         action_button(ui, "Open…", Action::OpenDialog, actions);
         recent_menu(ui, session, actions);
-        action_button(ui, "Save", Action::SaveScene, actions);
+        action_button(ui, "Save", Action::File(Filing::Save), actions);
         action_button(ui, "Frame all", Action::FrameAll, actions);
         action_button(ui, "?", Action::ToggleShortcuts, actions);
     });
@@ -243,6 +243,18 @@ fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Acti
 
 fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.menu_button("Recent", |ui| {
+        for session in &session.preferences.sessions {
+            let help = format!("Closes what is open, and opens {session}");
+            if ui.button(short_name(session)).on_hover_text(help).clicked() {
+                actions.push(Action::File(Filing::Open(session.into())));
+            }
+        }
+        let mut reopens = session.preferences.reopens;
+        let help = "Where nothing else is named on the command line";
+        if ui.checkbox(&mut reopens, "Open the last scene at the start").on_hover_text(help).changed() {
+            actions.push(Action::File(Filing::Reopen(reopens)));
+        }
+        ui.separator();
         for recent in &session.preferences.recent {
             if ui.button(short_name(recent)).on_hover_text(recent).clicked() {
                 actions.push(Action::Open(recent.into()));

@@ -203,7 +203,9 @@ fn line(ui: &mut Ui, name: &str, text: &str, help: &str) {
 
 /// Draws the truth over the picture in `rect`, as far as it is traced, if it belongs to the picture on the screen.
 pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) {
-    let Some(request) = session.truth_frame() else { return };
+    let Some(request) = session.truth.frame(&session.frames, session.scene.camera, session.scene.view_size) else {
+        return;
+    };
     let look = session.truth.shown_look();
     let painter = ui.painter().with_clip_rect(rect);
     let picture = match look {

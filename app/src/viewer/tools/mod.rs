@@ -16,13 +16,13 @@ use glam::DVec3;
 use scene::{Mirror, Object, Shape};
 use serde_json::json;
 
-use crate::viewer::action::{Handles, Measuring};
+use crate::viewer::action::{Handles, Measuring, PictureDraft, SavePicture};
 use crate::viewer::facts::facts;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, Placed};
-use crate::viewer::outside::{Effect, Outside};
+use crate::viewer::outside::{Asked, Effect, Outside};
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::clips::PrismDraft;
 use crate::viewer::tools::draft::Draft;
@@ -47,6 +47,8 @@ pub struct Tools {
     pub handle_is_grabbed: bool,
     /// Whether the panel of lights is open. The lights are then shown in the picture.
     pub light_panel_is_open: bool,
+    /// What is entered about a picture to save, while that window is open.
+    pub picture_draft: Option<PictureDraft>,
     /// The polygon that is being drawn.
     pub prism: Option<PrismDraft>,
 }
@@ -75,8 +77,36 @@ impl Tools {
     }
 
     /// Saves the picture as a file, with the overlays that are switched on.
-    pub fn save_picture(&self, scene: &Scene, frames: &Frames, loaded: &Loaded, outside: &mut Outside) {
-        scene.save_picture(frames, loaded, facts(scene, loaded, &self.measurements), outside);
+    /// Saves the picture, or does a step of asking for its size and place.
+    pub fn save_picture(
+        &mut self,
+        step: SavePicture,
+        scene: &Scene,
+        frames: &Frames,
+        loaded: &Loaded,
+        outside: &mut Outside,
+    ) {
+        let draft = match step {
+            SavePicture::AtOnce => None,
+            SavePicture::To(draft) => Some(draft),
+            SavePicture::Ask => return self.picture_draft = Some(scene.picture_draft(loaded)),
+            SavePicture::Change(draft) => return self.picture_draft = draft.map(|draft| *draft),
+            SavePicture::Browse(proposed) => return outside.push(Effect::AskPlace(Asked::Picture, proposed)),
+        };
+        self.picture_draft = None;
+        scene.save_picture(draft.as_deref(), frames, loaded, facts(scene, loaded, &self.measurements), outside);
+    }
+
+    /// Shows one kind of handles, or all of them again.
+    pub fn show_handles(&mut self, handles: Handles) {
+        self.handles = if self.handles == handles { Handles::All } else { handles };
+    }
+
+    /// Notes that a handle is grabbed or released.
+    pub fn grab(&mut self, is_grabbed: bool, scene: &Scene, outside: &mut Outside) {
+        if std::mem::replace(&mut self.handle_is_grabbed, is_grabbed) && !is_grabbed {
+            scene.log_moved(outside);
+        }
     }
 
     /// Handles a click in the picture: it belongs to the tool that is in use, or picks what is under the cursor.
@@ -105,6 +135,22 @@ impl Tools {
             return scene.selected.take().is_some() || self.pick.take().is_some();
         }
         true
+    }
+
+    /// Takes in the attributes of a picked point, which is the point `record` of its file.
+    pub fn on_record(
+        &mut self,
+        picked: PickedPoint,
+        record: u64,
+        result: Result<Vec<(String, String)>, String>,
+        outside: &mut Outside,
+    ) {
+        for pick in self.pick.iter_mut().filter(|pick| pick.point == picked) {
+            pick.record = Some(result.clone());
+        }
+        let attributes: serde_json::Map<_, _> =
+            result.unwrap_or_default().into_iter().map(|(name, value)| (name, value.into())).collect();
+        outside.log(json!({ "event": "record", "point": record, "attributes": attributes }));
     }
 
     pub fn on_picked(

@@ -337,7 +337,8 @@ mod tests {
 
     /// Whether the picture shows the truth of the frame on the screen.
     fn is_shown(session: &Session) -> bool {
-        session.truth_frame().is_some_and(|request| session.truth.picture(&request).is_some())
+        let frame = session.truth.frame(&session.frames, session.scene.camera, session.scene.view_size);
+        frame.is_some_and(|request| session.truth.picture(&request).is_some())
     }
 
     #[test]

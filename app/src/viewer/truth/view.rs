@@ -8,10 +8,12 @@ use std::time::Instant;
 
 use cloud::Progress;
 use egui::{ColorImage, TextureHandle, TextureOptions};
+use scene::Camera;
 use serde_json::json;
 use study::{Accuracy, Drawn, Refinement, TracedScene};
 
 use crate::viewer::action::Look;
+use crate::viewer::frames::Frames;
 use crate::viewer::theme::grouped;
 use crate::viewer::truth::live::LiveEstimate;
 use crate::viewer::truth::tasks::{Answer, Kind, Measure, Pass, SceneKey};
@@ -145,6 +147,14 @@ impl TruthView {
     /// Whether the picture shall show the truth.
     pub fn is_asked_for(&self) -> bool {
         self.is_held || self.is_pinned
+    }
+
+    /// The frame whose truth belongs in a picture of this size that `camera` sees. `None` if the view has changed and its
+    /// picture is not drawn yet: the traced truth belongs to the view before.
+    pub fn frame(&self, frames: &Frames, camera: Camera, size: [u32; 2]) -> Option<FrameRequest> {
+        let request = &frames.shown.as_ref().filter(|_| self.is_asked_for())?.request;
+        let is_current = request.camera == camera && request.size == size && !request.hurried;
+        is_current.then(|| request.clone())
     }
 
     /// What is shown if the truth is asked for: the key shows the whole truth.

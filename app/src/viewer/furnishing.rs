@@ -1,0 +1,33 @@
+//! What a request to open something brings into the scene: view, objects, what is hidden, camera paths.
+
+use scene::Settings;
+use world::Request;
+
+use crate::viewer::objects::Origin;
+use crate::viewer::outside::Outside;
+use crate::viewer::scene::Scene;
+
+impl Scene {
+    /// Brings everything but points, warnings and points that reflect. `is_empty` tells that no cloud is open, so that
+    /// the camera is the request's.
+    pub fn furnish(&mut self, request: &mut Request, is_empty: bool, outside: &mut Outside) {
+        let built_in_light = request.built_in_light();
+        if let Some(view) = request.view.take() {
+            // A built-in scene brings a camera without parameters of its own: the current ones stay.
+            let settings = if view.settings == Settings::default() { self.settings.clone() } else { view.settings };
+            match view.camera {
+                Some(camera) if is_empty => self.jump(outside.now, settings, camera),
+                _ => self.settings = settings,
+            }
+        }
+        let built_in = built_in_light.map(|light| (light, Origin::BuiltIn));
+        let lights = request.lights.drain(..).map(|light| (light, Origin::Person));
+        self.bring_lights(lights.chain(built_in), outside);
+        for mirror in request.mirrors.drain(..) {
+            self.bring_mirror(mirror, None, outside);
+        }
+        self.bring_visibility(&request.visibility, std::mem::take(&mut request.clips));
+        self.bring_measurements(std::mem::take(&mut request.measurements), std::mem::take(&mut request.notes));
+        self.bring_paths(std::mem::take(&mut request.bookmarks), std::mem::take(&mut request.paths));
+    }
+}

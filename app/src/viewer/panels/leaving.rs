@@ -1,0 +1,82 @@
+//! The questions about unsaved work: what to do with it before it would be lost, and whether to restore what a program
+//! that ended unexpectedly has left.
+
+use egui::{Key, RichText};
+
+use crate::viewer::action::{Action, Filing};
+use crate::viewer::document::Leaving;
+use crate::viewer::loaded::clouds::short_name;
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+
+/// Draws the question that waits for an answer, if there is one.
+pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
+    if let Some(leaving) = &session.document.asked {
+        unsaved(context, session, leaving, actions);
+    } else {
+        left(context, session, actions);
+    }
+}
+
+fn unsaved(context: &egui::Context, session: &Session, leaving: &Leaving, actions: &mut Vec<Action>) {
+    let before = match leaving {
+        Leaving::Quit => "before glint ends",
+        Leaving::Open(_) | Leaving::Restore => "before it makes room for another",
+        Leaving::Close(_) => "before its last cloud is closed",
+    };
+    egui::Modal::new(egui::Id::unique("unsaved")).show(context, |ui| {
+        ui.set_max_width(420.0);
+        ui.heading("Save the scene?");
+        let name = session.document.place.as_ref().map(|place| place.display().to_string());
+        let name = name.as_deref().map_or("This scene, which has no file yet,", short_name);
+        ui.label(format!("{name} has changes that are not saved. Save them {before}?"));
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            let save = ui.button("Save");
+            if ui.memory(|memory| memory.focused().is_none()) {
+                save.request_focus();
+            }
+            let answers = [
+                (save.clicked(), Filing::SaveAndLeave),
+                (ui.button("Discard").on_hover_text("The changes are lost").clicked(), Filing::Discard),
+                (ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)), Filing::Stay),
+            ];
+            let given = answers.into_iter().find(|(is_given, _)| *is_given);
+            actions.extend(given.map(|(_, answer)| Action::File(answer)));
+        });
+    });
+}
+
+/// Offers the newest work that a crash has left.
+fn left(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
+    let Some(abandoned) = session.document.abandoned.last() else { return };
+    let window = egui::Window::new("Unsaved work").collapsible(false).resizable(false);
+    window.anchor(egui::Align2::CENTER_TOP, [0.0, 60.0]).show(context, |ui| {
+        ui.set_width(400.0);
+        let name = abandoned.place.as_ref().map(|place| place.display().to_string());
+        let name = name.as_deref().map_or("a scene that has no file", short_name);
+        ui.label(format!("glint ended unexpectedly {}, with unsaved work on {name}.", abandoned.age()));
+        let more = session.document.abandoned.len() - 1;
+        if more > 0 {
+            ui.label(RichText::new(format!("{more} more are left.")).small().color(theme::WEAK));
+        }
+        ui.horizontal(|ui| {
+            let answers = [
+                ("Restore", "Closes what is open, and shows the work as it was", Filing::Restore),
+                ("Delete", "The work is lost", Filing::DeleteLeft),
+                ("Later", "The next start asks again", Filing::Later),
+            ];
+            let is_shown = egui::Id::unique("the offer of unsaved work is shown");
+            let is_first = !ui.data_mut(|data| std::mem::replace(data.get_temp_mut_or(is_shown, false), true));
+            for (text, help, answer) in answers {
+                let button = ui.button(text);
+                if is_first && answer == Filing::Restore {
+                    button.request_focus();
+                }
+                if button.on_hover_text(help).clicked() {
+                    actions.push(Action::File(answer));
+                }
+            }
+        });
+    });
+}
