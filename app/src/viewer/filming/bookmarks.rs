@@ -20,6 +20,9 @@ const SIZE: [u32; 2] = [128, 80];
 pub fn keep(digit: Option<u8>, scene: &mut Scene, outside: &mut Outside) {
     let camera = scene.camera;
     let known = digit.and_then(|digit| scene.objects.bookmarks.iter().position(|known| known.digit == Some(digit)));
+    if known.is_some_and(|index| scene.objects.bookmarks[index].camera() == camera) {
+        return;
+    }
     let names = scene.objects.bookmarks.iter().map(|bookmark| bookmark.name.as_str());
     let name = match known {
         Some(index) => scene.objects.bookmarks[index].name.clone(),
@@ -44,6 +47,8 @@ pub fn keep(digit: Option<u8>, scene: &mut Scene, outside: &mut Outside) {
 
 /// The camera on its way to a bookmark.
 pub struct Flight {
+    /// The bookmark to which it leads.
+    pub index: usize,
     motion: Motion,
     since: Instant,
 }
@@ -51,14 +56,14 @@ pub struct Flight {
 impl Flight {
     /// Begins a flight, in one step of undo.
     pub fn to(index: usize, scene: &mut Scene, outside: &mut Outside) -> Option<Self> {
-        let bookmark = scene.objects.bookmarks.get(index)?.clone();
+        let bookmark = scene.objects.bookmarks.get(index).filter(|bookmark| bookmark.camera() != scene.camera)?.clone();
         outside.log(json!({ "event": "flight", "name": bookmark.name }));
         let from = scene.camera;
         let mut path = CameraPath { name: bookmark.name.clone(), ease: Ease::InOut, ..CameraPath::default() };
         path.set_keyframe(0.0, from);
         path.set_keyframe(FLIGHT_SECONDS, bookmark.camera());
         scene.jump(outside.now, scene.settings.clone(), from);
-        Some(Self { motion: Motion::new(&path)?, since: outside.now })
+        Some(Self { index, motion: Motion::new(&path)?, since: outside.now })
     }
 
     /// Moves the camera. Returns whether it has arrived.

@@ -191,6 +191,10 @@ impl Filming {
     }
 
     fn fly(&mut self, index: usize, scene: &mut Scene, outside: &mut Outside) {
+        // A key that is held down repeats.
+        if self.flight.as_ref().is_some_and(|flight| flight.index == index) {
+            return;
+        }
         self.timeline.leave();
         scene.unpose();
         self.flight = Flight::to(index, scene, outside);

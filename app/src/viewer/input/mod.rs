@@ -94,16 +94,17 @@ fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions:
                 let of_digit = digit(physical_key.unwrap_or(key)).and_then(|digit| {
                     Some(bindings::action(Trigger::Digit(modifiers.into()), mode)?.with_digit(digit))
                 });
-                let action = of_key.or(of_digit);
-                if action.is_some() {
+                if of_key.is_some() || of_digit.is_some() {
                     shortcuts.insert(key);
                 } else {
                     shortcuts.remove(&key);
                 }
                 // A key that is kept down repeats steps, not toggles.
-                actions.extend(
-                    action.filter(|action| !repeat || matches!(action, Action::PointSize(_) | Action::Zoom(_))),
-                );
+                let of_key =
+                    of_key.filter(|action| !repeat || matches!(action, Action::PointSize(_) | Action::Zoom(_)));
+                // Where Shift comes up before the digit, the digit's character never does, and its next press counts as
+                // a repetition.
+                actions.extend(of_key.or(of_digit));
             }
             Event::Key { key, pressed: false, .. } => {
                 shortcuts.remove(&key);
