@@ -497,7 +497,7 @@ fn a_frame_that_was_given_up_leaves_no_trace() {
         settings.gi.bounces = 1;
         // The surface of the points is kept where only a mirror has moved.
         let change = |scene: &mut Scene, part: u32| {
-            if part % 2 == 0 {
+            if part.is_multiple_of(2) {
                 scene.camera.orbit(0.02, 0.01);
             } else {
                 scene.mirrors[1].position.x += 0.02;
