@@ -98,7 +98,6 @@ impl Bench {
                     Command::Frame(_)
                         | Command::Read { .. }
                         | Command::Capture { .. }
-                        | Command::Read { .. }
                         | Command::Measure(_)
                         | Command::Present { .. }
                         | Command::Estimate { .. }

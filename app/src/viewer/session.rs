@@ -162,7 +162,7 @@ impl Session {
             Action::AddMirror(shape) => self.tools.add_mirror(shape, &mut self.scene, &self.loaded, &mut self.outside),
             Action::Clip(clipping) => self.tools.clip(clipping, &mut self.scene, &self.loaded, &mut self.outside),
             Action::Gizmo(handles) => self.tools.show_handles(handles),
-            Action::GrabHandle(is_grabbed) => self.tools.grab(is_grabbed, &self.scene, &mut self.outside),
+            Action::GrabHandle(is_grabbed) => self.tools.grab(is_grabbed, &mut self.scene, &mut self.outside),
             Action::ShowLights(are_shown) => self.tools.light_panel_is_open = are_shown,
             Action::Inspect => self.tools.toggle_inspection(&mut self.scene, &self.loaded, &mut self.outside),
             Action::InspectDistance(notches) => self.tools.change_pose(|pose| pose.move_away(STEP.powf(notches))),

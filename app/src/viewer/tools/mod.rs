@@ -103,7 +103,7 @@ impl Tools {
     }
 
     /// Notes that a handle is grabbed or released.
-    pub fn grab(&mut self, is_grabbed: bool, scene: &Scene, outside: &mut Outside) {
+    pub fn grab(&mut self, is_grabbed: bool, scene: &mut Scene, outside: &mut Outside) {
         if std::mem::replace(&mut self.handle_is_grabbed, is_grabbed) && !is_grabbed {
             scene.log_moved(outside);
         }
