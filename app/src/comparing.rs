@@ -156,7 +156,8 @@ fn own_chunks(cloud: &Cloud) -> impl Iterator<Item = &Chunk> {
 }
 
 /// Measures the shown points of the first cloud, or one in each cube with edges of `core`, whose distance the others
-/// in the cube take. `progress` counts points that are read and measured. Returns the files' warnings, too; `None` if it was cancelled.
+/// in the cube take. `progress` counts points that are read and measured. Returns the files' warnings, too; `None` if it
+/// was cancelled.
 ///
 /// # Errors
 /// Bad lengths, a cloud that cannot be read or shows no points, or no distances.

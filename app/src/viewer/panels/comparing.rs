@@ -101,12 +101,12 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
     second(ui, session, &mut draft);
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Measure");
+        name_label(ui, "Measure");
         let help = "To the nearest point, without a sign; or M3C2: along the normal of the first cloud, between the mean \
                     places of both in a cylinder, with the least distance that is a change (95 %)";
         for (is_m3c2, name) in [(false, "nearest point"), (true, "M3C2")] {
             let choice = ui.selectable_label(draft.is_m3c2 == is_m3c2, name).on_hover_text(help);
-            if choice.labelled_by(label.id).clicked() {
+            if choice.clicked() {
                 draft.is_m3c2 = is_m3c2;
             }
         }
