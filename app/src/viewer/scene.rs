@@ -266,7 +266,7 @@ impl Scene {
     }
 
     /// Logs the new place of the selected object when the user releases it.
-    pub fn log_moved(&mut self, outside: &mut Outside) {
+    pub fn log_moved(&self, outside: &mut Outside) {
         let Some((name, object)) = self.selected.and_then(|id| self.objects.get(id)) else { return };
         let places: Vec<[f64; 3]> = object.places().iter().map(DVec3::to_array).collect();
         let event = format!("{}_moved", object.kind().name);

@@ -76,8 +76,8 @@ impl Tools {
         }
     }
 
-    /// Saves the picture as a file, with the overlays that are switched on.
-    /// Saves the picture, or does a step of asking for its size and place.
+    /// Saves the picture as a file, with the overlays that are switched on, or does a step of asking for its size and
+    /// place.
     pub fn save_picture(
         &mut self,
         step: SavePicture,
