@@ -37,7 +37,7 @@ fn sample_cameras_mark(@builtin(global_invocation_id) thread: vec3u) {
             for (var x = first.x; x <= last.x; x++) {
                 let is_cell = x >= 0 && y >= 0 && x < i32(trees.columns) && y < i32(trees.rows);
                 let cell = select(0u, u32(y) * trees.columns + u32(x), is_cell);
-                is_standing = is_standing && is_cell && (standing[cell / 32u] >> (cell % 32u) & 1u) != 0u;
+                is_standing = is_standing && is_cell && ((standing[cell / 32u] >> (cell % 32u)) & 1u) != 0u;
             }
         }
     }
