@@ -15,7 +15,7 @@ use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, STRAY_RADIUS, 
 /// - A point without a class is never hidden by class, and a cloud without an attribute is not filtered by it. A value
 ///   that is not a number is in no range.
 /// - Points are kept that are in at least one of the volumes that keep their inside, if there is any, and in none of
-///   those that keep their outside.
+///   those that keep their outside. `within` narrows that down to a part of space.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointTest {
     rule: Arc<Rule>,
@@ -27,12 +27,20 @@ struct Rule {
     class_words: [u32; 8],
     filters: Vec<Filter>,
     volumes: Vec<ClipVolume>,
+    /// A point is in one of these, too, if there are any.
+    within: Vec<Volume>,
     hides_strays: bool,
 }
 
 impl Default for Rule {
     fn default() -> Self {
-        Self { class_words: [u32::MAX; 8], filters: Vec::new(), volumes: Vec::new(), hides_strays: false }
+        Self {
+            class_words: [u32::MAX; 8],
+            filters: Vec::new(),
+            volumes: Vec::new(),
+            within: Vec::new(),
+            hides_strays: false,
+        }
     }
 }
 
@@ -51,6 +59,15 @@ pub struct ClipVolume {
     pub keeps_inside: bool,
 }
 
+/// The larger part of the two.
+fn most(a: Cover, b: Cover) -> Cover {
+    match (a, b) {
+        (Cover::Inside, _) | (_, Cover::Inside) => Cover::Inside,
+        (Cover::Partly, _) | (_, Cover::Partly) => Cover::Partly,
+        _ => Cover::Outside,
+    }
+}
+
 impl PointTest {
     pub fn new(hidden: impl IntoIterator<Item = u8>, filters: Vec<Filter>, volumes: Vec<ClipVolume>) -> Self {
         let mut rule = Rule { filters, volumes, ..Rule::default() };
@@ -64,16 +81,23 @@ impl PointTest {
 
     /// The same test by classes and filters alone.
     pub fn of_attributes(&self) -> Self {
-        let Rule { class_words, filters, volumes: _, hides_strays: _ } = &*self.rule;
+        let Rule { class_words, filters, volumes: _, within: _, hides_strays: _ } = &*self.rule;
         let rule = Rule { class_words: *class_words, filters: filters.clone(), ..Rule::default() };
         Self { rule: Arc::new(rule) }
     }
 
     /// The same test, which also hides points that are known to be stray if `hides_strays` is set.
     pub fn hiding_strays(&self, hides_strays: bool) -> Self {
-        let Rule { class_words, filters, volumes, hides_strays: _ } = &*self.rule;
-        let (filters, volumes) = (filters.clone(), volumes.clone());
-        Self { rule: Arc::new(Rule { class_words: *class_words, filters, volumes, hides_strays }) }
+        let Rule { class_words, filters, volumes, within, hides_strays: _ } = &*self.rule;
+        let (filters, volumes, within) = (filters.clone(), volumes.clone(), within.clone());
+        Self { rule: Arc::new(Rule { class_words: *class_words, filters, volumes, within, hides_strays }) }
+    }
+
+    /// The same test, which also hides all points that are in none of some volumes.
+    pub fn within(&self, within: Vec<Volume>) -> Self {
+        let Rule { class_words, filters, volumes, within: _, hides_strays } = &*self.rule;
+        let (class_words, filters, volumes) = (*class_words, filters.clone(), volumes.clone());
+        Self { rule: Arc::new(Rule { class_words, filters, volumes, within, hides_strays: *hides_strays }) }
     }
 
     pub fn shows_all(&self) -> bool {
@@ -107,10 +131,20 @@ impl PointTest {
                 }
             }
         }
-        match inside.unwrap_or(Cover::Inside) {
+        let cover = match inside.unwrap_or(Cover::Inside) {
             Cover::Inside if is_cut => Cover::Partly,
             cover => cover,
+        };
+        let covers = self.rule.within.iter().map(|volume| volume.cover(bounds));
+        match (cover, covers.reduce(most)) {
+            (Cover::Outside, _) | (_, Some(Cover::Outside)) => Cover::Outside,
+            (Cover::Inside, None | Some(Cover::Inside)) => Cover::Inside,
+            _ => Cover::Partly,
         }
+    }
+
+    fn has_volumes(&self) -> bool {
+        !(self.rule.volumes.is_empty() && self.rule.within.is_empty())
     }
 
     fn keeps(&self, place: DVec3) -> bool {
@@ -126,7 +160,8 @@ impl PointTest {
             wants |= *keeps_inside;
             is_wanted |= is_in && *keeps_inside;
         }
-        is_wanted || !wants
+        let within = &self.rule.within;
+        (is_wanted || !wants) && (within.is_empty() || within.iter().any(|volume| volume.contains(place)))
     }
 
     /// The test of the chunks of a cloud.
@@ -178,8 +213,7 @@ impl ChunkTest {
             && self.filters.iter().all(|(filtered, low, high)| {
                 column(*filtered).is_none_or(|column| (*low..=*high).contains(&column.value(index)))
             })
-            && (self.test.rule.volumes.is_empty()
-                || self.test.keeps(crate::chunk::world_position(self.grid, chunk, index)))
+            && (!self.test.has_volumes() || self.test.keeps(crate::chunk::world_position(self.grid, chunk, index)))
     }
 
     /// Which points of a chunk are shown; `bounds` are those of its points.
@@ -187,11 +221,7 @@ impl ChunkTest {
         let tests_columns = chunk.classes(self.classes).is_some()
             || self.filters.iter().any(|(column, ..)| chunk.columns.get(*column).is_some_and(Option::is_some))
             || self.test.rule.hides_strays && chunk.radii.is_some();
-        let cover = if self.test.rule.volumes.is_empty() {
-            Cover::Inside
-        } else {
-            self.test.cover(self.widened(chunk, bounds))
-        };
+        let cover = if !self.test.has_volumes() { Cover::Inside } else { self.test.cover(self.widened(chunk, bounds)) };
         match cover {
             Cover::Outside => ShownPoints::None,
             Cover::Inside if !tests_columns => ShownPoints::All,
@@ -321,6 +351,33 @@ mod tests {
         chunk.radii = Some(Arc::new(vec![500, STRAY_RADIUS, crate::NO_RADIUS]));
         assert_eq!((cloud(&chunk).strays(), cloud(&chunk).shown(&PointTest::default()).len()), (Some(1), 3));
         assert_eq!(cloud(&chunk).shown(&hiding).chunks[0].positions[..], [[0.0; 3], [2.0; 3]]);
+    }
+
+    #[test]
+    fn points_outside_of_a_part_of_space_are_hidden_besides_what_else_is() {
+        let slab = |x: f64, size: f64| {
+            let rotation = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+            Volume::new(VolumeShape::Slab, DVec3::X * x, rotation, DVec3::splat(size))
+        };
+        let clip = ClipVolume { volume: slab(2.0, 3.0), keeps_inside: true };
+        let test = PointTest::new([], Vec::new(), vec![clip]).within(vec![slab(0.0, 2.0), slab(5.0, 4.0)]);
+        let chunk = Chunk::new(0, DVec3::ZERO, (-2..8).map(|x| [x as f32, 0.0, 0.0]).collect());
+        let cloud = Cloud { chunks: vec![chunk], ..Cloud::default() };
+        let shown = cloud.shown(&test.hiding_strays(true));
+        // The clip volume shows 1 to 3, and of these 2 is in neither part.
+        assert_eq!(shown.chunks[0].positions[..], [[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]);
+        assert_eq!(cloud.shown(&test.of_attributes()).len(), 10);
+        for low in -2..7 {
+            let x = f64::from(low);
+            let of = |test: &PointTest| test.cover(Bounds { min: DVec3::X * x, max: DVec3::new(x + 0.5, 0.0, 0.0) });
+            let inside = |x: f64| (0.5..=3.5).contains(&x) && (x <= 1.0 || x >= 3.0);
+            let expected = match (inside(x), inside(x + 0.5)) {
+                (true, true) => Cover::Inside,
+                (false, false) => Cover::Outside,
+                _ => Cover::Partly,
+            };
+            assert_eq!(of(&test), expected, "{x}");
+        }
     }
 
     #[test]
