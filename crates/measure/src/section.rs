@@ -1,6 +1,7 @@
 //! A section: the points in an upright slice along a line, by their distance along it and their height.
 
-use glam::DVec3;
+use cloud::{Volume, VolumeShape};
+use glam::{DQuat, DVec3};
 
 use crate::error::{Error, Result};
 
@@ -62,6 +63,22 @@ impl Section {
         Ok(Self { pieces, up, half_width: width * 0.5 })
     }
 
+    /// The parts of space that the section consists of, but for rounding at their borders.
+    pub fn volumes(&self) -> Vec<Volume> {
+        let of = |piece: &Piece| {
+            let (ahead, aside) = (piece.along * piece.length, piece.left * self.half_width);
+            let points = vec![-aside, ahead - aside, ahead + aside, aside];
+            let shape = VolumeShape::Prism { points, direction: self.up, eye: None };
+            Volume::new(shape, piece.from, DQuat::IDENTITY, DVec3::ONE)
+        };
+        self.pieces.iter().map(of).collect()
+    }
+
+    /// The length of the line.
+    pub fn length(&self) -> f64 {
+        self.pieces.last().map_or(0.0, |last| last.start + last.length)
+    }
+
     /// Where a point lies in the section, if it is in it.
     pub fn place(&self, point: DVec3) -> Option<Placed> {
         let mut nearest: Option<Placed> = None;
@@ -121,6 +138,24 @@ mod tests {
         assert_eq!(along(4.0, 3.0), Some((7.0, 0.0)));
         assert_eq!(along(-0.1, 0.0), None);
         assert_eq!(section.place(DVec3::NAN), None);
+    }
+
+    #[test]
+    fn its_volumes_contain_the_points_that_have_a_place_in_it() {
+        let origin = DVec3::new(635_000.0, 5_077_000.0, 120.0);
+        let corners = [DVec3::new(-3.02, -2.51, 9.0), DVec3::new(2.03, 1.04, 0.0), DVec3::new(3.05, -3.06, 50.0)];
+        let line: Vec<DVec3> = corners.into_iter().map(|corner| origin + corner).collect();
+        let section = Section::new(&line, 1.3, DVec3::Z).unwrap();
+        let volumes = section.volumes();
+        let mut counts = [0; 2];
+        for point in grid(0.0411).map(|point| origin + point) {
+            let is_in = section.place(point).is_some();
+            assert_eq!(volumes.iter().any(|volume| volume.contains(point)), is_in, "{point}");
+            counts[usize::from(is_in)] += 1;
+        }
+        assert!(counts[0] > 1000 && counts[1] > 1000, "{counts:?}");
+        let expected = (corners[1] - corners[0]).truncate().length() + (corners[2] - corners[1]).truncate().length();
+        assert!((section.length() - expected).abs() < 1e-6);
     }
 
     #[test]
