@@ -50,7 +50,7 @@ pub enum Command {
     Study(StudyArguments),
     /// Measure how far the surface that is drawn is from the scan that it is made of
     Surfaces(SurfacesArguments),
-    /// Write the points of a section along a line: distance along, height, coordinates, attributes
+    /// Write the points of a section along a line: distance along, height, coordinates, attributes; or draw them
     Profile(ProfileArguments),
     /// Write the points that a scene shows to a new file, with all attributes: LAS, LAZ, COPC, PLY or a table
     Export(ExportArguments),
@@ -320,14 +320,14 @@ pub struct ProfileArguments {
     /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds and what it hides
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
-    /// Corners of the line, in the coordinates of the file, as in 1,2,0:5,2,0; only their places seen from above count
+    /// Two or more corners of the line, in the coordinates of the file, as in 1,2,0:5,2,0; only their places seen from above count
     #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = parse_line, allow_hyphen_values = true)]
     pub line: Line,
     /// Thickness of the section, world units
     #[arg(long, value_name = "WIDTH", allow_hyphen_values = true)]
     pub width: f64,
-    /// CSV file to write; standard output if not given
-    #[arg(short, long, value_name = "OUT.csv")]
+    /// File to write, by the end of its name: .csv, .svg or .png for a chart, or .laz, .las, .copc.laz, .ply for the points; the table goes to standard output if not given
+    #[arg(short, long, value_name = "OUT.csv|.svg|.png|.laz")]
     pub output: Option<PathBuf>,
 }
 

@@ -18,6 +18,7 @@ mod measure_command;
 mod measuring;
 mod overlays;
 mod picture_file;
+mod profile_chart;
 mod profile_command;
 mod progress_bar;
 mod record_command;

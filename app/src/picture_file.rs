@@ -56,7 +56,15 @@ pub fn is_exr(path: &Path, [width, height]: [u32; 2]) -> bool {
 /// # Errors
 /// If the file cannot be written; the error names it.
 pub fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
-    write_whole(path, |file| file.write_all(text.as_bytes()))
+    write_bytes(path, text.as_bytes())
+}
+
+/// Writes a file of these bytes.
+///
+/// # Errors
+/// If the file cannot be written; the error names it.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    write_whole(path, |file| file.write_all(bytes))
 }
 
 /// Writes a text file unless there is one of this name. Returns whether it was written: of several programs that write

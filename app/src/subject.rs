@@ -186,7 +186,7 @@ fn shown_classes(cloud: &Cloud, visibility: &Visibility) -> impl Iterator<Item =
     (0..=255).zip(occurs).filter(|(_, occurs)| *occurs).map(|(class, _)| class)
 }
 
-/// The measurements and notes that are switched on, measured on the points that are loaded.
+/// The measurements, notes and profiles that are switched on, measured on the points that are loaded.
 fn marks(request: &Request, clouds: &[Assembly], up: DVec3, test: &PointTest, units: &codec::Units) -> Vec<Mark> {
     let with_bounds = |loaded: &Assembly| -> (Cloud, Vec<Bounds>) {
         (loaded.cloud.clone(), loaded.cloud.chunks.iter().map(Chunk::bounds).collect())
@@ -198,7 +198,9 @@ fn marks(request: &Request, clouds: &[Assembly], up: DVec3, test: &PointTest, un
         Mark::of_measurement(measurement, Some(&figures), units)
     };
     let notes = request.notes.iter().filter(|note| note.on).map(Mark::of_note);
-    measured.into_iter().map(mark).chain(notes).collect()
+    let profiles = request.profiles.iter().filter(|profile| profile.on);
+    let profiles = profiles.map(|profile| Mark::of_profile(profile, up));
+    measured.into_iter().map(mark).chain(notes).chain(profiles).collect()
 }
 
 /// Reads the columns that filters test and that are not in memory, and says which filters have nothing to test.

@@ -59,6 +59,47 @@ fn a_profile_of_a_slope_is_a_straight_line_of_it() {
 }
 
 #[test]
+fn a_profile_is_drawn_and_its_points_are_written_as_files() {
+    let folder = Folder::new();
+    folder.write("slope.ply", slope());
+    let line = ["--line", "5000002,600003,0:5000010,600009,0:5000012,600003,0", "--width", "1"];
+    let run = |output: &str| {
+        let words = ["profile", "slope.ply", "-o", output];
+        let outcome = folder.glint(words.iter().chain(&line));
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+    };
+    run("some.csv");
+    let rows = table(&std::fs::read_to_string(folder.path("some.csv")).expect("the table"));
+    // The chart has a dot for each point, in the colours of the file.
+    run("some.svg");
+    let drawn = std::fs::read_to_string(folder.path("some.svg")).expect("the chart");
+    assert_eq!(drawn.matches("<circle").count(), rows.len());
+    assert!(drawn.contains(&format!("profile: {} points", rows.len())), "{}", &drawn[..400]);
+    let red = rows[0][6] as u8;
+    assert!(drawn.contains(&format!("fill=\"#{red:02X}141E\"")), "{red}: {}", &drawn[..2000]);
+    run("some.png");
+    let picture = std::fs::read(folder.path("some.png")).expect("the picture");
+    assert_eq!(&picture[1..4], b"PNG");
+    // The file of points has those of the table, with their attributes.
+    run("some.laz");
+    let back = folder.glint(["profile", "some.laz", "--line", "5e6,600000,0:5000030,600000,0", "--width", "100"]);
+    let text = String::from_utf8_lossy(&back.output).into_owned();
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().expect("names");
+    let columns =
+        ["x", "y", "intensity"].map(|name| names.iter().position(|known| *known == name).expect("the column"));
+    let thousandths = |text: &str| (text.parse::<f64>().expect("a number") * 1000.0).round() as i64;
+    let mut points: Vec<[i64; 3]> = lines.map(|row| columns.map(|column| thousandths(row[column]))).collect();
+    let mut expected: Vec<[i64; 3]> =
+        rows.iter().map(|row| [row[3], row[4], row[9]].map(|value| (value * 1000.0).round() as i64)).collect();
+    points.sort_unstable();
+    expected.sort_unstable();
+    assert_eq!(points, expected);
+    let again = folder.glint(["profile", "slope.ply", "-o", "some.laz"].iter().chain(&line));
+    assert!(again.status != Some(0) && again.messages.contains("some.laz"), "a file is not replaced: {again}");
+}
+
+#[test]
 fn a_profile_that_cannot_be_made_is_refused() {
     let folder = Folder::new();
     folder.write("slope.ply", slope());

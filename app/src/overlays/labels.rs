@@ -1,9 +1,9 @@
-//! Measurements and notes over a picture: their lines, and a label with the value or the text.
+//! Measurements, notes and profiles over a picture: their lines, and a label with the value or the text.
 
 use codec::Units;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, vec2};
 use glam::DVec3;
-use scene::{Measurement, MeasurementKind, Note};
+use scene::{Measurement, MeasurementKind, Note, Profile};
 
 use super::ground::SHADOW;
 use crate::measuring::{Figure, Outcome};
@@ -27,6 +27,8 @@ pub struct Mark {
 pub enum Drawn {
     Measurement(Measurement),
     Note(Note),
+    /// A profile, and the two borders of its slice.
+    Profile(Profile, [Profile; 2]),
 }
 
 impl Mark {
@@ -45,6 +47,12 @@ impl Mark {
         Self { drawn: Drawn::Note(note.clone()), text, is_selected: false }
     }
 
+    pub fn of_profile(profile: &Profile, up: DVec3) -> Self {
+        let sides = [0.5, -0.5].map(|share| profile.beside(up, profile.width * share));
+        let drawn = Drawn::Profile(profile.clone(), sides);
+        Self { drawn, text: profile.name.clone(), is_selected: false }
+    }
+
     /// Draws it, with text of a height. `place` projects into the picture.
     pub fn paint(&self, painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, size: f32) {
         match &self.drawn {
@@ -61,6 +69,21 @@ impl Mark {
                     painter.circle_filled(at, radius * scale, color);
                 }
                 label(painter, at, &self.text, color, self.is_selected, size);
+            }
+            Drawn::Profile(profile, sides) => {
+                let (color, scale) = (of(profile.color), size / USUAL);
+                let width = if self.is_selected { 2.4 } else { 1.5 } * scale;
+                let thin = |side: &Profile| (side.line.clone(), width * 0.5);
+                let all = std::iter::once((profile.line.clone(), width)).chain(sides.iter().map(thin));
+                for (line, width) in all {
+                    for ends in line.windows(2).filter_map(|ends| seen(place, ends[0], ends[1])) {
+                        painter.line_segment(ends, Stroke::new(width + 2.0 * scale, SHADOW));
+                        painter.line_segment(ends, Stroke::new(width, color));
+                    }
+                }
+                if let Some(at) = profile.line.first().and_then(|start| place(*start)) {
+                    label(painter, at, &self.text, color, self.is_selected, size);
+                }
             }
         }
     }

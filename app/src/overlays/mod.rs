@@ -7,7 +7,7 @@ pub mod ground;
 pub mod labels;
 mod legend;
 mod scale_bar;
-mod steps;
+pub mod steps;
 
 use codec::Units;
 use egui::{Painter, Pos2, Rect, pos2, vec2};

@@ -19,6 +19,7 @@ use crate::viewer::tools::draft::Draft;
 use crate::viewer::tools::inspection::Pose;
 use crate::viewer::truth::sweep_range::SweepRange;
 use crate::viewer::truth::tasks::Measure;
+use crate::viewer::window::render_thread::PickedPoint;
 
 /// What a pinned truth shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,6 +64,8 @@ pub enum Measuring {
     Again,
     /// Begins a note, whose place is clicked; again: gives it up.
     BeginNote,
+    /// Begins a profile, whose line is clicked; again: gives it up.
+    BeginProfile,
     RemoveCorner,
     End,
     FlyTo(ObjectId),
@@ -146,6 +149,25 @@ pub enum Filing {
     Later,
     /// Whether the last scene file is opened at the start.
     Reopen(bool),
+}
+
+/// What a person does with profiles, besides what can be done with every object.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Profiling {
+    /// Shows the points of a profile from the side, or no longer.
+    Look(Option<ObjectId>),
+    /// The point of the profile under the cursor.
+    Hover(Option<PickedPoint>),
+    /// Picks a point of the profile, as a click into the picture does.
+    Pick(PickedPoint),
+    /// Begins or ends to measure between places of the profile.
+    Ruler(bool),
+    /// An end of what is measured: the distance along the line, and the height.
+    Rule([f64; 2]),
+    /// Adds so many copies of the profile in view, each so far to the left of the one before.
+    Stack(u32, f64),
+    /// Writes the profile in view to a new file with this ending.
+    Save(&'static str),
 }
 
 /// A step of writing the points that are shown to a new file.
@@ -357,6 +379,7 @@ pub enum Action {
     CopyPick,
     ClearPick,
     Measuring(Measuring),
+    Profile(Profiling),
 
     // ---- the kept state ----
     /// A held key that shows the kept state in place of the picture.

@@ -28,5 +28,9 @@ pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Fac
         let is_selected = scene.selected == Some(placed.id);
         facts.marks.push(Mark { is_selected, ..Mark::of_note(&placed.note) });
     }
+    for placed in scene.objects.profiles.iter().filter(|placed| placed.profile.on) {
+        let is_selected = scene.selected == Some(placed.id);
+        facts.marks.push(Mark { is_selected, ..Mark::of_profile(&placed.profile, facts.up) });
+    }
     facts
 }

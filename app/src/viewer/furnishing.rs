@@ -28,6 +28,7 @@ impl Scene {
         }
         self.bring_visibility(&request.visibility, std::mem::take(&mut request.clips));
         self.bring_measurements(std::mem::take(&mut request.measurements), std::mem::take(&mut request.notes));
+        self.bring_profiles(std::mem::take(&mut request.profiles));
         self.bring_paths(std::mem::take(&mut request.bookmarks), std::mem::take(&mut request.paths));
     }
 }

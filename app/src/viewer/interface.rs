@@ -55,6 +55,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     panels::tuning::show(ui.ctx(), session, &mut actions);
     panels::sweep::show(ui.ctx(), session, &mut actions);
     panels::recording::show(ui.ctx(), session, &mut actions);
+    panels::profiles::window(ui.ctx(), session, &mut actions);
     let mut shortcuts_are_open = session.shortcuts_are_open;
     bindings::sheet_window(ui.ctx(), &mut shortcuts_are_open);
     if shortcuts_are_open != session.shortcuts_are_open {

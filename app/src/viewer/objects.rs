@@ -6,7 +6,7 @@
 use cloud::PointTest;
 use glam::DVec3;
 use scene::{
-    Bookmark, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, Object, ObjectKind, SceneFile, Shape,
+    Bookmark, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, Object, ObjectKind, Profile, SceneFile, Shape,
     SpotLight, Visibility, five_mirrors,
 };
 use world::{CloudKey, built_in_name};
@@ -70,6 +70,7 @@ pub struct Objects {
     pub visibility: Visibility,
     pub measurements: Vec<PlacedMeasurement>,
     pub notes: Vec<PlacedNote>,
+    pub profiles: Vec<PlacedProfile>,
     pub bookmarks: Vec<Bookmark>,
     /// The camera paths; no two have one name.
     pub paths: Vec<CameraPath>,
@@ -85,6 +86,12 @@ pub struct PlacedMeasurement {
 pub struct PlacedNote {
     pub id: ObjectId,
     pub note: Note,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlacedProfile {
+    pub id: ObjectId,
+    pub profile: Profile,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -134,7 +141,9 @@ impl Objects {
         let measurements =
             measurements.map(|p| (p.id, p.measurement.name.as_str(), Object::Measurement(p.measurement.clone())));
         let notes = self.notes.iter().map(|p| (p.id, p.note.text.as_str(), Object::Note(p.note.clone())));
-        mirrors.chain(lights).chain(clips).chain(measurements).chain(notes)
+        let profiles = self.profiles.iter();
+        let profiles = profiles.map(|p| (p.id, p.profile.name.as_str(), Object::Profile(p.profile.clone())));
+        mirrors.chain(lights).chain(clips).chain(measurements).chain(notes).chain(profiles)
     }
 
     pub fn get(&self, id: ObjectId) -> Option<(&str, Object)> {
@@ -179,6 +188,11 @@ impl Objects {
                     placed.note = note;
                 }
             }
+            Object::Profile(profile) => {
+                if let Some(placed) = self.profiles.iter_mut().find(|placed| placed.id == id) {
+                    placed.profile = profile;
+                }
+            }
         }
     }
 
@@ -207,6 +221,12 @@ impl Objects {
                 self.measurements.push(PlacedMeasurement { id, measurement: Measurement { name, ..measurement } });
             }
             Object::Note(note) => self.notes.push(PlacedNote { id, note }),
+            Object::Profile(profile) => {
+                let name = profile.name.trim();
+                let known = self.profiles.iter().map(|placed| placed.profile.name.as_str());
+                let name = numbered(if name.is_empty() { "profile" } else { name }, known);
+                self.profiles.push(PlacedProfile { id, profile: Profile { name, ..profile } });
+            }
         }
     }
 
@@ -224,6 +244,7 @@ impl Objects {
         self.lights.retain(|placed| placed.id != id);
         self.measurements.retain(|placed| placed.id != id);
         self.notes.retain(|placed| placed.id != id);
+        self.profiles.retain(|placed| placed.id != id);
         self.no_guess |= self.lights.len() < lights && self.lights.is_empty();
     }
 

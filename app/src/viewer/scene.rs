@@ -213,7 +213,7 @@ impl Scene {
             return outside.note(format!("There are {} {}s, and no room for more", kind.most, kind.name));
         }
         let (position, is_light) = (object.places().first().map(DVec3::to_array), matches!(object, Object::Light(_)));
-        let is_over_the_picture = matches!(object, Object::Measurement(_) | Object::Note(_));
+        let is_over_the_picture = matches!(object, Object::Measurement(_) | Object::Note(_) | Object::Profile(_));
         self.history.settle(&self.settings, &self.objects);
         if is_light && self.settings.light.by != Lighting::Auto {
             self.settings.light.by = Lighting::Lights;
@@ -256,7 +256,7 @@ impl Scene {
         let is_seen = match (&changed, self.objects.mirror(id)) {
             (Object::Mirror(changed), Some(mirror)) => unnamed(changed) != unnamed(mirror),
             // They are drawn over the picture.
-            (Object::Measurement(_) | Object::Note(_), _) => false,
+            (Object::Measurement(_) | Object::Note(_) | Object::Profile(_), _) => false,
             _ => true,
         };
         self.objects.set(id, changed);

@@ -178,6 +178,7 @@ impl Session {
             Action::Measuring(measuring) => {
                 self.tools.measure(measuring, &mut self.scene, &self.loaded, &mut self.outside)
             }
+            Action::Profile(one) => self.tools.profile(one, &mut self.scene, &self.loaded, &mut self.outside),
             Action::Film(film) => {
                 let drawn_by = self.adapter.as_deref();
                 self.filming.act(film, &mut self.scene, &self.loaded, drawn_by, &mut self.outside)
@@ -424,6 +425,7 @@ impl Session {
             Found::Measured { id, measurement, figures } => {
                 self.tools.measurements.on_measured(id, measurement, figures, &self.scene, &mut self.outside)
             }
+            Found::Profile(found) => self.tools.profiles.on_found(found, &mut self.outside),
             Found::Truth(answer) => self.on_truth(*answer),
             Found::AddedToStudy { plan, result } => tuning::on_added_to_study(&plan, result, &mut self.outside),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
@@ -631,8 +633,6 @@ impl Session {
             }
         }
     }
-
-    // ---- truth ----
 
     /// Calls `act` with what the truth and a sweep read from the session, and with the parts that they change.
     fn with_truth<R>(

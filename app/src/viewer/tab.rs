@@ -34,10 +34,10 @@ impl Tab {
     pub fn help(self) -> &'static str {
         match self {
             Self::Data => "Clouds, clip volumes and filters, how files are read",
-            Self::Look => "Colours, splats and the view",
+            Self::Look => "Colours, splats, the view and its overlays",
             Self::Light => "Lamps, sun and sky, indirect light, tones",
             Self::Mirrors => "Mirrors, and how reflections are found",
-            Self::Measure => "Measurements and notes",
+            Self::Measure => "Measurements, notes and profiles",
             Self::Tuning => "The truth, errors and times",
             Self::Streaming => "Clouds larger than memory: indexes and budgets",
         }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use scene::{Object, SceneFile, Settings, Shape};
+use scene::{Object, Profile, SceneFile, Settings, Shape};
 use serde_json::json;
 
 use crate::command_line::quoted;
@@ -11,7 +11,7 @@ use crate::viewer::action::PictureDraft;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::short_name;
-use crate::viewer::objects::{Placed, PlacedClip};
+use crate::viewer::objects::{Placed, PlacedClip, PlacedProfile};
 use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
 use crate::viewer::truth::study_file::{STUDY, group_of};
@@ -60,7 +60,7 @@ impl Scene {
 
     /// Takes over the mirrors, lights, clips and visibility of a view. A mirror replaces the one of the same name, or
     /// is added. The view's lights, if it has any, replace all others. Its clips and visibility replace those before.
-    /// Its measurements and notes are added.
+    /// Its measurements, notes and profiles are added.
     fn take_objects(&mut self, file: &SceneFile, outside: &mut Outside) {
         for mirror in &file.mirrors {
             let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
@@ -87,7 +87,26 @@ impl Scene {
             self.objects.clips.push(PlacedClip { id, clip: clip.clone() });
         }
         self.add_measurements(file.measurements.clone(), file.notes.clone());
+        self.add_profiles(file.profiles.clone());
         self.history.after_jump(&self.settings, &self.objects);
+    }
+
+    /// Adds the profiles of scene files.
+    pub fn bring_profiles(&mut self, profiles: Vec<Profile>) {
+        let first = self.objects.profiles.len();
+        self.add_profiles(profiles);
+        let added = self.objects.profiles.split_off(first);
+        self.rewrite_objects(|objects| objects.profiles.extend(added.iter().cloned()));
+    }
+
+    /// Adds profiles, except those that are there already.
+    pub fn add_profiles(&mut self, profiles: Vec<Profile>) {
+        for profile in profiles {
+            if self.objects.profiles.iter().all(|known| known.profile != profile) {
+                let id = self.next_object_id();
+                self.objects.profiles.push(PlacedProfile { id, profile });
+            }
+        }
     }
 
     /// Returns what is on the screen as a scene, with the parameters of `settings`.
@@ -160,8 +179,9 @@ impl Scene {
         let file = self.movable_scene_of(inputs, &self.written_settings(loaded));
         let measurements = self.objects.measurements.iter().map(|placed| placed.measurement.clone()).collect();
         let notes = self.objects.notes.iter().map(|placed| placed.note.clone()).collect();
+        let profiles = self.objects.profiles.iter().map(|placed| placed.profile.clone()).collect();
         let (bookmarks, paths) = (self.objects.bookmarks.clone(), self.objects.paths.clone());
-        SceneFile { bookmarks, paths, measurements, notes, ..file }
+        SceneFile { bookmarks, paths, measurements, notes, profiles, ..file }
     }
 
     pub fn copy_command_line(&self, loaded: &Loaded, outside: &mut Outside) {

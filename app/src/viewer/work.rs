@@ -23,6 +23,7 @@ use crate::viewer::loaded::comparisons::{Comparing, Comparison};
 use crate::viewer::loaded::figures::{Basis, Figures};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::tools::inspection;
+use crate::viewer::tools::slices::{ProfileFound, ProfileWork};
 use crate::viewer::truth::study_file;
 use crate::viewer::truth::sweep_files::SweepResult;
 use crate::viewer::truth::tasks::{Answer, Task};
@@ -100,6 +101,8 @@ pub enum Work {
         clouds: Vec<(Cloud, Vec<Bounds>)>,
         test: PointTest,
     },
+    /// Finds the points of a profile, or writes it to a file.
+    Profile(Box<ProfileWork>),
     /// Finds the surface that a sight line meets.
     Cast(inspection::Ray),
     /// Runs a task of the ray tracer.
@@ -196,6 +199,7 @@ pub enum Found {
         measurement: Measurement,
         figures: Outcome,
     },
+    Profile(ProfileFound),
     Surface(Option<inspection::Surface>),
     Truth(Box<Answer>),
     AddedToStudy {
@@ -241,6 +245,7 @@ impl Work {
             Self::CountPoints { .. } => "count",
             Self::FindSurroundings { .. } => "surroundings",
             Self::Measure { .. } => "measurement",
+            Self::Profile(_) => "profile",
             Self::Cast(_) => "sight line",
             Self::SaveScene { .. } => "scene",
             Self::Keep { .. } => "unsaved work",
@@ -314,6 +319,7 @@ impl Work {
                 let figures = measuring::of_clouds(&measurement, up, &clouds, &test);
                 found(Found::Measured { id, measurement, figures });
             }
+            Self::Profile(work) => found(Found::Profile(work.run())),
             Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),
             Self::SaveScene { path, text } => {
                 let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));

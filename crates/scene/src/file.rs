@@ -64,7 +64,8 @@ use toml::de::DeTable;
 use crate::camera_path::PathProblem;
 use crate::{
     Bookmark, Camera, CameraPath, Clip, MOST_BOOKMARKS, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS, MOST_NOTES,
-    Measurement, Mirror, MirrorPoints, Note, Settings, Shape, SpotLight, Visibility, shown, whole_file,
+    MOST_PROFILES, Measurement, Mirror, MirrorPoints, Note, Profile, Settings, Shape, SpotLight, Visibility, shown,
+    whole_file,
 };
 
 /// The most filters of a scene: every point is tested against each.
@@ -130,6 +131,9 @@ pub struct SceneFile {
     /// Kept views.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bookmarks: Vec<Bookmark>,
+    /// Upright slices of the points.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub profiles: Vec<Profile>,
     /// The paths of the camera.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub paths: Vec<CameraPath>,
@@ -213,6 +217,7 @@ impl SceneFile {
             (self.measurements.len(), MOST_MEASUREMENTS, "measurements"),
             (self.notes.len(), MOST_NOTES, "notes"),
             (self.bookmarks.len(), MOST_BOOKMARKS, "bookmarks"),
+            (self.profiles.len(), MOST_PROFILES, "profiles"),
             (self.paths.len(), MOST_PATHS, "paths"),
             (self.parameters.len(), MOST_PARAMETERS, "parameters"),
         ];
@@ -237,7 +242,9 @@ impl SceneFile {
         let mut notes = self.notes.iter().enumerate();
         let mut rules = filters.by_ref().chain(clips.by_ref());
         let odd = rules.next().or_else(|| mirrors.next()).or_else(|| lights.next()).or_else(|| points.next());
+        let mut profiles = self.profiles.iter().enumerate();
         let odd = odd.or_else(|| measurements.next());
+        let odd = odd.or_else(|| profiles.find_map(|(i, one)| numbered("profile", i, &one.name, one.problem())));
         let mut bookmarks = self.bookmarks.iter().enumerate();
         let odd = odd.or_else(|| notes.find_map(|(i, note)| numbered("note", i, &note.text, note.problem())));
         odd.or_else(|| bookmarks.find_map(|(i, one)| numbered("bookmark", i, &one.name, one.problem())))

@@ -20,6 +20,7 @@ mod path_edit;
 pub mod pool;
 mod preferences;
 mod preset;
+mod profile;
 mod settings;
 pub mod surface_points;
 mod surroundings;
@@ -45,6 +46,7 @@ pub use param::shown;
 pub use path_edit::LEAST_GAP;
 pub use preferences::Preferences;
 pub use preset::{PRESETS, Preset};
+pub use profile::{MOST_PROFILES, Profile};
 pub use settings::{
     Atomics, Blank, BundleCull, BundleRest, BundleSplat, CameraCells, Color, ColorBy, CubeCriterion, CubeHit,
     CubePlacement, CubeRest, CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings,

@@ -4,7 +4,8 @@
 use glam::{DQuat, DVec3};
 
 use crate::{
-    Clip, ClipShape, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS, MOST_NOTES, Measurement, Mirror, Note, SpotLight,
+    Clip, ClipShape, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS, MOST_NOTES, MOST_PROFILES, Measurement, Mirror, Note,
+    Profile, SpotLight,
 };
 
 /// The distance between a light and its copy, relative to the distance to its target.
@@ -19,6 +20,7 @@ pub enum Object {
     Clip(Clip),
     Measurement(Measurement),
     Note(Note),
+    Profile(Profile),
 }
 
 /// What can be done with objects of a kind. All kinds can be selected, deleted and saved.
@@ -81,6 +83,16 @@ const MEASUREMENT: ObjectKind = ObjectKind {
 
 const NOTE: ObjectKind = ObjectKind { name: "note", most: MOST_NOTES, ..MEASUREMENT };
 
+/// The corners between the ends of a profile's line move with the whole.
+const PROFILE: ObjectKind = ObjectKind {
+    name: "profile",
+    places: &["position", "start", "end"],
+    can_turn: true,
+    can_scale: false,
+    has_symbol: false,
+    most: MOST_PROFILES,
+};
+
 impl Object {
     pub fn kind(&self) -> &'static ObjectKind {
         match self {
@@ -93,6 +105,7 @@ impl Object {
             },
             Self::Measurement(_) => &MEASUREMENT,
             Self::Note(_) => &NOTE,
+            Self::Profile(_) => &PROFILE,
         }
     }
 
@@ -105,6 +118,10 @@ impl Object {
                 let sides = clip.sides().into_iter().map(|side| clip.position + side);
                 std::iter::once(clip.position).chain(sides).collect()
             }
+            Self::Profile(profile) => {
+                let ends = profile.line.first().into_iter().chain(profile.line.last());
+                std::iter::once(profile.middle()).chain(ends.copied()).collect()
+            }
             Self::Measurement(_) | Self::Note(_) => Vec::new(),
         }
     }
@@ -112,7 +129,7 @@ impl Object {
     /// The direction (unit vector) along which a place moves, if it moves along a line.
     pub fn rail(&self, index: usize) -> Option<DVec3> {
         match self {
-            Self::Mirror(_) | Self::Light(_) | Self::Measurement(_) | Self::Note(_) => None,
+            Self::Mirror(_) | Self::Light(_) | Self::Measurement(_) | Self::Note(_) | Self::Profile(_) => None,
             Self::Clip(clip) => clip.sides().get(index.checked_sub(1)?)?.try_normalize(),
         }
     }
@@ -124,7 +141,10 @@ impl Object {
             (Self::Light(light), 1) => light.target += shift,
             (Self::Clip(clip), 0) => clip.position += shift,
             (Self::Clip(clip), side) => clip.move_side(side - 1, shift),
-            (Self::Mirror(_) | Self::Light(_) | Self::Measurement(_) | Self::Note(_), _) => {}
+            (Self::Profile(profile), 0) => profile.line.iter_mut().for_each(|corner| *corner += shift),
+            (Self::Profile(profile), 1) => profile.line.first_mut().into_iter().for_each(|corner| *corner += shift),
+            (Self::Profile(profile), 2) => profile.line.last_mut().into_iter().for_each(|corner| *corner += shift),
+            (Self::Mirror(_) | Self::Light(_) | Self::Measurement(_) | Self::Note(_) | Self::Profile(_), _) => {}
         }
     }
 
@@ -133,6 +153,10 @@ impl Object {
         match self {
             Self::Mirror(mirror) => mirror.rotation = (rotation * mirror.rotation).normalize(),
             Self::Clip(clip) => clip.rotation = (rotation * clip.rotation).normalize(),
+            Self::Profile(profile) => {
+                let middle = profile.middle();
+                profile.line.iter_mut().for_each(|corner| *corner = middle + rotation * (*corner - middle));
+            }
             Self::Light(_) | Self::Measurement(_) | Self::Note(_) => {}
         }
     }
@@ -142,7 +166,7 @@ impl Object {
         match self {
             Self::Mirror(mirror) => mirror.size *= factor.clamp(FACTORS[0], FACTORS[1]),
             Self::Clip(clip) => clip.size *= factor.clamp(FACTORS[0], FACTORS[1]),
-            Self::Light(_) | Self::Measurement(_) | Self::Note(_) => {}
+            Self::Light(_) | Self::Measurement(_) | Self::Note(_) | Self::Profile(_) => {}
         }
     }
 
@@ -162,6 +186,11 @@ impl Object {
                 let aside = direction * clip.size.max_element();
                 Self::Clip(Clip { position: clip.position + aside, ..clip.clone() })
             }
+            Self::Profile(profile) => {
+                let aside = direction * profile.width.max(profile.line[0].distance(profile.middle()) * LIGHT_ASIDE);
+                let line = profile.line.iter().map(|corner| *corner + aside).collect();
+                Self::Profile(Profile { line, ..profile.clone() })
+            }
             Self::Measurement(_) | Self::Note(_) => return None,
         })
     }
@@ -174,6 +203,7 @@ impl Object {
             Self::Clip(clip) => clip.problem(),
             Self::Measurement(measurement) => measurement.problem(),
             Self::Note(note) => note.problem(),
+            Self::Profile(profile) => profile.problem(),
         }
     }
 }
@@ -190,7 +220,7 @@ mod tests {
         Clip { rotation, ..Clip::around(shape, Bounds { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) }) }
     }
 
-    fn one_of_each() -> [Object; 5] {
+    fn one_of_each() -> [Object; 6] {
         let mirror = Mirror::standing(Shape::Blob, DVec3::new(1.0, 2.0, 3.0), DVec3::Z, DVec3::Z, 0.5);
         let points = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
         let prism = ClipShape::Prism(Prism { points, direction: DVec3::Z, eye: None });
@@ -210,6 +240,7 @@ mod tests {
             Object::Clip(clip(prism)),
             Object::Measurement(measurement),
             Object::Note(note),
+            Object::Profile(Profile::new(vec![DVec3::ZERO, DVec3::new(3.0, 4.0, 5.0)], 0.5)),
         ]
     }
 
@@ -250,7 +281,11 @@ mod tests {
                 let (is_changed, moved) = changed(&|object| object.move_place(place, DVec3::X));
                 assert_eq!(is_changed, place < kind.places.len(), "{} {place}", kind.name);
                 for (index, (before, after)) in object.places().into_iter().zip(moved.places()).enumerate() {
-                    assert_eq!(after - before, if index == place { DVec3::X } else { DVec3::ZERO });
+                    // The middle of a profile's line moves with all of it, and with each end.
+                    let is_bound = matches!(object, Object::Profile(_)) && (place == 0 || index == 0);
+                    if index == place || !is_bound {
+                        assert_eq!(after - before, if index == place { DVec3::X } else { DVec3::ZERO });
+                    }
                 }
             }
             assert_eq!(changed(&|object| object.turn(DQuat::from_rotation_y(0.4))).0, kind.can_turn, "{}", kind.name);

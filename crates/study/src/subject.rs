@@ -180,7 +180,7 @@ impl SubjectPart {
     }
 
     /// The points in the colours in which they are drawn, relative to `origin`.
-    pub(crate) fn painted(&self, origin: DVec3) -> Vec<Chunk> {
+    pub fn painted(&self, origin: DVec3) -> Vec<Chunk> {
         let ramp = render::ramp_colors(self.plan.ramp);
         let classes = self.cloud.class_column();
         let axis = self.up.abs().max_position();

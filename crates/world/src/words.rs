@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use cloud::PointTest;
 use scene::{
-    Bookmark, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, SceneFile, SpotLight, View, Visibility,
-    five_mirrors, shown,
+    Bookmark, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, Profile, SceneFile, SpotLight, View,
+    Visibility, five_mirrors, shown,
 };
 
 use crate::error::{Error, Result};
@@ -75,6 +75,7 @@ pub struct Request {
     pub notes: Vec<Note>,
     /// The bookmarks of scene files.
     pub bookmarks: Vec<Bookmark>,
+    pub profiles: Vec<Profile>,
     /// The camera paths of scene files. Of paths with the same name the last one counts.
     pub paths: Vec<CameraPath>,
     pub warnings: Vec<String>,
@@ -163,6 +164,7 @@ impl Request {
         self.measurements.extend(file.measurements.iter().cloned());
         self.notes.extend(file.notes.iter().cloned());
         self.bookmarks.extend(file.bookmarks.iter().cloned());
+        self.profiles.extend(file.profiles.iter().cloned());
         for input in &mut self.inputs {
             if let Input::BuiltIn { without, .. } = input {
                 without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));

@@ -198,6 +198,12 @@ pub const BINDINGS: &[Binding] = {
         bind(MEASURE, key(Key::Enter), A::Measuring(Measuring::End), "End the measurement (or double-click)"),
         bind(MEASURE, key(Key::Backspace), A::Measuring(Measuring::RemoveCorner), "Take its last point back"),
         bind(MEASURE, Trigger::Key(SHIFT, Key::N), A::Measuring(Measuring::BeginNote), "Add a note at the next click"),
+        bind(
+            MEASURE,
+            Trigger::Key(SHIFT, Key::I),
+            A::Measuring(Measuring::BeginProfile),
+            "Draw the line of a profile; again: give it up",
+        ),
         bind(MEASURE, key(Key::Period), A::Measuring(Measuring::StepNote(1)), "Next note, previous note"),
         bind(MEASURE, key(Key::Comma), A::Measuring(Measuring::StepNote(-1)), "Next note, previous note"),
         bind(TOOLS, Hold(Key::X), A::ShowTruth, "The ray-traced truth while held"),

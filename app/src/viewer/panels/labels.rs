@@ -7,12 +7,12 @@ use scene::Measurement;
 use crate::overlays::labels::{label, lines};
 use crate::viewer::session::Session;
 use crate::viewer::theme;
-use crate::viewer::tools::measurements::{Wanted, units};
+use crate::viewer::tools::measurements::units;
 
 /// Draws the corners so far, a line to the cursor, and the value there. `place` projects into the window.
 pub fn placing(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, session: &Session) {
     let Some(placing) = &session.tools.measurements.placing else { return };
-    let Wanted::Measurement(kind) = placing.wanted else { return };
+    let Some(kind) = placing.wanted.drawn_as() else { return };
     let draft = Measurement {
         name: String::new(),
         kind,

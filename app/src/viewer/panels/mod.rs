@@ -18,6 +18,7 @@ pub mod path_prompt;
 pub mod pick;
 pub mod picture;
 pub mod presets;
+pub mod profiles;
 pub mod recording;
 pub mod side;
 pub mod streaming;

@@ -45,6 +45,10 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     if let Some(at) = session.tools.pick.as_ref().and_then(|pick| place(pick.world)) {
         cross(&painter, at);
     }
+    let hovered = session.tools.profiles.hovered.and_then(|point| session.loaded.world_position(point));
+    if let Some(at) = hovered.and_then(place) {
+        cross(&painter, at);
+    }
     let facts = facts(&session.scene, &session.loaded, &session.tools.measurements);
     overlays::paint_marks(&painter, &place, &session.scene.settings, &facts);
     labels::placing(&painter, &place, session);

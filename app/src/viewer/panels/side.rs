@@ -140,6 +140,7 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
         Tab::Mirrors => drop(section(ui, "Mirrors", true, |ui| panels::mirrors::show(ui, session, actions))),
         Tab::Measure => {
             section(ui, "Measurements and notes", true, |ui| panels::measurements::show(ui, session, actions));
+            section(ui, "Profiles", true, |ui| panels::profiles::show(ui, session, actions));
             section(ui, "Compare", true, |ui| panels::comparing::show(ui, session, actions));
         }
         Tab::Tuning => {

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use cloud::{Bounds, Cloud, PointTest};
 use codec::Units;
 use glam::DVec3;
-use scene::{Camera, Measurement, MeasurementKind, Note, Object};
+use scene::{Camera, Measurement, MeasurementKind, Note, Object, Profile};
 use serde_json::json;
 use world::CloudKey;
 
@@ -22,6 +22,8 @@ use crate::viewer::work::Work;
 
 /// The radius around a click, in pixels, of the points that a plane or a cylinder is fitted to.
 const REACH_PIXELS: f64 = 16.0;
+/// The thickness of a new profile, as a share of its length.
+const PROFILE_WIDTH: f64 = 0.02;
 /// How much wider than a measurement the picture is after flying to it.
 const ROOM: f64 = 1.6;
 /// The least width of that picture, as a share of the scene's radius.
@@ -35,6 +37,7 @@ const COLORS: [[f32; 3]; 6] =
 pub enum Wanted {
     Measurement(MeasurementKind),
     Note,
+    Profile,
 }
 
 /// A measurement whose points are being clicked, or a note whose place is.
@@ -79,6 +82,16 @@ impl Wanted {
         match self {
             Self::Measurement(kind) => kind.name(),
             Self::Note => "note",
+            Self::Profile => "profile",
+        }
+    }
+
+    /// The kind of measurement as which its corners are drawn.
+    pub fn drawn_as(self) -> Option<MeasurementKind> {
+        match self {
+            Self::Measurement(kind) => Some(kind),
+            Self::Profile => Some(MeasurementKind::Polyline),
+            Self::Note => None,
         }
     }
 
@@ -86,6 +99,7 @@ impl Wanted {
         match self {
             Self::Measurement(kind) => kind.corners(),
             Self::Note => 1..=1,
+            Self::Profile => MeasurementKind::Polyline.corners(),
         }
     }
 }
@@ -116,7 +130,7 @@ impl Placing {
 
     /// The values with the point under the cursor as the next corner.
     pub fn live(&self, hovered: Option<DVec3>, up: DVec3) -> Vec<Figure> {
-        let Wanted::Measurement(kind) = self.wanted else { return Vec::new() };
+        let Some(kind) = self.wanted.drawn_as() else { return Vec::new() };
         let corners: Vec<DVec3> = self.corners.iter().copied().chain(hovered).collect();
         of_corners(kind, &corners, up)
     }
@@ -158,6 +172,7 @@ impl Measurements {
                 self.begin_placing(Wanted::Measurement(kind), loaded, outside);
             }
             Measuring::BeginNote => self.begin_placing(Wanted::Note, loaded, outside),
+            Measuring::BeginProfile => self.begin_placing(Wanted::Profile, loaded, outside),
             Measuring::RemoveCorner => {
                 if let Some(placing) = &mut self.placing
                     && placing.corners.pop().is_some()
@@ -242,6 +257,10 @@ impl Measurements {
         let Some(Placing { wanted, corners, reach, .. }) = self.placing.take() else { return };
         let object = match wanted {
             Wanted::Note => Object::Note(Note::new(String::new(), corners[0], scene.camera)),
+            Wanted::Profile => {
+                let length: f64 = corners.windows(2).map(|ends| ends[0].distance(ends[1])).sum();
+                Object::Profile(Profile::new(corners, (length * PROFILE_WIDTH).max(1e-9)))
+            }
             Wanted::Measurement(kind) => Object::Measurement(Measurement {
                 name: String::new(),
                 kind,
@@ -338,6 +357,7 @@ fn fly_to(id: ObjectId, scene: &mut Scene, loaded: &Loaded, outside: &mut Outsid
             return;
         }
         Object::Note(note) => vec![note.position],
+        Object::Profile(profile) => profile.line.clone(),
         _ => return,
     };
     let middle = places.iter().sum::<DVec3>() / places.len().max(1) as f64;

@@ -8,6 +8,8 @@ pub mod inspection;
 pub mod measurements;
 pub mod outlines;
 pub mod pick;
+pub mod profiles;
+pub mod slices;
 
 use std::sync::Arc;
 
@@ -16,7 +18,7 @@ use glam::DVec3;
 use scene::{Mirror, Object, Shape};
 use serde_json::json;
 
-use crate::viewer::action::{Handles, Measuring, PictureDraft, SavePicture};
+use crate::viewer::action::{Handles, Measuring, PictureDraft, Profiling, SavePicture};
 use crate::viewer::facts::facts;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
@@ -29,6 +31,7 @@ use crate::viewer::tools::draft::Draft;
 use crate::viewer::tools::inspection::{Inspection, Pose, Surface, Target};
 use crate::viewer::tools::measurements::Measurements;
 use crate::viewer::tools::pick::{Pick, loaded_attributes};
+use crate::viewer::tools::profiles::Profiles;
 use crate::viewer::window::render_thread::{PickPurpose, PickedPoint};
 use crate::viewer::work::Work;
 
@@ -40,6 +43,7 @@ pub struct Tools {
     pub inspection: Option<Inspection>,
     pub pick: Option<Pick>,
     pub measurements: Measurements,
+    pub profiles: Profiles,
     /// The choice of points to turn into a mirror.
     pub draft: Draft,
     /// Which handles the gizmo shows, and whether one of them is grabbed.
@@ -69,8 +73,21 @@ impl Tools {
         }
     }
 
+    pub fn profile(&mut self, step: Profiling, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        match step {
+            Profiling::Pick(point) => {
+                if let Some(world) = loaded.world_position(point) {
+                    self.select(point, world, loaded, outside);
+                }
+            }
+            step => self.profiles.act(step, scene, loaded, outside),
+        }
+    }
+
     /// Asks for values that are not known for what is shown now, unless that changes just now.
     pub fn sync_measurements(&mut self, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        // A profile follows its handles live.
+        self.profiles.sync(scene, loaded, outside);
         if !self.handle_is_grabbed {
             self.measurements.sync(scene, loaded, outside);
         }

@@ -13,7 +13,7 @@ params! {
         north: bool = false;
         /// The directions of the axes of the coordinates.
         axes: bool = false;
-        /// Measurements and notes in pictures and films, too; the window always shows them.
+        /// Measurements, notes and profiles in pictures and films, too; the window always shows them.
         labels: bool = false;
         /// Height of the text: in points of the window, in pixels of a picture.
         text: f32 = 13.0, 6.0..=200.0, "points";

@@ -4,7 +4,7 @@
 
 mod axis;
 mod layout;
-mod shapes;
+pub mod shapes;
 
 use std::path::Path;
 

@@ -1,0 +1,413 @@
+//! Profiles: their list in the panel, and the window that shows one from the side.
+
+use egui::epaint::Mesh;
+use egui::{Color32, Pos2, Rect, RichText, Shape, Stroke, Ui, vec2};
+use egui_plot::{GridMark, Plot, PlotPoint, PlotTransform};
+use glam::DVec3;
+use measure::Section;
+use scene::{Object, Profile};
+
+use crate::viewer::action::{Action, Measuring, Profiling};
+use crate::viewer::input::bindings;
+use crate::viewer::objects::{ObjectId, PlacedProfile};
+use crate::viewer::session::Session;
+use crate::viewer::theme::{self, grouped};
+use crate::viewer::tools::measurements::units;
+use crate::viewer::tools::profiles::MOST_STACKED;
+use crate::viewer::tools::slices::{Slice, SlicePoint};
+use crate::viewer::widgets::{eye, name_label};
+
+/// The most points that are drawn at once: of those that are in view, evenly many are left out.
+const MOST_DRAWN: usize = 50_000;
+/// How far from a point the mouse still means it, in points of the window.
+const REACH: f32 = 10.0;
+/// Half the width of a point, in points of the window.
+const HALF: f32 = 1.1;
+
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let begin = Action::Measuring(Measuring::BeginProfile);
+    let help = format!("Click the corners of a line ({}); Enter or a double-click ends", bindings::shortcut(&begin));
+    let add = ui.add_enabled(!session.loaded.clouds.is_empty(), egui::Button::new("Add profile"));
+    actions.extend(add.on_hover_text(help).clicked().then_some(begin));
+    let profiles = &session.scene.objects.profiles;
+    if profiles.is_empty() {
+        ui.label(RichText::new("No profile is drawn.").color(theme::WEAK));
+    }
+    for PlacedProfile { id, profile } in profiles {
+        ui.push_id(id.0, |ui| row(ui, session, *id, profile, actions));
+    }
+    let selected = session.scene.selected.and_then(|id| profiles.iter().find(|placed| placed.id == id));
+    if let Some(PlacedProfile { id, profile }) = selected {
+        ui.push_id(("profile", id.0), |ui| details(ui, session, *id, profile, actions));
+    }
+}
+
+fn row(ui: &mut Ui, session: &Session, id: ObjectId, profile: &Profile, actions: &mut Vec<Action>) {
+    let name = profile.name.as_str();
+    ui.horizontal(|ui| {
+        if eye(ui, profile.on, name).clicked() {
+            let switched = Profile { on: !profile.on, ..profile.clone() };
+            actions.push(Action::ChangeObject(id, Box::new(Object::Profile(switched))));
+        }
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let delete = ui.small_button("×").on_hover_text(format!("Delete {name}"));
+            if delete.accessible_name(format!("Delete {name}")).clicked() {
+                actions.extend([Action::Select(Some(id)), Action::Delete]);
+            }
+            let is_in_view = session.tools.profiles.in_view == Some(id);
+            let view = ui.selectable_label(is_in_view, RichText::new("From the side").small());
+            if view.on_hover_text("Shows its points by distance along and height").clicked() {
+                actions.push(Action::Profile(Profiling::Look((!is_in_view).then_some(id))));
+            }
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                let is_selected = session.scene.selected == Some(id);
+                if ui.add(egui::Button::selectable(is_selected, name).truncate()).clicked() {
+                    actions.push(Action::Select(if is_selected { None } else { Some(id) }));
+                }
+            });
+        });
+    });
+}
+
+/// The numbers of the selected profile.
+fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actions: &mut Vec<Action>) {
+    let mut profile = before.clone();
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Name");
+        ui.add(egui::TextEdit::singleline(&mut profile.name).desired_width(130.0)).labelled_by(label.id);
+        let mut bytes = profile.color.map(|share| (share * 255.0).round() as u8);
+        if ui.color_edit_button_srgb(&mut bytes).changed() {
+            profile.color = bytes.map(|byte| f32::from(byte) / 255.0);
+        }
+    });
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Thickness");
+        let drag = egui::DragValue::new(&mut profile.width).speed(before.width * 0.01).range(1e-6..=1e9);
+        ui.add(drag).labelled_by(label.id);
+        if let Some(unit) = units(&session.loaded).length() {
+            ui.label(RichText::new(unit.to_string()).color(theme::WEAK));
+        }
+    });
+    if profile != *before {
+        actions.push(Action::ChangeObject(id, Box::new(Object::Profile(profile))));
+    }
+    // How many copies, and how far apart: kept by the panel alone.
+    let memory = ui.scope_id().with("stack");
+    let known: Option<(u32, f64)> = ui.data(|data| data.get_temp(memory));
+    let (mut count, mut spacing) = known.unwrap_or((4, before.width * 2.0));
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Copies");
+        ui.add(egui::DragValue::new(&mut count).range(1..=MOST_STACKED)).labelled_by(label.id);
+        ui.label("every");
+        ui.add(egui::DragValue::new(&mut spacing).speed(before.width * 0.05));
+        let stack = ui.button("Stack").on_hover_text("Adds so many parallel profiles to the left at this spacing");
+        if stack.clicked() {
+            actions.extend([
+                Action::Profile(Profiling::Look(Some(id))),
+                Action::Profile(Profiling::Stack(count, spacing)),
+            ]);
+        }
+    });
+    ui.data_mut(|data| data.insert_temp(memory, (count, spacing)));
+}
+
+/// Draws the window of the profile that is in view.
+pub fn window(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
+    let Some(profile) = session.tools.profiles.profile(&session.scene) else { return };
+    let mut is_open = true;
+    egui::Window::new(format!("Profile: {}", profile.name))
+        .id(egui::Id::unique("profile"))
+        .open(&mut is_open)
+        .default_size([640.0, 300.0])
+        .default_pos([330.0, 400.0])
+        .show(context, |ui| contents(ui, session, profile, actions));
+    actions.extend((!is_open).then_some(Action::Profile(Profiling::Look(None))));
+}
+
+fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec<Action>) {
+    let tool = &session.tools.profiles;
+    let memory = ui.scope_id().with("even scale");
+    let mut is_even = ui.data(|data| data.get_temp(memory)).unwrap_or(true);
+    ui.horizontal(|ui| {
+        if ui.selectable_label(is_even, "1:1").on_hover_text("Lengths along and up have the same scale").clicked() {
+            is_even = !is_even;
+        }
+        let is_out = tool.ruler.is_some();
+        if ui.selectable_label(is_out, "Ruler").on_hover_text("Two clicks measure the distance between them").clicked()
+        {
+            actions.push(Action::Profile(Profiling::Ruler(!is_out)));
+        }
+        ui.separator();
+        for (ending, help) in [
+            ("csv", "Writes the points of the files that are in the profile as a table"),
+            ("laz", "Writes the points of the files that are in the profile, with all attributes"),
+            ("png", "Writes a chart of the points that were found"),
+            ("svg", "Writes a chart of the points that were found"),
+        ] {
+            let button = ui.add_enabled(!tool.is_writing, egui::Button::new(ending.to_uppercase()).small());
+            if button.on_hover_text(help).clicked() {
+                actions.push(Action::Profile(Profiling::Save(ending)));
+            }
+        }
+        ui.separator();
+        status(ui, session);
+    });
+    ui.data_mut(|data| data.insert_temp(memory, is_even));
+    match &tool.slice {
+        Some(Ok(slice)) => chart(ui, session, profile, slice, is_even, actions),
+        Some(Err(problem)) => drop(ui.colored_label(theme::ERROR, problem)),
+        None => drop(ui.spinner()),
+    }
+}
+
+/// How many points there are, and which are left out.
+fn status(ui: &mut Ui, session: &Session) {
+    let Some(Ok(slice)) = &session.tools.profiles.slice else { return };
+    let kept = slice.points.len() as u64;
+    let count = if kept < slice.total {
+        format!("{} of {} points", grouped(kept), grouped(slice.total))
+    } else {
+        format!("{} points", grouped(slice.total))
+    };
+    let is_streamed = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
+    let loaded = if is_streamed { " that are loaded" } else { "" };
+    let help = format!(
+        "At most {} are drawn at once, evenly chosen from those in view{}",
+        grouped(MOST_DRAWN as u64),
+        if is_streamed { "; CSV and LAZ have all points of the files" } else { "" },
+    );
+    ui.label(RichText::new(format!("{count}{loaded}")).small().color(theme::WEAK)).on_hover_text(help);
+}
+
+/// The numbers on the axes begin as the coordinates do.
+fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_even: bool, actions: &mut Vec<Action>) {
+    let unit = units(&session.loaded).length().map_or(String::new(), |unit| format!(" ({unit})"));
+    let heights = slice.points.iter().map(|point| point.dot.height);
+    let (low, high) =
+        heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), height| (low.min(height), high.max(height)));
+    let mut plot = Plot::new("profile")
+        .height(ui.available_height().max(140.0))
+        .x_axis_label(format!("along{unit}"))
+        .y_axis_label(format!("height{unit}"))
+        .label_formatter(|_| None)
+        .y_axis_formatter(|mark: GridMark, _: &std::ops::RangeInclusive<f64>| format!("{}", mark.value as f32))
+        .allow_boxed_zoom(false)
+        .include_x(0.0)
+        .include_x(slice.length);
+    if low <= high {
+        plot = plot.include_y(low).include_y(high);
+    }
+    if is_even {
+        plot = plot.data_aspect(1.0);
+    }
+    let shown = plot.show(ui, |_| ());
+    let (transform, response) = (shown.transform, shown.response);
+    let painter = ui.painter().with_clip_rect(*transform.frame());
+    painter.add(Shape::mesh(dots(slice, &transform)));
+    // What the picture points at, and what is picked there.
+    let up = session.up();
+    let section = Section::new(&profile.line, profile.width, up).ok();
+    let mark = |world: Option<DVec3>, radius: f32, color: Color32| {
+        let placed = section.as_ref().and_then(|section| section.place(world?));
+        if let Some(placed) = placed {
+            let at = transform.position_from_point(&PlotPoint::new(placed.along, placed.height));
+            painter.circle_stroke(at, radius, Stroke::new(3.0, Color32::BLACK));
+            painter.circle_stroke(at, radius, Stroke::new(1.5, color));
+        }
+    };
+    mark(session.hovered(), 6.0, Color32::WHITE);
+    mark(session.tools.pick.as_ref().map(|pick| pick.world), 7.0, theme::ACCENT);
+    let pointer = response.hover_pos().filter(|at| transform.frame().contains(*at));
+    let pointed = pointer.and_then(|pointer| nearest(slice, &transform, pointer));
+    if let Some(SlicePoint { dot, .. }) = pointed {
+        let at = transform.position_from_point(&PlotPoint::new(dot.along, dot.height));
+        painter.circle_stroke(at, 5.0, Stroke::new(1.5, theme::ACCENT));
+    }
+    let hovered = pointed.map(|point| point.point);
+    if hovered != session.tools.profiles.hovered {
+        actions.push(Action::Profile(Profiling::Hover(hovered)));
+    }
+    let at_pointer = pointer.map(|pointer| {
+        // A ruler snaps to the points.
+        let value = transform.value_from_position(pointer);
+        pointed.map_or([value.x, value.y], |point| [point.dot.along, point.dot.height])
+    });
+    if let (true, Some(place)) = (response.clicked(), at_pointer) {
+        match (&session.tools.profiles.ruler, pointed) {
+            (Some(_), _) => actions.push(Action::Profile(Profiling::Rule(place))),
+            (None, Some(point)) => actions.push(Action::Profile(Profiling::Pick(point.point))),
+            (None, None) => {}
+        }
+    }
+    if let Some(ends) = &session.tools.profiles.ruler {
+        ruler(&painter, &transform, ends, at_pointer, &unit);
+    }
+}
+
+/// The points that are in view as small squares.
+fn dots(slice: &Slice, transform: &PlotTransform) -> Mesh {
+    let frame = transform.frame().expand(HALF);
+    let mut mesh = Mesh::default();
+    let mut count = 0;
+    for SlicePoint { dot, .. } in &slice.points {
+        let at = transform.position_from_point(&PlotPoint::new(dot.along, dot.height));
+        if frame.contains(at) {
+            let [red, green, blue] = dot.color;
+            mesh.add_colored_rect(
+                Rect::from_center_size(at, vec2(HALF, HALF) * 2.0),
+                Color32::from_rgb(red, green, blue),
+            );
+            count += 1;
+            if count == MOST_DRAWN {
+                break;
+            }
+        }
+    }
+    mesh
+}
+
+/// The point that the mouse means: the nearest of those that are drawn.
+fn nearest(slice: &Slice, transform: &PlotTransform, pointer: Pos2) -> Option<SlicePoint> {
+    let frame = transform.frame();
+    let placed = slice
+        .points
+        .iter()
+        .map(|point| (point, transform.position_from_point(&PlotPoint::new(point.dot.along, point.dot.height))));
+    let drawn = placed.filter(|(_, at)| frame.contains(*at)).take(MOST_DRAWN);
+    let near = drawn.map(|(point, at)| (point, at.distance(pointer))).filter(|(_, distance)| *distance <= REACH);
+    near.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(point, _)| *point)
+}
+
+/// The distance between two places of a profile, with its parts: `5.0000 along 3.0000 up 4.0000`.
+fn measured(from: [f64; 2], to: [f64; 2]) -> String {
+    let (along, up) = (to[0] - from[0], to[1] - from[1]);
+    format!("{:.4}   along {along:.4}   up {up:.4}", along.hypot(up))
+}
+
+fn ruler(painter: &egui::Painter, transform: &PlotTransform, ends: &[[f64; 2]], pointer: Option<[f64; 2]>, unit: &str) {
+    let (from, to) = match (ends, pointer) {
+        ([from, to], _) => (*from, *to),
+        ([from], Some(to)) => (*from, to),
+        _ => return,
+    };
+    let place = |[along, height]: [f64; 2]| transform.position_from_point(&PlotPoint::new(along, height));
+    let line = [place(from), place(to)];
+    painter.line_segment(line, Stroke::new(4.0, Color32::BLACK));
+    painter.line_segment(line, Stroke::new(1.6, theme::ACCENT));
+    let text = format!("{}{unit}", measured(from, to));
+    let middle = line[0].lerp(line[1], 0.5);
+    let galley = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);
+    let area = Rect::from_center_size(middle - vec2(0.0, 16.0), galley.size());
+    painter.rect_filled(area.expand2(vec2(6.0, 3.0)), 4.0, Color32::from_black_alpha(190));
+    painter.galley(area.min, galley, Color32::WHITE);
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use world::Part;
+
+    use super::*;
+    use crate::viewer::outside::Effect;
+    use crate::viewer::window::render_thread::{PickPurpose, PickedPoint, Report};
+    use crate::viewer::work::Work;
+
+    fn harness() -> Harness<'static, Session> {
+        let mut session = Session::with_two_points();
+        session.scene.view_size = [400, 300];
+        Harness::builder().with_size([900.0, 900.0]).build_ui_state(
+            |ui, session: &mut Session| {
+                session.show_and_act(|session, actions| {
+                    show(ui, session, actions);
+                    window(ui.ctx(), session, actions);
+                })
+            },
+            session,
+        )
+    }
+
+    fn click(session: &mut Session, index: usize) {
+        session.act(Action::PointAt(Some([10, 10])));
+        session.act(Action::Pick);
+        let point = PickedPoint { chunk: session.loaded.clouds[0].key.chunk(Part::Block(0)), index };
+        session.on_report(Report::Picked { pixel: [10, 10], purpose: PickPurpose::Corner, point: Some(point) });
+    }
+
+    /// Carries out all work until there is none.
+    fn work(session: &mut Session) {
+        for _ in 0..20 {
+            session.step(session.outside.now, false);
+            let found = std::cell::RefCell::new(Vec::new());
+            for effect in std::mem::take(&mut session.outside.effects) {
+                if let Effect::Work(work @ (Work::FindFigures { .. } | Work::Profile(_))) = effect {
+                    work.run(&scene::Stream::default(), |one| found.borrow_mut().push(one));
+                }
+            }
+            found.into_inner().into_iter().for_each(|found| session.on_found(found));
+        }
+    }
+
+    fn total(session: &Session) -> u64 {
+        session.tools.profiles.slice.as_ref().unwrap().as_ref().unwrap().total
+    }
+
+    #[test]
+    fn a_profile_is_drawn_followed_live_measured_stacked_saved_and_undone() {
+        let mut harness = harness();
+        harness.run_ok();
+        harness.get_by_label("Add profile").click();
+        harness.run_ok();
+        let session = harness.state_mut();
+        click(session, 0);
+        click(session, 1);
+        session.act(Action::Measuring(Measuring::End));
+        work(session);
+        let placed = session.scene.objects.profiles[0].clone();
+        assert_eq!(placed.profile.line, [DVec3::ZERO, DVec3::new(10.0, 10.0, 0.0)]);
+        assert_eq!((session.tools.profiles.in_view, total(session)), (Some(placed.id), 2), "it is shown at once");
+        let Some(Ok(slice)) = session.tools.profiles.slice.clone() else { panic!("no points") };
+        assert!((slice.length - 200_f64.sqrt()).abs() < 1e-12);
+        harness.run_steps(3);
+        assert_eq!(harness.query_all_by_label("2 points").count(), 1);
+        // A point of the profile is one of the picture.
+        let session = harness.state_mut();
+        session.act(Action::Profile(Profiling::Pick(slice.points[0].point)));
+        assert_eq!(session.tools.pick.as_ref().unwrap().point, slice.points[0].point);
+        // It follows the handles while they are held.
+        session.tools.handle_is_grabbed = true;
+        let aside: Vec<DVec3> = placed.profile.line.iter().map(|corner| *corner + DVec3::X).collect();
+        let moved = Object::Profile(Profile { line: aside, ..placed.profile.clone() });
+        session.act(Action::ChangeObject(placed.id, Box::new(moved)));
+        work(session);
+        assert_eq!(total(session), 0);
+        session.tools.handle_is_grabbed = false;
+        session.act(Action::Undo);
+        work(session);
+        assert_eq!(total(session), 2);
+        // The ruler begins anew with the third click.
+        session.act(Action::Profile(Profiling::Ruler(true)));
+        for place in [[0.0, 0.0], [3.0, 4.0], [1.0, 1.0]] {
+            session.act(Action::Profile(Profiling::Rule(place)));
+        }
+        assert_eq!(session.tools.profiles.ruler, Some(vec![[1.0, 1.0]]));
+        assert_eq!(measured([0.0, 0.0], [3.0, 4.0]), "5.0000   along 3.0000   up 4.0000");
+        session.act(Action::Profile(Profiling::Stack(3, 2.0)));
+        assert_eq!(session.scene.objects.profiles.len(), 4);
+        let last = &session.scene.objects.profiles[3].profile;
+        let expected = DVec3::new(-1.0, 1.0, 0.0).normalize() * 6.0;
+        assert!((last.line[0] - expected).length() < 1e-9, "{last:?}");
+        let file = scene::SceneFile::parse(&session.scene.whole_file(&session.loaded).to_text()).unwrap();
+        assert_eq!(file.profiles.len(), 4);
+        assert_eq!(file.profiles[0], placed.profile);
+        session.act(Action::Undo);
+        assert_eq!(session.scene.objects.profiles.len(), 1, "the stack is one step");
+        session.scene.selected = Some(placed.id);
+        session.act(Action::Delete);
+        work(session);
+        assert_eq!((session.scene.objects.profiles.len(), session.tools.profiles.in_view), (0, None));
+        session.act(Action::Undo);
+        let told = &session.outside.messages.all;
+        assert!(told.iter().any(|message| message.text == "Undone: profile profile"), "undo tells");
+    }
+}

@@ -1,0 +1,197 @@
+//! Profiles in the window: the selected one is shown from the side, and follows its handles and the points live.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use cloud::PointTest;
+use render::ColorPlan;
+use scene::{Object, Profile};
+use serde_json::json;
+use world::CloudKey;
+
+use crate::viewer::action::Profiling;
+use crate::viewer::loaded::Loaded;
+use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::objects::ObjectId;
+use crate::viewer::outside::Outside;
+use crate::viewer::scene::Scene;
+use crate::viewer::tools::measurements::units;
+use crate::viewer::tools::slices::{Cuttable, ProfileFound, ProfileWork, Slice};
+use crate::viewer::views::free_path;
+use crate::viewer::window::render_thread::PickedPoint;
+use crate::viewer::work::Work;
+
+/// The most copies that are stacked at once.
+pub const MOST_STACKED: u32 = 100;
+
+/// What decides the points of a profile, besides itself: the clouds, how many of their points are loaded and their
+/// colours, and which points are shown.
+#[derive(Clone, Default, PartialEq)]
+struct Basis {
+    clouds: Vec<(CloudKey, u64, ColorPlan)>,
+    test: PointTest,
+}
+
+#[derive(Default)]
+pub struct Profiles {
+    /// The profile that is shown from the side.
+    pub in_view: Option<ObjectId>,
+    /// Its points, once they are found, or why there are none.
+    pub slice: Option<Result<Arc<Slice>, String>>,
+    /// The point of the profile under the cursor.
+    pub hovered: Option<PickedPoint>,
+    /// The ends of what is measured in the profile, while its ruler is out: distance along, and height.
+    pub ruler: Option<Vec<[f64; 2]>>,
+    /// Whether a file of it is being written.
+    pub is_writing: bool,
+    is_cutting: bool,
+    /// What the points were last asked for.
+    asked: Option<(ObjectId, Profile, Basis)>,
+    selected: Option<ObjectId>,
+}
+
+/// The profile without what does not change its points.
+fn essence(profile: &Profile) -> Profile {
+    Profile { name: String::new(), on: true, color: [0.0; 3], ..profile.clone() }
+}
+
+impl Profiles {
+    pub fn act(&mut self, step: Profiling, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        match step {
+            Profiling::Look(id) => {
+                self.look_at(id);
+                outside.log(json!({ "event": "profile_in_view", "is_shown": id.is_some() }));
+            }
+            Profiling::Hover(point) => self.hovered = point,
+            // `Tools` picks the point.
+            Profiling::Pick(_) => {}
+            Profiling::Ruler(is_out) => self.ruler = is_out.then(Vec::new),
+            Profiling::Rule(place) => {
+                if let Some(ends) = &mut self.ruler {
+                    if ends.len() == 2 {
+                        ends.clear();
+                    }
+                    ends.push(place);
+                }
+            }
+            Profiling::Stack(count, spacing) => self.stack(count, spacing, scene, loaded, outside),
+            Profiling::Save(ending) => self.save(ending, scene, loaded, outside),
+        }
+    }
+
+    fn look_at(&mut self, id: Option<ObjectId>) {
+        if self.in_view != id {
+            *self = Self {
+                in_view: id,
+                selected: self.selected,
+                is_cutting: self.is_cutting,
+                is_writing: self.is_writing,
+                ruler: self.ruler.as_ref().map(|_| Vec::new()),
+                ..Self::default()
+            };
+        }
+    }
+
+    /// The profile that is shown from the side.
+    pub fn profile<'a>(&self, scene: &'a Scene) -> Option<&'a Profile> {
+        let id = self.in_view?;
+        scene.objects.profiles.iter().find(|placed| placed.id == id).map(|placed| &placed.profile)
+    }
+
+    /// Adds copies of the profile in view, each farther to the left, in one step of undo.
+    fn stack(&mut self, count: u32, spacing: f64, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        let Some(profile) = self.profile(scene).cloned() else { return };
+        let (up, selected) = (scene.up(&loaded.clouds), scene.selected);
+        let most = Object::Profile(profile.clone()).kind().most;
+        let room = most.saturating_sub(scene.objects.profiles.len()) as u32;
+        scene.history.settle(&scene.settings, &scene.objects);
+        for step in 1..=count.min(MOST_STACKED).min(room) {
+            let id = scene.next_object_id();
+            scene.objects.add(id, Object::Profile(profile.beside(up, spacing * f64::from(step))));
+        }
+        scene.history.settle(&scene.settings, &scene.objects);
+        scene.selected = selected;
+        outside.log(json!({ "event": "profiles_stacked", "profiles": scene.objects.profiles.len() }));
+        outside.note(format!("There are {} profiles now", scene.objects.profiles.len()));
+    }
+
+    /// Writes the profile in view beside other saved files.
+    fn save(&mut self, ending: &str, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        let (Some(profile), false) = (self.profile(scene).cloned(), self.is_writing) else { return };
+        let name: String =
+            profile.name.chars().map(|sign| if sign.is_alphanumeric() { sign } else { '-' }).take(60).collect();
+        let path = free_path(Path::new(""), &name, ending);
+        let work = if matches!(ending, "svg" | "png") {
+            let Some(Ok(slice)) = &self.slice else {
+                return outside.note("The points of the profile are not found yet");
+            };
+            let unit = units(loaded).length().map(|unit| unit.to_string());
+            ProfileWork::Draw { path, name: profile.name, slice: slice.clone(), unit }
+        } else {
+            let (inputs, test) = (loaded.inputs(), scene.objects.test());
+            ProfileWork::Write { path, inputs, profile, test, settings: Box::new(scene.settings.clone()) }
+        };
+        self.is_writing = true;
+        outside.work(Work::Profile(Box::new(work)));
+    }
+
+    /// Shows a profile from the side that has just been selected, and asks for its points whenever they are not known
+    /// for what is shown now.
+    pub fn sync(&mut self, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        if self.selected != scene.selected {
+            self.selected = scene.selected;
+            let is_profile = |id: &ObjectId| scene.objects.profiles.iter().any(|placed| placed.id == *id);
+            if let Some(id) = scene.selected.filter(is_profile) {
+                self.look_at(Some(id));
+            }
+        }
+        let Some(id) = self.in_view else { return };
+        let Some(profile) = self.profile(scene).map(essence) else { return self.look_at(None) };
+        if self.is_cutting {
+            return;
+        }
+        let is_same = self.asked.as_ref().is_some_and(|(of, known, _)| (*of, known) == (id, &profile));
+        // While points come, those of a profile that stands still can wait.
+        if is_same && loaded.points_come() {
+            return;
+        }
+        let visible = || loaded.clouds.iter().filter(|entry| entry.is_visible && entry.figures.is_some());
+        let with_plan = |entry: &CloudEntry| Some((entry.key, entry.cloud.len(), entry.figures.as_ref()?.plan.clone()));
+        let basis = Basis { clouds: visible().filter_map(with_plan).collect(), test: scene.objects.test() };
+        if is_same && self.asked.as_ref().is_some_and(|(.., known)| *known == basis) {
+            return;
+        }
+        let cuttable = |entry: &CloudEntry| {
+            let (cloud, parts) = (entry.cloud.clone(), entry.chunk_bounds().collect());
+            Some(Cuttable { key: entry.key, cloud, parts, plan: entry.figures.as_ref()?.plan.clone() })
+        };
+        let clouds = visible().filter_map(cuttable).collect();
+        let (up, test) = (scene.up(&loaded.clouds), basis.test.clone());
+        self.asked = Some((id, profile.clone(), basis));
+        self.is_cutting = true;
+        outside.work(Work::Profile(Box::new(ProfileWork::Cut { id, profile, up, clouds, test })));
+    }
+
+    pub fn on_found(&mut self, found: ProfileFound, outside: &mut Outside) {
+        match found {
+            ProfileFound::Cut { id, slice } => {
+                self.is_cutting = false;
+                if self.in_view == Some(id) {
+                    let points = slice.as_ref().map(|slice| slice.total).unwrap_or_default();
+                    outside.log(json!({ "event": "profile_cut", "points": points }));
+                    self.slice = Some(slice.map(Arc::new));
+                }
+            }
+            ProfileFound::Saved { path, result } => {
+                self.is_writing = false;
+                match result {
+                    Ok(()) => {
+                        outside.note(format!("Saved {}", path.display()));
+                        outside.log(json!({ "event": "profile_saved", "path": path.display().to_string() }));
+                    }
+                    Err(error) => outside.error(error),
+                }
+            }
+        }
+    }
+}
