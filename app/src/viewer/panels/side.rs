@@ -55,10 +55,11 @@ fn tab_row(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let open = Tab::named(&session.preferences.tab);
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing = egui::vec2(1.0, 1.0);
-        ui.spacing_mut().button_padding.x = 3.5;
+        // All names fit into one row of the panel as it opens.
+        ui.spacing_mut().button_padding.x = 2.0;
         for tab in Tab::ALL {
             let is_open = tab == open && session.search.is_empty();
-            let name = RichText::new(tab.name()).size(12.0);
+            let name = RichText::new(tab.name()).size(11.5);
             if ui.selectable_label(is_open, name).on_hover_text(tab.help()).clicked() {
                 actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
             }
