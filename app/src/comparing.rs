@@ -221,7 +221,7 @@ pub fn compare(
     let (distances, levels) = lists.into_inner().unwrap_or_else(PoisonError::into_inner);
     let all = |runs: &[Runs]| -> Vec<f32> { runs.iter().flat_map(Runs::values).flatten().copied().collect() };
     let measured: Vec<Value> = match cores {
-        Some(cores) => cores.values.into_values().collect(),
+        Some(cores) => cores.in_order(),
         None => {
             let levels = levels.as_deref().map_or_else(Vec::new, all).into_iter().chain(std::iter::repeat(f32::NAN));
             all(&distances).into_iter().zip(levels).map(|(distance, level)| [distance, level]).collect()
@@ -282,6 +282,13 @@ impl Cores {
 
     fn value(&self, place: DVec3) -> Value {
         self.values.get(&cell_of(place, self.edge)).copied().unwrap_or([f32::NAN; 2])
+    }
+
+    /// What was measured, in the order of the cubes, so that sums come out the same each time.
+    fn in_order(self) -> Vec<Value> {
+        let mut cores: Vec<(I64Vec3, Value)> = self.values.into_iter().collect();
+        cores.sort_unstable_by_key(|(cell, _)| cell.to_array());
+        cores.into_iter().map(|(_, value)| value).collect()
     }
 }
 
