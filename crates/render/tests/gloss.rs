@@ -8,7 +8,9 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DQuat, DVec3};
-use render::{Aov, CloudId, ColorPlan, ColorSource, Error, FrameStats, GlossCache, Material, Objects, PointStore};
+use render::{
+    Aov, CloudId, ColorPlan, ColorSource, Error, FrameStats, GlossCache, Material, Objects, PointStore, ReflectionStats,
+};
 use scene::{Camera, METHODS, Method, Mirror, Settings, Shape, SpotLight, Supply};
 
 use stage::Stage;
@@ -352,9 +354,11 @@ fn rays_from_places_within_a_pixel_change_no_even_surrounding_and_no_figure() {
                         );
                     }
                 }
-                drawn.push((seen.into_iter().map(f32::to_bits).collect::<Vec<_>>(), stats.reflection));
+                // The rays of all samples may need maps.
+                let told = ReflectionStats { map_use: None, ..stats.reflection };
+                drawn.push((seen.into_iter().map(f32::to_bits).collect::<Vec<_>>(), told));
             }
-            // What is told of the reflection is told of the rays through the centres of pixels.
+            // What else is told of the reflection is told of the rays through the centres of pixels.
             assert!(drawn[0] == drawn[1] && drawn[0] == drawn[2], "{}, {surface}", method.row().name);
         }
     }

@@ -392,6 +392,7 @@ impl Reflections {
         self.has_clear = has_clear;
         let behind = if has_clear { behind_clear(settings) } else { Method::None };
         self.bounces.truncate(Self::asked(settings));
+        self.count = self.count.min(self.bounces.len());
         self.methods.keep_images_of([settings.reflection.method.chosen(), behind]);
     }
 
