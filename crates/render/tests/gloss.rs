@@ -355,7 +355,7 @@ fn rays_from_places_within_a_pixel_change_no_even_surrounding_and_no_figure() {
                     }
                 }
                 // The rays of all samples may need maps.
-                let told = ReflectionStats { map_use: None, ..stats.reflection };
+                let told = stats.reflection.map(|told| ReflectionStats { map_use: None, ..told });
                 drawn.push((seen.into_iter().map(f32::to_bits).collect::<Vec<_>>(), told));
             }
             // What else is told of the reflection is told of the rays through the centres of pixels.
