@@ -4,10 +4,12 @@
 use egui::{Rect, RichText, Ui};
 
 use param::{Group, Params};
+use scene::Object;
 
 use crate::viewer::action::{Action, Filing};
 use crate::viewer::input::bindings;
 use crate::viewer::loaded::clouds::short_name;
+use crate::viewer::objects::ObjectId;
 use crate::viewer::panels::{self, presets};
 use crate::viewer::session::Session;
 use crate::viewer::tab::Tab;
@@ -31,6 +33,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
         action_button(ui, "Frame all", Action::FrameAll, actions);
         action_button(ui, "?", Action::ToggleShortcuts, actions);
     });
+    follow_selection(ui, session, actions);
     tab_row(ui, session, actions);
     search_field(ui, session, actions);
     ui.add_space(2.0);
@@ -49,6 +52,25 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
         late_notice(ui);
     }
     scrolled.inner
+}
+
+/// Opens the tab of an object that has just been selected or placed, so that a note can be written at once. Mirrors are
+/// selected when a scene is opened, too, and leave the tab as it is.
+fn follow_selection(ui: &Ui, session: &Session, actions: &mut Vec<Action>) {
+    let place = egui::Id::unique("the object that was selected last");
+    let before = ui.data_mut(|data| data.get_temp::<Option<ObjectId>>(place));
+    let selected = session.scene.selected;
+    if before == Some(selected) {
+        return;
+    }
+    ui.data_mut(|data| data.insert_temp(place, selected));
+    let tab = match selected.and_then(|id| session.scene.objects.get(id)).map(|(_, object)| object) {
+        Some(Object::Measurement(_) | Object::Note(_) | Object::Profile(_)) => Tab::Measure,
+        Some(Object::Light(_)) => Tab::Light,
+        Some(Object::Clip(_)) => Tab::Data,
+        Some(Object::Mirror(_)) | None => return,
+    };
+    actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
 }
 
 fn tab_row(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
@@ -275,7 +297,8 @@ fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use scene::Method;
+    use glam::DVec3;
+    use scene::{Method, Note};
 
     use super::*;
     use crate::viewer::preferences::Preferences;
@@ -306,6 +329,22 @@ mod tests {
         harness.run_ok();
         assert!(!has(&harness, "Clouds") && has(&harness, "Measurements and notes"));
         assert_eq!(harness.state().preferences.tab, "Measure");
+    }
+
+    #[test]
+    fn a_note_that_is_placed_opens_the_tab_in_which_it_is_written() {
+        let mut harness = harness(Tab::Data);
+        harness.run_ok();
+        let note = Note { text: String::new(), on: true, color: [1.0; 3], position: DVec3::X, camera: None };
+        let scene = &mut harness.state_mut().scene;
+        scene.add_measurements(Vec::new(), vec![note]);
+        scene.selected = scene.objects.notes.first().map(|placed| placed.id);
+        harness.run_ok();
+        assert_eq!(harness.state().preferences.tab, "Measure");
+        // Another tab stays open while the note stays selected.
+        harness.state_mut().act(Action::OpenTab(Tab::Look));
+        harness.run_ok();
+        assert_eq!(harness.state().preferences.tab, "Look");
     }
 
     #[test]
