@@ -63,7 +63,7 @@ fn a_profile_is_drawn_and_its_points_are_written_as_files() {
     let folder = Folder::new();
     folder.write("slope.ply", slope());
     // No point lies on the border of the section, where rounding decides whether it is inside.
-    let line = ["--line", "5000002.01,600003.02,0:5000010,600009,0:5000012,600003,0", "--width", "1.06"];
+    let line = ["--line", "5000002.01,600003.02,0:5000010,600009,0:5000012,600003.1,0", "--width", "1.06"];
     let run = |output: &str| {
         let words = ["profile", "slope.ply", "-o", output];
         let outcome = folder.glint(words.iter().chain(&line));
