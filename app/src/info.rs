@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use cloud::{Bounds, Chunk, ColorCount, Column, Progress};
-use codec::{Format, Info};
+use codec::{Format, Info, Unit, Units};
 use scene::shown;
 use serde::Serialize;
 use world::Input;
@@ -45,6 +45,7 @@ struct FileReport {
     bounds: Option<BoundsReport>,
     attributes: Vec<AttributeReport>,
     crs: Option<String>,
+    units: UnitsReport,
     /// The number of points that have no colour although the cloud has colours, if all were read.
     #[serde(skip_serializing_if = "Option::is_none")]
     without_colour: Option<u64>,
@@ -54,6 +55,14 @@ struct FileReport {
     /// How many decimals coordinates are printed with for people, if they lie on a grid.
     #[serde(skip)]
     decimals: Option<usize>,
+}
+
+/// The units of coordinates as they are written, such as `m` and `ftUS`, where the file tells them.
+#[derive(Debug, PartialEq, Serialize)]
+struct UnitsReport {
+    level: Option<String>,
+    /// That of the heights, if the file tells one.
+    height: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -152,6 +161,7 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
         bounds: info.bounds.and_then(bounds_report),
         attributes: attributes(info),
         crs: info.crs.clone(),
+        units: units(&info.units),
         without_colour: None,
         neighbourhoods: None,
         warnings: info.warnings.clone(),
@@ -262,6 +272,21 @@ fn bounds_report(bounds: Bounds) -> Option<BoundsReport> {
     (!bounds.is_empty()).then(|| BoundsReport { min: bounds.min.to_array(), max: bounds.max.to_array() })
 }
 
+fn units(units: &Units) -> UnitsReport {
+    let written = |unit: Option<Unit>| unit.map(|unit| unit.to_string());
+    UnitsReport { level: written(units.level), height: written(units.height) }
+}
+
+/// The units for people: `m`, or `ftUS, heights in m`.
+fn units_text(UnitsReport { level, height }: &UnitsReport) -> String {
+    match (level, height) {
+        (None, None) => "unknown".into(),
+        (Some(level), None) => level.clone(),
+        (Some(level), Some(height)) if level == height => level.clone(),
+        (level, Some(height)) => format!("{}, heights in {height}", level.as_deref().unwrap_or("unknown")),
+    }
+}
+
 /// How many decimals a multiple of `scale` needs: 2 for 0.01 and for 0.05.
 fn decimals(scale: f64) -> usize {
     let is_whole = |scaled: f64| scaled.round() >= 1.0 && (scaled - scaled.round()).abs() < 1e-6;
@@ -305,6 +330,7 @@ fn lines(report: &FileReport) -> Vec<String> {
     }
     let crs = report.crs.as_deref().and_then(|crs| crs.lines().find(|line| !line.trim().is_empty()));
     line("crs", &crs.map_or("none".into(), |crs| shortened(crs.trim(), 100)));
+    line("units", &units_text(&report.units));
     if let Some(blank) = report.without_colour.filter(|blank| *blank > 0) {
         line("no colour", &format!("{} points", grouped(blank)));
     }
@@ -366,6 +392,17 @@ fn shortened(text: &str, limit: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn units_are_told_and_heights_apart_where_theirs_are_others() {
+        let text = |level, height| units_text(&units(&Units { level, height }));
+        let (metre, foot) = (Some(Unit::Metre), Some(Unit::SurveyFoot));
+        assert_eq!(text(None, None), "unknown");
+        assert_eq!([text(metre, None), text(metre, metre)], ["m", "m"]);
+        assert_eq!(text(foot, metre), "ftUS, heights in m");
+        assert_eq!(text(None, metre), "unknown, heights in m");
+        assert_eq!(text(Some(Unit::Degree), metre), "°, heights in m");
+    }
 
     #[test]
     fn numbers_read_well() {
