@@ -40,6 +40,6 @@ pub use error::{Error, Result};
 pub use kept::{KeptSurfels, SurfelPlace};
 pub use octree::{Node, NodeId, Octree};
 pub use pages::Pages;
-pub use plan::index_attributes;
+pub use plan::{COMPARED, index_attributes};
 pub use streamer::{Missing, NodeChange, Page, PagedCloud, Streamer, StreamerStats};
 pub use surfels::{coarsest, estimate_surfels};

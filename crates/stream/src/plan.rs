@@ -12,6 +12,9 @@ use crate::{Error, Result};
 
 /// The attributes that an index keeps if a file has them.
 const KEPT: [&str; 3] = ["intensity", "classification", "return_number"];
+/// The attributes that a comparison of two clouds adds to the points of a file. An index keeps these, too; where a file
+/// has several, as `distance` and `distance_2`, the last of each.
+pub const COMPARED: [&str; 2] = ["distance", "level_of_detection"];
 /// The number of lattice steps across the bulk of the points, for files without a grid. The steps are finer than the
 /// differences that f32 coordinates can hold there.
 const STEPS: f64 = (1_u64 << 30) as f64;
@@ -142,7 +145,13 @@ pub fn index_attributes(inputs: &[Arc<Source>]) -> Vec<Attribute> {
 /// Those of the attributes offered by some files that pages keep.
 pub fn kept_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
     let find = |name: &&str| offered.clone().flatten().find(|attribute| attribute.name == **name).cloned();
-    KEPT.iter().filter_map(find).collect()
+    let is_of = |name: &str, attribute: &Attribute| {
+        let rest = attribute.name.strip_prefix(name);
+        let number = rest.and_then(|rest| rest.strip_prefix('_'));
+        rest == Some("") || number.is_some_and(|number| number.parse::<u32>().is_ok())
+    };
+    let last = |name: &&str| offered.clone().flatten().filter(|attribute| is_of(name, attribute)).last().cloned();
+    KEPT.iter().filter_map(find).chain(COMPARED.iter().filter_map(last)).collect()
 }
 
 /// The selection to read of a file, and for each attribute of the layout its column in the file.

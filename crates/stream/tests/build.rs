@@ -234,6 +234,37 @@ fn points_of_ply_files_come_back_to_less_than_their_own_precision() {
     assert!(seen > 10, "{seen} files");
 }
 
+#[test]
+fn an_index_keeps_the_last_distances_that_were_added_to_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("changes.ply");
+    let names = ["x", "y", "z", "distance", "other", "distance_2", "distance_far", "level_of_detection"];
+    let properties: String = names.iter().map(|name| format!("property float {name}\n")).collect();
+    let place = |index: u32| [index % 50, index / 50, 0];
+    let row = |index: u32| {
+        let [x, y, z] = place(index);
+        format!("{x} {y} {z} -1 -2 {} -3 {}\n", f64::from(index) * 0.5, index + 7)
+    };
+    let rows: String = (0..2000).map(row).collect();
+    let header = format!("ply\nformat ascii 1.0\nelement vertex 2000\n{properties}end_header\n");
+    std::fs::write(&path, header + &rows).unwrap();
+    let pages = index(&[open(&path)], folder.path());
+    let kept: Vec<&str> = pages.attributes().iter().map(|attribute| attribute.name.as_str()).collect();
+    assert_eq!(kept, ["distance_2", "level_of_detection"]);
+    let mut seen = 0;
+    for (id, _) in pages.octree().ids() {
+        let chunk = pages.read(id).unwrap();
+        for index in 0..chunk.len() {
+            let [x, y, _] = chunk.position(index).round().to_array().map(|value| value as u32);
+            let number = f64::from(x + 50 * y);
+            let value = |column: usize| chunk.columns[column].as_ref().unwrap().value(index);
+            assert_eq!([value(0), value(1)], [number * 0.5, number + 7.0]);
+            seen += 1;
+        }
+    }
+    assert_eq!(seen, 2000);
+}
+
 /// The cubes of all nodes: lower corner and width.
 fn cubes(pages: &Pages) -> Vec<(DVec3, f64)> {
     let octree = pages.octree();
