@@ -10,6 +10,7 @@ use glam::DVec3;
 use measure::DistanceFigures;
 use scene::shown;
 use serde_json::json;
+use stream::COMPARED;
 use world::half_of;
 
 use crate::command_line::CompareArguments;
@@ -45,8 +46,9 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     terminal::warn(param::few(warnings, "warnings"));
     report(arguments, &measured)?;
     if let Some(output) = &arguments.output {
-        let mut added = vec![Added { name: free_name(&sources, "distance"), values: measured.distances }];
-        added.extend(measured.levels.map(|values| Added { name: free_name(&sources, "level_of_detection"), values }));
+        let [distance, level] = COMPARED.map(|name| free_name(&sources, name));
+        let mut added = vec![Added { name: distance, values: measured.distances }];
+        added.extend(measured.levels.map(|values| Added { name: level, values }));
         let progress = Progress::default();
         let memory = half_of(first.settings.stream.host_bytes);
         let write = || codec::export(&sources, &first.test, &added, output, memory, &progress);

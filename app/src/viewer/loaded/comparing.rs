@@ -8,19 +8,20 @@ use cloud::{Attribute, Cloud, Column, ColumnType};
 use codec::{ExportFormat, Runs};
 use scene::{ColorBy, shown};
 use serde_json::json;
+use stream::COMPARED;
 use world::CloudKey;
 
 use crate::comparing::{Measured, Method};
 use crate::viewer::action::Compare;
 use crate::viewer::loaded::clouds::CloudEntry;
-use crate::viewer::loaded::comparisons::{CompareDraft, Compared, Comparing, Comparison, Ends, Outcome, Second};
+use crate::viewer::loaded::comparisons::{
+    CompareDraft, Compared, Comparing, Comparison, Ends, Outcome, Second, Written,
+};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::messages::Level;
 use crate::viewer::outside::Effect;
+use crate::viewer::views::{free_path, picture_name};
 use crate::viewer::work::Work;
-
-/// The names of the attributes that a comparison adds.
-const NAMES: [&str; 2] = ["distance", "level_of_detection"];
 
 impl Loaded {
     pub fn compare(&mut self, step: Compare, beside: &mut Beside<'_>) {
@@ -62,7 +63,10 @@ impl Loaded {
             }
             Second::File(path) => (Ends::Files(vec![path.trim().to_owned()]), shown(path.trim()).to_string()),
         };
-        let output = first.streamed.is_some().then(|| PathBuf::from(output.trim()));
+        let output = first.streamed.is_some().then(|| match output.trim() {
+            "" => free_path(Path::new(""), &format!("{}-distances", picture_name(&first.input)), "copc.laz"),
+            path => PathBuf::from(path),
+        });
         if let Some(path) = &output {
             if ExportFormat::of(path).is_none() {
                 let name = shown(path);
@@ -106,7 +110,7 @@ impl Loaded {
         beside.outside.note(format!("Compared: {what}"));
         self.comparisons.last = Some(Compared { what, figures, significant });
         match output {
-            Some(path) => self.open_compared(key, &path, beside),
+            Some(Written { path, attribute }) => self.open_compared(key, &path, &attribute, beside),
             None => {
                 let lists = std::iter::once(distances).chain(levels).map(|mut lists| lists.pop().unwrap_or_default());
                 self.put_distances(key, lists.collect(), beside);
@@ -114,8 +118,8 @@ impl Loaded {
         }
     }
 
-    /// Opens the file that the distances of a streamed cloud were written to, in its place.
-    fn open_compared(&mut self, key: CloudKey, path: &Path, beside: &mut Beside<'_>) {
+    /// Opens the file that the distances of a streamed cloud were written to, as an attribute, in its place.
+    fn open_compared(&mut self, key: CloudKey, path: &Path, attribute: &str, beside: &mut Beside<'_>) {
         let request = world::resolve(&[path]);
         if let Err(error) = request.check() {
             return beside.outside.say(Level::Error, error.to_string());
@@ -123,7 +127,7 @@ impl Loaded {
         beside.outside.note(format!("Distances written: {}", path.display()));
         beside.outside.push(Effect::Load { inputs: request.inputs });
         self.set_visible(key, false, beside);
-        color_by(NAMES[0], beside);
+        color_by(attribute, beside);
     }
 
     /// Adds values of the file's points to a cloud in memory, or replaces those from before.
@@ -133,7 +137,7 @@ impl Loaded {
         entry.added.truncate(lists.len());
         for (which, list) in lists.into_iter().enumerate() {
             let known = entry.added.get(which).map(|(name, _)| name.clone());
-            let name = known.unwrap_or_else(|| unused_name(&entry.cloud, NAMES[which]));
+            let name = known.unwrap_or_else(|| unused_name(&entry.cloud, COMPARED[which]));
             let place = entry.cloud.attributes.iter().position(|attribute| attribute.name == name);
             let attribute = place.unwrap_or_else(|| {
                 entry.cloud.attributes.push(Attribute { name: name.clone(), column_type: ColumnType::F32 });

@@ -8,6 +8,7 @@ use codec::{Added, Source};
 use glam::DVec3;
 use measure::DistanceFigures;
 use scene::Settings;
+use stream::COMPARED;
 use world::{CloudKey, half_of};
 
 use crate::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
@@ -90,8 +91,15 @@ pub struct Comparison {
 
 pub struct Outcome {
     pub measured: Measured,
-    pub output: Option<PathBuf>,
+    pub output: Option<Written>,
     pub warnings: Vec<String>,
+}
+
+/// A new file with the points and their distances.
+pub struct Written {
+    pub path: PathBuf,
+    /// The name of the attribute that holds the distances.
+    pub attribute: String,
 }
 
 impl Ends {
@@ -134,16 +142,18 @@ impl Comparing {
         let Some((mut measured, mut warnings)) = compared.map_err(|error| format!("{error:#}"))? else {
             return Ok(None);
         };
+        let [distance, level] = COMPARED.map(|name| free_name(&sources, name));
         if let Some(path) = &output {
             let distances = std::mem::take(&mut measured.distances);
-            let mut added = vec![Added { name: free_name(&sources, "distance"), values: distances }];
-            let level = |values| Added { name: free_name(&sources, "level_of_detection"), values };
+            let mut added = vec![Added { name: distance.clone(), values: distances }];
+            let level = |values| Added { name: level, values };
             added.extend(measured.levels.take().map(level));
             let memory = half_of(settings.stream.host_bytes);
             let written = codec::export(&sources, &first.test, &added, path, memory, &progress);
             let Some(written) = written.map_err(|error| error.to_string())? else { return Ok(None) };
             warnings.extend(written.warnings);
         }
+        let output = output.map(|path| Written { path, attribute: distance });
         Ok(Some(Outcome { measured, output, warnings }))
     }
 }
