@@ -1,7 +1,9 @@
 //! Measurements, notes and profiles over a picture: their lines, and a label with the value or the text.
 
+use std::sync::Arc;
+
 use codec::Units;
-use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, vec2};
+use egui::{Align2, Color32, FontId, Galley, Painter, Pos2, Rect, Stroke, vec2};
 use glam::DVec3;
 use scene::{Measurement, MeasurementKind, Note, Profile};
 
@@ -14,6 +16,12 @@ const RING_STEPS: u32 = 48;
 const MOST_SHOWN: usize = 40;
 /// The height of the text for which widths of lines are given.
 const USUAL: f32 = 13.0;
+/// How many times its height a label goes up at most to make room for others.
+const MOST_LIFTS: u32 = 8;
+/// The most labels that are kept apart; among more, nothing could be read all the same.
+const MOST_APART: usize = 200;
+/// How far outside of the picture a point can be whose label reaches into it, in points.
+const LONGEST_NAME: f32 = 400.0;
 
 /// A measurement or a note to draw.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,22 +61,16 @@ impl Mark {
         Self { drawn, text: profile.name.clone(), is_selected: false }
     }
 
-    /// Draws it, with text of a height. `place` projects into the picture.
-    pub fn paint(&self, painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, size: f32) {
+    /// Draws it without its label; `size` is the height of text. `place` projects into the picture.
+    fn paint(&self, painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, size: f32) {
         match &self.drawn {
-            Drawn::Measurement(measurement) => {
-                lines(painter, place, measurement, self.is_selected, size);
-                if let Some(at) = place(anchor(measurement)) {
-                    label(painter, at, &self.text, of(measurement.color), self.is_selected, size);
-                }
-            }
+            Drawn::Measurement(measurement) => lines(painter, place, measurement, self.is_selected, size),
             Drawn::Note(note) => {
                 let Some(at) = place(note.position) else { return };
                 let (color, scale) = (of(note.color), size / USUAL);
                 for (radius, color) in [(5.5, SHADOW), (4.0, color)] {
                     painter.circle_filled(at, radius * scale, color);
                 }
-                label(painter, at, &self.text, color, self.is_selected, size);
             }
             Drawn::Profile(profile, sides) => {
                 let (color, scale) = (of(profile.color), size / USUAL);
@@ -81,12 +83,53 @@ impl Mark {
                         painter.line_segment(ends, Stroke::new(width, color));
                     }
                 }
-                if let Some(at) = profile.line.first().and_then(|start| place(*start)) {
-                    label(painter, at, &self.text, color, self.is_selected, size);
-                }
             }
         }
     }
+
+    /// The point that the label stands above, and the label's colour.
+    fn labelled(&self) -> Option<(DVec3, Color32)> {
+        match &self.drawn {
+            Drawn::Measurement(measurement) => Some((anchor(measurement), of(measurement.color))),
+            Drawn::Note(note) => Some((note.position, of(note.color))),
+            Drawn::Profile(profile, _) => Some((*profile.line.first()?, of(profile.color))),
+        }
+    }
+}
+
+/// Draws marks, with text of a height. A label that would cover another one stands higher, on a thin line; that of a
+/// selected mark keeps its place.
+pub fn paint_all(marks: &[Mark], painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, size: f32) {
+    marks.iter().for_each(|mark| mark.paint(painter, place, size));
+    let mut taken: Vec<Rect> = Vec::new();
+    let (selected, others): (Vec<&Mark>, Vec<&Mark>) = marks.iter().partition(|mark| mark.is_selected);
+    for mark in selected.into_iter().chain(others) {
+        let labelled = mark.labelled().and_then(|(world, color)| Some((place(world)?, color)));
+        let Some((at, color)) = labelled.filter(|(at, _)| painter.clip_rect().expand(LONGEST_NAME).contains(*at))
+        else {
+            continue;
+        };
+        let (galley, ground) = laid_out(painter, at, &mark.text, size);
+        let lift = free_lift(ground, &taken);
+        let ground = ground.translate(vec2(0.0, -lift));
+        if lift > 0.0 {
+            painter.line_segment([at, ground.center_bottom()], Stroke::new(1.0, color.gamma_multiply(0.7)));
+        }
+        if taken.len() < MOST_APART {
+            taken.push(ground);
+        }
+        paint_label(painter, galley, ground, color, mark.is_selected, size);
+    }
+}
+
+/// How far a label goes up so that it covers none of those that are there. Where there is no room in reach, it stays.
+fn free_lift(ground: Rect, taken: &[Rect]) -> f32 {
+    let step = ground.height() + 3.0;
+    let is_free = |lift: &f32| {
+        let lifted = ground.translate(vec2(0.0, -lift));
+        !taken.iter().any(|other| other.intersects(lifted))
+    };
+    (0..MOST_LIFTS).map(|lift| lift as f32 * step).find(is_free).unwrap_or(0.0)
 }
 
 /// Where the label of a measurement is.
@@ -180,14 +223,25 @@ fn ring(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, middle: DVec3
 
 /// Writes a line above a place, on a ground that can be read over any picture.
 pub fn label(painter: &Painter, at: Pos2, text: &str, color: Color32, is_selected: bool, size: f32) {
-    let (text, scale) = (text.trim(), size / USUAL);
-    let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(size), Color32::WHITE);
+    let (galley, ground) = laid_out(painter, at, text, size);
+    paint_label(painter, galley, ground, color, is_selected, size);
+}
+
+/// A label's text, and its ground above a place.
+fn laid_out(painter: &Painter, at: Pos2, text: &str, size: f32) -> (Arc<Galley>, Rect) {
+    let scale = size / USUAL;
+    let galley = painter.layout_no_wrap(text.trim().to_owned(), FontId::proportional(size), Color32::WHITE);
     let area = Align2::CENTER_BOTTOM.anchor_size(at - vec2(0.0, 10.0 * scale), galley.size());
-    let ground: Rect = area.expand2(vec2(6.0, 3.0) * scale);
+    (galley, area.expand2(vec2(6.0, 3.0) * scale))
+}
+
+fn paint_label(painter: &Painter, text: Arc<Galley>, ground: Rect, color: Color32, is_selected: bool, size: f32) {
+    let scale = size / USUAL;
     painter.rect_filled(ground, 4.0 * scale, Color32::from_black_alpha(190));
     let width = if is_selected { 1.8 } else { 1.0 } * scale;
     painter.rect_stroke(ground, 4.0 * scale, Stroke::new(width, color), egui::StrokeKind::Outside);
-    painter.galley(area.min, galley, Color32::WHITE);
+    let corner = ground.center() - text.size() * 0.5;
+    painter.galley(corner, text, Color32::WHITE);
 }
 
 #[cfg(test)]
@@ -212,5 +266,38 @@ mod tests {
             assert_eq!(from, pos2(0.0, 0.0));
             assert!(to.x <= 2.0 && to.distance(pos2(2.0, 1.0)) < 0.01, "{to}");
         }
+    }
+
+    #[test]
+    fn a_label_goes_up_until_it_covers_no_other_and_the_selected_one_stays() {
+        let ground = Rect::from_min_size(pos2(100.0, 100.0), vec2(80.0, 20.0));
+        assert_eq!(free_lift(ground, &[]), 0.0);
+        assert_eq!(free_lift(ground, &[ground.translate(vec2(90.0, 0.0))]), 0.0);
+        let above = ground.translate(vec2(30.0, -23.0));
+        assert_eq!(free_lift(ground, &[ground, above]), 46.0);
+        let tower: Vec<Rect> = (0..20).map(|floor| ground.translate(vec2(0.0, floor as f32 * -20.0))).collect();
+        assert_eq!(free_lift(ground, &tower), 0.0, "there is no room");
+        // In a picture of two notes at one place, the selected one is the lower one.
+        let note = |text: &str, is_selected| {
+            let note = Note {
+                text: text.into(),
+                on: true,
+                color: [1.0; 3],
+                position: DVec3::new(200.0, 200.0, 1.0),
+                camera: None,
+            };
+            Mark { is_selected, ..Mark::of_note(&note) }
+        };
+        let marks = [note("first", false), note("second", true)];
+        let context = egui::Context::default();
+        let output = context.run_ui(egui::RawInput::default(), |ui| paint_all(&marks, ui.painter(), &place, 13.0));
+        let height = |wanted: &str| {
+            let texts = output.shapes.iter().filter_map(|clipped| match &clipped.shape {
+                egui::Shape::Text(text) if text.galley.text() == wanted => Some(text.pos.y),
+                _ => None,
+            });
+            texts.last().unwrap()
+        };
+        assert!(height("first") < height("second") - 10.0);
     }
 }

@@ -72,7 +72,7 @@ pub fn draw(rgba: &mut [u8], size: [u32; 2], camera: &Camera, settings: &Setting
 
 /// Draws the measurements and notes.
 pub fn paint_marks(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, settings: &Settings, facts: &Facts) {
-    facts.marks.iter().for_each(|mark| mark.paint(painter, place, settings.overlay.text));
+    labels::paint_all(&facts.marks, painter, place, settings.overlay.text);
 }
 
 /// Draws scale bar, legend, arrow and axes over a picture of `pixels` that fills `rect`.
