@@ -7,6 +7,7 @@ use scene::{Clip, ClipShape, Filter, Keep, Object};
 
 use crate::viewer::action::{Action, Clipping, Export};
 use crate::viewer::input::bindings;
+use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedClip};
 use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};
 use crate::viewer::session::Session;
@@ -172,6 +173,32 @@ fn handles_of(session: &Session, attribute: &str) -> Option<(f64, f64)> {
     })
 }
 
+/// A button that hides all points outside of the histogram's handles, or shows them again.
+pub fn range_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let shown = session.loaded.clouds.iter().filter(|entry| entry.is_visible);
+    let named = |entry: &CloudEntry| {
+        let ColorSource::Column(column) = entry.figures.as_ref()?.plan.source else { return None };
+        Some(entry.cloud.attributes.get(column)?.name.clone())
+    };
+    let Some(attribute) = shown.filter(|entry| entry.figures.is_some()).find_map(named) else { return };
+    let Some((low, high)) = handles_of(session, &attribute) else { return };
+    let mut filters = session.scene.objects.visibility.filters.clone();
+    let known = filters.iter().position(|filter| filter.attribute == attribute);
+    ui.horizontal(|ui| {
+        let help = format!("Hides all points whose {attribute} is outside of the handles, as a filter of the tab Data");
+        if ui.small_button("Show this range only").on_hover_text(help).clicked() {
+            known.map(|index| filters.remove(index));
+            filters.push(Filter { attribute: attribute.clone(), low, high });
+            actions.push(Action::Clip(Clipping::Filter(filters)));
+        } else if let Some(index) = known
+            && ui.small_button("Show all").on_hover_text(format!("Deletes the filter of {attribute}")).clicked()
+        {
+            filters.remove(index);
+            actions.push(Action::Clip(Clipping::Filter(filters)));
+        }
+    });
+}
+
 /// The filters, with their ranges. The button takes the range from the histogram's handles.
 fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let before = &session.scene.objects.visibility.filters;
@@ -191,7 +218,7 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                     gone = Some(index);
                 }
                 if let Some((low, high)) = handles_of(session, &filter.attribute) {
-                    let take = ui.small_button("↔").on_hover_text("Takes the range of the histogram's handles");
+                    let take = ui.small_button("<>").on_hover_text("Takes the range of the histogram's handles");
                     if take.accessible_name(format!("Range of {} from the histogram", filter.attribute)).clicked() {
                         (filter.low, filter.high) = (low, high);
                     }
@@ -207,10 +234,14 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use cloud::{Attribute, Column, ColumnType};
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
 
     use super::*;
+    use crate::viewer::loaded::figures::Figures;
 
     fn harness() -> Harness<'static, Session> {
         Harness::builder().with_size([380.0, 900.0]).build_ui_state(
@@ -301,5 +332,37 @@ mod tests {
         harness.get_by_label("Delete the filter of intensity").click();
         harness.run_ok();
         assert!(harness.state().scene.objects.visibility.filters.is_empty());
+    }
+
+    #[test]
+    fn the_range_of_the_histogram_becomes_a_filter_and_is_let_go_again() {
+        let mut session = Session::with_two_points();
+        let (color, test, up) = {
+            let color = &mut session.scene.settings.color;
+            (color.by, color.attribute) = (scene::ColorBy::Attribute, "intensity".into());
+            (color.clone(), session.scene.objects.test(), session.up())
+        };
+        let entry = &mut session.loaded.clouds[0];
+        let attribute = Attribute { name: "intensity".into(), column_type: ColumnType::F32 };
+        entry.cloud.attributes.push(attribute);
+        entry.put_late_column(0, [(0, Arc::new(Column::F32(vec![3.0, 7.0])))].into());
+        entry.figures = Some(Figures::of(&entry.cloud, &color, &test, up));
+        let mut harness = Harness::builder().with_size([380.0, 300.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| range_button(ui, session, actions)),
+            session,
+        );
+        harness.run_ok();
+        assert!(harness.query_by_label("Show all").is_none());
+        harness.get_by_label("Show this range only").click();
+        harness.run_ok();
+        let filters = |harness: &Harness<'_, Session>| harness.state().scene.objects.visibility.filters.clone();
+        let (low, high) = handles_of(harness.state(), "intensity").unwrap();
+        assert_eq!(filters(&harness), [Filter { attribute: "intensity".into(), low, high }]);
+        harness.get_by_label("Show this range only").click();
+        harness.run_ok();
+        assert_eq!(filters(&harness).len(), 1, "it takes the place of the one before");
+        harness.get_by_label("Show all").click();
+        harness.run_ok();
+        assert_eq!(filters(&harness), []);
     }
 }

@@ -9,6 +9,7 @@ use scene::{ColorBy, Ramp};
 
 use crate::viewer::action::Action;
 use crate::viewer::loaded::figures::{Figures, share_below};
+use crate::viewer::panels::clips::range_button;
 use crate::viewer::panels::parameters::parameter;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
@@ -37,6 +38,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
             actions.extend((share != before).then(|| Action::set("color", name, Value::F32(share))));
         }
+        range_button(ui, session, actions);
         parameter(ui, color, "ramp", actions);
     } else if let Some(figures) = session.loaded.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
         ui.label(RichText::new(format!("shown: {}", figures.plan.label)).small().color(theme::WEAK));
