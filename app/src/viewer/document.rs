@@ -254,6 +254,9 @@ impl Document {
                 return outside.error(format!("{}: not saved: {problem}", path.display()));
             }
         };
+        if loaded.clouds.iter().any(|entry| !entry.added.is_empty()) {
+            outside.note("The scene file does not hold distances; Ctrl+E saves the points with them");
+        }
         self.saving = Some((path.clone(), self.state(scene)));
         outside.work(Work::SaveScene { path, text });
     }
