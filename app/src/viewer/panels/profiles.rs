@@ -115,13 +115,28 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actio
 pub fn window(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(profile) = session.tools.profiles.profile(&session.scene) else { return };
     let mut is_open = true;
+    let area = default_area(context, session, profile);
     egui::Window::new(format!("Profile: {}", profile.name))
         .id(egui::Id::unique("profile"))
         .open(&mut is_open)
-        .default_size([640.0, 300.0])
-        .default_pos([330.0, 400.0])
+        .default_size(area.size())
+        .default_pos(area.min)
         .show(context, |ui| contents(ui, session, profile, actions));
     actions.extend((!is_open).then_some(Action::Profile(Profiling::Look(None))));
+}
+
+/// Where the window opens: in that half of the picture in which the line is not.
+fn default_area(context: &egui::Context, session: &Session, profile: &Profile) -> Rect {
+    let whole = context.content_rect();
+    let [width, height] = session.scene.view_size.map(|side| side as f32 / context.pixels_per_point());
+    // The picture ends at the right, and its upper end is that of the window.
+    let left = (whole.right() - width).max(whole.left()) + 20.0;
+    let middle = profile.line.iter().sum::<DVec3>() / profile.line.len().max(1) as f64;
+    let at = session.scene.lens().project(middle);
+    let is_low = at.is_some_and(|at| at.y > f64::from(session.scene.view_size[1]) * 0.5);
+    let size = vec2((width - 40.0).clamp(320.0, 640.0), 300.0);
+    let top = if is_low { whole.top() + 20.0 } else { (whole.top() + height - size.y - 60.0).max(20.0) };
+    Rect::from_min_size(Pos2::new(left, top), size)
 }
 
 fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec<Action>) {
@@ -150,6 +165,9 @@ fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec
             }
         }
         ui.separator();
+        if tool.is_writing {
+            ui.add(egui::Spinner::new().size(12.0)).on_hover_text("The points are read from the files, and written");
+        }
         status(ui, session);
     });
     ui.data_mut(|data| data.insert_temp(memory, is_even));
