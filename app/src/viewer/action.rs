@@ -197,6 +197,8 @@ pub enum KeptStep {
     /// Makes the kept state the present one, and the other way around.
     Swap,
     ToggleSplit,
+    /// Shows the kept state and the present one side by side; again: the present one alone.
+    ToggleBeside,
     /// The position of the split, from 0 at the left to 1.
     SplitAt(f32),
 }

@@ -1,5 +1,5 @@
 //! A kept state of the picture, to look at beside the present one from the same place: a key shows it while it is held,
-//! and a line divides the picture between the two. It holds parameters, lights, colours, and which clouds and points are
+//! a line divides the picture between the two, or each has a half of the window. It holds parameters, lights, colours, and which clouds and points are
 //! shown; camera and mirrors are those of now.
 
 use cloud::PointTest;
@@ -24,6 +24,7 @@ pub struct Kept {
     /// True while the key is down.
     pub is_held: bool,
     pub is_split: bool,
+    is_beside: bool,
     /// The position of the split, from 0 at the left to 1.
     pub split: f32,
     /// The frame that the render thread was asked for.
@@ -95,7 +96,12 @@ impl Kept {
 
     /// Whether the picture shall show the kept state.
     pub fn is_asked_for(&self) -> bool {
-        self.is_there() && (self.is_held || self.is_split)
+        self.is_there() && (self.is_held || self.is_split || self.is_beside)
+    }
+
+    /// Whether the kept state has a half of the window.
+    pub fn is_beside(&self) -> bool {
+        self.is_there() && self.is_beside
     }
 
     /// Carries out a step; `request` is the frame that is wanted now.
@@ -109,10 +115,11 @@ impl Kept {
                 beside.outside.note("This state of the picture is kept");
             }
             KeptStep::LetGo => *self = Self { asked: self.asked.take(), ..Self::new() },
-            KeptStep::ToggleSplit | KeptStep::Swap if self.state.is_none() => {
+            KeptStep::ToggleSplit | KeptStep::ToggleBeside | KeptStep::Swap if self.state.is_none() => {
                 beside.outside.note("Keep a state of the picture first");
             }
-            KeptStep::ToggleSplit => self.is_split = !self.is_split,
+            KeptStep::ToggleSplit => (self.is_split, self.is_beside) = (!self.is_split, false),
+            KeptStep::ToggleBeside => (self.is_split, self.is_beside) = (false, !self.is_beside),
             KeptStep::SplitAt(share) => self.split = share,
             KeptStep::Swap => {
                 let now = present(loaded, beside);
@@ -163,6 +170,11 @@ impl Kept {
         let wanted = self.state.as_ref()?.frame(present);
         self.drawn.as_ref().filter(|(known, _)| *known == wanted).map(|(_, picture)| picture)
     }
+
+    /// The picture of the kept state that was drawn last, perhaps from elsewhere.
+    pub fn last_picture(&self) -> Option<&Picture> {
+        self.drawn.as_ref().map(|(_, picture)| picture)
+    }
 }
 
 #[cfg(test)]
@@ -211,6 +223,10 @@ mod tests {
         bench.settle();
         let turned = picture(&bench.session).expect("its picture").to_vec();
         assert!(turned != before);
+        act(&mut bench.session, KeptStep::ToggleBeside);
+        assert!(bench.session.kept.is_beside() && !bench.session.kept.is_split && picture(&bench.session).is_some());
+        act(&mut bench.session, KeptStep::ToggleSplit);
+        assert!(bench.session.kept.is_split && !bench.session.kept.is_beside());
         act(&mut bench.session, KeptStep::Swap);
         assert!(read(&mut bench) == turned, "swapped, it is the present one");
         act(&mut bench.session, KeptStep::LetGo);

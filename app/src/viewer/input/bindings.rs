@@ -214,7 +214,13 @@ pub const BINDINGS: &[Binding] = {
             TOOLS,
             Trigger::Key(CTRL, Key::F3),
             A::Kept(KeptStep::ToggleSplit),
-            "The kept state beside this one; again: one",
+            "The kept state in a part of the picture; again: one",
+        ),
+        bind(
+            TOOLS,
+            Trigger::Key(ALT, Key::F3),
+            A::Kept(KeptStep::ToggleBeside),
+            "The kept state and this one side by side; again: one",
         ),
         bind(TOOLS, key(Key::C), A::ToggleChart, "Tuning chart: time against error"),
         bind(TOOLS, Trigger::Key(CTRL, Key::T), A::Film(Film::Toggle), "Timeline of camera paths; again: close it"),
@@ -337,12 +343,14 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let sections = [MOVE, VIEWS, OBJECTS, MEASURE, COLORS, FILES, TOOLS];
     let most_high = context.content_rect().height() - 60.0;
     egui::Window::new("Shortcuts")
+        .id(egui::Id::unique("shortcuts"))
         .open(open)
         .collapsible(false)
         .resizable(false)
         .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
         .show(context, |ui| {
-            egui::ScrollArea::vertical().max_height(most_high).show(ui, |ui| {
+            let area = egui::ScrollArea::vertical().max_height(most_high).min_scrolled_height(most_high);
+            area.show(ui, |ui| {
                 ui.columns(2, |columns| {
                     for (index, section) in sections.into_iter().enumerate() {
                         // Each column gets about the same number of lines.
@@ -400,6 +408,9 @@ mod tests {
         for (_, _, text) in sheet() {
             assert!(harness.query_all_by_label(text).next().is_some(), "{text}");
         }
+        // It is longer than the window is high, and takes what there is.
+        let area = harness.ctx.memory(|memory| memory.area_rect(egui::Id::unique("shortcuts"))).unwrap();
+        assert!(area.height() > 700.0 && area.height() <= 800.0, "{area}");
     }
 
     #[test]

@@ -28,12 +28,14 @@ const MOST_ARROW_FACTOR: f64 = 2.0;
 /// handle.
 pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, actions: &mut Vec<Action>) {
     let is_typing = ui.ctx().text_edit_focused();
+    let was_typing = ui.data(|data| data.get_temp(typing())).unwrap_or(false);
+    ui.data_mut(|data| data.insert_temp(typing(), is_typing));
     let scale = f64::from(ui.ctx().pixels_per_point());
     if is_typing {
         hold(session, [false; 3], actions);
     } else if session.palette.is_none() && session.document.asked.is_none() && session.tools.picture_draft.is_none() {
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
-        keys(ui, session, &mut shortcuts, actions);
+        keys(ui, session, was_typing, &mut shortcuts, actions);
         held(ui, session, &shortcuts, actions);
         ui.data_mut(|data| data.insert_temp(shortcut_keys(), shortcuts));
     }
@@ -66,6 +68,14 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     }
 }
 
+/// Moves the camera by drags and the wheel over another picture from the same camera.
+pub fn navigate(ui: &Ui, picture: &Response, session: &Session, actions: &mut Vec<Action>) {
+    drags(picture, session, f64::from(ui.ctx().pixels_per_point()), actions);
+    if picture.contains_pointer() {
+        wheel(ui, session, actions);
+    }
+}
+
 /// Where egui keeps the keys that went down as part of a shortcut, until they come up. Ctrl may come up before the S of
 /// Ctrl+S, and the S alone would move the camera.
 fn shortcut_keys() -> egui::Id {
@@ -82,11 +92,18 @@ fn is_of_widget(ui: &Ui, key: egui::Key) -> bool {
     has_focus && is_taken
 }
 
-fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions: &mut Vec<Action>) {
+/// Where egui keeps whether a text was being typed in the last frame of the window.
+fn typing() -> egui::Id {
+    egui::Id::unique("a text was being typed")
+}
+
+/// `was_typing` tells that a text was being typed until now: the Esc that has ended that does nothing else.
+fn keys(ui: &Ui, session: &Session, was_typing: bool, shortcuts: &mut HashSet<egui::Key>, actions: &mut Vec<Action>) {
     for event in ui.input(|input| input.events.clone()) {
         let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
         match event {
             Event::Key { key, pressed: true, .. } if is_of_widget(ui, key) => {}
+            Event::Key { key: egui::Key::Escape, pressed: true, .. } if was_typing => {}
             Event::Key { key, physical_key, pressed: true, repeat, modifiers } => {
                 let mode = session.scene.mode;
                 let of_key = bindings::action(Trigger::Key(modifiers.into(), key), mode);

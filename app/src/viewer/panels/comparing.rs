@@ -1,17 +1,19 @@
 //! The panel of comparisons: measures the distances of one cloud to another, and keeps a state of the picture to look at
 //! beside the present one.
 
-use egui::{Align2, Color32, Pos2, Rect, RichText, Ui, pos2, vec2};
+use egui::{Align2, Color32, Pos2, Rect, RichText, Sense, Ui, pos2, vec2};
 use measure::DistanceFigures;
 
 use crate::comparing::Scales;
 use crate::viewer::action::{Action, Compare, KeptStep};
-use crate::viewer::input::bindings;
+use crate::viewer::input::{self, bindings};
 use crate::viewer::loaded::comparisons::{CompareDraft, Compared, Second};
+use crate::viewer::panels::overlay;
 use crate::viewer::panels::truth::{divide, split, tag};
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::theme::grouped;
+use crate::viewer::truth::view::Picture;
 use crate::viewer::widgets::{name_label, progress_bar};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
@@ -37,6 +39,9 @@ fn kept(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         button(ui, "Keep this state", false, true, KeptStep::Keep, help);
         let help = "The kept state on the left, the present one on the right: drag the line";
         button(ui, "Split", is_split, is_there, KeptStep::ToggleSplit, help);
+        let help =
+            "The kept state in the left half of the window, the present one in the right: both follow the camera";
+        button(ui, "Side by side", session.kept.is_beside(), is_there, KeptStep::ToggleBeside, help);
     });
     ui.horizontal(|ui| {
         let help =
@@ -51,7 +56,7 @@ fn kept(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 /// Draws the kept state over the picture in `rect`, where it is asked for.
 pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) {
     let kept = &session.kept;
-    if !kept.is_asked_for() {
+    if !kept.is_asked_for() || kept.is_beside() {
         return;
     }
     let painter = ui.painter().with_clip_rect(rect);
@@ -62,22 +67,58 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
         split(ui, rect, kept.split, moved, actions)
     };
     let left = rect.with_max_x(right.left());
-    // The camera may have moved since the frame on the screen.
-    let (camera, size) = (session.scene.camera, session.scene.view_size);
-    let shown = session.frames.shown.as_ref().map(|shown| &shown.request);
-    let shown = shown.filter(|request| request.camera == camera && request.size == size);
-    let text = match shown.and_then(|request| kept.picture(request)) {
+    let text = match present_picture(session) {
         Some(picture) => {
-            let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
-            painter.with_clip_rect(left).image(picture.texture(ui.ctx()), rect, whole, Color32::WHITE);
+            painter.with_clip_rect(left).image(picture.texture(ui.ctx()), rect, WHOLE, Color32::WHITE);
             "kept state"
         }
-        None => "the kept state is drawn once the picture stands still",
+        None => LATER,
     };
     if !kept.is_held {
         divide(&painter, right);
     }
     tag(&painter.with_clip_rect(left), rect.left_top() + vec2(10.0, 10.0), Align2::LEFT_TOP, text);
+}
+
+const LATER: &str = "the kept state is drawn once the picture stands still";
+const WHOLE: Rect = Rect { min: Pos2::ZERO, max: pos2(1.0, 1.0) };
+
+/// The picture of the kept state from where the camera is now.
+fn present_picture(session: &Session) -> Option<&Picture> {
+    // The camera may have moved since the frame on the screen.
+    let (camera, size) = (session.scene.camera, session.scene.view_size);
+    let shown = &session.frames.shown.as_ref()?.request;
+    let is_present = shown.camera == camera && shown.size == size;
+    is_present.then(|| session.kept.picture(shown)).flatten()
+}
+
+/// Draws the kept state in the left half of `rect` where it shall be beside the present one. The mouse moves the camera
+/// there, too. Returns the part of `rect` that is left for the present state.
+pub fn beside(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) -> Rect {
+    if !session.kept.is_beside() {
+        return rect;
+    }
+    // Both halves have whole pixels, and the same number of them.
+    let pixel = 1.0 / ui.ctx().pixels_per_point();
+    let width = ((rect.width() * 0.5 - pixel) / pixel).floor() * pixel;
+    let (left, right) = (rect.with_max_x(rect.left() + width), rect.with_min_x(rect.right() - width));
+    let response = ui.interact(left, ui.scope_id().with("kept state"), Sense::CLICK | Sense::DRAG);
+    input::navigate(ui, &response, session, actions);
+    let painter = ui.painter().with_clip_rect(left);
+    let [red, green, blue, _] = session.scene.settings.view.background.bytes();
+    painter.rect_filled(left, 0.0, Color32::from_rgb(red, green, blue));
+    let present = present_picture(session);
+    if let Some(picture) = present.or(session.kept.last_picture()) {
+        let tint = if present.is_some() { Color32::WHITE } else { Color32::GRAY };
+        painter.image(picture.texture(ui.ctx()), left, WHOLE, tint);
+    }
+    if present.is_some() {
+        overlay::paint(&painter, left, session);
+    }
+    let text = if present.is_some() { "kept state" } else { LATER };
+    tag(&painter, left.left_top() + vec2(10.0, 10.0), Align2::LEFT_TOP, text);
+    ui.painter().rect_filled(rect.with_min_x(left.right()).with_max_x(right.left()), 0.0, theme::PANEL);
+    right
 }
 
 /// What is compared, and what came out.
@@ -131,8 +172,9 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         ui.horizontal(|ui| {
             let label = name_label(ui, "New file");
             let help = "A streamed cloud does not fit into memory: its points with their distances are written to this file \
-                        (.copc.laz opens fastest), which is then opened";
-            let field = egui::TextEdit::singleline(&mut draft.output).hint_text("distances.copc.laz").desired_width(180.0);
+                        (.copc.laz opens fastest), which is then opened in its place and coloured by them";
+            let hint = "glint-…-distances-1.copc.laz";
+            let field = egui::TextEdit::singleline(&mut draft.output).hint_text(hint).desired_width(180.0);
             ui.add(field).labelled_by(label.id).on_hover_text(help);
         });
     }
