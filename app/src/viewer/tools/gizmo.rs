@@ -278,16 +278,19 @@ fn handles(picture: &Response, session: &Session, stage: &PictureFrame, gizmo: &
         return;
     };
     let layouts = layouts(&object, stage, session.tools.handles);
-    let input = picture.ctx.input(|input| (input.pointer.latest_pos(), input.pointer.press_origin()));
-    let (Some(pointer), pressed) = input else {
+    let input = picture
+        .ctx
+        .input(|input| (input.pointer.latest_pos(), input.pointer.press_origin(), input.pointer.primary_pressed()));
+    let (Some(pointer), pressed, is_pressed_now) = input else {
         gizmo.hot = None;
         return;
     };
     if !picture.ctx.input(|input| input.pointer.button_down(PointerButton::Primary)) {
         gizmo.drag = None;
         gizmo.hot = if picture.contains_pointer() { grip_at(&layouts, pointer) } else { None };
-    } else if let (None, Some(pressed), true) = (&gizmo.drag, pressed, picture.is_pointer_button_down_on()) {
-        // The place where the button was pressed counts: a quick hand is elsewhere by now.
+    } else if let (Some(pressed), true, true) = (pressed, is_pressed_now, picture.is_pointer_button_down_on()) {
+        // The place where the button was pressed counts: a quick hand is elsewhere by now. It counts at that moment
+        // only: a handle that comes there later, while the camera turns, is not meant.
         if let Some((grip, layout)) = grip_at(&layouts, pressed).and_then(|grip| Some((grip, layouts[grip.0].clone()?)))
         {
             gizmo.hot = Some(grip);
@@ -433,9 +436,19 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
         if held.is_none_or(|held| held.0 == place) {
             paint_layout(&painter, &layout, held.and_then(at_place), hot.and_then(at_place));
         }
-        if place == 0 {
+        if place == 0 && !has_label(&object) {
             name_tag(&painter, &layout, &name);
         }
+    }
+}
+
+/// Whether the picture already shows the object's name beside it.
+fn has_label(object: &Object) -> bool {
+    match object {
+        Object::Measurement(measurement) => measurement.on,
+        Object::Note(note) => note.on,
+        Object::Profile(profile) => profile.on,
+        Object::Mirror(_) | Object::Light(_) | Object::Clip(_) => false,
     }
 }
 
