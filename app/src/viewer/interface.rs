@@ -39,14 +39,20 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
                 .default_size(310.0)
                 .size_range(270.0..=480.0)
                 .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 8)))
-                .show(ui, |ui| lights_are_shown = panels::side::show(ui, session, &mut actions));
+                .show(ui, |ui| {
+                    // What is too wide for the panel does not widen it: the picture must not move under the mouse.
+                    let area = ui.available_rect_before_wrap();
+                    let mut inside = ui.new_child(egui::UiBuilder::new().max_rect(area));
+                    lights_are_shown = panels::side::show(&mut inside, session, &mut actions);
+                    ui.advance_cursor_after_rect(area);
+                });
         }
     }
     if lights_are_shown != session.tools.light_panel_is_open {
         actions.push(Action::ShowLights(lights_are_shown));
     }
     CentralPanel::default().frame(Frame::new()).show(ui, |ui| {
-        let rect = ui.available_rect_before_wrap();
+        let rect = panels::comparing::beside(ui, ui.available_rect_before_wrap(), session, &mut actions);
         picture_area(ui, session, picture, rect, &mut actions);
     });
     session.outside.messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
@@ -343,10 +349,13 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use param::Params;
+    use scene::{Measurement, MeasurementKind, Note, Object, Profile};
     use world::Mailbox;
 
     use super::*;
+    use crate::viewer::action::Measuring;
     use crate::viewer::bench::Bench;
+    use crate::viewer::input::lens::Lens;
     use crate::viewer::outside::Effect;
     use crate::viewer::panels::side::OWN_PANELS;
     use crate::viewer::preferences::Preferences;
@@ -458,6 +467,110 @@ mod tests {
         harness.key_press(egui::Key::Escape);
         harness.run_ok();
         assert!(press(&mut harness, egui::Key::ArrowRight));
+    }
+
+    #[test]
+    fn the_panel_keeps_its_width_in_all_tabs_and_while_something_is_placed() {
+        let mut session = Session::with_two_points();
+        session.act(Action::Measuring(Measuring::Begin(MeasurementKind::Area)));
+        let long = "a name that is longer than the panel is wide, as names of measurements may be".to_owned();
+        let (color, points) = ([1.0; 3], vec![glam::DVec3::ZERO, glam::DVec3::X]);
+        let kind = MeasurementKind::Distance;
+        let measurement =
+            Measurement { name: long.clone(), kind, on: true, color, points: points.clone(), reach: None, level: None };
+        let note = Note { text: long.clone(), on: true, color, position: points[0], camera: None };
+        session.scene.add_measurements(vec![measurement], vec![note]);
+        session.scene.add_profiles(vec![Profile { name: long, on: true, color, line: points, width: 0.1 }]);
+        let mut harness = Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| {
+                theme::apply(ui.ctx());
+                let actions = show(ui, session, None);
+                session.act_all(actions);
+            },
+            session,
+        );
+        harness.run_ok();
+        let width = harness.state().scene.view_size[0];
+        let ids: Vec<_> = harness.state().scene.objects.all().map(|(id, ..)| id).collect();
+        for tab in Tab::ALL {
+            for selected in ids.iter().map(|id| Some(*id)).chain([None]) {
+                harness.state_mut().scene.selected = selected;
+                harness.run_ok();
+                harness.state_mut().act(Action::OpenTab(tab));
+                harness.run_ok();
+                assert_eq!(harness.state().scene.view_size[0], width, "{} {selected:?}", tab.name());
+            }
+        }
+        assert!(harness.state().tools.measurements.placing.is_some(), "something is being placed");
+    }
+
+    #[test]
+    fn esc_that_ends_typing_ends_nothing_else() {
+        let mut harness = harness();
+        *harness.state_mut() = Session::with_two_points();
+        harness.run_ok();
+        harness.state_mut().act(Action::Measuring(Measuring::Begin(MeasurementKind::Area)));
+        harness.run_ok();
+        harness.get_by_label("Find a parameter").focus();
+        harness.run_ok();
+        harness.key_press(egui::Key::Escape);
+        harness.run_ok();
+        let is_placing = |harness: &Harness<'_, Session>| harness.state().tools.measurements.placing.is_some();
+        assert!(!harness.ctx.text_edit_focused());
+        assert!(is_placing(&harness));
+        harness.key_press(egui::Key::Escape);
+        harness.run_ok();
+        assert!(!is_placing(&harness));
+    }
+
+    #[test]
+    fn a_handle_that_comes_under_a_drag_of_the_camera_is_not_grabbed() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let placed = bench.session.scene.objects.mirrors[0].clone();
+        bench.session.act(Action::Select(None));
+        let mut harness = Harness::builder()
+            .with_size([1100.0, 800.0])
+            .with_max_steps(16)
+            .build_ui_state(|ui, bench: &mut Bench| bench.show(ui), bench);
+        harness.run_ok();
+        let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+        let at = egui::pos2(310.0 + 395.0, 386.0);
+        harness.event(egui::Event::PointerMoved(at));
+        harness.event(egui::Event::PointerButton { pos: at, button, pressed: true, modifiers });
+        harness.run_ok();
+        // Now the handles of the mirror are where the button was pressed.
+        let session = &mut harness.state_mut().session;
+        let (origin, direction) = session
+            .frames
+            .shown
+            .as_ref()
+            .map(|shown| {
+                let request = &shown.request;
+                let lens = Lens::new(&request.camera, &request.settings.view, request.size);
+                lens.ray(glam::DVec2::new(32.0, 24.0))
+            })
+            .unwrap();
+        let mut mirror = placed.mirror.clone();
+        mirror.position = origin + direction * 2.0;
+        session.act(Action::ChangeObject(placed.id, Box::new(Object::Mirror(mirror.clone()))));
+        session.act(Action::Select(Some(placed.id)));
+        for step in 1..6 {
+            harness.event(egui::Event::PointerMoved(at + egui::vec2(8.0, 3.0) * step as f32));
+            harness.run_ok();
+        }
+        let now = &harness.state().session.scene.objects.mirrors[0].mirror;
+        assert_eq!(now.position, mirror.position);
+        // A press there grabs it.
+        harness.event(egui::Event::PointerButton { pos: at, button, pressed: false, modifiers });
+        harness.run_ok();
+        harness.event(egui::Event::PointerMoved(at));
+        harness.event(egui::Event::PointerButton { pos: at, button, pressed: true, modifiers });
+        harness.run_ok();
+        harness.event(egui::Event::PointerMoved(at + egui::vec2(30.0, 20.0)));
+        harness.run_ok();
+        let now = &harness.state().session.scene.objects.mirrors[0].mirror;
+        assert_ne!(now.position, mirror.position);
     }
 
     #[test]

@@ -71,3 +71,36 @@ pub fn bytes(count: u64) -> String {
         _ => format!("{:.2} GB", count as f64 / 1e9),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                sources(&path, found);
+            } else if path.extension().is_some_and(|kind| kind == "rs") {
+                found.push(path);
+            }
+        }
+    }
+
+    #[test]
+    fn the_fonts_have_every_sign_that_the_window_writes() {
+        let mut files = Vec::new();
+        sources(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src/viewer")), &mut files);
+        assert!(files.len() > 50);
+        let context = egui::Context::default();
+        let _ = context.run_ui(egui::RawInput::default(), |_| ());
+        for path in files {
+            let text = std::fs::read_to_string(&path).unwrap();
+            let code = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+            for sign in code.flat_map(str::chars).filter(|sign| !sign.is_ascii()) {
+                let has_it = context.fonts_mut(|fonts| fonts.has_glyph(&egui::FontId::proportional(13.0), sign));
+                assert!(has_it, "{}: {sign}", path.display());
+            }
+        }
+    }
+}

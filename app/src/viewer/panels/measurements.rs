@@ -84,7 +84,7 @@ fn placing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if let Some(figure) = placing.live(session.hovered(), session.up()).first() {
         ui.label(RichText::new(format!("{}  {}", figure.name, figure.text(&units(&session.loaded)))).monospace());
     }
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let mut button = |text: &str, action: Action| {
             let shortcut = bindings::shortcut(&action);
             actions.extend(ui.small_button(format!("{text} ({shortcut})")).clicked().then_some(action));
