@@ -15,6 +15,7 @@ use world::{Input, Request};
 
 use crate::failure::usage;
 use crate::progress_bar::Bar;
+use crate::terminal;
 use crate::viewer::{Headless, Picture};
 
 /// The time between opening a scene, which moves the camera, and the beginning of the path. By then the camera rests.
@@ -185,8 +186,9 @@ impl Recorder {
                 let path = path.over(&viewer.place());
                 let motion = Motion::new(&path).ok_or_else(|| anyhow!("path `{}` has no keyframes", path.name))?;
                 let mut recorder = Self { viewer, path, motion, start: opened + REST, fitted: BTreeMap::new() };
-                // Tracks that name nothing are told before the first picture.
+                // Tracks and captions that name nothing are told before the first picture.
                 recorder.pose(0.0)?;
+                terminal::warn(recorder.path.warnings());
                 Ok(Ok(recorder))
             }
         }
@@ -242,7 +244,7 @@ impl Recorder {
     /// Sets parameters and objects as the tracks of the path have them at a time.
     fn pose(&mut self, time: f64) -> anyhow::Result<()> {
         let name = &self.path.name;
-        let posed = self.viewer.pose(&self.path.tracks, time);
+        let posed = self.viewer.pose(&self.path, time);
         posed.map_err(|(track, problem)| usage(format!("path `{name}`, track {}: {problem}", track + 1)))
     }
 

@@ -1,7 +1,8 @@
 //! What is drawn over the picture to read it by: a scale bar, the colour legend, an arrow to the north, the axes, and
-//! the labels of measurements and notes. One code draws them in the window, in saved pictures and in films.
+//! the labels of measurements and notes, and the captions of a path. One code draws them in the window, in saved pictures and in films.
 
 pub mod canvas;
+mod captions;
 mod directions;
 pub mod ground;
 pub mod labels;
@@ -13,7 +14,7 @@ use codec::Units;
 use egui::{Painter, Pos2, Rect, pos2, vec2};
 use glam::DVec3;
 use render::ColorPlan;
-use scene::{Camera, Overlay, Projection, Settings};
+use scene::{Camera, Caption, Overlay, Projection, Settings};
 
 use crate::viewer::input::lens::Lens;
 use directions::{axes, north, north_arrow};
@@ -36,11 +37,12 @@ pub struct Facts {
     pub up: DVec3,
     legends: Vec<Legend>,
     pub marks: Vec<Mark>,
+    pub captions: Vec<Caption>,
 }
 
 impl Facts {
     pub fn new(units: Units, up: DVec3) -> Self {
-        Self { units, up, legends: Vec::new(), marks: Vec::new() }
+        Self { units, up, legends: Vec::new(), marks: Vec::new(), captions: Vec::new() }
     }
 
     /// Adds the legend of a cloud's colours, unless another cloud has the same. `classes` are those that are shown.
@@ -50,14 +52,14 @@ impl Facts {
     }
 }
 
-/// Whether anything is drawn over a picture that is saved.
-pub fn are_any(overlay: &Overlay) -> bool {
+/// Whether a parameter asks for anything over a picture that is saved.
+fn are_any(overlay: &Overlay) -> bool {
     overlay.scale_bar || overlay.legend || overlay.north || overlay.axes || overlay.labels
 }
 
-/// Draws all that is switched on over a picture in memory: rows of sRGB red, green, blue and opacity.
+/// Draws all that is switched on, and the captions, over a picture in memory: rows of sRGB red, green, blue and opacity.
 pub fn draw(rgba: &mut [u8], size: [u32; 2], camera: &Camera, settings: &Settings, facts: &Facts) {
-    if !are_any(&settings.overlay) {
+    if !are_any(&settings.overlay) && facts.captions.is_empty() {
         return;
     }
     let lens = Lens::new(camera, &settings.view, size);
@@ -75,7 +77,7 @@ pub fn paint_marks(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, se
     labels::paint_all(&facts.marks, painter, place, settings.overlay.text);
 }
 
-/// Draws scale bar, legend, arrow and axes over a picture of `pixels` that fills `rect`.
+/// Draws scale bar, legend, arrow, axes and captions over a picture of `pixels` that fills `rect`.
 pub fn paint(painter: &Painter, rect: Rect, camera: &Camera, pixels: [u32; 2], settings: &Settings, facts: &Facts) {
     let (overlay, size) = (&settings.overlay, settings.overlay.text);
     let rows = camera.view_from_world();
@@ -101,6 +103,7 @@ pub fn paint(painter: &Painter, rect: Rect, camera: &Camera, pixels: [u32; 2], s
             corner.y -= legend.paint(painter, corner, size);
         }
     }
+    captions::paint(painter, rect, &facts.captions);
 }
 
 /// The scale bar and its text. Where coordinates have no unit in common, the text says so, and there is no bar.

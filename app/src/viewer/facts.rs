@@ -8,7 +8,8 @@ use crate::viewer::loaded::Loaded;
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::measurements::{Measurements, units};
 
-/// What overlays tell about the visible clouds, and the measurements and notes that are switched on.
+/// What overlays tell about the visible clouds, the measurements and notes that are switched on,
+/// and the captions of the path that the picture follows.
 pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Facts {
     let units = units(loaded);
     let mut facts = Facts::new(units, scene.up(&loaded.clouds));
@@ -32,5 +33,6 @@ pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Fac
         let is_selected = scene.selected == Some(placed.id);
         facts.marks.push(Mark { is_selected, ..Mark::of_profile(&placed.profile, facts.up) });
     }
+    facts.captions = scene.posed.iter().flat_map(|posed| posed.captions.clone()).collect();
     facts
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use render::{Aov, Gpu};
-use scene::{Camera, ExposureFit, PathPlace, Tone, Track};
+use scene::{Camera, CameraPath, ExposureFit, PathPlace, Tone};
 use world::{Event, Request};
 
 use crate::failure::{FAILED, UNUSABLE};
@@ -107,12 +107,12 @@ impl Headless {
         PathPlace { view: self.session.scene.camera, bounds: self.session.bounds(), up: self.session.up() }
     }
 
-    /// Sets parameters and objects as tracks have them at a time of their path, in seconds.
+    /// Sets parameters and objects as the tracks of a path have them at a time of it, in seconds, and shows its captions.
     ///
     /// # Errors
     /// A track names nothing in the scene, or gives it a value that it cannot have: with the number of the track.
-    pub fn pose(&mut self, tracks: &[Track], time: f64) -> Result<(), (usize, String)> {
-        self.session.scene.pose(tracks, time)?;
+    pub fn pose(&mut self, path: &CameraPath, time: f64) -> Result<(), (usize, String)> {
+        self.session.scene.pose(path, time)?;
         self.tone = self.session.scene.settings.tone.clone();
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! The scene's own values while tracks of a path have changed it (`posing.rs`).
 
-use scene::{Mirror, Settings};
+use scene::{Caption, Mirror, Settings};
 
 use crate::viewer::objects::{ObjectId, Objects};
 
@@ -10,6 +10,8 @@ pub struct Posed {
     pub objects: Objects,
     /// The objects that tracks have changed.
     pub touched: Vec<ObjectId>,
+    /// The captions that the picture shows, with the values of parameters in them.
+    pub captions: Vec<Caption>,
 }
 
 impl Objects {

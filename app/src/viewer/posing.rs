@@ -3,28 +3,32 @@
 
 use std::time::{Duration, Instant};
 
-use scene::{Bookmark, CameraPath, Ease, Handle, Track};
+use scene::{Bookmark, CameraPath, Caption, Ease, Handle, Track};
 
 use crate::viewer::objects::ObjectId;
 use crate::viewer::posed::Posed;
 use crate::viewer::scene::Scene;
 
 impl Scene {
-    /// Sets parameters and objects as tracks have them at a time of their path, in seconds, until `unpose`.
+    /// Sets parameters and objects as the tracks of a path have them at a time of it, in seconds, until `unpose`, and
+    /// shows the captions of that time.
     ///
     /// # Errors
     /// A track names nothing in the scene, or gives it a value that it cannot have: with the number of the track. The
     /// scene has its own values then.
-    pub fn pose(&mut self, tracks: &[Track], time: f64) -> Result<(), (usize, String)> {
+    pub fn pose(&mut self, path: &CameraPath, time: f64) -> Result<(), (usize, String)> {
         self.unpose();
         let (settings, objects) = (self.settings.clone(), self.objects.clone());
-        self.posed = Some(Posed { settings, objects, touched: Vec::new() });
-        for (index, track) in tracks.iter().enumerate() {
+        self.posed = Some(Posed { settings, objects, touched: Vec::new(), captions: Vec::new() });
+        for (index, track) in path.tracks.iter().enumerate() {
             if let Err(problem) = self.pose_one(track, time) {
                 self.unpose();
                 return Err((index, problem));
             }
         }
+        let shown = path.captions.iter().filter(|caption| caption.is_shown(time));
+        let captions: Vec<Caption> = shown.map(|caption| caption.with_values(&self.settings)).collect();
+        self.posed.iter_mut().for_each(|posed| posed.captions.clone_from(&captions));
         Ok(())
     }
 

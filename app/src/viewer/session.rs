@@ -16,7 +16,7 @@ use world::CloudKey;
 use crate::viewer::action::{Action, Filing, KeptStep, Palette};
 use crate::viewer::auto::Auto;
 use crate::viewer::document::{Document, Leaving, Next};
-use crate::viewer::filming::Filming;
+use crate::viewer::filming::{self, Filming};
 use crate::viewer::first_look::FirstLook;
 use crate::viewer::frames::Frames;
 use crate::viewer::kept::Kept;
@@ -180,8 +180,8 @@ impl Session {
             }
             Action::Profile(one) => self.tools.profile(one, &mut self.scene, &self.loaded, &mut self.outside),
             Action::Film(film) => {
-                let drawn_by = self.adapter.as_deref();
-                self.filming.act(film, &mut self.scene, &self.loaded, drawn_by, &mut self.outside)
+                let around = filming::Around::new(&self.loaded, &self.frames, &self.tuning, self.adapter.as_deref());
+                self.filming.act(film, &mut self.scene, &around, &mut self.outside)
             }
             Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
             Action::LookAtTruth(look) => self.truth.look = look,
@@ -688,7 +688,7 @@ impl Session {
         match self.truth.on_answer(answer, self.frames.revision) {
             Taken::Nothing => {}
             Taken::Log(event) => self.outside.log(event),
-            Taken::Swept { request, figures, picture } => self.sweeps.on_judged(&request, *figures, picture),
+            Taken::Swept(swept) => self.sweeps.on_judged(swept, &mut self.tuning),
             Taken::Failed(problem) => self.on_not_judged(&problem),
         }
     }

@@ -12,8 +12,8 @@ use glam::{DVec3, Vec3};
 use laz::laszip::{ChunkTable, LazItemRecordBuilder};
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
 use scene::{
-    Bookmark, Camera, CameraPath, Clip, ClipShape, Filter, Keep, Keyframe, Measurement, MeasurementKind, Mirror,
-    MirrorNormals, MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings, Shape, SpotLight,
+    Bookmark, Camera, CameraPath, Caption, Clip, ClipShape, Filter, Keep, Keyframe, Measurement, MeasurementKind,
+    Mirror, MirrorNormals, MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings, Shape, SpotLight,
 };
 
 /// The most bytes of all seeds together.
@@ -427,6 +427,7 @@ fn scene() -> String {
     file.paths = vec![CameraPath {
         name: "tour".into(),
         keyframes: vec![keyframe(0.0), keyframe(2.5)],
+        captions: vec![Caption::new("by {reflection.method}".into(), 0.5, Some(2.0))],
         ..CameraPath::default()
     }];
     file.to_text()

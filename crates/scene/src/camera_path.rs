@@ -4,7 +4,8 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Ease, Motion, Track};
+use crate::caption::MOST_CAPTIONS;
+use crate::{Camera, Caption, Ease, Motion, Track};
 
 /// The most tracks of a path.
 pub(crate) const MOST_TRACKS: usize = 256;
@@ -29,6 +30,9 @@ pub struct CameraPath {
     pub keyframes: Vec<Keyframe>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tracks: Vec<Track>,
+    /// The texts over its pictures.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub captions: Vec<Caption>,
 }
 
 /// The camera at a time.
@@ -63,6 +67,17 @@ impl CameraPath {
     pub fn duration(&self) -> f64 {
         let camera = Motion::new(self).map_or(0.0, |motion| motion.duration());
         self.tracks.iter().flat_map(|track| track.times.last()).copied().fold(camera, f64::max)
+    }
+
+    /// What is to be told of its captions before pictures of it are made: what stands in braces and is no parameter.
+    pub fn warnings(&self) -> Vec<String> {
+        let unknown = |(index, caption): (usize, &Caption)| {
+            let of = |key: &&str| {
+                format!("path `{}`, caption {}: `{{{key}}}` is no parameter, and stays", self.name, index + 1)
+            };
+            caption.unknown_keys().iter().map(of).collect::<Vec<_>>()
+        };
+        self.captions.iter().enumerate().flat_map(unknown).collect()
     }
 
     /// Why the path is not valid, if it is not.
@@ -101,6 +116,16 @@ impl CameraPath {
             Some(PathProblem { place: Some(("tracks", index)), key, problem })
         };
         if let Some(problem) = self.tracks.iter().enumerate().find_map(problem) {
+            return Some(problem);
+        }
+        if self.captions.len() > MOST_CAPTIONS {
+            return whole("captions", &format!("{}, expected at most {MOST_CAPTIONS}", self.captions.len()));
+        }
+        let problem = |(index, caption): (usize, &Caption)| {
+            let (key, problem) = caption.problem()?;
+            Some(PathProblem { place: Some(("captions", index)), key, problem })
+        };
+        if let Some(problem) = self.captions.iter().enumerate().find_map(problem) {
             return Some(problem);
         }
         let duration = self.duration();

@@ -50,6 +50,8 @@
 //! eye = [1.0, 2.0, 1.7]
 //! pivot = [4.0, 4.0, 1.5]
 //! up = [0.0, 0.0, 1.0]
+//! [[paths.captions]]                   # texts over its pictures
+//! text = "by {reflection.method}"
 //! ```
 //! The same text without `clouds` is what "copy view" puts on the clipboard and what `--camera` reads. A mirror with the name
 //! of one that a built-in scene brings takes its place.

@@ -19,10 +19,12 @@ use serde_json::json;
 pub use timeline::Timeline;
 
 use crate::viewer::action::{Action, Film};
+use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::messages::Level;
 use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
+use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::window::capture::{self, Captured};
 use crate::viewer::window::render_thread::{FrameRequest, Picture};
 
@@ -46,6 +48,22 @@ pub struct Live {
     pub dropped: Arc<AtomicU64>,
     /// Whether its film is being made.
     pub is_ending: bool,
+}
+
+/// What paths are made from besides the scene.
+pub struct Around<'a> {
+    pub loaded: &'a Loaded,
+    /// The frame that the window asks for.
+    pub view: Option<&'a FrameRequest>,
+    pub tuning: &'a Tuning,
+    /// The adapter that draws the window.
+    pub adapter: Option<&'a str>,
+}
+
+impl<'a> Around<'a> {
+    pub fn new(loaded: &'a Loaded, frames: &'a Frames, tuning: &'a Tuning, adapter: Option<&'a str>) -> Self {
+        Self { loaded, view: frames.requested.as_ref(), tuning, adapter }
+    }
 }
 
 impl Filming {
@@ -108,15 +126,7 @@ impl Filming {
         }
     }
 
-    /// `drawn_by` is the adapter that draws the window.
-    pub fn act(
-        &mut self,
-        film: Film,
-        scene: &mut Scene,
-        loaded: &Loaded,
-        drawn_by: Option<&str>,
-        outside: &mut Outside,
-    ) {
+    pub fn act(&mut self, film: Film, scene: &mut Scene, around: &Around<'_>, outside: &mut Outside) {
         match film {
             Film::Keep(digit) => bookmarks::keep(digit, scene, outside),
             Film::FlyToDigit(digit) => {
@@ -136,7 +146,7 @@ impl Filming {
                     scene.edit_objects(outside.now, |objects| drop(objects.bookmarks.remove(index)));
                 }
             }
-            Film::Add(preset) => match presets::path(preset, scene, loaded) {
+            Film::Add(preset) => match presets::path(preset, scene, around) {
                 Ok(path) => self.timeline.add(path, scene, outside),
                 Err(problem) => outside.note(problem),
             },
@@ -146,7 +156,7 @@ impl Filming {
                 }
             }
             Film::ChangeRecording(asked) => self.recording.asked = asked.map(|asked| *asked),
-            Film::StartRecording => self.recording.start(scene, loaded, drawn_by, outside),
+            Film::StartRecording => self.recording.start(scene, around.loaded, around.adapter, outside),
             Film::StopRecording => self.recording.stop(),
             Film::Capture => self.capture(outside),
             other => self.timeline.act(other, scene, outside),

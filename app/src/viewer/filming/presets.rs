@@ -1,12 +1,15 @@
 //! Paths that begin with something in them.
 
 use glam::DVec3;
-use scene::{BuiltInPath, Camera, CameraPath, Ease, Keyframe, METHODS, Method, Object, PathPlace, Track};
+use scene::{
+    BuiltInPath, Camera, CameraPath, Caption, Ease, Keyframe, METHODS, Method, Object, PathPlace, Place, Track,
+};
 
 use crate::viewer::action::PathPreset;
-use crate::viewer::loaded::Loaded;
+use crate::viewer::filming::Around;
 use crate::viewer::objects::numbered;
 use crate::viewer::scene::Scene;
+use crate::viewer::truth::tuning::Trial;
 
 /// The time between two bookmarks, and that of each method, in seconds.
 const STOP_SECONDS: f64 = 2.0;
@@ -22,8 +25,8 @@ const SWEEP: f64 = 0.25;
 ///
 /// # Errors
 /// Something is lacking for it, in words.
-pub fn path(preset: PathPreset, scene: &Scene, loaded: &Loaded) -> Result<CameraPath, String> {
-    let clouds = &loaded.clouds;
+pub fn path(preset: PathPreset, scene: &Scene, around: &Around<'_>) -> Result<CameraPath, String> {
+    let clouds = &around.loaded.clouds;
     let place = |view: Camera| PathPlace { view, bounds: scene.bounds(clouds), up: scene.up(clouds) };
     let selected = scene.selected.and_then(|id| scene.objects.get(id));
     let mut path = match preset {
@@ -65,20 +68,61 @@ pub fn path(preset: PathPreset, scene: &Scene, loaded: &Loaded) -> Result<Camera
             path.tracks = vec![Track { key, times: times.to_vec(), values: values.to_vec(), ease: Ease::InOut }];
             path
         }
-        PathPreset::MethodTour => {
-            let mut path = still("method tour", scene.camera);
-            let methods = METHODS.iter().filter(|row| !matches!(row.method, Method::Auto | Method::None));
-            let mut values: Vec<toml::Value> = methods.map(|row| toml::Value::String(row.name.into())).collect();
-            // The last method lasts as long as the others.
-            values.extend(values.last().cloned());
-            let times = (0..values.len()).map(|index| index as f64 * STOP_SECONDS).collect();
-            path.tracks = vec![Track { key: "reflection.method".into(), times, values, ease: Ease::Hold }];
-            path
-        }
+        PathPreset::MethodTour => method_tour(scene, around),
     };
     path.name = numbered(&path.name, scene.objects.paths.iter().map(|known| known.name.as_str()));
     path.check()?;
     Ok(path)
+}
+
+/// Every reflection method, each with its name and with what was measured of it in this view so far. Times that were
+/// measured anew for each picture would differ from run to run, and so would the pictures.
+fn method_tour(scene: &Scene, around: &Around<'_>) -> CameraPath {
+    let mut path = still("method tour", scene.camera);
+    let methods = METHODS.iter().map(|row| row.method).filter(|method| !matches!(method, Method::Auto | Method::None));
+    let methods: Vec<Method> = methods.collect();
+    let name = |method: Method| toml::Value::String(method.row().name.into());
+    // The last method lasts as long as the others.
+    let values: Vec<toml::Value> = methods.iter().chain(methods.last()).map(|method| name(*method)).collect();
+    let times = (0..values.len()).map(|index| index as f64 * STOP_SECONDS).collect();
+    path.tracks = vec![Track { key: "reflection.method".into(), times, values, ease: Ease::Hold }];
+    let measured = measured(scene, around);
+    for (index, method) in methods.into_iter().enumerate() {
+        let start = index as f64 * STOP_SECONDS;
+        let figures =
+            measured.iter().find(|trial| trial.settings.reflection.method == method).and_then(|trial| told(trial));
+        let text = figures.map_or("{reflection.method}".into(), |figures| format!("{{reflection.method}}\n{figures}"));
+        path.captions.push(Caption::new(text, start, Some(start + STOP_SECONDS)));
+    }
+    if let Some(trial) = measured.first() {
+        let [width, height] = trial.request.size;
+        let on = around.adapter.map_or(String::new(), |adapter| format!(" on {adapter}"));
+        let text = format!("measured at {width}x{height}{on}");
+        path.captions.push(Caption { place: Place::Top, size: 0.03, ..Caption::new(text, 0.0, None) });
+    }
+    path
+}
+
+/// What the tuning chart has of this view with other methods and else the same settings, for pictures of one size: the
+/// one that was measured last.
+fn measured<'a>(scene: &Scene, around: &Around<'a>) -> Vec<&'a Trial> {
+    let Some(view) = around.view else { return Vec::new() };
+    let is_alike = |trial: &&Trial| {
+        let mut settings = trial.settings.clone();
+        settings.reflection.method = scene.settings.reflection.method;
+        settings == scene.settings
+    };
+    let alike: Vec<&Trial> = around.tuning.of_view(view).filter(is_alike).collect();
+    let size = alike.first().map(|trial| trial.request.size);
+    alike.into_iter().filter(|trial| Some(trial.request.size) == size).collect()
+}
+
+/// The time and the error of a method, for people.
+fn told(trial: &Trial) -> Option<String> {
+    let (time, frame) = (trial.time(false)?, trial.time(true)?);
+    let pixels = trial.figures.as_ref().map(|figures| figures.pixel_error.p95).filter(|pixels| pixels.is_finite());
+    let error = pixels.map_or(String::new(), |pixels| format!(", 95 % within {pixels:.2} pixels"));
+    Some(format!("{time:.1} ms of {frame:.1} ms{error}"))
 }
 
 fn still(name: &str, camera: Camera) -> CameraPath {

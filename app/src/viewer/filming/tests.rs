@@ -4,12 +4,15 @@ use clap::Parser as _;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use glam::{DVec2, DVec3};
-use scene::{Camera, CameraPath, Mirror, Object, SceneFile, Shape};
+use scene::{Camera, CameraPath, Caption, Method, Mirror, Object, Place, SceneFile, Shape};
 
 use super::*;
 use crate::command_line::{Command, CommandLine};
+use crate::progress_bar::Bar;
+use crate::recording::{PathChoice, Recorder};
 use crate::viewer::action::{Filing, PathPreset};
 use crate::viewer::bench::Bench;
+use crate::viewer::facts::facts;
 use crate::viewer::filming::process::Ended;
 use crate::viewer::interface;
 use crate::viewer::session::Session;
@@ -41,6 +44,10 @@ fn add_ball(session: &mut Session) {
     let ball = Mirror { name: "ball".into(), position: DVec3::ZERO, ..ball };
     session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Mirror(ball)));
     session.scene.selected = Some(id);
+}
+
+fn around(session: &Session) -> Around<'_> {
+    Around::new(&session.loaded, &session.frames, &session.tuning, session.adapter.as_deref())
 }
 
 fn ball(session: &Session) -> DVec3 {
@@ -213,7 +220,7 @@ fn every_preset_is_a_path_or_says_what_it_lacks() {
         PathPreset::MirrorSweep,
         PathPreset::MethodTour,
     ];
-    let made = |session: &Session| all.map(|preset| presets::path(preset, &session.scene, &session.loaded).is_ok());
+    let made = |session: &Session| all.map(|preset| presets::path(preset, &session.scene, &around(session)).is_ok());
     assert_eq!(made(&session), [true, false, true, false, false, false, true]);
     add_ball(&mut session);
     film(&mut session, Film::Keep(None));
@@ -246,6 +253,123 @@ fn a_track_that_names_nothing_is_told_and_the_scene_stays() {
     let told = &session.outside.messages.all.last().unwrap().text;
     assert!(told.contains("path `mirror sweep`, track 1: no mirror is called `ball`"), "{told}");
     assert!(session.scene.posed.is_none() && session.scene.settings == settings);
+}
+
+/// The captions that the picture shows.
+fn captions(session: &Session) -> Vec<String> {
+    let Session { scene, loaded, tools, .. } = session;
+    facts(scene, loaded, &tools.measurements).captions.into_iter().map(|caption| caption.text).collect()
+}
+
+fn accuracy(p95: f64) -> study::Accuracy {
+    let percentiles = study::Percentiles { median: 0.1, p95, p99: 2.0 };
+    study::Accuracy {
+        truth: study::Truth::SameInput,
+        mirror_pixels: 8,
+        coverage: 1.0,
+        closed_coverage: 1.0,
+        false_fill: 0.0,
+        angle_error: percentiles,
+        pixel_error: percentiles,
+        occlusion_error: 0.0,
+        wrong: 0.0,
+        recall: None,
+        image: None,
+        indirect: None,
+        surface: None,
+    }
+}
+
+#[test]
+fn a_method_tour_names_each_method_and_tells_what_was_measured_of_this_view_and_nothing_else() {
+    let mut session = Session::with_two_points();
+    let view = FrameRequest::any();
+    session.frames.requested = Some(view.clone());
+    session.adapter = Some("a card".into());
+    film(&mut session, Film::Add(PathPreset::MethodTour));
+    let plain = path(&session).captions.clone();
+    assert!(plain.iter().all(|caption| caption.text == "{reflection.method}"), "{plain:?}");
+    assert_eq!(plain.len() + 2, scene::METHODS.len(), "all but auto and none");
+    let mut measure = |change: &dyn Fn(&mut FrameRequest, &mut scene::Settings), milliseconds: f64, error: f64| {
+        let (mut request, mut settings) = (view.clone(), session.scene.settings.clone());
+        change(&mut request, &mut settings);
+        request.settings = settings.clone();
+        session.tuning.add(&request, &settings, vec![[2.0 * milliseconds, milliseconds]], accuracy(error));
+    };
+    // Of an older size of the window, of another view, and with other settings.
+    measure(&|request, settings| (request.size, settings.reflection.method) = ([9, 9], Method::LightField), 6.0, 0.5);
+    measure(&|_, settings| settings.reflection.method = Method::Sscr, 7.25, 0.5);
+    measure(&|_, settings| settings.reflection.method = Method::SurfelTrace, 9.0, f64::NAN);
+    measure(&|request, settings| (request.camera.eye.x, settings.reflection.method) = (9.0, Method::Sscr), 1.0, 0.5);
+    measure(&|_, settings| (settings.splat.size, settings.reflection.method) = (1.5, Method::Sscr), 1.0, 0.5);
+    film(&mut session, Film::Add(PathPreset::MethodTour));
+    let tour = path(&session).clone();
+    let of = |method: Method| {
+        let place = tour.tracks[0].values.iter().position(|value| value.as_str() == Some(method.row().name)).unwrap();
+        tour.captions[place].text.as_str()
+    };
+    assert_eq!(of(Method::Sscr), "{reflection.method}\n7.2 ms of 14.5 ms, 95 % within 0.50 pixels");
+    assert_eq!(of(Method::SurfelTrace), "{reflection.method}\n9.0 ms of 18.0 ms");
+    assert_eq!([of(Method::LightField), of(Method::CubemapTrace)], ["{reflection.method}"; 2]);
+    let last = tour.captions.last().unwrap();
+    assert_eq!((last.text.as_str(), last.place, last.end), ("measured at 8x6 on a card", Place::Top, None));
+
+    // The captions follow the path, with the method that the track sets, and go with it.
+    assert!(captions(&session).is_empty());
+    film(&mut session, Film::Scrub(4.5));
+    later(&mut session, 0.1);
+    let shown = captions(&session);
+    assert_eq!(shown, ["sscr\n7.2 ms of 14.5 ms, 95 % within 0.50 pixels", "measured at 8x6 on a card"]);
+    orbit(&mut session);
+    session.act(Action::set("sun", "elevation", param::Value::F32(12.0)));
+    assert!(captions(&session).is_empty());
+    let saved = SceneFile::parse(&session.scene.whole_file(&session.loaded).to_text()).unwrap();
+    assert_eq!(saved.paths[1].captions, tour.captions);
+}
+
+#[test]
+fn the_window_records_the_pictures_of_the_scene_that_it_saves_to_the_bit() {
+    let gpu = match render::Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => return eprintln!("skipped: {error}"),
+    };
+    let Some(mut bench) = Bench::with_sphere() else { return };
+    let [work, home] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let grid: String = (0..400).map(|i| format!("{} {} 0.1\n", i % 20, i / 20)).collect();
+    let head = "ply\nformat ascii 1.0\nelement vertex 400\nproperty float x\nproperty float y\nproperty float z\n";
+    std::fs::write(home.path().join("grid.ply"), format!("{head}end_header\n{grid}")).unwrap();
+    let session = &mut bench.session;
+    assert!(session.open(&[home.path().join("grid.ply")]));
+    bench.settle();
+    let session = &mut bench.session;
+    (session.scene.settings.sun.elevation, session.scene.settings.gi.vpls) = (33.3, 16);
+    film(session, Film::Add(PathPreset::MirrorSweep));
+    let mut captioned = path(session).clone();
+    captioned.captions.push(Caption::new("{reflection.method}".into(), 0.0, None));
+    film(session, Film::Change(Box::new(captioned)));
+    film(session, Film::AskRecording);
+    session.outside.effects.clear();
+    film(session, Film::StartRecording);
+    session.act(Action::File(Filing::SaveTo(home.path().join("saved.toml"))));
+    let texts = std::mem::take(&mut session.outside.effects).into_iter().filter_map(|effect| match effect {
+        Effect::Work(Work::Record { scene, .. }) => Some(scene),
+        Effect::Work(Work::SaveScene { text, .. }) => Some(text),
+        _ => None,
+    });
+    let [handed, saved] = texts.collect::<Vec<_>>().try_into().unwrap();
+    assert!(saved != handed && saved.contains("\"grid.ply\""), "beside the scene: {saved}");
+    let files = [(work.path().join("scratch.toml"), handed), (home.path().join("saved.toml"), saved)];
+    let pictures = files.map(|(file, text)| {
+        std::fs::write(&file, text).unwrap();
+        let request = world::resolve(std::slice::from_ref(&file));
+        let choice = PathChoice::new(Some("mirror sweep"), &request, &file).unwrap();
+        let mut recorder = Recorder::open(gpu.clone(), None, [64, 48], request, &choice).unwrap().unwrap();
+        let bar = Bar::pictures("recording");
+        [0.0, 1.5].map(|time| recorder.picture(time, &[], &bar).unwrap().rgba)
+    });
+    assert!(pictures[0] == pictures[1], "the saved scene has other pictures");
+    assert!(pictures[0][0] != pictures[0][1], "the ball moves");
 }
 
 /// The command line, for which a test holds that it makes the same pictures each time.
@@ -334,6 +458,22 @@ fn the_timeline_makes_a_path_with_keys_that_are_selected_and_deleted() {
     harness.get_by_label("Delete track sun.elevation").click();
     harness.run_ok();
     assert!(path(harness.state()).tracks.is_empty());
+    harness.state_mut().filming.timeline.time = 0.5;
+    harness.get_by_label("+ Caption").click();
+    harness.run_ok();
+    let field = harness.get_by_label("Text of the caption");
+    field.focus();
+    field.type_text("{");
+    harness.run_ok();
+    let [caption] = &path(harness.state()).captions[..] else { panic!("one caption") };
+    assert!(caption.text.contains('{') && (caption.start, caption.end) == (0.5, Some(3.5)), "{caption:?}");
+    harness.get_by_label("Stays").click();
+    harness.run_ok();
+    assert_eq!(path(harness.state()).captions[0].end, None);
+    harness.get_by_label("Caption 1 at 0.50 s");
+    harness.get_by_label("Delete key").click();
+    harness.run_ok();
+    assert!(path(harness.state()).captions.is_empty());
     harness.get_by_label("Record…").click();
     harness.run_ok();
     assert!(harness.query_by_label("Record `path`").is_some());

@@ -166,7 +166,7 @@ impl Timeline {
         let is_shown = scene.posed.is_some()
             && self.posed.as_ref().is_some_and(|(known, time)| *time == self.time && *known == path);
         if !is_shown {
-            if let Err((track, problem)) = scene.pose(&path.tracks, self.time) {
+            if let Err((track, problem)) = scene.pose(&path, self.time) {
                 outside.say(Level::Error, format!("path `{}`, track {}: {problem}", path.name, track + 1));
                 self.leave();
                 return false;

@@ -1,6 +1,7 @@
 //! The panels and what is drawn over the picture. They read the session and push actions.
 
 pub mod bookmarks;
+pub mod captions;
 pub mod clips;
 pub mod clouds;
 pub mod colors;

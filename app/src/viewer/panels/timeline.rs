@@ -1,11 +1,12 @@
-//! The timeline below the picture: a lane for the keyframes of the camera, and one for each track. Keys are dragged along
+//! The timeline below the picture: a lane for the keyframes of the camera, one for captions, and one for each track. Keys are dragged along
 //! their lanes; a click selects one, and shows its time.
 
 use egui::{Align2, Color32, FontId, Frame, Panel, Rect, Response, RichText, Sense, Stroke, Ui, pos2, vec2};
-use scene::{CameraPath, Ease, Motion};
+use scene::{CameraPath, Caption, Ease, Motion};
 
 use crate::viewer::action::{Action, Film, PathPreset};
 use crate::viewer::input::bindings;
+use crate::viewer::panels::captions;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 
@@ -14,6 +15,8 @@ const LANE: f32 = 20.0;
 const NAMES: f32 = 210.0;
 /// The latest time that is set by hand, in seconds: a day.
 const LATEST: f64 = 86_400.0;
+/// How long a new caption is shown, in seconds.
+const CAPTION_SECONDS: f64 = 3.0;
 /// Half of the width of a key's mark.
 const MARK: f32 = 5.5;
 
@@ -28,7 +31,11 @@ const PRESETS: [(PathPreset, &str, &str); 7] = [
         "1.7 units above the points of the selected measurement, in ten seconds",
     ),
     (PathPreset::MirrorSweep, "Mirror sweep", "The selected mirror crosses the view and comes back"),
-    (PathPreset::MethodTour, "Method tour", "Every reflection method for two seconds"),
+    (
+        PathPreset::MethodTour,
+        "Method tour",
+        "Every reflection method for two seconds, with its name, and with its time and error where the tuning chart has them",
+    ),
 ];
 const EASES: [(Ease, &str, &str); 4] = [
     (Ease::Smooth, "smooth", "Without a jump in speed"),
@@ -43,6 +50,7 @@ enum Selected {
     Keyframe(usize),
     /// The number of a track, and that of its key.
     Key(usize, usize),
+    Caption(usize),
 }
 
 /// Draws the timeline at the lower edge.
@@ -68,6 +76,10 @@ fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut selected = selected.filter(|selected| time_of(path, *selected).is_some());
     let mut changed = path.clone();
     ui.horizontal(|ui| options(ui, session, &mut changed, &mut selected, &mut push));
+    if let Some(Selected::Caption(index)) = selected {
+        let end = changed.duration();
+        changed.captions.get_mut(index).into_iter().for_each(|caption| captions::row(ui, caption, end));
+    }
     lanes(ui, session, &mut changed, &mut selected, &mut push);
     ui.data_mut(|data| data.insert_temp(known, selected));
     if changed != *path {
@@ -80,6 +92,7 @@ fn time_of(path: &CameraPath, selected: Selected) -> Option<f64> {
     match selected {
         Selected::Keyframe(index) => path.keyframes.get(index).map(|keyframe| keyframe.time),
         Selected::Key(track, index) => path.tracks.get(track)?.times.get(index).copied(),
+        Selected::Caption(index) => path.captions.get(index).map(|caption| caption.start),
     }
 }
 
@@ -170,6 +183,11 @@ fn options(
     ui.menu_button("+ Key", |ui| keys_menu(ui, session, push))
         .response
         .on_hover_text("What a parameter, or a value of the selected object, is now, at the time of the mark");
+    let help = "A text over the pictures, from the time of the mark on";
+    if ui.button("+ Caption").on_hover_text(help).clicked() {
+        *selected = Some(Selected::Caption(path.captions.len()));
+        path.captions.push(Caption::new("Caption".into(), time, Some(time + CAPTION_SECONDS)));
+    }
     let mut ease = path.ease;
     ease_menu(ui, "Camera", &mut ease);
     if ease != path.ease {
@@ -209,6 +227,8 @@ fn options(
         match key {
             Selected::Keyframe(index) => path.remove_keyframe(index),
             Selected::Key(track, index) => path.remove_key(track, index),
+            Selected::Caption(index) if index < path.captions.len() => drop(path.captions.remove(index)),
+            Selected::Caption(_) => {}
         }
         *selected = None;
     }
@@ -228,6 +248,11 @@ fn move_key(path: &mut CameraPath, key: Selected, time: f64) {
     match key {
         Selected::Keyframe(index) => path.move_keyframe(index, time),
         Selected::Key(track, index) => path.move_key(track, index, time),
+        Selected::Caption(index) => path.captions.get_mut(index).into_iter().for_each(|caption| {
+            let time = time.max(0.0);
+            caption.end = caption.end.map(|end| end + time - caption.start);
+            caption.start = time;
+        }),
     }
 }
 
@@ -331,6 +356,27 @@ fn lanes(
                 }
             },
         );
+        if !path.captions.is_empty() {
+            let texts = path.captions.clone();
+            lane(
+                ui,
+                |ui| drop(ui.label("Captions")),
+                |ui, row| {
+                    for (index, caption) in texts.iter().enumerate() {
+                        let key = Selected::Caption(index);
+                        let (from, to) = (scale.x(caption.start), scale.x(caption.end.unwrap_or(scale.span)));
+                        let bar =
+                            Rect::from_x_y_ranges(from..=to.min(row.right()), row.y_range()).shrink2(vec2(0.0, 5.0));
+                        ui.painter().rect_filled(bar, 2.0, theme::WEAK.gamma_multiply(0.35));
+                        let name = format!("Caption {} at {:.2} s", index + 1, caption.start);
+                        let place = ("caption", 0, index);
+                        let response = mark(ui, row, from, place, &name, *selected == Some(key));
+                        let response = response.on_hover_text(&caption.text);
+                        follow(&response, (key, caption.start), true, scale, path, selected, push);
+                    }
+                },
+            );
+        }
         for track in 0..path.tracks.len() {
             let (key, before) = (path.tracks[track].key.clone(), path.tracks[track].ease);
             let mut ease = before;

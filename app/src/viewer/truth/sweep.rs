@@ -8,14 +8,14 @@ use cloud::Progress;
 use render::FrameStats;
 use scene::Settings;
 use serde_json::json;
-use study::Accuracy;
 
 use crate::viewer::messages::Level;
 use crate::viewer::outside::Outside;
 use crate::viewer::truth::sweep_files::{Outcome, Row, SweepResult, make_folder};
 use crate::viewer::truth::sweep_range::SweepRange;
 use crate::viewer::truth::tasks::{Judge, SceneKey, Task};
-use crate::viewer::truth::view::{MOST_POINTS, TruthView, too_many_points};
+use crate::viewer::truth::tuning::Tuning;
+use crate::viewer::truth::view::{MOST_POINTS, Swept, TruthView, too_many_points};
 use crate::viewer::truth::{Around, tuning};
 use crate::viewer::window::render_thread::{Captured, Command, FrameRequest};
 use crate::viewer::work::Work;
@@ -180,15 +180,18 @@ impl Sweeps {
         None
     }
 
-    /// Takes in the figures and the picture of a value.
-    pub fn on_judged(&mut self, request: &FrameRequest, figures: Accuracy, picture: Vec<u8>) {
-        let of_request = |sweep: &&mut Sweep| sweep.request().as_ref() == Some(request);
+    /// Takes in the figures and the picture of a value, which is a setting that was tried.
+    pub fn on_judged(&mut self, swept: Swept, tuning: &mut Tuning) {
+        let Swept { request, figures, picture } = swept;
+        let of_request = |sweep: &&mut Sweep| sweep.request().as_ref() == Some(&*request);
         let Some(sweep) = self.under_way.as_mut().filter(of_request) else { return };
-        let (Some(times), Some((value, _))) =
+        let (Some(times), Some((value, settings))) =
             (tuning::medians(&sweep.times), sweep.values.get(sweep.result.rows.len()))
         else {
             return;
         };
+        let figures = *figures;
+        tuning.add(&request, settings, sweep.times.clone(), figures.clone());
         let outcome = Some(Outcome { times, figures, picture });
         sweep.result.rows.push(Row { value: value.clone(), outcome });
         sweep.times.clear();

@@ -106,6 +106,19 @@ impl Tuning {
         &mut self.trials[index]
     }
 
+    /// Adds a setting that was measured elsewhere.
+    pub fn add(&mut self, request: &FrameRequest, settings: &Settings, times: Vec<[f64; 2]>, figures: Accuracy) {
+        let trial = self.trial(request, settings);
+        (trial.times, trial.figures) = (times, Some(figures));
+    }
+
+    /// The timed settings of a view, the newest first; pictures of another size are of the same view.
+    pub fn of_view(&self, request: &FrameRequest) -> impl Iterator<Item = &Trial> {
+        let view = series(request);
+        let is_of_view = move |trial: &&Trial| FrameRequest { size: trial.series.size, ..view.clone() } == trial.series;
+        self.trials.iter().rev().filter(|trial| !trial.times.is_empty()).filter(is_of_view)
+    }
+
     /// Notes the accuracy of a frame.
     pub fn note(&mut self, request: &FrameRequest, settings: &Settings, figures: &Accuracy) {
         self.trial(request, settings).figures = Some(figures.clone());

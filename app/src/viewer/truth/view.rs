@@ -267,12 +267,16 @@ pub enum Taken {
     Nothing,
     Log(serde_json::Value),
     /// A value of a sweep has been judged.
-    Swept {
-        request: Box<FrameRequest>,
-        figures: Box<Accuracy>,
-        picture: Vec<u8>,
-    },
+    Swept(Swept),
     Failed(String),
+}
+
+/// What is found of a value of a sweep.
+pub struct Swept {
+    pub request: Box<FrameRequest>,
+    pub figures: Box<Accuracy>,
+    /// RGBA pixels in the size of a tile.
+    pub picture: Vec<u8>,
 }
 
 impl TruthView {
@@ -325,7 +329,7 @@ impl TruthView {
             }
             Answer::JudgedAlone { request, result, picture } => match result {
                 _ if !is_current => {}
-                Ok(figures) => return Taken::Swept { request: Box::new(request), figures, picture },
+                Ok(figures) => return Taken::Swept(Swept { request: Box::new(request), figures, picture }),
                 Err(error) => return Taken::Failed(error),
             },
             Answer::Failed(kind) => {
