@@ -128,6 +128,11 @@ impl Frames {
         (done < total).then_some(done as f32 / total as f32)
     }
 
+    /// Returns true while a picture is drawn and there is none to show meanwhile.
+    pub fn first_is_drawn(&self) -> bool {
+        self.shown.is_none() && self.under_way > 0
+    }
+
     /// Returns true if frames in full quality take too long to steer the camera by.
     pub fn is_slow(&self) -> bool {
         self.careful_milliseconds > TOO_LONG

@@ -125,8 +125,10 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
         // Until there is a picture, the place of the picture says what it waits for.
         let is_empty = session.loaded.clouds.is_empty() && !session.loaded.is_loading();
-        if let Some(share) = session.frames.compiled().filter(|_| !is_empty) {
-            caption(ui, rect.center(), &format!("{}; the first start takes longest", compiling(share)));
+        if let Some(wait) = waiting(session).filter(|_| !is_empty) {
+            let is_compiling = session.frames.compiled().is_some();
+            let more = if is_compiling { "; the first start takes longest" } else { "" };
+            caption(ui, rect.center(), &format!("{wait}{more}"));
         }
     }
     panels::truth::paint(ui, rect, session, actions);
@@ -207,8 +209,16 @@ fn short_scene(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or(name)
 }
 
-fn compiling(share: f32) -> String {
-    format!("compiling shaders: {:.0} %", share * 100.0)
+/// What the next picture waits for before it is drawn, and the first one while it is.
+fn waiting(session: &Session) -> Option<String> {
+    if session.fatal.is_some() {
+        return None;
+    }
+    match session.frames.compiled() {
+        Some(share) => Some(format!("compiling shaders: {:.0} %", share * 100.0)),
+        None if session.adapter.is_none() => Some("preparing the renderer".into()),
+        None => session.frames.first_is_drawn().then(|| "drawing the first picture".into()),
+    }
 }
 
 // ---- status bar ----
@@ -221,18 +231,15 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if ui.small_button(text).on_hover_text(help).clicked() {
             actions.push(Action::TogglePanel);
         }
-        if session.fatal.is_none() {
+        if let Some(wait) = waiting(session) {
+            ui.label(RichText::new(wait).color(theme::WEAK));
             if let Some(share) = session.frames.compiled() {
-                ui.label(RichText::new(compiling(share)).color(theme::WEAK));
                 progress_bar(ui, share);
-                ui.ctx().request_repaint_after(Duration::from_millis(100));
-            } else if session.adapter.is_none() {
-                ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
-                ui.ctx().request_repaint_after(Duration::from_millis(100));
-            } else if let Some([summed, asked]) = session.frames.samples_under_way() {
-                ui.label(RichText::new(format!("sample {summed} of {asked}")).color(theme::WEAK));
-                progress_bar(ui, summed as f32 / asked as f32);
             }
+            ui.ctx().request_repaint_after(Duration::from_millis(100));
+        } else if let Some([summed, asked]) = session.frames.samples_under_way().filter(|_| session.fatal.is_none()) {
+            ui.label(RichText::new(format!("sample {summed} of {asked}")).color(theme::WEAK));
+            progress_bar(ui, summed as f32 / asked as f32);
         }
         if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {
             if job_progress(ui, session, job) {
@@ -612,6 +619,24 @@ mod tests {
             harness.query_by_label_contains("shaders").is_none()
                 && harness.query_by_label_contains("renderer").is_none()
         );
+    }
+
+    #[test]
+    fn the_first_picture_is_announced_until_it_is_there() {
+        let mut harness = harness();
+        let says = |harness: &mut Harness<'_, Session>| {
+            harness.run_steps(2);
+            harness.query_by_label("drawing the first picture").is_some()
+        };
+        harness.state_mut().frames.under_way = 1;
+        assert!(!says(&mut harness), "the renderer comes first");
+        harness.state_mut().on_report(Report::Ready { adapter: "any".into() });
+        assert!(says(&mut harness));
+        harness.state_mut().frames.under_way = 0;
+        assert!(!says(&mut harness), "nothing is drawn");
+        harness.state_mut().frames.under_way = 1;
+        harness.state_mut().fatal = Some("the device is gone".into());
+        assert!(!says(&mut harness), "there will be none");
     }
 
     #[test]
