@@ -339,7 +339,7 @@ pub struct ExportArguments {
     /// File to write, by the end of its name: .las, .laz, .copc.laz, .ply or .csv; a file that is there is not replaced
     #[arg(short, long, value_name = "OUT.laz")]
     pub output: PathBuf,
-    /// Scene file whose clips, filters and hidden classes decide which points are shown
+    /// Scene file whose clips, filters, hidden classes and hidden strays decide which points are shown
     #[arg(long, value_name = "FILE.toml")]
     pub scene: Option<PathBuf>,
     /// Set a parameter, as in `--set stream.host_bytes=1GiB`; `glint methods` lists them

@@ -5,15 +5,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use cloud::{PointTest, Progress};
-use codec::{Added, ExportFormat, Exported, Runs, Source};
-use scene::{SceneFile, shown};
-use world::{Request, half_of};
+use cloud::{Chunk, Orientation, PointTest, Progress, RadiusRule, STRAY_RADIUS, SurfelOptions};
+use codec::{Added, ExportFormat, Exported, Runs, Source, Wanted};
+use glam::Vec3;
+use scene::{SceneFile, Settings, Strays, SurfaceRadii, shown};
+use world::{Input, Request, half_of};
 
 use crate::command_line::ExportArguments;
 use crate::failure::{UNUSABLE, usage};
 use crate::terminal::{self, Few};
 use crate::{picture_file, progress_bar};
+
+/// The memory in bytes that a point takes while it is told which points are stray: its place and columns as they are
+/// read, another place among those that are shown, and what the search for neighbours needs.
+const BYTES_A_POINT: u64 = 64;
 
 /// Writes the file. Returns exit status 2 if one of several inputs cannot be read, and says so on standard error.
 ///
@@ -28,26 +33,38 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     picture_file::check_place(output)?;
     let mut request = world::resolve(&arguments.inputs);
     request.check()?;
+    let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     if let Some(scene) = &arguments.scene {
         let (file, _) = SceneFile::read(scene)?;
+        let Settings { splat, surface, .. } = file.view().settings;
+        if splat.strays == Strays::Hidden {
+            (settings.splat.strays, settings.surface) = (splat.strays, surface);
+        }
         request.visibility.hide(&file.visibility);
         request.clips.extend(file.clips);
     }
-    let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     terminal::warn(&request.warnings);
     let memory = half_of(settings.stream.host_bytes);
     let mut failed = Few::of("that cannot be read");
-    let sources = open(&request, memory, &mut failed);
+    let inputs = open_inputs(&request, memory, &mut failed);
     let status = if failed.count() > 0 { UNUSABLE } else { 0 };
     failed.end();
+    let (test, progress) = (request.test(), Progress::default());
+    let mut left_out = Vec::new();
+    for sources in &inputs {
+        let find = || strays(sources, &test, &settings, &progress);
+        let found = progress_bar::watch("strays", &progress, find).map_err(usage)?;
+        left_out.extend(found.ok_or(stream::Error::Cancelled)?);
+    }
+    let sources: Vec<Arc<Source>> = inputs.into_iter().flatten().collect();
     if sources.is_empty() {
         return Ok(status);
     }
-    let progress = Progress::default();
-    let write = || codec::export(&sources, &request.test(), &[], output, memory, &progress);
+    let (wanted, progress) = (Wanted { test: &test, left_out: &left_out }, Progress::default());
+    let write = || codec::export(&sources, wanted, &[], output, memory, &progress);
     let written = progress_bar::watch("exporting", &progress, write)?;
     let Exported { points, warnings } = written.ok_or(stream::Error::Cancelled)?;
     terminal::warn(param::few(warnings, "warnings"));
@@ -56,28 +73,97 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     Ok(status)
 }
 
+/// The points of the files of one cloud that are stray, if the settings hide these: for each file their indices in it,
+/// ascending. They are told as in pictures: among the points of all its files that classes and filters show. `None` when
+/// cancelled.
+///
+/// # Errors
+/// A file that cannot be read, or too many points to be told.
+fn strays(
+    sources: &[Arc<Source>],
+    test: &PointTest,
+    settings: &Settings,
+    progress: &Progress,
+) -> Result<Option<Vec<Vec<u64>>>, String> {
+    let mut strays = vec![Vec::new(); sources.len()];
+    if settings.splat.strays != Strays::Hidden || settings.surface.radii != SurfaceRadii::Spread {
+        return Ok(Some(strays));
+    }
+    let test = test.of_attributes();
+    let most = half_of(settings.stream.host_bytes) / BYTES_A_POINT;
+    let points: u64 = sources.iter().map(|source| source.info().points).sum();
+    if let Some(first) = sources.first().filter(|_| points > most) {
+        return Err(format!(
+            "{}: it cannot be told which of {points} points are stray, as at most {most} fit into stream.host_bytes = {}; \
+             raise it, or keep stray points with --set splat.strays=faded",
+            shown(&first.info().path),
+            settings.stream.host_bytes
+        ));
+    }
+    // The points that are shown, and the file and the indices of those of each chunk.
+    let (mut chunks, mut places) = (Vec::new(), Vec::new());
+    for (file, source) in sources.iter().enumerate() {
+        let is_spread = source.is_mesh() && u64::from(settings.surface.mesh_points) > source.info().points;
+        if is_spread {
+            // Pictures show points on the faces, and none of those is stray.
+            continue;
+        }
+        let attributes: Vec<&str> = test.filtered().collect();
+        let read = world::read_cloud(source, &attributes, settings, progress);
+        let (cloud, _) = read.map_err(|error| error.to_string())?;
+        let test = cloud.test(&test);
+        for chunk in &cloud.chunks {
+            let shown = test.shown(chunk, chunk.bounds());
+            let indices: Vec<u32> = shown.indices(chunk.len()).map(|index| index as u32).collect();
+            let bare = Chunk { positions: chunk.positions.clone(), ..Chunk::new(0, chunk.origin, Vec::new()) };
+            chunks.push(bare.select(&indices));
+            places.push((file, chunk.first_point, indices));
+        }
+    }
+    progress.set_total(progress.done() + chunks.iter().map(|chunk| chunk.len() as u64).sum::<u64>());
+    let options = SurfelOptions {
+        neighbours: settings.surface.neighbours as usize,
+        radii: RadiusRule::Spread,
+        ..SurfelOptions::new(Orientation::Up(Vec3::Z))
+    };
+    let Some(surfels) = cloud::estimate_part(&chunks, &options, progress) else { return Ok(None) };
+    for ((file, first_point, indices), surfels) in places.into_iter().zip(surfels) {
+        let is_stray = |(_, radius): &(&u32, &u16)| **radius == STRAY_RADIUS;
+        let found = indices.iter().zip(&surfels.radii).filter(is_stray);
+        strays[file].extend(found.map(|(index, _)| first_point + u64::from(*index)));
+    }
+    Ok(Some(strays))
+}
+
 /// Opens the files of all inputs, and reports what cannot be opened.
 pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Arc<Source>> {
-    let mut sources = Vec::new();
+    open_inputs(request, memory, failed).into_iter().flatten().collect()
+}
+
+/// The same, input by input.
+fn open_inputs(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<Source>>> {
+    let mut inputs = Vec::new();
     for input in &request.inputs {
         match input {
-            world::Input::BuiltIn { .. } => {
+            Input::BuiltIn { .. } => {
                 failed.complain(&format!("{}: a built-in scene; this command reads files", input.name()));
             }
-            world::Input::Unknown { error, .. } => failed.complain(error),
-            world::Input::File(_) | world::Input::Tiles { .. } => {}
+            Input::Unknown { error, .. } => failed.complain(error),
+            Input::File(_) | Input::Tiles { .. } => {}
         }
+        let mut sources = Vec::new();
         for path in input.files() {
             match world::open_file(path, memory) {
                 Ok(source) => sources.push(source),
                 Err(error) => failed.complain(&error),
             }
         }
+        inputs.push(sources);
     }
-    sources
+    inputs
 }
 
-/// Writes the points of files that a test shows, for the window. `added` holds values that the files do not have: the
+/// Writes the points of files that a test shows, for the window, without strays if the settings hide these. `added` holds values that the files do not have: the
 /// file, their name, and those of its points. Returns `None` if it was cancelled.
 ///
 /// # Errors
@@ -87,22 +173,26 @@ pub fn write(
     test: &PointTest,
     added: &[(PathBuf, String, Arc<Runs>)],
     path: &Path,
-    memory: u64,
+    settings: &Settings,
     progress: &Progress,
 ) -> Result<Option<Exported>, String> {
-    let mut sources = Vec::new();
+    let memory = half_of(settings.stream.host_bytes);
+    let (mut sources, mut left_out) = (Vec::new(), Vec::new());
     for input in world::resolve(inputs).inputs {
         if input.files().is_empty() {
             return Err(format!("{}: not a file; points of files can be saved", input.name()));
         }
-        for file in input.files() {
-            sources.push(world::open_file(file, memory)?);
-        }
+        let own = input.files().iter().map(|file| world::open_file(file, memory)).collect::<Result<Vec<_>, _>>()?;
+        let Some(found) = strays(&own, test, settings, progress)? else { return Ok(None) };
+        left_out.extend(found);
+        sources.extend(own);
     }
     if ExportFormat::of(path).is_none() {
         return Err(format!("{}: the name must end in .laz, .las, .copc.laz, .ply or .csv", shown(path)));
     }
-    codec::export(&sources, test, &columns(&sources, added), path, memory, progress).map_err(|error| error.to_string())
+    let wanted = Wanted { test, left_out: &left_out };
+    codec::export(&sources, wanted, &columns(&sources, added), path, memory, progress)
+        .map_err(|error| error.to_string())
 }
 
 /// The added values by their names, for each file; some files have none.
@@ -115,4 +205,34 @@ fn columns(sources: &[Arc<Source>], added: &[(PathBuf, String, Arc<Runs>)]) -> V
     let column =
         |name: &String| Added { name: name.clone(), values: sources.iter().map(|source| list(source, name)).collect() };
     names.into_iter().map(column).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strays_of_more_points_than_fit_into_memory_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        let header = "ply\nformat ascii 1.0\nelement vertex 40\nproperty float x\nproperty float y\nproperty float z\n";
+        let rows: String = (0..40).map(|at| format!("{} {} 0\n", at % 8, at / 8)).collect();
+        std::fs::write(&path, format!("{header}end_header\n{rows}")).unwrap();
+        let mut settings = Settings::default();
+        let sources = vec![world::open_file(&path, half_of(settings.stream.host_bytes)).unwrap()];
+        settings.stream.host_bytes.0 = 2 * BYTES_A_POINT * 39;
+        let of = |settings: &Settings| strays(&sources, &PointTest::default(), settings, &Progress::default());
+        assert_eq!(of(&settings), Ok(Some(vec![Vec::new()])), "they are shown");
+        settings.splat.strays = Strays::Hidden;
+        let refused = of(&settings).unwrap_err();
+        assert!(
+            refused.contains("it cannot be told which of 40 points are stray, as at most 39 fit into"),
+            "{refused}"
+        );
+        settings.stream.host_bytes.0 += 2 * BYTES_A_POINT;
+        assert_eq!(of(&settings), Ok(Some(vec![Vec::new()])));
+        let progress = Progress::default();
+        progress.cancel();
+        assert_eq!(strays(&sources, &PointTest::default(), &settings, &progress), Ok(None));
+    }
 }

@@ -71,6 +71,35 @@ fn what_a_scene_shows_of_a_scan_is_exported_point_by_point() {
 }
 
 #[test]
+fn hidden_strays_are_not_exported() {
+    let folder = Folder::new();
+    let mut rows: Vec<String> = (0..1600).map(|at| format!("{} {} 0 1\n", at % 40, at / 40)).collect();
+    // The last of three strays has a patch of the other class beside it.
+    rows.extend(["20 20 60 1\n", "90 5 30 1\n", "1.02 20.05 90 1\n"].map(String::from));
+    rows.extend((0..60).map(|at| format!("{} {} 90 2\n", 0.1 * f64::from(at % 10), 20.0 + 0.1 * f64::from(at / 10))));
+    let header = "property float x\nproperty float y\nproperty float z\nproperty uchar classification\nend_header\n";
+    folder.write("grid.ply", format!("ply\nformat ascii 1.0\nelement vertex 1663\n{header}{}", rows.concat()));
+    folder.write("hiding.toml", "clouds = ['grid.ply']\n[parameters]\n\"splat.strays\" = \"hidden\"\n");
+    let class = "[parameters]\n\"splat.strays\" = \"hidden\"\n[visibility]\nhidden_classes = [2]\n";
+    folder.write("class.toml", class);
+    let exported = |arguments: &[&str], name: &str, points: u64| {
+        let outcome = folder.glint(["export", "-o", name].iter().chain(arguments));
+        assert_eq!(outcome.text(), format!("{name}: {points} of 1663 points\n"), "{outcome}");
+        assert_eq!(information(&folder, name)["points"], points);
+    };
+    exported(&["grid.ply"], "all.laz", 1663);
+    for name in ["a.laz", "a.ply", "a.copc.laz"] {
+        exported(&["hiding.toml"], name, 1661);
+    }
+    // Whole records are left out, too.
+    exported(&["all.laz", "--set", "splat.strays=hidden"], "b.las", 1661);
+    exported(&["grid.ply", "--scene", "hiding.toml"], "c.laz", 1661);
+    exported(&["grid.ply", "--scene", "class.toml"], "d.laz", 1600);
+    exported(&["hiding.toml", "--set", "splat.strays=faded"], "e.laz", 1663);
+    exported(&["hiding.toml", "--set", "surface.radii=full"], "f.laz", 1663);
+}
+
+#[test]
 fn an_export_that_cannot_be_made_is_refused() {
     let folder = Folder::new();
     let header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n";

@@ -133,6 +133,7 @@ pub enum Work {
         /// Values that the files do not have: the file, their name, and those of its points.
         added: Vec<(PathBuf, String, Arc<codec::Runs>)>,
         path: PathBuf,
+        settings: Box<Settings>,
         progress: Arc<Progress>,
     },
     /// Measures the distances between two clouds.
@@ -339,9 +340,8 @@ impl Work {
                 let result = result.map_err(|error| format!("{error:#}"));
                 found(Found::SweepSaved { folder, result });
             }
-            Self::Export { inputs, test, added, path, progress } => {
-                let memory = world::half_of(stream.host_bytes);
-                let result = export_command::write(&inputs, &test, &added, &path, memory, &progress);
+            Self::Export { inputs, test, added, path, settings, progress } => {
+                let result = export_command::write(&inputs, &test, &added, &path, &settings, &progress);
                 // Whoever waits for the end of the work waits for the file to be gone, or whole.
                 drop(progress);
                 found(Found::Exported { path, result });

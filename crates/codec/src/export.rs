@@ -40,6 +40,46 @@ pub enum ExportFormat {
     Csv,
 }
 
+/// The points that are written.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted<'a> {
+    /// Decides by place, class and attributes.
+    pub test: &'a PointTest,
+    /// The points of each file that are left out whatever the test says: their indices in the file, ascending. Files
+    /// beyond the end of the list have none.
+    pub left_out: &'a [Vec<u64>],
+}
+
+impl<'a> From<&'a PointTest> for Wanted<'a> {
+    fn from(test: &'a PointTest) -> Self {
+        Self { test, left_out: &[] }
+    }
+}
+
+impl Wanted<'_> {
+    /// Those of a file's points that are left out among `points` from the `first_point` on.
+    pub(crate) fn left_out(&self, file: usize, first_point: u64, points: usize) -> LeftOut<'_> {
+        let all = self.left_out.get(file).map_or(&[][..], Vec::as_slice);
+        let start = all.partition_point(|index| *index < first_point);
+        let end = all.partition_point(|index| *index < first_point.saturating_add(points as u64));
+        LeftOut { first_point, indices: &all[start..end] }
+    }
+}
+
+/// The points that are left out of some in a row.
+#[derive(Clone, Copy)]
+pub(crate) struct LeftOut<'a> {
+    first_point: u64,
+    indices: &'a [u64],
+}
+
+impl LeftOut<'_> {
+    /// Whether one of them is left out, by its index among them.
+    pub(crate) fn has(self, index: usize) -> bool {
+        !self.indices.is_empty() && self.indices.binary_search(&(self.first_point + index as u64)).is_ok()
+    }
+}
+
 /// What was written.
 #[derive(Clone, Debug, Default)]
 pub struct Exported {
@@ -63,7 +103,7 @@ impl ExportFormat {
     }
 }
 
-/// Writes the points of `sources` that `test` shows to `output`, in their order (COPC: in that of its nodes). A file of
+/// Writes the `wanted` points of `sources` to `output`, in their order (COPC: in that of its nodes). A file of
 /// one kind keeps records and header, with point format, grid, coordinate system and extra dimensions. `memory` bounds
 /// the bytes held at once; temporary files lie in the folder of `output`. The file appears under its name when it is
 /// complete. `progress` counts points that are read, and for COPC again those that are written.
@@ -74,14 +114,15 @@ impl ExportFormat {
 ///
 /// # Errors
 /// A file of that name is there; no point is shown; the inputs cannot be in one file; the output cannot be written.
-pub fn export(
+pub fn export<'a>(
     sources: &[Arc<Source>],
-    test: &PointTest,
+    wanted: impl Into<Wanted<'a>>,
     added: &[Added],
     output: &Path,
     memory: u64,
     progress: &Progress,
 ) -> Result<Option<Exported>> {
+    let wanted = wanted.into();
     let format = ExportFormat::of(output).unwrap_or(ExportFormat::Laz);
     let unwritten = |error: io::Error| Error::not_written(output, error);
     if output.symlink_metadata().is_ok() {
@@ -95,15 +136,16 @@ pub fn export(
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         builder.prefix(&format!(".{name}.")).suffix(".unfinished").tempfile_in(folder).map_err(unwritten)
     };
-    progress.set_total(sources.iter().map(|source| source.info().points).sum());
+    let all: u64 = sources.iter().map(|source| source.info().points).sum();
+    progress.set_total(progress.done() + all);
     let file = temporary()?;
     let all: Option<Vec<&LasSource>> = sources.iter().map(|source| las(source)).collect();
-    let job = Job { sources, test, added, output, memory, progress };
+    let job = Job { sources, wanted, added, output, memory, progress };
     let written = match (format, &all) {
         (ExportFormat::Ply, _) => job.write_ply(file)?,
         (ExportFormat::Csv, _) => job.write_csv(file)?,
         (_, Some(all)) if !all.is_empty() => {
-            export_records(all, test, added, (file, output), format != ExportFormat::Las, memory, progress)?
+            export_records(all, wanted, added, (file, output), format != ExportFormat::Las, memory, progress)?
         }
         _ => job.write_las(file, format != ExportFormat::Las)?,
     };
@@ -148,7 +190,7 @@ fn ply(source: &Source) -> Option<&PlySource> {
 /// An export by columns: of files of several kinds, or to a file of another kind.
 struct Job<'a> {
     sources: &'a [Arc<Source>],
-    test: &'a PointTest,
+    wanted: Wanted<'a>,
     added: &'a [Added],
     output: &'a Path,
     memory: u64,
@@ -181,14 +223,20 @@ impl Job<'_> {
         for (number, (source, own)) in self.sources.iter().zip(self.fields(wide)).enumerate() {
             let columns = columns_of(fields, &own);
             let rows_of = |mut piece: Piece| {
+                let left_out = self.wanted.left_out(number, piece.first_point, piece.points);
+                piece.kept.retain(|index| !left_out.has(*index as usize));
                 let added = |added: &Added| Column::F32(added.of(number, piece.first_point, piece.points));
                 let added: Vec<Column> = self.added.iter().map(added).collect();
                 piece.columns.extend(added);
                 rows_of(source, &piece, &columns)
             };
             problems.append(&mut match &**source {
-                Source::Las(source) => source.read_columns_in_order(self.test, wide, self.progress, order, &rows_of),
-                Source::Ply(source) => source.read_columns_in_order(self.test, wide, self.progress, order, &rows_of),
+                Source::Las(source) => {
+                    source.read_columns_in_order(self.wanted.test, wide, self.progress, order, &rows_of)
+                }
+                Source::Ply(source) => {
+                    source.read_columns_in_order(self.wanted.test, wide, self.progress, order, &rows_of)
+                }
             });
         }
         problems

@@ -19,7 +19,7 @@ use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
 
 pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
-pub use export::{Added, ExportFormat, Exported, Runs, export};
+pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export};
 pub use las::{Copc, CopcNode, CopcSummary, write_copc};
 pub use units::{Unit, Units};
 

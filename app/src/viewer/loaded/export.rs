@@ -37,7 +37,8 @@ impl Loaded {
                 let progress = Arc::new(Progress::default());
                 self.writing = Some(Writing { path: path.clone(), progress: progress.clone() });
                 let (inputs, test, added) = (self.inputs(), scene.objects.test(), self.added_values());
-                outside.work(Work::Export { inputs, test, added, path, progress });
+                let settings = Box::new(scene.settings.clone());
+                outside.work(Work::Export { inputs, test, added, path, settings, progress });
             }
         }
     }

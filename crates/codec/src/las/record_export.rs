@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Attribute, ColumnType, PointTest, Progress};
+use cloud::{Attribute, ColumnType, Progress};
 use param::shown;
 use tempfile::NamedTempFile;
 
@@ -20,6 +20,7 @@ use super::plain_writer::{CHUNK_POINTS, Head, PlainFile, compress};
 use super::whole_records::RecordTest;
 use crate::error::{Error, Result};
 use crate::export::columns::Added;
+use crate::export::{LeftOut, Wanted};
 use crate::in_order::InOrder;
 
 /// The header's bit that says that wave packets are in another file.
@@ -32,11 +33,11 @@ pub struct Written {
     pub warnings: Vec<String>,
 }
 
-/// Writes the shown points of all files, in their order, to `file`, which becomes `output`. Returns `None` if it was
+/// Writes the wanted points of all files, in their order, to `file`, which becomes `output`. Returns `None` if it was
 /// cancelled. `memory` bounds what compressing takes, in bytes.
 pub fn export_records(
     sources: &[&LasSource],
-    test: &PointTest,
+    wanted: Wanted<'_>,
     added: &[Added],
     (file, output): (NamedTempFile, &Path),
     is_compressed: bool,
@@ -79,11 +80,12 @@ pub fn export_records(
     };
     let mut write_rows = |order: &InOrder<'_>| {
         for (number, (source, upgrade)) in sources.iter().zip(&upgrades).enumerate() {
-            let test = source.record_test(test);
+            let test = source.record_test(wanted.test);
             let rows_of = |first_point: u64, records: &[u8]| {
                 let points = records.len() / upgrade.record_length;
                 let values: Vec<Vec<f32>> = added.iter().map(|added| added.of(number, first_point, points)).collect();
-                converted(records, upgrade, test.as_ref(), &values)
+                let left_out = wanted.left_out(number, first_point, points);
+                converted(records, upgrade, test.as_ref(), left_out, &values)
             };
             warnings.append(&mut source.read_records_in_order(progress, order, rows_of));
         }
@@ -153,13 +155,14 @@ fn converted(
     records: &[u8],
     upgrade: &Upgrade,
     test: Option<&RecordTest<'_>>,
+    left_out: LeftOut<'_>,
     added: &[Vec<f32>],
 ) -> io::Result<Vec<u8>> {
     let length = upgrade.record_length;
     let shown = test.map(|test| test.shown(records));
     let mut rows = Vec::with_capacity(if test.is_none() { records.len() } else { 0 });
     for (index, record) in records.chunks_exact(length).enumerate() {
-        if shown.as_ref().is_some_and(|shown| !shown.has(index)) {
+        if left_out.has(index) || shown.as_ref().is_some_and(|shown| !shown.has(index)) {
             continue;
         }
         if !upgrade.push(record, &mut rows) {
