@@ -175,7 +175,7 @@ params! {
         field_of_view: f32 = 60.0, 1.0..=150.0, "degrees";
         /// Axis that points up when a cloud is read; auto takes z for LAS and LAZ and for PLY clouds, y for PLY meshes.
         up: UpAxis = UpAxis::Auto => affects(points truth) not(kept swept);
-        /// Where the camera stands when clouds open without one: auto inside of a closed room, else outside, where it sees all of them.
+        /// Where the camera stands when clouds open without one: auto inside of a closed room, or where a depth image was taken from, else outside, where it sees all of them.
         start: Start = Start::Auto => affects() not(swept);
         /// Colour where there is no point.
         background: param::Color = param::Color(0x1d20_25ff) => affects(shading truth);

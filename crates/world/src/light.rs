@@ -14,12 +14,43 @@ use scene::{Camera, LightClues, Lighting, SpotLight, Surroundings};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AutoLight {
     pub surroundings: Option<Surroundings>,
+    /// Where the camera of a depth image was, if the points are one.
+    pub sensor: Option<Camera>,
 }
+
+/// Where the camera of a depth image was: in the origin, and turned to the middle of its points. Where it looks along z, y
+/// points upwards or downwards, by convention of the program that wrote the file. What is low in a picture, as the floor,
+/// is mostly nearer than what is high, so that tells which. Else `up` is upwards.
+fn sensor(chunks: &[Chunk], up: DVec3) -> Option<Camera> {
+    if !cloud::is_depth_image(chunks) {
+        return None;
+    }
+    let sample: Vec<DVec3> = cloud::spread_sample(chunks).collect();
+    let pivot = sample.iter().sum::<DVec3>() / sample.len() as f64;
+    let forward = pivot.try_normalize()?;
+    let looks_along_z = forward.z.abs() > forward.x.abs().max(forward.y.abs());
+    let up = if looks_along_z { DVec3::Y * farther_side(&sample) } else { up };
+    (forward.dot(up).abs() < MOST_UPRIGHT).then(|| Camera::from_eye(DVec3::ZERO, pivot, up))
+}
+
+/// 1 if the distances from the origin grow along y, as seen from there, else -1.
+fn farther_side(points: &[DVec3]) -> f64 {
+    let seen: Vec<[f64; 2]> = points.iter().map(|point| [point.y / point.z.abs(), point.length()]).collect();
+    let seen = || seen.iter().filter(|pair| pair.iter().all(|value| value.is_finite()));
+    let count = seen().count().max(1) as f64;
+    let [height, distance] = [0, 1].map(|index| seen().map(|pair| pair[index]).sum::<f64>() / count);
+    let covariance: f64 = seen().map(|pair| (pair[0] - height) * (pair[1] - distance)).sum();
+    if covariance > 0.0 { 1.0 } else { -1.0 }
+}
+
+/// A camera that looks more along the up direction than this, as a cosine, has no upright picture.
+const MOST_UPRIGHT: f64 = 0.98;
 
 impl AutoLight {
     /// Finds the surroundings of the points; `up` is a unit vector.
     pub fn around(chunks: &[Chunk], up: DVec3) -> Self {
-        Self { surroundings: Some(Surroundings::of(cloud::spread_sample(chunks), up)) }
+        let surroundings = Some(Surroundings::of(cloud::spread_sample(chunks), up));
+        Self { surroundings, sensor: sensor(chunks, up) }
     }
 
     /// What decides about automatic light. `chunks` are those of the clouds, and `has_lamp` says whether the lights that
@@ -44,11 +75,11 @@ impl AutoLight {
         }
     }
 
-    /// A camera that stands in the room, if the surroundings are one.
+    /// A camera that stands in the room, if the surroundings are one, or where the camera of a depth image was.
     pub fn camera_inside(&self, up: DVec3) -> Option<Camera> {
         match self.surroundings {
-            Some(Surroundings::Room(room)) => Some(room.camera(up)),
-            _ => None,
+            Some(Surroundings::Room(room)) if self.sensor.is_none() => Some(room.camera(up)),
+            _ => self.sensor,
         }
     }
 
@@ -98,6 +129,38 @@ mod tests {
         };
         assert!(found(&[(3, true)]) && found(&[(3, true), (3, false)]));
         assert!(!found(&[(3, true), (4, false)]) && !found(&[(2, false)]) && !found(&[]));
+    }
+
+    /// A depth image of 200 x 150 pixels of a wall with a box before it, whose camera looks along an axis.
+    fn depth_image(look: impl Fn(f32, f32, f32) -> [f32; 3]) -> Vec<Chunk> {
+        let pixel = |at: i32| {
+            let (x, y) = ((at % 200 - 100) as f32 * 0.004, (at / 200 - 75) as f32 * 0.004);
+            let depth = if x.abs() < 0.1 && y > 0.0 { 2.0 } else { 3.0 };
+            look(x * depth, y * depth, depth)
+        };
+        vec![Chunk::new(0, DVec3::ZERO, (0..200 * 150).map(pixel).collect())]
+    }
+
+    #[test]
+    fn a_depth_image_is_first_seen_from_where_it_was_taken_and_upright() {
+        // Right, down, ahead; right, up, back; left, up, ahead; and ahead, left, up.
+        let optical = depth_image(|x, y, depth| [x, y, depth]);
+        let graphics = depth_image(|x, y, depth| [x, -y, -depth]);
+        let turned = depth_image(|x, y, depth| [-x, -y, depth]);
+        let vehicle = depth_image(|x, y, depth| [depth, -x, -y]);
+        for (chunks, ahead, up) in [
+            (optical, DVec3::Z, -DVec3::Y),
+            (graphics, -DVec3::Z, DVec3::Y),
+            (turned, DVec3::Z, DVec3::Y),
+            (vehicle, DVec3::X, DVec3::Z),
+        ] {
+            let camera = AutoLight::around(&chunks, DVec3::Z).camera_inside(DVec3::Z).unwrap();
+            assert!(camera.eye.length() < 1e-9 && camera.forward().dot(ahead) > 0.99 && camera.up.dot(up) > 0.99);
+            assert!((2.0..3.2).contains(&camera.distance()), "{}", camera.distance());
+        }
+        let level: Vec<[f32; 3]> = (0..10_000).map(|at| [(at % 100) as f32, (at / 100) as f32, 0.0]).collect();
+        let level = AutoLight::around(&[Chunk::new(0, DVec3::ZERO, level)], DVec3::Z);
+        assert_eq!(level.camera_inside(DVec3::Z), None);
     }
 
     #[test]

@@ -206,7 +206,7 @@ mod tests {
     }
 
     fn light_of(surroundings: Surroundings) -> AutoLight {
-        AutoLight { surroundings: Some(surroundings) }
+        AutoLight { surroundings: Some(surroundings), sensor: None }
     }
 
     fn harness() -> Harness<'static, Session> {
