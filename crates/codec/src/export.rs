@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Bounds, Column, Grid, PointTest, Progress};
+use cloud::{Bounds, Column, Grid, Progress};
 use glam::DVec3;
 use param::shown;
 use tempfile::NamedTempFile;
@@ -23,7 +23,7 @@ use crate::las::record_export::{Written, export_records, write_rows_to};
 use crate::las::{LasSource, coordinate_decimals, write_copc};
 use crate::ply::PlySource;
 use crate::{Selection, Source};
-pub use columns::{Added, Runs};
+pub use columns::{Added, Runs, Wanted};
 use columns::{Piece, all_fields, columns_of};
 use ply_file::{PIECE_POINTS, PlyFile, RowFormat};
 
@@ -38,46 +38,6 @@ pub enum ExportFormat {
     Copc,
     Ply,
     Csv,
-}
-
-/// The points that are written.
-#[derive(Clone, Copy, Debug)]
-pub struct Wanted<'a> {
-    /// Decides by place, class and attributes.
-    pub test: &'a PointTest,
-    /// The points of each file that are left out whatever the test says: their indices in the file, ascending. Files
-    /// beyond the end of the list have none.
-    pub left_out: &'a [Vec<u64>],
-}
-
-impl<'a> From<&'a PointTest> for Wanted<'a> {
-    fn from(test: &'a PointTest) -> Self {
-        Self { test, left_out: &[] }
-    }
-}
-
-impl Wanted<'_> {
-    /// Those of a file's points that are left out among `points` from the `first_point` on.
-    pub(crate) fn left_out(&self, file: usize, first_point: u64, points: usize) -> LeftOut<'_> {
-        let all = self.left_out.get(file).map_or(&[][..], Vec::as_slice);
-        let start = all.partition_point(|index| *index < first_point);
-        let end = all.partition_point(|index| *index < first_point.saturating_add(points as u64));
-        LeftOut { first_point, indices: &all[start..end] }
-    }
-}
-
-/// The points that are left out of some in a row.
-#[derive(Clone, Copy)]
-pub(crate) struct LeftOut<'a> {
-    first_point: u64,
-    indices: &'a [u64],
-}
-
-impl LeftOut<'_> {
-    /// Whether one of them is left out, by its index among them.
-    pub(crate) fn has(self, index: usize) -> bool {
-        !self.indices.is_empty() && self.indices.binary_search(&(self.first_point + index as u64)).is_ok()
-    }
 }
 
 /// What was written.

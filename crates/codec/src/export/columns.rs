@@ -2,7 +2,47 @@
 
 use std::collections::BTreeMap;
 
-use cloud::{Attribute, Column, ColumnType};
+use cloud::{Attribute, Column, ColumnType, PointTest};
+
+/// The points that are written.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted<'a> {
+    /// Decides by place, class and attributes.
+    pub test: &'a PointTest,
+    /// The points of each file that are left out whatever the test says: their indices in the file, ascending. Files
+    /// beyond the end of the list have none.
+    pub left_out: &'a [Vec<u64>],
+}
+
+impl<'a> From<&'a PointTest> for Wanted<'a> {
+    fn from(test: &'a PointTest) -> Self {
+        Self { test, left_out: &[] }
+    }
+}
+
+impl Wanted<'_> {
+    /// Those of a file's points that are left out among `points` from the `first_point` on.
+    pub fn left_out(&self, file: usize, first_point: u64, points: usize) -> LeftOut<'_> {
+        let all = self.left_out.get(file).map_or(&[][..], Vec::as_slice);
+        let start = all.partition_point(|index| *index < first_point);
+        let end = all.partition_point(|index| *index < first_point.saturating_add(points as u64));
+        LeftOut { first_point, indices: &all[start..end] }
+    }
+}
+
+/// The points that are left out of some in a row.
+#[derive(Clone, Copy)]
+pub struct LeftOut<'a> {
+    first_point: u64,
+    indices: &'a [u64],
+}
+
+impl LeftOut<'_> {
+    /// Whether one of them is left out, by its index among them.
+    pub fn has(self, index: usize) -> bool {
+        !self.indices.is_empty() && self.indices.binary_search(&(self.first_point + index as u64)).is_ok()
+    }
+}
 
 /// The values of runs of points, by the index in the file of the first point of each run. Runs do not overlap. A list of
 /// all points would be as long as a damaged file claims to be.
@@ -103,6 +143,19 @@ mod tests {
         let row =
             |short: u16, byte: u8, float: f32| [&[9][..], &short.to_le_bytes(), &[byte], &float.to_le_bytes()].concat();
         assert_eq!(rows, [row(1, 0, -1.0), row(0x304, 255, 3.0), row(4, 4, 4.0)].concat());
+    }
+
+    #[test]
+    fn points_are_left_out_by_their_index_in_their_file() {
+        let (test, far) = (PointTest::default(), u64::MAX - 1);
+        let left_out = [vec![], vec![2, 3, 9, far]];
+        let wanted = Wanted { test: &test, left_out: &left_out };
+        let of = |file, first_point, points| -> Vec<usize> {
+            let left_out = wanted.left_out(file, first_point, points);
+            (0..points).filter(|index| left_out.has(*index)).collect()
+        };
+        assert_eq!((of(1, 0, 3), of(1, 3, 7), of(1, far, 2)), (vec![2], vec![0, 6], vec![0]));
+        assert!(of(0, 0, 10).is_empty() && of(2, 0, 10).is_empty() && of(1, 4, 5).is_empty());
     }
 
     #[test]

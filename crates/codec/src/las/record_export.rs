@@ -19,8 +19,7 @@ use super::output_records::{
 use super::plain_writer::{CHUNK_POINTS, Head, PlainFile, compress};
 use super::whole_records::RecordTest;
 use crate::error::{Error, Result};
-use crate::export::columns::Added;
-use crate::export::{LeftOut, Wanted};
+use crate::export::columns::{Added, LeftOut, Wanted};
 use crate::in_order::InOrder;
 
 /// The header's bit that says that wave packets are in another file.
