@@ -111,8 +111,8 @@ struct Style {
     marker: Marker,
 }
 
-/// Colours that colour-blind people can distinguish (Okabe and Ito 2008), the yellow darkened for white paper; markers
-/// distinguish curves of the same colour. A method has the same in all charts: they follow the order of
+/// Colours that colour-blind people can distinguish (Okabe and Ito 2008), the yellow darkened for white paper, and a brown
+/// and a violet, which are darker than theirs. A method has the same in all charts: they follow the order of
 /// `scene::METHODS`, to which methods are only appended.
 const METHOD_STYLES: [Style; 11] = [
     Style { color: [120, 120, 120], marker: Marker::Diamond },
@@ -124,8 +124,8 @@ const METHOD_STYLES: [Style; 11] = [
     Style { color: [0, 158, 115], marker: Marker::Triangle },
     Style { color: [86, 180, 233], marker: Marker::Square },
     Style { color: [190, 175, 30], marker: Marker::Triangle },
-    Style { color: [86, 180, 233], marker: Marker::Valley },
-    Style { color: [204, 121, 167], marker: Marker::Square },
+    Style { color: [140, 86, 75], marker: Marker::Valley },
+    Style { color: [110, 60, 160], marker: Marker::Square },
 ];
 /// The style of the ray tracer.
 const TRUTH_STYLE: Style = Style { color: [0, 0, 0], marker: Marker::Diamond };

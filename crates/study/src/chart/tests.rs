@@ -241,3 +241,12 @@ fn stacked_times_are_a_column_for_each_setting_as_high_as_their_sum() {
     // The second layer lies on the first: of four rectangles with the colour of each, none overlap.
     assert_eq!(svg.matches("<polygon").count(), 4 * 2 + 2, "and two in the legend");
 }
+
+#[test]
+fn no_two_methods_have_the_same_colour() {
+    // `auto` is drawn in the grey of `none`, since it runs as one of the others.
+    let mut colors: Vec<[u8; 3]> = METHOD_STYLES[1..].iter().map(|style| style.color).collect();
+    colors.sort_unstable();
+    colors.dedup();
+    assert_eq!(colors.len(), scene::METHODS.len() - 1);
+}
