@@ -292,11 +292,11 @@ mod tests {
         let context = egui::Context::default();
         let output = context.run_ui(egui::RawInput::default(), |ui| paint_all(&marks, ui.painter(), &place, 13.0));
         let height = |wanted: &str| {
-            let texts = output.shapes.iter().filter_map(|clipped| match &clipped.shape {
+            let mut texts = output.shapes.iter().filter_map(|clipped| match &clipped.shape {
                 egui::Shape::Text(text) if text.galley.text() == wanted => Some(text.pos.y),
                 _ => None,
             });
-            texts.last().unwrap()
+            texts.next_back().unwrap()
         };
         assert!(height("first") < height("second") - 10.0);
     }
