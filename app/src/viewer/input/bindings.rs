@@ -337,11 +337,16 @@ pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
     rows
 }
 
-/// Draws the shortcut sheet, in two columns that scroll where the window is low. Its button sets `open` to false.
+/// The least width of the window for a sheet in two columns, in points.
+const TWO_COLUMNS: f32 = 1010.0;
+
+/// Draws the shortcut sheet, in two columns where the window is wide enough, which scroll where it is low. Its button
+/// sets `open` to false.
 pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let rows = sheet();
     let sections = [MOVE, VIEWS, OBJECTS, MEASURE, COLORS, FILES, TOOLS];
     let most_high = context.content_rect().height() - 60.0;
+    let count = if context.content_rect().width() >= TWO_COLUMNS { 2 } else { 1 };
     egui::Window::new("Shortcuts")
         .id(egui::Id::unique("shortcuts"))
         .open(open)
@@ -351,10 +356,10 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
         .show(context, |ui| {
             let area = egui::ScrollArea::vertical().max_height(most_high).min_scrolled_height(most_high);
             area.show(ui, |ui| {
-                ui.columns(2, |columns| {
+                ui.columns(count, |columns| {
                     for (index, section) in sections.into_iter().enumerate() {
                         // Each column gets about the same number of lines.
-                        let ui = &mut columns[usize::from(index >= 3)];
+                        let ui = &mut columns[usize::from(index >= 3 && count == 2)];
                         ui.add_space(4.0);
                         ui.label(egui::RichText::new(section).strong().color(crate::viewer::theme::ACCENT));
                         egui::Grid::new(section).num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
@@ -411,6 +416,33 @@ mod tests {
         // It is longer than the window is high, and takes what there is.
         let area = harness.ctx.memory(|memory| memory.area_rect(egui::Id::unique("shortcuts"))).unwrap();
         assert!(area.height() > 700.0 && area.height() <= 800.0, "{area}");
+    }
+
+    #[test]
+    fn the_sheet_fits_into_small_windows() {
+        use egui_kittest::kittest::Queryable as _;
+        // The last one is a screen of 1280 x 720 pixels at 150 %.
+        for size in [[1024.0, 768.0], [853.0, 453.0]] {
+            let mut harness = egui_kittest::Harness::builder().with_size(size).build_ui(|ui| {
+                crate::viewer::theme::apply(ui.ctx());
+                sheet_window(ui.ctx(), &mut true);
+            });
+            harness.run();
+            let area = harness.ctx.memory(|memory| memory.area_rect(egui::Id::unique("shortcuts"))).unwrap();
+            assert!(
+                area.left().min(area.top()) >= 0.0 && area.right() <= size[0] && area.bottom() <= size[1],
+                "{area}"
+            );
+            for (_, gestures, text) in sheet() {
+                let texts = harness.query_all_by_label(text).map(|node| node.rect());
+                let keys: Vec<_> = harness.query_all_by_label(&gestures).map(|node| node.rect()).collect();
+                for place in texts {
+                    assert!(place.left() >= area.left() && place.right() <= area.right(), "{text}: {place} {area}");
+                    let beside = keys.iter().find(|keys| (keys.center().y - place.center().y).abs() < 8.0);
+                    assert!(beside.is_none_or(|keys| keys.right() <= place.left()), "{text} lies on its keys");
+                }
+            }
+        }
     }
 
     #[test]
