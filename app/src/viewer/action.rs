@@ -164,6 +164,8 @@ pub enum Profiling {
     Ruler(bool),
     /// An end of what is measured: the distance along the line, and the height.
     Rule([f64; 2]),
+    /// Shows the points of the other profiles that are switched on behind those of the one in view, or no longer.
+    Together(bool),
     /// Adds so many copies of the profile in view, each so far to the left of the one before.
     Stack(u32, f64),
     /// Writes the profile in view to a new file with this ending.

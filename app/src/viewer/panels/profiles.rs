@@ -2,7 +2,7 @@
 
 use egui::epaint::Mesh;
 use egui::{Color32, Pos2, Rect, RichText, Shape, Stroke, Ui, vec2};
-use egui_plot::{GridMark, Plot, PlotPoint, PlotTransform};
+use egui_plot::{AxisHints, GridMark, Plot, PlotPoint, PlotTransform};
 use glam::DVec3;
 use measure::Section;
 use scene::{Object, Profile};
@@ -21,6 +21,10 @@ use crate::viewer::widgets::{eye, name_label};
 const MOST_DRAWN: usize = 50_000;
 /// How far from a point the mouse still means it, in points of the window.
 const REACH: f32 = 10.0;
+/// The most names of profiles that are listed over the chart.
+const MOST_NAMES: usize = 12;
+/// How far apart lines are whose numbers begin to show, and show in full, in points of the window.
+const X_LABELS: egui::Rangef = egui::Rangef { min: 24.0, max: 44.0 };
 /// Half the width of a point, in points of the window.
 const HALF: f32 = 1.1;
 
@@ -96,10 +100,12 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actio
     let known: Option<(u32, f64)> = ui.data(|data| data.get_temp(memory));
     let (mut count, mut spacing) = known.unwrap_or((4, before.width * 2.0));
     ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
         let label = name_label(ui, "Copies");
         ui.add(egui::DragValue::new(&mut count).range(1..=MOST_STACKED)).labelled_by(label.id);
-        ui.label("every");
-        ui.add(egui::DragValue::new(&mut spacing).speed(before.width * 0.05));
+        ui.label("at");
+        let every = ui.add(egui::DragValue::new(&mut spacing).speed(before.width * 0.05).max_decimals(4));
+        every.accessible_name("Spacing of the copies").on_hover_text("How far each copy is from the one before");
         let stack = ui.button("Stack").on_hover_text("Adds so many parallel profiles to the left at this spacing");
         if stack.clicked() {
             actions.extend([
@@ -152,6 +158,10 @@ fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec
         {
             actions.push(Action::Profile(Profiling::Ruler(!is_out)));
         }
+        let help = "Shows the other profiles that are switched on behind this one, each in a colour";
+        if ui.selectable_label(tool.is_together, "All").on_hover_text(help).clicked() {
+            actions.push(Action::Profile(Profiling::Together(!tool.is_together)));
+        }
         ui.separator();
         for (ending, help) in [
             ("csv", "Writes the points of the files that are in the profile as a table"),
@@ -171,6 +181,13 @@ fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec
         status(ui, session);
     });
     ui.data_mut(|data| data.insert_temp(memory, is_even));
+    if !tool.others.is_empty() {
+        ui.horizontal_wrapped(|ui| {
+            for (index, (name, _)) in tool.others.iter().enumerate().take(MOST_NAMES) {
+                ui.label(RichText::new(name).small().color(color_behind(index, tool.others.len())));
+            }
+        });
+    }
     match &tool.slice {
         Some(Ok(slice)) => chart(ui, session, profile, slice, is_even, actions),
         Some(Err(problem)) => drop(ui.colored_label(theme::ERROR, problem)),
@@ -200,18 +217,20 @@ fn status(ui: &mut Ui, session: &Session) {
 /// The numbers on the axes begin as the coordinates do.
 fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_even: bool, actions: &mut Vec<Action>) {
     let unit = units(&session.loaded).length().map_or(String::new(), |unit| format!(" ({unit})"));
-    let heights = slice.points.iter().map(|point| point.dot.height);
+    let others = &session.tools.profiles.others;
+    let behind = others.iter().flat_map(|(_, other)| &other.points);
+    let heights = slice.points.iter().chain(behind).map(|point| point.dot.height);
     let (low, high) =
         heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), height| (low.min(height), high.max(height)));
     let mut plot = Plot::new("profile")
         .height(ui.available_height().max(140.0))
-        .x_axis_label(format!("along{unit}"))
+        .custom_x_axes(vec![AxisHints::new_x().label(format!("along{unit}")).label_spacing(X_LABELS)])
         .y_axis_label(format!("height{unit}"))
         .label_formatter(|_| None)
         .y_axis_formatter(|mark: GridMark, _: &std::ops::RangeInclusive<f64>| format!("{}", mark.value as f32))
         .allow_boxed_zoom(false)
         .include_x(0.0)
-        .include_x(slice.length);
+        .include_x(others.iter().map(|(_, other)| other.length).fold(slice.length, f64::max));
     if low <= high {
         plot = plot.include_y(low).include_y(high);
     }
@@ -221,7 +240,10 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
     let shown = plot.show(ui, |_| ());
     let (transform, response) = (shown.transform, shown.response);
     let painter = ui.painter().with_clip_rect(*transform.frame());
-    painter.add(Shape::mesh(dots(slice, &transform)));
+    for (index, (_, other)) in others.iter().enumerate() {
+        painter.add(Shape::mesh(dots(other, &transform, Some(color_behind(index, others.len()).gamma_multiply(0.5)))));
+    }
+    painter.add(Shape::mesh(dots(slice, &transform, None)));
     // What the picture points at, and what is picked there.
     let up = session.up();
     let section = Section::new(&profile.line, profile.width, up).ok();
@@ -262,8 +284,15 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
     }
 }
 
-/// The points that are in view as small squares.
-fn dots(slice: &Slice, transform: &PlotTransform) -> Mesh {
+/// The colour of a profile behind the one in view: along a ramp, in the order of the list.
+fn color_behind(index: usize, count: usize) -> Color32 {
+    let place = (index as f32 + 0.5) / count.max(1) as f32;
+    let [red, green, blue, _] = render::ramp_colors(scene::Ramp::Turbo)[(place * 255.0) as usize];
+    Color32::from_rgb(red, green, blue)
+}
+
+/// The points that are in view as small squares, in one colour or in their own.
+fn dots(slice: &Slice, transform: &PlotTransform, color: Option<Color32>) -> Mesh {
     let frame = transform.frame().expand(HALF);
     let mut mesh = Mesh::default();
     let mut count = 0;
@@ -273,7 +302,7 @@ fn dots(slice: &Slice, transform: &PlotTransform) -> Mesh {
             let [red, green, blue] = dot.color;
             mesh.add_colored_rect(
                 Rect::from_center_size(at, vec2(HALF, HALF) * 2.0),
-                Color32::from_rgb(red, green, blue),
+                color.unwrap_or(Color32::from_rgb(red, green, blue)),
             );
             count += 1;
             if count == MOST_DRAWN {
@@ -412,6 +441,25 @@ mod tests {
         assert_eq!(measured([0.0, 0.0], [3.0, 4.0]), "5.0000   along 3.0000   up 4.0000");
         session.act(Action::Profile(Profiling::Stack(3, 2.0)));
         assert_eq!(session.scene.objects.profiles.len(), 4);
+        // Together, the points of the others lie behind; those beside the cloud have none.
+        assert!(session.tools.profiles.others.is_empty());
+        session.act(Action::Profile(Profiling::Together(true)));
+        work(session);
+        let of_others = |session: &Session| -> Vec<(String, u64)> {
+            session.tools.profiles.others.iter().map(|(name, slice)| (name.clone(), slice.total)).collect()
+        };
+        let names: Vec<String> =
+            session.scene.objects.profiles[1..].iter().map(|one| one.profile.name.clone()).collect();
+        assert_eq!(of_others(session), names.iter().map(|name| (name.clone(), 0)).collect::<Vec<_>>());
+        let second = session.scene.objects.profiles[1].clone();
+        let wide = Profile { width: 5.0, ..second.profile.clone() };
+        session.act(Action::ChangeObject(second.id, Box::new(Object::Profile(wide))));
+        work(session);
+        assert_eq!((of_others(session)[0].1, total(session)), (2, 2));
+        session.act(Action::Undo);
+        session.act(Action::Profile(Profiling::Together(false)));
+        work(session);
+        assert!(session.tools.profiles.others.is_empty());
         let last = &session.scene.objects.profiles[3].profile;
         let expected = DVec3::new(-1.0, 1.0, 0.0).normalize() * 6.0;
         assert!((last.line[0] - expected).length() < 1e-9, "{last:?}");

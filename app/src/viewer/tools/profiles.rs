@@ -38,6 +38,10 @@ pub struct Profiles {
     pub in_view: Option<ObjectId>,
     /// Its points, once they are found, or why there are none.
     pub slice: Option<Result<Arc<Slice>, String>>,
+    /// Whether the points of the other profiles that are switched on are shown behind its own.
+    pub is_together: bool,
+    /// Those points, with the names of their profiles.
+    pub others: Arc<Vec<(String, Slice)>>,
     /// The point of the profile under the cursor.
     pub hovered: Option<PickedPoint>,
     /// The ends of what is measured in the profile, while its ruler is out: distance along, and height.
@@ -46,7 +50,7 @@ pub struct Profiles {
     pub is_writing: bool,
     is_cutting: bool,
     /// What the points were last asked for.
-    asked: Option<(ObjectId, Profile, Basis)>,
+    asked: Option<(ObjectId, Vec<Profile>, Basis)>,
     selected: Option<ObjectId>,
 }
 
@@ -74,6 +78,7 @@ impl Profiles {
                     ends.push(place);
                 }
             }
+            Profiling::Together(is_on) => self.is_together = is_on,
             Profiling::Stack(count, spacing) => self.stack(count, spacing, scene, loaded, outside),
             Profiling::Save(ending) => self.save(ending, scene, loaded, outside),
         }
@@ -86,6 +91,7 @@ impl Profiles {
                 selected: self.selected,
                 is_cutting: self.is_cutting,
                 is_writing: self.is_writing,
+                is_together: self.is_together,
                 ruler: self.ruler.as_ref().map(|_| Vec::new()),
                 ..Self::default()
             };
@@ -150,7 +156,13 @@ impl Profiles {
         if self.is_cutting {
             return;
         }
-        let is_same = self.asked.as_ref().is_some_and(|(of, known, _)| (*of, known) == (id, &profile));
+        let placed = scene.objects.profiles.iter();
+        let others = placed.filter(|placed| self.is_together && placed.id != id && placed.profile.on);
+        // Names are shown with the points.
+        let others: Vec<Profile> =
+            others.map(|placed| Profile { name: placed.profile.name.clone(), ..essence(&placed.profile) }).collect();
+        let all: Vec<Profile> = std::iter::once(profile.clone()).chain(others.iter().cloned()).collect();
+        let is_same = self.asked.as_ref().is_some_and(|(of, known, _)| (*of, known) == (id, &all));
         // While points come, those of a profile that stands still can wait.
         if is_same && loaded.points_come() {
             return;
@@ -167,19 +179,20 @@ impl Profiles {
         };
         let clouds = visible().filter_map(cuttable).collect();
         let (up, test) = (scene.up(&loaded.clouds), basis.test.clone());
-        self.asked = Some((id, profile.clone(), basis));
+        self.asked = Some((id, all, basis));
         self.is_cutting = true;
-        outside.work(Work::Profile(Box::new(ProfileWork::Cut { id, profile, up, clouds, test })));
+        outside.work(Work::Profile(Box::new(ProfileWork::Cut { id, profile, others, up, clouds, test })));
     }
 
     pub fn on_found(&mut self, found: ProfileFound, outside: &mut Outside) {
         match found {
-            ProfileFound::Cut { id, slice } => {
+            ProfileFound::Cut { id, slice, others } => {
                 self.is_cutting = false;
                 if self.in_view == Some(id) {
                     let points = slice.as_ref().map(|slice| slice.total).unwrap_or_default();
                     outside.log(json!({ "event": "profile_cut", "points": points }));
                     self.slice = Some(slice.map(Arc::new));
+                    self.others = Arc::new(others);
                 }
             }
             ProfileFound::Saved { path, result } => {

@@ -19,30 +19,24 @@ use crate::viewer::window::render_thread::PickedPoint;
 /// The most points of a profile that are kept: 56 MB. Of more, evenly many are left out.
 pub const MOST_KEPT: usize = 1_000_000;
 
+/// The most points that are kept of all profiles behind the one in view.
+const MOST_BEHIND: usize = 200_000;
+
 /// Work on a profile.
 pub enum ProfileWork {
     Cut {
         id: ObjectId,
         profile: Profile,
+        /// Those whose points are shown behind it.
+        others: Vec<Profile>,
         up: DVec3,
         clouds: Vec<Cuttable>,
         test: PointTest,
     },
     /// Writes the chart of the points that were found.
-    Draw {
-        path: PathBuf,
-        name: String,
-        slice: std::sync::Arc<Slice>,
-        unit: Option<String>,
-    },
+    Draw { path: PathBuf, name: String, slice: std::sync::Arc<Slice>, unit: Option<String> },
     /// Writes the points of the files themselves.
-    Write {
-        path: PathBuf,
-        inputs: Vec<String>,
-        profile: Profile,
-        test: PointTest,
-        settings: Box<Settings>,
-    },
+    Write { path: PathBuf, inputs: Vec<String>, profile: Profile, test: PointTest, settings: Box<Settings> },
 }
 
 /// A cloud whose points may be in a profile.
@@ -72,16 +66,18 @@ pub struct SlicePoint {
 
 /// What came of work on a profile.
 pub enum ProfileFound {
-    Cut { id: ObjectId, slice: Result<Slice, String> },
+    Cut { id: ObjectId, slice: Result<Slice, String>, others: Vec<(String, Slice)> },
     Saved { path: PathBuf, result: Result<(), String> },
 }
 
 impl ProfileWork {
     pub fn run(self) -> ProfileFound {
         match self {
-            Self::Cut { id, profile, up, clouds, test } => {
+            Self::Cut { id, profile, others, up, clouds, test } => {
                 let slice = cut(&profile, up, &clouds, &test, MOST_KEPT);
-                ProfileFound::Cut { id, slice }
+                let most = MOST_BEHIND / others.len().max(1);
+                let behind = |other: Profile| Some((other.name.clone(), cut(&other, up, &clouds, &test, most).ok()?));
+                ProfileFound::Cut { id, slice, others: others.into_iter().filter_map(behind).collect() }
             }
             Self::Draw { path, name, slice, unit } => {
                 let dots: Vec<Dot> = slice.points.iter().map(|point| point.dot).collect();
