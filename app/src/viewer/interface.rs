@@ -248,7 +248,11 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.ctx().request_repaint_after(Duration::from_millis(100));
         } else {
             let (points, all) = (session.loaded.points(), session.loaded.all_points());
-            if all > points {
+            if let Some(shown) = shown_points(session).filter(|_| all == points) {
+                let help = "The others are hidden by clips, filters or classes, or with their cloud";
+                let text = format!("{} of {} points shown", grouped(shown), grouped(points));
+                ui.label(text).on_hover_text(help);
+            } else if all > points {
                 ui.label(format!("{} of {} points", grouped(points), grouped(all)));
             } else if points > 0 {
                 ui.label(format!("{} points", grouped(points)));
@@ -280,6 +284,15 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             }
         });
     });
+}
+
+/// How many points are shown, where something hides points and their number is known.
+fn shown_points(session: &Session) -> Option<u64> {
+    if session.scene.objects.test().shows_all() {
+        return None;
+    }
+    let visible = session.loaded.clouds.iter().filter(|entry| entry.is_visible);
+    visible.map(|entry| entry.figures.as_ref().map(|figures| figures.shown)).sum()
 }
 
 /// The status bar warns if a larger share of a frame's reflections than this is uncertain.

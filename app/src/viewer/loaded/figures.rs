@@ -24,6 +24,8 @@ pub struct Figures {
     pub plan: ColorPlan,
     /// The reason why the plan differs from the requested one.
     pub warning: Option<String>,
+    /// The number of visible points.
+    pub shown: u64,
     /// The histogram of the visible points over this range; empty for colours without a ramp.
     pub histogram: Vec<u32>,
     pub histogram_range: (f64, f64),
@@ -50,13 +52,16 @@ impl Figures {
         let bounds = cloud::robust_bounds(&shown.chunks);
         let outline = cloud::robust_outline(&shown.chunks);
         let (classes, strays) = (classes(cloud), cloud.strays());
-        Self { plan, warning, histogram, histogram_range, classes, bounds, outline, strays, noise: None }
+        let shown = shown.len();
+        Self { plan, warning, shown, histogram, histogram_range, classes, bounds, outline, strays, noise: None }
     }
 
     /// Counts the loaded points of a cloud again; colours and bounds stay.
     pub fn recounted(self, cloud: &Cloud, test: &PointTest, up: DVec3) -> Self {
-        let (histogram, histogram_range) = self.plan.histogram(&cloud.shown(test), up, HISTOGRAM_BINS);
-        Self { histogram, histogram_range, classes: classes(cloud), strays: cloud.strays(), ..self }
+        let points = cloud.shown(test);
+        let (histogram, histogram_range) = self.plan.histogram(&points, up, HISTOGRAM_BINS);
+        let shown = points.len();
+        Self { shown, histogram, histogram_range, classes: classes(cloud), strays: cloud.strays(), ..self }
     }
 }
 
@@ -127,8 +132,9 @@ mod tests {
         assert_eq!((all.plan.full_range.1, some.plan.full_range.1), (39.0, 29.0));
         assert!(none.bounds.is_empty() && none.outline.is_empty());
         assert_eq!(some.classes, [(2, 30), (7, 10)]);
+        assert_eq!([all.shown, some.shown, none.shown], [40, 30, 0]);
         let again = all.recounted(&cloud, &PointTest::hiding([2]), DVec3::Z);
-        assert_eq!(again.histogram.iter().sum::<u32>(), 10);
+        assert_eq!((again.histogram.iter().sum::<u32>(), again.shown), (10, 10));
     }
 
     #[test]
