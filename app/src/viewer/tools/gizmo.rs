@@ -429,7 +429,9 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     let Some((_, name, object)) = selected else { return };
     let held = gizmo.drag.as_ref().map(|drag| drag.grip);
     let hot = held.or(gizmo.hot);
-    for (place, layout) in layouts(&object, &stage, session.tools.handles).into_iter().enumerate() {
+    let layouts = layouts(&object, &stage, session.tools.handles);
+    let places: Vec<Pos2> = layouts.iter().flatten().map(|layout| layout.center).collect();
+    for (place, layout) in layouts.into_iter().enumerate() {
         let Some(layout) = layout else { continue };
         // While a handle is dragged, those at other places would be in the way.
         let at_place = |grip: Grip| (grip.0 == place).then_some(grip.1);
@@ -437,7 +439,7 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
             paint_layout(&painter, &layout, held.and_then(at_place), hot.and_then(at_place));
         }
         if place == 0 && !has_label(&object) {
-            name_tag(&painter, &layout, &name);
+            name_tag(&painter, &layout, &places, &name);
         }
     }
 }
@@ -452,9 +454,13 @@ fn has_label(object: &Object) -> bool {
     }
 }
 
-fn name_tag(painter: &Painter, layout: &Layout, name: &str) {
+/// Writes the name below the handles, and below a dot that is at one of `places` there.
+fn name_tag(painter: &Painter, layout: &Layout, places: &[Pos2], name: &str) {
     let name = painter.layout_no_wrap(name.to_string(), egui::FontId::proportional(12.0), Color32::WHITE);
-    let corner = pos2(layout.center.x - name.size().x * 0.5, layout.center.y + ARROW as f32 + 16.0);
+    let mut corner = pos2(layout.center.x - name.size().x * 0.5, layout.center.y + ARROW as f32 + 16.0);
+    let area = Rect::from_min_size(corner, name.size()).expand(8.0);
+    let covered = places.iter().filter(|place| area.contains(**place)).map(|place| place.y + 10.0);
+    corner.y = covered.fold(corner.y, f32::max);
     painter.rect_filled(Rect::from_min_size(corner, name.size()).expand(3.0), 3.0, Color32::from_black_alpha(130));
     painter.galley(corner, name, Color32::WHITE);
 }
