@@ -51,6 +51,8 @@ fn unsaved(context: &egui::Context, session: &Session, leaving: &Leaving, action
 fn left(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(abandoned) = session.document.abandoned.last() else { return };
     let window = egui::Window::new("Unsaved work").collapsible(false).resizable(false);
+    // Nothing hides it: it waits for an answer.
+    let window = window.order(egui::Order::Foreground);
     window.anchor(egui::Align2::CENTER_TOP, [0.0, 60.0]).show(context, |ui| {
         ui.set_width(400.0);
         let name = abandoned.place.as_ref().map(|place| place.display().to_string());
