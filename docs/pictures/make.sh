@@ -48,6 +48,8 @@ in_office "$office" > "$work/room.toml"
 (in_office "$data/ply/indoor_office_tls_rgb_third_binary_le.ply" && mirrors) > "$work/window.toml"
 view "$avebury" "414250.0, 177900.0, 360.0" "414450.0, 178280.0, 172.0" > "$work/farm.toml"
 view "$lake" "273335.0, 5274450.0, 828.0" "273385.0, 5274444.0, 803.0" > "$work/lake.toml"
+view "$data/airborne/autzen_trim_las12_pf3.las" "636300.0, 848500.0, 900.0" "636560.0, 849190.0, 430.0" \
+    > "$work/river.toml"
 cat >> "$work/lake.toml" <<END
 [[mirror_points]]
 cloud = "$lake"
@@ -72,6 +74,10 @@ take() {
     avebury_colors) render avebury_colors 960x540 "$work/farm.toml" --set light.by=colors ;;
     avebury_lit) render avebury_lit 960x540 "$work/farm.toml" ;;
     lake) render lake 1280x460 "$work/lake.toml" ;;
+    overlays)
+        render overlays 900x480 "$work/river.toml" --set overlay.scale_bar=true --set overlay.legend=true \
+            --set overlay.north=true --set overlay.axes=true --set overlay.text=15 --set color.by=height
+        ;;
     bunny) render bunny 640x400 "$data/ply/stanford_bunny_full_ascii_mesh.ply" ;;
     courtyard) render courtyard 1280x640 courtyard/pool --set reflection.samples=9 ;;
     window) window ;;
@@ -102,7 +108,7 @@ await() {
     while kill -0 "$viewer" && ! grep -q "\"event\":\"$1\"" "$work/log" 2> /dev/null; do sleep 1; done
 }
 
-[ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake bunny courtyard window
+[ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake overlays bunny courtyard window
 for name; do
     take "$name"
 done
