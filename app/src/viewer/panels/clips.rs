@@ -209,7 +209,14 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.horizontal(|ui| {
                 let label = name_label(ui, filter.attribute.as_str());
                 let (low, high) = (filter.low, filter.high);
-                let drag = |value| egui::DragValue::new(value).speed((high - low).abs().min(1e3) * 0.005 + 1e-3);
+                let drag = |value| {
+                    let drag = egui::DragValue::new(value).speed((high - low).abs().min(1e3) * 0.005 + 1e-3);
+                    drag.custom_formatter(|value, decimals| match value {
+                        f64::NEG_INFINITY => "lowest".into(),
+                        f64::INFINITY => "highest".into(),
+                        value => egui::emath::format_with_decimals_in_range(value, decimals),
+                    })
+                };
                 ui.add(drag(&mut filter.low).range(f64::NEG_INFINITY..=high)).labelled_by(label.id);
                 ui.label("to");
                 ui.add(drag(&mut filter.high).range(low..=f64::INFINITY)).labelled_by(label.id);
