@@ -47,6 +47,8 @@ pub struct CloudEntry {
     pub figures: Option<Figures>,
     pub figures_basis: Option<Basis>,
     pub figures_under_way: bool,
+    /// How often normals and radii have come.
+    pub surfels: u32,
     /// Which points the radii are for: a test of classes and filters.
     pub radii_test: PointTest,
     /// The same of the radii that a worker thread is estimating now.
@@ -94,6 +96,7 @@ impl CloudEntry {
             figures: None,
             figures_basis: None,
             figures_under_way: false,
+            surfels: 0,
             radii_test: PointTest::default(),
             fitting: None,
             column_reads: HashMap::new(),

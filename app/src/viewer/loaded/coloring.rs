@@ -27,6 +27,7 @@ impl Loaded {
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
                 late_columns: entry.late_columns(),
+                surfels: entry.surfels,
                 rests: entry.streamed.as_ref().map_or(0, |streamed| streamed.rests),
             };
             // While a clip volume or the range of a filter is dragged, figures of all points would only slow that down.

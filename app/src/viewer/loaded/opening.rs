@@ -145,8 +145,9 @@ impl Loaded {
         entry.radii_test = PointTest::default();
         // The new normals and radii require that the reflecting points are found again.
         entry.marked = Vec::new();
-        // Normals can change the colours of points.
+        // Normals can change the colours of points. Figures that are under way do not know them.
         entry.figures_basis = None;
+        entry.surfels += 1;
         let name = entry.cloud.name.clone();
         changes.into_iter().for_each(|change| beside.outside.change(change));
         beside.frames.points_changed();

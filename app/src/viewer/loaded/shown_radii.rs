@@ -30,6 +30,7 @@ impl Loaded {
             if test.shows_all() {
                 entry.radii_test = test.clone();
                 entry.marked = Vec::new();
+                entry.surfels += 1;
                 entry.put_radii(None).into_iter().for_each(|change| beside.outside.change(change));
                 beside.frames.points_changed();
                 continue;
@@ -62,6 +63,7 @@ impl Loaded {
         }
         // The new radii require that the reflecting points are found again.
         entry.marked = Vec::new();
+        entry.surfels += 1;
         let name = entry.cloud.name.clone();
         entry.put_radii(Some(radii)).into_iter().for_each(|change| beside.outside.change(change));
         beside.frames.points_changed();
@@ -125,6 +127,36 @@ mod tests {
             }
         }
         fitted
+    }
+
+    #[test]
+    fn strays_are_counted_by_the_radii_that_came_last() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut session = session(&folder);
+        let figures = |session: &mut Session| {
+            session.with_loaded(Loaded::renew_figures);
+            let of_figures = |effect: Effect| match effect {
+                Effect::Work(work @ Work::FindFigures { .. }) => Some(work),
+                _ => None,
+            };
+            std::mem::take(&mut session.outside.effects).into_iter().find_map(of_figures)
+        };
+        let answer = |session: &mut Session, work: Work| {
+            let found = std::cell::RefCell::new(Vec::new());
+            work.run(&Default::default(), |answer| found.borrow_mut().push(answer));
+            found.into_inner().into_iter().for_each(|answer| session.on_found(answer));
+            session.loaded.clouds[0].figures.as_ref().unwrap().strays
+        };
+        session.act(Action::ShowClasses(vec![7], false));
+        let early = figures(&mut session).unwrap();
+        // Other radii come while the figures are being found.
+        let (key, strays) = (session.loaded.clouds[0].key, vec![Arc::new(vec![cloud::STRAY_RADIUS; 1681])]);
+        let (test, _) = session.loaded.clouds[0].fitting.clone().unwrap();
+        session.with_loaded(|loaded, beside| loaded.on_radii(key, &test, Some(strays), beside));
+        assert_eq!(answer(&mut session, early), Some(0));
+        let late = figures(&mut session).unwrap();
+        assert_eq!(answer(&mut session, late), Some(1681));
+        assert!(figures(&mut session).is_none());
     }
 
     #[test]
