@@ -184,19 +184,24 @@ pub fn range_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some((low, high)) = handles_of(session, &attribute) else { return };
     let mut filters = session.scene.objects.visibility.filters.clone();
     let known = filters.iter().position(|filter| filter.attribute == attribute);
-    ui.horizontal(|ui| {
+    let wanted = ui.horizontal(|ui| {
         let help = format!("Hides all points whose {attribute} is outside of the handles, as a filter of the tab Data");
         if ui.small_button("Show this range only").on_hover_text(help).clicked() {
             known.map(|index| filters.remove(index));
             filters.push(Filter { attribute: attribute.clone(), low, high });
-            actions.push(Action::Clip(Clipping::Filter(filters)));
-        } else if let Some(index) = known
-            && ui.small_button("Show all").on_hover_text(format!("Deletes the filter of {attribute}")).clicked()
-        {
-            filters.remove(index);
-            actions.push(Action::Clip(Clipping::Filter(filters)));
+            // The handles are shares of the points that are shown, which are fewer then.
+            return Some((filters, [0.0, 1.0]));
         }
+        let index = known?;
+        let all = ui.small_button("Show all").on_hover_text(format!("Deletes the filter of {attribute}"));
+        filters.remove(index);
+        let usual = scene::Color::default();
+        all.clicked().then_some((filters, [usual.low, usual.high]))
     });
+    if let Some((filters, [low, high])) = wanted.inner {
+        let set = |name, share| Action::set("color", name, param::Value::F32(share));
+        actions.extend([set("low", low), set("high", high), Action::Clip(Clipping::Filter(filters))]);
+    }
 }
 
 /// The filters, with their ranges. The button takes the range from the histogram's handles.
@@ -365,11 +370,17 @@ mod tests {
         let filters = |harness: &Harness<'_, Session>| harness.state().scene.objects.visibility.filters.clone();
         let (low, high) = handles_of(harness.state(), "intensity").unwrap();
         assert_eq!(filters(&harness), [Filter { attribute: "intensity".into(), low, high }]);
+        let handles = |harness: &Harness<'_, Session>| {
+            let color = &harness.state().scene.settings.color;
+            [color.low, color.high]
+        };
+        assert_eq!(handles(&harness), [0.0, 1.0], "the ramp goes over all that is shown");
         harness.get_by_label("Show this range only").click();
         harness.run_ok();
         assert_eq!(filters(&harness).len(), 1, "it takes the place of the one before");
         harness.get_by_label("Show all").click();
         harness.run_ok();
-        assert_eq!(filters(&harness), []);
+        let usual = scene::Color::default();
+        assert_eq!((filters(&harness).len(), handles(&harness)), (0, [usual.low, usual.high]));
     }
 }
