@@ -1,6 +1,8 @@
 //! What a request to open something brings into the scene: view, objects, what is hidden, camera paths.
 
-use scene::Settings;
+use std::time::Instant;
+
+use scene::{Camera, Settings};
 use world::Request;
 
 use crate::viewer::objects::Origin;
@@ -16,7 +18,7 @@ impl Scene {
             // A built-in scene brings a camera without parameters of its own: the current ones stay.
             let settings = if view.settings == Settings::default() { self.settings.clone() } else { view.settings };
             match view.camera {
-                Some(camera) if is_empty => self.jump(outside.now, settings, camera),
+                Some(camera) if is_empty => self.begin(outside.now, settings, camera),
                 _ => self.settings = settings,
             }
         }
@@ -30,5 +32,13 @@ impl Scene {
         self.bring_measurements(std::mem::take(&mut request.measurements), std::mem::take(&mut request.notes));
         self.bring_profiles(std::mem::take(&mut request.profiles));
         self.bring_paths(std::mem::take(&mut request.bookmarks), std::mem::take(&mut request.paths));
+    }
+
+    /// Shows the view of what is opened in an empty window. There is none before it that undo could go back to.
+    fn begin(&mut self, now: Instant, settings: Settings, camera: Camera) {
+        self.history.settle(&self.settings, &self.objects);
+        self.history.bring_settings(&settings);
+        (self.settings, self.camera, self.camera_is_placed) = (settings, camera, true);
+        self.navigation.camera_moved(now);
     }
 }

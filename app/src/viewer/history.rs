@@ -126,6 +126,13 @@ impl History {
         self.changed = None;
     }
 
+    /// Takes parameters that a file brings, which are no step. Changes before them must be settled.
+    pub fn bring_settings(&mut self, settings: &Settings) {
+        if let Some((known, _)) = &mut self.settled {
+            *known = settings.clone();
+        }
+    }
+
     /// Must be called before a jump, which may change the settings, the objects and the camera.
     pub fn before_jump(&mut self, settings: &Settings, objects: &Objects, camera: Camera) {
         self.settle(settings, objects);

@@ -198,3 +198,16 @@ fn a_filter_of_an_attribute_that_a_cloud_lacks_is_said() {
     let said: Vec<&str> = session.outside.messages.all.iter().map(|message| message.text.as_str()).collect();
     assert_eq!(said, ["a.ply: no attribute `amplitude`, so its filter hides nothing there"]);
 }
+
+#[test]
+fn what_is_opened_in_an_empty_window_is_no_step_of_undo() {
+    let mut session = Session::new(Preferences::default());
+    session.step(session.outside.now, false);
+    assert!(session.open(&["five-mirrors/sphere"]));
+    session.step(session.outside.now, false);
+    let (camera, settings) = (session.scene.camera, session.scene.settings.clone());
+    assert!(session.scene.camera_is_placed);
+    session.act(Action::Undo);
+    assert_eq!((session.scene.camera, &session.scene.settings), (camera, &settings));
+    assert!(!session.outside.messages.all.iter().any(|message| message.text.starts_with("Undone")));
+}
