@@ -207,7 +207,7 @@ pub fn trace(
     let first = if asked.is_method {
         let progress = Progress::default();
         let traced = progress_bar::watch("tracing", &progress, || tracer.ray_trace(&mut drawn, &progress))?;
-        renderer.present(&subject.store, settings, &drawn.color)?;
+        renderer.present(settings, &drawn.color)?;
         let mirrors = drawn.surface.mirror.iter().filter(|mirror| **mirror > 0.0).count();
         let coverage = traced.first.iter().flatten().count() as f64 / mirrors.max(1) as f64;
         let coverage = (bounces > 0).then_some(coverage);

@@ -12,12 +12,12 @@ const COLOR_SCALAR: u32 = 5u;
 const COLOR_RGB_OR_PLAIN: u32 = 6u;
 const COLOR_RGB_OR_GREY: u32 = 7u;
 
-// The entry of the palette (256 colours of the ramp, then 256 of the classes), or PALETTE_NONE for a colour of its own.
+// The entry of the palette (256 colours of each ramp, then 256 of the classes), or PALETTE_NONE for a colour of its own.
 const PALETTE_NONE: u32 = 0xffffffffu;
 
 fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
     if item.color_source == COLOR_CLASS {
-        return 256u + ((point.w >> 16u) & 0xffu);
+        return item.palette + ((point.w >> 16u) & 0xffu);
     }
     var value = scalar;
     if item.color_source == COLOR_HEIGHT {
@@ -25,7 +25,7 @@ fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
     } else if item.color_source != COLOR_SCALAR {
         return PALETTE_NONE;
     }
-    return u32(clamp((value - item.low) * item.inverse_range, 0.0, 1.0) * 255.0 + 0.5);
+    return item.palette + u32(clamp((value - item.low) * item.inverse_range, 0.0, 1.0) * 255.0 + 0.5);
 }
 
 // The linear albedo of the point `index` of the page; the pass has already read its words `point` and `attributes`.

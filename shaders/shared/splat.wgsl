@@ -18,7 +18,8 @@ struct Item {
     plain: u32,
     specular_intensity: f32,
     specular_power: f32,
-    unused: u32,
+    // Where the colours of its ramp, or those of the classes, begin in the palette.
+    palette: u32,
     // Height of the origin above the reference height, along the up axis `height_axis`.
     height: f32,
     // w: index of refraction; 0 where no light goes through.

@@ -2,6 +2,7 @@
 
 use cloud::{Cloud, ColorCount, Scalar, constant, histogram, percentile_range};
 use glam::DVec3;
+use param::Choice as _;
 
 use scene::{Blank, Color, ColorBy, Ramp};
 
@@ -297,6 +298,17 @@ pub fn ramp_colors(ramp: Ramp) -> [[u8; 4]; 256] {
     })
 }
 
+/// The colours of all ramps, 256 each, then those of the classes.
+pub(crate) fn palette() -> Vec<u32> {
+    let ramps = (0..Ramp::NAMES.len() as u32).filter_map(Ramp::from_index).flat_map(ramp_colors);
+    ramps.chain((0..=255).map(class_color)).map(u32::from_le_bytes).collect()
+}
+
+/// Where the colours begin in the palette that a cloud is shown in.
+pub(crate) fn palette_start(source: ColorSource, ramp: Ramp) -> u32 {
+    256 * if source == ColorSource::Class { Ramp::NAMES.len() as u32 } else { ramp.index() }
+}
+
 /// The names of the ASPRS classes (LAS 1.4 R15, table 17); empty for reserved and user-defined codes.
 pub fn class_name(class: u8) -> &'static str {
     match class {
@@ -365,10 +377,8 @@ pub fn class_color(class: u8) -> [u8; 4] {
 mod tests {
     use std::sync::Arc;
 
-    use cloud::{Attribute, Chunk, Column, ColumnType};
-    use param::Choice as _;
-
     use super::*;
+    use cloud::{Attribute, Chunk, Column, ColumnType};
 
     fn cloud(intensity: Vec<u16>) -> Cloud {
         let positions = (0..intensity.len()).map(|i| [i as f32, 0.0, (i * i) as f32]).collect();

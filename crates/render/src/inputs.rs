@@ -3,11 +3,11 @@
 use scene::Settings;
 
 use crate::allocation;
+use crate::coloring::palette;
 use crate::frame::FrameCamera;
 use crate::gpu::Gpu;
 use crate::identities::ChunkId;
 use crate::layout::{Block, Frame, Page};
-use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, PageDraw};
 use crate::targets::uniform_buffer;
 
@@ -63,7 +63,7 @@ fn blocks_per_workgroup(step: u32) -> u32 {
 }
 
 impl Inputs {
-    pub fn new(gpu: &Gpu, camera: FrameCamera, settings: &Settings, store: &PointStore, list: &DrawList) -> Self {
+    pub fn new(gpu: &Gpu, camera: FrameCamera, settings: &Settings, list: &DrawList) -> Self {
         let upload = |label, usage, bytes: &[u8]| {
             let buffer = allocation::buffer(
                 &gpu.device,
@@ -142,7 +142,7 @@ impl Inputs {
             exposure_at,
             settings: upload("settings", storage, bytemuck::cast_slice(&words)),
             items: upload("items", storage, bytemuck::cast_slice(&list.items)),
-            palette: upload("palette", storage, bytemuck::cast_slice(&store.palette())),
+            palette: upload("palette", storage, bytemuck::cast_slice(&palette())),
             hides_points: list.hides_points,
             pages,
         }

@@ -42,7 +42,7 @@ structs! {
     Item {
         origin_radius: Vec4,
         low: f32, inverse_range: f32, color_source: u32, plain: u32,
-        specular_intensity: f32, specular_power: f32, unused: u32, height: f32,
+        specular_intensity: f32, specular_power: f32, palette: u32, height: f32,
         height_axis: Vec4,
     }
     /// The points that one workgroup splats, of shaders/shared/splat.wgsl.

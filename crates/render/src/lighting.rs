@@ -115,7 +115,7 @@ impl Lights {
                 let texels = SHADOW_BYTES * index as u64..SHADOW_BYTES * (index as u64 + 1);
                 recorder.clear_part(&self.shadows, texels.clone());
                 let list = store.draw_list(&light.camera, &wide, Selection::Casting);
-                let inputs = Inputs::new(recorder.gpu, light.camera, &wide, store, &list);
+                let inputs = Inputs::new(recorder.gpu, light.camera, &wide, &list);
                 let binding = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                     buffer: &self.shadows,
                     offset: texels.start,

@@ -121,12 +121,12 @@ impl Renderer {
     ///
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.
-    pub fn shown_at(&mut self, store: &PointStore, settings: &Settings, probe: &Probe) -> Result<Shown> {
+    pub fn shown_at(&mut self, settings: &Settings, probe: &Probe) -> Result<Shown> {
         let camera = self.camera.ok_or_else(nothing_rendered)?;
         let Self { gpu, pipelines, targets: Some(targets), reflections: Some(reflections), gi, lit, .. } = self else {
             return Err(nothing_rendered());
         };
-        let mut reader = Reader::new(gpu, pipelines, camera, settings, store);
+        let mut reader = Reader::new(gpu, pipelines, camera, settings);
         let here = |[x, y]: [u32; 2]| {
             let scaled = |at: u32, from: u32, to: u32| {
                 ((u64::from(at) * 2 + 1) * u64::from(to) / (u64::from(from) * 2)).min(u64::from(to) - 1) as u32
@@ -183,7 +183,7 @@ impl Renderer {
         let Some(bounce) = reflections.first().filter(|_| known > 0) else { return Ok(Vec::new()) };
         let normal = &targets.surface().normal;
         let images = [&bounce.mirror.point, normal, &bounce.mirror.eye, &bounce.seen.position];
-        let mut reader = Reader::new(gpu, pipelines, camera, settings, store);
+        let mut reader = Reader::new(gpu, pipelines, camera, settings);
         let mut draws = Draws::new(camera.mirror_tiles, camera.size, seed);
         let share = f64::from(known) / draws.left().max(1) as f64;
         let (chosen, values) = reader.choose(&mut draws, count, share, images, |[point, ..]| point[3] > 0.0)?;
@@ -223,7 +223,7 @@ impl Renderer {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
         let formulas = reflection::upload(gpu, settings, objects.mirrors, camera.eye);
         let list = store.draw_list(&camera, settings, Selection::Everywhere);
-        let supply = Inputs::new(gpu, small, settings, store, &list);
+        let supply = Inputs::new(gpu, small, settings, &list);
         let task = Task {
             supply: &supply,
             settings,
@@ -279,7 +279,7 @@ impl Renderer {
         let surface = targets.surface();
         let images = [&targets.position, &surface.albedo, &surface.normal, &targets.position];
         let mut draws = Draws::new(Tiles::of(camera.size), camera.size, seed);
-        let mut reader = Reader::new(gpu, pipelines, camera, settings, store);
+        let mut reader = Reader::new(gpu, pipelines, camera, settings);
         let (chosen, values) = reader.choose(&mut draws, count, 1.0, images, |[position, ..]| position[3] > 0.0)?;
         if chosen.is_empty() {
             return Ok(Vec::new());
@@ -301,7 +301,7 @@ impl Renderer {
             is_glossy: *has_highlights,
             has_gloss: *has_gloss,
         };
-        let inputs = Inputs::new(gpu, small, settings, store, &DrawList::default());
+        let inputs = Inputs::new(gpu, small, settings, &DrawList::default());
         many.shade(&mut recorder, &inputs, settings, &receiver)?;
         recorder.finish()?;
         let Some(radiance) = many.radiance(0) else { return Ok(Vec::new()) };
@@ -339,14 +339,8 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    fn new(
-        gpu: &'a Gpu,
-        pipelines: &'a mut Pipelines,
-        camera: FrameCamera,
-        settings: &Settings,
-        store: &PointStore,
-    ) -> Self {
-        Self { gpu, pipelines, inputs: Inputs::new(gpu, camera, settings, store, &DrawList::default()) }
+    fn new(gpu: &'a Gpu, pipelines: &'a mut Pipelines, camera: FrameCamera, settings: &Settings) -> Self {
+        Self { gpu, pipelines, inputs: Inputs::new(gpu, camera, settings, &DrawList::default()) }
     }
 
     /// The values of the images at each of the pixels.

@@ -386,7 +386,7 @@ impl Renderer {
         recorder.give_up_when(self.given_up.as_deref(), self.longest_piece);
         let nothing = DrawList::default();
         let list = if points_are_kept { &nothing } else { &points_drawn };
-        let mut inputs = Inputs::new(gpu, frame_camera, &seen, store, list);
+        let mut inputs = Inputs::new(gpu, frame_camera, &seen, list);
         // Data that no mirror on the screen needs is not prepared.
         let has_mirrors = Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty();
         let all_samples = if has_mirrors { asks.rays.summed() } else { 0 };
@@ -414,7 +414,7 @@ impl Renderer {
         };
         let search = || {
             let everywhere = store.draw_list(&frame_camera, settings, method::supply(settings));
-            let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
+            let supply = Inputs::new(gpu, frame_camera, settings, &everywhere);
             Search { supply, settings, store, mirrors: objects.mirrors, formulas, camera: camera_surface }
         };
         let mut search = (is_sampled || has_mirrors && !is_kept).then(search);
@@ -619,11 +619,11 @@ impl Renderer {
     }
 
     /// Makes the last frame's picture anew from other colours: linear red, green and blue of each pixel, rows top to
-    /// bottom. `store` and `settings` are those of the frame.
+    /// bottom. `settings` are those of the frame.
     ///
     /// # Errors
     /// Nothing was rendered yet, not a colour for each pixel, or the device was lost.
-    pub fn present(&mut self, store: &PointStore, settings: &Settings, color: &[[f32; 3]]) -> Result<()> {
+    pub fn present(&mut self, settings: &Settings, color: &[[f32; 3]]) -> Result<()> {
         let camera = self.camera.ok_or_else(nothing_rendered)?;
         let Self { gpu, targets: Some(targets), reflections: Some(reflections), .. } = self else {
             return Err(nothing_rendered());
@@ -639,7 +639,7 @@ impl Renderer {
         let texture = &image.texture;
         gpu.queue.write_texture(texture.as_image_copy(), bytemuck::cast_slice(&texels), layout, texture.size());
         let settings = Settings { tone: self.tone.clone(), ..settings.clone() };
-        let inputs = Inputs::new(gpu, camera, &settings, store, &DrawList::default());
+        let inputs = Inputs::new(gpu, camera, &settings, &DrawList::default());
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
         let switches = [("is_filmic", u32::from(self.is_filmic))];
         self.exposure.give(&mut recorder, &inputs);

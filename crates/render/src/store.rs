@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use scene::{Ramp, Settings, Splat};
 use shown::{Shown, shown_of};
 
-use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
+use crate::coloring::{ColorPlan, ColorSource, up_axis};
 use crate::gpu::{Error, Gpu, Result};
 use crate::identities::{ChunkId, CloudId, Identities};
 use crate::layout::{ATTRIBUTE_BYTES, POINT_BYTES, SCALAR_BYTES};
@@ -42,6 +42,7 @@ struct StoredCloud {
     /// The value that is subtracted from scalars before they are narrowed to f32 (GPS times, ids).
     scalar_origin: f64,
     plain: [u8; 4],
+    ramp: Ramp,
     up_axis: usize,
 }
 
@@ -119,7 +120,6 @@ pub struct PointStore {
     chunks: HashMap<ChunkId, StoredChunk>,
     next_cloud: u32,
     next_chunk: u32,
-    ramp: Ramp,
     /// Decides which points are shown.
     test: PointTest,
     /// The number of points announced by `reserve`.
@@ -146,7 +146,6 @@ impl PointStore {
             chunks: HashMap::new(),
             next_cloud: 0,
             next_chunk: 0,
-            ramp: Ramp::Turbo,
             test: PointTest::default(),
             reserved: 0,
             nothing,
@@ -208,6 +207,7 @@ impl PointStore {
                 high: 1.0,
                 scalar_origin: 0.0,
                 plain: scene::Color::default().plain.bytes(),
+                ramp: Ramp::Turbo,
                 up_axis: 2,
             },
         );
@@ -378,7 +378,7 @@ impl PointStore {
     ) -> Result<()> {
         self.revision = next_revision();
         let Some(stored) = self.clouds.get_mut(&cloud_id) else { return Ok(()) };
-        self.ramp = plan.ramp;
+        stored.ramp = plan.ramp;
         let Some(index) = plan.source.column() else {
             stored.source = plan.source;
             stored.scalar_origin = 0.0;
@@ -653,12 +653,6 @@ impl PointStore {
             self.chunks.values().filter(|chunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible));
         let told = self.clouds.values().filter(|cloud| cloud.visible).map(|cloud| cloud.bounds);
         told.chain(shown.map(|chunk| chunk.shown.bounds)).fold(Bounds::EMPTY, Bounds::union)
-    }
-
-    /// The ramp's colours, then those of the classes.
-    pub(crate) fn palette(&self) -> Vec<u32> {
-        let classes = (0..=255).map(class_color);
-        ramp_colors(self.ramp).into_iter().chain(classes).map(u32::from_le_bytes).collect()
     }
 
     /// The cloud, the chunk and the index in it of the point that has this identity in the `nearest` buffer of a frame;

@@ -85,7 +85,7 @@ fn a_locked_exposure_of_the_same_stops_is_the_same_picture() {
         // What the ray tracer would have seen is mapped alike.
         let (_, fitted) = render(&mut stage, &store, &by_sun(&by));
         let image = stage.renderer.read_aov(Aov::Color).unwrap();
-        stage.renderer.present(&store, &by_sun(&by), image.data.as_chunks::<3>().0).unwrap();
+        stage.renderer.present(&by_sun(&by), image.data.as_chunks::<3>().0).unwrap();
         assert!(stage.renderer.read_picture().unwrap() == fitted);
     }
 }

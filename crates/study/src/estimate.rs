@@ -94,7 +94,7 @@ pub fn judge(
     if is_coarse {
         renderer.render(store, camera, settings, objects, drawn)?;
     }
-    let shown = renderer.shown_at(store, settings, &probe)?;
+    let shown = renderer.shown_at(settings, &probe)?;
     Ok(Judged::new(&probe, &shown))
 }
 

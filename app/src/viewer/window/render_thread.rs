@@ -491,7 +491,7 @@ impl Worker {
             }
             Command::Present { request, colors, pass } => {
                 self.hold(&request, false)?;
-                self.renderer.present(&self.resident.store, &request.settings, &colors)?;
+                self.renderer.present(&request.settings, &colors)?;
                 self.held = self.held.take().map(|(request, _)| (request, false));
                 let rgba = self.renderer.read_picture()?;
                 report(Report::Presented { request, pass, rgba });

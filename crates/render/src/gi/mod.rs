@@ -257,7 +257,7 @@ impl GlobalIllumination {
             shadows: gi.shadows,
         };
         let everywhere_list = store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
-        let everywhere = &Inputs::new(recorder.gpu, camera, settings, store, &everywhere_list);
+        let everywhere = &Inputs::new(recorder.gpu, camera, settings, &everywhere_list);
         self.lights = kept.filter(|lights| lights.places == places);
         let maps_stand = self.lights.is_some();
         let plan = &places.plan;

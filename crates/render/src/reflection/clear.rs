@@ -183,7 +183,7 @@ impl Clear {
         bounces.truncate(count);
         let eye = search.supply.camera;
         let everything = store.draw_list(&eye, settings, method::supply_of(method));
-        let mut supply = Inputs::new(recorder.gpu, eye, settings, store, &everything);
+        let mut supply = Inputs::new(recorder.gpu, eye, settings, &everything);
         // Rays beneath the water meet none of its points. Where there are solids, water is seen through them, and only
         // the points near to the start of a ray are passed.
         if !formula::exact(settings, mirrors).any(|mirror| formula::is_clear(mirror) && mirror.shape.is_closed()) {

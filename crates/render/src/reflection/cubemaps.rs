@@ -193,7 +193,7 @@ impl<'a> Pen<'a> {
         let Self { task, layout, settings, .. } = self;
         let camera = face_camera(place, radius_of(&mirror.bounds), face, layout.size);
         let list = task.store.draw_list(&camera, settings, cloud.map_or(Selection::Seen, Selection::SeenBesides));
-        let inputs = Inputs::new(recorder.gpu, camera, settings, task.store, &list);
+        let inputs = Inputs::new(recorder.gpu, camera, settings, &list);
         let part = |buffer, offset, bytes| {
             let size = NonZeroU64::new(bytes);
             wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })

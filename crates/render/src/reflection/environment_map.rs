@@ -141,7 +141,7 @@ fn draw(
         for face in 0..6 {
             let camera = face_camera(place.bounds.center(), place.bounds.radius(), face, size);
             let list = task.store.draw_list(&camera, &settings, selection);
-            let inputs = Inputs::new(recorder.gpu, camera, &settings, task.store, &list);
+            let inputs = Inputs::new(recorder.gpu, camera, &settings, &list);
             let binding = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                 buffer: maps,
                 offset: face_bytes * (index * 6 + face) as u64,

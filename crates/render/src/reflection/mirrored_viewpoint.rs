@@ -100,7 +100,7 @@ fn draw(
         let camera = task.supply.camera.mirrored(view.plane);
         let selection = places[view.mirror].cloud.map_or(Selection::Seen, Selection::SeenBesides);
         let list = task.store.draw_list(&camera, task.settings, selection);
-        let inputs = Inputs::new(recorder.gpu, camera, task.settings, task.store, &list);
+        let inputs = Inputs::new(recorder.gpu, camera, task.settings, &list);
         let texels = view_bytes * index as u64..view_bytes * (index as u64 + 1);
         recorder.clear_part(pictures, texels.clone());
         let binding = wgpu::BindingResource::Buffer(wgpu::BufferBinding {

@@ -93,7 +93,7 @@ impl Walls {
         for wall in 0..6 {
             let camera = camera_of(bounds, wall, deep, self.edge);
             let list = task.store.draw_list(&camera, &settings, Selection::Seen);
-            let inputs = Inputs::new(recorder.gpu, camera, &settings, task.store, &list);
+            let inputs = Inputs::new(recorder.gpu, camera, &settings, &list);
             let bytes = map_bytes([self.edge; 2]);
             let nearest = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                 buffer: &self.texels,

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use scene::{Settings, Splat};
 
-use crate::coloring::ColorSource;
+use crate::coloring::{ColorSource, palette_start};
 use crate::frame::FrameCamera;
 use crate::identities::{ChunkId, CloudId};
 use crate::layout::{BLOCK_POINTS, Block, Item};
@@ -148,7 +148,7 @@ impl PointStore {
             plain: u32::from_le_bytes(chunk.tint.unwrap_or(cloud.plain)),
             specular_intensity: cloud.material.specular_intensity,
             specular_power: cloud.material.specular_power,
-            unused: 0,
+            palette: palette_start(cloud.source, cloud.ramp),
             height: (chunk.origin[cloud.up_axis] - reference) as f32,
             height_axis: height_axis.extend(if cloud.material.is_clear() { cloud.material.refraction } else { 0.0 }),
         }

@@ -277,7 +277,7 @@ fn made_of(gpu: &Arc<Gpu>, picture: &MirrorPicture, points: &[Vec3], radius: f32
     let settings = Settings { sample_cameras: parameters.clone(), ..Settings::default() };
     let camera = FrameCamera::new(&camera(), &settings.view, size, camera().pivot, SCENE_RADIUS.into());
     let list = store.draw_list(&camera, &settings, Selection::Everywhere);
-    let supply = Inputs::new(gpu, camera, &settings, &store, &list);
+    let supply = Inputs::new(gpu, camera, &settings, &list);
     let mut pipelines = Pipelines::new();
     let mut recorder = Recorder::new(gpu, &mut pipelines);
     let task = Task {

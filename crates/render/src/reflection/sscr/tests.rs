@@ -296,7 +296,7 @@ impl Scene {
         let size = self.picture.size.to_array();
         let camera = FrameCamera::new(&camera(), &settings.view, size, camera().pivot, 2.5);
         let list = self.store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
-        let supply = Inputs::new(&stage.gpu, camera, settings, &self.store, &list);
+        let supply = Inputs::new(&stage.gpu, camera, settings, &list);
         let mut recorder = Recorder::new(&stage.gpu, &mut stage.pipelines);
         recorder.clear(&self.counters);
         let task = Task {
