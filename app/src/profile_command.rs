@@ -10,7 +10,7 @@ use codec::{ExportFormat, Exported, Info, Selection, Units};
 use glam::DVec3;
 use measure::{Placed, Section};
 use render::ColorPlan;
-use scene::{Profile, Settings, shown};
+use scene::{CloudSettings, Profile, Settings, shown};
 use world::Request;
 
 use crate::command_line::ProfileArguments;
@@ -86,8 +86,9 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         kind = Kind::of(output).ok_or_else(|| usage(format!("{}: {expected}", shown(output))))?;
         picture_file::check_place(output)?;
     }
-    let request = world::resolve(&arguments.inputs);
+    let mut request = world::resolve(&arguments.inputs);
     request.check()?;
+    request.leave_out_hidden();
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let test = request.test();
     terminal::warn(&request.warnings);
@@ -134,7 +135,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         terminal::warn(["the section holds no points"]);
     }
     match &arguments.output {
-        Some(output) if kind == Kind::Chart => table.draw(&settings, output, "profile")?,
+        Some(output) if kind == Kind::Chart => table.draw(&settings, &request.cloud_settings, output, "profile")?,
         Some(output) => picture_file::write_text(output, &table.into_csv()?)?,
         None => terminal::print(table.into_csv()?.lines())?,
     }
@@ -243,14 +244,17 @@ impl Table {
         self.parts.push(Part { cloud, pieces, columns, up, units });
     }
 
-    /// Writes the chart of the points. Each file has the colours that the settings ask for; ramps go over its points in
-    /// the section.
-    fn draw(&self, settings: &Settings, output: &Path, name: &str) -> anyhow::Result<()> {
+    /// Writes the chart of the points. Each file has the colours that the settings, or its own, ask for; ramps go over
+    /// its points in the section.
+    fn draw(&self, settings: &Settings, own: &[CloudSettings], output: &Path, name: &str) -> anyhow::Result<()> {
         let mut dots = Vec::new();
         for Part { cloud, pieces, up, .. } in &self.parts {
             let chunks = pieces.iter().map(|piece| piece.chunk.clone()).collect();
             let whole = Cloud { attributes: cloud.attributes.clone(), chunks, ..cloud.clone() };
-            let (plan, warning) = ColorPlan::new(&whole, &settings.color, *up);
+            let name = Path::new(&cloud.name).file_name().map_or(String::new(), |name| shown(Path::new(name)));
+            let own = own.iter().find(|own| own.is_of(&cloud.name, &name));
+            let color = own.map_or_else(|| settings.color.clone(), |own| own.color_of(&settings.color));
+            let (plan, warning) = ColorPlan::new(&whole, &color, *up);
             terminal::warn(warning.filter(|_| !pieces.is_empty()));
             for Piece { chunk, places } in pieces {
                 let dot =

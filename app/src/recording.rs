@@ -93,6 +93,7 @@ impl PathChoice {
         let mut file = SceneFile {
             mirrors: request.mirrors.clone(),
             mirror_points: request.mirror_points.clone(),
+            cloud_settings: request.cloud_settings.clone(),
             lights: request.lights.clone(),
             visibility: request.visibility.clone(),
             clips: request.clips.clone(),
@@ -110,6 +111,7 @@ impl PathChoice {
             }
         }
         file.mirror_points.iter_mut().for_each(|points| points.cloud = name(&points.cloud));
+        file.cloud_settings.iter_mut().for_each(|own| own.cloud = name(&own.cloud));
         let mut sum = crc32fast::Hasher::new();
         sum.update(file.to_text().as_bytes());
         meshes.iter().for_each(|mesh| add_samples(&mut sum, Path::new(mesh)));

@@ -12,7 +12,7 @@ use anyhow::anyhow;
 use cloud::{Bounds, Chunk, Cloud, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
-use scene::{Camera, Measurement, Mirror, MirrorPoints, MirrorSurface, Settings, Strays, Visibility};
+use scene::{Camera, CloudSettings, Measurement, Mirror, MirrorPoints, MirrorSurface, Settings, Strays, Visibility};
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
 use world::{
@@ -70,6 +70,10 @@ pub fn open(
     camera: impl FnOnce(&[DVec3], DVec3, Option<Camera>) -> Camera,
 ) -> anyhow::Result<Result<LoadedSubject, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
+    request.leave_out_hidden();
+    if request.inputs.is_empty() && !names.is_empty() {
+        return Err(usage(format!("{}: the scene hides all of its clouds", names.join(", "))));
+    }
     let exact = request.built_in().map(Exact::five_mirrors);
     request.lights.extend(request.built_in_light());
     if request.lights.len() > MOST_LIGHTS {
@@ -83,6 +87,10 @@ pub fn open(
     if loads.is_empty() && loads.status != 0 {
         return Ok(Err(loads.status));
     }
+    // Those of a folder are told apart by their names.
+    let is_shown = |loaded: &Assembly| own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on);
+    let hidden = loads.clouds.iter().enumerate().filter(|(_, loaded)| !is_shown(loaded));
+    let hidden: BTreeSet<usize> = hidden.map(|(index, _)| index).collect();
     for loaded in &mut loads.clouds {
         read_filtered(loaded, &test)?;
         fit_radii(loaded, settings, &test)?;
@@ -91,26 +99,25 @@ pub fn open(
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
     let apart = Apart::of(
         &loads
-            .clouds
-            .iter()
+            .shown(&hidden)
             .map(|loaded| loaded.place(cloud::robust_bounds(&loaded.cloud.shown(&test).chunks)))
             .collect::<Vec<_>>(),
     );
     terminal::warn(param::few(apart.warnings, "clouds that lie elsewhere"));
-    let near = loads.clouds.iter().zip(apart.is_near).filter(|(_, is_near)| *is_near);
+    let near = loads.shown(&hidden).zip(apart.is_near).filter(|(_, is_near)| *is_near);
     let outline = near.flat_map(|(loaded, _)| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));
     let outline: Vec<DVec3> = outline.chain(own.flat_map(mirrors::outline)).collect();
-    let Some(up) = loads.clouds.iter().find(|loaded| loaded.points > 0).map(|loaded| loaded.up) else {
+    let Some(up) = loads.shown(&hidden).find(|loaded| loaded.points > 0).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", names.join(", "))));
     };
-    let read: Vec<Chunk> = loads.clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
+    let read: Vec<Chunk> = loads.shown(&hidden).flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
     let mut light = AutoLight::around(&read, up);
     drop(read);
     let camera = camera(&outline, up, light.camera_inside(up));
     if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
         let placed = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
-        let (hidden, mirrors) = (BTreeSet::new(), placed.map(mirrors::bound).collect());
+        let (hidden, mirrors) = (hidden.clone(), placed.map(mirrors::bound).collect());
         let test = test.clone();
         let view = StreamView { camera, size, view, stream, mirrors, hidden, test, share: 1.0, is_alone: false };
         let view_number = job.mailbox.set_view(view);
@@ -118,6 +125,7 @@ pub fn open(
     }
     drop(job);
     let Loads { mut clouds, mirrors: mut placed, status, stream, .. } = loads;
+    clouds.retain(|loaded| own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on));
     let area = mirrors::area_per_point(clouds.iter().map(|loaded| &loaded.cloud), &test);
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
     let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.shown(&test).chunks).collect();
@@ -146,11 +154,17 @@ pub fn open(
     for loaded in &mut clouds {
         let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
         let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
-        let shown = upload(&mut resident, loaded, &reflecting, settings, &test)?;
+        let own = own_settings(&request.cloud_settings, loaded);
+        let shown = upload(&mut resident, loaded, &reflecting, own, settings, &test)?;
         if let Some(part) = shown.first().filter(|_| settings.overlay.legend) {
             facts.add_legend(&part.plan, &loaded.units, shown_classes(&loaded.cloud, &request.visibility));
         }
         parts.extend(shown);
+    }
+    for own in request.cloud_settings.iter().filter(|own| own.on) {
+        if !clouds.iter().any(|loaded| own.is_of(&loaded.input, &loaded.cloud.name)) {
+            terminal::warn([format!("cloud settings: no cloud is called `{}`", own.cloud)]);
+        }
     }
     for points in &request.mirror_points {
         if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
@@ -174,6 +188,11 @@ pub fn open(
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
     Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect(), facts }))
+}
+
+/// What a scene says of one cloud.
+fn own_settings<'a>(all: &'a [CloudSettings], loaded: &Assembly) -> Option<&'a CloudSettings> {
+    all.iter().find(|own| own.is_of(&loaded.input, &loaded.cloud.name))
 }
 
 /// The classes that occur in a cloud and are not hidden, in order.
@@ -277,6 +296,11 @@ impl Loads {
         self.clouds.is_empty() || self.clouds.iter().all(|loaded| loaded.pages.is_some() && loaded.points == 0)
     }
 
+    /// The clouds but for those that are switched off.
+    fn shown(&self, hidden: &BTreeSet<usize>) -> impl Iterator<Item = &Assembly> {
+        self.clouds.iter().enumerate().filter(|(index, _)| !hidden.contains(index)).map(|(_, loaded)| loaded)
+    }
+
     /// Receives events until everything is loaded: all points of clouds held in memory, and the points that the view
     /// `view_number` needs of streamed clouds. Returns whether the job is over.
     fn receive(&mut self, job: &Job, view_number: u64) -> anyhow::Result<bool> {
@@ -370,16 +394,19 @@ impl Loads {
     }
 }
 
-/// Puts a cloud on the GPU in the colours that the settings ask for. Its points that reflect become clouds of their
+/// Puts a cloud on the GPU in the colours that the settings, or its own, ask for. Its points that reflect become clouds of their
 /// own. Returns the parts that are shown.
 fn upload(
     resident: &mut Resident,
     loaded: &mut Assembly,
     reflecting: &[&MirrorPoints],
+    own: Option<&CloudSettings>,
     settings: &Settings,
     test: &PointTest,
 ) -> anyhow::Result<Vec<SubjectPart>> {
-    let (plan, warning) = ColorPlan::new(&loaded.cloud.shown(test), &settings.color, loaded.up);
+    let color = own.map_or_else(|| settings.color.clone(), |own| own.color_of(&settings.color));
+    let size = own.map_or(1.0, |own| own.size);
+    let (plan, warning) = ColorPlan::new(&loaded.cloud.shown(test), &color, loaded.up);
     if let Some(warning) = warning {
         terminal::warn([warning]);
     }
@@ -397,7 +424,11 @@ fn upload(
     }
     let (cloud, chunks, up) = (loaded.key, loaded.chunks(), loaded.up);
     for change in loaded.changes() {
+        let opens = matches!(change, Change::Open { .. });
         resident.apply(change)?;
+        if opens {
+            resident.apply(Change::Size { cloud, size })?;
+        }
     }
     let marked = Arc::new(marked);
     if !marked.is_empty() {
@@ -406,7 +437,7 @@ fn upload(
     }
     resident.apply(Change::Color { cloud, chunks, plan: plan.clone(), up })?;
     let part = |(material, chunks): (render::Material, Vec<Chunk>)| SubjectPart {
-        cloud: Cloud { chunks, ..loaded.cloud.clone() },
+        cloud: Cloud { chunks, ..loaded.cloud.clone() }.resized(size),
         specular_intensity: material.specular_intensity,
         specular_power: material.specular_power,
         clear: study::clear_points(&material),

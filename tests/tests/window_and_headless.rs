@@ -75,8 +75,11 @@ fn compare(session: &Session, scene: &str) -> serde_json::Value {
 fn a_room_with_the_lamp_that_it_gets_is_the_same_in_the_window_and_without_one() {
     let session = Session::start();
     session.folder.write("room.ply", room(300_000));
-    let scene = "clouds = [\"room.ply\"]\n[camera]\neye = [1.0, 1.0, 1.7]\npivot = [5.0, 4.0, 1.2]\n\
+    session.folder.write("hidden.ply", hills(3000));
+    let scene = "clouds = [\"hidden.ply\", \"room.ply\"]\n[camera]\neye = [1.0, 1.0, 1.7]\npivot = [5.0, 4.0, 1.2]\n\
                  up = [0.0, 0.0, 1.0]\n[parameters]\n\"gi.vpls\" = 64\n\
+                 [[cloud_settings]]\ncloud = \"hidden.ply\"\non = false\n\
+                 [[cloud_settings]]\ncloud = \"room.ply\"\nsize = 1.3\ncolor = { by = \"height\", ramp = \"magma\" }\n\
                  [[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\nposition = [5.0, 4.0, 1.2]\nsize = 0.6\n";
     session.folder.write("room.toml", scene);
     let surroundings = compare(&session, "room.toml");
@@ -89,7 +92,8 @@ fn a_streamed_cloud_of_which_a_class_is_hidden_is_the_same_in_the_window_and_wit
     session.folder.write("hills.ply", hills(400_000));
     let scene = "clouds = [\"hills.ply\"]\n[camera]\neye = [20.0, -30.0, 40.0]\npivot = [50.0, 40.0, 0.0]\n\
                  up = [0.0, 0.0, 1.0]\n[parameters]\n\"stream.pages\" = \"always\"\n\"view.point_budget\" = 150000\n\
-                 \"gi.vpls\" = 64\n[visibility]\nhidden_classes = [7]\n";
+                 \"gi.vpls\" = 64\n[visibility]\nhidden_classes = [7]\n\
+                 [[cloud_settings]]\ncloud = \"hills.ply\"\nsize = 1.3\ncolor = { by = \"normal\" }\n";
     session.folder.write("hills.toml", scene);
     let surroundings = compare(&session, "hills.toml");
     assert_eq!(surroundings["sky_is_open"], true);

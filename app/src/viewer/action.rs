@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
 use scene::{
-    Bookmark, CameraPath, ClipShape, ColorBy, Filter, Lighting, MeasurementKind, MirrorPoints, Object, Settings, Shape,
-    StandardView,
+    Bookmark, CameraPath, ClipShape, CloudSettings, ColorBy, Filter, Lighting, MeasurementKind, MirrorPoints, Object,
+    Settings, Shape, StandardView,
 };
 use world::CloudKey;
 
@@ -347,6 +347,8 @@ pub enum Action {
     Compare(Compare),
     StopLoading,
     ShowCloud(CloudKey, bool),
+    /// Sets what a cloud has of its own.
+    ChangeCloud(CloudKey, Box<CloudSettings>),
     RemoveCloud(CloudKey),
     StopMaking(CloudKey),
     ResumeMaking(CloudKey),

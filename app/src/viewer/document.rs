@@ -157,8 +157,8 @@ impl Document {
         State { marks: scene.history.marks(), inputs: self.inputs.clone() }
     }
 
-    /// Whether a person's work would be lost. Without a scene file these are objects, what is hidden, and paths: who
-    /// has only looked around, or has turned a knob, is not asked.
+    /// Whether a person's work would be lost: objects, what is hidden, paths, and parameters. Who has only looked around
+    /// is not asked.
     pub fn is_unsaved(&self, scene: &Scene, loaded: &Loaded) -> bool {
         if loaded.clouds.is_empty() {
             return false;
@@ -167,7 +167,7 @@ impl Document {
         let marks = scene.history.marks();
         let is_changed = scene.history.is_changing() && self.place.is_some();
         match &self.place {
-            None => is_changed || marks.objects != saved.marks.objects,
+            None => is_changed || marks != saved.marks,
             Some(_) => is_changed || marks != saved.marks || self.inputs != saved.inputs,
         }
     }

@@ -111,6 +111,12 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
         session.scene.place(id, object, &mut session.outside);
     }
     session.scene.settings.splat.size = 2.5;
+    let key = session.loaded.clouds[0].key;
+    let mut own = session.loaded.own_settings(key, None);
+    own.size = 1.5;
+    own.set_color("by", "height");
+    session.act(Action::ChangeCloud(key, Box::new(own)));
+    session.act(Action::ShowCloud(key, false));
     session.act(Action::Orbit(DVec2::new(40.0, 10.0)));
     settle(&mut session);
     session.act(Action::File(Filing::Save));
@@ -126,6 +132,9 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
     assert_eq!(unnamed(objects(&other)), unnamed(objects(&session)));
     assert_eq!(objects(&other).len(), 5);
     assert_eq!(other.scene.objects.visibility, session.scene.objects.visibility);
+    let own = |session: &Session| session.scene.objects.own_settings[0].settings.clone();
+    assert_eq!((own(&other).on, own(&other).size, own(&other).color), (false, 1.5, own(&session).color));
+    assert_eq!((other.loaded.clouds[0].is_visible, other.loaded.clouds[0].size), (false, 1.5));
     assert_eq!((&other.scene.settings, other.scene.camera), (&session.scene.settings, session.scene.camera));
     assert!(!other.is_unsaved());
 }
@@ -164,11 +173,15 @@ fn a_scene_without_a_file_asks_for_a_place_and_stays_if_none_is_chosen() {
     let mut session = Session::new(Preferences::default());
     assert!(session.open(&[folder.path().join("three.ply")]));
     settle(&mut session);
-    // Looking around is no work.
+    // Looking around is no work, but parameters are.
     session.act(Action::Orbit(DVec2::new(40.0, 10.0)));
-    session.act(Action::ColorBy(ColorBy::Height));
     settle(&mut session);
     assert!(!session.is_unsaved());
+    session.act(Action::ColorBy(ColorBy::Height));
+    session.act(Action::Quit);
+    assert!(session.is_unsaved() && session.document.asked.take().is_some() && !session.wants_to_quit);
+    session.act(Action::Undo);
+    assert!(!session.is_unsaved(), "nothing is left to save");
     session.act(Action::AddMirror(Shape::Sphere));
     assert_eq!(title(&session), "three.ply* - 3 points - glint");
     session.act(Action::Quit);

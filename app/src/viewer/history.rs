@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use scene::{Camera, Object, Settings};
 
+use crate::viewer::loaded::clouds::short_name;
 use crate::viewer::objects::{ObjectId, Objects};
 
 /// Which of the states that there were the present one is: parameters and objects are the same where the numbers are.
@@ -210,6 +211,9 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
     for (_, (name, object)) in differing {
         let name = param::shortened(name.lines().next().unwrap_or_default(), MOST_NAMED);
         tell(format!("{} {name}", object.kind().name).trim_end().to_owned());
+    }
+    for own in differing_of(&from.objects.own_settings, &objects.own_settings) {
+        tell(format!("cloud {}", param::shortened(short_name(&own.settings.cloud), MOST_NAMED)));
     }
     if from.objects.markings != objects.markings {
         tell("points that reflect".into());

@@ -11,7 +11,9 @@ use world::{Change, CloudKey};
 use crate::viewer::action::KeptStep;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::objects::OwnSettings;
 use crate::viewer::outside::Outside;
+use crate::viewer::scene::Scene;
 use crate::viewer::truth::view::Picture;
 use crate::viewer::window::render_thread::{Command, FrameRequest};
 
@@ -39,13 +41,15 @@ struct State {
     request: FrameRequest,
     test: PointTest,
     clouds: Vec<(CloudKey, bool, Option<ColorPlan>)>,
+    own_settings: Vec<OwnSettings>,
 }
 
 impl State {
-    fn of(settings: &Settings, request: FrameRequest, loaded: &Loaded) -> Self {
+    fn of(scene: &Scene, request: FrameRequest, loaded: &Loaded) -> Self {
         let plan = |entry: &CloudEntry| entry.figures.as_ref().map(|figures| figures.plan.clone());
         let clouds = loaded.clouds.iter().map(|entry| (entry.key, entry.is_visible, plan(entry))).collect();
-        Self { settings: settings.clone(), request, test: loaded.drawn_test.clone(), clouds }
+        let (settings, own_settings) = (scene.settings.clone(), scene.objects.own_settings.clone());
+        Self { settings, request, test: loaded.drawn_test.clone(), clouds, own_settings }
     }
 
     /// The frame of this state that shows what a frame of the present one shows.
@@ -73,6 +77,12 @@ impl State {
             if is_visible != entry.is_visible {
                 there.push(Change::Show { cloud, is_visible });
                 back.push(Change::Show { cloud, is_visible: entry.is_visible });
+            }
+            let own = self.own_settings.iter().find(|own| own.key == cloud);
+            let size = own.map_or(1.0, |own| own.settings.size);
+            if size != entry.size && is_visible {
+                there.extend(entry.in_size(size));
+                back.extend(entry.in_size(entry.size));
             }
             let present = entry.figures.as_ref().map(|figures| figures.plan.clone());
             if let Some((old, new)) = plan.zip(present).filter(|(old, new)| is_visible && old != new) {
@@ -106,7 +116,7 @@ impl Kept {
 
     /// Carries out a step; `request` is the frame that is wanted now.
     pub fn act(&mut self, step: KeptStep, request: FrameRequest, loaded: &mut Loaded, beside: &mut Beside<'_>) {
-        let present = |loaded: &Loaded, beside: &Beside<'_>| State::of(&beside.scene.settings, request, loaded);
+        let present = |loaded: &Loaded, beside: &Beside<'_>| State::of(beside.scene, request, loaded);
         match step {
             KeptStep::Keep if loaded.clouds.is_empty() => beside.outside.note("There is nothing to keep yet"),
             KeptStep::Keep => {
@@ -126,11 +136,9 @@ impl Kept {
                 let Some(state) = self.state.replace(now) else { return };
                 self.drawn = None;
                 beside.scene.settings = state.settings;
-                for (key, is_visible, _) in state.clouds {
-                    if loaded.cloud(key).is_some_and(|entry| entry.is_visible != is_visible) {
-                        loaded.set_visible(key, is_visible, beside);
-                    }
-                }
+                beside.scene.objects.own_settings = state.own_settings;
+                beside.scene.objects.own_settings.retain(|own| loaded.cloud(own.key).is_some());
+                loaded.sync_own_settings(beside);
             }
         }
     }

@@ -6,8 +6,8 @@
 use cloud::PointTest;
 use glam::DVec3;
 use scene::{
-    Bookmark, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, Object, ObjectKind, Profile, SceneFile, Shape,
-    SpotLight, Visibility, five_mirrors,
+    Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Note, Object, ObjectKind, Profile,
+    SceneFile, Shape, SpotLight, Visibility, five_mirrors,
 };
 use world::{CloudKey, built_in_name};
 
@@ -57,10 +57,21 @@ pub struct Marking {
     pub points: MirrorPoints,
 }
 
+/// What an open cloud has of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnSettings {
+    pub key: CloudKey,
+    /// The words that opened the cloud; the clouds of a folder have the same.
+    pub input: String,
+    pub settings: CloudSettings,
+}
+
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Objects {
     pub mirrors: Vec<Placed>,
     pub markings: Vec<Marking>,
+    /// In no order; clouds that have nothing of their own are left out.
+    pub own_settings: Vec<OwnSettings>,
     /// All lights; only the first four shine.
     pub lights: Vec<PlacedLight>,
     /// True after a person removed the last light: then no lamp is guessed.
@@ -103,6 +114,29 @@ pub struct PlacedClip {
 impl Objects {
     pub fn mirror(&self, id: ObjectId) -> Option<&Mirror> {
         self.mirrors.iter().find(|placed| placed.id == id).map(|placed| &placed.mirror)
+    }
+
+    /// What a cloud has of its own, if it has anything.
+    pub fn settings_of(&self, key: CloudKey) -> Option<&CloudSettings> {
+        self.own_settings.iter().find(|own| own.key == key).map(|own| &own.settings)
+    }
+
+    /// The colour parameters of a cloud, where the view has `all`.
+    pub fn color_of(&self, key: CloudKey, all: &scene::Color) -> scene::Color {
+        self.settings_of(key).map_or_else(|| all.clone(), |own| own.color_of(all))
+    }
+
+    /// Sets what a cloud has of its own, if that is valid.
+    pub fn set_own(&mut self, own: OwnSettings) {
+        if own.settings.problem().is_some() {
+            return;
+        }
+        match self.own_settings.iter().position(|known| known.key == own.key) {
+            Some(index) if own.settings.say_nothing() => drop(self.own_settings.remove(index)),
+            Some(index) => self.own_settings[index] = own,
+            None if own.settings.say_nothing() => {}
+            None => self.own_settings.push(own),
+        }
     }
 
     /// Decides which points of the clouds are shown.
@@ -305,6 +339,11 @@ impl Objects {
         let markings = self.markings.iter().filter(|marking| inputs.contains(&marking.points.cloud));
         let mirror_points =
             markings.map(|marking| MirrorPoints { cloud: written(&marking.points.cloud), ..marking.points.clone() });
+        let own = self.own_settings.iter().filter(|own| inputs.contains(&own.input));
+        let own = own.map(|OwnSettings { input, settings, .. }| {
+            let cloud = if settings.cloud == *input { written(input) } else { settings.cloud.clone() };
+            CloudSettings { cloud, ..settings.clone() }
+        });
         let has_built_in = inputs.iter().any(|input| variant(input).is_some());
         let is_brought_light = |placed: &PlacedLight| match placed.origin {
             Origin::Person => false,
@@ -316,6 +355,7 @@ impl Objects {
             clouds: inputs.iter().map(written).collect(),
             mirrors: self.mirrors.iter().filter(|placed| !is_brought(placed)).map(|p| p.mirror.clone()).collect(),
             mirror_points: mirror_points.collect(),
+            cloud_settings: own.collect(),
             lights: self.lights.iter().filter(|_| !are_brought).map(|placed| placed.light).collect(),
             visibility: self.visibility.clone(),
             clips: self.clips.iter().map(|placed| placed.clip.clone()).collect(),

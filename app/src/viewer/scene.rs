@@ -399,7 +399,10 @@ impl Scene {
         match self.settings.view.up {
             scene::UpAxis::Y => DVec3::Y,
             scene::UpAxis::Z => DVec3::Z,
-            scene::UpAxis::Auto => clouds.first().map_or(DVec3::Z, |entry| entry.up),
+            scene::UpAxis::Auto => {
+                let first = clouds.iter().find(|entry| entry.is_visible).or(clouds.first());
+                first.map_or(DVec3::Z, |entry| entry.up)
+            }
         }
     }
 
@@ -637,7 +640,7 @@ impl Scene {
             Action::LightBy(by) => self.light_by(by, outside),
             Action::Undo => self.undo(outside),
             Action::Redo => self.redo(outside),
-            Action::Paste(text) => self.paste_view(&text, outside),
+            Action::Paste(text) => self.paste_view(&text, clouds, outside),
             Action::AddSpot => self.add_spot(outside),
             Action::Select(id) => self.selected = id,
             Action::ChangeObject(id, object) => self.change_object(id, *object, outside),

@@ -151,9 +151,8 @@ impl Session {
             Action::Compare(step) => self.with_loaded(|loaded, beside| loaded.compare(step, beside)),
             Action::Kept(step) => self.act_kept(step),
             Action::StopLoading => self.with_loaded(Loaded::stop_loading),
-            Action::ShowCloud(key, is_visible) => {
-                self.with_loaded(|loaded, beside| loaded.set_visible(key, is_visible, beside))
-            }
+            Action::ShowCloud(key, on) => self.with_loaded(|loaded, beside| loaded.set_visible(key, on, beside)),
+            Action::ChangeCloud(key, own) => self.with_loaded(|loaded, beside| loaded.set_own(key, *own, beside)),
             Action::RemoveCloud(key) if self.loaded.clouds.len() > 1 => self.remove_cloud(key),
             Action::RemoveCloud(key) => self.leave(Leaving::Close(key)),
             Action::StopMaking(key) => self.loaded.stop_making(key),
@@ -359,7 +358,7 @@ impl Session {
         for warning in std::mem::take(&mut request.warnings) {
             self.outside.say(Level::Warning, warning);
         }
-        self.loaded.awaited_markings.append(&mut request.mirror_points);
+        self.loaded.await_settings(&mut request);
         self.scene.furnish(&mut request, self.loaded.clouds.is_empty(), &mut self.outside);
         if self.loaded.is_empty() {
             self.scene.history.settle(&self.scene.settings, &self.scene.objects);

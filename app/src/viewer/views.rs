@@ -10,8 +10,8 @@ use crate::overlays::Facts;
 use crate::viewer::action::PictureDraft;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
-use crate::viewer::loaded::clouds::short_name;
-use crate::viewer::objects::{Placed, PlacedClip, PlacedProfile};
+use crate::viewer::loaded::clouds::{CloudEntry, short_name};
+use crate::viewer::objects::{OwnSettings, Placed, PlacedClip, PlacedProfile};
 use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
 use crate::viewer::truth::study_file::{STUDY, group_of};
@@ -38,11 +38,13 @@ impl Scene {
 
     /// Returns the view as text, without its clouds.
     pub fn view_as_text(&self, loaded: &Loaded) -> String {
-        SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings(loaded), loaded) }.to_text()
+        let mut inputs: Vec<String> = loaded.clouds.iter().map(|entry| entry.input.clone()).collect();
+        inputs.dedup();
+        SceneFile { clouds: Vec::new(), ..self.scene_file_of(&inputs, &self.written_settings(loaded)) }.to_text()
     }
 
     /// Applies a view that `CopyView` copied, or that of a scene file.
-    pub fn paste_view(&mut self, text: &str, outside: &mut Outside) {
+    pub fn paste_view(&mut self, text: &str, clouds: &[CloudEntry], outside: &mut Outside) {
         match SceneFile::parse(text) {
             Ok(file) => {
                 let view = file.view();
@@ -50,7 +52,7 @@ impl Scene {
                     outside.warning(format!("pasted view: {warning}"));
                 }
                 self.jump(outside.now, view.settings, view.camera.unwrap_or(self.camera));
-                self.take_objects(&file, outside);
+                self.take_objects(&file, clouds, outside);
                 outside.note("View pasted");
                 outside.log(json!({ "event": "pasted" }));
             }
@@ -60,8 +62,8 @@ impl Scene {
 
     /// Takes over the mirrors, lights, clips and visibility of a view. A mirror replaces the one of the same name, or
     /// is added. The view's lights, if it has any, replace all others. Its clips and visibility replace those before.
-    /// Its measurements, notes and profiles are added.
-    fn take_objects(&mut self, file: &SceneFile, outside: &mut Outside) {
+    /// So does what it says of single clouds. Its measurements, notes and profiles are added.
+    fn take_objects(&mut self, file: &SceneFile, clouds: &[CloudEntry], outside: &mut Outside) {
         for mirror in &file.mirrors {
             let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
             match known {
@@ -79,6 +81,13 @@ impl Scene {
                 self.objects.add(id, Object::Light(*light));
             }
             self.warn_of_dark_lights(outside);
+        }
+        self.objects.own_settings.clear();
+        for entry in clouds {
+            let own = file.cloud_settings.iter().find(|own| own.is_of(&entry.input, &entry.cloud.name));
+            if let Some(settings) = own.cloned() {
+                self.objects.set_own(OwnSettings { key: entry.key, input: entry.input.clone(), settings });
+            }
         }
         self.objects.visibility = file.visibility.clone();
         self.objects.clips.clear();
@@ -154,6 +163,7 @@ impl Scene {
     pub fn session_text(&self, inputs: &[String], loaded: &Loaded, folder: Option<&Path>) -> Result<String, String> {
         let mut file = self.whole_file_of(inputs, loaded);
         file.mirror_points.extend(loaded.awaited_markings.iter().cloned());
+        file.cloud_settings.extend(loaded.awaited_settings.iter().cloned());
         if let Some(folder) = folder {
             named_files(&mut file).for_each(|name| {
                 if let Some(beside) = Path::new(&*name).strip_prefix(folder).ok().and_then(Path::to_str) {
@@ -237,6 +247,7 @@ impl Scene {
 /// The names of files in a scene file: of clouds, and of meshes.
 fn named_files(file: &mut SceneFile) -> impl Iterator<Item = &mut String> {
     let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
+    let clouds = clouds.chain(file.cloud_settings.iter_mut().map(|own| &mut own.cloud));
     let meshes = file.mirrors.iter_mut().filter_map(|mirror| match &mut mirror.shape {
         Shape::Mesh(mesh) if mesh.is_file() => Some(&mut mesh.name),
         _ => None,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use crate::{Attribute, Bounds, Column};
+use crate::{Attribute, Bounds, Column, resized_radius};
 
 /// Up to some 65 thousand points. The vectors are behind `Arc`, so a chunk is cheap to clone and one column can be
 /// added or replaced (normals that were estimated later) while the others are shared.
@@ -106,6 +106,14 @@ impl Chunk {
         }
     }
 
+    /// The same points with `size` times their radii; it shares everything else.
+    pub fn resized(&self, size: f32) -> Self {
+        let resized =
+            |radii: &Arc<Vec<u16>>| Arc::new(radii.iter().map(|radius| resized_radius(*radius, size)).collect());
+        let radii = if size == 1.0 { self.radii.clone() } else { self.radii.as_ref().map(resized) };
+        Self { radii, ..self.clone() }
+    }
+
     pub fn size_in_bytes(&self) -> usize {
         let points = self.len();
         points * 12
@@ -147,6 +155,11 @@ pub struct Cloud {
 }
 
 impl Cloud {
+    /// The same points with `size` times their radii.
+    pub fn resized(&self, size: f32) -> Self {
+        Self { chunks: self.chunks.iter().map(|chunk| chunk.resized(size)).collect(), ..self.clone() }
+    }
+
     pub fn len(&self) -> u64 {
         self.chunks.iter().map(|chunk| chunk.len() as u64).sum()
     }

@@ -30,7 +30,9 @@ pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
 pub use mesh_points::MeshPoints;
 pub use noise::{Neighbourhoods, neighbourhoods};
-pub use packing::{NO_NORMAL, NO_RADIUS, STRAY_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
+pub use packing::{
+    NO_NORMAL, NO_RADIUS, STRAY_RADIUS, pack_normal, pack_radius, resized_radius, unpack_normal, unpack_radius,
+};
 pub use progress::Progress;
 pub use random::{Random, hash};
 pub use robust::{Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};

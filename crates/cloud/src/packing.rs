@@ -62,9 +62,32 @@ pub fn unpack_radius(packed: u16) -> Option<f32> {
     (packed != NO_RADIUS).then(|| (f32::from(packed) / RADIUS_STEPS + RADIUS_LOG_MIN).exp2())
 }
 
+/// A packed radius times `size`. Strays stay strays, and unknown radii unknown.
+pub fn resized_radius(packed: u16, size: f32) -> u16 {
+    if packed == NO_RADIUS || packed == STRAY_RADIUS {
+        return packed;
+    }
+    let steps = (size.log2() * RADIUS_STEPS).round() as i32;
+    (i32::from(packed).saturating_add(steps)).clamp(2, 65535) as u16
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn resized_radii_are_within_a_step_of_the_product() {
+        for size in [0.05, 0.3, 1.0, 1.7, 20.0] {
+            for radius in [1e-4, 0.013, 2.5, 90.0] {
+                let packed = pack_radius(radius);
+                let (back, wanted) = (unpack_radius(resized_radius(packed, size)).unwrap(), radius * size);
+                assert!((back / wanted - 1.0).abs() < 4e-4, "{radius} times {size} is {back}");
+                assert!(size != 1.0 || resized_radius(packed, size) == packed);
+            }
+            assert_eq!([NO_RADIUS, STRAY_RADIUS].map(|packed| resized_radius(packed, size)), [NO_RADIUS, STRAY_RADIUS]);
+        }
+        assert_eq!((resized_radius(3, 0.05), resized_radius(65_000, 20.0)), (2, 65_535));
+    }
 
     #[test]
     fn normals_survive_packing_to_a_hundredth_of_a_degree() {

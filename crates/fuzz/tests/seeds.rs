@@ -12,8 +12,9 @@ use glam::{DVec3, Vec3};
 use laz::laszip::{ChunkTable, LazItemRecordBuilder};
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
 use scene::{
-    Bookmark, Camera, CameraPath, Caption, Clip, ClipShape, Filter, Keep, Keyframe, Measurement, MeasurementKind,
-    Mirror, MirrorNormals, MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings, Shape, SpotLight,
+    Bookmark, Camera, CameraPath, Caption, Clip, ClipShape, CloudSettings, Filter, Keep, Keyframe, Measurement,
+    MeasurementKind, Mirror, MirrorNormals, MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings,
+    Shape, SpotLight,
 };
 
 /// The most bytes of all seeds together.
@@ -410,6 +411,10 @@ fn scene() -> String {
         .zip(normals)
         .map(|(points, normals)| MirrorPoints { points, normals, ..MirrorPoints::whole("office.laz".into()) })
         .collect();
+    let mut own = CloudSettings { on: false, size: 1.5, ..CloudSettings::of("office.laz".into()) };
+    own.set_color("by", "height");
+    own.set_color("low", "0.25");
+    file.cloud_settings = vec![own];
     file.visibility.hidden_classes = [7, 18].into();
     file.visibility.filters = vec![Filter { attribute: "intensity".into(), low: 100.0, high: f64::INFINITY }];
     let prism = Prism { points: vec![DVec3::ZERO, DVec3::X, DVec3::Y], direction: DVec3::Z, eye: Some(-DVec3::Z) };

@@ -31,6 +31,11 @@
 //! cloud = "office.laz"
 //! points = { class = 9 }               # or "all", { box = { min, max } }, { attribute = { name, low, high } }
 //! normals = "flatten"                  # or "own", { smooth = { radius } }, { fit = { neighbours } }
+//! [[cloud_settings]]                   # what one cloud has of its own
+//! cloud = "office.laz"
+//! on = true                            # whether it is shown
+//! size = 1.5                           # of its points, relative to others
+//! color = { by = "height", ramp = "viridis" }
 //! [[measurements]]                     # of points on the clouds, for `glint measure`
 //! kind = "distance"                    # or "point", "polyline", "height", "angle", "area", "plane", ...
 //! points = [[0.0, 0.0, 0.0], [1.0, 2.0, 2.0]]
@@ -64,10 +69,11 @@ use serde::{Deserialize, Serialize};
 use toml::de::DeTable;
 
 use crate::camera_path::PathProblem;
+use crate::parameter_text::{text_of, value_of};
 use crate::{
-    Bookmark, Camera, CameraPath, Clip, MOST_BOOKMARKS, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS, MOST_NOTES,
-    MOST_PROFILES, Measurement, Mirror, MirrorPoints, Note, Profile, Settings, Shape, SpotLight, Visibility, shown,
-    whole_file,
+    Bookmark, Camera, CameraPath, Clip, CloudSettings, MOST_BOOKMARKS, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS,
+    MOST_NOTES, MOST_PROFILES, Measurement, Mirror, MirrorPoints, Note, Profile, Settings, Shape, SpotLight,
+    Visibility, shown, whole_file,
 };
 
 /// The most filters of a scene: every point is tested against each.
@@ -125,6 +131,9 @@ pub struct SceneFile {
     /// The points of the clouds that reflect.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mirror_points: Vec<MirrorPoints>,
+    /// What single clouds have of their own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cloud_settings: Vec<CloudSettings>,
     /// What is measured at points of the clouds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub measurements: Vec<Measurement>,
@@ -153,12 +162,8 @@ pub struct View {
 impl SceneFile {
     pub fn new(clouds: Vec<String>, camera: Camera, settings: &Settings) -> Self {
         let parameters = settings.differing().into_iter().map(|(key, text)| {
-            let value = toml::Value::String(text.clone());
-            // Numbers and switches are written as such, so that a person may edit them without quotes.
-            let plain = text.parse().map(toml::Value::Integer).or_else(|_| text.parse().map(toml::Value::Float));
-            let plain = plain.or_else(|_| text.parse().map(toml::Value::Boolean));
-            let is_text = key == "color.attribute";
-            (key, if is_text { value } else { plain.unwrap_or(value) })
+            let value = value_of(&key, &text);
+            (key, value)
         });
         Self { clouds, camera: Some(camera), parameters: parameters.collect(), ..Self::default() }
     }
@@ -216,6 +221,7 @@ impl SceneFile {
             (self.clips.len(), MOST_CLIPS, "clips"),
             (self.mirrors.len(), MOST_MIRRORS, "mirrors"),
             (self.mirror_points.len(), MOST_MIRROR_POINTS, "mirror_points"),
+            (self.cloud_settings.len(), MOST_CLOUDS, "cloud_settings"),
             (self.measurements.len(), MOST_MEASUREMENTS, "measurements"),
             (self.notes.len(), MOST_NOTES, "notes"),
             (self.bookmarks.len(), MOST_BOOKMARKS, "bookmarks"),
@@ -244,12 +250,20 @@ impl SceneFile {
         let mut notes = self.notes.iter().enumerate();
         let mut rules = filters.by_ref().chain(clips.by_ref());
         let odd = rules.next().or_else(|| mirrors.next()).or_else(|| lights.next()).or_else(|| points.next());
+        let own = self.cloud_settings.iter().enumerate();
+        let mut own = own.filter_map(|(i, own)| numbered("cloud settings", i, &own.cloud, self.odd_settings(i, own)));
         let mut profiles = self.profiles.iter().enumerate();
-        let odd = odd.or_else(|| measurements.next());
+        let odd = odd.or_else(|| own.next()).or_else(|| measurements.next());
         let odd = odd.or_else(|| profiles.find_map(|(i, one)| numbered("profile", i, &one.name, one.problem())));
         let mut bookmarks = self.bookmarks.iter().enumerate();
         let odd = odd.or_else(|| notes.find_map(|(i, note)| numbered("note", i, &note.text, note.problem())));
         odd.or_else(|| bookmarks.find_map(|(i, one)| numbered("bookmark", i, &one.name, one.problem())))
+    }
+
+    /// Why settings of a cloud are not valid, in words.
+    fn odd_settings(&self, index: usize, own: &CloudSettings) -> Option<String> {
+        let is_again = self.cloud_settings[..index].iter().any(|before| before.cloud == own.cloud);
+        own.problem().or_else(|| is_again.then(|| "the cloud has settings already".into()))
     }
 
     /// Reads the scene, and resolves its clouds and meshes: a name is a path beside the scene file if something is
@@ -275,6 +289,9 @@ impl SceneFile {
         for points in &mut file.mirror_points {
             points.cloud = shown(named(&points.cloud));
         }
+        for own in &mut file.cloud_settings {
+            own.cloud = shown(named(&own.cloud));
+        }
         for mirror in &mut file.mirrors {
             if let Shape::Mesh(mesh) = &mut mirror.shape
                 && mesh.is_file()
@@ -294,11 +311,7 @@ impl SceneFile {
         let mut settings = Settings::default();
         let mut warnings = Vec::new();
         for (key, value) in &self.parameters {
-            let text = match value {
-                toml::Value::String(text) => text.clone(),
-                other => other.to_string(),
-            };
-            if let Err(error) = settings.set_text(key, &text) {
+            if let Err(error) = settings.set_text(key, &text_of(value)) {
                 warnings.push(error.to_string());
             }
         }

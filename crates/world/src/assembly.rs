@@ -200,7 +200,7 @@ impl Assembly {
         self.puts()
     }
 
-    fn puts(&self) -> Vec<Change> {
+    pub fn puts(&self) -> Vec<Change> {
         let layout = self.layout();
         let put = |(part, chunk)| Change::Put { key: self.key.chunk(part), chunk, layout: layout.clone() };
         self.chunks().into_iter().map(put).collect()

@@ -45,6 +45,11 @@ pub enum Change {
         plan: ColorPlan,
         up: DVec3,
     },
+    /// Enlarges the points of a cloud: those that are put from now on have `size` times their radii.
+    Size {
+        cloud: CloudKey,
+        size: f32,
+    },
     Show {
         cloud: CloudKey,
         is_visible: bool,

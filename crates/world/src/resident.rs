@@ -32,6 +32,10 @@ struct ResidentCloud {
     /// The points of a mirror.
     samples: Vec<Chunk>,
     is_visible: bool,
+    /// The radius of points whose own is not known, before `size`.
+    provisional_radius: f32,
+    /// The radii of its points in the store, relative to their own.
+    size: f32,
 }
 
 /// Points of a cloud that reflect, as a cloud of the store.
@@ -55,8 +59,16 @@ fn has_places(resident: &ResidentCloud, samples: &[Chunk]) -> bool {
 
 impl ResidentCloud {
     fn new(id: CloudId) -> Self {
-        let chunks = HashMap::new();
-        Self { id, chunks, reflecting: Vec::new(), color: None, samples: Vec::new(), is_visible: true }
+        Self {
+            id,
+            chunks: HashMap::new(),
+            reflecting: Vec::new(),
+            color: None,
+            samples: Vec::new(),
+            is_visible: true,
+            provisional_radius: 0.0,
+            size: 1.0,
+        }
     }
 
     fn ids(&self) -> impl Iterator<Item = CloudId> {
@@ -108,7 +120,7 @@ impl Resident {
                 let id = self.store.add_cloud(Material::default());
                 self.store.set_order(id, order_of(cloud, 0));
                 self.store.set_provisional_radius(id, provisional_radius);
-                self.clouds.insert(cloud, ResidentCloud::new(id));
+                self.clouds.insert(cloud, ResidentCloud { provisional_radius, ..ResidentCloud::new(id) });
             }
             Change::Expect { points } => self.store.reserve(points),
             Change::Bounds { cloud, bounds } => {
@@ -146,6 +158,12 @@ impl Resident {
                 if let Some(resident) = self.clouds.get_mut(&cloud) {
                     resident.is_visible = is_visible;
                     resident.ids().for_each(|id| self.store.set_visible(id, is_visible));
+                }
+            }
+            Change::Size { cloud, size } => {
+                if let Some(resident) = self.clouds.get_mut(&cloud) {
+                    resident.size = size;
+                    self.store.set_provisional_radius(resident.id, resident.provisional_radius * size);
                 }
             }
             Change::Visibility { test } => self.store.set_visibility(&test),
@@ -196,6 +214,7 @@ impl Resident {
 
     fn put(&mut self, key: ChunkKey, chunk: Chunk, layout: &Arc<CloudLayout>) -> Result<()> {
         let Some(resident) = self.clouds.get_mut(&key.cloud) else { return Ok(()) };
+        let chunk = chunk.resized(resident.size);
         let id = match resident.chunks.get(&key.part) {
             Some(&id) => {
                 if let Err(error) = self.store.update_chunk(id, &chunk, Some(layout)) {
@@ -245,11 +264,12 @@ impl Resident {
         for (index, (part, chunk)) in chunks.iter().enumerate() {
             let Some(id) = resident.chunks.get(part) else { continue };
             let parted = mirrors::part(chunk, index, marked);
-            self.store.update_chunk(*id, &parted.rest, Some(layout))?;
+            self.store.update_chunk(*id, &parted.rest.resized(resident.size), Some(layout))?;
             for (reflecting, (taken, indices)) in resident.reflecting.iter_mut().zip(parted.reflecting) {
                 if taken.is_empty() {
                     continue;
                 }
+                let taken = taken.resized(resident.size);
                 let id = self.store.add_chunk(reflecting.id, &taken, Some(layout))?;
                 self.origins.insert(id, (cloud.chunk(*part), Some(indices.clone())));
                 reflecting.chunks.insert(*part, (id, indices));
@@ -268,10 +288,70 @@ impl Resident {
 
 #[cfg(test)]
 mod tests {
+    use cloud::{Attribute, Column, ColumnType, pack_normal, pack_radius};
+    use glam::Vec3;
     use render::{Objects, Renderer};
-    use scene::{Camera, Mirror, Settings, Shape};
+    use scene::{Camera, Color, ColorBy, Lighting, Mirror, Ramp, Settings, Shape};
 
     use super::*;
+
+    /// A square of points with a value each, facing the camera of `shot`, in a cloud of its own.
+    fn put_square(resident: &mut Resident, key: CloudKey, x: f64, ramp: Ramp, size: f32, radius: f32) {
+        let positions: Vec<[f32; 3]> =
+            (0..400).map(|at| [(at % 20) as f32 * 0.05, 0.0, (at / 20) as f32 * 0.05]).collect();
+        let mut chunk = Chunk::new(0, DVec3::new(x, 0.0, -0.5), positions);
+        chunk.columns = vec![Some(Arc::new(Column::F32((0..400).map(|at| at as f32).collect())))];
+        chunk.normals = Some(Arc::new(vec![pack_normal(Vec3::NEG_Y); 400]));
+        chunk.radii = Some(Arc::new(vec![pack_radius(radius); 400]));
+        let attributes = vec![Attribute { name: "value".into(), column_type: ColumnType::F32 }];
+        let cloud = Cloud { attributes, chunks: vec![chunk.clone()], ..Cloud::default() };
+        let color = Color { by: ColorBy::Attribute, attribute: "value".into(), ramp, ..Color::default() };
+        let (plan, _) = ColorPlan::new(&cloud, &color, DVec3::Z);
+        let (layout, part) = (Arc::new(cloud.layout()), Part::Block(0));
+        let all = [
+            Change::Open { cloud: key, provisional_radius: radius },
+            Change::Size { cloud: key, size },
+            Change::Put { key: key.chunk(part), chunk: chunk.clone(), layout },
+            Change::Color { cloud: key, chunks: vec![(part, chunk)], plan, up: DVec3::Z },
+        ];
+        all.into_iter().for_each(|change| resident.apply(change).unwrap());
+    }
+
+    #[test]
+    fn clouds_beside_each_other_have_ramps_and_sizes_of_their_own() {
+        let gpu = match Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => return println!("skipped: {error}"),
+        };
+        let mut renderer = Renderer::new(gpu.clone()).unwrap();
+        let mut shot = |resident: &Resident| {
+            let camera = Camera::looking(DVec3::ZERO, DVec3::NEG_Y, 3.0, DVec3::Z);
+            let mut settings = Settings::default();
+            settings.light.by = Lighting::Colors;
+            settings.edl.strength = 0.0;
+            renderer.render(&resident.store, &camera, &settings, Objects::default(), [64, 48]).unwrap();
+            renderer.read_picture().unwrap()
+        };
+        let [left, right] = [(CloudKey(1), -1.4), (CloudKey(2), 0.4)];
+        let mut both = Resident::new(gpu.clone());
+        put_square(&mut both, left.0, left.1, Ramp::Viridis, 1.0, 0.03);
+        put_square(&mut both, right.0, right.1, Ramp::Gray, 2.0, 0.01);
+        let mut first = Resident::new(gpu.clone());
+        put_square(&mut first, left.0, left.1, Ramp::Viridis, 1.0, 0.03);
+        // Points of twice the size are those of twice the radius.
+        let mut second = Resident::new(gpu);
+        put_square(&mut second, right.0, right.1, Ramp::Gray, 1.0, 0.02);
+        let [both, first, second] = [&both, &first, &second].map(&mut shot);
+        let (mut of_left, mut of_right) = (0, 0);
+        for (place, pixel) in both.as_chunks::<4>().0.iter().enumerate() {
+            let [one, other] = [&first, &second].map(|alone| alone.as_chunks::<4>().0[place]);
+            let is_left = place % 64 < 32;
+            assert_eq!(*pixel, if is_left { one } else { other }, "pixel {place}");
+            *(if is_left { &mut of_left } else { &mut of_right }) += usize::from(one != other);
+        }
+        assert!(of_left > 100 && of_right > 100, "{of_left} and {of_right} pixels");
+    }
 
     #[test]
     fn a_mirror_of_another_look_is_not_uploaded_again_and_its_picture_is_that_of_a_new_one() {

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use cloud::PointTest;
 use scene::{
-    Bookmark, CameraPath, Clip, Measurement, Mirror, MirrorPoints, Note, Profile, SceneFile, SpotLight, View,
-    Visibility, five_mirrors, shown,
+    Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Note, Profile, SceneFile, SpotLight,
+    View, Visibility, five_mirrors, shown,
 };
 
 use crate::error::{Error, Result};
@@ -65,6 +65,8 @@ pub struct Request {
     /// The mirrors of scene files; built-in scenes bring theirs when they are loaded.
     pub mirrors: Vec<Mirror>,
     pub mirror_points: Vec<MirrorPoints>,
+    /// What single clouds have of their own, by scene files. Of settings of the same cloud the last ones count.
+    pub cloud_settings: Vec<CloudSettings>,
     /// The lights of scene files.
     pub lights: Vec<SpotLight>,
     /// Which points are shown: what one scene file hides is hidden in all clouds.
@@ -109,7 +111,7 @@ impl Request {
 
     /// The built-in scene, if there is nothing else and its mirrors are unchanged.
     pub fn built_in(&self) -> Option<five_mirrors::Variant> {
-        let is_changed = !self.mirrors.is_empty() || !self.mirror_points.is_empty();
+        let is_changed = !self.mirrors.is_empty() || !self.mirror_points.is_empty() || !self.cloud_settings.is_empty();
         match self.inputs.as_slice() {
             [Input::BuiltIn { variant, without }] if !is_changed && without.is_empty() => Some(*variant),
             _ => None,
@@ -127,6 +129,18 @@ impl Request {
         let variant = |input: &Input| if let Input::BuiltIn { variant, .. } = input { Some(*variant) } else { None };
         let variants: Option<Vec<five_mirrors::Variant>> = self.inputs.iter().map(variant).collect();
         variants?.first()?.ground()
+    }
+
+    /// What the cloud that came from `input` and has the name `name` has of its own.
+    pub fn settings_of(&self, input: &str, name: &str) -> Option<&CloudSettings> {
+        self.cloud_settings.iter().find(|own| own.is_of(input, name))
+    }
+
+    /// Leaves out the inputs whose clouds are switched off.
+    pub fn leave_out_hidden(&mut self) {
+        let settings = std::mem::take(&mut self.cloud_settings);
+        self.inputs.retain(|input| !settings.iter().any(|own| !own.on && own.cloud == input.name()));
+        self.cloud_settings = settings;
     }
 
     /// Decides which points are shown.
@@ -158,6 +172,8 @@ impl Request {
         self.paths.extend(file.paths.iter().cloned());
         self.mirrors.extend(file.mirrors.iter().cloned());
         self.mirror_points.extend(file.mirror_points.iter().cloned());
+        self.cloud_settings.retain(|known| !file.cloud_settings.iter().any(|own| own.cloud == known.cloud));
+        self.cloud_settings.extend(file.cloud_settings.iter().cloned());
         self.lights.extend(file.lights.iter().copied());
         self.visibility.hide(&file.visibility);
         self.clips.extend(file.clips.iter().cloned());

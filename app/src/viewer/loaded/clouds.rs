@@ -43,7 +43,9 @@ impl Samples {
 /// An open cloud, and what the window knows about it.
 pub struct CloudEntry {
     assembly: Assembly,
+    /// Whether the render thread shows it, and how large it has the points: see `Objects::own_settings`.
     pub is_visible: bool,
+    pub size: f32,
     pub figures: Option<Figures>,
     pub figures_basis: Option<Basis>,
     pub figures_under_way: bool,
@@ -93,6 +95,7 @@ impl CloudEntry {
         Self {
             assembly,
             is_visible: true,
+            size: 1.0,
             figures: None,
             figures_basis: None,
             figures_under_way: false,

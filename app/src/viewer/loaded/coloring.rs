@@ -19,10 +19,9 @@ impl Loaded {
     pub fn renew_figures(&mut self, beside: &mut Beside<'_>) {
         self.read_filtered(beside);
         self.renew_radii(beside);
-        let color = &beside.scene.settings.color;
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
             let basis = Basis {
-                color: color.clone(),
+                color: beside.scene.objects.color_of(entry.key, &beside.scene.settings.color),
                 test: beside.scene.objects.test(),
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,

@@ -99,10 +99,10 @@ impl Loaded {
         }
         self.refuse_marking_streamed(beside);
         let (clouds, test) = (&self.clouds, beside.scene.objects.test());
-        let area_per_point = *self
-            .samples
-            .area_per_point
-            .get_or_insert_with(|| mirrors::area_per_point(clouds.iter().map(|entry| &entry.cloud), &test));
+        let area_per_point = *self.samples.area_per_point.get_or_insert_with(|| {
+            let visible = clouds.iter().filter(|entry| entry.is_visible);
+            mirrors::area_per_point(visible.map(|entry| &entry.cloud), &test)
+        });
         if self.samples.under_way.is_none() {
             let is_current = |id: ObjectId, mirror: &Mirror| {
                 self.samples.of.get(&id).is_some_and(|sample| {

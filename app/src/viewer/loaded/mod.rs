@@ -11,6 +11,7 @@ pub mod light_search;
 pub mod lights;
 pub mod mirror_points;
 pub mod opening;
+mod own_settings;
 mod shown_radii;
 pub mod streams;
 
@@ -20,7 +21,7 @@ use std::time::Instant;
 
 use cloud::{PointTest, Progress};
 use glam::DVec3;
-use scene::{Mirror, MirrorPoints};
+use scene::{CloudSettings, Mirror, MirrorPoints};
 use world::{CloudKey, Input, Mailbox};
 
 use crate::viewer::frames::Frames;
@@ -43,6 +44,8 @@ pub struct Loaded {
     pub light_search: LightSearch,
     /// The markings of scene files whose clouds are not open yet.
     pub awaited_markings: Vec<MirrorPoints>,
+    /// What clouds of scene files have of their own that are not open yet.
+    pub awaited_settings: Vec<CloudSettings>,
     /// The warnings that were already shown: they are not repeated when figures are renewed.
     pub warned: Vec<String>,
     /// The size of all indexes in bytes, once it is measured.

@@ -66,8 +66,10 @@ impl Loaded {
         if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
             entry.clouds.insert(index, key);
         }
+        self.place_awaited_settings(key, beside);
         self.make_room(beside);
-        if let Some(bounds) = bounds {
+        let is_visible = self.cloud(key).is_some_and(|entry| entry.is_visible);
+        if let Some(bounds) = bounds.filter(|_| is_visible) {
             beside.scene.frame_while_unplaced(bounds, &self.clouds);
         }
     }
@@ -84,7 +86,8 @@ impl Loaded {
         if let Some((cloud, chunks, up)) = uncolored {
             // Points that are drawn before the figures are known have colours, too.
             let shown = cloud.shown(&beside.scene.objects.test());
-            let (plan, _) = ColorPlan::new(&shown, &beside.scene.settings.color, up);
+            let color = beside.scene.objects.color_of(key, &beside.scene.settings.color);
+            let (plan, _) = ColorPlan::new(&shown, &color, up);
             if plan.missing_column(&cloud).is_none() {
                 beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
             }
@@ -215,6 +218,7 @@ impl Loaded {
     /// Stops loading, and closes all clouds.
     pub fn close_all(&mut self, beside: &mut Beside<'_>) {
         self.stop_loading(beside);
+        self.awaited_settings.clear();
         let keys: Vec<CloudKey> = self.clouds.iter().map(|entry| entry.key).collect();
         for key in keys {
             self.remove_cloud(key, beside);
@@ -279,6 +283,7 @@ impl Loaded {
             objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
             objects.no_guess &= !is_last;
             objects.markings.retain(|marking| marking.key != key);
+            objects.own_settings.retain(|own| own.key != key);
             objects.mirrors.retain(|placed| !is_last && placed.input.as_ref() != Some(&input));
         });
         beside.outside.change(Change::Close { cloud: key });
@@ -307,17 +312,9 @@ impl Loaded {
         self.ask_surroundings(beside);
     }
 
-    pub fn set_visible(&mut self, key: CloudKey, visible: bool, beside: &mut Beside<'_>) {
-        if let Some(entry) = self.cloud_mut(key) {
-            entry.is_visible = visible;
-            beside.outside.change(Change::Show { cloud: key, is_visible: visible });
-            beside.frames.points_changed();
-            self.ask_surroundings(beside);
-        }
-    }
-
     /// Updates the render thread to the current visibility. Called before each frame is requested.
     pub fn sync_visibility(&mut self, beside: &mut Beside<'_>) {
+        self.sync_own_settings(beside);
         let hides_strays = beside.scene.settings.splat.strays == Strays::Hidden;
         let test = beside.scene.objects.test().hiding_strays(hides_strays);
         if test != self.drawn_test {

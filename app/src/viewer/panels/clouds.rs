@@ -1,13 +1,18 @@
-//! The panel that lists the clouds. Each can be shown or hidden, framed and removed.
+//! The panel that lists the clouds. Each can be shown or hidden, framed and removed, and have a look of its own.
 
 use egui::{RichText, Ui};
+use param::Params as _;
+use scene::{CloudSettings, Color, ColorBy};
 
 use crate::viewer::action::Action;
+use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::figures::Figures;
+use crate::viewer::panels::colors::histogram;
+use crate::viewer::panels::parameters::parameter;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::theme::grouped;
-use crate::viewer::widgets::eye;
+use crate::viewer::widgets::{eye, name_label};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for entry in &session.loaded.clouds {
@@ -63,8 +68,97 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                      planes through their neighbours, in the file's unit: the standard deviation.",
                 );
             }
+            let known = session.scene.objects.settings_of(entry.key);
+            let has_own = known.is_some_and(|own| own.size != 1.0 || !own.color.is_empty());
+            let title = RichText::new("Own look").small();
+            let title = if has_own { title.color(theme::ACCENT) } else { title };
+            let section = egui::CollapsingHeader::new(title).id_salt("own look");
+            section.show(ui, |ui| own_look(ui, session, entry, actions));
         });
     }
+}
+
+/// What the cloud has of its own: colours and the size of points. Each can be as the view has it again.
+fn own_look(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Vec<Action>) {
+    let all = &session.scene.settings.color;
+    let before = session.loaded.own_settings(entry.key, session.scene.objects.settings_of(entry.key));
+    let mut own = before.clone();
+    let color = own.color_of(all);
+    color_line(ui, &color, "by", &mut own);
+    if color.by == ColorBy::Attribute {
+        attribute_line(ui, entry, &color, &mut own);
+    }
+    if let Some(figures) = entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty()) {
+        let (low, high) = histogram(ui, figures, color.ramp, color.low, color.high);
+        for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
+            if share != before {
+                own.set_color(name, &share.to_string());
+            }
+        }
+        let has_range = own.color.contains_key("low") || own.color.contains_key("high");
+        if has_range && ui.small_button("Range as the view").clicked() {
+            own.color.remove("low");
+            own.color.remove("high");
+        }
+        color_line(ui, &color, "ramp", &mut own);
+    }
+    color_line(ui, &color, "plain", &mut own);
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Point size");
+        let slider = egui::Slider::new(&mut own.size, CloudSettings::SIZES).logarithmic(true).suffix(" ×");
+        ui.add(slider.clamping(egui::SliderClamping::Edits)).labelled_by(label.id);
+        as_the_view(ui, "Point size", own.size != 1.0).then(|| own.size = 1.0);
+    });
+    if own != before {
+        actions.push(Action::ChangeCloud(entry.key, Box::new(own)));
+    }
+}
+
+/// A button that takes back what a cloud has of its own. Returns whether it was clicked.
+fn as_the_view(ui: &mut Ui, name: &str, is_own: bool) -> bool {
+    is_own && {
+        let button = ui.small_button("×").on_hover_text("As the view has it");
+        button.accessible_name(format!("{name} as the view")).clicked()
+    }
+}
+
+/// A colour parameter of the cloud, as the table of parameters has it.
+fn color_line(ui: &mut Ui, color: &Color, name: &str, own: &mut CloudSettings) {
+    ui.horizontal(|ui| {
+        let mut edits = Vec::new();
+        parameter(ui, color, name, &mut edits);
+        for edit in edits {
+            let (Action::SetParameter { value, .. }, Some(field)) =
+                (edit, color.group().fields.iter().find(|field| field.name == name))
+            else {
+                continue;
+            };
+            own.set_color(name, &field.format(&value));
+        }
+        if as_the_view(ui, name, own.color.contains_key(name)) {
+            own.color.remove(name);
+        }
+    });
+}
+
+fn attribute_line(ui: &mut Ui, entry: &CloudEntry, color: &Color, own: &mut CloudSettings) {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Attribute");
+        let mut chosen = color.attribute.clone();
+        let combo = egui::ComboBox::from_id_salt("own attribute").width(130.0).selected_text(&chosen);
+        let shown = combo.show_ui(ui, |ui| {
+            for attribute in &entry.cloud.attributes {
+                ui.selectable_value(&mut chosen, attribute.name.clone(), &attribute.name);
+            }
+        });
+        shown.response.labelled_by(label.id);
+        if chosen != color.attribute {
+            own.set_color("attribute", &chosen);
+        }
+        if as_the_view(ui, "attribute", own.color.contains_key("attribute")) {
+            own.color.remove("attribute");
+        }
+    });
 }
 
 #[cfg(test)]
@@ -73,10 +167,12 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
     use glam::DVec3;
     use scene::Camera;
+    use world::Change;
 
     use super::*;
     use crate::viewer::loaded::Loaded;
     use crate::viewer::outside::Effect;
+    use crate::viewer::window::render_thread::Command;
     use crate::viewer::work::{Found, Work};
 
     /// The panel with a cloud of two points.
@@ -99,9 +195,76 @@ mod tests {
             harness.run_ok();
             assert_eq!(harness.state().loaded.clouds[0].is_visible, visible);
         }
+        for is_visible in [false, true] {
+            harness.state_mut().act(Action::Undo);
+            harness.state_mut().with_loaded(Loaded::sync_visibility);
+            assert_eq!(harness.state().loaded.clouds[0].is_visible, is_visible, "undo takes each back");
+        }
         harness.get_by_label("Remove cloud.ply").click();
         harness.run_ok();
         assert!(harness.state().loaded.clouds.is_empty() && harness.query_by_label("2 points").is_none());
+    }
+
+    /// The figures that the session asks for.
+    fn with_figures(session: &mut Session) {
+        session.with_loaded(Loaded::renew_figures);
+        for effect in std::mem::take(&mut session.outside.effects) {
+            if let Effect::Work(Work::FindFigures { key, cloud, basis, up, .. }) = effect {
+                let figures = Box::new(Figures::of(&cloud, &basis.color, &basis.test, up));
+                session.on_found(Found::Figures { key, basis, figures });
+            }
+        }
+    }
+
+    #[test]
+    fn a_cloud_is_coloured_by_its_own_parameters_and_undo_tells_of_which_cloud() {
+        let mut harness = harness();
+        harness.set_size(egui::vec2(320.0, 600.0));
+        harness.get_by_label("Own look").click();
+        harness.run_ok();
+        harness.get_by_label("By").click();
+        harness.run_ok();
+        harness.get_by_label("normal").click();
+        harness.run_ok();
+        let session = harness.state_mut();
+        with_figures(session);
+        let label = |session: &Session| session.loaded.clouds[0].figures.as_ref().unwrap().plan.label.clone();
+        assert_eq!((label(session).as_str(), session.scene.settings.color.by), ("normal", ColorBy::Auto));
+        session.act(Action::Undo);
+        let told = session.outside.messages.all.last().map(|message| message.text.clone()).unwrap_or_default();
+        assert_eq!(told, "Undone: cloud cloud.ply");
+        with_figures(session);
+        assert_eq!(label(session), "plain");
+        session.act(Action::Redo);
+        harness.run_ok();
+        harness.get_by_label("by as the view").click();
+        harness.run_ok();
+        assert!(harness.state().scene.objects.own_settings.is_empty());
+    }
+
+    #[test]
+    fn points_of_their_own_size_reach_the_render_thread_and_come_back_by_undo() {
+        let mut harness = harness();
+        let session = harness.state_mut();
+        let key = session.loaded.clouds[0].key;
+        let own = CloudSettings { size: 3.0, ..session.loaded.own_settings(key, None) };
+        session.act(Action::ChangeCloud(key, Box::new(own)));
+        let sizes = |session: &mut Session| -> Vec<f32> {
+            session.with_loaded(Loaded::sync_visibility);
+            let changes = std::mem::take(&mut session.outside.effects).into_iter();
+            let size = |effect| match effect {
+                Effect::Render(Command::Change(Change::Size { size, .. })) => Some(size),
+                _ => None,
+            };
+            changes.filter_map(size).collect()
+        };
+        assert_eq!((sizes(session), sizes(session)), (vec![3.0], vec![]));
+        session.act(Action::Undo);
+        assert_eq!(sizes(session), [1.0]);
+        // What is out of range is refused.
+        let own = CloudSettings { size: 0.0, ..session.loaded.own_settings(key, None) };
+        session.act(Action::ChangeCloud(key, Box::new(own)));
+        assert!(sizes(session).is_empty());
     }
 
     #[test]

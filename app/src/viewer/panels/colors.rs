@@ -8,6 +8,7 @@ use render::{class_color, class_name, ramp_colors};
 use scene::{ColorBy, Ramp};
 
 use crate::viewer::action::Action;
+use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::figures::{Figures, share_below};
 use crate::viewer::panels::clips::range_button;
 use crate::viewer::panels::parameters::parameter;
@@ -27,11 +28,14 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         ui.add(egui::ProgressBar::new(share).text(format!("reading {name}")).desired_height(14.0));
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
+    // The histogram is of a cloud that has these colours.
+    let objects = &session.scene.objects;
+    let has_no_own_color = |entry: &CloudEntry| objects.settings_of(entry.key).is_none_or(|own| own.color.is_empty());
     let with_ramp = session
         .loaded
         .clouds
         .iter()
-        .filter(|entry| entry.is_visible)
+        .filter(|entry| entry.is_visible && has_no_own_color(entry))
         .find_map(|entry| entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty()));
     if let Some(figures) = with_ramp {
         let (low, high) = histogram(ui, figures, color.ramp, color.low, color.high);
@@ -87,7 +91,7 @@ fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 }
 
 /// Draws the histogram in the colours of the ramp. Returns the shares of all points below its two handles.
-fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) -> (f32, f32) {
+pub fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) -> (f32, f32) {
     let plan = &figures.plan;
     let (start, end) = figures.histogram_range;
     let place_of =

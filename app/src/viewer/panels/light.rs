@@ -338,12 +338,11 @@ mod tests {
         answer(&mut session, found);
         let id = session.scene.objects.lights[0].id;
         session.scene.selected = Some(id);
-        let key = session.loaded.clouds[0].key;
-        session.with_loaded(|loaded, beside| loaded.set_visible(key, true, beside));
+        session.with_loaded(|loaded, beside| loaded.ask_surroundings(beside));
         answer(&mut session, found);
         assert_eq!(session.scene.objects.lights[0].id, id, "a new answer moves it");
         session.act(Action::Delete);
-        session.with_loaded(|loaded, beside| loaded.set_visible(key, true, beside));
+        session.with_loaded(|loaded, beside| loaded.ask_surroundings(beside));
         answer(&mut session, found);
         assert!(session.scene.objects.lights.is_empty());
         session.act(Action::Undo);

@@ -57,7 +57,7 @@ impl Around<'_> {
     /// Everything that is visible, as sources of the scene to trace.
     pub fn sources(&self) -> Vec<Source> {
         let clouds = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| {
-            let (cloud, up) = (entry.cloud.clone(), entry.up);
+            let (cloud, up) = (entry.cloud.resized(entry.size), entry.up);
             let plan = entry.figures.as_ref().map(|figures| figures.plan.clone());
             let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud, &self.settings.color, up).0);
             Source::Cloud { cloud, plan, up, marked: entry.marks.clone(), test: self.test.clone() }
