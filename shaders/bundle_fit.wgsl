@@ -5,6 +5,7 @@
 #import bundle
 #import counters
 #import hit
+#import analytic
 
 @group(1) @binding(0) var<uniform> grid: BundleGrid;
 // w: specular intensity, 0 where there is no mirror.
@@ -19,6 +20,8 @@
 // The number of rays that are left to surfel_trace; then two words each: pixel, and f32 bits of the distance up to
 // which it is free.
 @group(1) @binding(8) var<storage, read_write> rest: array<atomic<u32>>;
+// See analytic.wgsl: their rays are no rays of squares.
+@group(1) @binding(9) var<storage, read> analytic: array<FormulaMirror>;
 
 override count_squares: bool = true;
 // Whether the rays of squares that are still off are traced.
@@ -63,7 +66,7 @@ fn sampled(corner: vec2u, edge: u32, count: u32, index: u32) -> Sampled {
     if index < count * count && all(pixel >= vec2i(0)) && all(pixel < vec2i(vec2u(frame.width, frame.height))) {
         let point = textureLoad(point_in, pixel, 0);
         let half = 0.5 * f32(edge);
-        result.is_ray = point.w > 0.0;
+        result.is_ray = point.w > 0.0 && analytic_at(point.xyz) == NOT_ANALYTIC;
         result.place = (vec2f(pixel) + 0.5 - vec2f(corner) - half) / half;
         result.point = point.xyz;
         let eye = textureLoad(eye_in, pixel, 0).xyz;
@@ -108,7 +111,7 @@ fn bundle_fit(
         return;
     }
     let node = first_of_level(grid, grid.level) + index;
-    if traces_rest && grid.level == 0u {
+    if grid.level == 0u {
         mark(corner_of(grid, 0u, index), grid.largest, lane, false);
     }
     if lane == 0u {
@@ -168,7 +171,15 @@ fn bundle_fit(
     }
     workgroupBarrier();
     let rays = totals[1].w;
-    let has_mirror = totals[0].w > 0.0;
+    if lane == 0u {
+        is_wanted = select(0u, 1u, totals[0].w > 0.0);
+    }
+    if workgroupUniformLoad(&is_wanted) == 0u {
+        if lane == 0u {
+            nodes[node].origin_low.w = NODE_EMPTY;
+        }
+        return;
+    }
     let middle = totals[0].xyz / max(rays, 1.0);
     let mean = totals[1].xyz / max(rays, 1.0);
     let axis = mean * inverseSqrt(max(dot(mean, mean), 1e-20));
@@ -275,15 +286,13 @@ fn bundle_fit(
     let is_fitted = is_solved == 1u && totals[4].w > 0.0;
     let is_exact = is_fitted && bitcast<f32>(atomicLoad(&error_bits)) <= settings.sample_cameras.accuracy;
     var state = NODE_EMPTY;
-    if has_mirror {
-        if !is_exact && grid.level < grid.last_level {
-            state = NODE_DIVIDED;
-        } else if is_fitted && !(traces_rest && !is_exact) {
-            state = NODE_LEAF;
-        }
-        if !is_exact && grid.level == grid.last_level {
-            mark(corner, edge, lane, true);
-        }
+    if !is_exact && grid.level < grid.last_level {
+        state = NODE_DIVIDED;
+    } else if is_fitted && !(traces_rest && !is_exact) {
+        state = NODE_LEAF;
+    }
+    if !is_exact && grid.level == grid.last_level {
+        mark(corner, edge, lane, true);
     }
     if lane != 0u {
         return;
@@ -313,26 +322,69 @@ fn bundle_fit(
 }
 
 // Says of the mirror pixels of a square whether bundles stand for them, or nothing yet; those are counted, and listed
-// if they are to be traced.
+// if they are to be traced. At the roots of squares, `is_left` being false, those are left whose mirror has a formula
+// that their own ray does not follow.
 fn mark(corner: vec2u, edge: u32, lane: u32, is_left: bool) {
     for (var i = lane; i < edge * edge; i += THREADS) {
         let pixel = corner + vec2u(i % edge, i / edge);
         let is_in = pixel.x < frame.width && pixel.y < frame.height;
-        if is_in && textureLoad(point_in, pixel, 0).w > 0.0 {
+        let point = textureLoad(point_in, select(vec2u(0u), pixel, is_in), 0);
+        let mirror = select(NOT_ANALYTIC, analytic_at(point.xyz), is_in && point.w > 0.0);
+        if is_in && point.w > 0.0 && !(is_left && mirror != NOT_ANALYTIC) {
+            let is_rest = is_left || (mirror != NOT_ANALYTIC && is_off_formula(mirror, pixel, point.xyz));
             let index = pixel.y * frame.width + pixel.x;
             if traces_rest {
-                hits[index] = select(vec4u(HIT_IN_PICTURE, 1u, 0u, 0u), vec4u(0u), is_left);
+                hits[index] = select(vec4u(HIT_IN_PICTURE, 1u, 0u, 0u), vec4u(0u), is_rest);
             }
-            if is_left && count_squares {
+            if is_rest && count_squares {
                 atomicAdd(&counters[RAYS_LEFT], 1u);
             }
-            if is_left && traces_rest {
+            if is_rest && traces_rest {
                 let entry = atomicAdd(&rest[0], 1u);
                 atomicStore(&rest[1u + 2u * entry], index);
                 atomicStore(&rest[2u + 2u * entry], 0u);
             }
         }
     }
+}
+
+// Whether a pixel of a mirror that is drawn as points has a ray that is farther than the accuracy from that of the
+// mirror's formula, at the mirror or where it leaves the box about all points.
+fn is_off_formula(number: u32, pixel: vec2u, point: vec3f) -> bool {
+    let mirror = analytic[number];
+    if mirror.as_points == 0u {
+        return false;
+    }
+    let normal = textureLoad(normal_in, pixel, 0).xyz;
+    let eye = textureLoad(eye_in, pixel, 0).xyz;
+    let sight = normalize(point - eye);
+    let offset = (eye - mirror.position_reach.xyz) / mirror.z_size.w;
+    var at = AnalyticPlace(true, vec3f(0.0), mirror.z_size.xyz, 0.0);
+    if mirror.x_kind.w == SPHERE {
+        let t = quadratic(1.0, dot(offset, sight), dot(offset, offset) - 1.0).x;
+        if t > 1e30 {
+            return true;
+        }
+        at.normal = offset + sight * t;
+        at.bend = 1.0 / mirror.z_size.w;
+        at.point = eye + sight * (t * mirror.z_size.w);
+    } else {
+        at.normal *= select(1.0, -1.0, dot(at.normal, sight) > 0.0);
+        at.point = eye - sight * (dot(offset, at.normal) * mirror.z_size.w / dot(sight, at.normal));
+    }
+    let axis = reflected_direction(at.point, at.normal, at.point - sight);
+    let across = across_axis(axis);
+    let ray = ray_in_frame(at.point, axis, across, point, reflected_direction(point, normal, eye));
+    var error = 0.0;
+    for (var end = 0u; end < 2u; end++) {
+        let z = select(0.0, leaves_scene(at.point, axis), end == 1u);
+        let slopes = analytic_slopes(at, z);
+        let by_x = vec2f(dot(slopes.right, across.x), dot(slopes.right, across.y));
+        let by_y = vec2f(dot(slopes.down, across.x), dot(slopes.down, across.y));
+        error = max(error, error_at(ray.xy + z * ray.zw, by_x, by_y));
+    }
+    // Not a number is an error, too.
+    return !(error <= settings.sample_cameras.accuracy);
 }
 
 // A mean direction shorter than this is that of rays that go anywhere.
@@ -404,17 +456,22 @@ fn error_of(truth: vec4f, place: vec2f, first: f32, last: f32) -> f32 {
         let beside = off.xy + z * off.zw;
         let by_x = along_x.xy + z * along_x.zw;
         let by_y = along_y.xy + z * along_y.zw;
-        let width = max(length(by_x), length(by_y));
-        let determinant = by_x.x * by_y.y - by_x.y * by_y.x;
-        let solved = vec2f(
-            beside.x * by_y.y - beside.y * by_y.x,
-            by_x.x * beside.y - by_x.y * beside.x
-        ) / select(determinant, 1e-30, determinant == 0.0);
-        let by_ray = length(beside) / max(width, 1e-20);
-        let is_solved_for = settings.sample_cameras.judged_by == SAMPLE_CAMERAS_JUDGED_BY_SOLVE;
-        error = max(error, select(by_ray, length(solved), is_solved_for));
+        error = max(error, error_at(beside, by_x, by_y));
     }
     return error;
+}
+
+// The error of a place that lies beside its ray, where rays move so far with a step in the picture.
+fn error_at(beside: vec2f, by_x: vec2f, by_y: vec2f) -> f32 {
+    let width = max(length(by_x), length(by_y));
+    let determinant = by_x.x * by_y.y - by_x.y * by_y.x;
+    let solved = vec2f(
+        beside.x * by_y.y - beside.y * by_y.x,
+        by_x.x * beside.y - by_x.y * beside.x
+    ) / select(determinant, 1e-30, determinant == 0.0);
+    let by_ray = length(beside) / max(width, 1e-20);
+    let is_solved_for = settings.sample_cameras.judged_by == SAMPLE_CAMERAS_JUDGED_BY_SOLVE;
+    return select(by_ray, length(solved), is_solved_for);
 }
 
 // The factors of the Legendre polynomials as factors of powers.

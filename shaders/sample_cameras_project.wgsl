@@ -4,6 +4,7 @@
 #import beam
 #import camera_root
 #import ordered
+#import analytic
 
 @group(2) @binding(0) var<uniform> grid: BundleGrid;
 @group(2) @binding(1) var<storage, read> nodes: array<BundleNode>;
@@ -15,6 +16,8 @@
 // Indexed by point of the page; the roots of a point are a page apart.
 @group(2) @binding(6) var<storage, read_write> solutions: array<Solution>;
 @group(2) @binding(7) var<storage, read_write> counters: array<atomic<u32>>;
+// See analytic.wgsl: squares hold none of their rays.
+@group(2) @binding(8) var<storage, read> analytic: array<FormulaMirror>;
 
 override degree: u32 = 2u;
 // Whether whole blocks descend before their points.
@@ -40,6 +43,7 @@ var<workgroup> chances: array<f32, 256>;
 var<workgroup> largest_area: atomic<u32>;
 var<workgroup> leaf_count: atomic<u32>;
 var<workgroup> is_full: atomic<u32>;
+var<workgroup> has_squares: u32;
 
 @compute @workgroup_size(128)
 fn sample_cameras_project(
@@ -51,7 +55,15 @@ fn sample_cameras_project(
         atomicStore(&low[lane], 0xffffffffu);
     }
     workgroupBarrier();
-    if by_blocks {
+    if lane == 0u {
+        var root = 0u;
+        while root < grid.columns * grid.rows && nodes[root].origin_low.w == NODE_EMPTY {
+            root++;
+        }
+        has_squares = select(0u, 1u, root < grid.columns * grid.rows);
+    }
+    // Where formulas stand for all rays, there is no square to look for.
+    if workgroupUniformLoad(&has_squares) != 0u && by_blocks {
         walk = BOUND;
         splat_block(group, groups, lane);
         workgroupBarrier();
@@ -182,6 +194,9 @@ fn splat_point(item: Item, index: u32) {
     }
     var found = 0u;
     if point.is_point {
+        for (var number = 0u; number < arrayLength(&analytic); number++) {
+            found = with_root(given, index, found, root_by_formula(given, number));
+        }
         if by_blocks && atomicLoad(&is_full) == 0u {
             let count = min(atomicLoad(&leaf_count), QUEUE);
             var i = next_leaf(given.identity, 0u, count);
@@ -193,8 +208,8 @@ fn splat_point(item: Item, index: u32) {
                 }
                 i = next_leaf(given.identity, i + 1u, count);
             }
-        } else {
-            found = descend(given, index);
+        } else if has_squares != 0u {
+            found = descend(given, index, found);
         }
     }
     end_roots(index, found, point.is_point);
@@ -224,8 +239,8 @@ fn raise(axis: u32, value: u32) {
 }
 
 // Tries a point in all leaves, from the roots on.
-fn descend(given: Reflected, index: u32) -> u32 {
-    var found = 0u;
+fn descend(given: Reflected, index: u32, found_before: u32) -> u32 {
+    var found = found_before;
     var level = 0u;
     var square = 0u;
     while level > 0u || square < grid.columns * grid.rows {
@@ -349,3 +364,45 @@ fn root_in(given: Reflected, node: u32, leaf: u32) -> Solution {
     let camera = CameraFrame(middle.xyz, axis.xyz, across, square.z, square.w != 0.0);
     return kept_root(given, camera, z, square.xy + p * square.z, by_x, by_y, drawn, middle_share);
 }
+
+// Rounding must not leave out a point, nor the angle between its pixel's ray and that of the formula.
+const FORMULA_MARGIN: f32 = 1.1;
+
+// The place in which a mirror with a closed formula reflects the point; a solution with no distance if there is none.
+fn root_by_formula(given: Reflected, number: u32) -> Solution {
+    let mirror = analytic[number];
+    if mirror.z_size.w <= 0.0 {
+        return Solution(0u, 0.0);
+    }
+    let per_pixel = settings.sample_cameras.points_per_pixel;
+    let drawn = drawn_for(given.identity, BY_FORMULA | number);
+    let least = least_area(mirror, given.place);
+    let most_share = select(FORMULA_MARGIN * per_pixel * given.area / max(least, 1e-30), 3e38, least <= 0.0);
+    if per_pixel > 0.0 && drawn >= most_share {
+        return Solution(0u, 0.0);
+    }
+    let place = analytic_place(mirror, given.place);
+    let view = view_from_relative(frame, place.point);
+    if !place.is_found || view.z <= frame.near {
+        return Solution(0u, 0.0);
+    }
+    let at = pixel_from_view(frame, view);
+    let is_in = all(at >= vec2f(0.0)) && all(at < vec2f(f32(frame.width), f32(frame.height)));
+    let texel = vec2i(select(vec2f(0.0), floor(at), is_in));
+    // Another mirror may stand before this one.
+    if !is_in || analytic_at(textureLoad(point_in, texel, 0).xyz) != number {
+        return Solution(0u, 0.0);
+    }
+    let axis = reflected_direction(place.point, place.normal, place.point - sight_to(place.point));
+    let across = across_axis(axis);
+    let z = dot(given.place - place.point, axis);
+    let slopes = analytic_slopes(place, z);
+    let by_x = vec2f(dot(slopes.right, across.x), dot(slopes.right, across.y));
+    let by_y = vec2f(dot(slopes.down, across.x), dot(slopes.down, across.y));
+    // Of a mirror that is drawn as points, each pixel has a place and a normal of its own.
+    let camera = CameraFrame(place.point, axis, across, 1.0, mirror.as_points != 0u);
+    return kept_root(given, camera, z, at, by_x, by_y, drawn, most_share);
+}
+
+// Parts mirrors from the leaves for which points are drawn.
+const BY_FORMULA: u32 = 0xf0000000u;

@@ -334,6 +334,7 @@ struct SampleCameras {
     split_gain: f32,
     longest_list: u32,
     roots: u32,
+    analytic: u32,
     cull: u32,
     polish: u32,
     points_per_pixel: f32,

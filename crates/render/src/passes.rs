@@ -296,11 +296,11 @@ passes! {
     }
     bundle_fit: Method over Pixels {
         grid: Uniform, point_in: Texture, normal_in: Texture, eye_in: Texture, nodes: ReadWrite, bundles: ReadWrite,
-        counters: ReadWrite, hits: ReadWrite, rest: ReadWrite,
+        counters: ReadWrite, hits: ReadWrite, rest: ReadWrite, analytic: Read,
     }
     sample_cameras_project: Method over Blocks {
         grid: Uniform, nodes: Read, bundles: Read, point_in: Texture, normal_in: Texture, eye_in: Texture,
-        solutions: ReadWrite, counters: ReadWrite,
+        solutions: ReadWrite, counters: ReadWrite, analytic: Read,
     }
     sample_cameras_rays: Method over Pixels {
         trees: Uniform, point_in: Texture, normal_in: Texture, eye_in: Texture, rays: ReadWrite,

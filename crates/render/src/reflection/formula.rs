@@ -34,6 +34,36 @@ pub(crate) fn upload_with_clear(
     upload_all(gpu, mirrors.filter_map(|mirror| formula(mirror, settings, eye)).collect())
 }
 
+/// The most mirrors whose reflections of points are computed by their formula: each point tries all of them.
+const MOST_ANALYTIC: usize = 16;
+
+/// Uploads the first mirrors of which a formula tells where they reflect a point, if `is_wanted`; else a buffer that
+/// holds none (shaders/shared/analytic.wgsl).
+pub(crate) fn upload_analytic(
+    gpu: &Gpu,
+    settings: &Settings,
+    mirrors: &[Mirror],
+    eye: DVec3,
+    is_wanted: impl Fn(&Mirror) -> bool,
+) -> wgpu::Buffer {
+    let has_place = |mirror: &&Mirror| match mirror.shape {
+        Shape::Plane { .. } => true,
+        // Seen from inside, a sphere has up to four such places.
+        Shape::Sphere => mirror.position.distance(eye) > mirror.size,
+        _ => false,
+    };
+    let mirrors = mirrors.iter().filter(|mirror| is_wanted(mirror) && mirror.specular_intensity > 0.0);
+    let mut mirrors: Vec<FormulaMirror> =
+        mirrors.filter(has_place).take(MOST_ANALYTIC).filter_map(|mirror| formula(mirror, settings, eye)).collect();
+    if mirrors.is_empty() {
+        mirrors.push(FormulaMirror::default());
+    }
+    let bytes: &[u8] = bytemuck::cast_slice(&mirrors);
+    let buffer = storage(&gpu.device, "mirrors with a closed formula", bytes.len() as u64);
+    gpu.queue.write_buffer(&buffer, 0, bytes);
+    buffer
+}
+
 fn upload_all(gpu: &Gpu, mirrors: Vec<FormulaMirror>) -> Option<wgpu::Buffer> {
     if mirrors.is_empty() {
         return None;

@@ -4,6 +4,8 @@
 //! space (`space`), and are kept while camera and mirrors stand. docs/methods/sample_cameras.md tells what became of
 //! the paper.
 
+#[cfg(test)]
+mod analytic_tests;
 mod pinhole;
 mod space;
 #[cfg(test)]
@@ -15,8 +17,9 @@ mod tree;
 mod twin;
 
 use cloud::Bounds;
-use scene::{BundleCull, BundleRest, BundleSplat, CameraCells, SampleCameras as Parameters};
+use scene::{BundleCull, BundleRest, BundleSplat, CameraCells, Mirror, SampleCameras as Parameters};
 
+use super::formula::upload_analytic;
 use super::forward::{Forward, Splats, picture_buffer};
 use super::gather::{Gather, rest_list};
 use super::surfel_index::SurfelIndex;
@@ -133,9 +136,10 @@ impl SampleCameras {
                     None => Squares::new(gpu, count)?,
                 };
                 let squares = &*self.squares.insert(squares);
-                fit(recorder, task, squares, grid, &gather.hits, rest)?;
+                let analytic = analytic_of(recorder.gpu, task);
+                fit(recorder, task, squares, grid, [&gather.hits, rest, &analytic])?;
                 forward.clear(recorder);
-                project(recorder, forward, task, squares, grid, rounds)?;
+                project(recorder, forward, task, (squares, &analytic), grid, rounds)?;
             }
             CameraCells::Space => {
                 forward.clear(recorder);
@@ -167,6 +171,15 @@ fn grid_of(task: &Task<'_>) -> BundleGrid {
     let (bounds, eye) = (scene_of(task), task.supply.camera.eye);
     let scene = Bounds { min: bounds.min - eye, max: bounds.max - eye };
     BundleGrid::new(&task.settings.sample_cameras, part_of(task), scene)
+}
+
+/// The mirrors whose reflections of points follow from their formula. Only rays from the camera's eye do, and only those
+/// of perfect mirrors: glossy ones, and rays from several places of a pixel, have normals of their own.
+fn analytic_of(gpu: &Gpu, task: &Task<'_>) -> wgpu::Buffer {
+    let settings = task.settings;
+    let is_plain = task.bounce == 0 && settings.sample_cameras.analytic && settings.reflection.samples <= 1;
+    let is_wanted = |mirror: &Mirror| is_plain && (settings.gloss.samples == 0 || mirror.specular_power <= 0.0);
+    upload_analytic(gpu, settings, task.mirrors, task.supply.camera.eye, is_wanted)
 }
 
 /// The first pixel of the part of the picture in which mirrors may be seen, and the one beyond its last.
@@ -201,8 +214,7 @@ fn fit(
     task: &Task<'_>,
     squares: &Squares,
     grid: BundleGrid,
-    hits: &wgpu::Buffer,
-    rest: &wgpu::Buffer,
+    [hits, rest, analytic]: [&wgpu::Buffer; 3],
 ) -> Result<()> {
     let traces_rest = task.settings.sample_cameras.rest == BundleRest::SurfelTrace;
     for level in 0..=grid.last_level {
@@ -217,6 +229,7 @@ fn fit(
             counters: task.counters.as_entire_binding(),
             hits: hits.as_entire_binding(),
             rest: rest.as_entire_binding(),
+            analytic: analytic.as_entire_binding(),
         };
         let groups = grid.squares(level).max(1) as u32;
         // The limit is 65,535 workgroups per dimension.
@@ -232,7 +245,7 @@ fn project(
     recorder: &mut Recorder<'_>,
     forward: &Forward,
     task: &Task<'_>,
-    squares: &Squares,
+    (squares, analytic): (&Squares, &wgpu::Buffer),
     grid: BundleGrid,
     rounds: u32,
 ) -> Result<()> {
@@ -254,6 +267,7 @@ fn project(
             eye_in: task.mirror.eye.bind(),
             solutions: forward.bind_solutions(page, 0, 0)?,
             counters: task.counters.as_entire_binding(),
+            analytic: analytic.as_entire_binding(),
         })
     })
 }

@@ -48,6 +48,8 @@ params! {
         longest_list: u32 = 64, 4..=4096, "gaps";
         /// Places of the mirror that each point may be reflected in; further ones are dropped and counted.
         roots: u32 = 4, 1..=16, "places";
+        /// Find points in perfect planes and spheres by the formula of the mirror instead of squares; beyond 16 mirrors, and after the first reflection, squares stand for these, too.
+        analytic: bool = true;
         /// Let whole blocks of points descend into the squares before their points, or each point alone; the picture is the same. For squares.
         cull: BundleCull = BundleCull::Blocks;
         /// Newton steps on the mirror's own pixels after a camera has found a place.

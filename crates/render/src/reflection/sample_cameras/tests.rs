@@ -5,7 +5,7 @@ use std::sync::Arc;
 use cloud::{Bounds, Chunk, pack_normal, pack_radius};
 use glam::{DVec2, DVec3, UVec2, Vec3};
 use scene::five_mirrors::{Variant, camera};
-use scene::{BundleCull, BundleRest, BundleSplat, JudgedBy, SampleCameras as Parameters, Settings};
+use scene::{BundleCull, BundleRest, BundleSplat, JudgedBy, Mirror, SampleCameras as Parameters, Settings};
 
 use super::SampleCameras;
 use super::twin::{Bundles, Root};
@@ -261,6 +261,18 @@ pub fn made(gpu: &Arc<Gpu>, picture: &MirrorPicture, points: &[Vec3], parameters
 }
 
 fn made_of(gpu: &Arc<Gpu>, picture: &MirrorPicture, points: &[Vec3], radius: f32, parameters: &Parameters) -> Made {
+    made_with(gpu, picture, &[], points, radius, parameters)
+}
+
+/// The same, where some mirrors have a formula.
+pub fn made_with(
+    gpu: &Arc<Gpu>,
+    picture: &MirrorPicture,
+    mirrors: &[Mirror],
+    points: &[Vec3],
+    radius: f32,
+    parameters: &Parameters,
+) -> Made {
     let size = picture.size.to_array();
     let mut store = PointStore::new(gpu.clone());
     let cloud = store.add_cloud(Material::default());
@@ -284,7 +296,7 @@ fn made_of(gpu: &Arc<Gpu>, picture: &MirrorPicture, points: &[Vec3], radius: f32
         supply: &supply,
         settings: &settings,
         store: &store,
-        mirrors: &[],
+        mirrors,
         bounce: 0,
         camera: bounce.surface(),
         mirror: &bounce.mirror,
