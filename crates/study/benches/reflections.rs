@@ -1,10 +1,8 @@
 //! Reflection methods on the five mirrors: time and accuracy beside one another, all settings in turn in one run.
 //!
 //! `cargo bench --profile release -p study --bench reflections -- [MIRROR]... [KEY=VALUE]... [--try "KEY=VALUE ..."]...
-//! [--rounds N] [--passes] [--anew] [--pictures FOLDER]`: each `--try` is a setting on top of the others, with
-//! reflections; without any, each method is one. Without mirrors all five. With `--anew` nothing is kept from frame to
-//! frame, as if all points moved: the time of a whole frame then counts the trees over the points. Pictures are PPM
-//! files.
+//! [--rounds N] [--passes] [--pictures FOLDER]`: each `--try` is a setting on top of the others, with reflections;
+//! without any, each method is one. Without mirrors all five. Pictures are PPM files.
 
 use std::io::Write as _;
 
@@ -19,7 +17,7 @@ const SIZE: [u32; 2] = [800, 600];
 fn main() -> anyhow::Result<()> {
     let mut settings = Settings::default();
     let (mut variants, mut tries, mut folder, mut rounds) = (Vec::new(), Vec::new(), None, 5);
-    let (mut all_passes, mut is_anew) = (false, false);
+    let mut all_passes = false;
     let mut arguments = std::env::args().skip(1).filter(|argument| argument != "--bench");
     while let Some(argument) = arguments.next() {
         let mut value = || arguments.next().ok_or_else(|| anyhow::anyhow!("{argument}: a value is missing"));
@@ -28,7 +26,6 @@ fn main() -> anyhow::Result<()> {
             "--rounds" => rounds = value()?.parse()?,
             "--pictures" => folder = Some(value()?),
             "--passes" => all_passes = true,
-            "--anew" => is_anew = true,
             _ => match argument.split_once('=') {
                 Some((key, value)) => settings.set_text(key, value)?,
                 None => variants.extend(Variant::ALL.into_iter().filter(|variant| variant.name() == argument)),
@@ -75,9 +72,6 @@ fn main() -> anyhow::Result<()> {
         let mut judged = Vec::new();
         for round in 0..=rounds {
             for (case, tried) in tried.iter().enumerate() {
-                if is_anew {
-                    renderer.forget();
-                }
                 let stats = stage.render(&mut renderer, tried, SIZE)?;
                 // The first round compiles.
                 if round == 0 {
