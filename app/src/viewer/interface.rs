@@ -525,6 +525,24 @@ mod tests {
     }
 
     #[test]
+    fn keys_do_nothing_while_a_note_waits_for_its_place() {
+        let mut harness = harness();
+        *harness.state_mut() = Session::with_two_points();
+        harness.run_ok();
+        let by = |harness: &Harness<'_, Session>| harness.state().scene.settings.color.by;
+        harness.state_mut().act(Action::Measuring(Measuring::BeginNote));
+        harness.run_ok();
+        harness.key_press(egui::Key::Num2);
+        harness.run_ok();
+        assert_eq!(by(&harness), scene::ColorBy::Height, "before the click they act");
+        harness.state_mut().act(Action::PointAt(Some([10, 10])));
+        harness.state_mut().act(Action::Pick);
+        harness.key_press(egui::Key::Num9);
+        harness.run_ok();
+        assert_eq!(by(&harness), scene::ColorBy::Height);
+    }
+
+    #[test]
     fn esc_that_ends_typing_ends_nothing_else() {
         let mut harness = harness();
         *harness.state_mut() = Session::with_two_points();

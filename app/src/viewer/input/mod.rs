@@ -13,7 +13,7 @@ use glam::{DVec2, DVec3};
 use crate::viewer::action::{Action, Measuring};
 use crate::viewer::input::bindings::Trigger;
 use crate::viewer::session::Session;
-use crate::viewer::tools::measurements::Placing;
+use crate::viewer::tools::measurements::{Placing, Wanted};
 
 /// The cursor rests when it has not moved for this long. Then the point under it is looked up.
 const HOVER_DELAY: Duration = Duration::from_millis(60);
@@ -31,7 +31,9 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let was_typing = ui.data(|data| data.get_temp(typing())).unwrap_or(false);
     ui.data_mut(|data| data.insert_temp(typing(), is_typing));
     let scale = f64::from(ui.ctx().pixels_per_point());
-    if is_typing {
+    // Once a note has its place, keys are its text, which must not act before its field is there.
+    let awaits_text = |placing: &Placing| placing.wanted == Wanted::Note && placing.has_begun();
+    if is_typing || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
         hold(session, [false; 3], actions);
     } else if session.palette.is_none() && session.document.asked.is_none() && session.tools.picture_draft.is_none() {
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
