@@ -44,7 +44,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
         request.clips.extend(file.clips);
         request.cloud_settings.extend(file.cloud_settings);
     }
-    request.leave_out_hidden();
+    request.leave_out_hidden()?;
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }

@@ -88,7 +88,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     }
     let mut request = world::resolve(&arguments.inputs);
     request.check()?;
-    request.leave_out_hidden();
+    request.leave_out_hidden()?;
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let test = request.test();
     terminal::warn(&request.warnings);

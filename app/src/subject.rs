@@ -70,10 +70,7 @@ pub fn open(
     camera: impl FnOnce(&[DVec3], DVec3, Option<Camera>) -> Camera,
 ) -> anyhow::Result<Result<LoadedSubject, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
-    request.leave_out_hidden();
-    if request.inputs.is_empty() && !names.is_empty() {
-        return Err(usage(format!("{}: the scene hides all of its clouds", names.join(", "))));
-    }
+    request.leave_out_hidden()?;
     let exact = request.built_in().map(Exact::five_mirrors);
     request.lights.extend(request.built_in_light());
     if request.lights.len() > MOST_LIGHTS {

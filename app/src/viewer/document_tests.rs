@@ -137,6 +137,10 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
     assert_eq!((other.loaded.clouds[0].is_visible, other.loaded.clouds[0].size), (false, 1.5));
     assert_eq!((&other.scene.settings, other.scene.camera), (&session.scene.settings, session.scene.camera));
     assert!(!other.is_unsaved());
+    let before = std::fs::read_to_string(folder.path().join("hall.toml")).unwrap();
+    other.act(Action::File(Filing::Save));
+    settle(&mut other);
+    assert_eq!(std::fs::read_to_string(folder.path().join("hall.toml")).unwrap(), before, "saved again it is the same");
 }
 
 #[test]

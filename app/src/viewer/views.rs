@@ -163,7 +163,7 @@ impl Scene {
     pub fn session_text(&self, inputs: &[String], loaded: &Loaded, folder: Option<&Path>) -> Result<String, String> {
         let mut file = self.whole_file_of(inputs, loaded);
         file.mirror_points.extend(loaded.awaited_markings.iter().cloned());
-        file.cloud_settings.extend(loaded.awaited_settings.iter().cloned());
+        file.cloud_settings.extend(loaded.settings_of_absent().cloned());
         if let Some(folder) = folder {
             named_files(&mut file).for_each(|name| {
                 if let Some(beside) = Path::new(&*name).strip_prefix(folder).ok().and_then(Path::to_str) {

@@ -9,6 +9,9 @@ pub enum Error {
     /// Words were given, but none of them names anything.
     #[error("{0}")]
     NothingNamed(String),
+    /// A scene switches off all of its clouds.
+    #[error("{0}: the scene hides all of its clouds")]
+    AllHidden(String),
     /// Points are to be chosen by an attribute that their cloud does not have.
     #[error("{cloud}: has no attribute `{attribute}`")]
     NoAttribute { cloud: String, attribute: String },
@@ -29,7 +32,7 @@ impl Error {
     /// Whether the person named something wrong or a file cannot be read, so that the program is not at fault.
     pub fn is_usage(&self) -> bool {
         match self {
-            Self::NothingNamed(_) | Self::NoAttribute { .. } | Self::NoMesh { .. } => true,
+            Self::NothingNamed(_) | Self::AllHidden(_) | Self::NoAttribute { .. } | Self::NoMesh { .. } => true,
             Self::File(error) => is_of_input(error),
             Self::Pages(error) => is_of_inputs(error),
             Self::NoCacheFolder | Self::IndexInUse { .. } => false,

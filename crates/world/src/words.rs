@@ -137,10 +137,18 @@ impl Request {
     }
 
     /// Leaves out the inputs whose clouds are switched off.
-    pub fn leave_out_hidden(&mut self) {
-        let settings = std::mem::take(&mut self.cloud_settings);
-        self.inputs.retain(|input| !settings.iter().any(|own| !own.on && own.cloud == input.name()));
-        self.cloud_settings = settings;
+    ///
+    /// # Errors
+    /// If none is left; it names the first few.
+    pub fn leave_out_hidden(&mut self) -> Result<()> {
+        let is_on = |input: &Input| self.cloud_settings.iter().all(|own| own.on || own.cloud != input.name());
+        let (on, off): (Vec<Input>, Vec<Input>) = std::mem::take(&mut self.inputs).into_iter().partition(is_on);
+        self.inputs = on;
+        if self.inputs.is_empty() && !off.is_empty() {
+            let names = off.iter().map(Input::name).collect();
+            return Err(Error::AllHidden(param::few(names, "clouds").join(", ")));
+        }
+        Ok(())
     }
 
     /// Decides which points are shown.

@@ -186,6 +186,7 @@ impl Loaded {
     fn on_loaded(&mut self, beside: &mut Beside<'_>) {
         self.samples.area_per_point = None;
         self.place_awaited_markings(beside);
+        self.end_awaiting();
         self.ask_surroundings(beside);
         let visible: Vec<&CloudEntry> = self.clouds.iter().filter(|entry| entry.is_visible).collect();
         let test = beside.scene.objects.test();

@@ -30,15 +30,22 @@ impl Loaded {
     pub fn place_awaited_settings(&mut self, key: CloudKey, beside: &mut Beside<'_>) {
         let Some(entry) = self.cloud(key) else { return };
         let (input, name) = (entry.input.clone(), entry.cloud.name.clone());
-        let Some(index) = self.awaited_settings.iter().position(|own| own.is_of(&input, &name)) else { return };
-        // All clouds of a folder may have the same.
-        let settings = self.awaited_settings[index].clone();
-        if settings.cloud != input || input == name {
-            self.awaited_settings.remove(index);
-        }
+        let Some(settings) = self.awaited_settings.iter().find(|own| own.is_of(&input, &name)).cloned() else { return };
         let own = OwnSettings { key, input, settings };
         beside.scene.rewrite_objects(|objects| objects.set_own(own.clone()));
         self.sync_own_settings(beside);
+    }
+
+    /// The settings for clouds that are not open.
+    pub fn settings_of_absent(&self) -> impl Iterator<Item = &CloudSettings> {
+        let is_open = |own: &CloudSettings| self.clouds.iter().any(|entry| own.is_of(&entry.input, &entry.cloud.name));
+        self.awaited_settings.iter().filter(move |own| !is_open(own))
+    }
+
+    /// Forgets what was said of clouds that are open now: until a job has opened all of a folder's clouds, each of
+    /// them may need it.
+    pub fn end_awaiting(&mut self) {
+        self.awaited_settings = self.settings_of_absent().cloned().collect();
     }
 
     /// What a cloud has of its own, or settings that leave everything open.
