@@ -9,6 +9,7 @@
 
 mod fuzz;
 mod needs;
+mod notices;
 mod package;
 mod systems;
 
@@ -30,8 +31,9 @@ cargo xtask baseline         Write the checksums of pictures in tests/baseline a
 cargo xtask fuzz [TARGET] [--minutes N]
                              Try odd inputs on the parsers, led by their coverage: TARGET, or all of crates/fuzz/seeds, for
                              10 minutes or N in all. Needs a C++ compiler. What breaks something is kept in target/fuzz/found.
-cargo xtask package          Build a .deb and a .tar.gz of the program in target/package: with menu entry, icon, file types and
-                             thumbnailer. Needs dpkg-deb, tar and objdump; fails where the program needs a newer glibc than 2.35.
+cargo xtask package          Build a .deb and a .tar.gz of the program in target/package: with menu entry, icon, file types,
+                             thumbnailer and the licences of all crates in it. Needs dpkg-deb, tar and objdump; fails where the
+                             program needs a newer glibc than 2.35.
 cargo xtask systems          Type-check everything for Windows and macOS, as far as their standard libraries are installed.
 cargo xtask test --modes     Run the renderer's tests while the adapter acts like lesser ones: without 64-bit atomics, without
                              reading them (Metal, DirectX), timed by its own clock in one submit, with the limits that
@@ -240,7 +242,7 @@ fn package() -> Result<ExitCode> {
         return Ok(exit_code(status));
     }
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), |folder| root.join(folder));
-    for path in package::package(&root, &target)? {
+    for path in package::package(cargo, &root, &target)? {
         println!("{}", path.display());
     }
     Ok(ExitCode::SUCCESS)

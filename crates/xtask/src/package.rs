@@ -9,7 +9,7 @@ use std::process::Command;
 
 use anyhow::{Context as _, Result, bail, ensure};
 
-use crate::needs;
+use crate::{needs, notices};
 
 /// The newest glibc whose symbols a package may use: 2.35 is of February 2022, and linking on a newer system asks for its
 /// `hypot`. Debian 12, Ubuntu 22.04, Fedora 36 and what came after them have it.
@@ -31,8 +31,8 @@ const FILES: [(&str, &str); 4] = [
 /// Makes both packages in `target`/package from the program that is built in `target`. Returns their paths.
 ///
 /// # Errors
-/// A tool is missing, or the program needs a newer glibc or an unknown library.
-pub fn package(root: &Path, target: &Path) -> Result<Vec<PathBuf>> {
+/// A tool is missing, the program needs a newer glibc or an unknown library, or the licence of a dependency is unknown.
+pub fn package(cargo: fn() -> Command, root: &Path, target: &Path) -> Result<Vec<PathBuf>> {
     let program = &target.join("release/glint");
     let symbols = output("objdump", &["-T"], program, "binutils")?;
     let newest = newest_glibc(&symbols);
@@ -50,23 +50,34 @@ pub fn package(root: &Path, target: &Path) -> Result<Vec<PathBuf>> {
     if folder.exists() {
         std::fs::remove_dir_all(&folder)?;
     }
+    let (notices, crates) = notices::notices(cargo, root)?;
+    let library = notices::library_notices()?;
+    println!("{} has the licences of {crates} crates, {} KiB.", notices::FILE, notices.len() / 1024);
+    let documents = |folder: &Path| -> Result<()> {
+        for file in ["README.md", "LICENSE-MIT", "LICENSE-APACHE"] {
+            put(&root.join(file), &folder.join(file), 0o644)?;
+        }
+        put(&library, &folder.join(notices::LIBRARY), 0o644)?;
+        Ok(std::fs::write(folder.join(notices::FILE), &notices)?)
+    };
     let version = env!("CARGO_PKG_VERSION");
     let name = format!("glint-{version}-{}-linux", std::env::consts::ARCH);
     // The archive: to unpack anywhere, or over /usr/local or ~/.local.
     let archive = folder.join(&name);
     stage(root, program, &archive)?;
-    for file in ["README.md", "LICENSE-MIT", "LICENSE-APACHE"] {
-        put(&root.join(file), &archive.join(file), 0o644)?;
-    }
+    documents(&archive)?;
     let tar = folder.join(format!("{name}.tar.gz"));
     let words = ["--owner=0", "--group=0", "--numeric-owner", "--sort=name", "-C"];
     run(Command::new("tar").args(words).arg(&folder).arg("-czf").arg(&tar).arg(&name), "tar")?;
     // The package for Debian and Ubuntu. Their triggers bring menus, types and icons up to date.
     let tree = folder.join("deb");
     stage(root, program, &tree.join("usr"))?;
-    let documents = tree.join("usr/share/doc/glint");
-    put(&root.join("README.md"), &documents.join("README.md"), 0o644)?;
-    put(&root.join("LICENSE-MIT"), &documents.join("copyright"), 0o644)?;
+    let folder_of_documents = tree.join("usr/share/doc/glint");
+    documents(&folder_of_documents)?;
+    std::fs::write(
+        folder_of_documents.join("copyright"),
+        copyright(&std::fs::read_to_string(root.join("LICENSE-MIT"))?),
+    )?;
     let architecture = debian_architecture(std::env::consts::ARCH);
     let kibibytes = bytes_below(&tree)?.div_ceil(1024);
     std::fs::create_dir_all(tree.join("DEBIAN"))?;
@@ -126,6 +137,17 @@ fn control(version: &str, architecture: &str, kibibytes: u64, linked: &[String])
          memory. It draws points as surfaces, lights them, and shows correct reflections\n \
          in curved mirrors. The same pictures are made without a window by its commands.\n",
         depends.join(", ")
+    )
+}
+
+/// Debian's page about the licences of a package.
+fn copyright(mit: &str) -> String {
+    format!(
+        "glint may be used under the terms of the MIT licence below, or of the Apache License, version 2.0 (LICENSE-APACHE\n\
+         in this folder; /usr/share/common-licenses/Apache-2.0). It contains code and fonts of other people: {} and\n\
+         {} in this folder have their licences.\n\n{mit}",
+        notices::FILE,
+        notices::LIBRARY
     )
 }
 
