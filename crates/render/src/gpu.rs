@@ -73,6 +73,8 @@ pub struct Gpu {
     pub(crate) reads_atomics64: bool,
     /// Whether the system takes the device away if a dispatch takes long.
     pub(crate) is_watched: bool,
+    /// Whether what would take too long there is refused: processors that act like a GPU in tests are slower than any.
+    pub(crate) refuses_long: bool,
     /// The passes that are kept from run to run, if the adapter hands them over and `keep_pipelines_in` named a folder.
     pub(crate) kept_pipelines: Option<KeptPipelines>,
     /// The first error outside of any error scope: the next wait reports it.
@@ -260,7 +262,8 @@ impl Gpu {
         });
         let (device, queue) = pollster::block_on(request)
             .map_err(|error| Error::Device { adapter: info.name.clone(), problem: error.to_string() })?;
-        let is_watched = info.device_type != wgpu::DeviceType::Cpu || acting.like("gpu-clock");
+        let refuses_long = info.device_type != wgpu::DeviceType::Cpu;
+        let is_watched = refuses_long || acting.like("gpu-clock");
         let clock = if is_watched && !timestamps.is_empty() { Clock::Gpu } else { Clock::Host };
         let reads_atomics64 = reads_atomics64(info.backend) && !acting.like("blind-atomics");
         let failure = Arc::new(Mutex::new(None));
@@ -285,6 +288,7 @@ impl Gpu {
             atomics64,
             reads_atomics64,
             is_watched,
+            refuses_long,
             kept_pipelines,
             failure,
         }))

@@ -32,17 +32,21 @@ impl Renderer {
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
+    use std::sync::atomic::{AtomicU32, Ordering};
 
     use glam::DVec3;
-    use scene::{Camera, Method, Settings};
+    use rayon::prelude::*;
+    use scene::{Camera, METHODS, Method, Settings};
 
     use super::*;
+    use crate::allocation::tests::Room;
     use crate::{Gpu, Objects, PointStore};
 
     #[test]
     fn a_pass_that_would_take_seconds_at_a_time_is_refused_on_a_gpu_and_tried_again() {
         let Some(mut gpu) = Gpu::for_test() else { return };
-        Arc::get_mut(&mut gpu).unwrap().is_watched = true;
+        let watched = Arc::get_mut(&mut gpu).unwrap();
+        (watched.is_watched, watched.refuses_long) = (true, true);
         let store = PointStore::new(gpu.clone());
         let mut renderer = Renderer::bare(gpu);
         let mut settings = Settings::default();
@@ -64,5 +68,41 @@ mod tests {
         // One slow frame is not believed for ever.
         assert!(draw(None).unwrap_err().contains("3.0 s"));
         assert!(draw(None).unwrap() == whole);
+    }
+
+    #[test]
+    fn a_device_that_is_lost_in_the_middle_of_a_frame_ends_the_frame_of_every_method_with_an_error() {
+        if Gpu::for_test().is_none() {
+            return;
+        }
+        let methods = METHODS.iter().map(|row| row.method).filter(|method| method.chosen() == *method);
+        methods.collect::<Vec<_>>().into_par_iter().for_each(|method| {
+            let gpu = Gpu::for_test().unwrap();
+            let room = Room::new(&gpu);
+            let mut renderer = Renderer::bare(gpu.clone());
+            let settings = Room::settings(method);
+            let passed = Arc::new(AtomicU32::new(0));
+            let mut draw = |last: u32| {
+                passed.store(0, Ordering::Relaxed);
+                let (passed, gpu) = (passed.clone(), gpu.clone());
+                // Asked before each pass.
+                let destroy = move || {
+                    if passed.fetch_add(1, Ordering::Relaxed) == last {
+                        gpu.device.destroy();
+                    }
+                    false
+                };
+                renderer.give_up_when(Some(Arc::new(destroy)));
+                renderer.forget();
+                renderer.render(&room.store, &room.camera, &settings, room.objects(), [16, 12]).map(drop)
+            };
+            draw(u32::MAX).unwrap();
+            let passes = passed.load(Ordering::Relaxed);
+            assert!(passes > 8, "{method:?}: {passes}");
+            for _ in 0..2 {
+                let lost = draw(passes / 2);
+                assert!(matches!(lost, Err(Error::Lost(_))), "{method:?}, pass {} of {passes}: {lost:?}", passes / 2);
+            }
+        });
     }
 }
