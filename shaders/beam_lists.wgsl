@@ -16,11 +16,11 @@
 // LIST_WORDS words a tile: the number of runs, then a place and a node for each.
 @group(1) @binding(6) var<storage, read_write> lists: array<u32>;
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(8, 8)
 fn beam_lists(@builtin(global_invocation_id) id: vec3u) {
     let across = (frame.width + 7u) / 8u;
-    let tile = vec2u(id.x % across, id.x / across);
-    if tile.y * 8u >= frame.height {
+    let tile = whole_thread(frame, id).xy;
+    if tile.x >= across || tile.y * 8u >= frame.height {
         return;
     }
     var beam = Beam(vec3f(3e38), vec3f(-3e38), vec3f(3e38), vec3f(-3e38));
@@ -39,7 +39,7 @@ fn beam_lists(@builtin(global_invocation_id) id: vec3u) {
             is_mirror = true;
         }
     }
-    let list = id.x * LIST_WORDS;
+    let list = (tile.y * across + tile.x) * LIST_WORDS;
     var count = 0u;
     let top_count = select(0u, tops[0].low_skip.w, is_mirror);
     var i = 0u;

@@ -106,7 +106,8 @@ fn bundle_fit(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let index = group.x + group.y * groups.x;
+    // The rows of workgroups before those of this dispatch count.
+    let index = group.x + (group.y + frame.first_row) * groups.x;
     if index >= (grid.columns * grid.rows) << (2u * grid.level) {
         return;
     }

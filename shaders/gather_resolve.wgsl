@@ -55,7 +55,7 @@ fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
 
 // About the place of a point's disc that is nearest to a ray.
 fn place_beside(index: u32, origin: vec3f, direction: vec3f) -> vec3f {
-    let item = items[items_of_runs[index / BLOCK_POINTS]];
+    let item = item_of_point(index);
     let point = points[index];
     let center = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     let own_radius = unpack_radius(point.w & 0xffffu);

@@ -34,12 +34,9 @@ var<workgroup> marks: array<Mark, 64>;
 var<workgroup> found: atomic<u32>;
 
 @compute @workgroup_size(8, 8)
-fn show_virtual_lights(
-    @builtin(global_invocation_id) id: vec3u,
-    @builtin(workgroup_id) tile: vec3u,
-    @builtin(local_invocation_index) lane: u32,
-) {
-    let middle = vec2f(tile.xy * 8u) + 4.0;
+fn show_virtual_lights(@builtin(global_invocation_id) thread: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let id = whole_thread(frame, thread);
+    let middle = vec2f(id.xy / 8u * 8u) + 4.0;
     let at = vec2f(id.xy) + 0.5;
     var nearest = NO_MARK;
     var count = virtual_lights.lights_per_bounce * virtual_lights.bounces;

@@ -136,5 +136,5 @@ fn draw_lights(
         picture_out: shown.targets.picture.bind(),
     };
     let switches = [("is_filmic", u32::from(shown.is_filmic)), ("in_light_buffer", u32::from(in_light_buffer))];
-    recorder.over_pixels(&switches, inputs, bindings)
+    recorder.by_rows(&switches, inputs, bindings, inputs.pixel_groups())
 }

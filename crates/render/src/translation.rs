@@ -2,6 +2,7 @@
 //! backends. And docs/gpu.md says what the passes need of an adapter.
 
 mod language;
+mod work_tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -310,25 +311,8 @@ fn page(gpu: &std::sync::Arc<Gpu>) -> String {
         let [first, later] = longest_dispatches(groups, milliseconds);
         let _ = writeln!(page, "| `{pass}` | {case} | {milliseconds} | {first:.0} | {later:.0} |");
     }
-    let bytes_of = |(_, slot): &(&str, Slot)| match slot {
-        Slot::Write(format) => u64::from(format.block_copy_size(None).unwrap_or(0)),
-        _ => 16,
-    };
-    let is_listed = |pass: &&&Pass| LONG.iter().any(|(long, ..)| *long == pass.name);
-    let is_cut = |pass: &&&Pass| pass.source.contains("whole_thread(");
-    let cut: Vec<String> =
-        ALL.iter().filter(is_cut).filter(|pass| !is_listed(pass)).map(|pass| format!("`{}`", pass.name)).collect();
-    let others = ALL.iter().filter(|pass| pass.page.is_none() && !is_listed(pass) && !is_cut(pass));
-    let bytes = others.map(|pass| pass.slots.iter().map(bytes_of).sum::<u64>()).max().unwrap_or(0);
-    let _ = write!(
-        page,
-        "\nThese are cut by rows likewise:\n{}.\n\n\
-         Other passes over pixels loop over neighbours, levels, mirrors or the nodes about a tile only. What they read and\n\
-         write once is at most {bytes} bytes a pixel: {:.0} ms at 3840 x 2160. `beam_lists`, which waits for one node after the\n\
-         other, is thought to take up to 60 ms and is not cut.\n",
-        cut.join(", "),
-        bytes as f64 * 3840.0 * 2160.0 / 335e9 * 1e3
-    );
+    page.push_str(&work_tests::table());
+    page.push_str(include_str!("translation/states.md"));
     page
 }
 

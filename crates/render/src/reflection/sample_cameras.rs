@@ -232,10 +232,10 @@ fn fit(
             analytic: analytic.as_entire_binding(),
         };
         let groups = grid.squares(level).max(1) as u32;
-        // The limit is 65,535 workgroups per dimension.
-        let columns = groups.min(32_768);
+        // Rows, by which the pass is cut, of about as many workgroups as there are rows.
+        let columns = groups.isqrt().next_multiple_of(64).min(groups);
         let switches = [("count_squares", u32::from(task.bounce == 0)), ("traces_rest", u32::from(traces_rest))];
-        recorder.over(&switches, task.supply, bindings, [columns, groups.div_ceil(columns), 1])?;
+        recorder.by_rows(&switches, task.supply, bindings, [columns, groups.div_ceil(columns), 1])?;
     }
     Ok(())
 }

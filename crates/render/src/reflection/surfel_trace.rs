@@ -73,7 +73,7 @@ pub(super) fn trace(
                 nodes: page.nodes.as_entire_binding(),
                 lists: lists.as_entire_binding(),
             };
-            recorder.over(&[], task.supply, bindings, [tiles.div_ceil(64), 1, 1])?;
+            recorder.by_rows(&[], task.supply, bindings, [width.div_ceil(8), height.div_ceil(8), 1])?;
         }
         let bindings = passes::surfel_trace {
             point_in: task.mirror.point.bind(),
