@@ -21,7 +21,8 @@ use crate::{Error, Result};
 /// The encoder's preset, 0 (small files) to 10 (fast). Without assembler code a picture of 1280x720 takes a core 0.6 s at
 /// 10, and several seconds at 9.
 const SPEED: u8 = 10;
-/// The quantizer, 0 (lossless) to 255. Points are small and sharp: this one gives scans some 44 dB, rav1e's own 100 less.
+/// The quantizer, 0 (lossless) to 255; rav1e's own is 100. Points are small and sharp: in a film through the scan of an
+/// office this one gives luma 35.8 dB, and 40.8 dB in its first picture.
 const QUANTIZER: usize = 80;
 /// The pixels of a tile. Tiles are encoded at the same time, and their number must not depend on the machine.
 const TILE_PIXELS: usize = 230_400;
