@@ -143,7 +143,11 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("error_of", &[10.0, 4.0]),
     ("corner_of", &[6.0]),
     ("list_leaves", &[6.0, 2.0, 1.0, 64.0]),
-    ("sample_cameras_project.splat_point", &[3.0, 4.0]),
+    ("sample_cameras_project.splat_point", &[3.0, 5.0, 4.0]),
+    // Mirrors with a formula, steps of Newton, and the two ends of a ray.
+    ("analytic_at", &[5.0]),
+    ("place_on_sphere", &[5.0]),
+    ("is_off_formula", &[2.0]),
     ("next_leaf", &[16.0]),
     ("descend", &[100.0, 3.0]),
     ("root_in", &[2.0]),
