@@ -43,6 +43,7 @@ var<workgroup> chances: array<f32, 256>;
 var<workgroup> largest_area: atomic<u32>;
 var<workgroup> leaf_count: atomic<u32>;
 var<workgroup> is_full: atomic<u32>;
+var<workgroup> meets_square: atomic<u32>;
 var<workgroup> has_squares: u32;
 
 @compute @workgroup_size(128)
@@ -54,13 +55,15 @@ fn sample_cameras_project(
     if lane < 3u {
         atomicStore(&low[lane], 0xffffffffu);
     }
+    let roots = grid.columns * grid.rows;
+    for (var root = lane; root < roots && atomicLoad(&meets_square) == 0u; root += 128u) {
+        if nodes[root].origin_low.w != NODE_EMPTY {
+            atomicStore(&meets_square, 1u);
+        }
+    }
     workgroupBarrier();
     if lane == 0u {
-        var root = 0u;
-        while root < grid.columns * grid.rows && nodes[root].origin_low.w == NODE_EMPTY {
-            root++;
-        }
-        has_squares = select(0u, 1u, root < grid.columns * grid.rows);
+        has_squares = atomicLoad(&meets_square);
     }
     // Where formulas stand for all rays, there is no square to look for.
     if workgroupUniformLoad(&has_squares) != 0u && by_blocks {
