@@ -143,8 +143,8 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("error_of", &[10.0, 4.0]),
     ("corner_of", &[6.0]),
     ("list_leaves", &[6.0, 2.0, 1.0, 64.0]),
-    // The largest squares of a picture are 8160, which 128 threads look through.
-    ("sample_cameras_project", &[64.0]),
+    // The largest squares of a picture are 2040, which 128 threads look through.
+    ("sample_cameras_project", &[16.0]),
     ("sample_cameras_project.splat_point", &[3.0, 5.0, 4.0]),
     // Mirrors with a formula, steps of Newton, and the two ends of a ray.
     ("analytic_at", &[5.0]),
