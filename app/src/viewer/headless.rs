@@ -6,8 +6,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use cloud::Bounds;
 use render::{Aov, Gpu};
-use scene::{Camera, CameraPath, ExposureFit, PathPlace, Tone};
+use scene::{Camera, CameraPath, ExposureFit, PathPlace, StandardView, Tone};
 use world::{Event, Request};
 
 use crate::failure::{FAILED, UNUSABLE};
@@ -16,6 +17,7 @@ use crate::overlays;
 use crate::progress_bar::Bar;
 use crate::terminal;
 use crate::viewer::facts::facts;
+use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::messages::Level;
 use crate::viewer::outside::News;
 use crate::viewer::preferences::Preferences;
@@ -104,7 +106,19 @@ impl Headless {
 
     /// What a built-in path follows from, once everything is loaded.
     pub fn place(&self) -> PathPlace {
-        PathPlace { view: self.session.scene.camera, bounds: self.session.bounds(), up: self.session.up() }
+        let Session { scene, loaded, .. } = &self.session;
+        let (mut view, mut bounds) = (scene.camera, self.session.bounds());
+        // Which points of a streamed cloud are there, and so what is known of its strays, differs from run to run. The
+        // bounds in its index do not.
+        let visible = || loaded.clouds.iter().filter(|entry| entry.is_visible);
+        if visible().any(CloudEntry::is_indexed) {
+            bounds = visible().fold(Bounds::EMPTY, |all, entry| all.union(entry.bounds));
+            if !scene.camera_is_placed {
+                let side = scene.first_side.unwrap_or(StandardView::Isometric);
+                view = scene.framed(&bounds.corners(), side, &loaded.clouds);
+            }
+        }
+        PathPlace { view, bounds, up: self.session.up() }
     }
 
     /// Sets parameters and objects as the tracks of a path have them at a time of it, in seconds, and shows its captions.
