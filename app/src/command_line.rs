@@ -203,6 +203,9 @@ pub struct RecordArguments {
     /// Write float images of each frame, too, as frame-000000.NAME.exr: depth, normal and others that `glint render` makes
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub aov: Vec<String>,
+    /// Write what each picture was drawn from, too, as frame-000000.json: counts of points and pages, memory
+    #[arg(long)]
+    pub stats: bool,
     /// Encoder of an .mp4
     #[arg(long, value_name = "NAME")]
     pub codec: Option<Codec>,

@@ -17,6 +17,7 @@ mod listing;
 mod measure_command;
 mod measuring;
 mod overlays;
+mod peak_memory;
 mod picture_file;
 mod profile_chart;
 mod profile_command;

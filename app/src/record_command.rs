@@ -197,7 +197,8 @@ impl Recording<'_> {
             bar.set(done as u64, frames.len() as u64);
             let has_image =
                 |image: &Aov| picture_file::is_exr(&self.folder.image(*frame, image.name()), self.arguments.size);
-            if !(self.folder.has(*frame, self.arguments.size) && self.images.iter().all(has_image)) {
+            let has_stats = !self.arguments.stats || self.folder.stats(*frame).exists();
+            if !(self.folder.has(*frame, self.arguments.size) && self.images.iter().all(has_image) && has_stats) {
                 lacking.push(*frame);
             }
         }
@@ -292,6 +293,10 @@ impl Recording<'_> {
             let picture = recorder.frame(time, fps, size, averaging, &self.images, &bar)?;
             for (image, values) in self.images.iter().zip(&picture.images) {
                 picture_file::write_exr(&self.folder.image(*frame, image.name()), values)?;
+            }
+            if self.arguments.stats {
+                let text = serde_json::to_string_pretty(&recorder.stats(time))? + "\n";
+                picture_file::write_text(&self.folder.stats(*frame), &text)?;
             }
             // A frame with a picture is whole.
             picture_file::write_png(&self.folder.picture(*frame), size, &picture.rgba)?;

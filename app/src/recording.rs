@@ -16,7 +16,7 @@ use world::{Input, Request};
 use crate::failure::usage;
 use crate::progress_bar::Bar;
 use crate::terminal;
-use crate::viewer::{Headless, Picture};
+use crate::viewer::{Headless, Picture, PictureStats};
 
 /// The time between opening a scene, which moves the camera, and the beginning of the path. By then the camera rests.
 const REST: Duration = Duration::from_secs(1);
@@ -236,6 +236,11 @@ impl Recorder {
             average.add(&self.picture(time, &[], bar)?.rgba);
         }
         Ok(Picture { rgba: average.end(), ..first })
+    }
+
+    /// What the picture that was made last was drawn from; `time` is that of its frame. With sub-frames, it is the last.
+    pub fn stats(&self, time: f64) -> PictureStats {
+        self.viewer.stats(time)
     }
 
     /// Whether the picture that was made last is empty.

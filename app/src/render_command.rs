@@ -20,6 +20,7 @@ use world::Request;
 use crate::chosen::{self, AutoStats};
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
+use crate::peak_memory::host_peak_bytes;
 use crate::progress_bar::Bar;
 use crate::recording::{self, PathChoice, Recorder};
 use crate::subject::{self, LoadedSubject};
@@ -599,13 +600,6 @@ pub fn set_values(settings: &Settings, said: &[&str]) -> BTreeMap<String, serde_
         }
     }
     set
-}
-
-/// The most memory that this process has held, in bytes, where the system reports it (Linux).
-fn host_peak_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    Some(kilobytes.trim().trim_end_matches("kB").trim().parse::<u64>().ok()? * 1024)
 }
 
 #[cfg(test)]

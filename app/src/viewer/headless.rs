@@ -7,13 +7,15 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use cloud::Bounds;
-use render::{Aov, Gpu};
+use render::{Aov, FrameStats, Gpu};
 use scene::{Camera, CameraPath, ExposureFit, PathPlace, StandardView, Tone};
-use world::{Event, Request};
+use serde::Serialize;
+use world::{Event, Request, StreamStats};
 
 use crate::failure::{FAILED, UNUSABLE};
 use crate::interrupt;
 use crate::overlays;
+use crate::peak_memory::host_peak_bytes;
 use crate::progress_bar::Bar;
 use crate::terminal;
 use crate::viewer::facts::facts;
@@ -35,6 +37,35 @@ pub struct Headless {
     told: usize,
     /// The tone that the scene asks for now.
     pub tone: Tone,
+}
+
+/// What a picture was drawn from, as `frame-000000.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct PictureStats {
+    /// The time on the path, in seconds.
+    time: f64,
+    method: &'static str,
+    /// The points on the GPU, and those that were drawn.
+    points: u64,
+    points_drawn: u64,
+    /// Null if all clouds are held in memory.
+    stream: Option<Streamed>,
+    gpu_bytes: u64,
+    /// The most memory that the process has held so far; null where the system does not tell.
+    host_peak_bytes: Option<u64>,
+}
+
+/// What of streamed clouds was loaded for a picture.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct Streamed {
+    /// Whether all nodes that the view needs were loaded, within the budgets.
+    settled: bool,
+    nodes: usize,
+    nodes_missing: usize,
+    points_resident: u64,
+    points_total: u64,
+    /// The memory of decoded points.
+    host_bytes: u64,
 }
 
 /// The longest wait for news. Ctrl-C is checked after each wait.
@@ -102,6 +133,32 @@ impl Headless {
     /// The number of points in the picture that was drawn last.
     pub fn points_drawn(&self) -> u64 {
         self.session.frames.shown.as_ref().map_or(0, |shown| shown.stats.points_drawn)
+    }
+
+    /// What the picture that was drawn last was drawn from; `time` is that of its frame.
+    pub fn stats(&self, time: f64) -> PictureStats {
+        let Session { frames, loaded, .. } = &self.session;
+        let shown = frames.shown.as_ref();
+        let count = |of: fn(&FrameStats) -> u64| shown.map_or(0, |shown| of(&shown.stats));
+        let jobs: Vec<_> = loaded.jobs.iter().filter(|job| job.has_streamed).collect();
+        let sum = |of: fn(&StreamStats) -> u64| jobs.iter().map(|job| of(&job.stream)).sum();
+        let stream = Streamed {
+            settled: jobs.iter().all(|job| !job.is_streaming()),
+            nodes: jobs.iter().map(|job| job.stream.nodes).sum(),
+            nodes_missing: jobs.iter().map(|job| job.stream.nodes_waiting).sum(),
+            points_resident: sum(|stats| stats.points_resident),
+            points_total: sum(|stats| stats.points_total),
+            host_bytes: sum(|stats| stats.host_bytes),
+        };
+        PictureStats {
+            time,
+            method: shown.map_or("none", |shown| shown.request.settings.reflection.method.row().name),
+            points: count(|stats| stats.points_resident),
+            points_drawn: count(|stats| stats.points_drawn),
+            stream: (!jobs.is_empty()).then_some(stream),
+            gpu_bytes: count(|stats| stats.gpu_bytes),
+            host_peak_bytes: host_peak_bytes(),
+        }
     }
 
     /// What a built-in path follows from, once everything is loaded.

@@ -54,7 +54,7 @@ use std::time::{Duration, Instant};
 use ::scene::{Settings, StandardView, View};
 use action::{Action, Export, Filing, PictureDraft, SavePicture};
 use anyhow::Context as _;
-pub use headless::Headless;
+pub use headless::{Headless, PictureStats};
 use messages::Level;
 use outside::{Asked, Effect, News};
 use panels::path_prompt::PathPrompt;

@@ -27,6 +27,11 @@ impl Folder {
         self.path.join(format!("frame-{frame:06}.{name}.exr"))
     }
 
+    /// The file of counts of a frame.
+    pub fn stats(&self, frame: u32) -> PathBuf {
+        self.path.join(format!("frame-{frame:06}.json"))
+    }
+
     /// The file that says what the pictures are of.
     pub fn description_file(&self) -> PathBuf {
         self.path.join(DESCRIPTION)
