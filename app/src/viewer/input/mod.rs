@@ -35,10 +35,19 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let awaits_text = |placing: &Placing| placing.wanted == Wanted::Note && placing.has_begun();
     if is_typing || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
         hold(session, [false; 3], actions);
-    } else if session.palette.is_none() && session.document.asked.is_none() && session.tools.picture_draft.is_none() {
+    } else if session.palette.is_none() && session.tools.picture_draft.is_none() {
+        let mut events = ui.input(|input| input.events.clone());
+        if session.document.asked.is_some() {
+            // Esc answers the question; what is pressed after it, in the same frame of the window, acts.
+            let is_esc = |event: &Event| matches!(event, Event::Key { key: egui::Key::Escape, pressed: true, .. });
+            let after = events.iter().rposition(is_esc).map_or(events.len(), |esc| esc + 1);
+            events.drain(..after);
+        }
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
-        keys(ui, session, was_typing, &mut shortcuts, actions);
-        held(ui, session, &shortcuts, actions);
+        keys(ui, &events, session, was_typing, &mut shortcuts, actions);
+        if session.document.asked.is_none() {
+            held(ui, session, &shortcuts, actions);
+        }
         ui.data_mut(|data| data.insert_temp(shortcut_keys(), shortcuts));
     }
     if !is_taken {
@@ -100,8 +109,15 @@ fn typing() -> egui::Id {
 }
 
 /// `was_typing` tells that a text was being typed until now: the Esc that has ended that does nothing else.
-fn keys(ui: &Ui, session: &Session, was_typing: bool, shortcuts: &mut HashSet<egui::Key>, actions: &mut Vec<Action>) {
-    for event in ui.input(|input| input.events.clone()) {
+fn keys(
+    ui: &Ui,
+    events: &[Event],
+    session: &Session,
+    was_typing: bool,
+    shortcuts: &mut HashSet<egui::Key>,
+    actions: &mut Vec<Action>,
+) {
+    for event in events.iter().cloned() {
         let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
         match event {
             Event::Key { key, pressed: true, .. } if is_of_widget(ui, key) => {}

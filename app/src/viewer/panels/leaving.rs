@@ -82,3 +82,41 @@ fn left(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
         });
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+
+    use super::*;
+    use crate::viewer::interface;
+
+    #[test]
+    fn keys_act_that_follow_the_esc_which_answers_the_question_in_the_same_frame() {
+        let mut harness = Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| {
+                let actions = interface::show(ui, session, None);
+                session.act_all(actions);
+            },
+            Session::with_two_points(),
+        );
+        harness.run_ok();
+        let key = |key| egui::Event::Key {
+            key,
+            physical_key: None,
+            pressed: true,
+            repeat: false,
+            modifiers: egui::Modifiers::NONE,
+        };
+        let by = |harness: &Harness<'_, Session>| harness.state().scene.settings.color.by;
+        let before = by(&harness);
+        harness.state_mut().document.asked = Some(Leaving::Quit);
+        harness.run_ok();
+        harness.input_mut().events.push(key(Key::Num3));
+        harness.run_ok();
+        assert!(by(&harness) == before && harness.state().document.asked.is_some());
+        harness.input_mut().events.extend([key(Key::Num4), key(Key::Escape), key(Key::Num2)]);
+        harness.run_ok();
+        assert_eq!(harness.state().document.asked, None);
+        assert_eq!(by(&harness), scene::ColorBy::Height);
+    }
+}
