@@ -592,6 +592,8 @@ impl Worker {
         };
         let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(rows.stride), rows_per_image: None };
         self.window_gpu.queue.write_texture(texture.as_image_copy(), rows.bytes(), layout, size);
+        // The bytes are kept until something is submitted, and where nobody paints, as in recordings, nothing else is.
+        self.window_gpu.queue.submit([]);
         self.free = self.shown.replace(texture.clone());
         self.on_screen = Some(request.clone());
         Ok(Frame { request, stats, total_milliseconds: started.elapsed().as_secs_f64() * 1e3, texture })
