@@ -76,8 +76,8 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
 }
 
 /// The points of the files of one cloud that are stray, if the settings hide these: for each file their indices in it,
-/// ascending. They are told as in pictures: among the points of all its files that classes and filters show. `None` when
-/// cancelled.
+/// ascending. They are told as in pictures: among the points of all its files that classes and filters show. `None`
+/// when cancelled.
 ///
 /// # Errors
 /// A file that cannot be read, or too many points to be told.
@@ -165,8 +165,9 @@ fn open_inputs(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<
     inputs
 }
 
-/// Writes the points of files that a test shows, for the window, without strays if the settings hide these. `added` holds values that the files do not have: the
-/// file, their name, and those of its points. Returns `None` if it was cancelled.
+/// Writes the points of files that a test shows, for the window, without strays if the settings hide these. `added`
+/// holds values that the files do not have: the file, their name, and those of its points. Returns `None` if it was
+/// cancelled.
 ///
 /// # Errors
 /// A cloud that is no file or cannot be read, or what `codec::export` cannot do.

@@ -238,7 +238,8 @@ impl Recorder {
         Ok(Picture { rgba: average.end(), ..first })
     }
 
-    /// What the picture that was made last was drawn from; `time` is that of its frame. With sub-frames, it is the last.
+    /// What the picture that was made last was drawn from; `time` is that of its frame. With sub-frames, it is the
+    /// last.
     pub fn stats(&self, time: f64) -> PictureStats {
         self.viewer.stats(time)
     }

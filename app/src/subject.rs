@@ -391,8 +391,8 @@ impl Loads {
     }
 }
 
-/// Puts a cloud on the GPU in the colours that the settings, or its own, ask for. Its points that reflect become clouds of their
-/// own. Returns the parts that are shown.
+/// Puts a cloud on the GPU in the colours that the settings, or its own, ask for. Its points that reflect become clouds
+/// of their own. Returns the parts that are shown.
 fn upload(
     resident: &mut Resident,
     loaded: &mut Assembly,

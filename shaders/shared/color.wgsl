@@ -12,7 +12,8 @@ const COLOR_SCALAR: u32 = 5u;
 const COLOR_RGB_OR_PLAIN: u32 = 6u;
 const COLOR_RGB_OR_GREY: u32 = 7u;
 
-// The entry of the palette (256 colours of each ramp, then 256 of the classes), or PALETTE_NONE for a colour of its own.
+// The entry of the palette (256 colours of each ramp, then 256 of the classes), or PALETTE_NONE for a colour of its
+// own.
 const PALETTE_NONE: u32 = 0xffffffffu;
 
 fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {

@@ -11,8 +11,8 @@ const LONGEST: f32 = 0.9;
 /// The distance from the picture's edge, and between two captions, in heights of the text.
 const APART: f32 = 1.2;
 
-/// Draws captions over a picture that fills `rect`. Those in one place stand one above the other, the first at the edge;
-/// in the middle, each stands below those before it.
+/// Draws captions over a picture that fills `rect`. Those in one place stand one above the other, the first at the
+/// edge; in the middle, each stands below those before it.
 pub fn paint(painter: &Painter, rect: Rect, captions: &[Caption]) {
     let (mut next, mut below) = ([rect.top(), rect.center().y, rect.bottom()], 0.5);
     for caption in captions.iter().filter(|caption| !caption.text.trim().is_empty()) {

@@ -1,5 +1,6 @@
 //! What is drawn over the picture to read it by: a scale bar, the colour legend, an arrow to the north, the axes, and
-//! the labels of measurements and notes, and the captions of a path. One code draws them in the window, in saved pictures and in films.
+//! the labels of measurements and notes, and the captions of a path. One code draws them in the window, in saved
+//! pictures and in films.
 
 pub mod canvas;
 mod captions;
@@ -57,7 +58,8 @@ fn are_any(overlay: &Overlay) -> bool {
     overlay.scale_bar || overlay.legend || overlay.north || overlay.axes || overlay.labels
 }
 
-/// Draws all that is switched on, and the captions, over a picture in memory: rows of sRGB red, green, blue and opacity.
+/// Draws all that is switched on, and the captions, over a picture in memory: rows of sRGB red, green, blue and
+/// opacity.
 pub fn draw(rgba: &mut [u8], size: [u32; 2], camera: &Camera, settings: &Settings, facts: &Facts) {
     if !are_any(&settings.overlay) && facts.captions.is_empty() {
         return;

@@ -157,8 +157,8 @@ impl Document {
         State { marks: scene.history.marks(), inputs: self.inputs.clone() }
     }
 
-    /// Whether a person's work would be lost: objects, what is hidden, paths, and parameters. Who has only looked around
-    /// is not asked.
+    /// Whether a person's work would be lost: objects, what is hidden, paths, and parameters. Who has only looked
+    /// around is not asked.
     pub fn is_unsaved(&self, scene: &Scene, loaded: &Loaded) -> bool {
         if loaded.clouds.is_empty() {
             return false;

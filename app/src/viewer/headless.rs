@@ -178,7 +178,8 @@ impl Headless {
         PathPlace { view, bounds, up: self.session.up() }
     }
 
-    /// Sets parameters and objects as the tracks of a path have them at a time of it, in seconds, and shows its captions.
+    /// Sets parameters and objects as the tracks of a path have them at a time of it, in seconds, and shows its
+    /// captions.
     ///
     /// # Errors
     /// A track names nothing in the scene, or gives it a value that it cannot have: with the number of the track.

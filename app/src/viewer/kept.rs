@@ -1,6 +1,6 @@
 //! A kept state of the picture, to look at beside the present one from the same place: a key shows it while it is held,
-//! a line divides the picture between the two, or each has a half of the window. It holds parameters, lights, colours, and which clouds and points are
-//! shown; camera and mirrors are those of now.
+//! a line divides the picture between the two, or each has a half of the window. It holds parameters, lights, colours,
+//! and which clouds and points are shown; camera and mirrors are those of now.
 
 use cloud::PointTest;
 use render::ColorPlan;

@@ -457,7 +457,8 @@ impl Scene {
         }
     }
 
-    /// Goes into the room, or to the place of a depth image, or out of it, from where it looks like a doll's house: without the backs of its walls.
+    /// Goes into the room, or to the place of a depth image, or out of it, from where it looks like a doll's house:
+    /// without the backs of its walls.
     fn show_room(&mut self, is_inside: bool, clouds: &[CloudEntry], outside: &mut Outside) {
         let Some(room) = self.room else { return outside.note("Neither a closed room nor a depth image is open") };
         let mut settings = self.settings.clone();

@@ -99,8 +99,8 @@ const LONGEST_ON_GPU: f64 = 50.0;
 /// The milliseconds above which a dispatch is refused on a GPU.
 const TOO_LONG: f64 = 2000.0;
 /// A piece of a pass that nobody has timed yet has this many workgroups where there are more; and so many of these
-/// pieces, or of whole passes, are submitted together. By the times that are computed for each pass (docs/gpu.md), none takes
-/// longer than 100 ms.
+/// pieces, or of whole passes, are submitted together. By the times that are computed for each pass (docs/gpu.md), none
+/// takes longer than 100 ms.
 const GROUPS_OF_UNKNOWN: f64 = 256.0;
 const UNKNOWN_TOGETHER: f64 = 8.0;
 const BLOCK_BYTES: u32 = size_of::<Block>() as u32;
@@ -236,7 +236,8 @@ impl<'a> Recorder<'a> {
         self.dispatch(B::PASS, vec![(switches.to_vec(), bound, groups)])
     }
 
-    /// Runs a pass by rows of workgroups, so that a frame can be given up between them. Its shader takes its thread from
+    /// Runs a pass by rows of workgroups, so that a frame can be given up between them. Its shader takes its thread
+    /// from
     /// `whole_thread` (shaders/shared/frame.wgsl), or adds `first_row` to its workgroup's row.
     ///
     /// # Errors

@@ -3,10 +3,10 @@
 //!
 //! `cargo bench --profile release -p study --bench moving -- [MIRROR]... [KEY=VALUE]... [--try "KEY=VALUE ..."]...
 //! [--rounds N] [--size WxH] [--passes]`: every frame is drawn of new points. A wave of the
-//! height of a splat radius runs through the walls; the mirror's own points hold still, and keep their tree. The time of a reflection
-//! is that of the whole frame, trees and uploads to them included, less that of a frame without reflections. The first
-//! try is what the others are compared with. Without mirrors: the sphere, then the hollow mirror, by their points and
-//! by their formula.
+//! height of a splat radius runs through the walls; the mirror's own points hold still, and keep their tree. The time
+//! of a reflection is that of the whole frame, trees and uploads to them included, less that of a frame without
+//! reflections. The first try is what the others are compared with. Without mirrors: the sphere, then the hollow
+//! mirror, by their points and by their formula.
 
 use std::sync::Arc;
 use std::time::Instant;

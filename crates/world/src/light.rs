@@ -18,9 +18,9 @@ pub struct AutoLight {
     pub sensor: Option<Camera>,
 }
 
-/// Where the camera of a depth image was: in the origin, and turned to the middle of its points. Where it looks along z, y
-/// points upwards or downwards, by convention of the program that wrote the file. What is low in a picture, as the floor,
-/// is mostly nearer than what is high, so that tells which. Else `up` is upwards.
+/// Where the camera of a depth image was: in the origin, and turned to the middle of its points. Where it looks along
+/// z, y points upwards or downwards, by convention of the program that wrote the file. What is low in a picture, as the
+/// floor, is mostly nearer than what is high, so that tells which. Else `up` is upwards.
 fn sensor(chunks: &[Chunk], up: DVec3) -> Option<Camera> {
     if !cloud::is_depth_image(chunks) {
         return None;

@@ -66,8 +66,8 @@ pub fn library_notices() -> Result<PathBuf> {
     Ok(page)
 }
 
-/// The crates of others that are linked into the program on this machine's system: no build scripts and no macros, whose
-/// code only runs while it is built.
+/// The crates of others that are linked into the program on this machine's system: no build scripts and no macros,
+/// whose code only runs while it is built.
 fn crates(cargo: fn() -> Command, root: &Path) -> Result<Vec<Crate>> {
     let mut tree = cargo();
     tree.args(["tree", "--package", "glint", "--edges", "normal,no-proc-macro", "--prefix", "none", "--no-dedupe"]);

@@ -1,5 +1,5 @@
-//! The timeline below the picture: a lane for the keyframes of the camera, one for captions, and one for each track. Keys are dragged along
-//! their lanes; a click selects one, and shows its time.
+//! The timeline below the picture: a lane for the keyframes of the camera, one for captions, and one for each track.
+//! Keys are dragged along their lanes; a click selects one, and shows its time.
 
 use egui::{Align2, Color32, FontId, Frame, Panel, Rect, Response, RichText, Sense, Stroke, Ui, pos2, vec2};
 use scene::{CameraPath, Caption, Ease, Motion};

@@ -173,8 +173,8 @@ fn grid_of(task: &Task<'_>) -> BundleGrid {
     BundleGrid::new(&task.settings.sample_cameras, part_of(task), scene)
 }
 
-/// The mirrors whose reflections of points follow from their formula. Only rays from the camera's eye do, and only those
-/// of perfect mirrors: glossy ones, and rays from several places of a pixel, have normals of their own.
+/// The mirrors whose reflections of points follow from their formula. Only rays from the camera's eye do, and only
+/// those of perfect mirrors: glossy ones, and rays from several places of a pixel, have normals of their own.
 fn analytic_of(gpu: &Gpu, task: &Task<'_>) -> wgpu::Buffer {
     let settings = task.settings;
     let is_plain = task.bounce == 0 && settings.sample_cameras.analytic && settings.reflection.samples <= 1;

@@ -1,8 +1,8 @@
-//! Test: how long each dispatch of each pass takes at most on a slow GPU. The instructions, bytes and waits of a thread are
-//! counted in the pass's code, as naga reads it; how often loops run, and how many threads there are, is told here.
+//! Test: how long each dispatch of each pass takes at most on a slow GPU. The instructions, bytes and waits of a thread
+//! are counted in the pass's code, as naga reads it; how often loops run, and how many threads there are, is told here.
 //!
-//! The count is meant to be too high rather than too low: both branches of each condition are taken, no cache helps, and
-//! no load of a thread overlaps with another of its loads.
+//! The count is meant to be too high rather than too low: both branches of each condition are taken, no cache helps,
+//! and no load of a thread overlaps with another of its loads.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -29,8 +29,8 @@ const POINTS: f64 = 10e6;
 /// The most virtual lights of a bounce, and the texels of the shadow map of each, by default.
 const LIGHTS: f64 = 4096.0;
 const MAP_TEXELS: f64 = 64.0 * 64.0;
-/// The texels of a map around a mirror, the number of maps around five mirrors, and the texels of the box that is made of a
-/// picture, by default.
+/// The texels of a map around a mirror, the number of maps around five mirrors, and the texels of the box that is made
+/// of a picture, by default.
 const CUBE_TEXELS: f64 = 6.0 * 256.0 * 256.0;
 const MAPS: f64 = 10.0;
 const BOX_TEXELS: f64 = 6.0 * 256.0 * 256.0;
@@ -64,8 +64,8 @@ const THREADS: &[(&str, f64, &str)] = &[
     ("probe_pixels", 1e6, "pixels asked for"),
 ];
 
-/// How often the loops of a function run in a thread, in the order in which they begin. Where several passes have a function
-/// of a name, the pass's name and a dot stand before it.
+/// How often the loops of a function run in a thread, in the order in which they begin. Where several passes have a
+/// function of a name, the pass's name and a dot stand before it.
 const LOOPS: &[(&str, &[f64])] = &[
     // A thread's share of a block of 1024 points, and its share of 2000 pixels of a large disc.
     ("splat_block", &[8.0]),
@@ -95,7 +95,8 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("vpl_shadow_pull", &[4.0]),
     ("transfer_of_square", &[4.0]),
     ("scan", &[8.0]),
-    // The tile's pixels, then the boxes about all chunks of a page; and the nodes of a chunk whose box is met, a tenth of them.
+    // The tile's pixels, then the boxes about all chunks of a page; and the nodes of a chunk whose box is met, a tenth
+    // of them.
     ("beam_lists", &[64.0, 150.0]),
     ("list_tree", &[20.0]),
     // A ray tests 150 nodes and as many discs.

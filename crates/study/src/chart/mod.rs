@@ -111,8 +111,8 @@ struct Style {
     marker: Marker,
 }
 
-/// Colours that colour-blind people can distinguish (Okabe and Ito 2008), the yellow darkened for white paper, and a brown
-/// and a violet, which are darker than theirs. A method has the same in all charts: they follow the order of
+/// Colours that colour-blind people can distinguish (Okabe and Ito 2008), the yellow darkened for white paper, and a
+/// brown and a violet, which are darker than theirs. A method has the same in all charts: they follow the order of
 /// `scene::METHODS`, to which methods are only appended.
 const METHOD_STYLES: [Style; 11] = [
     Style { color: [120, 120, 120], marker: Marker::Diamond },

@@ -74,7 +74,8 @@ fn a_formula_tells_where_a_plane_reflects_each_point() {
     };
     let (off, lost, odd) = compared(&picture, &made.roots, &points, place);
     let most = off.iter().copied().fold(0.0, f64::max);
-    // Places are kept to a quarter of a pixel, and to a half at the edge of the picture; points beside the plane are its own.
+    // Places are kept to a quarter of a pixel, and to a half at the edge of the picture; points beside the plane are
+    // its own.
     assert!(off.len() > 1000 && most < 0.4 && lost * 1000 < off.len() && odd == 0, "{} {most} {lost} {odd}", off.len());
     assert_eq!(made.counters[REGIONS], 0);
 }
