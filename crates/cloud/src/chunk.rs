@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use crate::{Attribute, Bounds, Column, resized_radius};
+use crate::{Attribute, Bounds, Column, Placement, resized_radius};
 
 /// Up to some 65 thousand points. The vectors are behind `Arc`, so a chunk is cheap to clone and one column can be
 /// added or replaced (normals that were estimated later) while the others are shared.
@@ -131,11 +131,42 @@ impl Chunk {
 pub struct Grid {
     pub scale: DVec3,
     pub offset: DVec3,
+    /// How the points have been moved from there, if they have.
+    pub placement: Option<Placement>,
 }
 
 impl Grid {
     /// The number of steps from an origin within which f32 offsets distinguish all points.
     pub const F32_STEPS: u64 = 1 << 23;
+
+    pub const fn new(scale: DVec3, offset: DVec3) -> Self {
+        Self { scale, offset, placement: None }
+    }
+
+    /// The grid of the file, before its points were moved.
+    pub const fn of_file(self) -> Self {
+        Self { placement: None, ..self }
+    }
+
+    /// The file's grid moved along with its points.
+    pub const fn placed(self, placement: Placement) -> Self {
+        Self { placement: Some(placement), ..self }
+    }
+
+    /// The point of the grid that is nearest.
+    fn nearest(&self, position: DVec3) -> DVec3 {
+        let own = self.placement.map_or(position, |placement| placement.own_point(position));
+        let own = ((own - self.offset) / self.scale).round() * self.scale + self.offset;
+        self.placement.map_or(own, |placement| placement.point(own))
+    }
+
+    /// How far along each axis the nearest point of the grid may be from an offset that was rounded.
+    pub(crate) fn reach(&self) -> DVec3 {
+        match self.placement {
+            Some(_) => DVec3::splat(self.scale.length()),
+            None => self.scale.abs(),
+        }
+    }
 
     /// Whether f32 offsets are exact for points within these bounds, so that their chunks need no `exact_positions`.
     pub fn fits_f32(&self, bounds: Bounds) -> bool {
@@ -180,7 +211,7 @@ impl Cloud {
     /// A point's coordinates as the file has them: exact doubles if the chunk has them, else snapped to the file's
     /// grid. Snapping undoes the rounding of the f32 offset, as chunks wider than 8 million grid steps keep doubles.
     pub fn world_position(&self, chunk: &Chunk, index: usize) -> DVec3 {
-        world_position(self.grid, chunk, index)
+        world_position(self.grid.as_ref(), chunk, index)
     }
 
     pub fn size_in_bytes(&self) -> usize {
@@ -189,13 +220,13 @@ impl Cloud {
 }
 
 /// See `Cloud::world_position`; `grid` is that of the cloud.
-pub(crate) fn world_position(grid: Option<Grid>, chunk: &Chunk, index: usize) -> DVec3 {
+pub(crate) fn world_position(grid: Option<&Grid>, chunk: &Chunk, index: usize) -> DVec3 {
     if let Some(exact) = &chunk.exact_positions {
         return DVec3::from(exact[index]);
     }
     let position = chunk.position(index);
     match grid {
-        Some(grid) => ((position - grid.offset) / grid.scale).round() * grid.scale + grid.offset,
+        Some(grid) => grid.nearest(position),
         None => position,
     }
 }
@@ -219,7 +250,7 @@ mod tests {
 
     #[test]
     fn coordinates_on_a_millimetre_grid_come_back_exactly() {
-        let grid = Grid { scale: DVec3::splat(0.001), offset: DVec3::new(600_000.0, 5_000_000.0, 0.0) };
+        let grid = Grid::new(DVec3::splat(0.001), DVec3::new(600_000.0, 5_000_000.0, 0.0));
         let raw = [31_234_567_i64, 77_123_451, -12_345];
         let world = DVec3::new(raw[0] as f64, raw[1] as f64, raw[2] as f64) * grid.scale + grid.offset;
         let origin = DVec3::new(631_000.0, 5_077_000.0, 0.0);

@@ -6,12 +6,14 @@
 mod blank;
 mod bounds;
 mod carve;
+mod cells;
 mod chunk;
 mod column;
 mod mesh_points;
 mod neighbours;
 mod noise;
 mod packing;
+mod placement;
 mod progress;
 mod random;
 mod robust;
@@ -33,6 +35,7 @@ pub use noise::{Neighbourhoods, neighbourhoods};
 pub use packing::{
     NO_NORMAL, NO_RADIUS, STRAY_RADIUS, pack_normal, pack_radius, resized_radius, unpack_normal, unpack_radius,
 };
+pub use placement::Placement;
 pub use progress::Progress;
 pub use random::{Random, hash};
 pub use robust::{Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};

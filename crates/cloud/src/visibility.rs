@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use crate::cells::Cells;
 use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, STRAY_RADIUS, Volume};
 
 /// Decides which points are shown: those that are in no hidden class, whose attributes are in the ranges of all
@@ -206,6 +207,16 @@ pub struct ChunkTest {
 impl ChunkTest {
     /// Whether a point of a chunk is shown. A column that has not been read yet hides nothing.
     pub fn shows(&self, chunk: &Chunk, index: usize) -> bool {
+        self.passes(chunk, index) && (!self.test.has_volumes() || self.keeps(chunk, index))
+    }
+
+    /// Whether the clip volumes keep a point.
+    fn keeps(&self, chunk: &Chunk, index: usize) -> bool {
+        self.test.keeps(crate::chunk::world_position(self.grid.as_ref(), chunk, index))
+    }
+
+    /// Whether a point is shown as far as clip volumes are not concerned.
+    fn passes(&self, chunk: &Chunk, index: usize) -> bool {
         let column = |column: usize| chunk.columns.get(column)?.as_deref();
         let is_stray = |radii: &Arc<Vec<u16>>| radii[index] == STRAY_RADIUS;
         chunk.classes(self.classes).is_none_or(|classes| self.test.shows_class(classes[index]))
@@ -213,7 +224,6 @@ impl ChunkTest {
             && self.filters.iter().all(|(filtered, low, high)| {
                 column(*filtered).is_none_or(|column| (*low..=*high).contains(&column.value(index)))
             })
-            && (!self.test.has_volumes() || self.test.keeps(crate::chunk::world_position(self.grid, chunk, index)))
     }
 
     /// Which points of a chunk are shown; `bounds` are those of its points.
@@ -225,7 +235,18 @@ impl ChunkTest {
         match cover {
             Cover::Outside => ShownPoints::None,
             Cover::Inside if !tests_columns => ShownPoints::All,
-            Cover::Inside | Cover::Partly => ShownPoints::of(chunk.len(), |index| self.shows(chunk, index)),
+            Cover::Inside => ShownPoints::of(chunk.len(), |index| self.passes(chunk, index)),
+            Cover::Partly => {
+                let mut cells = Cells::new(chunk, bounds, |cell| self.test.cover(self.widened(chunk, cell)));
+                ShownPoints::of(chunk.len(), |index| {
+                    let is_kept = match cells.cover(index) {
+                        Cover::Inside => true,
+                        Cover::Outside => false,
+                        Cover::Partly => self.keeps(chunk, index),
+                    };
+                    is_kept && (!tests_columns || self.passes(chunk, index))
+                })
+            }
         }
     }
 
@@ -235,7 +256,7 @@ impl ChunkTest {
             return bounds;
         }
         let reach = (bounds.min - chunk.origin).abs().max((bounds.max - chunk.origin).abs()).max_element();
-        let by = self.grid.map_or(DVec3::ZERO, |grid| grid.scale.abs()) + reach * f64::from(f32::EPSILON);
+        let by = self.grid.as_ref().map_or(DVec3::ZERO, Grid::reach) + reach * f64::from(f32::EPSILON);
         Bounds { min: bounds.min - by, max: bounds.max + by }
     }
 }
@@ -250,7 +271,7 @@ pub enum ShownPoints {
 }
 
 impl ShownPoints {
-    fn of(points: usize, shows: impl Fn(usize) -> bool) -> Self {
+    fn of(points: usize, mut shows: impl FnMut(usize) -> bool) -> Self {
         let mut words = vec![0; points.div_ceil(32)];
         (0..points).filter(|index| shows(*index)).for_each(|index| words[index / 32] |= 1 << (index % 32));
         let count: u32 = words.iter().map(|word: &u32| word.count_ones()).sum();
@@ -258,6 +279,15 @@ impl ShownPoints {
             0 => Self::None,
             count if count == points => Self::All,
             _ => Self::Some(words),
+        }
+    }
+
+    /// Those of `points` points that are shown and not left out.
+    pub fn besides(self, points: usize, is_left_out: impl Fn(usize) -> bool) -> Self {
+        if (0..points).any(&is_left_out) {
+            Self::of(points, |index| self.has(index) && !is_left_out(index))
+        } else {
+            self
         }
     }
 
@@ -499,9 +529,57 @@ mod tests {
     }
 
     #[test]
+    fn a_chunk_shows_what_its_points_show_one_by_one() {
+        let mut drawn = 0;
+        let mut unit = || {
+            drawn += 1;
+            crate::random::unit(8, drawn)
+        };
+        let mut cut = 0;
+        for round in 0..300 {
+            let volumes = [true, false, true].map(|keeps_inside| {
+                let at = DVec3::new(5e5, -4e6, 100.0) + DVec3::new(unit(), unit(), unit()) * 4.0;
+                let turn = DQuat::from_xyzw(unit(), unit(), unit(), 0.5).normalize();
+                let l = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.0], [0.0, 0.0], [0.0, 0.5], [-0.5, 0.5]];
+                let points = l.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
+                let prism = VolumeShape::Prism { points, direction: DVec3::Z, eye: None };
+                let shape = match (4.0 * unit()) as u32 {
+                    0 => VolumeShape::Box,
+                    1 => VolumeShape::Sphere,
+                    2 => VolumeShape::Slab,
+                    _ => prism,
+                };
+                ClipVolume { volume: Volume::new(shape, at, turn, DVec3::splat(1.0 + 3.0 * unit())), keeps_inside }
+            });
+            let test = PointTest::new([3], Vec::new(), volumes.to_vec());
+            // Flat ones, and ones whose offsets are rounded to more than a cell's width.
+            let (flat, far) = (round % 3 == 0, if round % 5 == 0 { 1e6 } else { 0.0 });
+            let origin = DVec3::new(5e5 + far, -4e6, 100.0);
+            let mut place = || {
+                let [x, y, z] = [unit() * 4.0, unit() * 4.0, if flat { 2.0 } else { unit() * 4.0 }];
+                [(x - far) as f32, y as f32, z as f32]
+            };
+            let mut positions: Vec<[f32; 3]> = (0..400).map(|_| place()).collect();
+            positions.push([f32::NAN, 1.0, 1.0]);
+            let mut chunk = Chunk::new(0, origin, positions);
+            chunk.columns = vec![Some(Arc::new(Column::U8((0..401).map(|at| (at % 5) as u8).collect())))];
+            let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+            let grid = (round % 2 == 0).then(|| Grid::new(DVec3::splat(0.001), DVec3::ZERO));
+            let cloud = Cloud { grid, attributes, chunks: vec![chunk], ..Cloud::default() };
+            let one_by_one = cloud.test(&test);
+            let chunk = &cloud.chunks[0];
+            let shown = one_by_one.shown(chunk, chunk.bounds());
+            let expected: Vec<usize> = (0..401).filter(|index| one_by_one.shows(chunk, *index)).collect();
+            assert_eq!(shown.indices(401).collect::<Vec<_>>(), expected, "{round}");
+            cut += usize::from(matches!(shown, ShownPoints::Some(_)));
+        }
+        assert!(cut > 100, "{cut}");
+    }
+
+    #[test]
     fn a_border_holds_the_file_s_own_coordinates() {
         // A millimetre grid, and offsets that f32 rounds to either side.
-        let grid = Grid { scale: DVec3::splat(0.001), offset: DVec3::ZERO };
+        let grid = Grid::new(DVec3::splat(0.001), DVec3::ZERO);
         let (origin, border) = (DVec3::X * 300.7, 333.333);
         for steps in [-1_i32, 0, 1] {
             let x = f64::from(333_333 + steps) * 0.001;

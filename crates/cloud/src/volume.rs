@@ -43,6 +43,8 @@ pub struct Volume {
     position: DVec3,
     /// From the world's axes to its own.
     own_from_world: DMat3,
+    /// The same with the absolute values of its numbers, which gives the half of a turned box from that of a box.
+    own_reach: DMat3,
     size: DVec3,
     lines: Lines,
     /// The outline of a prism, projected along its lines.
@@ -94,7 +96,8 @@ impl Volume {
             VolumeShape::Box | VolumeShape::Sphere | VolumeShape::Slab => (Lines::new(DVec3::Z, None), Vec::new()),
         };
         let own_from_world = DMat3::from_quat(rotation.normalize()).transpose();
-        Self { shape, position, own_from_world, size, lines, outline }
+        let own_reach = absolute(own_from_world);
+        Self { shape, position, own_from_world, own_reach, size, lines, outline }
     }
 
     /// Whether a point is in it or on its border; a point that is not finite is not.
@@ -118,11 +121,11 @@ impl Volume {
         let rounding = (reach + self.size.max_element()) * ROUNDING;
         let own = self.own_from_world * (bounds.center() - self.position);
         // The half of the box around the turned one.
-        let spread = absolute(self.own_from_world) * (bounds.size() * 0.5) + rounding;
+        let spread = self.own_reach * (bounds.size() * 0.5) + rounding;
         let half = self.size * 0.5;
         match &self.shape {
             VolumeShape::Box => {
-                let world_half = absolute(self.own_from_world.transpose()) * half + bounds.size() * 0.5 + rounding;
+                let world_half = self.own_reach.transpose() * half + bounds.size() * 0.5 + rounding;
                 let is_apart = (own.abs() - spread).cmpgt(half).any()
                     || (bounds.center() - self.position).abs().cmpgt(world_half).any();
                 cover_of((own.abs() + spread).cmple(half).all(), is_apart)
@@ -158,7 +161,7 @@ impl Volume {
     pub fn bounds(&self) -> Option<Bounds> {
         match self.shape {
             VolumeShape::Box | VolumeShape::Sphere => {
-                let reach = absolute(self.own_from_world.transpose()) * (self.size * 0.5);
+                let reach = self.own_reach.transpose() * (self.size * 0.5);
                 Some(Bounds { min: self.position - reach, max: self.position + reach })
             }
             VolumeShape::Slab | VolumeShape::Prism { .. } => None,

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Bounds, Column, Grid, Progress};
+use cloud::{Attribute, Bounds, Column, Grid, Progress};
 use glam::DVec3;
 use param::shown;
 use tempfile::NamedTempFile;
@@ -41,9 +41,13 @@ pub enum ExportFormat {
 }
 
 /// What was written.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Exported {
     pub points: u64,
+    /// Those of the points as they are in the new file.
+    pub bounds: Bounds,
+    /// Everything that the new file holds of each point, in its order.
+    pub attributes: Vec<Attribute>,
     /// What was wrong with the files, and what the new one lacks of them.
     pub warnings: Vec<String>,
 }
@@ -100,7 +104,7 @@ pub fn export<'a>(
     progress.set_total(progress.done() + all);
     let file = temporary()?;
     let all: Option<Vec<&LasSource>> = sources.iter().map(|source| las(source)).collect();
-    let job = Job { sources, wanted, added, output, memory, progress };
+    let job = Job { sources, wanted, added, output, memory, progress, bounds: Mutex::new(Bounds::EMPTY) };
     let written = match (format, &all) {
         (ExportFormat::Ply, _) => job.write_ply(file)?,
         (ExportFormat::Csv, _) => job.write_csv(file)?,
@@ -130,7 +134,19 @@ pub fn export<'a>(
     } else {
         file.persist_noclobber(output).map_err(|error| unwritten(error.error))?;
     }
-    Ok(Some(Exported { points, warnings }))
+    let attributes = match format {
+        ExportFormat::Csv => all_fields(&job.fields(false)),
+        _ => {
+            let written = crate::open(output)?;
+            // A header of a LAS file tells them.
+            if let Some(bounds) = written.info().bounds {
+                job.widen(bounds);
+            }
+            written.info().properties.clone()
+        }
+    };
+    let bounds = job.bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
+    Ok(Some(Exported { points, bounds, attributes, warnings }))
 }
 
 fn las(source: &Source) -> Option<&LasSource> {
@@ -155,10 +171,17 @@ struct Job<'a> {
     output: &'a Path,
     memory: u64,
     progress: &'a Progress,
+    /// Those of the points that are written.
+    bounds: Mutex<Bounds>,
 }
 
 impl Job<'_> {
-    fn fields(&self, wide: bool) -> Vec<Vec<cloud::Attribute>> {
+    fn widen(&self, more: Bounds) {
+        let mut bounds = self.bounds.lock().unwrap_or_else(PoisonError::into_inner);
+        *bounds = bounds.union(more);
+    }
+
+    fn fields(&self, wide: bool) -> Vec<Vec<Attribute>> {
         let fields = |source: &Arc<Source>| {
             let mut fields = match &**source {
                 Source::Las(source) => source.column_fields(wide),
@@ -174,7 +197,7 @@ impl Job<'_> {
     /// of `fields`.
     fn read(
         &self,
-        fields: &[cloud::Attribute],
+        fields: &[Attribute],
         wide: bool,
         order: &InOrder<'_>,
         rows_of: impl Fn(&Source, &Piece, &[Option<usize>]) -> Vec<u8> + Sync,
@@ -182,12 +205,19 @@ impl Job<'_> {
         let mut problems = Vec::new();
         for (number, (source, own)) in self.sources.iter().zip(self.fields(wide)).enumerate() {
             let columns = columns_of(fields, &own);
+            let coordinates = ["x", "y", "z"].map(|axis| own.iter().position(|field| field.name == axis));
             let rows_of = |mut piece: Piece| {
                 let left_out = self.wanted.left_out(number, piece.first_point, piece.points);
                 piece.kept.retain(|index| !left_out.has(*index as usize));
                 let added = |added: &Added| Column::F32(added.of(number, piece.first_point, piece.points));
                 let added: Vec<Column> = self.added.iter().map(added).collect();
                 piece.columns.extend(added);
+                if let [Some(x), Some(y), Some(z)] = coordinates {
+                    let mut bounds = Bounds::EMPTY;
+                    let place = |index: &u32| [x, y, z].map(|axis| piece.columns[axis].value(*index as usize));
+                    piece.kept.iter().for_each(|index| bounds.include(DVec3::from(place(index))));
+                    self.widen(bounds);
+                }
                 rows_of(source, &piece, &columns)
             };
             problems.append(&mut match &**source {
@@ -368,7 +398,7 @@ impl Job<'_> {
         let center = ((bounds.center() / scale).round() * scale).round();
         let offsets = grids.first().map(|grid| grid.offset).into_iter().chain([center]);
         let mut offsets = offsets.filter(|offset| reach(*offset) < f64::from(i32::MAX));
-        offsets.next().map(|offset| Grid { scale, offset }).ok_or_else(|| {
+        offsets.next().map(|offset| Grid::new(scale, offset)).ok_or_else(|| {
             Error::unsuitable(
                 self.output,
                 format!("not written: the inputs are too far apart for steps of {}", scale.x),

@@ -51,7 +51,7 @@ const COLOR_SAMPLES: (u64, usize) = (64, 64);
 const COMPRESSED_COLOR_SAMPLES: (usize, u64) = (8, 32_768);
 
 pub struct LasSource {
-    info: Info,
+    pub(crate) info: Info,
     file: Bytes,
     layout: Layout,
     grid: Grid,
@@ -165,6 +165,7 @@ impl LasSource {
             properties: layout.property_attributes(),
             attributes: layout.column_attributes(),
             grid: Some(header.grid),
+            placement: None,
             has_colors: false,
             has_normals: false,
             faces: 0,

@@ -14,8 +14,9 @@ mod ply;
 mod units;
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
-use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
+use cloud::{Attribute, Bounds, Chunk, Grid, Placement, Progress};
 
 pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
@@ -49,6 +50,8 @@ pub struct Info {
     /// The scalar attributes that `Selection::attributes` may name, in the order of `Chunk::columns`.
     pub attributes: Vec<Attribute>,
     pub grid: Option<Grid>,
+    /// How points are moved when they are read or exported; bounds and grid are moved already.
+    pub placement: Option<Placement>,
     pub has_colors: bool,
     pub has_normals: bool,
     /// The number of polygons that the file declares (PLY meshes).
@@ -58,6 +61,14 @@ pub struct Info {
     /// The units of the coordinates, as far as the file tells them.
     pub units: Units,
     pub warnings: Vec<String>,
+}
+
+impl Info {
+    fn place(&mut self, placement: Placement) {
+        self.bounds = self.bounds.map(|bounds| placement.bounds(bounds));
+        self.grid = self.grid.map(|grid| grid.placed(placement));
+        self.placement = Some(placement);
+    }
 }
 
 /// The columns to decode. Others are not decoded (layered LAZ) or not kept.
@@ -136,6 +147,17 @@ impl Source {
         }
     }
 
+    /// The same file with its points turned and moved: `read` gives them so, and `export` writes them so. `record` still
+    /// tells what is in the file.
+    #[must_use]
+    pub fn placed(mut self, placement: Placement) -> Self {
+        match &mut self {
+            Self::Las(source) => source.info.place(placement),
+            Self::Ply(source) => source.info.place(placement),
+        }
+        self
+    }
+
     /// What the points are decoded from.
     pub fn bytes(&self) -> &Bytes {
         match self {
@@ -152,6 +174,24 @@ impl Source {
     /// # Errors
     /// Only if nothing at all can be read.
     pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+        let Info { placement: Some(placement), grid, .. } = self.info() else {
+            return self.read_own(selection, progress, emit);
+        };
+        let bounds = Mutex::new(Bounds::EMPTY);
+        let emit_placed = |chunk: Chunk| {
+            let chunk = chunk.placed(placement, *grid);
+            let own = chunk.bounds();
+            let mut bounds = bounds.lock().unwrap_or_else(PoisonError::into_inner);
+            *bounds = bounds.union(own);
+            drop(bounds);
+            emit(chunk);
+        };
+        let summary = self.read_own(selection, progress, &emit_placed)?;
+        let bounds = bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
+        Ok(Summary { bounds: (!bounds.is_empty()).then_some(bounds), ..summary })
+    }
+
+    fn read_own(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
         match self {
             Self::Las(source) => source.read(selection, progress, emit),
             Self::Ply(source) => source.read(selection, progress, emit),
@@ -173,11 +213,13 @@ impl Source {
     /// # Errors
     /// If the file is gone, changed or damaged there.
     pub fn read_copc_node(&self, node: &CopcNode, selection: &Selection) -> Result<Chunk> {
-        match self {
-            Self::Las(source) => source.read_copc_node(node, selection),
+        let chunk = match self {
+            Self::Las(source) => source.read_copc_node(node, selection)?,
             // A PLY file has no nodes; the node of another file is read as an empty one.
-            Self::Ply(_) => Ok(Chunk::new(0, glam::DVec3::ZERO, Vec::new())),
-        }
+            Self::Ply(_) => Chunk::new(0, glam::DVec3::ZERO, Vec::new()),
+        };
+        let Info { placement, grid, .. } = self.info();
+        Ok(placement.as_ref().map_or_else(|| chunk.clone(), |placement| chunk.placed(placement, *grid)))
     }
 
     /// All values of one point, read from the file: (property, value as text) in file order.

@@ -41,7 +41,7 @@ const NAMED_LISTS: usize = 8;
 
 /// An opened PLY file. It stays open, so that it is read to the end even if it is deleted or replaced.
 pub struct PlySource {
-    info: Info,
+    pub(crate) info: Info,
     file: Bytes,
     header: Header,
     /// The index of the vertex element.
@@ -98,6 +98,7 @@ impl PlySource {
             properties: scalars.iter().map(attribute).collect(),
             attributes: roles.attributes.iter().map(|&index| attribute(&scalars[index])).collect(),
             grid: None,
+            placement: None,
             has_colors: roles.colors.is_some(),
             has_normals: roles.normals.is_some(),
             faces: polygons.fold(0, |faces, element| faces.saturating_add(element.count)),

@@ -54,6 +54,17 @@ impl Unit {
         }
     }
 
+    /// How many metres it is; `None` for an angle.
+    pub fn metres(self) -> Option<f64> {
+        match self {
+            Self::Metre => Some(1.0),
+            Self::Foot => Some(0.3048),
+            Self::SurveyFoot => Some(SURVEY_FOOT),
+            Self::Other(metres) => Some(metres),
+            Self::Degree => None,
+        }
+    }
+
     /// The unit with a code of the EPSG.
     fn of_code(code: u16) -> Option<Self> {
         match code {

@@ -7,7 +7,7 @@ mod las_files;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use cloud::{Chunk, ClipVolume, Cloud, Filter, PointTest, Progress, Volume, VolumeShape};
+use cloud::{Chunk, ClipVolume, Cloud, Filter, Placement, PointTest, Progress, Volume, VolumeShape};
 use codec::{Exported, Selection, Source, export};
 use glam::{DQuat, DVec3};
 use las::Point;
@@ -288,6 +288,136 @@ fn coordinates_of_a_table_have_the_digits_of_the_file() {
         assert_eq!(row[..3], expected);
         assert_eq!(row[3], point.intensity.to_string());
     }
+}
+
+/// The coordinates of a point, and the point without them.
+fn apart(point: &Point) -> (DVec3, Point) {
+    (DVec3::new(point.x, point.y, point.z), Point { x: 0.0, y: 0.0, z: 0.0, ..point.clone() })
+}
+
+fn exported_as(source: Source, test: &PointTest, output: &Path) -> u64 {
+    let sources = [Arc::new(source)];
+    let exported = export(&sources, test, &[], output, MEMORY, &Progress::default()).unwrap().unwrap();
+    assert!(exported.warnings.iter().all(|warning| !warning.contains("another grid")), "{:?}", exported.warnings);
+    exported.points
+}
+
+#[test]
+fn moved_points_are_exported_where_they_stand_to_the_steps_of_the_file_and_nothing_else_of_them_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let original =
+        file(&folder, "original.laz", compress(&las_file((1, 4), 7, &points(7, 3000), &[]), &Chunks::Fixed(700)));
+    let middle = DVec3::from(OFFSETS) + DVec3::new(450.0, 450.0, 20.0);
+    let turn = DQuat::from_rotation_z(1_f64.to_radians()) * DQuat::from_rotation_x(0.02);
+    // The second is farther than the grid of the file reaches.
+    for (number, shift) in [DVec3::new(0.05, 0.0, 0.0), DVec3::new(5e6, -3.0, 0.001)].into_iter().enumerate() {
+        let placement = Placement::new(turn, middle, shift);
+        let open = || codec::open(&original).unwrap().placed(placement);
+        // A clip counts where the points stand.
+        let volume = Volume::new(VolumeShape::Box, middle + shift, DQuat::IDENTITY, BOX_SIZE);
+        let test = PointTest::new([3], Vec::new(), vec![ClipVolume { volume, keeps_inside: true }]);
+        let moved = |point: &Point| {
+            let (own, rest) = apart(point);
+            (placement.point(own), rest)
+        };
+        let is_shown = |(place, point): &(DVec3, Point)| {
+            (*place - middle - shift).abs().cmple(BOX_SIZE * 0.5).all() && u8::from(point.classification) != 3
+        };
+        let expected: Vec<_> = las_points(&original).iter().map(moved).filter(is_shown).collect();
+        assert!((500..2500).contains(&expected.len()), "{}", expected.len());
+        for name in ["a.las", "a.laz", "a.copc.laz"].map(|name| format!("{number}{name}")) {
+            let output = folder.path().join(&name);
+            assert_eq!(exported_as(open(), &test, &output), expected.len() as u64);
+            let mut found: Vec<_> = las_points(&output).iter().map(apart).collect();
+            let mut expected = expected.clone();
+            for points in [&mut found, &mut expected] {
+                points.sort_by(|(_, a), (_, b)| a.gps_time.unwrap().total_cmp(&b.gps_time.unwrap()));
+            }
+            for ((place, rest), (of_place, of_rest)) in found.iter().zip(&expected) {
+                assert!((*place - *of_place).abs().max_element() <= SCALE * 0.5 + 1e-6, "{name}: {place} {of_place}");
+                assert_eq!(rest, of_rest, "{name}");
+            }
+            let highest = found.iter().map(|(place, _)| place.z).fold(f64::MIN, f64::max);
+            assert!((header(&output).max_z - highest).abs() < 1e-9 && header(&output).x_scale_factor == SCALE);
+        }
+        // Columns: a table has the digits of the file, and PLY doubles, which go back to LAS.
+        let table = folder.path().join(format!("{number}.csv"));
+        exported_as(open(), &test, &table);
+        let table = std::fs::read_to_string(table).unwrap();
+        for (row, (place, _)) in table.lines().skip(1).zip(&expected) {
+            let row: Vec<&str> = row.split(',').collect();
+            assert_eq!(row[..3], place.to_array().map(|coordinate| format!("{coordinate:.3}")));
+        }
+        let ply = folder.path().join(format!("{number}.ply"));
+        exported_as(open(), &test, &ply);
+        let back = folder.path().join(format!("{number}back.las"));
+        exported_as(codec::open(&ply).unwrap(), &PointTest::default(), &back);
+        for (point, (place, rest)) in las_points(&back).iter().zip(&expected) {
+            let (found, own) = apart(point);
+            assert!((found - *place).abs().max_element() < 1e-5 && own.intensity == rest.intensity, "{found} {place}");
+        }
+    }
+}
+
+#[test]
+fn a_moved_ply_file_has_doubles_for_its_places_and_turned_normals() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
+                property float nx\nproperty float ny\nproperty float nz\nproperty uchar class\nend_header\n\
+                1 0 0.25 1 0 0 7\n0 2 0.5 0 0 1 8\n";
+    let original = file(&folder, "original.ply", text);
+    let quarter = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
+    let placement = Placement::new(quarter, DVec3::ZERO, DVec3::new(5_000_000.001, 0.0, 0.0));
+    let output = folder.path().join("moved.ply");
+    exported_as(codec::open(&original).unwrap().placed(placement), &PointTest::default(), &output);
+    let cloud = read_whole(&output);
+    let found = values(&cloud, "class");
+    for ((place, _, class), expected) in
+        found.iter().zip([(DVec3::new(5_000_000.001, 1.0, 0.25), 7.0), (DVec3::new(4_999_998.001, 0.0, 0.5), 8.0)])
+    {
+        assert!((*place - expected.0).abs().max_element() < 1e-6 && *class == expected.1, "{place} {class}");
+    }
+    let normals = cloud.chunks[0].normals.as_ref().unwrap();
+    assert!(cloud::unpack_normal(normals[0]).unwrap().distance(glam::Vec3::Y) < 1e-3);
+    assert!(cloud::unpack_normal(normals[1]).unwrap().distance(glam::Vec3::Z) < 1e-3);
+}
+
+#[test]
+fn points_that_are_read_moved_are_where_the_closed_form_has_them_and_so_are_bounds_and_nodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let original = file(&folder, "original.laz", compress(&terrain(200_000), &Chunks::Fixed(50_000)));
+    let octree = folder.path().join("octree.copc.laz");
+    written(&[&original], &PointTest::default(), &octree);
+    let own = codec::open(&octree).unwrap();
+    let middle = own.info().bounds.unwrap().center();
+    let placement = Placement::new(DQuat::from_rotation_y(0.7), middle, DVec3::new(1.0, 2.0, 3.0));
+    let selection = Selection { positions: true, ..Selection::default() };
+    let read = |source: &Source| {
+        let chunks = Mutex::new(Vec::new());
+        let emit = |chunk| chunks.lock().unwrap().push(chunk);
+        let summary = source.read(&selection, &Progress::default(), &emit).unwrap();
+        let mut chunks = chunks.into_inner().unwrap();
+        chunks.sort_by_key(|chunk: &Chunk| chunk.first_point);
+        (Cloud { grid: source.info().grid, chunks, ..Cloud::default() }, summary.bounds.unwrap())
+    };
+    let places = |cloud: &Cloud| -> Vec<DVec3> {
+        let of = |chunk: &Chunk| (0..chunk.len()).map(|index| cloud.world_position(chunk, index)).collect::<Vec<_>>();
+        cloud.chunks.iter().flat_map(of).collect()
+    };
+    let (before, _) = read(&own);
+    let node = own.copc().unwrap().nodes[0].clone();
+    let of_node = own.read_copc_node(&node, &selection).unwrap();
+    let moved = own.placed(placement);
+    let (after, bounds) = read(&moved);
+    let both = places(&before).into_iter().zip(places(&after));
+    let far = both.map(|(own, place)| place.distance(placement.point(own)));
+    assert!(far.fold(0.0, f64::max) < 1e-8);
+    let (stated, all) = (moved.info().bounds.unwrap(), after.bounds());
+    assert!(bounds == all && stated.contains(all.min + 1e-3) && stated.contains(all.max - 1e-3));
+    let placed = moved.read_copc_node(&node, &selection).unwrap();
+    assert_eq!(placed.len(), of_node.len());
+    let place = placement.point(before.world_position(&of_node, 7));
+    assert!(after.world_position(&placed, 7).distance(place) < 1e-8);
 }
 
 #[test]

@@ -16,10 +16,16 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// From the points nearest to a place; `None` if they are too few or have no plane.
+    /// From the points nearest to a place; `None` if they are too few, have no plane or lie elsewhere: those around the
+    /// place may be hidden.
     pub fn around(place: DVec3, nearest: &[DVec3]) -> Option<Self> {
         let plane = plane(nearest).ok()?;
-        let radius = nearest.iter().map(|point| point.distance(place)).fold(0.0, f64::max);
+        let distances = || nearest.iter().map(|point| point.distance(place));
+        let radius = distances().fold(0.0, f64::max);
+        // Points that lie evenly around the place have a quarter of them within half of the radius.
+        if distances().all(|distance| distance > radius * 0.5) {
+            return None;
+        }
         // Each point has a share of the disc that they cover.
         let spacing = radius * (std::f64::consts::PI / nearest.len() as f64).sqrt();
         Some(Self { spacing, noise: plane.noise(), normal: plane.normal })
@@ -77,6 +83,9 @@ mod tests {
         assert!((scatter.noise / 0.003 - 1.0).abs() < 0.1, "{scatter:?}");
         assert!(scatter.normal.dot(axis).abs() > 0.99);
         assert_eq!(Scatter::around(place, &nearest[..3]), None);
+        // Nothing is known of a place whose surroundings are hidden, whatever the wall beyond them is like.
+        let beyond: Vec<DVec3> = nearest.iter().filter(|point| point.distance(place) > 0.5).take(24).copied().collect();
+        assert_eq!(Scatter::around(place, &beyond), None);
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use cloud::{Attribute, Column, ColumnType, PointTest};
+use cloud::{Attribute, Column, ColumnType, Placement, PointTest};
+use glam::DVec3;
 
 /// The points that are written.
 #[derive(Clone, Copy, Debug)]
@@ -89,6 +90,30 @@ pub struct Piece {
     pub kept: Vec<u32>,
 }
 
+/// Turns and moves the coordinates among the columns of a file, which become doubles, and turns the normals. The numbers
+/// are those of the columns of x, y and z.
+pub fn place(columns: &mut [Column], coordinates: [usize; 3], normals: Option<[usize; 3]>, placement: &Placement) {
+    let mut change = |places: [usize; 3], of: &dyn Fn(DVec3) -> DVec3, is_double: bool| {
+        if places.iter().any(|place| *place >= columns.len()) {
+            return;
+        }
+        let points = columns[places[0]].len();
+        let changed: Vec<DVec3> =
+            (0..points).map(|index| of(DVec3::from(places.map(|place| columns[place].value(index))))).collect();
+        for (axis, place) in places.into_iter().enumerate() {
+            let values = changed.iter().map(|value| value[axis]);
+            columns[place] = match &columns[place] {
+                Column::F32(_) if !is_double => Column::F32(values.map(|value| value as f32).collect()),
+                _ => Column::F64(values.collect()),
+            };
+        }
+    };
+    change(coordinates, &|own| placement.point(own), true);
+    if let Some(normals) = normals {
+        change(normals, &|own| placement.direction(own), false);
+    }
+}
+
 /// The fields of all files, each once, in the order in which they come. Where files have a field in different types, it
 /// is a double.
 pub fn all_fields(files: &[Vec<Attribute>]) -> Vec<Attribute> {
@@ -143,6 +168,23 @@ mod tests {
         let row =
             |short: u16, byte: u8, float: f32| [&[9][..], &short.to_le_bytes(), &[byte], &float.to_le_bytes()].concat();
         assert_eq!(rows, [row(1, 0, -1.0), row(0x304, 255, 3.0), row(4, 4, 4.0)].concat());
+    }
+
+    #[test]
+    fn coordinates_become_doubles_where_they_are_moved_and_normals_turn() {
+        let column = |values: [f32; 2]| Column::F32(values.to_vec());
+        let mut columns = vec![column([1.0, 2.0]), column([0.0, 0.0]), column([3.0, 4.0]), Column::U8(vec![7, 8])];
+        columns.extend([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]].map(column));
+        let turn = glam::DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
+        let placement = Placement::new(turn, DVec3::new(1.0, 0.0, 0.0), DVec3::new(1e6, 0.0, 0.001));
+        place(&mut columns, [0, 1, 2], Some([4, 5, 6]), &placement);
+        let values = |index: usize, places: [usize; 3]| DVec3::from(places.map(|place| columns[place].value(index)));
+        assert!((values(0, [0, 1, 2]) - DVec3::new(1_000_001.0, 0.0, 3.001)).length() < 1e-9);
+        assert!((values(1, [0, 1, 2]) - DVec3::new(1_000_001.0, 1.0, 4.001)).length() < 1e-9);
+        assert!((values(0, [4, 5, 6]) - DVec3::Y).length() < 1e-6 && values(1, [4, 5, 6]) == DVec3::Z);
+        let types: Vec<ColumnType> = columns.iter().map(Column::column_type).collect();
+        use ColumnType::{F32, F64, U8};
+        assert_eq!(types, [F64, F64, F64, U8, F32, F32, F32]);
     }
 
     #[test]

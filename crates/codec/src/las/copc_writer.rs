@@ -123,7 +123,7 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
     Ok(Some(CopcSummary { points: statistics.points, nodes, warnings }))
 }
 
-const NO_GRID: Grid = Grid { scale: DVec3::ONE, offset: DVec3::ZERO };
+const NO_GRID: Grid = Grid::new(DVec3::ONE, DVec3::ZERO);
 
 fn open(inputs: &[PathBuf], output: &Path, memory: u64) -> Result<Vec<LasSource>> {
     let same = |input: &Path| match (input.canonicalize(), output.canonicalize()) {

@@ -83,10 +83,10 @@ impl Header {
             ));
         }
 
-        let grid = Grid {
-            scale: DVec3::new(raw.x_scale_factor, raw.y_scale_factor, raw.z_scale_factor),
-            offset: DVec3::new(raw.x_offset, raw.y_offset, raw.z_offset),
-        };
+        let grid = Grid::new(
+            DVec3::new(raw.x_scale_factor, raw.y_scale_factor, raw.z_scale_factor),
+            DVec3::new(raw.x_offset, raw.y_offset, raw.z_offset),
+        );
         // Offsets within a chunk are f32, so the widest step between two 32-bit coordinates must fit.
         let widest = grid.scale.abs() * f64::from(u32::MAX);
         // Comparisons that a NaN fails.

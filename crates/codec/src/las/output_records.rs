@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Mutex;
 
-use cloud::{Bounds, Grid};
+use cloud::{Bounds, Grid, Placement};
 use glam::DVec3;
 use laz::LazItem;
 use laz::laszip::LazItemRecordBuilder;
@@ -53,6 +53,7 @@ pub struct Upgrade {
     target: Target,
     target_grid: Grid,
     grid: Grid,
+    placement: Option<Placement>,
     same_grid: bool,
     same_format: bool,
     extended: bool,
@@ -72,7 +73,8 @@ impl Upgrade {
             target,
             target_grid,
             grid: source.grid,
-            same_grid: source.grid == target_grid,
+            placement: source.info.placement,
+            same_grid: source.grid == target_grid && source.info.placement.is_none(),
             same_format: format == target.format,
             extended: format >= 6,
             base_length: Layout::base_length(format).unwrap_or(layout.record_length),
@@ -83,8 +85,12 @@ impl Upgrade {
         }
     }
 
-    /// Whether the target's grid represents the coordinates exactly.
+    /// Whether the target's grid represents the coordinates exactly, or as well as any grid does: where points are moved,
+    /// nobody expects them on one.
     pub fn is_exact(&self) -> bool {
+        if self.placement.is_some() {
+            return true;
+        }
         let shift = (self.grid.offset - self.target_grid.offset) / self.target_grid.scale;
         let ratio = self.grid.scale / self.target_grid.scale;
         let whole = |value: DVec3| (value - value.round()).abs().max_element() < 1e-6;
@@ -97,7 +103,8 @@ impl Upgrade {
             out.extend_from_slice(&record[..12]);
         } else {
             let raw = DVec3::from([0, 4, 8].map(|at| f64::from(i32::from_le_bytes(bytes(record, at)))));
-            let world = raw * self.grid.scale + self.grid.offset;
+            let own = raw * self.grid.scale + self.grid.offset;
+            let world = self.placement.map_or(own, |placement| placement.point(own));
             let integers = ((world - self.target_grid.offset) / self.target_grid.scale).round().to_array();
             if integers.iter().any(|integer| integer.abs() > f64::from(i32::MAX)) {
                 return false;

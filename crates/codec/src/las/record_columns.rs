@@ -5,7 +5,7 @@ use cloud::{Attribute, Column, ColumnType, PointTest, Progress};
 use super::LasSource;
 use super::columns::ColorDepth;
 use super::layout::{Property, Reading};
-use crate::export::columns::Piece;
+use crate::export::columns::{Piece, place};
 use crate::in_order::InOrder;
 
 const COLORS: [&str; 3] = ["red", "green", "blue"];
@@ -65,7 +65,13 @@ impl LasSource {
                     column => column,
                 }
             };
-            Ok(rows_of(Piece { first_point, points, columns: self.typed().map(column).collect(), kept }))
+            let mut columns: Vec<Column> = self.typed().map(column).collect();
+            if let Some(placement) = &self.info.placement {
+                let is_axis = |axis| move |property: &Property| property.reading == (Reading::Coordinate { axis });
+                let coordinates = [0, 1, 2].map(|axis| self.typed().position(is_axis(axis)).unwrap_or(usize::MAX));
+                place(&mut columns, coordinates, None, placement);
+            }
+            Ok(rows_of(Piece { first_point, points, columns, kept }))
         })
     }
 }

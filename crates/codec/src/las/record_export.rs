@@ -65,7 +65,10 @@ pub fn export_records(
             shown(&first.info.path)
         ));
     }
-    let grid = if let [one] = sources { one.grid } else { common_grid(sources)? };
+    let grid = match sources {
+        [one] if one.info.placement.is_none() => one.grid,
+        _ => common_grid(sources)?,
+    };
     let upgrades = upgrades(sources, target, grid, &mut warnings);
     let items = if is_compressed { Some(check_items(&first.info.path, target, memory)?) } else { None };
     let most_points = sources.iter().map(|source| source.info.points).sum();

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{ChunkTest, CloudLayout, PointTest, Progress, ShownPoints};
+use cloud::{ChunkTest, CloudLayout, Placement, PointTest, Progress, ShownPoints};
 use laz::DecompressionSelection;
 use param::shown;
 
@@ -40,6 +40,7 @@ impl Failures {
 pub struct RecordTest<'a> {
     plan: ReadPlan<'a>,
     test: ChunkTest,
+    placement: Option<Placement>,
 }
 
 impl RecordTest<'_> {
@@ -47,7 +48,9 @@ impl RecordTest<'_> {
         let mut builder = ChunkBuilder::new(&self.plan, 0, records.len() / self.plan.layout.record_length);
         builder.push(records);
         let (chunk, _, bounds) = builder.finish();
-        self.test.shown(&chunk, bounds)
+        let Some(placement) = &self.placement else { return self.test.shown(&chunk, bounds) };
+        let chunk = chunk.placed(placement, Some(self.plan.grid));
+        self.test.shown(&chunk, chunk.bounds())
     }
 }
 
@@ -61,7 +64,7 @@ impl LasSource {
         let is_read = |name: &str| name == "classification" || test.filtered().any(|filtered| filtered == name);
         let attributes = layout.attributes.iter().map(|attribute| is_read(&attribute.name)).collect();
         let plan = ReadPlan { layout: &self.layout, grid: self.grid, positions: true, colors: None, attributes };
-        Some(RecordTest { plan, test: test.of(&layout) })
+        Some(RecordTest { plan, test: test.of(&layout), placement: self.info.placement })
     }
 
     /// Passes whole records to `emit`, from worker threads, some thousand at once. Returns `None` if it was cancelled,

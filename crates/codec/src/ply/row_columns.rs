@@ -10,7 +10,7 @@ use super::PlySource;
 use super::columns::{ChunkBuilder, RowDecoder, color_column, column};
 use super::rows::Packing;
 use crate::Selection;
-use crate::export::columns::Piece;
+use crate::export::columns::{Piece, place};
 use crate::in_order::InOrder;
 
 impl PlySource {
@@ -18,7 +18,12 @@ impl PlySource {
     pub fn column_fields(&self, wide: bool) -> Vec<Attribute> {
         let field = |(index, scalar): (usize, &super::Scalar)| match self.channel(index).filter(|_| wide) {
             Some(channel) => Attribute { name: ["red", "green", "blue"][channel].into(), column_type: ColumnType::U16 },
-            None => Attribute { name: scalar.name.clone(), column_type: scalar.scalar },
+            None => {
+                // Where points are moved far, a float that held their place in the file does not hold the new one.
+                let is_moved = self.info.placement.is_some() && self.roles.position.contains(&index);
+                let column_type = if is_moved { ColumnType::F64 } else { scalar.scalar };
+                Attribute { name: scalar.name.clone(), column_type }
+            }
         };
         self.scalars.iter().enumerate().map(field).collect()
     }
@@ -50,7 +55,11 @@ impl PlySource {
             let points = rows.len() / packing.stride;
             let mut builder = ChunkBuilder::new(&plan, 0, points);
             builder.push(rows);
-            let (chunk, bounds) = builder.finish();
+            let (mut chunk, mut bounds) = builder.finish();
+            if let Some(placement) = &self.info.placement {
+                chunk = chunk.placed(placement, None);
+                bounds = chunk.bounds();
+            }
             let shown = test.shown(&chunk, bounds);
             let has_place = |index: &usize| Vec3::from(chunk.positions[*index]).is_finite();
             let kept: Vec<u32> = shown.indices(points).filter(has_place).map(|index| index as u32).collect();
@@ -60,7 +69,10 @@ impl PlySource {
                     _ => column(rows, scalar, &packing),
                 }
             });
-            let columns: Vec<Column> = if kept.is_empty() { Vec::new() } else { columns.collect() };
+            let mut columns: Vec<Column> = if kept.is_empty() { Vec::new() } else { columns.collect() };
+            if let Some(placement) = self.info.placement.as_ref().filter(|_| !kept.is_empty()) {
+                place(&mut columns, self.roles.position, self.roles.normals, placement);
+            }
             Piece { first_point, points, columns, kept }
         };
         let problems = Mutex::new((Vec::new(), 0));
