@@ -5,7 +5,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::caption::MOST_CAPTIONS;
-use crate::{Camera, Caption, Ease, Motion, Track};
+use crate::{Camera, Caption, Ease, Motion, Track, WipeState};
 
 /// The most tracks of a path.
 pub(crate) const MOST_TRACKS: usize = 256;
@@ -33,6 +33,9 @@ pub struct CameraPath {
     /// The texts over its pictures.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub captions: Vec<Caption>,
+    /// The states that its pictures show side by side, from left to right: none, two or three.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub states: Vec<WipeState>,
 }
 
 /// The camera at a time.
@@ -117,6 +120,9 @@ impl CameraPath {
         };
         if let Some(problem) = self.tracks.iter().enumerate().find_map(problem) {
             return Some(problem);
+        }
+        if let Some((place, key, problem)) = crate::wipe::problem(&self.states, &self.tracks) {
+            return Some(PathProblem { place, key, problem });
         }
         if self.captions.len() > MOST_CAPTIONS {
             return whole("captions", &format!("{}, expected at most {MOST_CAPTIONS}", self.captions.len()));

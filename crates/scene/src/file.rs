@@ -57,6 +57,10 @@
 //! up = [0.0, 0.0, 1.0]
 //! [[paths.captions]]                   # texts over its pictures
 //! text = "by {reflection.method}"
+//! [[paths.states]]                     # shown side by side, from left to right: two or three
+//! method = "sscr"
+//! [[paths.states]]
+//! method = "ray_trace"
 //! ```
 //! The same text without `clouds` is what "copy view" puts on the clipboard and what `--camera` reads. A mirror with the name
 //! of one that a built-in scene brings takes its place.

@@ -7,6 +7,7 @@ mod camera_path;
 mod caption;
 mod clip;
 mod cloud_settings;
+mod comments;
 mod curve;
 mod file;
 pub mod five_mirrors;
@@ -20,6 +21,7 @@ mod motion;
 mod object;
 mod parameter_text;
 mod path_edit;
+mod path_wipe;
 pub mod pool;
 mod preferences;
 mod preset;
@@ -30,6 +32,7 @@ mod surroundings;
 mod track;
 mod visibility;
 pub mod whole_file;
+mod wipe;
 
 pub use bookmark::{Bookmark, MOST_BOOKMARKS};
 pub use built_in_path::{BuiltInPath, PathPlace};
@@ -38,6 +41,7 @@ pub use camera_path::{CameraPath, Keyframe};
 pub use caption::{Caption, Place};
 pub use clip::{Clip, ClipShape, Keep, MOST_CLIPS, Prism};
 pub use cloud_settings::CloudSettings;
+pub use comments::with_comments;
 pub use file::{Error, SceneFile, View};
 pub use light::{LightClues, ResolvedLight, SpotLight};
 pub use measurement::{MOST_MEASUREMENTS, MOST_NOTES, Measurement, MeasurementKind, Note};
@@ -49,18 +53,20 @@ pub use motion::Motion;
 pub use object::{Object, ObjectKind};
 pub use param::shown;
 pub use path_edit::LEAST_GAP;
-pub use preferences::Preferences;
+pub use path_wipe::line_value;
+pub use preferences::{CaptureFormat, Preferences};
 pub use preset::{PRESETS, Preset};
 pub use profile::{MOST_PROFILES, Profile};
 pub use settings::{
     Atomics, Blank, BundleCull, BundleRest, BundleSplat, CameraCells, Color, ColorBy, CubeCriterion, CubeHit,
     CubePlacement, CubeRest, CubeSampling, Curve, Distribution, Edl, ExposureFit, Gi, GlossPattern, GlossSettings,
-    Highlight, JudgedBy, KeptPoints, LargeDiscs, Light, LightField, LightView, Lighting, MirrorSettings, MirrorSurface,
-    Occluder, Overlay, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SampleRest, SampleRule,
-    SampleVisibility, SceneSettings, ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest,
+    Highlight, JudgedBy, KeptPoints, LargeDiscs, Light, LightField, LightView, Lighting, MapFill, MirrorSettings,
+    MirrorSurface, Occluder, Overlay, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SampleCameras, SampleRest,
+    SampleRule, SampleVisibility, SceneSettings, ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest,
     ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream, Sun, Surface,
     SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
-pub use track::{Ease, Handle, Track};
+pub use track::{Ease, Handle, Track, WIPE};
 pub use visibility::{Filter, Visibility};
+pub use wipe::{MOST_STATES, WipeMarks, WipeState};

@@ -43,8 +43,10 @@ impl SpotLight {
 /// What decides about automatic light, besides the lights that shine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LightClues {
-    /// Whether most of the points bring RGB colours.
+    /// Whether most of the points bring RGB colours and show them, if the view's `color.by` asks for these.
     pub has_colors: bool,
+    /// Whether most of them show them in any case, because their clouds have a `color.by` of their own.
+    pub keeps_colors: bool,
     /// Whether nothing hangs over the points: a sun and a sky may light them.
     pub sky_is_open: bool,
     /// Whether the lights that shine are a guess, and not those of the scene.
@@ -62,12 +64,19 @@ pub struct ResolvedLight {
     pub fill: f32,
 }
 
+impl ColorBy {
+    /// Whether it shows RGB colours where a cloud brings them.
+    pub fn shows_rgb(self) -> bool {
+        matches!(self, Self::Auto | Self::Rgb)
+    }
+}
+
 impl Settings {
     /// The light of the points in a scene with or without lights.
     pub fn resolved_light(&self, has_lights: bool, clues: LightClues) -> ResolvedLight {
         let is_auto = self.light.by == Lighting::Auto;
         let has_own_lights = has_lights && !clues.is_guessed;
-        let shows_colors = clues.has_colors && matches!(self.color.by, ColorBy::Auto | ColorBy::Rgb);
+        let shows_colors = if self.color.by.shows_rgb() { clues.has_colors } else { clues.keeps_colors };
         let by = match self.light.by {
             Lighting::Auto if shows_colors && !has_own_lights => Lighting::Colors,
             Lighting::Auto | Lighting::Surroundings if has_lights => Lighting::Lights,
@@ -102,7 +111,8 @@ mod tests {
         let resolved = |by: Lighting, color: ColorBy, has_lights, has_colors, sky_is_open, is_guessed| {
             let mut settings = Settings::default();
             (settings.light.by, settings.color.by, settings.light.fill) = (by, color, 0.25);
-            let light = settings.resolved_light(has_lights, LightClues { has_colors, sky_is_open, is_guessed });
+            let clues = LightClues { has_colors, sky_is_open, is_guessed, keeps_colors: false };
+            let light = settings.resolved_light(has_lights, clues);
             (light.by, light.is_guess, light.fill)
         };
         use Lighting::{Auto, Colors, Headlight, Lights, Sun, Surroundings};
@@ -124,6 +134,17 @@ mod tests {
             let [lights, colors, sky, guessed] = clues;
             assert_eq!(resolved(by, color, lights, colors, sky, guessed), expected, "{by:?} {color:?} {clues:?}");
         }
+    }
+
+    #[test]
+    fn clouds_that_show_their_own_colours_whatever_the_view_does_need_no_guess() {
+        let mut settings = Settings::default();
+        settings.color.by = ColorBy::Height;
+        let resolved = |keeps_colors| {
+            let clues = LightClues { has_colors: true, keeps_colors, sky_is_open: true, is_guessed: false };
+            settings.resolved_light(false, clues).by
+        };
+        assert_eq!([true, false].map(resolved), [Lighting::Colors, Lighting::Sun]);
     }
 
     #[test]

@@ -7,6 +7,20 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, Settings, whole_file};
 
+/// What the window is recorded into.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CaptureFormat {
+    /// MP4 with H.264 where that can be made, else with AV1.
+    #[default]
+    Mp4,
+    Av1,
+    H264,
+    Gif,
+    /// A folder of pictures.
+    Pictures,
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Preferences {
@@ -21,6 +35,7 @@ pub struct Preferences {
     pub sessions: Vec<String>,
     /// Whether the window opens the last of them where nothing is named.
     pub reopens: bool,
+    pub capture: CaptureFormat,
     /// The parameters that differ from their defaults.
     pub parameters: BTreeMap<String, String>,
 }
@@ -34,6 +49,7 @@ impl Default for Preferences {
             recent: Vec::new(),
             sessions: Vec::new(),
             reopens: false,
+            capture: CaptureFormat::default(),
             parameters: BTreeMap::new(),
         }
     }
@@ -98,7 +114,7 @@ mod tests {
         settings.set_text("splat.size", "2.5").unwrap();
         settings.set_text("color.by", "class").unwrap();
         settings.set_text("light.by", "colors").unwrap();
-        let mut preferences = Preferences::default();
+        let mut preferences = Preferences { capture: CaptureFormat::Gif, ..Preferences::default() };
         preferences.remember_settings(&settings);
         let (back, warnings) = preferences.settings();
         assert!(warnings.is_empty(), "{warnings:?}");

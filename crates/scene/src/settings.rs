@@ -3,12 +3,14 @@
 use glam::DVec3;
 use param::{Bytes, Field, Value, choices, params, settings};
 
-pub use self::light_field::{LightField, SampleRest, SampleRule, SampleVisibility};
+pub use self::cubemap_trace::{CubeCriterion, CubeHit, CubePlacement, CubeRest, CubeSampling};
+pub use self::light_field::{LightField, MapFill, SampleRest, SampleRule, SampleVisibility};
 pub use self::overlay::Overlay;
 pub use self::sample_cameras::{BundleCull, BundleRest, BundleSplat, CameraCells, JudgedBy, SampleCameras};
 pub use self::screen_trace::{ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling};
 use crate::{Method, Projection};
 
+mod cubemap_trace;
 mod light_field;
 mod overlay;
 mod sample_cameras;
@@ -104,28 +106,8 @@ choices! {
     pub enum Proxy { Infinity = "infinity", Box = "box" }
 }
 choices! {
-    /// Where the maps of a mirror stand.
-    pub enum CubePlacement { Middle = "middle", Surface = "surface" }
-}
-choices! {
     /// What the points of a mirror do in its own reflections.
     pub enum OwnPoints { Auto = "auto", LeftOut = "left_out", Trace = "trace", Drawn = "drawn" }
-}
-choices! {
-    /// What finds the rays that no map resolves.
-    pub enum CubeRest { None = "none", SurfelTrace = "surfel_trace", Candidate = "candidate", EnvironmentMap = "environment_map" }
-}
-choices! {
-    /// Which of the hits in several maps counts.
-    pub enum CubeHit { Relay = "relay", Nearest = "nearest", First = "first" }
-}
-choices! {
-    /// When a ray meets what a texel shows.
-    pub enum CubeCriterion { Plane = "plane", Sign = "sign", Threshold = "threshold", ThresholdThenSign = "threshold_then_sign" }
-}
-choices! {
-    /// Where along a ray its depth is compared with the map.
-    pub enum CubeSampling { Texel = "texel", Step = "step", Angle = "angle" }
 }
 choices! {
     /// What is shown instead of the picture.
@@ -180,7 +162,7 @@ params! {
         /// Colour where there is no point.
         background: param::Color = param::Color(0x1d20_25ff) => affects(shading truth);
         /// Most points of streamed clouds that are drawn at once.
-        point_budget: u32 = 5_000_000, 100_000..=1_000_000_000, "points" => affects(points truth) not(swept);
+        point_budget: u32 = 5_000_000, 100_000..=1_000_000_000, "points" => affects(truth) not(swept);
         /// Share of the picture's width and height that `glint render` and studies draw and then enlarge; no effect in the window.
         resolution: f32 = 1.0, 0.25..=1.0, "share" => affects() not(kept swept);
         /// The time that a frame may take while something moves: fewer pixels and points are drawn to keep it; 0 draws all.
@@ -544,11 +526,11 @@ params! {
         /// Disk space that pages, and kept normals and radii, may take in the cache folder; the longest unused go first.
         cache_bytes: Bytes = Bytes(50 << 30), Bytes(256 << 20)..=Bytes(1 << 50), "";
         /// Distance of neighbouring points on the screen at which a place is fine enough.
-        detail: f32 = 1.0, 0.25..=64.0, "pixels";
+        detail: f32 = 1.0, 0.25..=64.0, "pixels" => affects();
         /// How much places outside of the picture count beside those in it, where no mirror shows them larger: light comes from them.
-        unseen: f32 = 0.25, 0.0..=1.0, "share";
+        unseen: f32 = 0.25, 0.0..=1.0, "share" => affects();
         /// Colour points by the level of their page, and draw the boxes of pages.
-        overlay: bool = false => not(kept);
+        overlay: bool = false => affects() not(kept);
     }
 
     /// Built-in scenes: how they are sampled.
@@ -585,6 +567,20 @@ settings! {
         surface: Surface,
         stream: Stream,
         scene: SceneSettings,
+    }
+}
+
+impl Color {
+    /// The attribute that the colours ask for by its name.
+    pub fn asked_attribute(&self) -> Option<&str> {
+        match self.by {
+            ColorBy::Intensity => Some("intensity"),
+            ColorBy::Class => Some("classification"),
+            ColorBy::ReturnNumber => Some("return_number"),
+            ColorBy::GpsTime => Some("gps_time"),
+            ColorBy::Attribute => Some(&self.attribute),
+            ColorBy::Auto | ColorBy::Rgb | ColorBy::Height | ColorBy::Normal | ColorBy::Plain => None,
+        }
     }
 }
 

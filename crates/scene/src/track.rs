@@ -1,11 +1,14 @@
-//! Tracks: what changes along a path besides the camera. A track names a parameter, or a value of a mirror, a light or a
-//! clip volume, and says what it is at which time.
+//! Tracks: what changes along a path besides the camera. A track names a parameter, or a value of a mirror, a light, a
+//! clip volume or a profile, and says what it is at which time.
 
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::curve::{derivatives, hermite};
 use crate::{Object, Settings};
+
+/// The key of the track that moves the lines between states.
+pub const WIPE: &str = "wipe";
 
 /// How values and places go from one time to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -32,7 +35,8 @@ impl Ease {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Track {
-    /// A parameter's key, or `mirrors.NAME.VALUE`, `lights.NUMBER.VALUE`, `clips.NAME.VALUE`.
+    /// A parameter's key, or `mirrors.NAME.VALUE`, `lights.NUMBER.VALUE`, `clips.NAME.VALUE`,
+    /// `profiles.NAME.VALUE`, or `wipe`.
     pub key: String,
     /// Seconds from the beginning of the path, rising.
     pub times: Vec<f64>,
@@ -46,8 +50,10 @@ pub struct Track {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handle<'a> {
     Parameter(&'a str),
+    /// The lines between the states of its path.
+    Wipe,
     Object {
-        /// The name of its kind: mirror, light or clip.
+        /// The name of its kind: mirror, light, clip or profile.
         kind: &'static str,
         /// Its name; a light's number from 1.
         name: &'a str,
@@ -58,7 +64,7 @@ pub enum Handle<'a> {
 /// The objects that tracks change: the list in scene files, the name of the kind, and their values with the count of
 /// numbers of each. Values of no numbers are switches.
 type Values = &'static [(&'static str, usize)];
-const KINDS: [(&str, &str, Values); 3] = [
+const KINDS: [(&str, &str, Values); 4] = [
     (
         "mirrors",
         "mirror",
@@ -78,6 +84,7 @@ const KINDS: [(&str, &str, Values); 3] = [
         &[("position", 3), ("target", 3), ("intensity", 3), ("inner_degrees", 1), ("outer_degrees", 1)],
     ),
     ("clips", "clip", &[("position", 3), ("rotation", 4), ("size", 3), ("on", 0)]),
+    ("profiles", "profile", &[("position", 3), ("width", 1), ("color", 3), ("on", 0)]),
 ];
 
 impl Track {
@@ -86,6 +93,9 @@ impl Track {
     /// # Errors
     /// The key names nothing, in words.
     pub fn handle(&self) -> Result<Handle<'_>, String> {
+        if self.key == WIPE {
+            return Ok(Handle::Wipe);
+        }
         let Some((first, rest)) = self.key.split_once('.') else { return Ok(Handle::Parameter(&self.key)) };
         let Some((list, kind, values)) = KINDS.iter().find(|(list, ..)| *list == first) else {
             return Ok(Handle::Parameter(&self.key));
@@ -118,7 +128,14 @@ impl Track {
             return Some(("times", "expected seconds from 0 on, each more than the one before".into()));
         }
         match handle {
-            Handle::Parameter(key) => self.parameter_problem(key),
+            Handle::Parameter(key) => parameter_problem(key, &self.values),
+            // How many lines there are depends on the path.
+            Handle::Wipe => {
+                let is_share = |share: &f64| (0.0..=1.0).contains(share);
+                let is_fine = |value: &&toml::Value| numbers(value).is_some_and(|lines| lines.iter().all(is_share));
+                let odd = self.values.iter().find(|value| !is_fine(value))?.to_string();
+                Some(("values", format!("{}, expected shares of the width, 0 to 1", param::shortened(&odd, 60))))
+            }
             Handle::Object { kind, value, .. } => {
                 let counts = KINDS.iter().find(|(_, name, _)| *name == kind).map_or(&[][..], |(.., counts)| counts);
                 let count = counts.iter().find(|(name, _)| *name == value).map_or(0, |(_, count)| *count);
@@ -137,23 +154,7 @@ impl Track {
         }
     }
 
-    fn parameter_problem(&self, key: &str) -> Option<(&'static str, String)> {
-        let mut settings = Settings::default();
-        for value in &self.values {
-            if let Err(error) = settings.set_text(key, &text(value)) {
-                let what = if matches!(error, param::Error::UnknownKey { .. }) { "key" } else { "values" };
-                return Some((what, error.to_string()));
-            }
-        }
-        let (group, name) = key.split_once('.')?;
-        let groups = settings.groups();
-        let fields =
-            groups.iter().filter(|params| params.group().name == group).flat_map(|params| &params.group().fields);
-        let is_of_points = fields.into_iter().any(|field| field.name == name && field.affects.points);
-        is_of_points.then(|| ("key", format!("`{key}` says how points are read, which is done once; it has no track")))
-    }
-
-    /// The values of objects that tracks change, by the name of their kind: mirror, light or clip.
+    /// The values of objects that tracks change, by the name of their kind.
     pub fn values_of(kind: &str) -> impl Iterator<Item = &'static str> {
         KINDS
             .into_iter()
@@ -205,6 +206,10 @@ impl Track {
             (Object::Clip(clip), "rotation") => list(&clip.rotation.to_array()),
             (Object::Clip(clip), "size") => place(clip.size),
             (Object::Clip(clip), "on") => toml::Value::Boolean(clip.on),
+            (Object::Profile(profile), "position") => place(profile.middle()),
+            (Object::Profile(profile), "width") => toml::Value::Float(profile.width),
+            (Object::Profile(profile), "color") => color(profile.color),
+            (Object::Profile(profile), "on") => toml::Value::Boolean(profile.on),
             _ => return None,
         })
     }
@@ -286,13 +291,37 @@ impl Track {
             (Object::Clip(clip), "rotation") => clip.rotation = rotation(&numbers),
             (Object::Clip(clip), "size") => clip.size = place(),
             (Object::Clip(clip), "on") => clip.on = value.as_bool().unwrap_or(clip.on),
+            (Object::Profile(profile), "position") => {
+                let shift = place() - profile.middle();
+                profile.line.iter_mut().for_each(|corner| *corner += shift);
+            }
+            (Object::Profile(profile), "width") => profile.width = first,
+            (Object::Profile(profile), "color") => profile.color = color(),
+            (Object::Profile(profile), "on") => profile.on = value.as_bool().unwrap_or(profile.on),
             _ => {}
         }
     }
 }
 
+/// Why a parameter cannot have these values along a path: `key` or `values`, and the reason.
+pub(crate) fn parameter_problem(key: &str, values: &[toml::Value]) -> Option<(&'static str, String)> {
+    let mut settings = Settings::default();
+    for value in values {
+        if let Err(error) = settings.set_text(key, &text(value)) {
+            let what = if matches!(error, param::Error::UnknownKey { .. }) { "key" } else { "values" };
+            return Some((what, error.to_string()));
+        }
+    }
+    let (group, name) = key.split_once('.')?;
+    let groups = settings.groups();
+    let fields = groups.iter().filter(|params| params.group().name == group).flat_map(|params| &params.group().fields);
+    let is_of_points = fields.into_iter().any(|field| field.name == name && field.affects.points);
+    is_of_points
+        .then(|| ("key", format!("`{key}` says how points are read, which is done once; it does not change in a path")))
+}
+
 /// A value in the form in which `--set` takes it.
-fn text(value: &toml::Value) -> String {
+pub(crate) fn text(value: &toml::Value) -> String {
     match value {
         toml::Value::String(text) => text.clone(),
         toml::Value::Float(number) => number.to_string(),
@@ -301,7 +330,7 @@ fn text(value: &toml::Value) -> String {
 }
 
 /// The finite numbers of a value: one, or those of a list.
-fn numbers(value: &toml::Value) -> Option<Vec<f64>> {
+pub(crate) fn numbers(value: &toml::Value) -> Option<Vec<f64>> {
     let number = |value: &toml::Value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
     let numbers: Option<Vec<f64>> = match value {
         toml::Value::Array(list) => list.iter().map(number).collect(),
@@ -390,6 +419,9 @@ mod tests {
         half("lights.1.intensity", "[[0, 0, 0], [2, 4, 6]]").set_object("intensity", &mut light, 0.5);
         let Object::Light(light) = light else { panic!("no light") };
         assert_eq!(light.intensity, [0.5, 1.0, 1.5]);
+        let mut slice = Object::Profile(crate::Profile::new(vec![DVec3::ZERO, DVec3::new(2.0, 0.0, 0.0)], 0.5));
+        half("profiles.a.position", "[[1, 0, 0], [1, 4, 2]]").set_object("position", &mut slice, 1.0);
+        assert_eq!(slice.places()[1..], [DVec3::new(0.0, 2.0, 1.0), DVec3::new(2.0, 2.0, 1.0)]);
     }
 
     #[test]
@@ -413,7 +445,9 @@ mod tests {
         let mirror =
             Mirror { refraction: Some(1.5), ..Mirror::standing(Shape::Sphere, DVec3::ONE, DVec3::X, DVec3::Z, 0.3) };
         let clip = crate::Clip::around(crate::ClipShape::Box, cloud::Bounds { min: DVec3::ZERO, max: DVec3::ONE });
-        for object in [Object::Mirror(mirror), Object::Light(five_mirrors::light()), Object::Clip(clip)] {
+        let profile = crate::Profile::new(vec![DVec3::ZERO, DVec3::new(0.1, 0.7, -3.0), DVec3::ONE], 0.5);
+        let others = [Object::Clip(clip), Object::Profile(profile)];
+        for object in [Object::Mirror(mirror), Object::Light(five_mirrors::light())].into_iter().chain(others) {
             let kind = object.kind().name;
             for name in Track::values_of(kind) {
                 let (key, value) = (Track::key_of(kind, "a", name).unwrap(), Track::value_of_object(name, &object));
@@ -435,7 +469,14 @@ mod tests {
         };
         assert!(problem("sun.elevatio", &[0.0], "[1]").starts_with("key: sun.elevatio"));
         assert!(problem("sun.elevation", &[0.0], "[1000]").starts_with("values: sun.elevation"));
+        for key in ["scene.points", "surface.neighbours", "stream.cache_bytes"] {
+            assert!(problem(key, &[0.0], "[1000000000]").contains(key), "{key}");
+        }
         assert!(problem("scene.points", &[0.0], "[1000]").contains("is done once"));
+        let followed = [("view.point_budget", "[200000]"), ("stream.detail", "[2.0]"), ("stream.overlay", "[true]")];
+        for (key, values) in followed {
+            assert_eq!(track(key, &[0.0], values, Ease::Smooth).problem(), None, "{key} is followed at once");
+        }
         assert!(problem("mirrors.ball", &[0.0], "[1]").starts_with("key: `mirrors.ball`: expected mirrors.NAME.VALUE"));
         assert!(problem("mirrors.ball.shape", &[0.0], "[1]").contains("a mirror has no `shape`"));
         assert!(problem("mirrors.ball.position", &[0.0], "[[1, 2]]").contains("expected 3 numbers each"));

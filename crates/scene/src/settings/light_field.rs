@@ -29,6 +29,10 @@ choices! {
     pub enum SampleVisibility { Depth = "depth", Angle = "angle" }
 }
 choices! {
+    /// How maps are made.
+    pub enum MapFill { Draw = "draw", Trace = "trace", OnDemand = "on_demand" }
+}
+choices! {
     /// What finds the rays that no sample resolves.
     pub enum SampleRest { None = "none", SurfelTrace = "surfel_trace", EnvironmentMap = "environment_map" }
 }
@@ -38,8 +42,12 @@ params! {
     pub struct LightField = "light_field" in "Reflections" => affects(found) {
         /// Places of a mirror's surface at which maps stand, far from one another. Only those are drawn that a picture needs.
         samples: u32 = 32, 1..=1024, "maps";
+        /// Begin with one of these places on each mirror and add others only until no more than a twentieth of its pixels are predicted to be off by more; 0 takes all places. With corrections it is the rays that the nearest sample does not resolve that count as off.
+        accuracy: f32 = 0.0, 0.0..=16.0, "pixels";
         /// Texels along the edge of a map's face; a map has six.
         size: u32 = 128, 16..=512, "texels";
+        /// How maps are made: by drawing all points around, or by tracing a ray for each texel through the points, whose time grows less with their number; on demand a texel is traced when a picture first looks at it, and each ray asks one sample alone, or those that are blended.
+        fill: MapFill = MapFill::Draw;
         /// How far before the surface a map stands, along its normal; behind it if more of the mirror is seen from there.
         offset: f32 = 0.01, 0.0005..=0.25, "mirror radii";
         /// Nearest samples of a mirror point of which one is looked up: the next where something hides one, or where what it shows is not on the ray.
