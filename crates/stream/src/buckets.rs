@@ -415,7 +415,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let storage = Storage::create(&folder.path().join("records"), u64::MAX).unwrap();
         let layout = Layout { wide: false, color_bytes: 0, normals: false, attributes: Vec::new() };
-        let grid = Grid { scale: DVec3::ONE, offset: DVec3::splat(0.5) };
+        let grid = Grid::new(DVec3::ONE, DVec3::splat(0.5));
         let lattice = Lattice { grid, corner: DVec3::ZERO, width: f64::from(SIDE) };
         let slab = |x: u32| {
             let place = |index: u32| [x, index / SIDE, index % SIDE].map(|at| at as f32);

@@ -1,5 +1,6 @@
 //! Makes the index of some files in a folder of the cache: distributes the points to buckets, then builds the nodes.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -86,7 +87,7 @@ fn build_on_disk(
     preview: &(dyn Fn(Chunk) + Sync),
     disk: u64,
 ) -> Result<Pages> {
-    let identity = Identity::of(inputs)?;
+    let identity = cache.identity(inputs)?;
     let entry = cache.entry(&identity);
     let mut is_made = false;
     loop {
@@ -112,7 +113,7 @@ fn build_on_disk(
             Err(error) if is_made => return Err(error),
             Ok(_) | Err(_) => {
                 let preview = Preview::new(options.preview_points, header_points(inputs), preview);
-                let build = Build { inputs, options, progress, preview, disk };
+                let build = Build { inputs, also: cache.also(), options, progress, preview, disk };
                 make_entry(&build, cache, &entry, &identity)?;
                 is_made = true;
             }
@@ -178,6 +179,8 @@ fn header_points(inputs: &[Arc<Source>]) -> u64 {
 /// One run of the builder.
 struct Build<'a> {
     inputs: &'a [Arc<Source>],
+    /// The names of attributes that are kept besides the usual ones.
+    also: &'a BTreeSet<String>,
     options: &'a BuildOptions,
     progress: &'a Progress,
     preview: Preview<'a>,
@@ -201,7 +204,7 @@ impl Build<'_> {
         let mut extent: Option<Extent> = None;
         let mut wide = false;
         loop {
-            let Some(plan) = IndexPlan::new(self.inputs, extent.as_ref(), wide) else {
+            let Some(plan) = IndexPlan::new(self.inputs, self.also, extent.as_ref(), wide) else {
                 if extent.is_some() {
                     return Err(self.why_empty(first_path()));
                 }
@@ -249,7 +252,7 @@ impl Build<'_> {
     /// Measures where the points are, when headers do not say. The preview is filled during this pass.
     fn measure(&self) -> Result<Extent> {
         self.expect(3);
-        let layout = plan::layout(self.inputs, true);
+        let layout = plan::layout(self.inputs, self.also, true);
         let (mut selections, columns): (Vec<Selection>, Vec<_>) =
             self.inputs.iter().map(|input| plan::selection(input, &layout)).unzip();
         if !self.preview.is_wanted() {

@@ -6,6 +6,7 @@
 //! it. A lock file is removed, or renamed with its entry, only by a holder of the lock; and whoever has locked one
 //! checks that the file still has its name (`is_current`), so that nobody trusts the lock of a removed file.
 
+use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind::{NotFound, PermissionDenied};
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use crate::pages::{self, Pages};
-use crate::{Error, Result, entry, regular_file, surfels};
+use crate::{Error, Result, entry, plan, regular_file, surfels};
 
 /// The size of a sample of a file's content in bytes, and the number of samples between those at its ends.
 const SAMPLE_BYTES: usize = 64 << 10;
@@ -24,6 +25,8 @@ const INNER_SAMPLES: u64 = 4;
 pub struct Cache {
     folder: PathBuf,
     limit: u64,
+    /// The names of attributes that indexes keep besides the usual ones.
+    also: BTreeSet<String>,
 }
 
 /// The identity of a set of files when they were looked at.
@@ -138,7 +141,29 @@ pub(crate) fn is_current(_: &File, _: &Path) -> bool {
 impl Cache {
     /// Keeps up to `limit` bytes in `folder`, which is made when it is needed.
     pub fn new(folder: PathBuf, limit: u64) -> Self {
-        Self { folder, limit }
+        Self { folder, limit, also: BTreeSet::new() }
+    }
+
+    /// The same folder; indexes that are opened or made there also have the attributes with these names, as far as
+    /// their files have them. Those with other attributes stay beside them.
+    pub fn keeping(&self, also: BTreeSet<String>) -> Self {
+        Self { also, ..self.clone() }
+    }
+
+    pub(crate) fn also(&self) -> &BTreeSet<String> {
+        &self.also
+    }
+
+    /// The identity of the index of these files with the attributes that are wanted.
+    pub(crate) fn identity(&self, inputs: &[Arc<codec::Source>]) -> Result<Identity> {
+        let identity = Identity::of(inputs)?;
+        let usual = plan::index_attributes(inputs, &BTreeSet::new()).len();
+        let further = plan::index_attributes(inputs, &self.also).split_off(usual);
+        if further.is_empty() {
+            return Ok(identity);
+        }
+        let names: Vec<&str> = further.iter().map(|attribute| attribute.name.as_str()).collect();
+        Ok(identity.of_kind(&format!("with {}", names.join("\0"))))
     }
 
     pub fn folder(&self) -> &Path {
@@ -154,7 +179,7 @@ impl Cache {
     /// # Errors
     /// If the files cannot be read.
     pub fn open(&self, inputs: &[Arc<codec::Source>]) -> Result<Option<Pages>> {
-        self.open_known(&Identity::of(inputs)?)
+        self.open_known(&self.identity(inputs)?)
     }
 
     pub(crate) fn open_known(&self, identity: &Identity) -> Result<Option<Pages>> {

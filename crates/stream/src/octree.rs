@@ -1,6 +1,6 @@
 //! Where points lie in a tree of cubes and how many there are: all that is known of a cloud before its pages are read.
 
-use cloud::Bounds;
+use cloud::{Bounds, Placement};
 use glam::DVec3;
 
 /// A node of one octree, as an index into [`Octree::nodes`].
@@ -49,6 +49,15 @@ pub struct Octree {
 impl Octree {
     pub fn node(&self, id: NodeId) -> &Node {
         &self.nodes[id.0 as usize]
+    }
+
+    /// The same nodes with their points turned and moved, in level boxes about the turned ones.
+    #[must_use]
+    pub fn placed(&self, placement: &Placement) -> Self {
+        let cube = placement.bounds(Bounds { min: self.corner, max: self.corner + self.width });
+        let place = |node: &Node| Node { bounds: placement.bounds(node.bounds), ..node.clone() };
+        let nodes = self.nodes.iter().map(place).collect();
+        Self { corner: cube.min, width: cube.size().max_element(), spacing: self.spacing, nodes }
     }
 
     /// The number of points of all nodes.

@@ -6,6 +6,7 @@
 //! place, so an index is either whole or absent. Both files are checked when they are read: sizes against the files
 //! before anything is allocated, contents against checksums.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -160,14 +161,15 @@ impl Pages {
             && nodes().all(|node| self.read_page(node).is_ok())
     }
 
-    /// The index that a COPC file contains; `None` for other files. Its nodes may have no points of their own, or more
-    /// points than a chunk has elsewhere, up to `codec::Copc::MOST_POINTS`.
-    pub fn copc(source: &Arc<Source>) -> Option<Self> {
+    /// The index that a COPC file contains; `None` for other files. Chunks have the attributes that every index keeps,
+    /// and those of `also`. Its nodes may have no points of their own, or more points than a chunk has elsewhere, up to
+    /// `codec::Copc::MOST_POINTS`.
+    pub fn copc(source: &Arc<Source>, also: &BTreeSet<String>) -> Option<Self> {
         let copc = source.copc()?;
         let info = source.info();
         let grid = info.grid?;
         let octree = copc::octree(copc, &grid, info.bounds);
-        let attributes = plan::kept_attributes([info.attributes.as_slice()].into_iter());
+        let attributes = plan::index_attributes(std::slice::from_ref(source), also);
         let column = |kept: &Attribute| info.attributes.iter().position(|attribute| attribute.name == kept.name);
         let columns = attributes.iter().filter_map(column).collect();
         let color_bytes = if info.has_colors { 3 } else { 0 };
@@ -435,7 +437,7 @@ fn parse_summary(reader: &mut Reader<'_>) -> Result<Summary, String> {
     if ![0, 3, 4].contains(&color_bytes) {
         return Err(format!("colours of {color_bytes} bytes"));
     }
-    let grid = Grid { scale: reader.vector()?, offset: reader.vector()? };
+    let grid = Grid::new(reader.vector()?, reader.vector()?);
     let (corner, width) = (reader.vector()?, reader.f64()?);
     if !(width > 0.0 && width.is_finite()) {
         return Err(format!("a root {width} wide"));
@@ -542,7 +544,7 @@ mod tests {
 
     /// A table of three nodes, without its head.
     fn table() -> Vec<u8> {
-        table_on(Grid { scale: DVec3::splat(0.001), offset: DVec3::ZERO })
+        table_on(Grid::new(DVec3::splat(0.001), DVec3::ZERO))
     }
 
     fn table_on(grid: Grid) -> Vec<u8> {
@@ -592,7 +594,7 @@ mod tests {
     #[test]
     fn nodes_beyond_all_numbers_are_refused() {
         for (scale, offset) in [(1e307, 0.0), (1e307, -1e308), (0.001, 1e31)] {
-            let grid = Grid { scale: DVec3::splat(scale), offset: DVec3::splat(offset) };
+            let grid = Grid::new(DVec3::splat(scale), DVec3::splat(offset));
             let refused = parse_body(&table_on(grid)).unwrap_err();
             assert!(refused.ends_with("lies nowhere"), "{scale} {offset}: {refused}");
         }

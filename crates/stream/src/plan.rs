@@ -1,5 +1,6 @@
 //! Chooses which columns an index keeps of its files, and the lattice and the cube in which it places the points.
 
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::{Attribute, Bounds, Chunk, Cloud, Grid, Progress};
@@ -49,8 +50,9 @@ pub struct Extent {
 }
 
 impl IndexPlan {
-    /// `extent` is the measured extent, where it is known better than from the headers.
-    pub fn new(inputs: &[Arc<Source>], extent: Option<&Extent>, wide: bool) -> Option<Self> {
+    /// `also` names attributes that are kept besides the usual ones. `extent` is the measured extent, where it is known
+    /// better than from the headers.
+    pub fn new(inputs: &[Arc<Source>], also: &BTreeSet<String>, extent: Option<&Extent>, wide: bool) -> Option<Self> {
         let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
         let header_bounds =
             || infos().map(|info| info.bounds).try_fold(Bounds::EMPTY, |all, bounds| Some(all.union(bounds?)));
@@ -72,7 +74,7 @@ impl IndexPlan {
         // half and is not cut by the middle of the cube.
         let corner = corner.with_z(bounds.min.z - width * MARGIN);
         let is_narrow = grid.is_some_and(|grid| is_within(&bounds, &grid, f64::from(i32::MAX)));
-        let layout = layout(inputs, wide || !is_narrow);
+        let layout = layout(inputs, also, wide || !is_narrow);
         let inputs = inputs.iter().map(|input| selection(input, &layout)).collect();
         let lattice = Lattice { grid: lattice_grid, corner, width };
         Some(Self { layout, lattice, on_grid: grid.is_some(), inputs })
@@ -91,7 +93,7 @@ impl IndexPlan {
 }
 
 /// The layout of the records of some files.
-pub fn layout(inputs: &[Arc<Source>], wide: bool) -> Layout {
+pub fn layout(inputs: &[Arc<Source>], also: &BTreeSet<String>, wide: bool) -> Layout {
     let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
     let has_colors = infos().any(|info| info.has_colors);
     let opacity = infos().any(|info| info.has_colors && info.format == Format::Ply);
@@ -99,7 +101,7 @@ pub fn layout(inputs: &[Arc<Source>], wide: bool) -> Layout {
         wide,
         color_bytes: if opacity { 4 } else { 3 * usize::from(has_colors) },
         normals: infos().any(|info| info.has_normals),
-        attributes: kept_attributes(infos().map(|info| info.attributes.as_slice())),
+        attributes: index_attributes(inputs, also),
     }
 }
 
@@ -111,7 +113,7 @@ fn finest_grid(mut grids: impl Iterator<Item = Option<Grid>>) -> Option<Grid> {
         let grid = grid?;
         let finer = grid.scale.abs().cmplt(finest.scale.abs());
         let pick = |a: DVec3, b: DVec3| DVec3::select(finer, a, b);
-        Some(Grid { scale: pick(grid.scale, finest.scale), offset: pick(grid.offset, finest.offset) })
+        Some(Grid::new(pick(grid.scale, finest.scale), pick(grid.offset, finest.offset)))
     })
 }
 
@@ -133,17 +135,26 @@ fn lattice_for(extent: &Extent) -> Grid {
     let size = bulk.into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0).max(LEAST_WIDTH);
     // The integers of the farthest points have 61 bits.
     let step = (size.log2().floor().exp2() / STEPS).max(extent.bounds.size().max_element() / 61_f64.exp2());
-    Grid { scale: DVec3::splat(step), offset: extent.bulk.center() }
+    Grid::new(DVec3::splat(step), extent.bulk.center())
 }
 
-/// The attributes that the index of some files has, in the order of its chunks' columns.
-pub fn index_attributes(inputs: &[Arc<Source>]) -> Vec<Attribute> {
+/// The attributes that the index of some files has, in the order of its chunks' columns: the usual ones, and those of
+/// `also` that a file has.
+pub fn index_attributes(inputs: &[Arc<Source>], also: &BTreeSet<String>) -> Vec<Attribute> {
     let infos = inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
-    kept_attributes(infos.map(|info| info.attributes.as_slice()))
+    let offered = infos.map(|info| info.attributes.as_slice());
+    let mut kept = usual_attributes(offered.clone());
+    for name in also {
+        let is_it = |attribute: &&Attribute| attribute.name == *name;
+        if !kept.iter().any(|attribute| is_it(&attribute)) {
+            kept.extend(offered.clone().flatten().find(is_it).cloned());
+        }
+    }
+    kept
 }
 
-/// Those of the attributes offered by some files that pages keep.
-pub fn kept_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
+/// Those of the attributes offered by some files that every index keeps.
+fn usual_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
     let find = |name: &&str| offered.clone().flatten().find(|attribute| attribute.name == **name).cloned();
     let is_of = |name: &str, attribute: &Attribute| {
         let rest = attribute.name.strip_prefix(name);

@@ -13,7 +13,7 @@ use stream::{BATCHES, BuildOptions, Cache, NodeId, Pages, build, prefix};
 mod made_up;
 #[path = "../../../tests/src/real_data.rs"]
 mod real_data;
-use made_up::{OFFSET, Point, SCALE, terrain, write_las, write_las_with};
+use made_up::{OFFSET, Point, SCALE, gps_time, terrain, write_las, write_las_with};
 use real_data::test_data;
 
 fn open(path: &Path) -> Arc<Source> {
@@ -119,6 +119,40 @@ fn every_point_of_a_las_file_is_in_one_node() {
     let pages = index(&inputs, folder.path());
     assert!(pages.octree().nodes.len() > 4);
     assert_holds_all(&inputs, &pages);
+}
+
+#[test]
+fn an_index_keeps_what_it_is_asked_for_beside_the_one_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("terrain.las");
+    let points = terrain(30_000);
+    write_las(&path, &points);
+    let inputs = [open(&path)];
+    let usual = index(&inputs, folder.path());
+    let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+    let keeping = |names: &[&str]| cache.keeping(names.iter().map(|name| String::from(*name)).collect());
+    // What every index keeps, or no file has, needs no other one.
+    let same = keeping(&["intensity", "of_no_file"]).open(&inputs).unwrap().unwrap();
+    assert_eq!((same.folder(), same.attributes()), (usual.folder(), usual.attributes()));
+    let asked = keeping(&["gps_time", "of_no_file"]);
+    assert!(asked.open(&inputs).unwrap().is_none());
+    let pages = build(&inputs, &asked, &BuildOptions::default(), &Progress::default(), &|_| ()).unwrap();
+    assert_ne!(pages.key(), usual.key());
+    let names: Vec<&str> = pages.attributes().iter().map(|attribute| attribute.name.as_str()).collect();
+    assert_eq!(names, ["intensity", "classification", "return_number", "gps_time"]);
+    // Every point has its own time still: that of its intensity.
+    let mut times = 0;
+    for (id, _) in pages.octree().ids() {
+        let chunk = pages.read(id).unwrap();
+        let [intensity, time] = [0, 3].map(|column| chunk.columns[column].clone().unwrap());
+        assert!((0..chunk.len()).all(|point| time.value(point) == intensity.value(point) * 0.25));
+        times += chunk.len();
+    }
+    assert_eq!((times, gps_time(&points[9])), (points.len(), 2.25));
+    // Both stay, and are found by what is asked for.
+    for (cache, found) in [(cache.clone(), &usual), (asked, &pages)] {
+        assert_eq!(cache.open(&inputs).unwrap().unwrap().folder(), found.folder());
+    }
 }
 
 #[test]

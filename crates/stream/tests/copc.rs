@@ -4,7 +4,7 @@
 #[path = "../../../tests/src/real_data.rs"]
 mod real_data;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
@@ -53,10 +53,15 @@ fn pages_of_a_copc_file_hold_its_points_in_their_nodes() {
     for name in FILES {
         let Some(path) = data(name) else { return };
         let source = Arc::new(codec::open(&path).unwrap());
-        let pages = Pages::copc(&source).unwrap();
-        let octree = pages.octree();
-        assert_eq!(octree.points(), source.info().points);
-        assert_eq!(pages.attributes().len(), 3);
+        let octree = Pages::copc(&source, &BTreeSet::new()).unwrap().octree().clone();
+        // What no index keeps comes when it is asked for; what every one keeps, or no file has, changes nothing.
+        let asked = BTreeSet::from(["gps_time", "intensity", "of_no_file"].map(String::from));
+        let usual = Pages::copc(&source, &BTreeSet::new()).unwrap();
+        let pages = Pages::copc(&source, &asked).unwrap();
+        assert_eq!((usual.octree(), pages.octree(), octree.points()), (&octree, &octree, source.info().points));
+        let names: Vec<&str> = pages.attributes().iter().map(|attribute| attribute.name.as_str()).collect();
+        assert_eq!(names, ["intensity", "classification", "return_number", "gps_time"], "{name}");
+        assert_eq!(usual.attributes(), &pages.attributes()[..3]);
         let columns: Vec<usize> = (0..pages.attributes().len()).collect();
         let mut bag = Bag::new();
         let mut first_point = 0;
@@ -86,7 +91,7 @@ fn pages_of_a_copc_file_hold_its_points_in_their_nodes() {
 fn a_prefix_of_a_node_is_an_even_subset_of_it() {
     let Some(path) = data("ellipsoid_las14_pf7.copc.laz") else { return };
     let source = Arc::new(codec::open(&path).unwrap());
-    let chunk = Pages::copc(&source).unwrap().read(NodeId(0)).unwrap();
+    let chunk = Pages::copc(&source, &BTreeSet::new()).unwrap().read(NodeId(0)).unwrap();
     assert!(chunk.len() > cloud::CHUNK_POINTS, "a node larger than other chunks");
     // Cells of an eighth of the width: a quarter of the points has about a quarter of each cell's.
     let bounds = chunk.bounds();
@@ -109,7 +114,7 @@ fn a_prefix_of_a_node_is_an_even_subset_of_it() {
 #[test]
 fn a_copc_file_streams_whole_with_nodes_that_are_empty() {
     let Some(path) = data("ellipsoid_las14_pf7_plain.laz") else { return };
-    assert!(Pages::copc(&Arc::new(codec::open(&path).unwrap())).is_none());
+    assert!(Pages::copc(&Arc::new(codec::open(&path).unwrap()), &BTreeSet::new()).is_none());
 
     let path = data("simple_with_hierarchy_page.copc.laz").unwrap();
     // The root's points are moved to a node that did not exist, so the root has no points.
@@ -130,7 +135,8 @@ fn a_copc_file_streams_whole_with_nodes_that_are_empty() {
     std::fs::write(&path, file).unwrap();
 
     let source = Arc::new(codec::open(&path).unwrap());
-    let pages = Arc::new(Pages::copc(&source).unwrap_or_else(|| panic!("{:?}", source.info().warnings)));
+    let pages =
+        Arc::new(Pages::copc(&source, &BTreeSet::new()).unwrap_or_else(|| panic!("{:?}", source.info().warnings)));
     let octree = Arc::new(pages.octree().clone());
     assert_eq!(octree.nodes[0].points, 0);
     let budget = Budget { points: u64::MAX, bytes: 1 << 30 };

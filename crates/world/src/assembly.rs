@@ -4,8 +4,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk, Cloud, CloudLayout, Column, PointTest, Surfels};
+use cloud::{Attribute, Bounds, Chunk, Cloud, CloudLayout, Column, Grid, Placement, PointTest, Surfels};
 use glam::DVec3;
+use rayon::prelude::*;
 use stream::Octree;
 
 use crate::apart::Place;
@@ -22,10 +23,16 @@ pub struct Assembly {
     /// The parts of the chunks that have been loaded, in order.
     parts: Vec<Part>,
     chunk_bounds: Vec<Bounds>,
+    /// The places and normals of the same chunks as the file has them.
+    own: Vec<Chunk>,
+    /// How the points of `cloud` have been moved.
+    placement: Option<Placement>,
     /// The word of the command line that the cloud came from; several clouds of a built-in scene share it.
     pub input: String,
     /// The file, if all of its points are in memory.
     pub source: Option<Arc<codec::Source>>,
+    /// The attributes that the files have.
+    offered: Vec<Attribute>,
     /// The coordinate system, as the file names it.
     pub crs: Option<String>,
     /// The units of the coordinates, as far as the file tells them.
@@ -62,6 +69,7 @@ impl Assembly {
             input,
             source,
             attributes,
+            offered,
             grid,
             crs,
             units,
@@ -75,8 +83,11 @@ impl Assembly {
             cloud: Cloud { name, attributes, grid, chunks: Vec::new() },
             parts: Vec::new(),
             chunk_bounds: Vec::new(),
+            own: Vec::new(),
+            placement: None,
             input,
             source,
+            offered,
             crs,
             units,
             up,
@@ -94,8 +105,13 @@ impl Assembly {
         (assembly, Change::Open { cloud: key, provisional_radius })
     }
 
-    /// Adds a chunk, or replaces that of the same part.
-    pub fn put(&mut self, part: Part, mut chunk: Chunk) -> Change {
+    /// Adds a chunk as the file has it, or replaces that of the same part.
+    pub fn put(&mut self, part: Part, chunk: Chunk) -> Change {
+        let own = places_of(&chunk);
+        let mut chunk = match &self.placement {
+            Some(placement) => chunk.placed(placement, self.cloud.grid),
+            None => chunk,
+        };
         for (attribute, columns) in &self.late_columns {
             put_column(&mut chunk, *attribute, columns);
         }
@@ -106,11 +122,13 @@ impl Assembly {
             Ok(index) => {
                 self.points -= self.cloud.chunks[index].len() as u64;
                 self.cloud.chunks[index] = chunk.clone();
+                self.own[index] = own;
                 self.chunk_bounds[index] = bounds;
             }
             Err(index) => {
                 self.parts.insert(index, part);
                 self.cloud.chunks.insert(index, chunk.clone());
+                self.own.insert(index, own);
                 self.chunk_bounds.insert(index, bounds);
             }
         }
@@ -122,6 +140,7 @@ impl Assembly {
         let index = self.parts.binary_search(&part).ok()?;
         self.parts.remove(index);
         self.chunk_bounds.remove(index);
+        self.own.remove(index);
         self.points -= self.cloud.chunks.remove(index).len() as u64;
         // The index's bounds contain all points that may come.
         if self.octree().is_none() {
@@ -133,9 +152,11 @@ impl Assembly {
     /// Takes over the state of the cloud's index.
     pub fn page(&mut self, mut pages: IndexState) -> Change {
         let was_built_before = self.was_built();
-        if let IndexState::Indexed { grid, was_built, .. } = &mut pages {
-            self.cloud.grid = *grid;
+        if let IndexState::Indexed { attributes, grid, was_built, .. } = &mut pages {
+            let attributes = attributes.clone();
+            self.cloud.grid = grid.map(|grid| Grid { placement: self.placement, ..grid });
             *was_built |= was_built_before;
+            self.rearrange(attributes);
         } else {
             self.task = None;
         }
@@ -145,6 +166,26 @@ impl Assembly {
         Change::Bounds { cloud: self.key, bounds }
     }
 
+    /// Puts the columns of the chunks in the order of other attributes. Those that are new have no values yet.
+    fn rearrange(&mut self, attributes: Vec<Attribute>) {
+        let old = std::mem::replace(&mut self.cloud.attributes, attributes);
+        if old == self.cloud.attributes {
+            return;
+        }
+        let column = |attribute: &Attribute| old.iter().position(|known| known.name == attribute.name);
+        let columns: Vec<Option<usize>> = self.cloud.attributes.iter().map(column).collect();
+        for chunk in &mut self.cloud.chunks {
+            let of = |column: &Option<usize>| chunk.columns.get((*column)?)?.clone();
+            chunk.columns = columns.iter().map(of).collect();
+        }
+    }
+
+    /// The attributes that the cloud has, and then those that it would have if it was asked for them.
+    pub fn offered(&self) -> impl Iterator<Item = &Attribute> {
+        let further = self.offered.iter().filter(|attribute| self.cloud.column_of(&attribute.name).is_none());
+        self.cloud.attributes.iter().chain(further)
+    }
+
     /// Ends the reading. Returns the file's warnings that were not known when it was opened.
     pub fn end(&mut self, summary: &codec::Summary) -> Vec<String> {
         self.is_read = true;
@@ -152,11 +193,13 @@ impl Assembly {
         new.cloned().collect()
     }
 
-    /// Sets normals and radii, one list for each chunk.
+    /// Sets normals and radii, one list for each chunk, for the points as the file has them.
     pub fn put_surfels(&mut self, surfels: Vec<Surfels>) -> Vec<Change> {
         self.full_radii = None;
-        for (chunk, surfels) in self.cloud.chunks.iter_mut().zip(surfels) {
-            chunk.normals = Some(Arc::new(surfels.normals));
+        for ((chunk, own), surfels) in self.cloud.chunks.iter_mut().zip(&mut self.own).zip(surfels) {
+            let normals = Arc::new(surfels.normals);
+            chunk.normals = Some(self.placement.map_or_else(|| normals.clone(), |placed| placed.normals(&normals)));
+            own.normals = Some(normals);
             chunk.radii = Some(Arc::new(surfels.radii));
         }
         self.puts()
@@ -168,9 +211,13 @@ impl Assembly {
         self.is_read && self.source.is_some() && self.pages.is_none() && self.cloud.chunks.iter().all(is_estimated)
     }
 
-    /// The cloud with the radii that follow from all points.
+    /// The cloud as its file has it, with the radii that follow from all points.
     pub fn with_full_radii(&self) -> Cloud {
         let mut cloud = self.cloud.clone();
+        for (chunk, own) in cloud.chunks.iter_mut().zip(&self.own) {
+            put_places(chunk, own.clone());
+        }
+        cloud.grid = cloud.grid.map(Grid::of_file);
         for (chunk, radii) in cloud.chunks.iter_mut().zip(self.full_radii.iter().flatten()) {
             chunk.radii = Some(radii.clone());
         }
@@ -200,10 +247,57 @@ impl Assembly {
         self.puts()
     }
 
+    /// How the points have been moved.
+    pub fn placement(&self) -> Option<Placement> {
+        self.placement
+    }
+
+    /// What `Moved` needs, to move the points somewhere else.
+    pub fn own(&self) -> Own {
+        Own { chunks: self.parts.iter().copied().zip(self.own.iter().cloned()).collect(), grid: self.cloud.grid }
+    }
+
+    /// Takes over points that were moved. Those that came or changed meanwhile are moved here.
+    pub fn put_moved(&mut self, moved: Moved) -> Vec<Change> {
+        let Moved { placement, chunks } = moved;
+        self.placement = placement;
+        self.cloud.grid = self.cloud.grid.map(|grid| Grid { placement, ..grid });
+        let mut chunks: BTreeMap<Part, (Chunk, Chunk)> = chunks.into_iter().collect();
+        for (index, part) in self.parts.iter().enumerate() {
+            let own = &self.own[index];
+            let is_same = |known: &Chunk| {
+                let normals = [&known.normals, &own.normals].map(|normals| normals.as_ref().map(Arc::as_ptr));
+                Arc::ptr_eq(&known.positions, &own.positions) && normals[0] == normals[1]
+            };
+            let placed = match chunks.remove(part) {
+                Some((known, placed)) if is_same(&known) => placed,
+                _ => placement.map_or_else(|| own.clone(), |placement| own.placed(&placement, self.cloud.grid)),
+            };
+            put_places(&mut self.cloud.chunks[index], placed);
+            self.chunk_bounds[index] = self.cloud.chunks[index].bounds();
+        }
+        let loaded = self.chunk_bounds.iter().copied().fold(Bounds::EMPTY, Bounds::union);
+        let index_bounds = self.index_bounds();
+        self.bounds = index_bounds.map_or(loaded, |bounds| bounds.union(loaded));
+        let bounds = index_bounds.map(|bounds| Change::Bounds { cloud: self.key, bounds });
+        bounds.into_iter().chain(self.puts()).collect()
+    }
+
     pub fn puts(&self) -> Vec<Change> {
         let layout = self.layout();
         let put = |(part, chunk)| Change::Put { key: self.key.chunk(part), chunk, layout: layout.clone() };
         self.chunks().into_iter().map(put).collect()
+    }
+
+    /// The chunks as they would be with another placement, and what the test of their points needs to know then.
+    pub fn standing(&self, placement: Option<Placement>) -> (Vec<(Part, Chunk)>, Arc<CloudLayout>) {
+        let mut chunks = self.chunks();
+        let grid = self.cloud.grid.map(|grid| Grid { placement, ..grid });
+        if placement != self.placement {
+            let moved = self.own().placed(placement).chunks;
+            chunks.iter_mut().zip(moved).for_each(|((_, chunk), (_, (_, placed)))| put_places(chunk, placed));
+        }
+        (chunks, Arc::new(CloudLayout { grid, ..self.cloud.layout() }))
     }
 
     /// What the test of its points needs to know.
@@ -226,7 +320,8 @@ impl Assembly {
     /// Warnings about the filters of a test that hide nothing here, because the cloud lacks their attribute.
     pub fn idle_filters(&self, test: &PointTest) -> Vec<String> {
         let name = &self.cloud.name;
-        let idle = test.filtered().filter(|filtered| self.cloud.column_of(filtered).is_none());
+        let is_offered = |filtered: &str| self.offered().any(|attribute| attribute.name == filtered);
+        let idle = test.filtered().filter(|filtered| !is_offered(filtered));
         idle.map(|filtered| format!("{name}: no attribute `{filtered}`, so its filter hides nothing there")).collect()
     }
 
@@ -276,14 +371,53 @@ impl Assembly {
         }
     }
 
-    /// The bounds of all points, if an index states them.
+    /// The bounds of all points, if an index states them; where the points are turned, of the turned box.
     pub fn index_bounds(&self) -> Option<Bounds> {
-        Some(self.octree()?.nodes.first()?.bounds)
+        let own = self.octree()?.nodes.first()?.bounds;
+        Some(self.placement.map_or(own, |placement| placement.bounds(own)))
     }
 
     /// Whether its index was made by this job instead of found.
     pub fn was_built(&self) -> bool {
         matches!(self.pages, Some(IndexState::Indexed { was_built: true, .. }))
+    }
+}
+
+/// The places and normals of a chunk.
+fn places_of(chunk: &Chunk) -> Chunk {
+    let Chunk { first_point, origin, positions, exact_positions, normals, .. } = chunk.clone();
+    Chunk { positions, exact_positions, normals, ..Chunk::new(first_point, origin, Vec::new()) }
+}
+
+fn put_places(chunk: &mut Chunk, places: Chunk) {
+    let Chunk { origin, positions, exact_positions, normals, .. } = places;
+    (chunk.origin, chunk.positions) = (origin, positions);
+    (chunk.exact_positions, chunk.normals) = (exact_positions, normals);
+}
+
+/// The places and normals of the points of a cloud as its file has them.
+#[derive(Clone)]
+pub struct Own {
+    chunks: Vec<(Part, Chunk)>,
+    grid: Option<Grid>,
+}
+
+/// The points of a cloud, turned and moved, for `Assembly::put_moved`.
+pub struct Moved {
+    pub placement: Option<Placement>,
+    /// The chunks as the file has them, and as they are placed.
+    chunks: Vec<(Part, (Chunk, Chunk))>,
+}
+
+impl Own {
+    /// Moves all points, on all cores.
+    pub fn placed(self, placement: Option<Placement>) -> Moved {
+        let Self { chunks, grid } = self;
+        let place = |(part, own): (Part, Chunk)| {
+            let placed = placement.map_or_else(|| own.clone(), |placement| own.placed(&placement, grid));
+            (part, (own, placed))
+        };
+        Moved { placement, chunks: chunks.into_par_iter().map(place).collect() }
     }
 }
 
@@ -344,6 +478,69 @@ mod tests {
             let column = cloud.chunk(Part::Block(block)).and_then(|chunk| chunk.columns[0].clone());
             assert_eq!(column.map(|column| column.value(0)), Some(f64::from(class)));
         }
+    }
+
+    #[test]
+    fn points_are_moved_from_where_the_file_has_them_whenever_they_come() {
+        let turn = |degrees: f64| {
+            let turn = glam::DQuat::from_rotation_z(degrees.to_radians());
+            Some(Placement::new(turn, DVec3::ONE, DVec3::new(0.0, 0.0, 10.0)))
+        };
+        let (mut before, mut after) = (opened(), opened());
+        before.put(Part::Block(0), classes(0, &[1, 2]));
+        let own = before.own();
+        // A chunk that comes while the others are moved is moved, too.
+        before.put(Part::Block(2), classes(2, &[3]));
+        assert_eq!(before.put_moved(own.placed(turn(33.0))).len(), 2, "both chunks are sent");
+        drop(after.put_moved(after.own().placed(turn(33.0))));
+        after.put(Part::Block(2), classes(2, &[3]));
+        after.put(Part::Block(0), classes(0, &[1, 2]));
+        let places = |cloud: &Assembly| -> Vec<DVec3> {
+            let of = |chunk: &Chunk| (0..chunk.len()).map(|index| chunk.position(index)).collect::<Vec<_>>();
+            cloud.cloud.chunks.iter().flat_map(of).collect()
+        };
+        assert_eq!((places(&before), before.bounds), (places(&after), after.bounds));
+        // Moves do not add up: each starts from the file.
+        for degrees in (0..50).map(|step| f64::from(step) * 7.3).chain([90.0]) {
+            drop(before.put_moved(before.own().placed(turn(degrees))));
+        }
+        let expected = [[1.0, 1.0, 11.0], [0.0, 2.0, 12.0], [-1.0, 3.0, 13.0]].map(DVec3::from);
+        let off = places(&before).into_iter().zip(expected).map(|(place, expected)| place.distance(expected));
+        assert!(off.fold(0.0, f64::max) < 1e-6, "{:?}", places(&before));
+        let up = cloud::pack_normal(glam::Vec3::X);
+        drop(
+            before
+                .put_surfels([2, 1].map(|points| Surfels { normals: vec![up; points], radii: vec![7; points] }).into()),
+        );
+        let normal = |cloud: &Assembly| cloud::unpack_normal(cloud.cloud.chunks[1].normals.as_ref().unwrap()[0]);
+        assert!(normal(&before).unwrap().distance(glam::Vec3::Y) < 1e-3);
+        let full = before.with_full_radii();
+        assert_eq!((full.chunks[1].position(0), full.chunks[1].radii.is_some()), (DVec3::splat(3.0), true));
+        drop(before.put_moved(before.own().placed(None)));
+        assert_eq!((places(&before)[2], normal(&before)), (DVec3::splat(3.0), Some(glam::Vec3::X)));
+        assert_eq!(before.bounds.max, DVec3::splat(3.0));
+    }
+
+    #[test]
+    fn columns_follow_the_attributes_of_another_index() {
+        let attribute = |name: &str| Attribute { name: name.into(), column_type: ColumnType::U8 };
+        let offered = ["gps_time", "classification", "angle"].map(attribute).into();
+        let attributes = vec![attribute("classification")];
+        let mut cloud =
+            Assembly::open(CloudKey(3), Opened { attributes, offered, expected_points: 9, ..Opened::default() }).0;
+        cloud.put(Part::Node(NodeId(0)), classes(0, &[1, 2]));
+        let names = |cloud: &Assembly| cloud.offered().map(|known| known.name.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&cloud), ["classification", "gps_time", "angle"]);
+        let filter = |name: &str| cloud::Filter { attribute: name.into(), low: 0.0, high: 1.0 };
+        let test = PointTest::new([], ["gps_time", "of_no_file"].map(filter).into(), Vec::new());
+        assert_eq!(cloud.idle_filters(&test).len(), 1, "what the file has may come");
+        let octree = Arc::new(Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
+        let attributes = ["angle", "classification"].map(attribute).to_vec();
+        let (grid, entry) = (None, None);
+        cloud.page(IndexState::Indexed { octree, attributes, grid, was_built: true, has_surfels: false, entry });
+        let columns = &cloud.cloud.chunks[0].columns;
+        assert!(columns[0].is_none() && columns[1].as_ref().unwrap().value(1) == 2.0);
+        assert_eq!(names(&cloud), ["angle", "classification", "gps_time"]);
     }
 
     #[test]

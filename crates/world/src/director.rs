@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Cover, PointTest};
+use cloud::{Bounds, Cover, Placement, PointTest};
 use glam::DVec2;
 use scene::{Projection, Settings};
 use stream::{
@@ -52,7 +52,11 @@ pub struct Director {
 struct StreamedCloud {
     /// The name that a person gave.
     input: String,
+    /// The name of the cloud.
+    name: String,
     octree: Arc<Octree>,
+    /// The same with its nodes where the last view has them, or the first one will, if they are moved.
+    placed: Option<(Placement, Octree)>,
     /// Whether its pages can be made again.
     is_own: bool,
     point_bytes: u64,
@@ -73,6 +77,17 @@ impl StreamedCloud {
     /// Whether its pages are being made again.
     fn is_awaited(&self) -> bool {
         self.is_own && self.is_damaged
+    }
+
+    /// Moves its nodes to where a view has them.
+    fn place(&mut self, placement: Option<&Placement>) {
+        if self.placed.as_ref().map(|(placement, _)| placement) != placement {
+            self.placed = placement.map(|placement| (*placement, self.octree.placed(placement)));
+        }
+    }
+
+    fn nodes(&self) -> &Octree {
+        self.placed.as_ref().map_or(&self.octree, |(_, octree)| octree)
     }
 }
 
@@ -152,9 +167,9 @@ impl Director {
     }
 
     fn add(&mut self, arrival: Arrival) -> Option<()> {
-        let Arrival { cloud, input, pages, is_own, was_built, estimate, previews } = arrival;
+        let Arrival { cloud, input, name, pages, is_own, was_built, estimate, previews } = arrival;
         let octree = Arc::new(pages.octree().clone());
-        let (grid, has_surfels) = (pages.grid(), pages.has_surfels());
+        let (attributes, grid, has_surfels) = (pages.attributes().to_vec(), pages.grid(), pages.has_surfels());
         let entry = is_own.then(|| IndexEntry { folder: pages.folder().to_owned(), bytes: pages.bytes() });
         let point_bytes = pages.point_bytes();
         let summary = codec::Summary {
@@ -179,7 +194,9 @@ impl Director {
         let octree_shown = octree.clone();
         let streamed = StreamedCloud {
             input,
+            name,
             octree,
+            placed: None,
             is_own,
             point_bytes,
             resident,
@@ -189,7 +206,7 @@ impl Director {
             is_reported: false,
         };
         self.clouds.insert(cloud, streamed);
-        let pages = IndexState::Indexed { octree: octree_shown, grid, was_built, has_surfels, entry };
+        let pages = IndexState::Indexed { octree: octree_shown, attributes, grid, was_built, has_surfels, entry };
         self.send(Event::Pages { cloud, pages })
     }
 
@@ -227,7 +244,8 @@ impl Director {
 
     /// Asks the streamer for the cut of the latest view, within the budget that the points outside the cut leave.
     fn choose(&mut self) -> Option<()> {
-        let (view, stream, share) = match &self.viewpoint {
+        // What is shown before a view that is to be as the first one has its budgets and detail, as before the first one.
+        let (view, stream, share) = match self.viewpoint.as_ref().or(self.awaited.as_ref()) {
             Some(viewpoint) => (viewpoint.view.clone(), viewpoint.stream.clone(), viewpoint.share),
             None => (self.settings.view.clone(), self.settings.stream.clone(), 1.0),
         };
@@ -241,6 +259,13 @@ impl Director {
             Budget { points, bytes: (bytes * share * part) as u64 }
         };
         self.streamer.set_budget(budget(1.0));
+        for (cloud, streamed) in &mut self.clouds {
+            let placement = match &self.viewpoint {
+                Some(viewpoint) => viewpoint.placed.get(cloud).copied(),
+                None => self.mailbox.first_placement(&streamed.input, &streamed.name),
+            };
+            streamed.place(placement.as_ref());
+        }
         let is_hidden =
             |cloud: &usize| self.viewpoint.as_ref().is_some_and(|viewpoint| viewpoint.hidden.contains(cloud));
         let trees: Vec<Tree> = self
@@ -249,7 +274,7 @@ impl Director {
             .filter(|(cloud, streamed)| !streamed.is_awaited() && !is_hidden(cloud))
             .map(|(cloud, streamed)| Tree {
                 cloud: *cloud,
-                octree: &streamed.octree,
+                octree: streamed.nodes(),
                 point_bytes: streamed.point_bytes,
             })
             .collect();
@@ -418,6 +443,7 @@ fn measure(viewpoint: &StreamView) -> ViewMeasure {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
     use std::path::Path;
     use std::sync::mpsc::{Receiver, sync_channel};
 
@@ -463,7 +489,7 @@ mod tests {
     }
 
     #[test]
-    fn clouds_that_are_hidden_leave_their_budget_to_the_others_and_come_back() {
+    fn clouds_that_are_hidden_or_moved_out_of_sight_leave_their_budget_to_the_others_and_come_back() {
         const BUDGET: usize = 60_000;
         let folder = tempfile::tempdir().unwrap();
         let mailbox = Arc::<Mailbox>::default();
@@ -475,6 +501,7 @@ mod tests {
             mailbox.arrive(Arrival {
                 cloud,
                 input: String::new(),
+                name: String::new(),
                 pages: square(folder.path(), &format!("{cloud}.ply"), 100_000),
                 is_own: true,
                 was_built: true,
@@ -484,11 +511,12 @@ mod tests {
         }
         let camera =
             Camera::looking(glam::DVec3::new(0.5, 0.5, 2.0), glam::DVec3::new(0.5, 0.5, 0.0), 2.0, glam::DVec3::Y);
+        let moved = Placement::new(glam::DQuat::IDENTITY, glam::DVec3::ZERO, glam::DVec3::Z * 50.0);
         let director = Director::new(mailbox.clone(), sender, &settings).unwrap();
         let seen = std::thread::scope(|scope| {
             scope.spawn(|| director.run());
             scope.spawn(|| mailbox.wait_for_requests());
-            let set_view = |hidden: &[usize], share: f64| {
+            let set_view = |hidden: &[usize], away: &[usize], share: f64| {
                 let (view, stream) = (settings.view.clone(), settings.stream.clone());
                 let hidden = hidden.iter().copied().collect();
                 mailbox.set_view(StreamView {
@@ -498,21 +526,28 @@ mod tests {
                     stream,
                     mirrors: Vec::new(),
                     hidden,
+                    // Behind the eye.
+                    placed: away.iter().map(|cloud| (*cloud, moved)).collect(),
                     test: PointTest::default(),
+                    asked: BTreeSet::new(),
                     share,
                     is_alone: false,
                 })
             };
             let mut there = [BTreeMap::new(), BTreeMap::new()];
-            let views = [(&[][..], 1.0), (&[0], 1.0), (&[], 1.0), (&[], 1.0 / 3.0)];
-            let seen = views.map(|(hidden, share)| settled(&events, &mut there, set_view(hidden, share)));
+            let none = &[][..];
+            let views =
+                [(none, none, 1.0), (&[0], none, 1.0), (none, none, 1.0), (none, &[0], 1.0), (none, none, 1.0 / 3.0)];
+            let seen = views.map(|(hidden, away, share)| settled(&events, &mut there, set_view(hidden, away, share)));
             mailbox.end();
             seen
         });
-        let [(both, demand), (one, _), (again, _), (third, demand_of_third)] = seen;
+        let [(both, demand), (one, _), (again, _), (alone, _), (third, demand_of_third)] = seen;
         assert!(both.iter().all(|points| (20_000..40_000).contains(points)), "{both:?}");
         assert!(one[1] > 50_000 && one[0] + one[1] <= BUDGET, "{one:?}");
         assert!(again.iter().all(|points| (20_000..40_000).contains(points)), "{again:?}");
+        // Of a cloud that is moved out of sight only the root stays.
+        assert!(alone[1] > both[1] && alone[0] < 17_000, "{alone:?} {both:?}");
         assert!(third.iter().sum::<usize>() <= BUDGET / 3, "{third:?}");
         assert!(demand > 0.9 && demand_of_third > 0.9, "{demand} {demand_of_third}");
     }

@@ -19,6 +19,9 @@ pub struct Opened {
     pub input: String,
     pub source: Option<Arc<codec::Source>>,
     pub attributes: Vec<Attribute>,
+    /// The attributes that the files have. A streamed cloud has some of them, and more when it is asked for them
+    /// (`StreamView::asked`).
+    pub offered: Vec<Attribute>,
     pub grid: Option<Grid>,
     /// The coordinate system, as the file names it.
     pub crs: Option<String>,
@@ -68,6 +71,7 @@ pub enum Event {
 
 /// The state of the index of a streamed cloud.
 #[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "there is one per streamed cloud")]
 pub enum IndexState {
     /// The index is being made, or will be (`Event::Task`). Chunks that come meanwhile are a preview: some points from
     /// all over the cloud.
@@ -75,6 +79,8 @@ pub enum IndexState {
     /// The index is complete. Sent again when normals and radii have been estimated.
     Indexed {
         octree: Arc<Octree>,
+        /// The attributes in the order of the chunks' columns.
+        attributes: Vec<Attribute>,
         /// The grid of the points' coordinates, if the file has one.
         grid: Option<Grid>,
         /// Whether this job made it, instead of finding it in the cache or in the file.

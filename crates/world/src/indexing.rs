@@ -1,11 +1,11 @@
 //! Finds, makes, mends and completes the indexes of streamed clouds.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use cloud::{Bounds, Chunk, SurfelOptions};
+use cloud::{Attribute, Bounds, Chunk, SurfelOptions};
 use glam::DVec3;
 use stream::{BuildOptions, Pages};
 
@@ -24,6 +24,7 @@ use crate::words::Input;
 pub(crate) struct StreamedInput {
     cloud: usize,
     input: String,
+    name: String,
     sources: Vec<Arc<codec::Source>>,
     up: DVec3,
     /// The index that was found in the file or in the cache, until it is passed on.
@@ -88,7 +89,13 @@ impl Loader {
         let mut again = HashSet::new();
         while !open.is_empty() {
             for request in self.mailbox.wait_for_requests()? {
-                let (IndexRequest::Mend(cloud) | IndexRequest::Resume(cloud)) = request;
+                let cloud = match request {
+                    IndexRequest::Mend(cloud) | IndexRequest::Resume(cloud) => cloud,
+                    IndexRequest::Keep(names) => {
+                        self.keep_attributes(names, &open)?;
+                        continue;
+                    }
+                };
                 let Some(streamed) = open.iter().copied().find(|streamed| streamed.cloud == cloud) else { continue };
                 let is_kept = match request {
                     IndexRequest::Resume(_) => self.resume(streamed, preview_points)?,
@@ -99,7 +106,7 @@ impl Loader {
                         // The chunks shown stay meanwhile.
                         self.index(streamed, &task, 0)? || task.progress.is_cancelled()
                     }
-                    IndexRequest::Mend(_) => {
+                    _ => {
                         let problem = "its pages were damaged again after they had been made anew";
                         let error = format!("{}: {problem}", streamed.input);
                         self.send(Event::Failed { input: streamed.input.clone(), error, is_usage: false })?;
@@ -126,6 +133,31 @@ impl Loader {
         Some(self.index(streamed, &task, preview_points)? || task.progress.is_cancelled())
     }
 
+    /// Has the clouds keep further attributes, as far as their files have them and they do not keep them yet.
+    fn keep_attributes(&self, names: BTreeSet<String>, open: &[&StreamedInput]) -> Option<()> {
+        let before = self.also();
+        self.also.lock().unwrap_or_else(PoisonError::into_inner).extend(names);
+        let also = self.also();
+        for streamed in open.iter().copied().filter(|streamed| !self.mailbox.is_closed(streamed.cloud)) {
+            let [kept, wanted] = [&before, &also].map(|names| stream::index_attributes(&streamed.sources, names));
+            if kept == wanted {
+                continue;
+            }
+            let native = streamed.sources.first().filter(|_| streamed.is_native);
+            if let Some(pages) = native.and_then(|source| Pages::copc(source, &also)) {
+                self.stream(streamed, pages, false, HashMap::new());
+                continue;
+            }
+            // The cloud is streamed from the old index meanwhile, so nobody is told that it has none.
+            let points = streamed.sources.iter().map(|source| source.info().points).sum();
+            let task = self.plan(streamed.cloud, TaskKind::Index, points)?;
+            if self.index(streamed, &task, 0)? {
+                self.refine_all(&[streamed])?;
+            }
+        }
+        Some(())
+    }
+
     /// Opens files that are streamed as one cloud.
     pub(crate) fn begin_streamed(
         &self,
@@ -140,7 +172,7 @@ impl Loader {
             _ => infos().next().map(|info| info.path.clone()).unwrap_or_default(),
         };
         let is_native = native.is_some();
-        let found = native.or_else(|| match self.cache.as_ref().map(|cache| cache.open(&sources)) {
+        let found = native.or_else(|| match self.index_cache().map(|cache| cache.open(&sources)) {
             Ok(Ok(found)) => found,
             // A problem with the folder is reported when an index is to be written there.
             Ok(Err(_)) | Err(_) => None,
@@ -149,7 +181,10 @@ impl Loader {
             Some(pages) => (pages.attributes().to_vec(), pages.grid()),
             None => {
                 let grid = infos().next().and_then(|info| info.grid);
-                (stream::index_attributes(&sources), grid.filter(|grid| infos().all(|info| info.grid == Some(*grid))))
+                (
+                    stream::index_attributes(&sources, &self.also()),
+                    grid.filter(|grid| infos().all(|info| info.grid == Some(*grid))),
+                )
             }
         };
         let points = infos().map(|info| info.points).sum();
@@ -168,12 +203,19 @@ impl Loader {
                 scene::shown(&other.path)
             ));
         }
+        let mut offered: Vec<Attribute> = Vec::new();
+        for attribute in infos().flat_map(|info| &info.attributes) {
+            if !offered.iter().any(|known| known.name == attribute.name) {
+                offered.push(attribute.clone());
+            }
+        }
         let opened = Opened {
-            name,
+            name: name.clone(),
             input: scene::shown(&path),
             // Points come in the order of pages: looking up a point's number in a file would give another point.
             source: None,
             attributes,
+            offered,
             grid,
             crs,
             units,
@@ -187,6 +229,7 @@ impl Loader {
         Some(StreamedInput {
             cloud,
             input,
+            name,
             sources,
             up,
             found,
@@ -200,10 +243,12 @@ impl Loader {
     /// estimated from its own points.
     fn stream(&self, streamed: &StreamedInput, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
         let estimate = streamed.is_native.then(|| self.surfel_options(streamed, &pages)).flatten();
-        let (cloud, input, pages) = (streamed.cloud, streamed.input.clone(), Arc::new(pages));
+        let (input, name) = (streamed.input.clone(), streamed.name.clone());
+        let (cloud, pages) = (streamed.cloud, Arc::new(pages));
         self.mailbox.arrive(Arrival {
             cloud,
             input,
+            name,
             pages,
             is_own: !streamed.is_native,
             was_built,
@@ -258,12 +303,12 @@ impl Loader {
         };
         let start = Instant::now();
         let options = BuildOptions { memory, preview_points };
-        let built = match &self.cache {
+        let built = match &self.index_cache() {
             Ok(_) if task.progress.is_cancelled() => Err(Stopped::Cancelled),
             Ok(cache) => task
                 .run(|progress| stream::build(&streamed.sources, cache, &options, progress, &preview))
                 .map_err(Stopped::of),
-            Err(error) => Err(Stopped::Failed(error.clone(), false)),
+            Err(error) => Err(Stopped::Failed((*error).to_owned(), false)),
         };
         tracing::debug!(input = streamed.input, seconds = start.elapsed().as_secs_f64(), "indexed");
         match built {
@@ -308,7 +353,7 @@ impl Loader {
         if streamed.is_native || self.mailbox.is_closed(streamed.cloud) {
             return None;
         }
-        let pages = self.cache.as_ref().ok()?.open(&streamed.sources).ok()??;
+        let pages = self.index_cache().ok()?.open(&streamed.sources).ok()??;
         let options = self.surfel_options(streamed, &pages)?;
         (pages.surfel_options() != Some(&options)).then(|| (options, pages.octree().points()))
     }
@@ -318,7 +363,7 @@ impl Loader {
         if task.progress.is_cancelled() {
             return Some(());
         }
-        let Ok(cache) = &self.cache else { return Some(()) };
+        let Ok(cache) = self.index_cache() else { return Some(()) };
         let Ok(Some(pages)) = cache.open(&streamed.sources) else { return Some(()) };
         let start = Instant::now();
         let memory = half_of(self.settings.stream.host_bytes);
@@ -338,7 +383,7 @@ impl Loader {
     }
 
     fn discard(&self, streamed: &StreamedInput) {
-        if let Ok(cache) = &self.cache
+        if let Ok(cache) = self.index_cache()
             && let Ok(Some(pages)) = cache.open(&streamed.sources)
         {
             cache.discard(pages);

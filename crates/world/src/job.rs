@@ -2,8 +2,9 @@
 //! clouds the normals and radii that were missing. The channel is bounded, so a slow receiver holds the readers back
 //! and the memory stays at what the receiver keeps.
 
-use std::sync::Arc;
+use std::collections::BTreeSet;
 use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Arc, Mutex};
 
 use cloud::Progress;
 use scene::Settings;
@@ -47,25 +48,33 @@ impl Drop for Job {
 }
 
 /// Loads `inputs` on a background thread. It uses the groups `view` (up axis, point budget), `color` (which attribute
-/// to read), `stream`, `surface` and `scene` of `settings`.
-pub fn start(inputs: Vec<Input>, settings: &Settings) -> Job {
-    start_with(inputs, settings, true, cache(&settings.stream))
+/// to read), `stream`, `surface` and `scene` of `settings`. Streamed clouds keep the attributes that are `asked` for,
+/// besides the usual ones (`asked_attributes`).
+pub fn start(inputs: Vec<Input>, settings: &Settings, asked: BTreeSet<String>) -> Job {
+    start_with(inputs, settings, asked, true, cache(&settings.stream))
 }
 
 /// The same without previews of clouds whose index is being made, for callers that would not show them.
-pub fn start_unseen(inputs: Vec<Input>, settings: &Settings) -> Job {
-    start_with(inputs, settings, false, cache(&settings.stream))
+pub fn start_unseen(inputs: Vec<Input>, settings: &Settings, asked: BTreeSet<String>) -> Job {
+    start_with(inputs, settings, asked, false, cache(&settings.stream))
 }
 
 /// The same with the cache of indexes.
-fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool, cache: Result<Cache>) -> Job {
+fn start_with(
+    inputs: Vec<Input>,
+    settings: &Settings,
+    asked: BTreeSet<String>,
+    has_preview: bool,
+    cache: Result<Cache>,
+) -> Job {
     let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
     let progress = Arc::new(Progress::default());
     let mailbox = Arc::new(Mailbox::default());
     let job = Job { events, progress: progress.clone(), mailbox: mailbox.clone() };
     let (sender_of_loader, settings) = (sender.clone(), settings.clone());
     let cache = cache.map_err(|error| error.to_string());
-    let loader = Loader { sender: sender_of_loader, progress, mailbox, settings, has_preview, cache };
+    let loader =
+        Loader { sender: sender_of_loader, progress, mailbox, settings, has_preview, cache, also: Mutex::new(asked) };
     // A pool of its own: readers that wait for room in the channel must not delay the receiver's parallel work.
     let started = rayon::ThreadPoolBuilder::new()
         .thread_name(|index| format!("loader {index}"))
@@ -98,7 +107,7 @@ impl Loader {
                 Input::File(_) | Input::Tiles { .. } => {
                     let sources = self.open(input)?;
                     if self.is_streamed(&sources, &mut held) {
-                        for (sources, native) in parts(sources) {
+                        for (sources, native) in parts(sources, &self.also()) {
                             streamed.push(self.begin_streamed(input, sources, native, clouds)?);
                             clouds += 1;
                         }
@@ -169,7 +178,7 @@ mod tests {
         let path = folder.path().join("cloud.ply");
         std::fs::write(&path, THREE_POINTS).unwrap();
         let missing = Input::File(folder.path().join("gone.ply"));
-        let job = start(vec![missing, Input::File(path)], &Settings::default());
+        let job = start(vec![missing, Input::File(path)], &Settings::default(), BTreeSet::new());
         let mut seen = Vec::new();
         for event in &job.events {
             seen.push(match event {
@@ -217,7 +226,7 @@ mod tests {
             std::fs::write(&path, format!("{header}0 0 0 7\n3 0 0 8\n3 1 0 9\n0 1 0 9\n{face}\n")).unwrap();
             let mut settings = Settings::default();
             settings.surface.mesh_points = mesh_points;
-            let job = start(vec![Input::File(path.clone())], &settings);
+            let job = start(vec![Input::File(path.clone())], &settings, BTreeSet::new());
             let (mut chunks, mut seen) = (Vec::new(), Vec::new());
             for event in &job.events {
                 match event {
@@ -254,7 +263,7 @@ mod tests {
         let mut settings = Settings::default();
         settings.scene.points = 200_000;
         let input = Input::BuiltIn { variant: five_mirrors::Variant::Sphere, without: Vec::new() };
-        let job = start(vec![input], &settings);
+        let job = start(vec![input], &settings, BTreeSet::new());
         let (mut points, mut mirrors) = (0, 0);
         for event in &job.events {
             match event {
@@ -281,7 +290,7 @@ mod tests {
         // More chunks than the channel holds, so that the thread waits for room when the job is dropped.
         settings.scene.points = 2_000_000;
         let input = Input::BuiltIn { variant: five_mirrors::Variant::Sphere, without: Vec::new() };
-        let job = start(vec![input], &settings);
+        let job = start(vec![input], &settings, BTreeSet::new());
         let progress = job.progress.clone();
         assert!(job.events.recv().is_ok());
         drop(job);

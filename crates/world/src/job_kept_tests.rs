@@ -34,7 +34,7 @@ struct Received {
 
 fn open(path: &Path, cache: &Path, settings: &Settings) -> Received {
     let cache = Ok(Cache::new(cache.to_owned(), 1 << 30));
-    let job = start_with(vec![Input::File(path.to_owned())], settings, true, cache);
+    let job = start_with(vec![Input::File(path.to_owned())], settings, BTreeSet::new(), true, cache);
     let mut received = Received::default();
     for event in &job.events {
         match event {
@@ -122,8 +122,13 @@ fn small_files_and_stopped_estimates_leave_nothing_behind() {
     let folder = tempfile::tempdir().unwrap();
     let (path, cache) = (folder.path().join("waves.ply"), folder.path().join("cache"));
     write_waves(&path, 0.05);
-    let job =
-        start_with(vec![Input::File(path.clone())], &Settings::default(), true, Ok(Cache::new(cache.clone(), 1 << 30)));
+    let job = start_with(
+        vec![Input::File(path.clone())],
+        &Settings::default(),
+        BTreeSet::new(),
+        true,
+        Ok(Cache::new(cache.clone(), 1 << 30)),
+    );
     job.mailbox.stop_all();
     assert!(job.events.iter().all(|event| !matches!(event, Event::Surfels { .. })));
     std::fs::write(

@@ -56,7 +56,9 @@ fn viewpoint(settings: &Settings) -> StreamView {
         stream,
         mirrors: Vec::new(),
         hidden: Default::default(),
+        placed: Default::default(),
         test: Default::default(),
+        asked: Default::default(),
         share: 1.0,
         is_alone: false,
     }
@@ -116,12 +118,12 @@ fn previews_and_cuts_of_all_clouds_together_keep_the_budget() {
     let settings = settings(scene::Paging::Always, BUDGET);
     let cache = || Ok(Cache::new(folder.path().join("cache"), u64::MAX));
     // One of them already has an index.
-    let first = start_with(inputs[..1].to_vec(), &settings, true, cache());
+    let first = start_with(inputs[..1].to_vec(), &settings, BTreeSet::new(), true, cache());
     let view_number = first.mailbox.set_view(viewpoint(&settings));
     Received::default().settle(&first, view_number);
     drop(first);
 
-    let job = start_with(inputs, &settings, true, cache());
+    let job = start_with(inputs, &settings, BTreeSet::new(), true, cache());
     let view_number = job.mailbox.set_view(viewpoint(&settings));
     let mut received = Received::default();
     received.settle(&job, view_number);
@@ -142,7 +144,13 @@ fn a_preview_keeps_what_the_gpu_may_hold() {
     // Some forty thousand points.
     settings.stream.gpu_bytes.0 = 2 << 20;
     let most = most_points(&settings.view, &settings.stream);
-    let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
+    let job = start_with(
+        vec![input],
+        &settings,
+        BTreeSet::new(),
+        true,
+        Ok(Cache::new(folder.path().join("cache"), u64::MAX)),
+    );
     let view_number = job.mailbox.set_view(viewpoint(&settings));
     let mut received = Received::default();
     received.settle(&job, view_number);
@@ -156,7 +164,13 @@ fn what_was_stopped_is_made_after_all() {
     let folder = tempfile::tempdir().unwrap();
     let input = hills(&folder.path().join("a.ply"), 600_000, [0.0; 2]);
     let settings = settings(scene::Paging::Always, BUDGET);
-    let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
+    let job = start_with(
+        vec![input],
+        &settings,
+        BTreeSet::new(),
+        true,
+        Ok(Cache::new(folder.path().join("cache"), u64::MAX)),
+    );
     // The preview waits for a picture, and meanwhile the index is stopped.
     job.mailbox.draw_first(true);
     let mut received = Received::default();
@@ -198,6 +212,65 @@ fn what_was_stopped_is_made_after_all() {
     assert!(!job.mailbox.is_closed(0));
 }
 
+/// Points on a line, each with a number of its own as `user_data`.
+fn numbered(path: &Path, points: u8) -> Input {
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {points}\n");
+    text += "property float x\nproperty float y\nproperty float z\nproperty uchar user_data\nend_header\n";
+    (0..points).for_each(|point| text += &format!("{} {} 0 {point}\n", f32::from(point) * 0.01, point % 7));
+    std::fs::write(path, text).unwrap();
+    Input::File(path.to_owned())
+}
+
+#[test]
+fn an_attribute_that_a_later_view_asks_for_comes_while_the_points_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = numbered(&folder.path().join("a.ply"), 200);
+    let settings = settings(scene::Paging::Always, 100_000);
+    let cache = || Ok(Cache::new(folder.path().join("cache"), u64::MAX));
+    let asked = || BTreeSet::from(["of_no_file".to_owned(), "user_data".to_owned()]);
+    let job = start_with(vec![input.clone()], &settings, BTreeSet::new(), true, cache());
+    let first = job.mailbox.set_view(viewpoint(&settings));
+    let mut received = Received::default();
+    received.settle(&job, first);
+    assert_eq!(received.points(), 200);
+    let view_number = job.mailbox.set_view(StreamView { asked: asked(), ..viewpoint(&settings) });
+    assert!(view_number > first);
+    let (mut attributes, mut values) = (Vec::new(), Vec::new());
+    loop {
+        let event = job.events.recv_timeout(PATIENCE).expect("the view is settled");
+        match &event {
+            Event::Pages { pages: IndexState::Indexed { attributes: new, was_built, .. }, .. } => {
+                assert!(attributes.is_empty() && *was_built || *new == attributes);
+                attributes.clone_from(new);
+            }
+            Event::Pages { .. } => panic!("the cloud has an index all the time"),
+            Event::Dropped { .. } => assert!(!attributes.is_empty(), "points go before others are there"),
+            // Sent twice: before and after the normals are estimated from all points.
+            Event::Chunk { chunk, .. } => {
+                let column = chunk.columns[0].as_ref().unwrap();
+                values = (0..chunk.len()).map(|point| column.value(point)).collect();
+            }
+            Event::Stream(stats) if stats.is_settled && stats.view_number == view_number => break,
+            _ => {}
+        }
+        received.take(event);
+    }
+    let names: Vec<&str> = attributes.iter().map(|attribute| attribute.name.as_str()).collect();
+    assert_eq!((names, received.points(), received.failed), (vec!["user_data"], 200, 0));
+    values.sort_unstable_by(f64::total_cmp);
+    assert_eq!(values, (0..200).map(f64::from).collect::<Vec<_>>());
+    drop(job);
+    // The next job that is asked for it finds that index.
+    let job = start_with(vec![input], &settings, asked(), true, cache());
+    loop {
+        let event = job.events.recv_timeout(PATIENCE).expect("the index is found");
+        if let Event::Pages { pages: IndexState::Indexed { attributes: found, was_built, .. }, .. } = event {
+            assert_eq!((found, was_built), (attributes, false));
+            break;
+        }
+    }
+}
+
 #[test]
 fn a_file_that_fails_on_the_way_comes_to_its_end() {
     let folder = tempfile::tempdir().unwrap();
@@ -211,6 +284,7 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
         settings: Settings::default(),
         has_preview: true,
         cache: Err("none".into()),
+        also: Mutex::default(),
     };
     let chunks = vec![Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 4])];
     let source = open_file(&path, 1 << 30).unwrap();

@@ -8,7 +8,7 @@
 
 use cloud::Chunk;
 use glam::DVec3;
-use scene::{Camera, LightClues, Lighting, SpotLight, Surroundings};
+use scene::{Camera, ColorBy, LightClues, Lighting, SpotLight, Surroundings};
 
 /// The surroundings of the points, if they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -53,11 +53,20 @@ impl AutoLight {
         Self { surroundings, sensor: sensor(chunks, up) }
     }
 
-    /// What decides about automatic light. `chunks` are those of the clouds, and `has_lamp` says whether the lights that
-    /// shine are this one's lamp.
-    pub fn clues<'a>(&self, chunks: impl Iterator<Item = &'a Chunk>, has_lamp: bool) -> LightClues {
+    /// What decides about automatic light. `chunks` are those of the clouds, each with what its cloud is coloured by if
+    /// it has that of its own, and `has_lamp` says whether the lights that shine are this one's lamp.
+    pub fn clues<'a>(
+        &self,
+        chunks: impl Iterator<Item = (&'a Chunk, Option<ColorBy>)> + Clone,
+        has_lamp: bool,
+    ) -> LightClues {
+        let show_colors = |view_does: bool| {
+            let shows = move |by: Option<ColorBy>| by.map_or(view_does, ColorBy::shows_rgb);
+            has_colors(chunks.clone().map(move |(chunk, by)| (chunk, shows(by))))
+        };
         LightClues {
-            has_colors: has_colors(chunks),
+            has_colors: show_colors(true),
+            keeps_colors: show_colors(false),
             sky_is_open: self.surroundings == Some(Surroundings::OpenSky),
             is_guessed: has_lamp,
         }
@@ -96,14 +105,14 @@ impl AutoLight {
 /// The number of points of a chunk whose colours are compared.
 const COMPARED: usize = 16;
 
-/// Whether at least half of the points bring RGB colours, and these are not one colour everywhere, which says nothing
-/// about the points.
-pub fn has_colors<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> bool {
+/// Whether at least half of the points bring RGB colours and are to show them, and these are not one colour everywhere,
+/// which says nothing about the points.
+fn has_colors<'a>(chunks: impl Iterator<Item = (&'a Chunk, bool)>) -> bool {
     let (mut colored, mut all) = (0, 0);
     let (mut first, mut varies) = (None, false);
-    for chunk in chunks {
+    for (chunk, shows_colors) in chunks {
         all += chunk.len();
-        let Some(colors) = &chunk.colors else { continue };
+        let Some(colors) = chunk.colors.as_ref().filter(|_| shows_colors) else { continue };
         colored += chunk.len();
         let mut compared = colors.iter().step_by(colors.len().div_ceil(COMPARED).max(1));
         varies = varies || compared.any(|color| *first.get_or_insert(*color) != *color);
@@ -125,10 +134,23 @@ mod tests {
         };
         let found = |parts: &[(usize, bool)]| {
             let chunks: Vec<Chunk> = parts.iter().map(|(points, is_colored)| chunk(*points, *is_colored)).collect();
-            AutoLight::default().clues(chunks.iter(), false).has_colors
+            AutoLight::default().clues(chunks.iter().map(|chunk| (chunk, None)), false).has_colors
         };
         assert!(found(&[(3, true)]) && found(&[(3, true), (3, false)]));
         assert!(!found(&[(3, true), (4, false)]) && !found(&[(2, false)]) && !found(&[]));
+    }
+
+    #[test]
+    fn the_colours_of_a_cloud_count_as_the_cloud_shows_them() {
+        let colors = Some(Arc::new((0..3).map(|point| [point; 4]).collect()));
+        let chunk = Chunk { colors, ..Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 3]) };
+        let found = |own: Option<ColorBy>| {
+            let clues = AutoLight::default().clues([(&chunk, own)].into_iter(), false);
+            (clues.has_colors, clues.keeps_colors)
+        };
+        assert_eq!(found(None), (true, false), "as the view has it");
+        assert_eq!(found(Some(ColorBy::Rgb)), (true, true));
+        assert_eq!(found(Some(ColorBy::Height)), (false, false));
     }
 
     /// A depth image of 200 x 150 pixels of a wall with a box before it, whose camera looks along an axis.
@@ -169,10 +191,10 @@ mod tests {
             colors: Some(Arc::new(vec![color; 100])),
             ..Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 100])
         };
-        assert!(!has_colors([chunk([9; 4]), chunk([9; 4])].iter()));
-        assert!(has_colors([chunk([9; 4]), chunk([8; 4])].iter()));
+        assert!(!has_colors([chunk([9; 4]), chunk([9; 4])].iter().map(|chunk| (chunk, true))));
+        assert!(has_colors([chunk([9; 4]), chunk([8; 4])].iter().map(|chunk| (chunk, true))));
         let mut half = chunk([9; 4]);
         half.colors = Some(Arc::new((0..100).map(|point| [u8::from(point > 49); 4]).collect()));
-        assert!(has_colors([half].iter()));
+        assert!(has_colors([half].iter().map(|chunk| (chunk, true))));
     }
 }

@@ -1,7 +1,8 @@
 //! The state that the loading thread works with.
 
-use std::sync::Arc;
+use std::collections::BTreeSet;
 use std::sync::mpsc::SyncSender;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::Progress;
 use scene::Settings;
@@ -20,6 +21,8 @@ pub(crate) struct Loader {
     pub(crate) has_preview: bool,
     /// The cache of indexes, or why there is none.
     pub(crate) cache: Result<Cache, String>,
+    /// The names of attributes that streamed clouds keep besides the usual ones.
+    pub(crate) also: Mutex<BTreeSet<String>>,
 }
 
 impl Loader {
@@ -28,6 +31,16 @@ impl Loader {
         let task = self.mailbox.plan(cloud, CloudTask::new(kind, points));
         self.send(Event::Task { cloud, task: task.clone() })?;
         Some(task)
+    }
+
+    /// The names of attributes that streamed clouds keep besides the usual ones.
+    pub(crate) fn also(&self) -> BTreeSet<String> {
+        self.also.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The cache of the indexes that have these attributes, or why there is none.
+    pub(crate) fn index_cache(&self) -> Result<Cache, &str> {
+        self.cache.as_ref().map(|cache| cache.keeping(self.also())).map_err(String::as_str)
     }
 
     pub(crate) fn send(&self, event: Event) -> Option<()> {

@@ -1,11 +1,11 @@
 //! Passes the latest view and requests to the threads of a job: to make, stop or close.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use cloud::{PointTest, SurfelOptions};
-use scene::{Camera, Stream, ViewSettings};
+use cloud::{Placement, PointTest, SurfelOptions};
+use scene::{Camera, CloudSettings, Stream, ViewSettings};
 use stream::{MirrorBound, Pages};
 
 use crate::chunk_key::Part;
@@ -26,8 +26,14 @@ pub struct StreamView {
     pub mirrors: Vec<MirrorBound>,
     /// The clouds that are not shown, by the job's own numbers.
     pub hidden: BTreeSet<usize>,
+    /// How clouds have been moved, by the job's own numbers.
+    pub placed: BTreeMap<usize, Placement>,
     /// Decides which points are shown: nodes without any are not wanted.
     pub test: PointTest,
+    /// The names of the attributes that the picture needs (`asked_attributes`). Clouds keep them, besides those that
+    /// other views asked for and the usual ones, as far as their files have them. An index of ours without them is made
+    /// again; until then its cloud is streamed from the old one.
+    pub asked: BTreeSet<String>,
     /// The share of the job's budgets that may be used, 0 to 1.
     pub share: f64,
     /// Whether it is shown as the first view would be: what only earlier views needed goes, so that the points that are
@@ -48,6 +54,8 @@ struct Mail {
     view: Option<(u64, StreamView)>,
     /// Decides which points are shown until the first view.
     first_test: PointTest,
+    /// What clouds have of their own until the first view.
+    first_settings: Vec<CloudSettings>,
     /// The requests for the streaming thread.
     stream_requests: Vec<StreamRequest>,
     /// The requests for the thread that makes indexes.
@@ -80,12 +88,14 @@ pub(crate) struct News {
 }
 
 /// A request to the thread that makes indexes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum IndexRequest {
     /// Makes the index of a cloud again, because its pages are damaged.
     Mend(usize),
     /// Continues the stopped task of a cloud.
     Resume(usize),
+    /// Has clouds keep the attributes with these names, too.
+    Keep(BTreeSet<String>),
 }
 
 /// A cloud with an index, or with an index that has more data.
@@ -93,6 +103,8 @@ pub struct Arrival {
     pub cloud: usize,
     /// The name that a person gave.
     pub input: String,
+    /// The name of the cloud.
+    pub name: String,
     pub pages: Arc<Pages>,
     /// Whether the pages are in the cache, so that they can be made again.
     pub is_own: bool,
@@ -113,18 +125,29 @@ impl Mailbox {
             Some((number, _)) => number + 1,
             None => 1,
         };
+        let known = mail.view.as_ref().map(|(_, known)| &known.asked);
+        if !known.is_some_and(|known| view.asked.is_subset(known)) && !view.asked.is_empty() {
+            self.request_index(&mut mail, IndexRequest::Keep(view.asked.clone()));
+        }
         mail.view = Some((number, view));
         self.notify(&mut mail);
         number
     }
 
-    /// Sets which points are shown until the first view.
-    pub fn set_first_test(&self, test: PointTest) {
-        self.mail().first_test = test;
+    /// Sets which points are shown until the first view, and how clouds are moved, by their own settings.
+    pub fn set_first_test(&self, test: PointTest, settings: Vec<CloudSettings>) {
+        let mut mail = self.mail();
+        mail.first_test = test;
+        mail.first_settings = settings;
     }
 
     pub(crate) fn first_test(&self) -> PointTest {
         self.mail().first_test.clone()
+    }
+
+    /// How the cloud from this input with this name is moved until the first view.
+    pub(crate) fn first_placement(&self, input: &str, name: &str) -> Option<Placement> {
+        self.mail().first_settings.iter().find(|own| own.is_of(input, name))?.placement()
     }
 
     /// Stops streaming a cloud of the job.

@@ -119,6 +119,7 @@ impl Loader {
             input: shown(path),
             source: Some(source.clone()),
             attributes: info.attributes.clone(),
+            offered: info.attributes.clone(),
             grid: info.grid,
             crs: info.crs.clone(),
             units: info.units,

@@ -1,12 +1,12 @@
 //! Opens files of points, and decides which columns are read at once and which later.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Bounds, Chunk, Cloud, Column, Orientation, PointTest, Progress, RadiusRule, SurfelOptions};
+use cloud::{Bounds, Chunk, Cloud, Column, Orientation, Placement, PointTest, Progress, RadiusRule, SurfelOptions};
 use glam::DVec3;
-use scene::{ColorBy, Settings, SurfaceOrientation, SurfaceRadii, UpAxis};
+use scene::{CloudSettings, Settings, SurfaceOrientation, SurfaceRadii, UpAxis, Visibility};
 use stream::Pages;
 
 use crate::apart::groups;
@@ -16,13 +16,22 @@ const KIND_POINTS: u64 = 500_000;
 
 /// Opens a file, for reads whose decoders take at most `memory` bytes; the error says why nothing of it can be shown.
 pub fn open_file(path: &Path, memory: u64) -> Result<Arc<codec::Source>, String> {
+    open_placed(path, memory, None)
+}
+
+/// The same, with its points moved. Indexes and what the cache keeps belong to files as they are, so only what reads
+/// points and keeps nothing may ask for this.
+pub fn open_placed(path: &Path, memory: u64, placement: Option<Placement>) -> Result<Arc<codec::Source>, String> {
     let source = codec::open_within(path, memory).map_err(|error| error.to_string())?;
     let codec::Info { points, warnings, .. } = source.info();
     // A file that is empty and says so is no error.
     if *points == 0 && !warnings.is_empty() {
         return Err(format!("{}: no points can be read: {}", scene::shown(path), warnings.join("; ")));
     }
-    Ok(Arc::new(source))
+    Ok(Arc::new(match placement {
+        Some(placement) => source.placed(placement),
+        None => source,
+    }))
 }
 
 /// The warnings about a file, each with the file's name.
@@ -42,10 +51,24 @@ pub fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Ve
     others.collect()
 }
 
+/// The names of the attributes that a scene's colours and filters ask for. `own` is what its clouds have of their own.
+pub fn asked_attributes<'a>(
+    settings: &Settings,
+    visibility: &Visibility,
+    own: impl IntoIterator<Item = &'a CloudSettings>,
+) -> BTreeSet<String> {
+    let colors = own.into_iter().map(|own| own.color_of(&settings.color)).chain([settings.color.clone()]);
+    let of_colors = colors.filter_map(|color| color.asked_attribute().map(str::to_owned));
+    of_colors.chain(visibility.filters.iter().map(|filter| filter.attribute.clone())).collect()
+}
+
 /// Groups streamed files into clouds: if all of them are COPC, one cloud each; else one cloud of all that are near each
-/// other.
-pub fn parts(sources: Vec<Arc<codec::Source>>) -> Vec<(Vec<Arc<codec::Source>>, Option<Pages>)> {
-    let native = |source: &Arc<codec::Source>| Pages::copc(source);
+/// other. The pages of COPC files also have the attributes `also`.
+pub fn parts(
+    sources: Vec<Arc<codec::Source>>,
+    also: &BTreeSet<String>,
+) -> Vec<(Vec<Arc<codec::Source>>, Option<Pages>)> {
+    let native = |source: &Arc<codec::Source>| Pages::copc(source, also);
     match sources.iter().map(native).collect::<Option<Vec<Pages>>>() {
         Some(native) => sources.into_iter().zip(native).map(|(source, pages)| (vec![source], Some(pages))).collect(),
         None => {
@@ -187,12 +210,8 @@ pub(crate) fn file_name(path: &Path) -> String {
 /// The columns that are read at once: all that most pictures need, and the attribute that `color.by` asks for. Others
 /// are read on demand (`read_column`).
 pub(crate) fn selection(info: &codec::Info, settings: &Settings) -> codec::Selection {
-    let color = &settings.color;
-    let wanted = |name: &str| {
-        matches!(name, "intensity" | "classification" | "return_number")
-            || color.by == ColorBy::GpsTime && name == "gps_time"
-            || color.by == ColorBy::Attribute && name == color.attribute
-    };
+    let asked = settings.color.asked_attribute();
+    let wanted = |name: &str| matches!(name, "intensity" | "classification" | "return_number") || asked == Some(name);
     let attributes = info.attributes.iter().map(|attribute| wanted(&attribute.name)).collect();
     codec::Selection { positions: true, colors: true, normals: true, attributes }
 }

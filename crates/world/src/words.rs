@@ -4,13 +4,14 @@ use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use cloud::PointTest;
+use cloud::{Placement, PointTest};
 use scene::{
     Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Note, Profile, SceneFile, SpotLight,
     View, Visibility, five_mirrors, shown,
 };
 
 use crate::error::{Error, Result};
+use crate::source::file_name;
 
 /// An input that a person named.
 #[derive(Clone, Debug, PartialEq)]
@@ -134,6 +135,18 @@ impl Request {
     /// What the cloud that came from `input` and has the name `name` has of its own.
     pub fn settings_of(&self, input: &str, name: &str) -> Option<&CloudSettings> {
         self.cloud_settings.iter().find(|own| own.is_of(input, name))
+    }
+
+    /// How a file of an input is moved.
+    pub fn placement_of(&self, input: &Input, file: &Path) -> Option<Placement> {
+        let names = [input.name(), shown(file), file_name(file)];
+        self.cloud_settings.iter().find(|own| names.contains(&own.cloud))?.placement()
+    }
+
+    /// All files, and how each is moved.
+    pub fn placed_files(&self) -> Vec<(PathBuf, Option<Placement>)> {
+        let all = self.inputs.iter().flat_map(|input| input.files().iter().map(move |file| (input, file)));
+        all.map(|(input, file)| (file.clone(), self.placement_of(input, file))).collect()
     }
 
     /// Leaves out the inputs whose clouds are switched off.
@@ -447,7 +460,7 @@ mod tests {
         assert_eq!((lit.lights.len(), lit.built_in_light()), (1, None));
         let mut settings = scene::Settings::default();
         settings.scene.points = 10_000;
-        let job = start(request.inputs, &settings);
+        let job = start(request.inputs, &settings, Default::default());
         let brought = job.events.iter().filter_map(|event| match event {
             Event::Mirror { mirror, .. } => Some(mirror.name),
             _ => None,
@@ -466,6 +479,33 @@ mod tests {
         assert_eq!(unknown.collect::<Vec<_>>(), [true, true, false, true]);
         let both = resolve(&words(&["no_such.laz", "no_such.ply"])).check().unwrap_err().to_string();
         assert!(both.contains("no_such.laz") && both.contains("no_such.ply"), "{both}");
+    }
+
+    #[test]
+    fn files_are_moved_as_the_scene_says_of_their_path_or_their_name() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.ply", "b.ply", "c.ply"] {
+            std::fs::write(folder.path().join(name), THREE_POINTS).unwrap();
+        }
+        let scene = folder.path().join("scene.toml");
+        let own = |name: &str, x: u32| format!("[[cloud_settings]]\ncloud = \"{name}\"\nmove = [{x}, 0, 0]\n");
+        let (a, b) = (own("a.ply", 1), own("b.ply", 2));
+        std::fs::write(&scene, format!("clouds = [\"a.ply\", \"b.ply\", \"c.ply\"]\n{a}{b}")).unwrap();
+        let mut request = resolve(&[&scene]);
+        let moved = |request: &Request| -> Vec<Option<f64>> {
+            let files = request.placed_files().into_iter();
+            files.map(|(_, placement)| Some(placement?.point(glam::DVec3::ZERO).x)).collect()
+        };
+        assert_eq!(moved(&request), [Some(1.0), Some(2.0), None]);
+        // The tiles of a folder are told apart by their names.
+        request.inputs = vec![Input::Tiles {
+            folder: folder.path().to_owned(),
+            files: ["b.ply", "c.ply"].map(|name| folder.path().join(name)).into(),
+        }];
+        request.cloud_settings = vec![CloudSettings { shift: glam::DVec3::X, ..CloudSettings::of("c.ply".into()) }];
+        assert_eq!(moved(&request), [None, Some(1.0)]);
+        request.cloud_settings[0].cloud = shown(folder.path());
+        assert_eq!(moved(&request), [Some(1.0), Some(1.0)]);
     }
 
     #[test]

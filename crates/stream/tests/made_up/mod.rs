@@ -31,6 +31,11 @@ pub fn terrain(count: usize) -> Vec<Point> {
     (0..count).map(point).collect()
 }
 
+/// The time of a point, which no index keeps unless it is asked to.
+pub fn gps_time(point: &Point) -> f64 {
+    f64::from(point.intensity) * 0.25
+}
+
 /// Writes LAS 1.2 with a truthful header.
 pub fn write_las(path: &Path, points: &[Point]) {
     write_las_with(path, points, SCALE, OFFSET, |_, _| ());
@@ -68,7 +73,7 @@ pub fn write_las_with(
         point.at.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
         bytes.extend(point.intensity.to_le_bytes());
         bytes.extend([0b0000_1001, point.class, 0, 0, 0, 0]);
-        bytes.extend(0_f64.to_le_bytes());
+        bytes.extend(gps_time(point).to_le_bytes());
         point.color.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
     }
     std::fs::write(path, bytes).unwrap();
