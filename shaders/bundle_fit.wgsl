@@ -6,6 +6,7 @@
 #import counters
 #import hit
 #import analytic
+#import finite
 
 @group(1) @binding(0) var<uniform> grid: BundleGrid;
 // w: specular intensity, 0 where there is no mirror.
@@ -103,11 +104,10 @@ fn term_count() -> u32 {
 @compute @workgroup_size(64)
 fn bundle_fit(
     @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    // The rows of workgroups before those of this dispatch count.
-    let index = group.x + (group.y + frame.first_row) * groups.x;
+    // The workgroups before those of this dispatch count.
+    let index = group.x + frame.first_column + (group.y + frame.first_row) * frame.columns;
     if index >= (grid.columns * grid.rows) << (2u * grid.level) {
         return;
     }
@@ -376,16 +376,18 @@ fn is_off_formula(number: u32, pixel: vec2u, point: vec3f) -> bool {
     let axis = reflected_direction(at.point, at.normal, at.point - sight);
     let across = across_axis(axis);
     let ray = ray_in_frame(at.point, axis, across, point, reflected_direction(point, normal, eye));
-    var error = 0.0;
     for (var end = 0u; end < 2u; end++) {
         let z = select(0.0, leaves_scene(at.point, axis), end == 1u);
         let slopes = analytic_slopes(at, z);
         let by_x = vec2f(dot(slopes.right, across.x), dot(slopes.right, across.y));
         let by_y = vec2f(dot(slopes.down, across.x), dot(slopes.down, across.y));
-        error = max(error, error_at(ray.xy + z * ray.zw, by_x, by_y));
+        let error = error_at(ray.xy + z * ray.zw, by_x, by_y);
+        // What is no number is off, too.
+        if !is_finite(error) || error > settings.sample_cameras.accuracy {
+            return true;
+        }
     }
-    // Not a number is an error, too.
-    return !(error <= settings.sample_cameras.accuracy);
+    return false;
 }
 
 // A mean direction shorter than this is that of rays that go anywhere.

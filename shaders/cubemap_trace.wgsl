@@ -46,12 +46,12 @@ const MOST_FACES: i32 = 6;
 const FARTHEST: f32 = 1e30;
 
 @compute @workgroup_size(8, 8)
-fn cubemap_trace(@builtin(global_invocation_id) invocation: vec3u, @builtin(num_workgroups) groups: vec3u) {
+fn cubemap_trace(@builtin(global_invocation_id) invocation: vec3u) {
     let thread = whole_thread(frame, invocation);
     var id = mirror_pixel(frame, thread);
     var start = 0.0;
     if use_listed {
-        let entry = list_entry(thread, groups);
+        let entry = list_entry(thread, frame.columns);
         if entry >= listed[0] {
             return;
         }

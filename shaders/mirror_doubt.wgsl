@@ -2,7 +2,7 @@
 // surfaces alone. One thread a pixel.
 #import frame_group
 #import counters
-#import mirror_ray
+#import direction_step
 #import hit
 
 // xyz: mirror point, w: specular intensity.
@@ -91,34 +91,9 @@ fn judge(id: vec2u) {
     textureStore(doubt_out, id, vec4f(doubt));
 }
 
-fn reflected(id: vec2u) -> vec3f {
-    return reflected_direction(textureLoad(point_in, id, 0).xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
-}
-
-// The angle between unit vectors; exact for small ones, where the cosine is not.
-fn angle(a: vec3f, b: vec3f) -> f32 {
-    return atan2(length(cross(a, b)), dot(a, b));
-}
-
-// The angle by which the reflected direction changes to a neighbour; huge if there is none.
-fn change(id: vec2u, step: vec2i, direction: vec3f) -> f32 {
-    let other = vec2u(vec2i(id) + step);
-    let is_inside = all(vec2i(id) + step >= vec2i(0)) && other.x < frame.width && other.y < frame.height;
-    // Clamped: both sides of a branch may run.
-    let at = min(other, vec2u(frame.width, frame.height) - 1u);
-    if !is_inside || textureLoad(point_in, at, 0).w == 0.0 {
-        return 1e9;
-    }
-    return angle(direction, reflected(at));
-}
-
-// Along each axis the smaller change counts, so that the edge of another mirror does not; the larger of both axes is
-// taken.
 fn is_off(id: vec2u, point: vec3f, seen: vec3f) -> bool {
     let direction = reflected(id);
-    let sideways = min(change(id, vec2i(-1, 0), direction), change(id, vec2i(1, 0), direction));
-    let upright = min(change(id, vec2i(0, -1), direction), change(id, vec2i(0, 1), direction));
-    let step = max(select(sideways, 0.0, sideways > 1e8), select(upright, 0.0, upright > 1e8));
+    let step = direction_step(id, direction);
     let offset = seen - point;
     // A pixel without neighbours cannot be compared; one on the mirror point itself has no direction.
     return dot(offset, offset) == 0.0 || (step > 0.0 && angle(normalize(offset), direction) > step);

@@ -11,12 +11,14 @@
 // xyz: mirror point. w: specular intensity, 0 where there is no mirror.
 @group(2) @binding(1) var point_in: texture_2d<f32>;
 @group(2) @binding(2) var<storage, read> nearest: array<u32>;
-// MIRROR_SUMS words a pixel.
-@group(2) @binding(3) var<storage, read_write> sums: array<atomic<u32>>;
+// Four words a pixel each, see mirror_sums.wgsl.
+@group(2) @binding(3) var<storage, read_write> albedo_sums: array<atomic<u32>>;
+@group(2) @binding(4) var<storage, read_write> normal_sums: array<atomic<u32>>;
+@group(2) @binding(5) var<storage, read_write> position_sums: array<atomic<u32>>;
 // Half as many words of carries.
-@group(2) @binding(4) var<storage, read_write> carries: array<atomic<u32>>;
-@group(2) @binding(5) var normal_in: texture_2d<f32>;
-@group(2) @binding(6) var eye_in: texture_2d<f32>;
+@group(2) @binding(6) var<storage, read_write> carries: array<atomic<u32>>;
+@group(2) @binding(7) var normal_in: texture_2d<f32>;
+@group(2) @binding(8) var eye_in: texture_2d<f32>;
 
 @compute @workgroup_size(128)
 fn mirror_visibility(
@@ -64,15 +66,15 @@ fn splat_solution(item: Item, index: u32, solution: Solution) {
                 let normal = vec3u(vec3i(round(facing * 2047.0)) + NORMAL_BIAS);
                 let relative = clamp(toward / (POSITION_REACH * farthest), vec3f(-1.0), vec3f(1.0));
                 let position = vec3u((relative + 1.0) * POSITION_STEPS + 0.5);
-                add(pixel, SUM_COUNT, 1u);
+                add_to_albedo(pixel, 0u, 1u);
                 for (var axis = 0u; axis < 3u; axis++) {
-                    add(pixel, SUM_ALBEDO + axis, albedo[axis]);
-                    add(pixel, SUM_NORMAL + axis, normal[axis]);
-                    add(pixel, SUM_POSITION + axis, position[axis]);
+                    add_to_albedo(pixel, 1u + axis, albedo[axis]);
+                    add_to_normal(pixel, axis, normal[axis]);
+                    add_to_position(pixel, axis, position[axis]);
                 }
                 if item.specular_intensity > 0.0 {
-                    add(pixel, SUM_INTENSITY, u32(item.specular_intensity * 1023.0 + 0.5));
-                    add(pixel, SUM_POWER, u32(item.specular_power + 0.5));
+                    add_to_normal(pixel, 3u, u32(item.specular_intensity * 1023.0 + 0.5));
+                    add_to_position(pixel, 3u, u32(item.specular_power + 0.5));
                 }
             }
         }
@@ -88,9 +90,21 @@ fn on_plane(toward: vec3f, normal: vec3f, direction: vec3f) -> vec3f {
     return select(toward, plane * direction, is_finite(plane) && plane > 0.0 && abs(plane - along) <= STEEPEST * beside);
 }
 
+fn add_to_albedo(pixel: u32, word: u32, value: u32) {
+    carry(pixel, word, atomicAdd(&albedo_sums[pixel * 4u + word], value), value);
+}
+
+fn add_to_normal(pixel: u32, word: u32, value: u32) {
+    carry(pixel, 4u + word, atomicAdd(&normal_sums[pixel * 4u + word], value), value);
+}
+
+fn add_to_position(pixel: u32, word: u32, value: u32) {
+    carry(pixel, 8u + word, atomicAdd(&position_sums[pixel * 4u + word], value), value);
+}
+
 // A sum that wraps adds one to its half of a word of carries.
-fn add(pixel: u32, word: u32, value: u32) {
-    if atomicAdd(&sums[pixel * MIRROR_SUMS + word], value) > 0xffffffffu - value {
+fn carry(pixel: u32, word: u32, before: u32, value: u32) {
+    if before > 0xffffffffu - value {
         atomicAdd(&carries[(pixel * MIRROR_SUMS + word) / 2u], 1u << (16u * (word & 1u)));
     }
 }

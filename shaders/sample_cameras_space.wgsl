@@ -3,6 +3,7 @@
 #import blocks
 #import camera_root
 #import camera_tree
+#import finite
 
 @group(2) @binding(0) var<uniform> trees: CameraTrees;
 @group(2) @binding(1) var<storage, read> nodes: array<CameraNode>;
@@ -133,6 +134,11 @@ fn root_of_cell(given: Reflected, place: vec3f, leaf: u32, cell: vec4u) -> Solut
     let y10 = beside_ray(rays[cell.y], place, axis, across);
     let y01 = beside_ray(rays[cell.z], place, axis, across);
     let y11 = beside_ray(rays[cell.w], place, axis, across);
+    // A sum with one that is no number is none.
+    let sum = abs(y00) + abs(y10) + abs(y01) + abs(y11);
+    if !is_finite(sum.x + sum.y) {
+        return Solution(0u, 0.0);
+    }
     let low = min(min(y00, y10), min(y01, y11));
     let high = max(max(y00, y10), max(y01, y11));
     // The mix of the four lies in their box.

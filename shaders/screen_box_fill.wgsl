@@ -13,7 +13,8 @@
 const MOST_PERIODS: i32 = 32;
 
 @compute @workgroup_size(8, 8)
-fn screen_box_fill(@builtin(global_invocation_id) id: vec3u) {
+fn screen_box_fill(@builtin(global_invocation_id) thread: vec3u) {
+    let id = whole_thread(frame, thread);
     let at = vec2i(id.xy);
     if any(at >= vec2i(box_edge())) || periods[12u + id.z] == 0u || is_known(id.z, at) {
         return;

@@ -17,12 +17,13 @@ var<workgroup> sums: array<vec2f, THREADS>;
 @compute @workgroup_size(64)
 fn screen_box_scores(
     @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let moved = i32(group.x) + 2;
-    let wall = group.y / 2u;
-    let axis = group.y % 2u;
+    // The workgroups before those of this dispatch count.
+    let whole = group.xy + vec2u(frame.first_column, frame.first_row);
+    let moved = i32(whole.x) + 2;
+    let wall = whole.y / 2u;
+    let axis = whole.y % 2u;
     let step = select(vec2i(moved, 0), vec2i(0, moved), axis == 1u);
     let size = box_edge();
     var sum = vec2f(0.0);
@@ -45,6 +46,6 @@ fn screen_box_scores(
         }
         // A row of pairs tells nothing.
         let is_told = all_sums.y >= 2.0 * f32(size);
-        scores[group.y * groups.x + group.x] = select(0.0, all_sums.x / max(all_sums.y, 1.0), is_told);
+        scores[whole.y * frame.columns + whole.x] = select(0.0, all_sums.x / max(all_sums.y, 1.0), is_told);
     }
 }

@@ -32,7 +32,8 @@ override has_fill: bool = false;
 override has_highlights: bool = false;
 
 @compute @workgroup_size(8, 8)
-fn shade(@builtin(global_invocation_id) thread: vec3u) {
+fn shade(@builtin(global_invocation_id) invocation: vec3u) {
+    let thread = whole_thread(frame, invocation);
     var id = thread.xy;
     if !from_camera {
         id = mirror_pixel(frame, thread);

@@ -32,8 +32,8 @@ fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     // as much as its points. Powers of two divide 128 (blocks_per_workgroup in crates/render/src/inputs.rs).
     let together = 1u << min(firstLeadingBit(max(page.step / 8u, 1u)), 7u);
     let lanes = 128u / together;
-    let block_index = (group.x + group.y * groups.x) * together + lane / lanes;
-    // The list may be a part of the page's.
+    // The list may be a part of the page's, which begins where bindings may: at or before the first block.
+    let block_index = frame.first_row + (group.x + group.y * groups.x) * together + lane / lanes;
     if block_index >= min(page.block_count, arrayLength(&blocks)) {
         return;
     }

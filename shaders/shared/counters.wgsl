@@ -20,3 +20,5 @@ const RAYS_TRACED: u32 = 11u;
 const RAYS_KEPT: u32 = 13u;
 // The points that a list of rays projects (sample_cameras with cells of space).
 const POINTS_LISTED: u32 = 15u;
+// The texels of maps that were traced because a ray looks at them (light_field with fill on_demand).
+const TEXELS_TRACED: u32 = 16u;

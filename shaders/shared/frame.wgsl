@@ -22,23 +22,31 @@ struct Frame {
     scene_radius: f32,
     // The tiles of 8 x 8 pixels: column | row << 16 of the first one in which a mirror may be seen.
     mirror_tile: u32,
-    // The first row of workgroups that this dispatch runs, where a pass is cut into several.
+    // The first row of workgroups that this dispatch runs, where a pass is cut into several; the first block of the list
+    // that is bound, where a pass over points is.
     first_row: u32,
     // The number of the glossy sample that the pass works for, and that of all samples; 0 of 0 for perfect mirrors.
     sample: u32,
     samples: u32,
     // The number of the look that the pass works for, where what several maps show is blended (light_field_look_up.wgsl).
     look: u32,
+    // The first column of workgroups that this dispatch runs, and the number of columns of the whole pass, where a pass is
+    // cut by rows and columns.
+    first_column: u32,
+    columns: u32,
+    unused_0: u32,
+    unused_1: u32,
 }
 
-// The thread of the whole pass that a thread of a dispatch is, in passes with workgroups of 8 x 8 that are cut by rows.
+// The thread of the whole pass that a thread of a dispatch is, in passes with workgroups of 8 x 8 that are cut by rows and
+// columns.
 fn whole_thread(frame: Frame, thread: vec3u) -> vec3u {
-    return thread + vec3u(0u, 8u * frame.first_row, 0u);
+    return thread + 8u * vec3u(frame.first_column, frame.first_row, 0u);
 }
 
-// The entry of a list of rays that a thread takes, in passes whose `groups` workgroups of 8 x 8 walk such a list.
-fn list_entry(thread: vec3u, groups: vec3u) -> u32 {
-    return (thread.y / 8u * groups.x + thread.x / 8u) * 64u + thread.y % 8u * 8u + thread.x % 8u;
+// The entry of a list of rays that a thread of a pass takes whose `columns` of workgroups of 8 x 8 walk such a list.
+fn list_entry(thread: vec3u, columns: u32) -> u32 {
+    return (thread.y / 8u * columns + thread.x / 8u) * 64u + thread.y % 8u * 8u + thread.x % 8u;
 }
 
 // The pixel of a thread of a pass that runs over the tiles where mirrors may be seen.

@@ -28,7 +28,8 @@ struct Fields {
     is_last: u32,
     // Whether it is known which samples tell, and one of their looks is taken, where looks are blended.
     picks: u32,
-    unused: u32,
+    // The number of the first grid of all samples, behind those of the samples that are chosen.
+    first_of_all: u32,
     grids: array<SampleGrid>,
 }
 
@@ -52,33 +53,39 @@ struct NearSamples {
 
 // The nearest samples of the mirror on which a place lies, at most `most`, nearest first.
 fn samples_near(place: vec3f, most: u32) -> NearSamples {
+    let mirror = mirror_at(place);
+    if mirror.low_map.w < 0.0 {
+        return NearSamples(array<u32, MOST_NEAR>(), 0u);
+    }
+    return samples_near_in(u32(mirror.low_map.w), place, most);
+}
+
+// The nearest samples of a grid.
+fn samples_near_in(grid_number: u32, place: vec3f, most: u32) -> NearSamples {
     var near = NearSamples(array<u32, MOST_NEAR>(), 0u);
     var distances = array<f32, MOST_NEAR>();
-    let mirror = mirror_at(place);
-    if mirror.low_map.w >= 0.0 {
-        let grid = fields.grids[u32(mirror.low_map.w)];
-        let cells = vec3f(vec3u(grid.columns, grid.rows, grid.layers));
-        let at = vec3u(clamp((place - grid.low_scale.xyz) * grid.low_scale.w, vec3f(0.0), cells - 0.5));
-        let cell = grid.first + (at.z * grid.rows + at.y) * grid.columns + at.x;
-        for (var i = 0u; i < CELL_SAMPLES; i++) {
-            let number = index[cell * CELL_SAMPLES + i];
-            if number != NO_SAMPLE {
-                let offset = samples[number].surface_slot.xyz - place;
-                let distance = dot(offset, offset);
-                // Farther ones move back, and the last one drops out.
-                var at_rank = min(near.count, most);
-                while at_rank > 0u && distances[at_rank - 1u] > distance {
-                    if at_rank < most {
-                        distances[at_rank] = distances[at_rank - 1u];
-                        near.numbers[at_rank] = near.numbers[at_rank - 1u];
-                    }
-                    at_rank -= 1u;
-                }
+    let grid = fields.grids[grid_number];
+    let cells = vec3f(vec3u(grid.columns, grid.rows, grid.layers));
+    let at = vec3u(clamp((place - grid.low_scale.xyz) * grid.low_scale.w, vec3f(0.0), cells - 0.5));
+    let cell = grid.first + (at.z * grid.rows + at.y) * grid.columns + at.x;
+    for (var i = 0u; i < CELL_SAMPLES; i++) {
+        let number = index[cell * CELL_SAMPLES + i];
+        if number != NO_SAMPLE {
+            let offset = samples[number].surface_slot.xyz - place;
+            let distance = dot(offset, offset);
+            // Farther ones move back, and the last one drops out.
+            var at_rank = min(near.count, most);
+            while at_rank > 0u && distances[at_rank - 1u] > distance {
                 if at_rank < most {
-                    distances[at_rank] = distance;
-                    near.numbers[at_rank] = number;
-                    near.count = min(near.count + 1u, most);
+                    distances[at_rank] = distances[at_rank - 1u];
+                    near.numbers[at_rank] = near.numbers[at_rank - 1u];
                 }
+                at_rank -= 1u;
+            }
+            if at_rank < most {
+                distances[at_rank] = distance;
+                near.numbers[at_rank] = number;
+                near.count = min(near.count + 1u, most);
             }
         }
     }

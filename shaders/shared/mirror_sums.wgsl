@@ -3,14 +3,8 @@
 #import frame_group
 
 const MIRROR_SUMS: u32 = 12u;
-const SUM_COUNT: u32 = 0u;
-// Linear, 12 bits.
-const SUM_ALBEDO: u32 = 1u;
-// World axes, 11 bits and sign.
-const SUM_NORMAL: u32 = 4u;
-const SUM_INTENSITY: u32 = 7u;
-const SUM_POSITION: u32 = 8u;
-const SUM_POWER: u32 = 11u;
+// albedo_sums: count; albedo, linear, 12 bits. normal_sums: normal in world axes, 11 bits and sign; specular intensity.
+// position_sums: position; specular power.
 // Positions are relative to the mirror point, in 20 bits of this many distances to the farthest point that counts, to
 // either side: a splat extends over pixels whose mirror points are elsewhere. The step is 4 millionths of the distance.
 const POSITION_REACH: f32 = 2.0;

@@ -355,7 +355,9 @@ const SAMPLE_CAMERAS_SPLAT_FOOTPRINT: u32 = 1u;
 // Offset surface light fields (after Ang 2003): rays are looked up in maps that stand on the mirror.
 struct LightField {
     samples: u32,
+    accuracy: f32,
     size: u32,
+    fill: u32,
     offset: f32,
     neighbours: u32,
     rule: u32,
@@ -367,6 +369,9 @@ struct LightField {
     rest: u32,
     maps_per_frame: u32,
 }
+const LIGHT_FIELD_FILL_DRAW: u32 = 0u;
+const LIGHT_FIELD_FILL_TRACE: u32 = 1u;
+const LIGHT_FIELD_FILL_ON_DEMAND: u32 = 2u;
 const LIGHT_FIELD_RULE_NEAREST: u32 = 0u;
 const LIGHT_FIELD_RULE_ANGLE: u32 = 1u;
 const LIGHT_FIELD_RULE_RAY: u32 = 2u;

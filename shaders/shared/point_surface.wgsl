@@ -16,7 +16,8 @@ struct SurfaceOfPoint {
 // items of the page's runs of BLOCK_POINTS points, `items_of_runs` has for each run of identities the run of the page
 // that contains it.
 fn index_of_identity(identity: u32) -> u32 {
-    let at = (page.point_count + identity) / BLOCK_POINTS;
+    // Pages have whole runs. The sum of points and identity may have more than 32 bits.
+    let at = page.point_count / BLOCK_POINTS + identity / BLOCK_POINTS;
     if at >= arrayLength(&items_of_runs) || items_of_runs[at] == 0xffffffffu {
         return 0xffffffffu;
     }

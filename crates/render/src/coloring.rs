@@ -63,17 +63,6 @@ pub struct ColorPlan {
     pub full_range: (f64, f64),
 }
 
-/// The attribute that a fixed colour mode shows.
-fn attribute_of(by: ColorBy) -> Option<&'static str> {
-    match by {
-        ColorBy::Intensity => Some("intensity"),
-        ColorBy::Class => Some("classification"),
-        ColorBy::ReturnNumber => Some("return_number"),
-        ColorBy::GpsTime => Some("gps_time"),
-        _ => None,
-    }
-}
-
 impl ColorPlan {
     /// Resolves `auto`, and falls back to it, with a warning, if a cloud lacks what the setting asks for. `up` decides
     /// along which axis heights are measured.
@@ -98,8 +87,8 @@ impl ColorPlan {
                 || lacks(format!("attribute `{}`", color.attribute)),
                 |index| Some(ColorSource::Column(index)),
             ),
-            by => {
-                let name = attribute_of(by).unwrap_or_default();
+            ColorBy::Intensity | ColorBy::ReturnNumber | ColorBy::GpsTime => {
+                let name = color.asked_attribute().unwrap_or_default();
                 cloud.column_of(name).map_or_else(|| lacks(name.into()), |index| Some(ColorSource::Column(index)))
             }
         };
@@ -388,7 +377,7 @@ mod tests {
         Cloud {
             name: "test".into(),
             attributes: vec![attribute("intensity", ColumnType::U16), attribute("gps_time", ColumnType::F64)],
-            grid: Some(cloud::Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO }),
+            grid: Some(cloud::Grid::new(DVec3::splat(0.01), DVec3::ZERO)),
             chunks: vec![chunk],
         }
     }

@@ -46,7 +46,7 @@ pub enum Error {
 pub enum Clock {
     /// Timestamps written by the GPU.
     Gpu,
-    /// The host's clock around a submit that is waited for: for adapters without timestamps, and for CPU adapters,
+    /// The host's clock around submits that are waited for: for adapters without timestamps, and for CPU adapters,
     /// whose compute timestamps are wrong (lavapipe 22.3.6 gives 0.05 ms for a dispatch of 450 ms).
     Host,
 }
@@ -193,6 +193,12 @@ impl Acting {
             max_storage_buffer_binding_size: least.max_storage_buffer_binding_size,
             max_buffer_size: least.max_buffer_size,
             max_texture_dimension_2d: least.max_texture_dimension_2d,
+            max_bind_groups: least.max_bind_groups,
+            max_sampled_textures_per_shader_stage: least.max_sampled_textures_per_shader_stage,
+            max_storage_textures_per_shader_stage: least.max_storage_textures_per_shader_stage,
+            max_uniform_buffers_per_shader_stage: least.max_uniform_buffers_per_shader_stage,
+            max_uniform_buffer_binding_size: least.max_uniform_buffer_binding_size,
+            max_compute_workgroups_per_dimension: least.max_compute_workgroups_per_dimension,
             max_compute_workgroup_storage_size: least.max_compute_workgroup_storage_size,
             max_compute_invocations_per_workgroup: least.max_compute_invocations_per_workgroup,
             min_storage_buffer_offset_alignment: least.min_storage_buffer_offset_alignment,
@@ -200,6 +206,11 @@ impl Acting {
             ..limits
         }
     }
+}
+
+/// Whether a test asks the program to act as if something went wrong: a word of the variable GLINT_ACT_LIKE.
+pub fn acts_like(word: &str) -> bool {
+    Acting::from_environment().like(word)
 }
 
 /// Whether 64-bit atomics can be read with a backend: Metal cannot, and naga translates it wrongly for DirectX.
@@ -219,7 +230,8 @@ pub fn keep_pipelines_in(folder: PathBuf) {
 }
 
 impl Gpu {
-    /// Opens an adapter without a window. `wanted` is a part of an adapter's name, or `cpu`; `None` takes the fastest.
+    /// Opens an adapter without a window. `wanted` is a part of an adapter's name, `cpu`, or a backend's name (`vulkan`, `dx12`,
+    /// `metal`); `None` takes the fastest.
     ///
     /// # Errors
     /// No such adapter, or it gives no device.
@@ -228,6 +240,23 @@ impl Gpu {
         descriptor.backends = BACKENDS;
         let instance = wgpu::Instance::new(descriptor);
         Self::open(best(&instance, None, wanted)?)
+    }
+
+    /// Opens the adapter that another device was opened on, with the same backend: of two equal ones, the same one. If it is
+    /// gone, one of the same name.
+    ///
+    /// # Errors
+    /// Those of `headless`.
+    pub fn on_same_adapter(known: &wgpu::AdapterInfo) -> Result<Arc<Self>> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = BACKENDS;
+        let instance = wgpu::Instance::new(descriptor);
+        let mut all = pollster::block_on(instance.enumerate_adapters(BACKENDS));
+        let infos: Vec<wgpu::AdapterInfo> = all.iter().map(wgpu::Adapter::get_info).collect();
+        match most_like(&infos, known) {
+            Some(index) => Self::open(all.swap_remove(index)),
+            None => Err(Error::NoAdapter { wanted: format!(" is `{}`", known.name) }),
+        }
     }
 
     /// Opens an adapter that can present to `surface`.
@@ -317,7 +346,19 @@ impl Gpu {
     /// # Errors
     /// The device was lost, took longer than five minutes, or something submitted since the last wait failed.
     pub fn wait(&self) -> Result<()> {
-        let poll = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
+        self.wait_until(None)
+    }
+
+    /// Waits until what was submitted up to here is done.
+    ///
+    /// # Errors
+    /// Those of `wait`.
+    pub(crate) fn wait_for(&self, submitted: wgpu::SubmissionIndex) -> Result<()> {
+        self.wait_until(Some(submitted))
+    }
+
+    fn wait_until(&self, submission_index: Option<wgpu::SubmissionIndex>) -> Result<()> {
+        let poll = wgpu::PollType::Wait { submission_index, timeout: Some(PATIENCE) };
         let polled = self.device.poll(poll).map_err(|error| Error::Lost(error.to_string()));
         self.failure()?;
         polled.map(drop)
@@ -515,8 +556,19 @@ fn choose(candidates: &[(wgpu::AdapterInfo, bool)], wanted: Option<&str>) -> Opt
     fitting.min_by_key(order).map(|(index, _)| index)
 }
 
+/// The adapter of the same name that has most in common with a known one.
+fn most_like(all: &[wgpu::AdapterInfo], known: &wgpu::AdapterInfo) -> Option<usize> {
+    let same = all.iter().enumerate().filter(|(_, info)| info.name == known.name);
+    let differs = |info: &wgpu::AdapterInfo| {
+        let is_other_place = info.device_pci_bus_id != known.device_pci_bus_id;
+        (info.backend != known.backend, [info.vendor, info.device] != [known.vendor, known.device], is_other_place)
+    };
+    same.min_by_key(|(_, info)| differs(info)).map(|(index, _)| index)
+}
+
 fn fits(info: &wgpu::AdapterInfo, wanted: &str) -> bool {
     (wanted.eq_ignore_ascii_case("cpu") && info.device_type == wgpu::DeviceType::Cpu)
+        || wanted.eq_ignore_ascii_case(info.backend.to_str())
         || info.name.to_lowercase().contains(&wanted.to_lowercase())
 }
 
@@ -560,6 +612,33 @@ mod tests {
         assert_eq!(choose(&all[3..], None), Some(1), "an integrated one that can, not a discrete one that cannot");
         assert_eq!(choose(&all[..1], Some("cpu")), Some(0));
         assert_eq!(choose(&all, Some("Arc")), None);
+        assert_eq!(choose(&all, Some("dx12")), None);
+        let mut twice = all.to_vec();
+        twice.push(adapter("RTX 3060", DiscreteGpu, false));
+        twice[5].0.backend = wgpu::Backend::Dx12;
+        assert_eq!(choose(&twice, Some("DX12")), Some(5), "the same adapter by another backend");
+        assert_eq!(choose(&twice, Some("rtx 3060")), Some(2), "the system's order");
+    }
+
+    #[test]
+    fn of_equal_adapters_the_one_in_the_same_place_is_opened_again_with_its_backend() {
+        let named = |name: &str, backend, place: &str| wgpu::AdapterInfo {
+            name: name.into(),
+            device_pci_bus_id: place.into(),
+            ..wgpu::AdapterInfo::new(wgpu::DeviceType::DiscreteGpu, backend)
+        };
+        use wgpu::Backend::{Dx12, Vulkan};
+        let all = [
+            named("RTX 3060", Vulkan, "0000:01:00.0"),
+            named("RTX 3060", Vulkan, "0000:02:00.0"),
+            named("RTX 3060", Dx12, "0000:02:00.0"),
+            named("RTX 3060 Ti", Vulkan, "0000:03:00.0"),
+        ];
+        for (index, known) in all.iter().enumerate() {
+            assert_eq!(most_like(&all, known), Some(index));
+        }
+        assert_eq!(most_like(&all[..1], &all[2]), Some(0), "one of the same name");
+        assert_eq!(most_like(&all[..3], &all[3]), None);
     }
 
     #[test]

@@ -153,14 +153,19 @@ impl Inputs {
     pub fn set_sample(&mut self, gpu: &Gpu, sample: Option<[u32; 3]>) {
         if self.sample != sample {
             self.sample = sample;
-            self.frame = self.frame_from_row(gpu, 0);
+            self.frame = self.frame_from(gpu, [0, 0], 0);
         }
     }
 
-    /// Group 0 of a dispatch that begins at this row of workgroups, where a pass is cut by rows.
-    pub fn frame_from_row(&self, gpu: &Gpu, first_row: u32) -> wgpu::Buffer {
+    /// The camera in group 0 of a dispatch that begins at this column and row of workgroups, where a pass of so many
+    /// `columns` is cut.
+    pub fn frame_from(&self, gpu: &Gpu, [first_column, first_row]: [u32; 2], columns: u32) -> wgpu::Buffer {
         let [sample, samples, look] = self.sample.unwrap_or_default();
-        uniform_buffer(gpu, bytemuck::bytes_of(&Frame { first_row, sample, samples, look, ..self.camera.to_gpu() }))
+        let frame = self.camera.to_gpu();
+        uniform_buffer(
+            gpu,
+            bytemuck::bytes_of(&Frame { first_row, first_column, columns, sample, samples, look, ..frame }),
+        )
     }
 
     /// The buffer with the parameters, and the byte in it at which `tone.exposure` begins.

@@ -37,6 +37,7 @@ structs! {
         focal_pixels: f32, orthographic: u32, width: u32, height: u32,
         near: f32, reference_depth: f32, scene_radius: f32, mirror_tile: u32,
         first_row: u32, sample: u32, samples: u32, look: u32,
+        first_column: u32, columns: u32, unused_0: u32, unused_1: u32,
     }
     /// A run of points with one origin and one material, of shaders/shared/splat.wgsl.
     Item {
@@ -109,10 +110,13 @@ structs! {
     /// The maps of `light_field` in a page; the grids of the mirrors follow. Of shaders/shared/light_field.wgsl.
     Fields {
         size: u32, texels_of_face: u32, first_slot: u32, slots: u32, is_first: u32, is_last: u32, picks: u32,
-        unused: u32,
+        first_of_all: u32,
     }
     /// The cells of a mirror's box, each with its samples, of shaders/shared/light_field.wgsl.
     SampleGrid { low_scale: Vec4, columns: u32, rows: u32, layers: u32, first: u32 }
+    /// The maps of a page whose texels are traced on demand; the middles of its slots follow. Of
+    /// shaders/shared/asked_texels.wgsl.
+    AskedMaps { size: u32, texels_of_face: u32, mirror: u32, unused: u32 }
     /// A sample of a mirror, of shaders/shared/light_field.wgsl.
     FieldSample { surface_slot: Vec4, middle: Vec4 }
     /// The level of bounds that a pass makes, of shaders/cube_bounds.wgsl.
@@ -188,6 +192,9 @@ elements! {
     cubemap_trace.records: CUBE_TEXEL_BYTES = 16;
     cubemap_trace.bounds: CUBE_CELL_BYTES = 8;
     light_field_need.needs: NEED_BYTES = 4;
+    light_field_predict.predicted: PREDICTED_BYTES = 4;
+    light_field_ask.asked: ASKED_BYTES = 4;
+    light_field_asked_trace.found: ASKED_FOUND_BYTES = 8;
     screen_trace.records: SCREEN_TEXEL_BYTES = 16;
     screen_trace.bounds: SCREEN_CELL_BYTES = 8;
     screen_trace.rest: REST_WORD_BYTES = 4;
@@ -276,6 +283,7 @@ constants! {
     RAYS_TRACED: usize = 11;
     RAYS_KEPT: usize = 13;
     POINTS_LISTED: usize = 15;
+    TEXELS_TRACED: usize = 16;
     /// The sources of a point's colour.
     COLOR_PLAIN: u32 = 0;
     COLOR_RGB: u32 = 1;
@@ -299,9 +307,9 @@ constants! {
     CORAL: f32 = 5.0;
 }
 
-/// The number of counters that the buffer has room for.
-pub const COUNTERS: usize = 16;
-const _: () = assert!(POINTS_LISTED < COUNTERS);
+/// The number of counters that the buffer has room for: an even one, so that what follows them is aligned.
+pub const COUNTERS: usize = 18;
+const _: () = assert!(TEXELS_TRACED < COUNTERS);
 
 /// The name, the size and the fields of a struct.
 #[cfg(test)]

@@ -21,7 +21,9 @@ mod lighting;
 mod memory;
 mod method;
 mod page_space;
+mod pass_times;
 mod passes;
+mod pieces;
 mod probe;
 mod read_back;
 mod recorder;
@@ -33,6 +35,7 @@ mod shading;
 mod store;
 mod surface;
 mod targets;
+mod together;
 #[cfg(test)]
 mod translation;
 
@@ -40,15 +43,16 @@ pub use coloring::{ColorPlan, ColorSource, class_color, class_name, ramp_colors}
 pub use exposure::Exposure;
 pub use frame::Objects;
 pub use gi::LightReuse;
-pub use gpu::{AdapterReport, Clock, Error, Gpu, Need, Result, adapters, keep_pipelines_in, kind_name};
+pub use gpu::{AdapterReport, Clock, Error, Gpu, Need, Result, acts_like, adapters, keep_pipelines_in, kind_name};
 pub use handed::PictureRows;
 pub use identities::{ChunkId, CloudId};
 pub use image::{Aov, AovImage};
 pub use lighting::MOST_LIGHTS;
+pub use pass_times::PassTime;
 pub use passes::PassStage;
 pub use probe::{LightProbe, MirrorProbe, Probe, SeenMirror, Shown};
 pub use read_back::Picked;
-pub use recorder::{IsGivenUp, PassTime};
+pub use recorder::IsGivenUp;
 pub use reflection::kept_hits::GlossCache;
 pub use reflection::{CameraCount, MapCount, MapLimit, MapUse, ReflectionStats};
 pub use renderer::{FrameStats, Renderer};

@@ -21,6 +21,8 @@ const MORE_PIXELS: u64 = 512 * 512 - 256 * 256;
 fn cast(method: Method) -> Cast {
     let mut settings = Settings::default();
     settings.reflection.method = method;
+    // Bent mirrors need squares of the picture.
+    settings.sample_cameras.analytic = false;
     Cast {
         settings,
         lights: 1,
@@ -86,8 +88,9 @@ pub(crate) fn page(gpu: &Arc<Gpu>) -> String {
         "\n## Memory\n\n\
          Bytes for each pixel of the picture: what a frame with a mirror, a lamp and indirect light makes at the default\n\
          settings. Images of a method are given up in the first frame that does not use it: all but the first column's and the\n\
-         lists of nodes. The trees over the points (20 bytes a point) and the maps around mirrors stay. A picture for which\n\
-         there is no memory is an error that says so.\n\n\
+         lists of nodes. The trees over the points (20 bytes a point) and the maps around mirrors stay. `sscr` and\n\
+         `sample_cameras` sum what they find in the sums of the camera's surface. A picture for which there is no memory is\n\
+         an error that says so. `sample_cameras` needs less if all mirrors are planes and balls that are drawn by their formula.\n\n\
          | image or buffer | every frame |",
     );
     let common = bytes_of_a_pixel(gpu, Method::None);

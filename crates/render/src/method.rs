@@ -3,7 +3,7 @@
 
 use scene::{CameraCells, Method, ScreenRest, Settings, Show, Supply};
 
-use crate::gpu::Result;
+use crate::gpu::{Gpu, Result};
 use crate::identities::ChunkId;
 use crate::recorder::Recorder;
 use crate::reflection::cubemap_trace::CubemapTrace;
@@ -33,6 +33,8 @@ pub(crate) struct Methods {
     mirrored: MirroredViewpoint,
     pub(crate) gather: Option<Gather>,
     forward: Option<Forward>,
+    /// Buffers of four words a pixel that nobody else needs while reflections are searched, if there are any.
+    pub(crate) lent: Option<[wgpu::Buffer; 3]>,
     sscr: Option<Sscr>,
     pub(crate) cameras: SampleCameras,
     pub(crate) light_field: LightField,
@@ -173,13 +175,13 @@ impl Methods {
                 Some(Origin::Gather)
             }
             Method::Sscr => {
-                let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
+                let forward = forward_of(&mut self.forward, recorder.gpu, self.size, self.lent.as_ref())?;
                 let sscr = made(&mut self.sscr, || Sscr::new(recorder.gpu, self.size))?;
                 sscr.run(recorder, forward, task)?;
                 Some(Origin::Sscr)
             }
             Method::SampleCameras => {
-                let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
+                let forward = forward_of(&mut self.forward, recorder.gpu, self.size, self.lent.as_ref())?;
                 let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
                 self.cameras.run(recorder, &mut self.index, gather, forward, task)?;
                 // The places in `forward` are no longer those of its last frame.
@@ -265,6 +267,18 @@ fn made<T>(place: &mut Option<T>, make: impl FnOnce() -> Result<T>) -> Result<&m
         None => make()?,
     };
     Ok(place.insert(value))
+}
+
+/// The back end of forward methods, with the sums that are lent to it.
+fn forward_of<'a>(
+    place: &'a mut Option<Forward>,
+    gpu: &Gpu,
+    size: [u32; 2],
+    lent: Option<&[wgpu::Buffer; 3]>,
+) -> Result<&'a mut Forward> {
+    let forward = made(place, || Forward::new(gpu, size, lent.cloned()))?;
+    lent.into_iter().for_each(|lent| forward.lend(lent.clone()));
+    Ok(forward)
 }
 
 /// The points that a frame's method needs.

@@ -3,6 +3,7 @@
 //! in order.
 
 use param::choices;
+use scene::{Method, Settings, Splat};
 use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
 
 use crate::gpu::Gpu;
@@ -240,6 +241,22 @@ passes! {
     light_field_need: Method over Pixels {
         point_in: Texture, mirrors: Read, fields: Read, index: Read, samples: Read, needs: ReadWrite,
     }
+    light_field_predict: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, fields: Read, index: Read, samples: Read,
+        records: Read, predicted: ReadWrite,
+    }
+    light_field_trace: Method over Pixels {
+        tops: Read, places: Read, nodes: Read, surfels: Read, order: Read, shown: Read, nearest_points: ReadWrite,
+    }
+    light_field_ask: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, fields: Read, index: Read, samples: Read,
+        records: Read, listed: ReadWrite, asked: ReadWrite, counters: ReadWrite,
+    }
+    light_field_asked_trace: Method over Pixels {
+        tops: Read, places: Read, nodes: Read, surfels: Read, order: Read, shown: Read, maps: Read, asked: Read,
+        found: ReadWrite,
+    }
+    light_field_asked_planes: Method over Pages { maps: Read, asked: Read, found: Read, records: ReadWrite }
     light_field_look_up: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, fields: Read, index: Read, samples: Read,
         records: Read, hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite,
@@ -314,11 +331,13 @@ passes! {
     }
     mirror_depth: Method over Blocks { solutions: Read, point_in: Texture, nearest: ReadWrite }
     mirror_visibility: Method over Blocks {
-        solutions: Read, point_in: Texture, nearest: Read, sums: ReadWrite, carries: ReadWrite, normal_in: Texture,
+        solutions: Read, point_in: Texture, nearest: Read, albedo_sums: ReadWrite, normal_sums: ReadWrite,
+        position_sums: ReadWrite, carries: ReadWrite, normal_in: Texture,
         eye_in: Texture,
     }
     mirror_average: Method over Pixels {
-        point_in: Texture, nearest: Read, sums: Read, carries: Read, albedo_out: Write(Rgba16Float),
+        point_in: Texture, nearest: Read, albedo_sums: Read, normal_sums: Read, position_sums: Read, carries: Read,
+        albedo_out: Write(Rgba16Float),
         normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
     }
     pull: Method over Pixels {
@@ -401,6 +420,62 @@ passes! {
     }
 }
 
+/// How much more a thread of a pass may do by some settings than by those that docs/gpu.md computes its time with. Passes
+/// that are not named do about the same by all settings.
+pub(crate) fn load_of(pass: &str, settings: &Settings) -> f64 {
+    let Settings { gi, splat, sscr, sample_cameras, cubemap_trace, screen_trace, .. } = settings;
+    let ratio = |value: u32, usual: u32| (f64::from(value) / f64::from(usual)).max(1.0);
+    let lights = f64::from(gi.sky_lights + gi.bounces * gi.vpls);
+    // Bounds of depths let a ray pass many texels at once.
+    let by_texels = |skip: bool| if skip { 1.0 } else { WITHOUT_SKIPPING };
+    match pass {
+        "indirect" => lights / f64::from(gi.interleave * gi.interleave) / 1024.0,
+        "show_virtual_lights" => lights / 4096.0,
+        "indirect_filter" => f64::from(gi.interleave * gi.interleave) / 16.0,
+        "splat_nearest" | "splat_nearest_blind" | "splat_narrow" | "splat_accumulate" | "splat_behind" => {
+            (side_of_discs(splat) / 3.0).powi(2)
+        }
+        "mirror_depth" | "mirror_visibility" if settings.reflection.method == Method::SampleCameras => {
+            f64::from(sample_cameras.roots) * (f64::from(sscr.max_splat_size) / 3.0).powi(2).max(1.0)
+        }
+        "mirror_depth" | "mirror_visibility" => (f64::from(sscr.max_splat_size) / 3.0).powi(2),
+        "sscr_solve" => {
+            let seeds = if sscr.per_region { 32 } else { sscr.seed_attempts };
+            f64::from(sscr.max_steps) / 30.0 * ratio(sscr.step_attempts, 6) * ratio(seeds, 6)
+        }
+        "sample_cameras_project" => {
+            let kept =
+                if sample_cameras.points_per_pixel == 0.0 { 16.0 } else { sample_cameras.points_per_pixel / 2.0 };
+            let squares = ratio(4, sample_cameras.least_square).powi(2);
+            f64::from(kept).max(1.0) * squares * ratio(sample_cameras.roots, 4) * ratio(sample_cameras.polish + 1, 1)
+        }
+        "sample_cameras_space" => {
+            let cells = ratio(sample_cameras.longest_list, 64);
+            cells * ratio(sample_cameras.roots, 4) * ratio(sample_cameras.polish + 1, 1)
+        }
+        "cubemap_trace" => {
+            let by_step = (0.001 / f64::from(cubemap_trace.step)).max(0.25 / f64::from(cubemap_trace.angle)).max(1.0);
+            let texels = ratio(cubemap_trace.size, 256) * by_texels(cubemap_trace.skip);
+            ratio(cubemap_trace.tries.min(cubemap_trace.maps), 2) * texels * by_step * ratio(cubemap_trace.refine, 1)
+        }
+        "screen_trace" => by_texels(screen_trace.skip),
+        "screen_box_scores" | "screen_box_fill" => {
+            (f64::from(screen_trace.box_size) / 256.0).powi(if pass == "screen_box_fill" { 1 } else { 2 })
+        }
+        _ => 1.0,
+    }
+}
+
+/// How many times as many texels a ray tests where no bounds of depths are asked.
+pub(crate) const WITHOUT_SKIPPING: f64 = 8.0;
+
+/// The side of most discs in pixels, at least one: streaming and the spacing of points keep them at about three for splats
+/// of the usual size.
+pub(crate) fn side_of_discs(splat: &Splat) -> f64 {
+    let most = splat.max_pixels.max(splat.rest_pixels);
+    f64::from((3.0 * splat.size).min(most).max(splat.min_pixels).max(1.0))
+}
+
 /// A compiled pass.
 pub struct Compiled {
     name: &'static str,
@@ -408,6 +483,8 @@ pub struct Compiled {
     layouts: Vec<wgpu::BindGroupLayout>,
     /// How long a workgroup took in the last dispatch; `None` before the second one, because drivers compile at the first.
     pub group_milliseconds: Option<f64>,
+    /// The load of the pass (`load_of`) at which it took so long.
+    load: f64,
     /// Whether the pass has run.
     pub has_run: bool,
 }
@@ -462,16 +539,36 @@ impl Compiled {
         if let Some(error) = pollster::block_on(scope.pop()) {
             return Err(format!("shader {}: {}", pass.name, woven.explain(&error.to_string())));
         }
-        Ok(Self { name: pass.name, pipeline, layouts, group_milliseconds: None, has_run: false })
+        Ok(Self { name: pass.name, pipeline, layouts, group_milliseconds: None, load: 1.0, has_run: false })
     }
 
-    /// Notes how long a dispatch of so many workgroups took, if that counts.
-    pub fn learn(&mut self, milliseconds: f64, groups: f64, counts: bool) {
+    /// The most milliseconds that a workgroup is known to take at a load; `None` if nobody has timed the pass. A larger load
+    /// than that it was timed at may take longer in proportion; a smaller one may take as long.
+    pub fn estimate(&self, load: f64) -> Option<f64> {
+        self.group_milliseconds.map(|known| known * (load / self.load).max(1.0))
+    }
+
+    /// Notes how long a dispatch of so many workgroups took at a load, if that counts.
+    pub fn learn(&mut self, milliseconds: f64, groups: f64, load: f64, counts: bool) {
         let is_known = self.has_run && counts && groups > 0.0;
-        // Parts of a picture differ. The slowest of the last ones counts.
-        let slowest = self.group_milliseconds.map_or(0.0, |known| 0.97 * known).max(milliseconds / groups);
-        self.group_milliseconds = is_known.then_some(slowest);
+        // Parts of a picture differ. The slowest of the last ones counts, of those at the same load.
+        let before = self.group_milliseconds.filter(|_| load == self.load).map_or(0.0, |known| 0.97 * known);
+        self.group_milliseconds = is_known.then_some(before.max(milliseconds / groups));
+        self.load = load;
         self.has_run = true;
+    }
+
+    /// Halves what is known.
+    pub fn doubt(&mut self) {
+        self.group_milliseconds = self.group_milliseconds.map(|known| known * 0.5);
+    }
+
+    /// Corrects what is known after the pass and others took `factor` times as long together as was estimated at the load. As
+    /// in `learn`, the slowest of the last times at the same load counts.
+    pub fn correct(&mut self, factor: f64, load: f64) {
+        let least = if load == self.load { 0.97 } else { 0.0 };
+        self.group_milliseconds = self.estimate(load).map(|known| known * factor.max(least));
+        self.load = load;
     }
 
     /// Makes a bind group for group `group` of this pass from resources in slot order.

@@ -241,7 +241,7 @@ impl Renderer {
             formulas: formulas.as_ref(),
             counters: &counters,
         };
-        let mut recorder = Recorder::new(gpu, pipelines);
+        let mut recorder = Recorder::new(gpu, pipelines, settings);
         recorder.give_up_when(given_up.as_deref(), *longest_piece);
         reflections.methods.trace(&mut recorder, &gather, &task, &task.supply.chunks, Rays::All)?;
         recorder.finish()?;
@@ -289,7 +289,7 @@ impl Renderer {
         let [position, albedo, normal] =
             [0, 1, 2].map(|index| small_image(gpu, size, values.iter().map(|values| values[index])));
         let many: &mut GlobalIllumination = &mut self.many_lights;
-        let mut recorder = Recorder::new(gpu, pipelines);
+        let mut recorder = Recorder::new(gpu, pipelines, settings);
         recorder.give_up_when(given_up.as_deref(), *longest_piece);
         many.place(&mut recorder, camera, store, settings, lights, *sky, &self.lights.shadows)?;
         many.surfaces_changed(0);
@@ -335,12 +335,13 @@ fn small_image(gpu: &Gpu, size: [u32; 2], texels: impl Iterator<Item = [f32; 4]>
 struct Reader<'a> {
     gpu: &'a Gpu,
     pipelines: &'a mut Pipelines,
+    settings: &'a Settings,
     inputs: Inputs,
 }
 
 impl<'a> Reader<'a> {
-    fn new(gpu: &'a Gpu, pipelines: &'a mut Pipelines, camera: FrameCamera, settings: &Settings) -> Self {
-        Self { gpu, pipelines, inputs: Inputs::new(gpu, camera, settings, &DrawList::default()) }
+    fn new(gpu: &'a Gpu, pipelines: &'a mut Pipelines, camera: FrameCamera, settings: &'a Settings) -> Self {
+        Self { gpu, pipelines, settings, inputs: Inputs::new(gpu, camera, settings, &DrawList::default()) }
     }
 
     /// The values of the images at each of the pixels.
@@ -364,7 +365,7 @@ impl<'a> Reader<'a> {
             fourth_in,
             values: values.as_entire_binding(),
         };
-        let mut recorder = Recorder::new(gpu, self.pipelines);
+        let mut recorder = Recorder::new(gpu, self.pipelines, self.settings);
         recorder.over(&[], &self.inputs, bindings, [(entries as u32).div_ceil(64), 1, 1])?;
         recorder.finish()?;
         let bytes = gpu.read_buffer(&values, 0, words.len() as u64 * 4 * PROBE_VALUE_BYTES)?;

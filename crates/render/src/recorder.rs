@@ -1,35 +1,32 @@
-//! Compiles passes when they are first needed, records them, and times each of them: by GPU timestamps in few submits, or by
-//! the host's clock around a submit each.
+//! Compiles passes when they are first needed, records them, and times them: each by GPU timestamps in few submits, each by
+//! the host's clock around a submit of its own, or together by the host's clock.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::Instant;
 
 use cloud::Progress;
+use scene::Settings;
 
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
 use crate::layout::{Block, Run};
-use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
+use crate::pass_times::{PassTime, Times, summed};
+use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels, load_of};
+use crate::pieces::{LONGEST_ON_GPU, MOST_AHEAD, TOO_LONG, UNKNOWN_TOGETHER, piece_of, pieces_of};
 use crate::targets::{Image, uniform_buffer};
-
-/// The time of one pass.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PassTime {
-    /// The name of the pass's shader, or `clear`; for splatting on behalf of a reflection method, the method's name for
-    /// it.
-    pub name: &'static str,
-    pub stage: PassStage,
-    pub milliseconds: f64,
-}
+use crate::together::Together;
 
 /// The values of a shader's `override` constants.
 pub(crate) type Switches<'a> = &'a [(&'static str, u32)];
 
 /// The passes compiled so far, by name and switches.
-pub(crate) type Pipelines = HashMap<(&'static str, Vec<(&'static str, u32)>), Compiled>;
+pub(crate) type Pipelines = HashMap<PipelineKey, Compiled>;
+
+/// The name of a pass, and its switches.
+pub(crate) type PipelineKey = (&'static str, Vec<(&'static str, u32)>);
 
 /// A pass and the values of its switches.
 pub(crate) type Variant = (&'static Pass, Vec<(&'static str, u32)>);
@@ -45,6 +42,9 @@ pub(crate) enum Rehearsal {
 pub(crate) struct Recorder<'a> {
     pub gpu: &'a Gpu,
     pipelines: &'a mut Pipelines,
+    /// They decide how much passes do.
+    settings: &'a Settings,
+    began: Instant,
     encoder: wgpu::CommandEncoder,
     /// The timestamps of the passes, if the GPU times them.
     queries: Option<wgpu::QuerySet>,
@@ -52,8 +52,16 @@ pub(crate) struct Recorder<'a> {
     submits_each: bool,
     /// The passes that the GPU times.
     timed: Vec<Timed>,
+    /// The passes that the host's clock times together, if it does.
+    together: Option<Together>,
+    /// The time of all passes that the host's clock has timed together.
+    together_milliseconds: f64,
+    /// How often the frame has waited for the GPU.
+    waits: u32,
     /// The milliseconds that what is recorded and not submitted is estimated to take.
     recorded: f64,
+    /// What was submitted and may still run, and the milliseconds that it is estimated to take.
+    ahead: VecDeque<(wgpu::SubmissionIndex, f64)>,
     /// The time of splatting what the camera sees, as far as the host's clock times it.
     splatting: f64,
     host_times: Vec<PassTime>,
@@ -81,7 +89,7 @@ struct Timed {
     /// Whether it splats what the camera sees.
     splats: bool,
     /// The pass and its switches.
-    variant: (&'static str, Vec<(&'static str, u32)>),
+    variant: PipelineKey,
     /// The number of its workgroups.
     groups: f64,
 }
@@ -89,36 +97,28 @@ struct Timed {
 /// The name and stage for clearing buffers, where the host's clock times it.
 const CLEAR: Name = ("clear", PassStage::Surface);
 
-/// The most pieces of a pass where each is submitted and waited for.
-const MOST_PIECES: f64 = 64.0;
-/// The most pieces of a pass on a GPU.
-const MOST_PIECES_OF_GPU: f64 = 256.0;
-/// The milliseconds that a dispatch, and all that is submitted together, are meant to take at most on a GPU: systems take
-/// a GPU for stuck after two seconds or more, and what an earlier frame took is no promise.
-const LONGEST_ON_GPU: f64 = 50.0;
-/// The milliseconds above which a dispatch is refused on a GPU.
-const TOO_LONG: f64 = 2000.0;
-/// A piece of a pass that nobody has timed yet has this many workgroups where there are more; and so many of these
-/// pieces, or of whole passes, are submitted together. By the times that are computed for each pass (docs/gpu.md), none
-/// takes longer than 100 ms.
-const GROUPS_OF_UNKNOWN: f64 = 256.0;
-const UNKNOWN_TOGETHER: f64 = 8.0;
 const BLOCK_BYTES: u32 = size_of::<Block>() as u32;
 
 /// One dispatch: the switches of the pass, its bind groups in order, and the workgroups.
 type Dispatch<'r> = (Vec<(&'static str, u32)>, Vec<Vec<wgpu::BindingResource<'r>>>, [u32; 3]);
 
 impl<'a> Recorder<'a> {
-    pub fn new(gpu: &'a Gpu, pipelines: &'a mut Pipelines) -> Self {
+    pub fn new(gpu: &'a Gpu, pipelines: &'a mut Pipelines, settings: &'a Settings) -> Self {
         let encoder = gpu.device.create_command_encoder(&Default::default());
         Self {
             gpu,
             pipelines,
+            settings,
+            began: Instant::now(),
             encoder,
             queries: None,
             submits_each: gpu.clock == Clock::Host,
             timed: Vec::new(),
+            together: None,
+            together_milliseconds: 0.0,
+            waits: 0,
             recorded: 0.0,
+            ahead: VecDeque::new(),
             splatting: 0.0,
             host_times: Vec::new(),
             failure: None,
@@ -133,6 +133,15 @@ impl<'a> Recorder<'a> {
     /// Times the passes, where the GPU does, into what `finish_frame` gets.
     pub fn time_into(&mut self, handed: &Handed) {
         self.queries = handed.queries().cloned();
+    }
+
+    /// Where the host's clock times the passes of a GPU: lets it time the ones that splat what the camera sees, and all
+    /// others, instead of each. A GPU that is waited for after each pass stands idle meanwhile.
+    pub fn time_together(&mut self) {
+        if self.submits_each && self.gpu.is_watched {
+            self.submits_each = false;
+            self.together = Some(Together::default());
+        }
     }
 
     /// Ends the frame with `Error::GivenUp` before the next pass once `is_given_up` says so. Passes that took longer than
@@ -236,9 +245,8 @@ impl<'a> Recorder<'a> {
         self.dispatch(B::PASS, vec![(switches.to_vec(), bound, groups)])
     }
 
-    /// Runs a pass by rows of workgroups, so that a frame can be given up between them. Its shader takes its thread
-    /// from
-    /// `whole_thread` (shaders/shared/frame.wgsl), or adds `first_row` to its workgroup's row.
+    /// Runs a pass by rows of workgroups, or by parts of rows, so that a frame can be given up between them. Its shader takes
+    /// its thread from `whole_thread` (shaders/shared/frame.wgsl), or adds `first_column` and `first_row` to its workgroup's.
     ///
     /// # Errors
     /// The shader is refused.
@@ -249,15 +257,16 @@ impl<'a> Recorder<'a> {
         bindings: B,
         [x, y, z]: [u32; 3],
     ) -> Result<()> {
-        let rows = y.div_ceil(self.pieces(B::PASS, switches, [x, y, z])).max(1);
-        let firsts: Vec<u32> = (0..y.max(1)).step_by(rows as usize).collect();
-        let frames: Vec<wgpu::Buffer> = firsts.iter().map(|first| inputs.frame_from_row(self.gpu, *first)).collect();
+        let [columns, rows] = piece_of([x, y], self.pieces(B::PASS, switches, [x, y, z]));
+        let row = |first_row: u32| (0..x.max(1)).step_by(columns as usize).map(move |first| [first, first_row]);
+        let firsts: Vec<[u32; 2]> = (0..y.max(1)).step_by(rows as usize).flat_map(row).collect();
+        let frames: Vec<wgpu::Buffer> = firsts.iter().map(|first| inputs.frame_from(self.gpu, *first, x)).collect();
         let [_, settings] = inputs.frame_resources();
         let resources: Vec<wgpu::BindingResource<'_>> = bindings.resources();
         let mut dispatches: Vec<Dispatch<'_>> = Vec::new();
-        for (first, frame) in firsts.iter().zip(&frames) {
+        for ([first_column, first_row], frame) in firsts.iter().zip(&frames) {
             let bound = vec![vec![frame.as_entire_binding(), settings.clone()], resources.clone()];
-            dispatches.push((switches.to_vec(), bound, [x, rows.min(y - first), z]));
+            dispatches.push((switches.to_vec(), bound, [columns.min(x - first_column), rows.min(y - first_row), z]));
         }
         self.dispatch(B::PASS, dispatches)
     }
@@ -268,10 +277,15 @@ impl<'a> Recorder<'a> {
         if !self.is_cut() {
             return 1;
         }
-        let compiled = self.pipelines.get(&(pass.name, switches.to_vec()));
-        let each = compiled.and_then(|compiled| compiled.group_milliseconds);
+        let load = load_of(pass.name, self.settings);
+        let each = self.estimate(&(pass.name, switches.to_vec()));
         let longest = if self.submits_each && self.given_up.is_some() { self.longest_piece } else { LONGEST_ON_GPU };
-        pieces_of(each, groups.map(f64::from).iter().product(), longest, self.gpu.is_watched)
+        pieces_of(each, load, groups.map(f64::from).iter().product(), longest, self.gpu.is_watched)
+    }
+
+    /// The most milliseconds that a workgroup of a pass is known to take; `None` if nobody has timed it.
+    fn estimate(&self, pass: &PipelineKey) -> Option<f64> {
+        self.pipelines.get(pass).and_then(|compiled| compiled.estimate(load_of(pass.0, self.settings)))
     }
 
     /// Whether long passes are cut into pieces: where a frame may be given up between them, and on a GPU.
@@ -283,10 +297,58 @@ impl<'a> Recorder<'a> {
     fn submit_long(&mut self, each: Option<f64>, groups: f64) {
         self.recorded += each.map_or(LONGEST_ON_GPU / UNKNOWN_TOGETHER, |each| each * groups);
         if self.recorded >= LONGEST_ON_GPU {
-            let next = self.gpu.device.create_command_encoder(&Default::default());
-            self.gpu.queue.submit([std::mem::replace(&mut self.encoder, next).finish()]);
-            self.recorded = 0.0;
+            self.submit_recorded();
         }
+    }
+
+    /// Submits what is recorded, without waiting for it.
+    fn submit_recorded(&mut self) {
+        if let Some(together) = &mut self.together {
+            together.since.get_or_insert_with(Instant::now);
+        }
+        let next = self.gpu.device.create_command_encoder(&Default::default());
+        let submitted = self.gpu.queue.submit([std::mem::replace(&mut self.encoder, next).finish()]);
+        self.ahead.push_back((submitted, std::mem::take(&mut self.recorded)));
+        self.wait_for_oldest();
+    }
+
+    /// Where the frame may be given up: waits for what was submitted first until no more than `MOST_AHEAD` is left for the
+    /// GPU to do, because what is submitted cannot be taken back.
+    fn wait_for_oldest(&mut self) {
+        while self.given_up.is_some() && self.ahead.iter().map(|(_, estimated)| estimated).sum::<f64>() > MOST_AHEAD {
+            let Some((submitted, _)) = self.ahead.pop_front() else { return };
+            if let Err(error) = self.gpu.wait_for(submitted) {
+                self.failure.get_or_insert(error);
+            }
+            self.waits += 1;
+        }
+    }
+
+    /// Ends the passes that are timed together where the following pass is to be timed apart from them: the other ones
+    /// splat what the camera sees, or nobody knows how long it takes.
+    fn begin_together(&mut self, splats: bool, is_known: bool) {
+        let Some(together) = &self.together else { return };
+        if !together.passes.is_empty() && (together.splats != splats || !is_known) {
+            self.end_together();
+        }
+        if let Some(together) = &mut self.together {
+            together.splats = splats;
+        }
+    }
+
+    /// Submits the passes that are timed together, and waits for them. Returns their milliseconds.
+    fn end_together(&mut self) -> f64 {
+        self.submit_recorded();
+        if let Err(error) = self.gpu.wait() {
+            self.failure.get_or_insert(error);
+        }
+        self.waits += 1;
+        self.ahead.clear();
+        let Some(together) = self.together.replace(Together::default()) else { return 0.0 };
+        let milliseconds = together.learn(self.pipelines, self.settings);
+        self.together_milliseconds += milliseconds;
+        self.splatting += if together.splats { milliseconds } else { 0.0 };
+        milliseconds
     }
 
     /// Finds the nearest point of each pixel, with atomics of the adapter's width.
@@ -338,32 +400,39 @@ impl<'a> Recorder<'a> {
         inputs: &Inputs,
         bindings: impl Fn(&PageInputs) -> Option<B>,
     ) -> Result<()> {
-        let mut dispatches = Vec::new();
+        let mut parts = Vec::new();
         for (page, list) in inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list))) {
             let Some(bindings) = bindings(page) else { continue };
             let mut switches = switches.to_vec();
             switches.push(("pixels_only", u32::from(list.pixels_only)));
             switches.push(("hides_points", u32::from(inputs.hides_points)));
-            // A part of the list begins where bindings may.
             let together = list.blocks_per_workgroup;
             let alignment = self.gpu.device.limits().min_storage_buffer_offset_alignment.div_ceil(BLOCK_BYTES);
             let pieces = self.pieces(B::PASS, &switches, [list.workgroups, 1, 1]);
-            let blocks = (list.workgroups.div_ceil(pieces) * together).next_multiple_of(alignment.max(together));
+            let blocks = list.workgroups.div_ceil(pieces) * together;
             for first in (0..list.block_count).step_by(blocks as usize) {
                 let count = blocks.min(list.block_count - first);
+                // A part of the list begins where bindings may, and the shader is told how many blocks are not its own.
+                let before = first % alignment;
                 let part = wgpu::BufferBinding {
                     buffer: &list.blocks,
-                    offset: u64::from(first) * u64::from(BLOCK_BYTES),
-                    size: NonZeroU64::new(u64::from(count) * u64::from(BLOCK_BYTES)),
+                    offset: u64::from(first - before) * u64::from(BLOCK_BYTES),
+                    size: NonZeroU64::new(u64::from(before + count) * u64::from(BLOCK_BYTES)),
                 };
                 let workgroups = count.div_ceil(together);
                 // The limit is 65,535 workgroups per dimension.
                 let x = workgroups.clamp(1, 32_768);
                 let resources = inputs.page_resources(page, &list.page, wgpu::BindingResource::Buffer(part)).to_vec();
-                let bound = vec![inputs.frame_resources().to_vec(), resources, bindings.clone().resources()];
-                dispatches.push((switches.clone(), bound, [x, workgroups.div_ceil(x), 1]));
+                let frame = (before > 0).then(|| inputs.frame_from(self.gpu, [0, before], 0));
+                parts.push((frame, switches.clone(), resources, bindings.clone(), [x, workgroups.div_ceil(x), 1]));
             }
         }
+        let [whole, settings] = inputs.frame_resources();
+        let dispatches = parts.iter().map(|(frame, switches, page, bindings, groups)| {
+            let frame = frame.as_ref().map_or(whole.clone(), wgpu::Buffer::as_entire_binding);
+            (switches.clone(), vec![vec![frame, settings.clone()], page.clone(), bindings.clone().resources()], *groups)
+        });
+        let dispatches = dispatches.collect();
         self.dispatch(B::PASS, dispatches)
     }
 
@@ -437,6 +506,9 @@ impl<'a> Recorder<'a> {
         let bound: Vec<_> = dispatches.into_iter().map(bind).collect();
         let splats = self.timed_as.is_none() && pass.stage == PassStage::Surface && pass.is_over_points();
         let groups: f64 = bound.iter().map(|(.., groups)| groups.map(f64::from).iter().product::<f64>()).sum();
+        let Some(variant) = variant else { return Ok(()) };
+        let each = self.estimate(&variant);
+        self.begin_together(splats, each.is_some());
         let first = self.timed.len() as u32 * 2;
         let queries = self.queries.as_ref().filter(|_| first < MOST_PASSES * 2);
         let timestamp_writes = queries.map(|query_set| wgpu::ComputePassTimestampWrites {
@@ -455,20 +527,28 @@ impl<'a> Recorder<'a> {
         }
         self.dispatches += bound.len() as u32;
         drop(compute);
-        let Some(variant) = variant else { return Ok(()) };
-        let each = self.pipelines.get(&variant).and_then(|compiled| compiled.group_milliseconds);
         if first < MOST_PASSES * 2 {
             let name = self.timed_as.unwrap_or((pass.name, pass.stage));
             self.timed.push(Timed { name, splats, variant: variant.clone(), groups });
         }
-        if !self.submits_each && self.is_cut() {
+        if let (Some(together), Some(each)) = (&mut self.together, each) {
+            together.passes.insert(variant.clone());
+            together.estimated += each * groups;
+        }
+        let is_timed_apart = self.submits_each || self.together.is_some() && each.is_none();
+        if !is_timed_apart && self.is_cut() {
             self.submit_long(each, groups);
         }
-        if self.submits_each {
-            let milliseconds = self.submit((pass.name, pass.stage));
-            self.splatting += if splats { milliseconds } else { 0.0 };
+        if is_timed_apart {
+            let milliseconds = if self.submits_each {
+                let milliseconds = self.submit((pass.name, pass.stage));
+                self.splatting += if splats { milliseconds } else { 0.0 };
+                milliseconds
+            } else {
+                self.end_together()
+            };
             if let Some(compiled) = self.pipelines.get_mut(&variant) {
-                compiled.learn(milliseconds, groups, self.rehearsal.is_none());
+                compiled.learn(milliseconds, groups, load_of(variant.0, self.settings), self.rehearsal.is_none());
             }
         }
         if let Some(Rehearsal::Count(progress)) = self.rehearsal.as_deref() {
@@ -484,11 +564,11 @@ impl<'a> Recorder<'a> {
         }
         for (switches, _, groups) in dispatches {
             let Some(compiled) = self.pipelines.get_mut(&(pass.name, switches.clone())) else { continue };
-            let Some(each) = compiled.group_milliseconds else { continue };
+            let Some(each) = compiled.estimate(load_of(pass.name, self.settings)) else { continue };
             let milliseconds = each * groups.map(f64::from).iter().product::<f64>();
             if milliseconds > TOO_LONG {
                 // Other programs may have slowed down the frame that taught it: half is believed, and the next frame tries.
-                compiled.group_milliseconds = Some(each * 0.5);
+                compiled.doubt();
                 let adapter = self.gpu.info.name.clone();
                 return Err(Error::TooLong { pass: pass.name, seconds: milliseconds / 1000.0, adapter });
             }
@@ -501,6 +581,7 @@ impl<'a> Recorder<'a> {
         let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
         let commands = encoder.finish();
         let (name, stage) = self.timed_as.unwrap_or(name);
+        self.waits += 1;
         let start = Instant::now();
         self.gpu.queue.submit([commands]);
         if let Err(error) = self.gpu.wait() {
@@ -519,8 +600,12 @@ impl<'a> Recorder<'a> {
         if matches!(self.rehearsal, Some(Rehearsal::Collect(_))) {
             return Ok(None);
         }
-        let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
-        self.gpu.queue.submit([encoder.finish()]);
+        // What the CPU does with it is no time of the passes.
+        if self.together.is_some() {
+            self.end_together();
+        }
+        self.submit_recorded();
+        self.waits += 1;
         self.gpu.read_buffer(buffer, 0, buffer.size()).map(Some)
     }
 
@@ -536,7 +621,8 @@ impl<'a> Recorder<'a> {
         self.gpu.wait()
     }
 
-    /// Waits for the frame, and leaves its picture, its counters and its exposure in `handed`. Returns the times of the passes.
+    /// Waits for the frame, and leaves its picture, its counters and its exposure in `handed`. Returns the times of the passes;
+    /// where these are timed together, that of the copies is among them.
     ///
     /// # Errors
     /// The device was lost.
@@ -554,11 +640,19 @@ impl<'a> Recorder<'a> {
             return Err(Error::GivenUp);
         }
         let timed = self.queries.as_ref().map_or(0, |_| self.timed.len() as u32);
+        let (waits, dispatches) = (self.waits + 1, self.dispatches);
+        if let Some(mut together) = self.together {
+            together.since.get_or_insert_with(Instant::now);
+            handed.take(self.gpu, self.encoder, 0, [counters, exposure], picture)?;
+            let milliseconds = together.learn(self.pipelines, self.settings);
+            let splatting = self.splatting + if together.splats { milliseconds } else { 0.0 };
+            let total = self.together_milliseconds + milliseconds;
+            return Ok(Times { passes: Vec::new(), total, splatting, dispatches, waits });
+        }
         let ticks = handed.take(self.gpu, self.encoder, timed, [counters, exposure], picture)?;
         if self.submits_each {
             let total = self.host_times.iter().map(|time| time.milliseconds).sum();
-            let (splatting, dispatches) = (self.splatting, self.dispatches);
-            return Ok(Times { passes: summed(self.host_times), total, splatting, dispatches });
+            return Ok(Times { passes: summed(self.host_times), total, splatting: self.splatting, dispatches, waits });
         }
         let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
         let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
@@ -570,92 +664,22 @@ impl<'a> Recorder<'a> {
             let milliseconds = span(pair[0], pair[1]);
             splatting += if timed.splats { milliseconds } else { 0.0 };
             if let Some(compiled) = pipelines.get_mut(&timed.variant) {
-                compiled.learn(milliseconds, timed.groups, counts);
+                compiled.learn(milliseconds, timed.groups, load_of(timed.variant.0, self.settings), counts);
             }
             let (name, stage) = timed.name;
             PassTime { name, stage, milliseconds }
         };
         let passes = summed(pairs.map(time).collect());
-        let total = ticks.first().zip(ticks.last()).map_or(0.0, |(first, last)| span(*first, *last));
-        Ok(Times { passes, total, splatting, dispatches: self.dispatches })
+        // The GPU does not time the last passes of a long frame.
+        let is_whole = timed < MOST_PASSES;
+        let by_gpu = ticks.first().zip(ticks.last()).filter(|_| is_whole).map(|(first, last)| span(*first, *last));
+        let by_host = || if is_whole { 0.0 } else { self.began.elapsed().as_secs_f64() * 1e3 };
+        let total = by_gpu.unwrap_or_else(by_host);
+        Ok(Times { passes, total, splatting, dispatches, waits })
     }
-}
-
-/// Into how many pieces a pass of `groups` workgroups is cut so that none takes longer than `longest` milliseconds, if
-/// a workgroup takes `each`; `None` if nobody knows.
-fn pieces_of(each: Option<f64>, groups: f64, longest: f64, is_watched: bool) -> u32 {
-    let most = if is_watched { MOST_PIECES_OF_GPU } else { MOST_PIECES };
-    let pieces = match each {
-        Some(each) => each * groups / longest,
-        None if is_watched => groups / GROUPS_OF_UNKNOWN,
-        None => 1.0,
-    };
-    pieces.ceil().clamp(1.0, most) as u32
-}
-
-/// The times of a frame, milliseconds.
-pub(crate) struct Times {
-    /// In order; passes that ran several times are summed.
-    pub passes: Vec<PassTime>,
-    /// From the first pass to the last.
-    pub total: f64,
-    /// The part that splats the points that the camera sees.
-    pub splatting: f64,
-    pub dispatches: u32,
 }
 
 /// What tells a pass that it runs for depths, and then for identities.
 pub(crate) fn two_runs(gpu: &Gpu) -> [wgpu::Buffer; 2] {
     [0, 1].map(|finds_identity| uniform_buffer(gpu, bytemuck::bytes_of(&Run { finds_identity, ..Run::default() })))
-}
-
-fn summed(times: Vec<PassTime>) -> Vec<PassTime> {
-    let mut sums: Vec<PassTime> = Vec::new();
-    for time in times {
-        match sums.iter_mut().find(|sum| sum.name == time.name) {
-            Some(sum) => sum.milliseconds += time.milliseconds,
-            None => sums.push(time),
-        }
-    }
-    sums
-}
-
-#[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-
-    /// A pass that may take long: what makes it so, its workgroups, and the milliseconds of all of them on a tenth of an
-    /// H100 (6.7 TFLOPS, 335 GB/s), computed from the instructions and bytes of a thread.
-    pub(crate) const LONG: [(&str, &str, f64, f64); 7] = [
-        ("indirect", "3840 x 2160, 1024 lights for each pixel", 129_600.0, 900.0),
-        ("indirect", "3840 x 2160, 17,408 lights for each pixel", 129_600.0, 16_000.0),
-        ("surfel_trace", "3840 x 2160, the mirror fills the picture", 129_600.0, 300.0),
-        ("sscr_solve", "10 million points, a round", 9_766.0, 150.0),
-        // Nine interfaces, or one surface, times five formulas of 100 steps of 40 instructions, at half rate.
-        ("clear_surface", "3840 x 2160, glass among five shapes fills the picture", 129_600.0, 450.0),
-        ("mirror_exact", "3840 x 2160, five mirrors fill the picture", 129_600.0, 50.0),
-        ("splat_accumulate", "10 million points, discs of 9 pixels", 9_766.0, 80.0),
-    ];
-
-    /// The longest dispatch of one of them before anybody has timed it, and after.
-    pub(crate) fn longest_dispatches(groups: f64, milliseconds: f64) -> [f64; 2] {
-        let each = milliseconds / groups;
-        [None, Some(each)].map(|known| {
-            let pieces = pieces_of(known, groups, LONGEST_ON_GPU, true);
-            (groups / f64::from(pieces)).ceil() * each
-        })
-    }
-
-    #[test]
-    fn no_dispatch_takes_a_tenth_of_a_second_on_a_tenth_of_a_fast_gpu() {
-        for (pass, case, groups, milliseconds) in LONG {
-            for longest in longest_dispatches(groups, milliseconds) {
-                assert!(longest <= 100.0, "{pass}, {case}: {longest} ms");
-            }
-        }
-        // Neither short passes nor those of software are cut without need.
-        assert_eq!(pieces_of(Some(1e-4), 129_600.0, LONGEST_ON_GPU, true), 1);
-        assert_eq!(pieces_of(None, 250.0, LONGEST_ON_GPU, true), 1);
-        assert_eq!(pieces_of(None, 129_600.0, 25.0, false), 1);
-    }
 }

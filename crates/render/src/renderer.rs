@@ -1,6 +1,7 @@
 //! Renders a frame: runs the passes in their order on its images, and measures their time.
 
 mod failure;
+mod requests;
 
 use std::sync::Arc;
 
@@ -18,8 +19,9 @@ use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SPECULAR_WORDS, SURFACE_SUM_BY
 use crate::light_views;
 use crate::lighting::{DrawnMap, Lights, MappedLight};
 use crate::method;
+use crate::pass_times::PassTime;
 use crate::passes;
-use crate::recorder::{IsGivenUp, PassTime, Pipelines, Recorder, Rehearsal};
+use crate::recorder::{IsGivenUp, Pipelines, Recorder, Rehearsal};
 use crate::reflection::gloss::{RaySet, RaySets};
 use crate::reflection::kept_hits::{GlossCache, Scenery};
 use crate::reflection::{self, ReflectionStats, Reflections, Search, SurfaceImages};
@@ -33,9 +35,10 @@ use crate::targets::{Image, Targets, storage, uniform_buffer};
 /// The cost and the content of a frame.
 #[derive(Clone, Debug)]
 pub struct FrameStats {
-    /// The passes in order; a pass that runs once a page is summed.
+    /// The passes in order; a pass that runs once a page is summed. None if they were timed together
+    /// (`Renderer::time_passes`).
     pub passes: Vec<PassTime>,
-    /// The time from the first pass to the last.
+    /// The time from the first pass to the last; where passes are timed together, with the copy of the picture.
     pub frame_milliseconds: f64,
     /// The part of it that splats the points that the camera sees; it grows with their number.
     pub splatting_milliseconds: f64,
@@ -48,6 +51,8 @@ pub struct FrameStats {
     pub has_compiled: bool,
     /// The number of dispatches: more than passes where long ones were cut (`Renderer::give_up_when`).
     pub dispatches: u32,
+    /// The number of times that the CPU waited for the GPU.
+    pub waits: u32,
     /// The number of virtual lights that lit the frame; 0 without indirect light.
     pub virtual_lights: u32,
     /// The number of samples of mirrors that the picture shows, and the number asked for; 0 of 0 if mirrors are perfect
@@ -101,6 +106,8 @@ pub struct Renderer {
     pub(crate) given_up: Option<Arc<IsGivenUp>>,
     /// See `cut_passes`.
     pub(crate) longest_piece: f64,
+    /// See `time_passes`.
+    times_passes: bool,
     /// What the last `prepare` compiled for.
     pub(crate) prepared: Option<Cast>,
 }
@@ -239,6 +246,7 @@ impl Renderer {
             most_points: None,
             given_up: None,
             longest_piece: 25.0,
+            times_passes: true,
             prepared: None,
         }
     }
@@ -252,52 +260,6 @@ impl Renderer {
         }
         self.gi.forget();
         self.exposure.is_used = false;
-    }
-
-    /// Lets the frames that follow move the exposure this share of the way from that of the frame before to the one that
-    /// fits, or all the way for `None`. Exposures that nobody can tell apart from the one that fits become that.
-    pub fn adapt_exposure(&mut self, share: Option<f32>) {
-        self.exposure.share = share;
-    }
-
-    /// Whether the following frames may be lit by the current virtual lights and shadow maps, and walk rays through the
-    /// current maps around mirrors, although points have come or gone since: making them examines all points, which is
-    /// worthwhile only for pictures that stay.
-    pub fn let_light_lag(&mut self, may_lag: bool) {
-        self.gi.may_lag = may_lag;
-    }
-
-    /// What the frames that follow do with the indirect light of earlier frames on the surfaces that the camera sees.
-    pub fn reuse_light(&mut self, reuse: LightReuse) {
-        self.gi.keeper.reuse = reuse;
-    }
-
-    /// Lets the frames that follow draw about `most_points` of the points that the camera sees, spread evenly and each
-    /// larger, or all for `None`. This is for pictures while something moves: a sun then casts shadows by the map of
-    /// the whole scene alone, because its finer map goes with the view. Mirrors reflect all points, and all points cast
-    /// shadows.
-    pub fn thin(&mut self, most_points: Option<u64>) {
-        self.most_points = most_points;
-    }
-
-    /// Lets the frames that follow add at most `samples` of the samples of glossy mirrors to those of the frames before, as
-    /// long as nothing else changes, or all for `None`. The picture with all samples is the same either way.
-    pub fn sum_at_once(&mut self, samples: Option<u32>) {
-        self.samples_at_once = samples.map(|samples| samples.max(1));
-    }
-
-    /// Lets the frames that follow end with `Error::GivenUp` before their next pass once `is_given_up` says so, because
-    /// another picture is wanted; it is asked before each pass. The frame after it is made as if that one had not been begun. Where the GPU times the
-    /// passes, what is recorded is not waited for, so that a frame is given up only while it is recorded. Elsewhere long
-    /// passes are cut into several (`cut_passes`), which changes no picture.
-    pub fn give_up_when(&mut self, is_given_up: Option<Arc<IsGivenUp>>) {
-        self.given_up = is_given_up;
-    }
-
-    /// Sets how many milliseconds a pass over points, of indirect light or of rays is meant to take at most where a
-    /// frame can be given up; 25 unless set.
-    pub fn cut_passes(&mut self, longest_piece: f64) {
-        self.longest_piece = longest_piece;
     }
 
     /// Renders a frame and waits for it.
@@ -380,8 +342,11 @@ impl Renderer {
 
         let Self { gpu, targets, reflections, .. } = self;
         let (Some(targets), Some(reflections)) = (targets, reflections) else { return Err(nothing_rendered()) };
-        let mut recorder = Recorder::new(gpu, &mut self.pipelines);
+        let mut recorder = Recorder::new(gpu, &mut self.pipelines, settings);
         recorder.time_into(&self.handed);
+        if !self.times_passes && rehearsal.is_none() {
+            recorder.time_together();
+        }
         recorder.rehearse(rehearsal);
         recorder.give_up_when(self.given_up.as_deref(), self.longest_piece);
         let nothing = DrawList::default();
@@ -604,6 +569,7 @@ impl Renderer {
             clock: self.gpu.clock,
             has_compiled: self.pipelines.len() > compiled,
             dispatches: times.dispatches,
+            waits: times.waits,
             virtual_lights,
             glossy_samples: samples,
             exposure: exposure.map(|fitted| Exposure { stops: fitted.stops, adapts: fitted.adapts != 0 }),
@@ -640,7 +606,7 @@ impl Renderer {
         gpu.queue.write_texture(texture.as_image_copy(), bytemuck::cast_slice(&texels), layout, texture.size());
         let settings = Settings { tone: self.tone.clone(), ..settings.clone() };
         let inputs = Inputs::new(gpu, camera, &settings, &DrawList::default());
-        let mut recorder = Recorder::new(gpu, &mut self.pipelines);
+        let mut recorder = Recorder::new(gpu, &mut self.pipelines, &settings);
         let switches = [("is_filmic", u32::from(self.is_filmic))];
         self.exposure.give(&mut recorder, &inputs);
         recorder.over_pixels(&switches, &inputs, targets.presented(&image))?;
@@ -682,6 +648,11 @@ impl Renderer {
                 [COLOR_SUM_BYTES, SURFACE_SUM_BYTES, SPECULAR_WORDS * 4, CARRY_BYTES]
                     .map(|bytes| storage(&self.gpu.device, "sums", pixels * bytes)),
             );
+        }
+        let sums = self.targets.as_ref().and_then(|targets| targets.sums.clone());
+        if let (Some(reflections), Some([color, surface, specular, _])) = (&mut self.reflections, sums) {
+            // The camera's surface is made before reflections are searched.
+            reflections.methods.lent = Some([color, surface, specular]);
         }
         Ok(())
     }

@@ -103,7 +103,7 @@ impl FrameLight<'_> {
             radiance_out: radiance.bind(),
         };
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
-        recorder.over(&switches, inputs, bindings, groups)?;
+        recorder.by_rows(&switches, inputs, bindings, groups)?;
         if let Some(gi) = &mut self.gi {
             let receiver = Receiver {
                 index: receiver,

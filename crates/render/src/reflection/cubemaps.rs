@@ -11,6 +11,7 @@ use scene::{MirrorSurface, Quality, Settings, Splat};
 
 use super::environment_map::face_camera;
 use super::mirror_places::{MirrorPlace, map_bytes};
+use super::surfel_index::SurfelIndex;
 use super::task::Task;
 use crate::gpu::Result;
 use crate::identities::{CloudId, Identities};
@@ -82,6 +83,11 @@ impl Layout {
         6 * u64::from(self.texels_of_face) * CUBE_TEXEL_BYTES
     }
 
+    /// A bit for each texel.
+    pub fn listed_bytes(&self) -> u64 {
+        6 * u64::from(self.texels_of_face) / 8
+    }
+
     fn bounds_bytes(&self) -> u64 {
         6 * u64::from(self.cells_of_face) * CUBE_CELL_BYTES
     }
@@ -122,6 +128,8 @@ pub struct Pen<'a> {
     task: &'a Task<'a>,
     layout: &'a Layout,
     settings: Settings,
+    /// The trees through which the rays of texels are traced, where faces are not drawn.
+    trees: Option<&'a mut SurfelIndex>,
     /// The nearest points of the texels of the six faces of a map.
     nearest: wgpu::Buffer,
 }
@@ -134,11 +142,16 @@ pub struct MapRoom<'a> {
 }
 
 impl<'a> Pen<'a> {
-    pub fn new(recorder: &Recorder<'_>, task: &'a Task<'a>, layout: &'a Layout) -> Self {
+    pub fn new(
+        recorder: &Recorder<'_>,
+        task: &'a Task<'a>,
+        layout: &'a Layout,
+        trees: Option<&'a mut SurfelIndex>,
+    ) -> Self {
         let settings = Settings { splat: splat_of_maps(task.settings), ..task.settings.clone() };
         let bytes = 6 * map_bytes([layout.size; 2]);
         let nearest = storage(&recorder.gpu.device, "nearest of a cubemap", bytes);
-        Self { task, layout, settings, nearest }
+        Self { task, layout, settings, trees, nearest }
     }
 
     /// Draws a map at the first of two places, or at the second if less than half of the mirror is seen from the first,
@@ -147,19 +160,20 @@ impl<'a> Pen<'a> {
     /// # Errors
     /// A shader is refused, or there is no memory.
     pub fn draw_map(
-        &self,
+        &mut self,
         recorder: &mut Recorder<'_>,
         room: MapRoom<'_>,
         wanted: [DVec3; 2],
         mirror: &MirrorPlace,
         cloud: Option<CloudId>,
     ) -> Result<DVec3> {
-        let draw_at = |recorder: &mut Recorder<'_>, place: DVec3| -> Result<()> {
+        let (nearest, size) = (self.nearest.clone(), self.layout.size);
+        let mut draw_at = |recorder: &mut Recorder<'_>, place: DVec3| -> Result<()> {
             (0..6).try_for_each(|face| self.draw_face(recorder, room, face, place, mirror, cloud))
         };
         let seen = |recorder: &mut Recorder<'_>, place| -> Result<f64> {
-            let Some(bytes) = recorder.read(&self.nearest)? else { return Ok(1.0) };
-            Ok(share_seen(&mirror.samples, place, self.layout.size, &bytes))
+            let Some(bytes) = recorder.read(&nearest)? else { return Ok(1.0) };
+            Ok(share_seen(&mirror.samples, place, size, &bytes))
         };
         draw_at(recorder, wanted[0])?;
         if wanted[0] == wanted[1] {
@@ -182,7 +196,7 @@ impl<'a> Pen<'a> {
     /// # Errors
     /// A shader is refused, or there is no memory.
     pub fn draw_face(
-        &self,
+        &mut self,
         recorder: &mut Recorder<'_>,
         MapRoom { records, map }: MapRoom<'_>,
         face: usize,
@@ -190,7 +204,7 @@ impl<'a> Pen<'a> {
         mirror: &MirrorPlace,
         cloud: Option<CloudId>,
     ) -> Result<()> {
-        let Self { task, layout, settings, .. } = self;
+        let Self { task, layout, settings, trees, nearest } = self;
         let camera = face_camera(place, radius_of(&mirror.bounds), face, layout.size);
         let list = task.store.draw_list(&camera, settings, cloud.map_or(Selection::Seen, Selection::SeenBesides));
         let inputs = Inputs::new(recorder.gpu, camera, settings, &list);
@@ -200,15 +214,46 @@ impl<'a> Pen<'a> {
         };
         let face_bytes = map_bytes([layout.size; 2]);
         let first = face_bytes * face as u64;
-        recorder.clear_part(&self.nearest, first..first + face_bytes);
-        let nearest = part(&self.nearest, first, face_bytes);
-        let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
-        recorder.nearest_points(&[], &inputs, nearest.clone(), atomics64)?;
+        recorder.clear_part(nearest, first..first + face_bytes);
+        let nearest = part(nearest, first, face_bytes);
+        if let Some(trees) = trees {
+            trace_face(recorder, trees, task, &inputs, nearest.clone())?;
+        } else {
+            let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
+            recorder.nearest_points(&[], &inputs, nearest.clone(), atomics64)?;
+        }
         let record_bytes = layout.record_bytes() / 6;
         let records = part(records, record_bytes * (6 * map + face) as u64, record_bytes);
         let bindings = passes::cube_planes { nearest, records };
         recorder.over_page_pixels(&inputs, bindings, inputs.pixel_groups())
     }
+}
+
+/// Finds the nearest discs on the lines of sight of a face.
+fn trace_face(
+    recorder: &mut Recorder<'_>,
+    index: &mut SurfelIndex,
+    task: &Task<'_>,
+    face: &Inputs,
+    nearest_points: wgpu::BindingResource<'_>,
+) -> Result<()> {
+    let trees = index.update(recorder, task.store, face, &face.chunks, task.settings.splat.size)?;
+    for tree in &trees {
+        let Some(page) = index.page(tree.page) else { continue };
+        let Some(inputs) = face.pages.iter().find(|inputs| inputs.number == tree.page) else { continue };
+        let bindings = passes::light_field_trace {
+            tops: tree.tops.as_entire_binding(),
+            places: tree.places.as_entire_binding(),
+            nodes: page.nodes.as_entire_binding(),
+            surfels: page.surfels.as_entire_binding(),
+            order: page.order.as_entire_binding(),
+            shown: inputs.shown.as_entire_binding(),
+            nearest_points: nearest_points.clone(),
+        };
+        let switches = [("hides_points", u32::from(face.hides_points))];
+        recorder.by_rows(&switches, face, bindings, face.pixel_groups())?;
+    }
+    Ok(())
 }
 
 /// Draws the maps. `mirrors` has the mirror of each map.
@@ -224,7 +269,7 @@ pub fn draw(
     let count = drawn.wanted.len().max(1) as u64;
     let records = storage(device, "cubemap records", layout.record_bytes() * count);
     let bounds = storage(device, "cubemap bounds", layout.bounds_bytes() * count);
-    let pen = Pen::new(recorder, task, layout);
+    let mut pen = Pen::new(recorder, task, layout, None);
     let mut places = Vec::new();
     for (map, (cloud, wanted)) in drawn.wanted.iter().enumerate() {
         let room = MapRoom { records: &records, map };
@@ -254,7 +299,7 @@ pub fn catch_up(
     }
     recorder.time_as(Some(("cubemaps", PassStage::Method)));
     renumber(recorder, task, &mut maps.identities, [&maps.records])?;
-    let pen = Pen::new(recorder, task, layout);
+    let mut pen = Pen::new(recorder, task, layout, None);
     let count = maps.stale.len().min(task.settings.cubemap_trace.faces_per_frame as usize);
     for face in maps.stale.drain(..count) {
         let map = face / 6;

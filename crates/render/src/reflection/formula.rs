@@ -37,24 +37,25 @@ pub(crate) fn upload_with_clear(
 /// The most mirrors whose reflections of points are computed by their formula: each point tries all of them.
 const MOST_ANALYTIC: usize = 16;
 
-/// Uploads the first mirrors of which a formula tells where they reflect a point, if `is_wanted`; else a buffer that
-/// holds none (shaders/shared/analytic.wgsl).
-pub(crate) fn upload_analytic(
-    gpu: &Gpu,
-    settings: &Settings,
-    mirrors: &[Mirror],
-    eye: DVec3,
-    is_wanted: impl Fn(&Mirror) -> bool,
-) -> wgpu::Buffer {
-    let has_place = |mirror: &&Mirror| match mirror.shape {
+/// The first of these mirrors of which a formula tells where they reflect a point.
+pub(crate) fn analytic<'a>(mirrors: impl Iterator<Item = &'a Mirror>, eye: DVec3) -> impl Iterator<Item = &'a Mirror> {
+    let has_place = move |mirror: &&Mirror| match mirror.shape {
         Shape::Plane { .. } => true,
         // Seen from inside, a sphere has up to four such places.
         Shape::Sphere => mirror.position.distance(eye) > mirror.size,
         _ => false,
     };
-    let mirrors = mirrors.iter().filter(|mirror| is_wanted(mirror) && mirror.specular_intensity > 0.0);
-    let mut mirrors: Vec<FormulaMirror> =
-        mirrors.filter(has_place).take(MOST_ANALYTIC).filter_map(|mirror| formula(mirror, settings, eye)).collect();
+    mirrors.filter(|mirror| mirror.specular_intensity > 0.0).filter(has_place).take(MOST_ANALYTIC)
+}
+
+/// Uploads mirrors for shaders/shared/analytic.wgsl, which takes a size of 0 for none.
+pub(crate) fn upload_analytic<'a>(
+    gpu: &Gpu,
+    settings: &Settings,
+    mirrors: impl Iterator<Item = &'a Mirror>,
+    eye: DVec3,
+) -> wgpu::Buffer {
+    let mut mirrors: Vec<FormulaMirror> = mirrors.filter_map(|mirror| formula(mirror, settings, eye)).collect();
     if mirrors.is_empty() {
         mirrors.push(FormulaMirror::default());
     }

@@ -58,7 +58,9 @@ pub(crate) struct Forward {
     pub solutions: HashMap<SolutionKey, wgpu::Buffer>,
     /// The nearness of the nearest reflected point of each pixel.
     nearest: wgpu::Buffer,
-    sums: wgpu::Buffer,
+    /// Of albedos, normals and positions, and whether they are lent (`lend`).
+    sums: [wgpu::Buffer; 3],
+    are_lent: bool,
     carries: wgpu::Buffer,
     /// Albedo, normal and position; level 0 is the Mirror G-Buffer before it is closed.
     pyramids: [Pyramid; 3],
@@ -105,25 +107,32 @@ impl Pyramid {
 
 impl Forward {
     pub fn bytes(&self) -> u64 {
-        let fixed = [&self.nearest, &self.sums, &self.carries];
-        let buffers = self.solutions.values().chain(fixed).map(wgpu::Buffer::size).sum::<u64>();
+        let sums = self.sums.iter().filter(|_| !self.are_lent);
+        let buffers = self.solutions.values().chain([&self.nearest, &self.carries]).chain(sums);
+        let buffers = buffers.map(wgpu::Buffer::size).sum::<u64>();
         buffers + self.pyramids.iter().map(Pyramid::bytes).sum::<u64>()
     }
 
-    /// Makes the buffers for pictures of `size`.
+    /// Makes the buffers for pictures of `size`; `lent` as for `lend`.
     ///
     /// # Errors
     /// A picture too large for the adapter, or with an edge longer than `LONGEST_EDGE`.
-    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {
+    pub fn new(gpu: &Gpu, size: [u32; 2], lent: Option<[wgpu::Buffer; 3]>) -> Result<Self> {
         let row = |edge: u32| u64::from(edge) * POSITION_BYTES;
         check_size(gpu, "a row of reflections", row(size[0].max(size[1])), row(LONGEST_EDGE))?;
         let pixels = u64::from(size[0]) * u64::from(size[1]);
+        let are_lent = lent.is_some();
+        let own = || -> Result<_> {
+            let sums = || picture_buffer(gpu, "sums of reflections", pixels * MIRROR_SUMS / 3 * 4);
+            Ok([sums()?, sums()?, sums()?])
+        };
         let pyramid = |label, format| Pyramid::new(&gpu.device, size, label, format);
         Ok(Self {
             size,
             solutions: HashMap::new(),
             nearest: picture_buffer(gpu, "nearest reflections", pixels * NEAREST_REFLECTION_BYTES)?,
-            sums: picture_buffer(gpu, "sums of reflections", pixels * MIRROR_SUMS * 4)?,
+            sums: lent.map_or_else(own, Ok)?,
+            are_lent,
             carries: picture_buffer(gpu, "carries of reflections", pixels * MIRROR_SUMS * 2)?,
             pyramids: [
                 pyramid("found albedo", wgpu::TextureFormat::Rgba16Float),
@@ -131,6 +140,11 @@ impl Forward {
                 pyramid("found position", wgpu::TextureFormat::Rgba32Float),
             ],
         })
+    }
+
+    /// Takes buffers of four words a pixel for the sums, which something else uses at other times of a frame.
+    pub fn lend(&mut self, sums: [wgpu::Buffer; 3]) {
+        (self.sums, self.are_lent) = (sums, true);
     }
 
     /// Forgets where points were reflected.
@@ -178,7 +192,7 @@ impl Forward {
 
     /// Prepares the buffers for the first depth pass of a bounce.
     pub fn clear(&self, recorder: &mut Recorder<'_>) {
-        [&self.nearest, &self.sums, &self.carries].into_iter().for_each(|buffer| recorder.clear(buffer));
+        [&self.nearest, &self.carries].into_iter().chain(&self.sums).for_each(|buffer| recorder.clear(buffer));
     }
 
     /// Splats the distances of one round's solutions.
@@ -214,11 +228,14 @@ impl Forward {
         [round, bounce]: [usize; 2],
     ) -> Result<()> {
         recorder.over_points_by_page(&splats.switches(), task.supply, |page| {
+            let [albedo_sums, normal_sums, position_sums] = self.sums.each_ref().map(|sums| sums.as_entire_binding());
             Some(passes::mirror_visibility {
                 solutions: self.bind_solutions(page, round as u32, bounce)?,
                 point_in: task.mirror.point.bind(),
                 nearest: self.nearest.as_entire_binding(),
-                sums: self.sums.as_entire_binding(),
+                albedo_sums,
+                normal_sums,
+                position_sums,
                 carries: self.carries.as_entire_binding(),
                 normal_in: task.normal.bind(),
                 eye_in: task.mirror.eye.bind(),
@@ -241,10 +258,13 @@ impl Forward {
             self.pyramids.each_ref().map(|pyramid| wgpu::BindingResource::TextureView(&pyramid.levels[level]))
         };
         let [albedo_out, normal_out, position_out] = level(0);
+        let [albedo_sums, normal_sums, position_sums] = self.sums.each_ref().map(|sums| sums.as_entire_binding());
         let bindings = passes::mirror_average {
             point_in: task.mirror.point.bind(),
             nearest: self.nearest.as_entire_binding(),
-            sums: self.sums.as_entire_binding(),
+            albedo_sums,
+            normal_sums,
+            position_sums,
             carries: self.carries.as_entire_binding(),
             albedo_out,
             normal_out,

@@ -14,8 +14,8 @@ pub(crate) struct Gather {
     pub hits: wgpu::Buffer,
     /// z: the number of nodes and discs against which each ray was tested, while that is shown.
     pub views: Image,
-    /// The Mirror G-Buffer as found, and half closed.
-    found: [MirrorGBuffer; 2],
+    /// What is found, between the steps that complete it.
+    pub found: MirrorGBuffer,
 }
 
 /// An empty list of rays that a method leaves to another one, for the pixels of `size`: their number; then two words
@@ -36,11 +36,11 @@ impl Gather {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         let hits = storage(device, "hits", u64::from(size[0]) * u64::from(size[1]) * HIT_BYTES);
         let views = Image::new(device, size, "views", wgpu::TextureFormat::Rgba32Float);
-        Self { hits, views, found: [MirrorGBuffer::new(device, size), MirrorGBuffer::new(device, size)] }
+        Self { hits, views, found: MirrorGBuffer::new(device, size) }
     }
 
     pub fn bytes(&self) -> u64 {
-        self.hits.size() + self.views.bytes() + self.found.iter().map(MirrorGBuffer::bytes).sum::<u64>()
+        self.hits.size() + self.views.bytes() + self.found.bytes()
     }
 
     /// Fills the Mirror G-Buffer from the hits, and closes pixels whose ray slipped between discs.
@@ -85,10 +85,10 @@ impl Gather {
         task: &Task<'_>,
         fill: impl FnOnce(&mut Recorder<'_>, &MirrorGBuffer) -> Result<()>,
     ) -> Result<()> {
-        // Each step reads what the one before wrote; the last writes the Mirror G-Buffer itself.
+        // Each step reads what the one before wrote; the last writes the Mirror G-Buffer, and so does every other one.
         let closings = if task.settings.splat.close_gaps { 2 } else { 0 };
         let steps = closings + usize::from(task.formulas.is_some());
-        let images = |step: usize| if step == steps { task.seen } else { &self.found[step % 2] };
+        let images = |step: usize| if (steps - step).is_multiple_of(2) { task.seen } else { &self.found };
         fill(recorder, images(0))?;
         for step in 0..closings {
             let [albedo_in, normal_in, position_in] = images(step).bind();

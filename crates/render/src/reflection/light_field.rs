@@ -5,19 +5,22 @@
 //! Maps do not depend on the camera. Only those are drawn that a frame needs; the longest unused ones make room for
 //! others. A texel is the disc of its nearest point, by its identity, so colours may change.
 
+mod asked;
+mod choice;
 mod grid;
+mod kept;
+mod slots;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod twin;
 
-use std::sync::Arc;
+use std::collections::HashSet;
 
-use glam::DVec3;
-use scene::{Method, MirrorSurface, OwnPoints, SampleRest, Settings, Splat};
+use scene::{MapFill, Method, OwnPoints, SampleRest, Settings};
 
-use super::cubemap_trace::{farthest, own_chunks};
-use super::cubemaps::{Layout, MapCount, MapRoom, Pen, radius_of, renumber, splat_of_maps};
+use super::cubemap_trace::own_chunks;
+use super::cubemaps::{Layout, MapCount, Pen, renumber, splat_of_maps};
 use super::environment_map::EnvironmentMap;
 use super::gather::{Gather, rest_list};
 use super::mirror_places::{MirrorMap, MirrorPlace, mirror_places, upload};
@@ -25,15 +28,13 @@ use super::surfel_index::SurfelIndex;
 use super::surfel_trace::{self, Rays};
 use super::task::Task;
 use crate::gpu::{Error, Gpu, Result};
-use crate::identities::{CloudId, Identities};
-use crate::layout::{FieldSample, Fields, NEED_BYTES};
+use crate::layout::{Fields, TEXELS_TRACED};
 use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
 use crate::targets::storage;
-use grid::Grid;
-
-/// The least number of maps that a page has room for, if there is room for more.
-const LEAST_PAGE: usize = 8;
+use asked::{AskedBuffers, SIDE_TEXELS};
+use kept::{Drawn, Field, Kept, Page, Sample};
+use slots::Slots;
 
 /// The maps, with the inputs from which they were drawn.
 #[derive(Default)]
@@ -68,6 +69,10 @@ pub struct MapUse {
     pub bytes: u64,
     /// What limits the maps, if something does.
     pub limit: Option<MapLimit>,
+    /// The share of mirror pixels that are predicted to be off by more than `light_field.accuracy`, if that chooses maps.
+    pub off: Option<f64>,
+    /// The texels that were traced for it, where that is left until a ray looks at them.
+    pub texels: Option<u32>,
 }
 
 /// What limits the maps of light fields.
@@ -96,70 +101,12 @@ pub(crate) fn looks(settings: &Settings) -> u32 {
     if blends { field.neighbours.min(field.samples) } else { 1 }
 }
 
-/// What maps are drawn from besides their places.
-#[derive(Clone, PartialEq)]
-struct Drawn {
-    splat: Splat,
-    surface: MirrorSurface,
-    size: u32,
-    offset: f32,
-    samples: u32,
-    is_own_drawn: bool,
-    /// The most maps that may be kept.
-    most: usize,
-}
-
-struct Kept {
-    drawn: Drawn,
-    revision: u64,
-    fields: Vec<Field>,
-    /// The number of the next field.
-    next: u64,
-    pages: Vec<Page>,
-    /// The room for maps in all pages, one after the other.
-    slots: Vec<Option<Map>>,
-    /// Those of the points in the maps, and the frame in which they were made.
-    identities: Arc<Identities>,
-    renumbered: u64,
-    index: Option<wgpu::Buffer>,
-}
-
-/// A page of maps: a buffer of at most one binding of the adapter.
-struct Page {
-    records: wgpu::Buffer,
-    first: usize,
-    slots: usize,
-}
-
-/// The samples of a mirror.
-struct Field {
-    number: u64,
-    mirror: MirrorPlace,
-    /// The samples on the surface, and the two places where the map of each may stand.
-    samples: Vec<(DVec3, [DVec3; 2])>,
-    grid: Grid,
-}
-
-/// A map that stands.
-#[derive(Clone, Copy)]
-struct Map {
-    /// The number of its field and that of its sample.
-    of: (u64, usize),
-    place: DVec3,
-    /// Whether it lacks the newest points.
-    is_stale: bool,
-    /// The frame in which it was drawn, and the search that needed it last.
-    drawn: u64,
-    used: u64,
-}
-
-/// A sample of a field, by their places in `Kept::fields` and in the field.
-type Sample = (usize, usize);
-
 impl LightField {
     pub fn bytes(&self) -> u64 {
-        let kept = self.kept.iter().flat_map(|kept| kept.pages.iter().map(|page| &page.records).chain(&kept.index));
-        kept.chain(&self.rest).map(wgpu::Buffer::size).sum()
+        let of_page = |page: &Page| page.records.size() + page.listed.as_ref().map_or(0, wgpu::Buffer::size);
+        let pages = self.kept.iter().flat_map(|kept| &kept.pages).map(of_page).sum::<u64>();
+        let index = self.kept.as_ref().and_then(|kept| kept.index.as_ref()).map_or(0, |index| index.cells.size());
+        pages + index + self.rest.as_ref().map_or(0, wgpu::Buffer::size)
     }
 
     /// Makes the next frame draw the maps anew.
@@ -172,7 +119,7 @@ impl LightField {
     pub fn begin(&mut self, was_unfinished: bool, may_lag: bool) {
         if was_unfinished {
             self.kept = self.kept.take().filter(|kept| kept.renumbered != self.frame);
-            for slot in self.kept.iter_mut().flat_map(|kept| &mut kept.slots) {
+            for slot in self.kept.iter_mut().flat_map(|kept| &mut kept.slots.0) {
                 *slot = slot.filter(|map| map.drawn != self.frame);
             }
         }
@@ -214,7 +161,7 @@ impl LightField {
         self.stand(recorder, task, &mirrors, most)?;
         let of_mirror = |map| Some(MirrorMap { map, view: glam::Vec4::ZERO });
         let places = upload(recorder.gpu, &mirrors, task.store.bounds(), task.supply.camera.eye, of_mirror);
-        self.draw_needed(recorder, task, &layout, &places, of_page)?;
+        self.draw_needed(recorder, index, task, &layout, &places, of_page)?;
         self.look_up(recorder, gather, task, &layout, &places)?;
         let own = own_chunks(task, &mirrors, task.settings.light_field.own, task.supply.camera.eye);
         if !own.is_empty() {
@@ -248,6 +195,7 @@ impl LightField {
             size: settings.size,
             offset: settings.offset,
             samples: settings.samples,
+            fill: settings.fill,
             is_own_drawn: settings.own == OwnPoints::Drawn,
             most,
         };
@@ -259,7 +207,7 @@ impl LightField {
             fields: Vec::new(),
             next: 0,
             pages: Vec::new(),
-            slots: Vec::new(),
+            slots: Slots::default(),
             identities: task.store.identities().clone(),
             renumbered: 0,
             index: None,
@@ -275,7 +223,7 @@ impl LightField {
             kept.fields.push(field);
         }
         let is_field = |number: u64| kept.fields.iter().any(|field| field.number == number);
-        for slot in &mut kept.slots {
+        for slot in &mut kept.slots.0 {
             *slot = slot.filter(|map| is_field(map.of.0));
         }
         if kept.fields.iter().map(|field| field.number).ne(order) {
@@ -286,75 +234,131 @@ impl LightField {
             if self.may_lag {
                 renumber(recorder, task, &mut kept.identities, kept.pages.iter().map(|page| &page.records))?;
                 kept.renumbered = self.frame;
-                kept.slots.iter_mut().flatten().for_each(|map| map.is_stale = true);
+                kept.slots.0.iter_mut().flatten().for_each(|map| map.is_stale = true);
             } else {
                 kept.identities = task.store.identities().clone();
-                kept.slots.fill(None);
+                kept.slots.0.fill(None);
             }
         }
         self.kept = Some(kept);
         Ok(())
     }
 
-    /// Draws the maps that the mirror pixels need.
+    /// Draws the maps that the mirror pixels need; with `light_field.accuracy` those of more and more samples.
     fn draw_needed(
         &mut self,
         recorder: &mut Recorder<'_>,
+        index: &mut SurfelIndex,
         task: &Task<'_>,
         layout: &Layout,
         places: &wgpu::Buffer,
         of_page: usize,
     ) -> Result<()> {
-        let Some(kept) = &mut self.kept else { return Ok(()) };
-        let needs = kept.needed(recorder, task, places)?;
+        let is_choosing = task.settings.light_field.accuracy > 0.0;
         let of_frame = std::mem::take(&mut self.is_new_frame);
+        let Some(kept) = &mut self.kept else { return Ok(()) };
+        kept.fields.iter_mut().for_each(|field| field.begin(is_choosing));
+        let stood: HashSet<(u64, usize)> = kept.slots.0.iter().flatten().map(|map| map.of).collect();
         if of_frame {
-            self.map_use = Some(kept.used_before(&needs));
+            let texels = TEXELS_TRACED as u64 * 4;
+            recorder.clear_part(task.counters, texels..texels + 4);
+            let kept = stood.len() as u32;
+            self.map_use = Some(MapUse { new: 0, kept, missed: 0.0, bytes: 0, limit: None, off: None, texels: None });
         }
-        let needed: Vec<Sample> = needs.into_iter().map(|(_, sample)| sample).collect();
-        let chosen = &needed[..needed.len().min(kept.drawn.most)];
-        let mut missing = 0;
-        for sample in chosen {
-            match kept.slot_of(*sample).and_then(|slot| kept.slots[slot].as_mut()) {
-                Some(map) => map.used = self.search,
-                None => missing += 1,
+        let (mut is_short, mut off) = (false, None);
+        let (needs, standing) = loop {
+            let Some(kept) = &mut self.kept else { return Ok(()) };
+            let needs = kept.needed(recorder, task, places)?;
+            let (standing, is_whole) = self.draw(recorder, index, task, layout, of_page, &needs)?;
+            self.trace_asked(recorder, index, task, layout, places)?;
+            let Some(kept) = self.kept.as_mut().filter(|_| is_choosing && is_whole) else { break (needs, standing) };
+            let added = kept.predict(recorder, task, layout, places, self.search, self.may_lag)?;
+            off = added.off;
+            is_short |= added.is_short;
+            if !added.is_any {
+                break (needs, standing);
+            }
+        };
+        let Some(kept) = &self.kept else { return Ok(()) };
+        if let Some(map_use) = &mut self.map_use {
+            map_use.bytes = kept.pages.iter().map(|page| page.records.size()).sum();
+            let is_short = of_frame && (is_short || needs.len() > kept.drawn.most);
+            let is_cut = kept.pages.iter().any(|page| page.slots == of_page) && kept.drawn.most > of_page;
+            let limit = if is_short { Some(MapLimit::Memory) } else { is_cut.then_some(MapLimit::Binding) };
+            map_use.limit = if of_frame { limit } else { map_use.limit.or(limit) };
+            if of_frame {
+                // The sum of nothing is -0.
+                let sum = |asked: &mut dyn Iterator<Item = &(u32, Sample)>| {
+                    asked.fold(0.0, |sum, (count, _)| sum + f64::from(*count))
+                };
+                let missing = sum(&mut needs.iter().filter(|(_, sample)| !stood.contains(&kept.number_of(*sample))));
+                (map_use.missed, map_use.off) = (missing / sum(&mut needs.iter()).max(1.0), off);
             }
         }
+        if task.bounce == 0 {
+            self.count = Some(MapCount { drawn: standing, asked: needs.len() as u32 });
+        }
+        Ok(())
+    }
+
+    /// Draws the maps that are needed and do not stand. Returns how many of them stand, and whether these are all that fit.
+    fn draw(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        index: &mut SurfelIndex,
+        task: &Task<'_>,
+        layout: &Layout,
+        of_page: usize,
+        needs: &[(u32, Sample)],
+    ) -> Result<(u32, bool)> {
+        let Some(kept) = &mut self.kept else { return Ok((0, true)) };
+        let chosen = &needs[..needs.len().min(kept.drawn.most)];
+        let numbers: Vec<(u64, usize)> = chosen.iter().map(|(_, sample)| kept.number_of(*sample)).collect();
+        let missing = kept.slots.need(&numbers, self.search);
         kept.make_room(recorder.gpu, missing, layout, of_page);
         if self.may_lag && self.left.is_none() {
             self.left = Some(task.settings.light_field.maps_per_frame);
         }
+        let is_partial = kept.drawn.fill == MapFill::OnDemand;
+        let of_side = Layout::new(SIDE_TEXELS);
+        let of_pen = if is_partial { &of_side } else { layout };
+        let mut trees = (kept.drawn.fill != MapFill::Draw).then_some(index);
         let mut pen = None;
-        let mut standing = 0;
-        for sample in chosen {
-            let slot = kept.slot_of(*sample);
-            if slot.and_then(|slot| kept.slots[slot]).is_some_and(|map| !map.is_stale) {
-                standing += 1;
-                continue;
-            }
+        let mut is_whole = true;
+        let mut slots = std::mem::take(&mut kept.slots);
+        let standing = slots.fill(&numbers, self.search, |number, slot| {
             if self.left == Some(0) {
-                self.lags = true;
-                continue;
+                is_whole = false;
+                return Ok(None);
             }
             self.left = self.left.map(|left| left - 1);
-            let Some(slot) = slot.or_else(|| kept.least_used(self.search)) else { continue };
-            recorder.time_as(Some(("cubemaps", PassStage::Method)));
-            let pen = pen.get_or_insert_with(|| Pen::new(recorder, task, layout));
-            kept.draw(recorder, pen, slot, *sample, [self.frame, self.search])?;
-            recorder.time_as(None);
-            standing += 1;
             self.map_use.iter_mut().for_each(|map_use| map_use.new += 1);
-        }
-        if let Some(map_use) = &mut self.map_use {
-            map_use.bytes = kept.pages.iter().map(|page| page.records.size()).sum();
-            let is_short = of_frame && needed.len() > kept.drawn.most;
-            let is_cut = kept.pages.iter().any(|page| page.slots == of_page) && kept.drawn.most > of_page;
-            let limit = if is_short { Some(MapLimit::Memory) } else { is_cut.then_some(MapLimit::Binding) };
-            map_use.limit = if of_frame { limit } else { map_use.limit.or(limit) };
-        }
-        if task.bounce == 0 {
-            self.count = Some(MapCount { drawn: standing, asked: needed.len() as u32 });
-        }
+            recorder.time_as(Some(("cubemaps", PassStage::Method)));
+            let pen = pen.get_or_insert_with(|| Pen::new(recorder, task, of_pen, trees.take()));
+            let map = kept.draw(recorder, pen, layout, slot, chosen[number].1, [self.frame, self.search])?;
+            recorder.time_as(None);
+            Ok(map)
+        });
+        kept.slots = slots;
+        self.lags |= !is_whole;
+        Ok((standing?, is_whole))
+    }
+
+    /// Traces the texels at which mirror pixels look, where that is left until they do.
+    fn trace_asked(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        trees: &mut SurfelIndex,
+        task: &Task<'_>,
+        layout: &Layout,
+        places: &wgpu::Buffer,
+    ) -> Result<()> {
+        let Some(kept) = self.kept.as_mut().filter(|kept| kept.drawn.fill == MapFill::OnDemand) else { return Ok(()) };
+        let index = kept.index(recorder.gpu, false);
+        let samples = kept.samples(recorder.gpu, task.supply.camera.eye, self.search, self.may_lag);
+        recorder.time_as(Some(("cubemaps", PassStage::Method)));
+        kept.trace_asked(recorder, trees, task, layout, &AskedBuffers { places, index: &index, samples: &samples })?;
+        recorder.time_as(None);
         Ok(())
     }
 
@@ -369,49 +373,27 @@ impl LightField {
     ) -> Result<()> {
         let Some(kept) = &mut self.kept else { return Ok(()) };
         let (gpu, eye) = (recorder.gpu, task.supply.camera.eye);
-        let slots: Vec<Vec<Option<usize>>> = kept.slots_of_samples();
-        // What a picture shows must not depend on the frames before, which have left other maps.
-        let may_use = |slot: usize| kept.slots[slot].filter(|map| self.may_lag || map.used == self.search);
-        let sample = |((surface, places), slot): (&(DVec3, [DVec3; 2]), &Option<usize>)| {
-            let map = slot.and_then(|slot| may_use(slot).map(|map| (slot, map.place)));
-            let (slot, place) = map.map_or((-1.0, places[0]), |(slot, place)| (slot as f32, place));
-            let relative = |place: DVec3| (place - eye).as_vec3();
-            FieldSample { surface_slot: relative(*surface).extend(slot), middle: relative(place).extend(0.0) }
-        };
-        let of_field = |(field, slots): (&Field, &Vec<Option<usize>>)| {
-            field.samples.iter().zip(slots).map(sample).collect::<Vec<FieldSample>>()
-        };
-        let samples: Vec<FieldSample> = kept.fields.iter().zip(&slots).flat_map(of_field).collect();
-        let samples = filled(gpu, "samples of mirrors", bytemuck::cast_slice(&samples));
-        let index = kept.index(gpu);
+        let samples = kept.samples(gpu, eye, self.search, self.may_lag);
+        let index = kept.index(gpu, false);
         let nothing = storage(&gpu.device, "no maps", 16);
-        let none = Page { records: nothing, first: 0, slots: 0 };
+        let none = Page { records: nothing, listed: None, first: 0, slots: 0 };
         let pages: Vec<&Page> = if kept.pages.is_empty() { vec![&none] } else { kept.pages.iter().collect() };
         let rest = rest_list(recorder, &mut self.rest, task.supply.size);
         let settings = &task.settings.light_field;
         let blends = settings.rule.blends();
-        let switches = [
-            ("counts", u32::from(task.bounce == 0)),
-            ("rule", settings.rule as u32),
-            ("blends", u32::from(blends)),
-            ("visible_by", settings.visible_by as u32),
-            ("rest_of_rays", settings.rest as u32),
-        ];
+        let counts = ("counts", u32::from(task.bounce == 0));
+        let switches = [&kept.switches(task)[..], &[counts, ("rest_of_rays", settings.rest as u32)]].concat();
         // Which samples tell what a ray meets is known after all pages; then one of them is taken.
         let rounds = if blends { 2 } else { 1 };
         let all = (0..rounds).flat_map(|round| pages.iter().map(move |page| (round, *page)));
         for (number, (round, page)) in all.enumerate() {
             let fields = Fields {
-                size: layout.size,
-                texels_of_face: layout.texels_of_face,
-                first_slot: page.first as u32,
-                slots: page.slots as u32,
                 is_first: u32::from(number == 0),
                 is_last: u32::from(number + 1 == rounds * pages.len()),
                 picks: u32::from(round > 0),
-                ..Fields::default()
+                ..page.fields(layout)
             };
-            let fields = kept.head(gpu, fields, eye);
+            let fields = kept.head(gpu, fields, eye, false);
             let bindings = passes::light_field_look_up {
                 point_in: task.mirror.point.bind(),
                 normal_in: task.normal.bind(),
@@ -444,178 +426,4 @@ fn most_maps(gpu: &Gpu, settings: &Settings, layout: &Layout) -> Result<[usize; 
         }
     }
     Ok([of_settings.0, of_adapter.0].map(|limit| (limit / bytes) as usize))
-}
-
-/// A buffer with these bytes; it must not be empty.
-fn filled(gpu: &Gpu, label: &'static str, bytes: &[u8]) -> wgpu::Buffer {
-    let buffer = storage(&gpu.device, label, bytes.len().max(64) as u64);
-    gpu.queue.write_buffer(&buffer, 0, bytes);
-    buffer
-}
-
-impl Field {
-    fn new(number: u64, mirror: &MirrorPlace, drawn: &Drawn) -> Self {
-        let offset = f64::from(drawn.offset) * radius_of(&mirror.bounds);
-        let beside = |sample: usize| {
-            let (place, normal) = mirror.samples[sample];
-            (place, [place + normal * offset, place - normal * offset])
-        };
-        // The first does not depend on the order of the points.
-        let mean = mirror.samples.iter().map(|(place, _)| *place).sum::<DVec3>() / mirror.samples.len().max(1) as f64;
-        let away = |sample: &usize| mirror.samples[*sample].0.distance_squared(mean);
-        let first = (0..mirror.samples.len()).max_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(0);
-        let chosen = farthest(&mirror.samples, first, drawn.samples as usize);
-        let mut samples: Vec<_> = chosen.into_iter().map(beside).collect();
-        if samples.is_empty() {
-            samples.push((mirror.bounds.center(), [mirror.bounds.center(); 2]));
-        }
-        let places: Vec<DVec3> = samples.iter().map(|(place, _)| *place).collect();
-        let grid = Grid::new(&places, &mirror.bounds);
-        Self { number, mirror: mirror.clone(), samples, grid }
-    }
-
-    /// The cloud that its maps do not show.
-    fn hidden(&self, drawn: &Drawn) -> Option<CloudId> {
-        self.mirror.cloud.filter(|_| !drawn.is_own_drawn)
-    }
-}
-
-impl Kept {
-    /// The cells of all mirrors with the numbers of their samples.
-    fn index(&mut self, gpu: &Gpu) -> wgpu::Buffer {
-        if self.index.is_none() {
-            let mut words: Vec<u32> = Vec::new();
-            let mut first = 0;
-            for field in &self.fields {
-                let number = |sample: &u32| sample.checked_add(first).unwrap_or(*sample);
-                words.extend(field.grid.cells.iter().flatten().map(number));
-                first += field.samples.len() as u32;
-            }
-            self.index = Some(filled(gpu, "index of samples", bytemuck::cast_slice(&words)));
-        }
-        self.index.clone().unwrap_or_else(|| filled(gpu, "index of samples", &[]))
-    }
-
-    /// The head of a pass, with the grids of the mirrors.
-    fn head(&self, gpu: &Gpu, fields: Fields, eye: DVec3) -> wgpu::Buffer {
-        let mut first = 0;
-        let grid = |field: &Field| {
-            let grid = field.grid.to_gpu(eye, first);
-            first += field.grid.cells.len() as u32;
-            grid
-        };
-        let grids: Vec<crate::layout::SampleGrid> = self.fields.iter().map(grid).collect();
-        filled(gpu, "light fields", &[bytemuck::bytes_of(&fields), bytemuck::cast_slice(&grids)].concat())
-    }
-
-    /// What a picture finds that needs these samples, each with how much it is asked for.
-    fn used_before(&self, needs: &[(u32, Sample)]) -> MapUse {
-        // The sum of nothing is -0.
-        let asked = |counts: &[(u32, Sample)]| counts.iter().fold(0.0, |sum, (count, _)| sum + f64::from(*count));
-        let missing: Vec<(u32, Sample)> =
-            needs.iter().filter(|(_, sample)| self.slot_of(*sample).is_none()).copied().collect();
-        let all = asked(needs);
-        MapUse {
-            new: 0,
-            kept: self.slots.iter().flatten().count() as u32,
-            missed: if all > 0.0 { asked(&missing) / all } else { 0.0 },
-            bytes: 0,
-            limit: None,
-        }
-    }
-
-    /// The samples that mirror pixels need, each with how much it is asked for, those of most pixels first.
-    fn needed(
-        &mut self,
-        recorder: &mut Recorder<'_>,
-        task: &Task<'_>,
-        places: &wgpu::Buffer,
-    ) -> Result<Vec<(u32, Sample)>> {
-        let (gpu, eye) = (recorder.gpu, task.supply.camera.eye);
-        let relative = |place: DVec3| (place - eye).as_vec3();
-        let sample = |(surface, _): &(DVec3, [DVec3; 2])| FieldSample {
-            surface_slot: relative(*surface).extend(0.0),
-            ..FieldSample::default()
-        };
-        let samples: Vec<FieldSample> = self.fields.iter().flat_map(|field| field.samples.iter().map(sample)).collect();
-        let needs = storage(&gpu.device, "maps that are needed", NEED_BYTES * samples.len().max(1) as u64);
-        recorder.clear(&needs);
-        let index = self.index(gpu);
-        let fields = self.head(gpu, Fields::default(), eye);
-        let samples = filled(gpu, "samples of mirrors", bytemuck::cast_slice(&samples));
-        let bindings = passes::light_field_need {
-            point_in: task.mirror.point.bind(),
-            mirrors: places.as_entire_binding(),
-            fields: fields.as_entire_binding(),
-            index: index.as_entire_binding(),
-            samples: samples.as_entire_binding(),
-            needs: needs.as_entire_binding(),
-        };
-        recorder.over_mirrors(&[], task.supply, bindings)?;
-        let all = self.fields.iter().enumerate();
-        let all = all.flat_map(|(field, of)| (0..of.samples.len()).map(move |sample| (field, sample)));
-        let Some(bytes) = recorder.read(&needs)? else { return Ok(all.map(|sample| (1, sample)).collect()) };
-        let counts: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
-        let mut needed: Vec<(u32, Sample)> = counts.into_iter().zip(all).filter(|(count, _)| *count > 0).collect();
-        // Those that are asked for as much keep their order.
-        needed.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
-        Ok(needed)
-    }
-
-    /// Makes room for so many more maps than stand, as far as it goes.
-    fn make_room(&mut self, gpu: &Gpu, more: usize, layout: &Layout, of_page: usize) {
-        let wanted = (self.slots.iter().flatten().count() + more).min(self.drawn.most);
-        while self.slots.len() < wanted {
-            let stand = self.slots.len();
-            // Pages grow, so that there are few.
-            let slots = (wanted - stand).max(stand).max(LEAST_PAGE).min(self.drawn.most - stand).min(of_page);
-            let records = storage(&gpu.device, "maps of light fields", layout.record_bytes() * slots as u64);
-            self.pages.push(Page { records, first: stand, slots });
-            self.slots.resize(stand + slots, None);
-        }
-    }
-
-    fn slot_of(&self, (field, sample): Sample) -> Option<usize> {
-        let of = (self.fields[field].number, sample);
-        self.slots.iter().position(|slot| slot.is_some_and(|map| map.of == of))
-    }
-
-    /// For each sample of each field, the slot of its map.
-    fn slots_of_samples(&self) -> Vec<Vec<Option<usize>>> {
-        let mut slots: Vec<Vec<Option<usize>>> =
-            self.fields.iter().map(|field| vec![None; field.samples.len()]).collect();
-        for (slot, map) in self.slots.iter().enumerate() {
-            let Some(map) = map else { continue };
-            let field = self.fields.iter().position(|field| field.number == map.of.0);
-            if let Some(place) = field.and_then(|field| slots[field].get_mut(map.of.1)) {
-                *place = Some(slot);
-            }
-        }
-        slots
-    }
-
-    /// A free slot, or that of the map that was not needed for longest, if this search does not need it.
-    fn least_used(&self, search: u64) -> Option<usize> {
-        let used = |slot: &usize| self.slots[*slot].map_or(0, |map| map.used);
-        (0..self.slots.len()).min_by_key(used).filter(|slot| used(slot) < search)
-    }
-
-    /// Draws the map of a sample in a slot.
-    fn draw(
-        &mut self,
-        recorder: &mut Recorder<'_>,
-        pen: &Pen<'_>,
-        slot: usize,
-        (field, sample): Sample,
-        [drawn, used]: [u64; 2],
-    ) -> Result<()> {
-        let field = &self.fields[field];
-        self.slots[slot] = None;
-        let page = self.pages.iter().find(|page| (page.first..page.first + page.slots).contains(&slot));
-        let Some(page) = page else { return Ok(()) };
-        let room = MapRoom { records: &page.records, map: slot - page.first };
-        let place = pen.draw_map(recorder, room, field.samples[sample].1, &field.mirror, field.hidden(&self.drawn))?;
-        self.slots[slot] = Some(Map { of: (field.number, sample), place, is_stale: false, drawn, used });
-        Ok(())
-    }
 }

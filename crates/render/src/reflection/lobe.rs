@@ -191,6 +191,43 @@ mod tests {
     }
 
     #[test]
+    fn ashikhmin_and_shirleys_lobe_of_one_exponent_is_blinns_times_a_weight() {
+        // Their specular term (2000, equation 4) with n_u = n_v = n and R_s = 1, whose Fresnel factor is 1:
+        // (n + 1) / (8 pi) (n.h)^n / ((h.v) max(n.v, n.l)). The integral by a fine grid of directions, even by area.
+        const RINGS: u32 = 400;
+        const TURNS: u32 = 800;
+        let light = |direction: Vec3| 2.0 + f64::from(direction.dot(Vec3::new(0.3, -0.5, 0.7)));
+        for power in [10.0_f32, 100.0] {
+            for (degrees, incoming, normal) in incidences() {
+                let (view, (side, other)) = (-incoming, normal.any_orthonormal_pair());
+                let from_view = f64::from(view.dot(normal));
+                let (mut sum, mut reflected) = (0.0, 0.0);
+                for ring in 0..RINGS {
+                    let along = (ring as f32 + 0.5) / RINGS as f32;
+                    let across = (1.0 - along * along).sqrt();
+                    for turn in 0..TURNS {
+                        let (sin, cos) = (std::f32::consts::TAU * (turn as f32 + 0.5) / TURNS as f32).sin_cos();
+                        let toward = normal * along + (side * cos + other * sin) * across;
+                        let half = (view + toward).normalize();
+                        let n = f64::from(power);
+                        let term = (n + 1.0) / (8.0 * std::f64::consts::PI) * f64::from(normal.dot(half)).powf(n)
+                            / (f64::from(half.dot(view)) * from_view.max(f64::from(along)));
+                        let share = term * f64::from(along) * std::f64::consts::TAU / f64::from(RINGS * TURNS);
+                        (sum, reflected) = (sum + share * light(toward), reflected + share);
+                    }
+                }
+                let weight = |drawn: Vec3| (f64::from(drawn.dot(normal)) / from_view).clamp(0.0, 1.0);
+                let found = mean(Highlight::Blinn, incoming, normal, power, |drawn| weight(drawn) * light(drawn));
+                let what = format!("power {power} at {degrees} degrees");
+                assert!((found / sum - 1.0).abs() < 5e-3, "{what}: {found} instead of {sum}");
+                // What the weight takes away is light that the lobe does not reflect at all.
+                assert!(reflected < 1.0, "{what}: {reflected}");
+                println!("{what}: {reflected:.3} is reflected");
+            }
+        }
+    }
+
+    #[test]
     fn at_a_grazing_view_directions_follow_the_lobe_above_the_surface() {
         let (degrees, incoming, normal) = incidences().last().unwrap();
         assert!(degrees > 80.0);

@@ -38,7 +38,7 @@ pub(crate) mod surfel_trace;
 mod surfel_tree;
 pub(crate) mod task;
 
-use scene::{Method, Settings, Supply};
+use scene::{MapFill, Method, Settings, Supply};
 
 pub(crate) use bounce::{Bounce, Search};
 use clear::Clear;
@@ -57,6 +57,7 @@ use crate::inputs::Inputs;
 use crate::layout::{
     CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, HIT_BYTES, MIRROR_PIXELS, NODES_TESTED,
     POINTS_FOUND, POINTS_LISTED, POINTS_TRIED, POINTS_UNCONVERGED, RAYS_KEPT, RAYS_LEFT, RAYS_TRACED, REGIONS,
+    TEXELS_TRACED,
 };
 use crate::method::{Methods, Views, behind_clear, has_cells, walks_maps};
 use crate::passes;
@@ -488,7 +489,10 @@ impl Reflections {
                 _ => self.methods.cubemaps.count().filter(|_| walks_maps(settings)),
             },
             map_use: match settings.reflection.method {
-                Method::LightField => self.methods.light_field.map_use(),
+                Method::LightField => self.methods.light_field.map_use().map(|map_use| {
+                    let is_partial = settings.light_field.fill == MapFill::OnDemand;
+                    MapUse { texels: is_partial.then_some(counters[TEXELS_TRACED]), ..map_use }
+                }),
                 _ => None,
             },
             bounces,

@@ -7,6 +7,8 @@
 #[cfg(test)]
 mod analytic_tests;
 mod pinhole;
+#[cfg(test)]
+mod ray_tests;
 mod space;
 #[cfg(test)]
 mod space_tests;
@@ -19,12 +21,12 @@ mod twin;
 use cloud::Bounds;
 use scene::{BundleCull, BundleRest, BundleSplat, CameraCells, Mirror, SampleCameras as Parameters};
 
-use super::formula::upload_analytic;
+use super::formula::{analytic, exact, upload_analytic};
 use super::forward::{Forward, Splats, picture_buffer};
 use super::gather::{Gather, rest_list};
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace::{self, Rays};
-use super::task::{MirrorGBuffer, Task};
+use super::task::Task;
 use crate::gpu::{Gpu, Result};
 use crate::layout::{BUNDLE_BYTES, BUNDLE_NODE_BYTES, BundleGrid, SOLUTION_BYTES};
 use crate::passes;
@@ -40,8 +42,6 @@ pub(crate) struct SampleCameras {
     space: Space,
     /// The rays that no bundle stands for.
     rest: Option<wgpu::Buffer>,
-    /// What is found before mirrors with a formula are put in front.
-    found: Option<MirrorGBuffer>,
 }
 
 /// Room for the squares of a grid.
@@ -88,10 +88,7 @@ impl BundleGrid {
 impl SampleCameras {
     pub fn bytes(&self) -> u64 {
         let squares = self.squares.as_ref().map_or(0, |squares| squares.nodes.size() + squares.bundles.size());
-        squares
-            + self.space.bytes()
-            + self.rest.as_ref().map_or(0, wgpu::Buffer::size)
-            + self.found.as_ref().map_or(0, MirrorGBuffer::bytes)
+        squares + self.space.bytes() + self.rest.as_ref().map_or(0, wgpu::Buffer::size)
     }
 
     /// Begins a frame. With `may_lag` it may show trees of an earlier view while its own are made.
@@ -128,7 +125,10 @@ impl SampleCameras {
         let rest = rest_list(recorder, &mut self.rest, task.supply.size);
         match settings.cells {
             CameraCells::Image => {
-                let grid = grid_of(task);
+                let mut grid = grid_of(task);
+                if all_analytic(task) {
+                    grid.last_level = 0;
+                }
                 let count = grid.all_squares().max(1);
                 let kept = self.squares.take().filter(|squares| squares.count >= count);
                 let squares = match kept {
@@ -136,7 +136,7 @@ impl SampleCameras {
                     None => Squares::new(gpu, count)?,
                 };
                 let squares = &*self.squares.insert(squares);
-                let analytic = analytic_of(recorder.gpu, task);
+                let analytic = upload_analytic(gpu, task.settings, analytic_of(task), task.supply.camera.eye);
                 fit(recorder, task, squares, grid, [&gather.hits, rest, &analytic])?;
                 forward.clear(recorder);
                 project(recorder, forward, task, (squares, &analytic), grid, rounds)?;
@@ -160,9 +160,8 @@ impl SampleCameras {
         let Some(formulas) = task.formulas else {
             return forward.close(recorder, task, fill);
         };
-        let found = &*self.found.get_or_insert_with(|| MirrorGBuffer::new(&gpu.device, task.supply.size));
-        forward.close(recorder, &Task { seen: found, ..*task }, fill)?;
-        found.show_formulas(recorder, task, formulas)
+        forward.close(recorder, &Task { seen: &gather.found, ..*task }, fill)?;
+        gather.found.show_formulas(recorder, task, formulas)
     }
 }
 
@@ -175,11 +174,20 @@ fn grid_of(task: &Task<'_>) -> BundleGrid {
 
 /// The mirrors whose reflections of points follow from their formula. Only rays from the camera's eye do, and only
 /// those of perfect mirrors: glossy ones, and rays from several places of a pixel, have normals of their own.
-fn analytic_of(gpu: &Gpu, task: &Task<'_>) -> wgpu::Buffer {
+fn analytic_of<'a>(task: &Task<'a>) -> impl Iterator<Item = &'a Mirror> {
     let settings = task.settings;
     let is_plain = task.bounce == 0 && settings.sample_cameras.analytic && settings.reflection.samples <= 1;
-    let is_wanted = |mirror: &Mirror| is_plain && (settings.gloss.samples == 0 || mirror.specular_power <= 0.0);
-    upload_analytic(gpu, settings, task.mirrors, task.supply.camera.eye, is_wanted)
+    let is_wanted = move |mirror: &&Mirror| is_plain && (settings.gloss.samples == 0 || mirror.specular_power <= 0.0);
+    analytic(task.mirrors.iter().filter(is_wanted), task.supply.camera.eye)
+}
+
+/// Whether a formula stands for all mirrors, so that no square has a ray: none is drawn as points, and all others are
+/// such ones.
+fn all_analytic(task: &Task<'_>) -> bool {
+    let reflects = |mirror: &&Mirror| mirror.specular_intensity > 0.0;
+    let mut drawn = exact(task.settings, task.mirrors).filter(reflects).peekable();
+    let has_formula = |mirror: &Mirror| analytic_of(task).any(|other| std::ptr::eq(other, mirror));
+    drawn.peek().is_some() && drawn.all(has_formula) && task.store.mirror_clouds(task.settings).is_empty()
 }
 
 /// The first pixel of the part of the picture in which mirrors may be seen, and the one beyond its last.

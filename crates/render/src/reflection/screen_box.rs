@@ -134,7 +134,7 @@ impl Walls {
                 edges: edges.as_entire_binding(),
                 scores: scores.as_entire_binding(),
             };
-            recorder.over(&[], task.supply, bindings, [self.edge / 2 - 1, 12, 1])?;
+            recorder.by_rows(&[], task.supply, bindings, [self.edge / 2 - 1, 12, 1])?;
             let bindings = passes::screen_box_periods {
                 screen: screen.as_entire_binding(),
                 scores: scores.as_entire_binding(),
@@ -147,7 +147,7 @@ impl Walls {
             texels: self.texels.as_entire_binding(),
             periods: periods.as_entire_binding(),
         };
-        recorder.over(&[], task.supply, bindings, [groups, groups, 6])
+        recorder.by_rows(&[], task.supply, bindings, [groups, groups, 6])
     }
 }
 

@@ -24,6 +24,7 @@ impl Renderer {
         self.pipelines = pipelines;
         (self.samples_at_once, self.most_points) = (before.samples_at_once, before.most_points);
         (self.given_up, self.longest_piece) = (before.given_up, before.longest_piece);
+        self.times_passes = before.times_passes;
         (self.exposure.share, self.prepared) = (before.exposure.share, before.prepared);
         (self.gi.may_lag, self.gi.keeper.reuse) = (before.gi.may_lag, before.gi.keeper.reuse);
     }

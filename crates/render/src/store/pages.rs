@@ -126,23 +126,27 @@ impl PointStore {
         let points = buffer(&self.gpu, "points", u64::from(capacity) * POINT_BYTES);
         let attributes = buffer(&self.gpu, "attributes", u64::from(capacity) * ATTRIBUTE_BYTES);
         if let Some(error) = pollster::block_on(scope.pop()) {
-            return Err(Error::Device {
-                adapter: self.gpu.info.name.clone(),
-                problem: format!("no memory for more points: {error}"),
-            });
+            let problem = format!("for more points: {error}");
+            return Err(Error::NoMemory { adapter: self.gpu.info.name.clone(), problem });
         }
         self.pages.push(PageBuffers { points, attributes, scalars: None, shown: None, room: PageSpace::new(capacity) });
         Ok(self.pages.len() - 1)
     }
 
-    /// The number of points of the largest page, which fills one binding. A page costs a dispatch a pass, so few large
-    /// ones are better.
     fn largest_page(&self) -> u32 {
-        let limits = self.gpu.device.limits();
-        let points = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / POINT_BYTES;
-        // Rounded down to a power of two, so that pages fill their bindings in whole blocks.
-        1 << points.clamp(u64::from(SMALLEST_PAGE), 1 << 30).ilog2()
+        largest_page(&self.gpu.device.limits())
     }
+}
+
+/// The most points of a page: shaders reckon with 32 bits where a point of a buffer begins, as HLSL and MSL do in bytes.
+const MOST_POINTS: u64 = (1 << 32) / POINT_BYTES;
+
+/// The number of points of the largest page, which fills one binding. A page costs a dispatch a pass, so few large ones are
+/// better.
+fn largest_page(limits: &wgpu::Limits) -> u32 {
+    let points = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / POINT_BYTES;
+    // Rounded down to a power of two, so that pages fill their bindings in whole blocks.
+    1 << points.clamp(u64::from(SMALLEST_PAGE), MOST_POINTS).ilog2()
 }
 
 pub(super) fn buffer(gpu: &Gpu, label: &str, size: u64) -> wgpu::Buffer {
@@ -155,4 +159,57 @@ pub(super) fn buffer(gpu: &Gpu, label: &str, size: u64) -> wgpu::Buffer {
             mapped_at_creation: false,
         },
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::SOLUTION_BYTES;
+
+    fn limits(binding: u64, buffer: u64) -> wgpu::Limits {
+        wgpu::Limits { max_storage_buffer_binding_size: binding, max_buffer_size: buffer, ..wgpu::Limits::defaults() }
+    }
+
+    #[test]
+    fn the_largest_page_fills_a_binding_and_is_reckoned_with_in_32_bits() {
+        let gigabyte = 1 << 30;
+        // What WebGPU promises; what software Vulkan, common GPUs and the largest ones have.
+        assert_eq!(largest_page(&limits(128 << 20, 256 << 20)), 1 << 23);
+        assert_eq!(largest_page(&limits(128 << 20, 2 * gigabyte)), 1 << 23);
+        assert_eq!(largest_page(&limits(2 * gigabyte - 1, 4 * gigabyte)), 1 << 26);
+        assert_eq!(largest_page(&limits(2 * gigabyte - 4, 2 * gigabyte)), 1 << 26);
+        assert_eq!(largest_page(&limits(4 * gigabyte - 1, 64 * gigabyte)), 1 << 27);
+        assert_eq!(largest_page(&limits(64 * gigabyte, 64 * gigabyte)), 1 << 28);
+        for (binding, buffer) in [(2 * gigabyte - 1, 2 * gigabyte), (64 * gigabyte, 64 * gigabyte)] {
+            let page = largest_page(&limits(binding, buffer));
+            let bytes = u64::from(page) * POINT_BYTES;
+            assert!(bytes <= binding && page.is_multiple_of(BLOCK_POINTS) && page.is_multiple_of(PAGE_GRAIN));
+            // The last byte of the last point, and the last solution that a binding has room for.
+            assert!(u32::try_from(bytes - 1).is_ok());
+            let rounds = binding / (u64::from(page) * SOLUTION_BYTES);
+            assert!(u32::try_from(u64::from(page) * rounds.min(15) + u64::from(page) - 1).is_ok());
+        }
+    }
+
+    #[test]
+    fn the_end_of_a_page_of_67_million_points_is_taken_slid_and_given_back() {
+        let page = 1 << 26;
+        let mut room = PageSpace::new(page);
+        let chunk = room_of(300_000);
+        let mut firsts: Vec<u32> = std::iter::from_fn(|| room.take(chunk)).collect();
+        let last = firsts[firsts.len() - 1];
+        assert_eq!(firsts.len() as u32, page / chunk);
+        assert!(last.is_multiple_of(BLOCK_POINTS) && last + chunk <= page && page - last < 2 * chunk);
+        // Two chunks apart near the end, between which others slide down.
+        let gone = [firsts.remove(firsts.len() - 4), firsts.remove(firsts.len() - 2)];
+        gone.into_iter().for_each(|first| room.release(first..first + chunk));
+        let (stretch, taken) = room.scattered(2 * chunk).unwrap();
+        assert!(stretch.start == gone[0] && stretch.end <= page && taken == chunk, "{stretch:?} {taken}");
+        let bytes = |points: u32, bits: u64| u64::from(points) * bits / 8;
+        assert!(bytes(stretch.end, POINT_BYTES * 8) > 1 << 29 && bytes(stretch.start, 1).is_multiple_of(4));
+        room.slid(stretch.clone(), taken);
+        assert_eq!(room.take(2 * chunk), Some(gone[0] + chunk));
+        // Blocks of the whole page, by the numbers that shaders take them by.
+        assert_eq!(u64::from(page / BLOCK_POINTS) * u64::from(BLOCK_POINTS), u64::from(page));
+    }
 }

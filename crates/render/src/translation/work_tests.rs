@@ -9,10 +9,12 @@ use std::fmt::Write as _;
 
 use naga::valid::{FunctionInfo, ModuleInfo};
 use naga::{AddressSpace, Block, Expression, Function, Handle, MathFunction, Module, Statement, TypeInner};
+use rayon::prelude::*;
+use scene::{METHODS, Method, Settings};
 
-use super::valid_module_of;
-use crate::passes::{ALL, Pass};
-use crate::recorder::tests::longest_dispatches;
+use super::{others, valid_module_of};
+use crate::passes::{ALL, Pass, WITHOUT_SKIPPING, load_of, side_of_discs};
+use crate::pieces::tests::longest_dispatch;
 
 /// A tenth of an H100: instructions a second, at half of what it can do at best; bytes a second; the threads that it
 /// holds at once; and the seconds that a load takes.
@@ -39,6 +41,8 @@ const BOX_TEXELS: f64 = 6.0 * 256.0 * 256.0;
 const THREADS: &[(&str, f64, &str)] = &[
     ("beam_lists", TILES, "tiles of 8 x 8 pixels"),
     ("cube_planes", CUBE_TEXELS, "texels of a cube"),
+    ("light_field_trace", CUBE_TEXELS, "texels of a cube"),
+    ("light_field_predict", PIXELS / 4.0, "pixels, by four"),
     ("cube_renumber", MAPS * CUBE_TEXELS, "texels of all cubes"),
     ("cube_bounds", MAPS * CUBE_TEXELS / 4.0, "texels of all cubes, by four"),
     ("screen_bounds", PIXELS / 4.0, "pixels, by four"),
@@ -100,7 +104,8 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("beam_lists", &[64.0, 150.0]),
     ("list_tree", &[20.0]),
     // A ray tests 150 nodes and as many discs.
-    ("surfel_trace", &[12.0, 12.0]),
+    ("surfel_trace", &[12.0]),
+    ("through_trees", &[12.0]),
     ("through_tree", &[6.0, 1.0]),
     // Five mirrors with a formula, steps toward each and bisection.
     ("shape_hit", &[2.0, 100.0, 20.0, 3.0]),
@@ -120,9 +125,11 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("walk_picture", &[40.0]),
     ("walk_by_steps", &[200.0]),
     // Light fields: nine samples near a mirror point.
-    ("samples_near", &[16.0, 9.0]),
+    ("samples_near_in", &[16.0, 9.0]),
     ("light_field_need", &[9.0]),
     ("light_field_look_up", &[9.0]),
+    ("light_field_ask", &[1.0]),
+    ("ask_along", &[4.0]),
     ("rank_of_look", &[9.0]),
     ("weight_of_look", &[9.0]),
     ("in_order", &[9.0, 9.0, 9.0]),
@@ -195,6 +202,92 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("screen_box_fill", &[8.0, 17.0, 2.0, 16.0, 4.0]),
 ];
 
+/// The loops of a pass that run more or less often by some settings than `LOOPS` says: function, loop, how many times as
+/// often.
+fn by_settings(pass: &str, settings: &Settings) -> Vec<(&'static str, usize, f64)> {
+    let Settings { gi, splat, sscr, gloss, sample_cameras, cubemap_trace, screen_trace, .. } = settings;
+    let ratio = |value: u32, usual: u32| f64::from(value) / f64::from(usual);
+    let lights = f64::from(gi.sky_lights + gi.bounces * gi.vpls);
+    let run = f64::from(gi.interleave * gi.interleave);
+    let side = f64::from(sscr.max_splat_size) / 3.0;
+    let rounds = if settings.reflection.method == Method::SampleCameras { sample_cameras.roots } else { 1 };
+    let roots =
+        [("with_root", 0, ratio(sample_cameras.roots, 4)), ("kept_root", 0, ratio(sample_cameras.polish + 1, 1))];
+    match pass {
+        "indirect" => vec![("light_of_run", 0, lights / run / 1024.0)],
+        "indirect_filter" => vec![("indirect_filter", 0, run / 16.0)],
+        "show_virtual_lights" => vec![("show_virtual_lights", 0, lights / 4096.0)],
+        "splat_nearest" | "splat_nearest_blind" | "splat_narrow" | "splat_accumulate" | "splat_behind" => {
+            [0, 1].map(|axis| ("splat_point", axis, side_of_discs(splat) / 3.0)).into()
+        }
+        "mirror_depth" | "mirror_visibility" => {
+            vec![("splat_point", 0, f64::from(rounds)), ("splat_solution", 0, side), ("splat_solution", 1, side)]
+        }
+        "sscr_solve" => {
+            let steps = ratio(sscr.max_steps, 30);
+            let mut loops: Vec<_> = ["interleaved", "descent", "nelder_mead"].map(|solver| (solver, 0, steps)).into();
+            loops.push(("probe_after", 0, ratio(sscr.step_attempts, 6)));
+            loops.push(("random_seed", 0, ratio(if sscr.per_region { 32 } else { sscr.seed_attempts }, 6)));
+            loops
+        }
+        "sample_cameras_project" => {
+            // Without chances, each of the leaves that may reflect a block keeps all of its points.
+            let per_pixel = f64::from(sample_cameras.points_per_pixel);
+            let kept = if per_pixel == 0.0 { 16.0 } else { per_pixel / 2.0 };
+            let leaves = ratio(4, sample_cameras.least_square).powi(2);
+            let mut loops =
+                vec![("splat_point", 2, kept * leaves), ("next_leaf", 0, leaves), ("list_leaves", 3, leaves)];
+            loops.extend(roots);
+            loops
+        }
+        "sample_cameras_space" => {
+            let mut loops = vec![("splat_point", 3, ratio(sample_cameras.longest_list, 64))];
+            loops.extend(roots);
+            loops
+        }
+        "cubemap_trace" => {
+            let tries = ratio(cubemap_trace.tries.min(cubemap_trace.maps), 2);
+            let by_step = (0.001 / f64::from(cubemap_trace.step)).max(0.25 / f64::from(cubemap_trace.angle));
+            let texels = ratio(cubemap_trace.size, 256) * if cubemap_trace.skip { 1.0 } else { WITHOUT_SKIPPING };
+            vec![
+                ("nearest_map", 0, ratio(cubemap_trace.maps, 2)),
+                ("through_each", 0, tries),
+                ("relay", 1, tries),
+                ("search_samples", 0, by_step),
+                ("refine", 0, f64::from(cubemap_trace.refine)),
+                ("walk_picture", 0, texels),
+            ]
+        }
+        "screen_trace" => vec![("walk_picture", 0, if screen_trace.skip { 1.0 } else { WITHOUT_SKIPPING })],
+        "screen_box_scores" => vec![("screen_box_scores", 0, ratio(screen_trace.box_size, 256).powi(2))],
+        "screen_box_periods" => [0, 1].map(|n| ("screen_box_periods", n, ratio(screen_trace.box_size, 256))).into(),
+        "screen_box_fill" => vec![("screen_box_fill", 3, ratio(screen_trace.box_size, 256))],
+        "normal_filter" => vec![("normal_filter", 1, ratio(sscr.normal_filter, 8))],
+        "gloss_blur" => vec![("gloss_blur", 0, f64::from(gloss.blur_most) / 33.0)],
+        "vpl_shadow_splat" => [0, 1].map(|axis| ("vpl_shadow_splat", axis, ratio(gi.shadow_size, 64))).into(),
+        _ => Vec::new(),
+    }
+}
+
+/// How many times as many threads a pass has by some settings as `THREADS` says.
+fn threads_by_settings(pass: &str, settings: &Settings) -> f64 {
+    let Settings { gi, cubemap_trace, light_field, screen_trace, .. } = settings;
+    let ratio = |value: u32, usual: u32| f64::from(value) / f64::from(usual);
+    let face = match settings.reflection.method {
+        Method::LightField => ratio(light_field.size, 256),
+        _ => ratio(cubemap_trace.size, 256),
+    };
+    match pass {
+        "cube_planes" => face.powi(2),
+        "cube_renumber" | "cube_bounds" => face.powi(2) * ratio(cubemap_trace.maps, 2),
+        "screen_box_edges" | "screen_box_fill" => ratio(screen_trace.box_size, 256).powi(2),
+        "screen_box_scores" => ratio(screen_trace.box_size, 256),
+        "vpl_points" => ratio(gi.shadow_points, 8192),
+        "vpl_shadow_pull" | "vpl_shadow_push" => ratio(gi.shadow_size, 64).powi(2),
+        _ => 1.0,
+    }
+}
+
 /// What a thread does.
 #[derive(Clone, Copy, Debug, Default)]
 struct Work {
@@ -225,6 +318,8 @@ struct Code<'a> {
     module: &'a Module,
     info: &'a ModuleInfo,
     pass: &'static str,
+    /// The loops that run more or less often than `LOOPS` says.
+    changed: Vec<(&'static str, usize, f64)>,
     /// The functions whose loops are not told.
     untold: Vec<String>,
     /// The rows of `LOOPS` that were taken.
@@ -238,7 +333,11 @@ impl Code<'_> {
         let row = |name: &str| LOOPS.iter().find(|(known, _)| *known == name);
         let row = row(&own).or_else(|| row(&name)).filter(|_| has_loops(&function.body));
         self.taken.extend(row.map(|(name, _)| *name));
-        let mut loops = row.map_or(&[][..], |(_, times)| times);
+        let mut told = row.map_or(Vec::new(), |(_, times)| times.to_vec());
+        for (_, place, factor) in self.changed.iter().filter(|(changed, ..)| *changed == name) {
+            told[*place] *= factor;
+        }
+        let mut loops = &told[..];
         let mut work = Work::default();
         self.of_block(&function.body, (function, info), &mut loops, &mut work);
         if !loops.is_empty() {
@@ -385,56 +484,151 @@ fn has_loops(block: &Block) -> bool {
     })
 }
 
-/// A pass, what its threads are and how many there are, and what one does.
+/// A pass and its code.
+struct Parsed {
+    pass: &'static Pass,
+    module: Module,
+    info: ModuleInfo,
+}
+
+/// What its threads are and how many there are, what one does, and how much more that may be by the settings.
 struct Row {
     pass: &'static Pass,
     what: &'static str,
     threads: f64,
     work: Work,
+    load: f64,
+    /// The edge of a wall of the box that is made of a picture.
+    box_edge: u32,
     taken: BTreeSet<&'static str>,
 }
 
-impl Row {
+impl Parsed {
     fn of(pass: &'static Pass) -> Self {
         let (module, info) = valid_module_of(pass);
-        let mut code =
-            Code { module: &module, info: &info, pass: pass.name, untold: Vec::new(), taken: BTreeSet::new() };
+        Self { pass, module, info }
+    }
+
+    /// What the pass does by some settings, or as `LOOPS` and `THREADS` say.
+    fn row(&self, settings: Option<&Settings>) -> Row {
+        let Self { pass, module, info } = self;
+        let changed = settings.map_or(Vec::new(), |settings| by_settings(pass.name, settings));
+        let mut code = Code { module, info, pass: pass.name, changed, untold: Vec::new(), taken: BTreeSet::new() };
         let work = code.of_function(&module.entry_points[0].function, info.get_entry_point(0));
         assert!(code.untold.is_empty(), "{}: tell how often these loops run: {:?}", pass.name, code.untold);
         let told = THREADS.iter().find(|(name, ..)| *name == pass.name).map(|(_, threads, what)| (*threads, *what));
         let points = (POINTS / 8.0, "eighths of points");
         let (threads, what) = told.unwrap_or(if pass.is_over_points() { points } else { (PIXELS, "pixels") });
-        Self { pass, what, threads, work, taken: code.taken }
+        let threads = threads * settings.map_or(1.0, |settings| threads_by_settings(pass.name, settings));
+        let load = settings.map_or(1.0, |settings| load_of(pass.name, settings));
+        let box_edge = settings.map_or(256, |settings| settings.screen_trace.box_size);
+        Row { pass, what, threads, work, load, box_edge, taken: code.taken }
     }
+}
 
+impl Row {
     fn milliseconds(&self) -> f64 {
         self.work.milliseconds(self.threads)
     }
 
-    /// Whether the pass is cut into dispatches: by rows of workgroups, or by blocks of points.
+    /// Whether the pass is cut into dispatches: by rows and columns of workgroups, or by blocks of points.
     fn is_cut(&self) -> bool {
         let source = self.pass.source;
         self.pass.is_over_points() || source.contains("whole_thread(") || source.contains("frame.first_row")
     }
 
-    /// The longest dispatch in the first frame, and in later ones.
-    fn longest(&self) -> [f64; 2] {
-        let whole = self.milliseconds();
+    fn threads_of_group(&self) -> f64 {
+        if self.pass.is_over_points() { 128.0 } else { 64.0 }
+    }
+
+    /// The columns and rows of workgroups.
+    fn groups(&self) -> [u32; 2] {
+        let groups = (self.threads / self.threads_of_group()).ceil() as u32;
+        let rows = match self.pass.name {
+            _ if self.pass.is_over_points() => groups,
+            "screen_box_scores" => 12,
+            "screen_box_fill" => self.box_edge.div_ceil(8),
+            "beam_lists" => 34,
+            _ => 270,
+        };
+        [groups.div_ceil(rows), rows]
+    }
+
+    /// The milliseconds that a workgroup takes, of all of them together.
+    fn each(&self) -> f64 {
+        self.milliseconds() / self.groups().map(f64::from).iter().product::<f64>()
+    }
+
+    /// The longest dispatch if a workgroup is known to take `each`, or if nobody knows.
+    fn longest(&self, each: Option<f64>) -> f64 {
         if !self.is_cut() {
-            return [whole; 2];
+            return self.milliseconds();
         }
-        let threads = if self.pass.is_over_points() { 128.0 } else { 64.0 };
-        longest_dispatches((self.threads / threads).ceil(), whole)
+        let groups = longest_dispatch(each, self.load, self.groups());
+        self.work.milliseconds(groups * self.threads_of_group())
+    }
+
+    /// The longest dispatches in the first frame, in later ones, and in one after frames of other settings.
+    fn longest_ones(&self, other: &Row) -> [f64; 3] {
+        let guessed = other.each() * (self.load / other.load).max(1.0);
+        [None, Some(self.each()), Some(guessed)].map(|each| self.longest(each))
     }
 }
 
+/// Passes of which a single workgroup is computed to take more than 100 ms by some settings: the loads of a thread that
+/// splats eight discs of 60 pixels and more, one after the other.
+const NOT_CUT_FURTHER: [&str; 1] = ["splat_behind"];
+
+/// All lights that settings allow, for each pixel.
+const MOST_LIGHTS: &str = "gi.vpls=4096 gi.bounces=4 gi.sky_lights=1024 gi.interleave=1";
+
+/// The usual settings with some changed: pairs of key and value.
+fn changed(pairs: &str) -> Settings {
+    let mut settings = Settings::default();
+    for (key, value) in pairs.split_whitespace().filter_map(|pair| pair.split_once('=')) {
+        settings.set_text(key, value).unwrap();
+        let owner = METHODS.iter().find(|row| row.group.is_some_and(|group| key.starts_with(&format!("{group}."))));
+        settings.reflection.method = owner.map_or(settings.reflection.method, |row| row.method);
+    }
+    settings
+}
+
 #[test]
-fn no_dispatch_of_any_pass_is_computed_to_take_a_tenth_of_a_second() {
-    let rows: Vec<Row> = ALL.iter().map(|pass| Row::of(pass)).collect();
-    let long = rows.iter().filter(|row| row.longest().iter().any(|longest| *longest > 100.0));
-    let long: Vec<String> = long.map(|row| format!("{}: {:?} ms", row.pass.name, row.longest())).collect();
+fn no_dispatch_of_any_pass_is_computed_to_take_a_tenth_of_a_second_at_any_end_of_any_parameter() {
+    let mut ends: Vec<String> = others(|_| true).into_iter().map(|(key, value)| format!("{key}={value}")).collect();
+    ends.push(MOST_LIGHTS.into());
+    let ends: Vec<(String, Settings)> = ends.into_iter().map(|pairs| (pairs.clone(), changed(&pairs))).collect();
+    let rows: Vec<(Row, Vec<String>)> = ALL
+        .par_iter()
+        .map(|pass| {
+            let parsed = Parsed::of(pass);
+            let (told, usual) = (parsed.row(None), parsed.row(Some(&Settings::default())));
+            let mut long = Vec::new();
+            let mut check = |case: &str, row: &Row, other: &Row| {
+                let longest = row.longest_ones(other);
+                // A workgroup cannot be cut.
+                let least = if NOT_CUT_FURTHER.contains(&pass.name) { row.work.milliseconds(1.0) } else { 0.0 };
+                if longest.iter().any(|longest| *longest > least.max(100.0)) {
+                    long.push(format!("{}, {case}: {longest:?} of {} ms", pass.name, row.milliseconds()));
+                }
+            };
+            check("as told", &told, &usual);
+            let does = |settings: &Settings| {
+                let changes = by_settings(pass.name, settings);
+                (changes, threads_by_settings(pass.name, settings), load_of(pass.name, settings))
+            };
+            let as_usual = does(&Settings::default());
+            for (case, settings) in ends.iter().filter(|(_, settings)| does(settings) != as_usual) {
+                let row = parsed.row(Some(settings));
+                check(case, &row, &usual);
+                check(&format!("as usual after {case}"), &usual, &row);
+            }
+            (told, long)
+        })
+        .collect();
+    let long: Vec<&String> = rows.iter().flat_map(|(_, long)| long).collect();
     assert!(long.is_empty(), "{long:#?}");
-    let taken: BTreeSet<&str> = rows.iter().flat_map(|row| row.taken.iter().copied()).collect();
+    let taken: BTreeSet<&str> = rows.iter().flat_map(|(row, _)| row.taken.iter().copied()).collect();
     let left: Vec<&str> = LOOPS.iter().map(|(name, _)| *name).filter(|name| !taken.contains(name)).collect();
     assert!(left.is_empty(), "no pass has these: {left:?}");
     let passes: Vec<&str> = ALL.iter().map(|pass| pass.name).collect();
@@ -444,14 +638,45 @@ fn no_dispatch_of_any_pass_is_computed_to_take_a_tenth_of_a_second() {
 #[test]
 fn work_is_counted_by_the_code() {
     // 64 loads of an image in a loop, then nodes of 32 bytes.
-    let beams = Row::of(ALL.iter().find(|pass| pass.name == "beam_lists").unwrap()).work;
+    let beams = Parsed::of(ALL.iter().find(|pass| pass.name == "beam_lists").unwrap()).row(None).work;
     assert!(beams.loads > 64.0 * 3.0 + 150.0 * 20.0, "{beams:?}");
     assert!(beams.bytes > 64.0 * 3.0 * 16.0 + 150.0 * 20.0 * 32.0, "{beams:?}");
     // A pass that reads a texel and writes another.
-    let position = Row::of(ALL.iter().find(|pass| pass.name == "camera_position").unwrap()).work;
+    let position = Parsed::of(ALL.iter().find(|pass| pass.name == "camera_position").unwrap()).row(None).work;
     assert!(position.loads == 1.0 && position.bytes == 32.0, "{position:?}");
     let twice = position.milliseconds(2e7) / position.milliseconds(1e7);
     assert!((twice - 2.0).abs() < 0.01, "{twice}");
+}
+
+/// Passes that may take long, and settings with which they do.
+const LONG: &[(&str, &str, &str)] = &[
+    ("indirect", "1024 lights for each pixel", "gi.vpls=960 gi.interleave=1"),
+    ("indirect", "17,408 lights for each pixel, the most", MOST_LIGHTS),
+    ("show_virtual_lights", "17,408 lights", MOST_LIGHTS),
+    ("surfel_trace", "usual settings", ""),
+    ("cubemap_trace", "16 maps for each ray", "cubemap_trace.maps=16 cubemap_trace.tries=16"),
+    ("screen_trace", "each pixel on the way", "screen_trace.skip=false"),
+    ("sscr_solve", "100 steps", "sscr.max_steps=100"),
+    ("mirror_visibility", "splats of 32 pixels", "sscr.max_splat_size=32"),
+    ("sample_cameras_project", "all points are kept", "sample_cameras.points_per_pixel=0"),
+    ("sample_cameras_space", "lists of 4096 gaps", "sample_cameras.longest_list=4096"),
+    ("clear_surface", "glass among five shapes", ""),
+    ("splat_accumulate", "discs of 64 pixels", "splat.min_pixels=64"),
+    ("splat_behind", "discs of 64 pixels", "splat.min_pixels=64"),
+    ("screen_box_scores", "walls of 1024 texels", "screen_trace.box_size=1024"),
+];
+
+/// The rows of the table of long passes of docs/gpu.md.
+pub(super) fn long_passes() -> String {
+    let mut table = String::new();
+    for (name, case, pairs) in LONG {
+        let parsed = Parsed::of(ALL.iter().find(|pass| pass.name == *name).unwrap());
+        let row = parsed.row(Some(&changed(pairs)));
+        let [first, later, changed] = row.longest_ones(&parsed.row(Some(&Settings::default()))).map(shown);
+        let _ =
+            writeln!(table, "| `{name}` | {case} | {} | {first} | {later} | {changed} |", shown(row.milliseconds()));
+    }
+    table
 }
 
 /// The table of docs/gpu.md.
@@ -468,9 +693,9 @@ pub(super) fn table() -> String {
          |---|---|---|---|---|---|---|---|\n",
     );
     for pass in ALL {
-        let row = Row::of(pass);
+        let row = Parsed::of(pass).row(None);
         let Work { instructions, bytes, loads } = row.work;
-        let [first, later] = row.longest();
+        let [first, later, _] = row.longest_ones(&row);
         let _ = writeln!(
             table,
             "| `{}` | {} {} | {instructions:.0} | {bytes:.0} | {loads:.0} | {} | {} | {} |",

@@ -233,6 +233,19 @@ fn maps_are_drawn_for_the_pixels_that_need_them_and_kept_within_the_memory() {
             assert!(open <= truly_open + 20, "{memory}: {open}, {truly_open}");
         }
     }
+    // Whether maps fit or not, the picture is the same, once all else is traced.
+    let mut with_memory = |memory: &str| {
+        stage.renderer.forget();
+        scene.render(&mut stage, &by_field(&[("light_field.samples", "300"), ("light_field.memory", memory)]));
+        pixels(&stage, &scene.camera)
+    };
+    let (few, all) = (with_memory("16 MiB"), with_memory("256 MiB"));
+    let is_alike = |(few, all): &(&Seen, &Seen)| match (few.found, all.found) {
+        (Some(few), Some(all)) => few.distance(all) < 0.01,
+        (few, all) => few.is_some() == all.is_some(),
+    };
+    let alike = few.iter().zip(&all).filter(is_alike).count();
+    assert!(alike * 100 >= few.len() * 97, "{alike} of {}", few.len());
     let too_large = by_field(&[("light_field.size", "512"), ("light_field.memory", "16 MiB")]);
     let objects = Objects { mirrors: &scene.mirrors, ..Objects::default() };
     let refused = stage.renderer.render(&scene.store, &scene.camera, &too_large, objects, SIZE).unwrap_err();
@@ -306,4 +319,311 @@ fn light_fields_of_odd_mirrors_give_finite_pictures() {
             assert!(seen.iter().filter_map(|seen| seen.found).all(|found| found.is_finite()), "{samples}");
         }
     }
+}
+
+/// As seen from a mirror so small all its places are one: wherever samples stand, and however they are chosen, what a
+/// direction shows is what it shows from the mirror's middle.
+#[test]
+fn before_far_walls_every_rule_shows_what_an_environment_map_shows() {
+    let mut stage = stage_or_skip!();
+    let middle = DVec3::new(0.3, 0.1, -0.4);
+    let tiny = 1e-4;
+    let mut scene = Scene::new(&stage, room(&[]), vec![sphere(middle, tiny)]);
+    scene.camera = Camera::looking(middle, DVec3::new(0.1, 0.2, 1.0), 2.75 * tiny, DVec3::Y);
+    let texel = TEXEL * 2.0;
+    scene.render(&mut stage, &by_map(&[("environment_map.size", "64"), ("splat.close_gaps", "false")]));
+    let by_map = pixels(&stage, &scene.camera);
+    assert!(by_map.len() > 500, "{}", by_map.len());
+    // All samples are on the mirror point, so that they see what its ray meets.
+    scene.render(&mut stage, &by_field(&[("reflection.method", "surfel_trace")]));
+    let traced = pixels(&stage, &scene.camera);
+    for (rule, exponent, corrections, offset, samples, visible_by) in [
+        ("nearest", "4", "0", "0.01", "1", "depth"),
+        ("nearest", "4", "1", "0.01", "12", "depth"),
+        ("angle", "4", "0", "0.01", "12", "depth"),
+        ("ray", "4", "2", "0.01", "12", "depth"),
+        ("mean", "4", "0", "0.01", "12", "depth"),
+        ("reflection", "0", "0", "0.01", "12", "depth"),
+        ("reflection", "64", "0", "0.25", "12", "angle"),
+        ("normal", "16", "1", "0.25", "12", "depth"),
+        ("smooth", "4", "0", "0.25", "12", "depth"),
+        ("nearest", "4", "0", "0.0005", "12", "depth"),
+    ] {
+        let pairs = [
+            ("light_field.rule", rule),
+            ("light_field.exponent", exponent),
+            ("light_field.corrections", corrections),
+            ("light_field.offset", offset),
+            ("light_field.samples", samples),
+            ("light_field.visible_by", visible_by),
+            ("light_field.rest", "none"),
+        ];
+        scene.render(&mut stage, &by_field(&pairs));
+        let by_field = pixels(&stage, &scene.camera);
+        let (mut off, mut compared) = (0, 0);
+        for ((field, map), traced) in by_field.iter().zip(&by_map).zip(&traced) {
+            assert!(field.pixel == map.pixel && field.pixel == traced.pixel);
+            // Samples below the horizon tell nothing where angles decide.
+            let Some(((found, of_map), traced)) = field.found.zip(map.found).zip(traced.found) else { continue };
+            compared += 1;
+            let others = [of_map, traced, exit(field.point, field.reflected).0];
+            off += usize::from(others.iter().any(|other| found.distance(*other) > texel));
+        }
+        let least = if visible_by == "angle" { by_map.len() / 3 } else { by_map.len() * 99 / 100 };
+        assert!(compared >= least && off == 0, "{pairs:?}: {off} of {compared} are off, of {}", by_map.len());
+    }
+}
+
+/// In an empty box one corrected sample tells what the box does, and what no sample tells is left to the box itself.
+#[test]
+fn in_an_empty_box_one_sample_shows_what_the_box_of_an_environment_map_shows() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::new(0.3, 0.1, -0.4), RADIUS)]);
+    let with_box = [("environment_map.size", "128"), ("environment_map.proxy", "box")];
+    scene.render(&mut stage, &by_map(&[&with_box[..], &[("splat.close_gaps", "false")]].concat()));
+    let by_box = pixels(&stage, &scene.camera);
+    let mut alike = |pairs: &[(&str, &str)], most: f64| {
+        let all = [("light_field.samples", "1"), ("light_field.size", "128"), ("light_field.rest", "environment_map")];
+        let stats = scene.render(&mut stage, &by_field(&[&with_box[..], &all, pairs].concat()));
+        let found = pixels(&stage, &scene.camera);
+        let is_near = |(field, by_box): &(&Seen, &Seen)| {
+            field.found.zip(by_box.found).is_some_and(|(field, by_box)| field.distance(by_box) < most)
+        };
+        let alike = found.iter().zip(&by_box).filter(is_near).count();
+        (alike as f64 / by_box.len() as f64, stats.reflection.unwrap().unresolved.unwrap())
+    };
+    let (by_sample, unresolved) = alike(&[], 0.01);
+    assert!(by_sample > 0.95 && unresolved < 0.1, "{by_sample} alike, {unresolved} left");
+    let hidden = [("light_field.visible_by", "angle"), ("light_field.horizon", "45")];
+    let (by_rest, unresolved) = alike(&hidden, 1e-5);
+    assert!(by_rest > 0.9 && unresolved > 0.9, "{by_rest} alike, {unresolved} left");
+    // Without corrections, one sample beside the middle is no box.
+    let (plain, _) = alike(&[("light_field.corrections", "0")], 0.01);
+    assert!(plain < 0.5, "{plain}");
+}
+
+/// The errors of what is found in pixels, by the angle by which the reflected direction changes to the next pixel, of the
+/// pixels that have neighbours on both axes.
+fn pixel_errors(stage: &Stage, scene: &Scene) -> Vec<f64> {
+    let pixels = pixels(stage, &scene.camera);
+    let reflected: std::collections::HashMap<usize, DVec3> =
+        pixels.iter().map(|seen| (seen.pixel, seen.reflected)).collect();
+    let width = SIZE[0] as usize;
+    let error = |seen: &Seen| {
+        let change = |other: usize| reflected.get(&other).map(|other| seen.reflected.angle_between(*other));
+        let smaller = |a: Option<f64>, b: Option<f64>| Some(a.unwrap_or(f64::MAX).min(b?));
+        let sideways = smaller(change(seen.pixel.wrapping_sub(1)), change(seen.pixel + 1))?;
+        let upright = smaller(change(seen.pixel.wrapping_sub(width)), change(seen.pixel + width))?;
+        Some((seen.found? - seen.point).angle_between(seen.reflected) / sideways.max(upright))
+    };
+    pixels.iter().filter_map(error).collect()
+}
+
+/// Nothing is corrected, so that what is off is off by the distance of samples: the prediction, and by closed form.
+#[test]
+fn samples_are_added_until_few_pixels_are_predicted_to_be_off_and_few_are() {
+    let mut stage = stage_or_skip!();
+    let plain = [("light_field.corrections", "0"), ("light_field.rest", "none"), ("light_field.memory", "1GiB")];
+    let told = |stage: &mut Stage, scene: &Scene, accuracy: &str, samples: &str| {
+        let pairs = [("light_field.accuracy", accuracy), ("light_field.samples", samples)];
+        let found = scene.render(stage, &by_field(&[&plain[..], &pairs].concat())).reflection.unwrap();
+        let errors = pixel_errors(stage, scene);
+        assert!(errors.len() > 300, "{}", errors.len());
+        let most: f64 = accuracy.parse().unwrap();
+        let off = errors.iter().filter(|error| **error > most).count() as f64 / errors.len() as f64;
+        (found.maps.unwrap(), found.map_use.unwrap(), off)
+    };
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::new(0.2, 0.1, -0.3), RADIUS)]);
+    // The finer the picture is to be, the more maps it takes, and what is predicted is what is.
+    let mut maps = Vec::new();
+    for accuracy in ["4", "2", "1", "0.5"] {
+        let (count, used, off) = told(&mut stage, &scene, accuracy, "256");
+        let predicted = used.off.unwrap();
+        assert!(predicted <= 0.05 && count.drawn == count.asked, "{accuracy}: {used:?}");
+        // What is shown is the place of a disc that is nearest to the ray, which is less off than its middle.
+        assert!(off < predicted + 0.02 && predicted < 2.5 * off + 0.03, "{accuracy}: {predicted} predicted, {off}");
+        maps.push(count.drawn);
+    }
+    assert!(maps.windows(2).all(|pair| pair[0] < pair[1]) && maps[3] < 200, "{maps:?}");
+    // With fewer places than it takes all have maps, and the more there are, the less is off.
+    let mut shares = Vec::new();
+    for samples in ["1", "4", "16", "64"] {
+        let (_, used, off) = told(&mut stage, &scene, "0.5", samples);
+        let predicted = used.off.unwrap();
+        assert!(off < predicted + 0.02 && predicted < 2.5 * off + 0.03, "{samples}: {predicted} predicted, {off}");
+        shares.push(predicted);
+    }
+    assert!(shares.windows(2).all(|pair| pair[0] > pair[1]) && shares[3] > 0.05, "{shares:?}");
+    let (count, used, _) = told(&mut stage, &scene, "0", "64");
+    assert!(count.asked > 30 && used.off.is_none(), "{count:?}, {used:?}");
+    // Of a small mirror, from which all is far, one map tells all.
+    let middle = DVec3::new(0.2, 0.1, -0.3);
+    let mut small = Scene::new(&stage, room(&[]), vec![sphere(middle, 0.01)]);
+    small.camera = Camera::looking(middle, DVec3::new(0.1, 0.2, 1.0), 0.0275, DVec3::Y);
+    let (count, _, off) = told(&mut stage, &small, "1", "256");
+    assert!(count.asked == 1 && off < 0.05, "{count:?}, {off}");
+}
+
+/// With a correction it is what the nearest sample does not resolve that counts.
+#[test]
+fn corrected_look_ups_need_few_samples_in_a_box_and_more_among_things() {
+    let mut stage = stage_or_skip!();
+    let mirror = || vec![sphere(DVec3::new(0.2, 0.1, -0.3), RADIUS)];
+    let maps = |stage: &mut Stage, scene: &Scene, accuracy: &str| {
+        let pairs = [("light_field.accuracy", accuracy), ("light_field.samples", "128"), ("light_field.rest", "none")];
+        let found = scene.render(stage, &by_field(&pairs)).reflection.unwrap();
+        (found.maps.unwrap().drawn, found.map_use.unwrap().off, median(errors(stage, scene).0))
+    };
+    let empty = Scene::new(&stage, room(&[]), mirror());
+    let (few, off, error) = maps(&mut stage, &empty, "1");
+    let (all, ..) = maps(&mut stage, &empty, "0");
+    assert!(few < 8 && all > 60 && off.unwrap() <= 0.05 && error < 0.003, "{few} of {all}, {off:?}, {error}");
+    // Strips of wall stand about the mirror.
+    let mut walls = room(&[]);
+    for strip in 0..8 {
+        let (sin, cos) = (f64::from(strip) * 0.785).sin_cos();
+        let corner = DVec3::new(0.2 + 0.6 * cos, -0.5, -0.3 + 0.6 * sin);
+        walls.push(wall(corner, [DVec3::Y * 1.2, DVec3::new(-sin, 0.0, cos) * 0.12]));
+    }
+    let among = Scene::new(&stage, walls, mirror());
+    let (among, ..) = maps(&mut stage, &among, "1");
+    assert!(among > 2 * few, "{among}, {few} in the empty box");
+}
+
+#[test]
+fn maps_by_rays_show_what_drawn_maps_show() {
+    let mut stage = stage_or_skip!();
+    let mirrors = vec![sphere(DVec3::new(0.3, 0.0, -0.2), RADIUS), sphere(DVec3::new(-0.5, 0.3, 0.1), RADIUS)];
+    let scene = Scene::new(&stage, room(&[2]), mirrors);
+    let mut found = |fill: &str, corrections: &str| {
+        let pairs =
+            [("light_field.fill", fill), ("light_field.corrections", corrections), ("light_field.rest", "none")];
+        let stats = scene.render(&mut stage, &by_field(&pairs));
+        assert!(draws_maps(&stats));
+        (pixels(&stage, &scene.camera), stats.reflection.unwrap())
+    };
+    for corrections in ["0", "1"] {
+        let [(drawn, of_drawn), (traced, of_traced)] = ["draw", "trace"].map(|fill| found(fill, corrections));
+        assert!(drawn.len() > 1000 && of_drawn.maps == of_traced.maps, "{of_drawn:?}, {of_traced:?}");
+        // Of discs that overlap one or the other may be the nearer one; texels at the edge of the open side may hold it or
+        // not.
+        let is_alike = |(a, b): &(&Seen, &Seen)| match (a.found, b.found) {
+            (Some(a), Some(b)) => a.distance(b) < DISC,
+            (a, b) => a.is_some() == b.is_some(),
+        };
+        let alike = drawn.iter().zip(&traced).filter(is_alike).count();
+        assert!(alike * 100 >= drawn.len() * 97, "{corrections}: {alike} of {}", drawn.len());
+    }
+}
+
+/// Boxes about all places at which the only map of a flat mirror may stand, or a screen between two halves of the mirror,
+/// hide it from most mirror points.
+#[test]
+fn a_map_within_a_box_and_one_across_a_rim_are_not_asked() {
+    let mut stage = stage_or_skip!();
+    let flat = |size: f64| {
+        let plane = Shape::Plane { height: 1.0 };
+        Mirror { position: DVec3::ZERO, ..Mirror::standing(plane, DVec3::ZERO, DVec3::Z, DVec3::Y, size) }
+    };
+    let one = [("light_field.samples", "1"), ("light_field.rest", "none"), ("light_field.own", "left_out")];
+    let mut found = |walls: Vec<Chunk>, offset: &str| {
+        let mut scene = Scene::new(&stage, walls, vec![flat(0.5)]);
+        scene.camera = Camera::looking(DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0), 0.8, DVec3::Y);
+        let stats = scene.render(&mut stage, &by_field(&[&one[..], &[("light_field.offset", offset)]].concat()));
+        (pixels(&stage, &scene.camera), stats.reflection.unwrap().unresolved.unwrap())
+    };
+    let share = |pixels: &[&Seen]| {
+        let told = pixels.iter().filter(|seen| seen.found.is_some()).count();
+        assert!(pixels.len() > 30, "{}", pixels.len());
+        told as f64 / pixels.len() as f64
+    };
+    let (all, unresolved) = found(room(&[]), "0.2");
+    let told = share(&all.iter().collect::<Vec<_>>());
+    assert!(told > 0.98 && unresolved < 0.3, "{told}, {unresolved}");
+
+    // The map stands at a corner of the mirror, a tenth before or behind it.
+    let half = 0.2;
+    let mut walls = room(&[]);
+    for corner in [(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)].map(|(x, y)| DVec3::new(x, y, 0.0)) {
+        walls.extend((0..6).map(|side| {
+            let axis = |turn: usize| DVec3::AXES[(side + turn) % 3] * half;
+            let middle = corner + if side < 3 { axis(0) } else { -axis(0) };
+            wall(middle - axis(1) - axis(2), [axis(1) * 2.0, axis(2) * 2.0])
+        }));
+    }
+    let (boxed, unresolved) = found(walls, "0.2");
+    let outside: Vec<&Seen> = boxed.iter().filter(|seen| seen.point.x.abs().min(seen.point.y.abs()) < 0.26).collect();
+    assert!(share(&outside) < 0.02 && unresolved > 0.8, "{}, {unresolved}", share(&outside));
+
+    // A screen stands on the middle of the mirror, across both of its sides.
+    let mut walls = room(&[]);
+    walls.push(wall(DVec3::new(0.0, -0.6, -0.4), [DVec3::Y * 1.2, DVec3::Z * 0.8]));
+    let (halves, _) = found(walls, "0.05");
+    let [left, right] =
+        [-1.0, 1.0].map(|side| share(&halves.iter().filter(|seen| seen.point.x * side > 0.04).collect::<Vec<_>>()));
+    assert!(left.min(right) < 0.03 && left.max(right) > 0.9, "{left}, {right}");
+}
+
+/// Texels that are traced when rays first look at them are those of maps that are traced as a whole, each is traced once,
+/// and what a picture shows does not depend on the pictures before.
+#[test]
+fn texels_are_traced_once_when_rays_first_look_at_them() {
+    let mut stage = stage_or_skip!();
+    let mirrors = [sphere(DVec3::new(0.3, 0.0, -0.2), RADIUS), sphere(DVec3::new(-0.5, 0.3, 0.1), RADIUS)];
+    let mut scene = Scene::new(&stage, room(&[2]), Vec::new());
+    // One is drawn by its formula; the other's points are left out of its own maps.
+    scene.mirrors.push(mirrors[0].clone());
+    add_points(&mut scene.store, mirrors[1].sample(6000, 1), MIRROR);
+    let on_demand = |pairs: &[(&str, &str)]| by_field(&[&[("light_field.fill", "on_demand")], pairs].concat());
+    let texels = |stats: FrameStats| stats.reflection.unwrap().map_use.unwrap().texels;
+    let is_alike = |(a, b): &(&Seen, &Seen)| match (a.found, b.found) {
+        (Some(a), Some(b)) => a.distance(b) < 0.01,
+        (a, b) => a.is_some() == b.is_some(),
+    };
+    for (rule, corrections) in [("nearest", "1"), ("nearest", "0"), ("angle", "2"), ("smooth", "1")] {
+        let neighbours = if rule == "smooth" { "4" } else { "1" };
+        let same = [
+            ("light_field.rule", rule),
+            ("light_field.corrections", corrections),
+            ("light_field.neighbours", neighbours),
+            ("light_field.rest", "none"),
+            ("light_field.own", "left_out"),
+        ];
+        let whole = [("light_field.fill", "trace")];
+        let stats = scene.render(&mut stage, &by_field(&[&same[..], &whole].concat()));
+        assert_eq!(texels(stats), None);
+        let traced = pixels(&stage, &scene.camera);
+        let stats = scene.render(&mut stage, &on_demand(&same));
+        let asked = texels(stats).unwrap() as usize;
+        let most = if rule == "smooth" { 16 } else { 4 } * traced.len();
+        assert!(asked > traced.len() && asked <= most, "{asked} texels for {} pixels", traced.len());
+        let found = pixels(&stage, &scene.camera);
+        let alike = found.iter().zip(&traced).filter(is_alike).count();
+        assert!(traced.len() > 500 && alike * 100 >= traced.len() * 98, "{rule}: {alike} of {}", traced.len());
+    }
+    let settings = on_demand(&[]);
+    stage.renderer.forget();
+    let first = texels(scene.render(&mut stage, &settings)).unwrap();
+    // A picture that asks for the same: the renderer keeps what is found unless something changes.
+    let mut other = settings.clone();
+    other.light_field.rest = scene::SampleRest::None;
+    assert_eq!(texels(scene.render(&mut stage, &other)), Some(0), "all are traced");
+    for turn in 0..3 {
+        scene.camera.orbit(0.02, 0.01);
+        let more = texels(scene.render(&mut stage, &settings)).unwrap();
+        let wandered = bits(&stage);
+        stage.renderer.forget();
+        let anew = texels(scene.render(&mut stage, &settings)).unwrap();
+        assert!(bits(&stage) == wandered, "{turn}");
+        assert!(more > 0 && more < anew && anew.abs_diff(first) * 5 < first, "{more}, {anew}, {first}");
+    }
+    // With few samples chosen by their predicted error, too.
+    let stats = scene.render(&mut stage, &on_demand(&[("light_field.accuracy", "1")]));
+    let found = stats.reflection.unwrap();
+    assert!(found.map_use.unwrap().off.unwrap() <= 0.05, "{found:?}");
+    let alone = by_field(&[("reflection.method", "surfel_trace")]);
+    let by_maps = pixels(&stage, &scene.camera);
+    scene.render(&mut stage, &alone);
+    let alike = pixels(&stage, &scene.camera).iter().zip(&by_maps).filter(is_alike).count();
+    assert!(alike * 100 >= by_maps.len() * 95, "{alike} of {}", by_maps.len());
 }

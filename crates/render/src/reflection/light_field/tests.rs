@@ -1,4 +1,5 @@
-use glam::Vec3;
+use glam::{DVec3, Vec3};
+use proptest::prelude::*;
 use scene::{Camera, Lighting, Method, SampleRule, SampleVisibility};
 
 use super::super::cubemap_trace::tests::{color_of, furnished, vectors};
@@ -82,7 +83,7 @@ fn the_gpu_looks_up_as_its_twin_does() {
         };
         let slots = kept.slots_of_samples();
         let sample = |((surface, _), slot): (&(DVec3, [DVec3; 2]), &Option<usize>)| {
-            let map = slot.and_then(|slot| Some((slot, kept.slots[slot].filter(|map| map.used == field.search)?)));
+            let map = slot.and_then(|slot| Some((slot, kept.slots.0[slot].filter(|map| map.used == field.search)?)));
             twin::Sample {
                 surface: (*surface - eye).as_vec3(),
                 middle: map.map_or(Vec3::ZERO, |(_, map)| (map.place - eye).as_vec3()),
@@ -161,44 +162,57 @@ fn the_gpu_looks_up_as_its_twin_does() {
     }
 }
 
-/// Rays through a box whose walls are maps' texels: the angle by which a plain look-up is off is that of the sample's
-/// distance from the ray, as seen from what is found.
-#[test]
-fn a_plain_look_up_is_off_by_what_its_sample_lies_beside_the_ray() {
-    let half = 1.0_f32;
-    let size = 256;
-    let exit = |from: Vec3, along: Vec3| {
-        let distances = (along.signum() * half - from) / along;
-        from + along * distances.min_element()
+/// A map of the walls of a box of edges of 2 about the origin, each texel a piece of a wall.
+fn map_of_box(middle: Vec3, size: u32) -> [Vec<super::super::depth_walk::Texel>; 6] {
+    let texel = |face: usize, x: u32, y: u32| {
+        let axis = |turn: usize| Vec3::AXES[(face + turn) % 3];
+        let forward = if face < 3 { axis(0) } else { -axis(0) };
+        let slope = |at: u32| (at as f32 + 0.5) / (0.5 * size as f32) - 1.0;
+        let sight = forward + axis(1) * slope(x) - axis(2) * slope(y);
+        let place = exit_of_box(middle, sight);
+        let wall = place.abs().max_position();
+        super::super::depth_walk::Texel {
+            identity: wall as u32 + if place[wall] < 0.0 { 3 } else { 0 },
+            depth: (place - middle).dot(forward),
+            normal: -Vec3::AXES[wall] * place[wall].signum(),
+            radius: 1.0,
+            middle: glam::Vec2::ZERO,
+        }
     };
-    let random = |seed: u32| {
-        let part =
-            |axis: u32| f64::from(cloud::hash(u64::from(seed * 3 + axis)) as u32) as f32 / u32::MAX as f32 * 2.0 - 1.0;
-        Vec3::new(part(0), part(1), part(2))
-    };
-    let mut is_exact = 0;
-    for case in 0..40 {
-        let middle = random(case) * 0.6;
-        // Each texel is a piece of a wall.
-        let texel = |face: usize, x: u32, y: u32| {
-            let axis = |turn: usize| Vec3::AXES[(face + turn) % 3];
-            let forward = if face < 3 { axis(0) } else { -axis(0) };
-            let slope = |at: u32| (at as f32 + 0.5) / (0.5 * size as f32) - 1.0;
-            let sight = forward + axis(1) * slope(x) - axis(2) * slope(y);
-            let place = exit(middle, sight);
-            let wall = place.abs().max_position();
-            super::super::depth_walk::Texel {
-                identity: 7,
-                depth: (place - middle).dot(forward),
-                normal: -Vec3::AXES[wall] * place[wall].signum(),
-                radius: 1.0,
-                middle: glam::Vec2::ZERO,
-            }
-        };
-        let faces: [Vec<_>; 6] =
-            std::array::from_fn(|face| (0..size * size).map(|at| texel(face, at % size, at / size)).collect());
+    std::array::from_fn(|face| (0..size * size).map(|at| texel(face, at % size, at / size)).collect())
+}
+
+/// Where a ray from inside leaves that box.
+fn exit_of_box(from: Vec3, along: Vec3) -> Vec3 {
+    let distances = (along.signum() - from) / along;
+    from + along * distances.min_element()
+}
+
+fn within(reach: f32) -> impl Strategy<Value = Vec3> {
+    prop::array::uniform3(-reach..reach).prop_map(Vec3::from)
+}
+
+/// A direction with no part so small that a texel of a map tells nothing about it.
+fn any_direction() -> impl Strategy<Value = Vec3> {
+    within(1.0).prop_filter_map("too short", |direction| {
+        (direction.length() > 0.1 && direction.abs().min_element() > 1e-3).then(|| direction.normalize())
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+
+    /// The angle by which a plain look-up is off is that of the sample's distance from the ray, as seen from what is
+    /// found; a sample on the mirror point is off by nothing. With a correction the ray ends on its wall, if that is the
+    /// one which both look-ups meet.
+    #[test]
+    fn a_plain_look_up_is_off_by_what_its_sample_lies_beside_the_ray(
+        middle in within(0.6), place in within(0.8), direction in any_direction(), is_there in prop::bool::weighted(0.1),
+    ) {
+        let size = 128;
+        let place = if is_there { middle } else { place };
         let field = |corrections| twin::Field {
-            samples: vec![twin::Sample { surface: middle, middle, faces: Some(faces.clone()) }],
+            samples: vec![twin::Sample { surface: middle, middle, faces: Some(map_of_box(middle, size)) }],
             size,
             neighbours: 1,
             rule: SampleRule::Nearest,
@@ -207,23 +221,25 @@ fn a_plain_look_up_is_off_by_what_its_sample_lies_beside_the_ray() {
             horizon: 1.5,
             corrections,
         };
-        let [plain, corrected] = [0, 1].map(field);
-        for ray in 0..50 {
-            let (place, direction) = (random(1000 + case * 50 + ray) * 0.8, random(9000 + case * 50 + ray).normalize());
-            let shown = plain.place_in_direction(direction);
-            let beside = (middle - place).reject_from_normalized(direction).length();
-            let (expected, angle) = ((beside / shown.distance(place)).asin(), (shown - place).angle_between(direction));
-            // A texel is seen under up to this angle from the mirror point.
-            let slack = 2.0 / size as f32 * (shown - middle).length() * 1.8 / shown.distance(place);
-            assert!((angle - expected).abs() < slack || angle > 1.3, "{angle}, {expected}");
-            if let Found::On { t, .. } = corrected.find(place, Vec3::Z, direction) {
-                let error = (place + direction * t).distance(exit(place, direction));
-                // Beside an edge the second look-up may meet the other wall's plane.
-                is_exact += u32::from(error < 1e-4);
-            }
+        let shown = field(0).place_in_direction(direction);
+        let beside = (middle - place).reject_from_normalized(direction).length();
+        let away = shown.distance(place);
+        // A texel is seen under up to this angle from the mirror point.
+        let slack = 2.0 / size as f32 * (shown - middle).length() * 1.8 / away;
+        let (expected, angle) = ((beside / away).min(1.0).asin(), (shown - place).angle_between(direction));
+        prop_assert!((angle - expected).abs() < slack || angle > 1.3, "{angle}, {expected}");
+        let truth = exit_of_box(place, direction);
+        let wall = |place: Vec3| {
+            let wall = place.abs().max_position();
+            (wall, place[wall] > 0.0)
+        };
+        let met = field(1).find(place, Vec3::Z, direction);
+        let of_truth = field(1).place_in_direction((truth - middle).normalize());
+        if wall(shown) == wall(truth) && wall(of_truth) == wall(truth) {
+            let Found::On { t, .. } = met else { panic!("{met:?}") };
+            prop_assert!((place + direction * t).distance(truth) < 1e-3, "{t}, {truth}");
         }
     }
-    assert!(is_exact > 1000, "{is_exact} of 2000");
 }
 
 /// Samples all over a sphere, and mirror points on a way over it: the weights of all rules are shares of one, equal ones

@@ -204,8 +204,9 @@ fn all_roots_are_found_and_obey_the_law_of_reflection() {
     for (mirror, least_equal, most) in [
         (Variant::Sphere, 0.95, 0.5),
         (Variant::Parabolic, 0.95, 0.5),
-        (Variant::Blob, 0.75, 0.8),
-        (Variant::Torus, 0.75, 0.8),
+        (Variant::Blob, 0.85, 0.5),
+        (Variant::Torus, 0.85, 0.5),
+        (Variant::Coral, 0.3, 3.0),
     ] {
         let picture = picture(mirror, SMALL);
         let settings = all_points();
@@ -243,8 +244,8 @@ pub struct Made {
     /// The places and distances of each point, in order.
     pub roots: Vec<Vec<Root>>,
     pub counters: Vec<u32>,
-    /// The Mirror G-Buffer's positions.
-    position: Vec<[u32; 4]>,
+    /// The Mirror G-Buffer's positions, as bits.
+    pub position: Vec<[u32; 4]>,
 }
 
 /// The normal of the wall on which a point lies.
@@ -291,7 +292,7 @@ pub fn made_with(
     let list = store.draw_list(&camera, &settings, Selection::Everywhere);
     let supply = Inputs::new(gpu, camera, &settings, &list);
     let mut pipelines = Pipelines::new();
-    let mut recorder = Recorder::new(gpu, &mut pipelines);
+    let mut recorder = Recorder::new(gpu, &mut pipelines, &settings);
     let task = Task {
         supply: &supply,
         settings: &settings,
@@ -305,7 +306,7 @@ pub fn made_with(
         formulas: None,
         counters: &counters,
     };
-    let mut forward = Forward::new(gpu, size).unwrap();
+    let mut forward = Forward::new(gpu, size, None).unwrap();
     let gather = Gather::new(&gpu.device, size);
     let mut index = SurfelIndex::default();
     SampleCameras::default().run(&mut recorder, &mut index, &gather, &mut forward, &task).unwrap();

@@ -15,7 +15,7 @@ pub struct Leaf {
     across: [DVec3; 2],
     /// The bounds of z of points that are reflected.
     depths: [f64; 2],
-    center: DVec2,
+    pub center: DVec2,
     half: f64,
     /// t and k, as factors of 1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy.
     factors: [DVec4; 10],
@@ -86,6 +86,22 @@ impl Leaf {
         let along_x = [0.0, 1.0, 0.0, 2.0 * x, y, 0.0, 3.0 * x * x, 2.0 * x * y, y * y, 0.0];
         let along_y = [0.0, 0.0, 1.0, 0.0, x, 2.0 * y, 0.0, x * x, 2.0 * x * y, 3.0 * y * y];
         [powers, along_x, along_y].map(|terms| f.iter().zip(terms).map(|(factor, term)| *factor * term).sum())
+    }
+
+    /// The distances from a mirror point, along the ray of its pixel, at which neighbouring rays meet: where the places of
+    /// rays no longer change with the pixel in one direction. Before them, by how much they are real: the discriminant
+    /// over the square of the linear part; below 0 there are none, and the double one is told.
+    pub fn foci(&self, at: DVec2, point: DVec3) -> (f64, [f64; 2]) {
+        let [ray, along_x, along_y] = self.at((at - self.center) / self.half);
+        let [tx, ty] = [along_x, along_y].map(|change| DVec2::new(change.x, change.y));
+        let [kx, ky] = [along_x, along_y].map(|change| DVec2::new(change.z, change.w));
+        let (constant, linear, square) = (tx.perp_dot(ty), tx.perp_dot(ky) + kx.perp_dot(ty), kx.perp_dot(ky));
+        let discriminant = linear * linear - 4.0 * constant * square;
+        let stable = -0.5 * (linear + discriminant.max(0.0).sqrt().copysign(linear));
+        let per_depth = DVec3::new(ray.z, ray.w, 1.0).length();
+        let (_, own) = self.in_frame(point);
+        let foci = [stable / square, constant / stable].map(|z| (z - own) * per_depth);
+        (discriminant / (linear * linear), foci)
     }
 
     fn in_frame(&self, place: DVec3) -> (DVec2, f64) {

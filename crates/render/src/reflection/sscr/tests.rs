@@ -283,7 +283,7 @@ impl Scene {
             bounce,
             normal,
             sscr: Sscr::new(gpu, size).unwrap(),
-            forward: Forward::new(gpu, size).unwrap(),
+            forward: Forward::new(gpu, size, None).unwrap(),
             counters: storage(&gpu.device, "counters", COUNTERS as u64 * 4),
         }
     }
@@ -297,7 +297,7 @@ impl Scene {
         let camera = FrameCamera::new(&camera(), &settings.view, size, camera().pivot, 2.5);
         let list = self.store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
         let supply = Inputs::new(&stage.gpu, camera, settings, &list);
-        let mut recorder = Recorder::new(&stage.gpu, &mut stage.pipelines);
+        let mut recorder = Recorder::new(&stage.gpu, &mut stage.pipelines, settings);
         recorder.clear(&self.counters);
         let task = Task {
             supply: &supply,
@@ -365,6 +365,9 @@ fn the_gpu_finds_the_regions_and_the_pixels_that_its_twin_finds() {
         let agreeing = share(flags.zip(&made.curvature).map(|(twin, gpu)| twin == *gpu));
         assert!(agreeing > 0.999, "{mirror:?}: {agreeing} of the curvature map");
         // Everything else is integers: equal for equal maps.
+        let mut smoothed: Vec<u32> = made.curvature.iter().map(|flags| flags & 0xf0 | flags >> 8 & 15).collect();
+        twin::smooth(&mut smoothed, SMALL);
+        assert!(made.curvature.iter().map(|flags| flags & 0xff).eq(smoothed), "{mirror:?}: planar pixels");
         let flags: Vec<u32> = made.curvature.iter().map(|flags| flags & 0xff).collect();
         let regions = Regions::of_curvature(&flags, SMALL);
         assert_eq!(regions.labels, made.labels, "{mirror:?}");
@@ -710,7 +713,7 @@ fn pictures_with_more_pixels_than_can_be_numbered_are_refused() {
         Some(crate::Error::TooLarge { what, .. }) => what,
         other => panic!("{other:?}"),
     };
-    assert_eq!(too_large(Forward::new(&stage.gpu, [16_385, 1]).err()), "a row of reflections");
+    assert_eq!(too_large(Forward::new(&stage.gpu, [16_385, 1], None).err()), "a row of reflections");
     assert_eq!(too_large(Sscr::new(&stage.gpu, [16_384, 4096]).err()), "runs of pixels");
 }
 
