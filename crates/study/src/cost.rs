@@ -495,6 +495,7 @@ mod tests {
             glossy_rays: [0; 2],
             has_compiled: false,
             dispatches: 0,
+            waits: 0,
             reflection: Some(ReflectionStats { mirror_pixels: mirrors as u32, ..ReflectionStats::default() }),
         }
     }

@@ -273,6 +273,10 @@ pub struct Group {
     /// How many frames are drawn of each setting before the one that is measured, for what learns from frame to frame.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub frames_before: u32,
+    /// Whether all but the first of these frames may do with what frames before them made, as those of the viewer may
+    /// while something moves.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub lags: bool,
     /// Which settings to show.
     #[serde(default, skip_serializing_if = "is_none")]
     pub pictures: Pictures,

@@ -126,17 +126,26 @@ pub struct MapFigures {
     pub missed: f64,
     /// The memory of the maps.
     pub bytes: f64,
+    /// The share of mirror pixels that are predicted to be off, if that chooses maps.
+    pub off: Option<f64>,
+    /// Texels traced for a frame, where that is left until a ray looks at them.
+    pub texels: Option<f64>,
 }
 
 impl MapFigures {
     /// The mean over frames; `None` if a method has no such maps.
     pub fn of(frames: &[FrameStats]) -> Option<Self> {
         let uses: Vec<_> = frames.iter().filter_map(|frame| frame.reflection?.map_use).collect();
+        let some = |value: fn(&render::MapUse) -> Option<f64>| {
+            uses.iter().map(value).sum::<Option<f64>>().map(|sum| sum / uses.len() as f64)
+        };
         let mean = |value: fn(&render::MapUse) -> f64| uses.iter().map(value).sum::<f64>() / uses.len() as f64;
         let of = || Self {
             new: mean(|map_use| map_use.new.into()),
             missed: mean(|map_use| map_use.missed),
             bytes: mean(|map_use| map_use.bytes as f64),
+            off: some(|map_use| map_use.off),
+            texels: some(|map_use| map_use.texels.map(f64::from)),
         };
         (!uses.is_empty()).then(of)
     }
@@ -145,7 +154,7 @@ impl MapFigures {
 /// The name, the label, the unit, and the source of a figure.
 type Reading<From> = (&'static str, &'static str, &'static str, fn(&From) -> Option<f64>);
 
-const FRAME_FIGURES: [Reading<Measured>; 21] = [
+const FRAME_FIGURES: [Reading<Measured>; 23] = [
     ("mirror_pixels", "mirror pixels", "", |measured| Some(measured.mirror_pixels)),
     ("coverage", "coverage", "share of mirror pixels", |measured| measured.coverage),
     ("closed_coverage", "closed coverage", "share of mirror pixels", |measured| measured.closed_coverage),
@@ -156,6 +165,8 @@ const FRAME_FIGURES: [Reading<Measured>; 21] = [
     ("maps_new", "maps drawn for a frame", "", |measured| Some(measured.maps?.new)),
     ("maps_missed", "maps missed", "share of what is asked for", |measured| Some(measured.maps?.missed)),
     ("maps_bytes", "memory of maps", "bytes", |measured| Some(measured.maps?.bytes)),
+    ("maps_off", "pixels predicted to be off", "share of mirror pixels", |measured| measured.maps?.off),
+    ("texels_traced", "texels traced for a frame", "", |measured| measured.maps?.texels),
     ("listed", "points projected by lists", "share of points found", |measured| measured.listed),
     ("ray_copies", "copies of each ray", "", |measured| measured.ray_copies),
     ("cameras_bytes", "cells of space", "bytes", |measured| measured.cameras_bytes),

@@ -21,7 +21,7 @@ use crate::journal::{Folder, FolderError};
 use crate::loaded::{Loaded, drawn, reference, tracer, view};
 use crate::metrics::Truth;
 use crate::picture;
-use crate::plan::{Case, Pictures, Plan, PlanError, RAY_TRACE};
+use crate::plan::{Case, Group, Pictures, Plan, PlanError, RAY_TRACE};
 use crate::report;
 use crate::results::{self, Figure, Machine, MapFigures, Measured, Row, Run, TimedPass};
 use crate::sightlines::Ruler;
@@ -440,7 +440,7 @@ impl<'a> Runner<'a> {
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         let size = drawn_size(case.size, &settings);
-        let frames = draw(loaded, renderer, case, &settings, plan.groups[case.group].frames_before)?;
+        let frames = draw(loaded, renderer, case, &settings, &plan.groups[case.group])?;
         if let Some((_, _, still)) = loaded.still.as_ref().filter(|_| plan.still) {
             measured.still = Some(still.error(renderer, &loaded.subject.camera, &settings, size)?);
         }
@@ -525,8 +525,7 @@ impl<'a> Runner<'a> {
         }
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
-        let before = plan.groups[case.group].frames_before;
-        let frames = draw(loaded, renderer, case, &settings, before)?;
+        let frames = draw(loaded, renderer, case, &settings, &plan.groups[case.group])?;
         let timed = |name: &str, stage, ms| TimedPass { name: name.to_owned(), stage, ms };
         let share = 1.0 / frames.len() as f64;
         let mut passes: Vec<TimedPass> = Vec::new();
@@ -555,7 +554,7 @@ impl<'a> Runner<'a> {
             let Self { plan, renderer, loaded, .. } = self;
             let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
             let (group, size) = (&plan.groups[case.group], drawn_size(case.size, &settings));
-            draw(loaded, renderer, case, &settings, group.frames_before)?;
+            draw(loaded, renderer, case, &settings, group)?;
             let png = match group.pictures {
                 Pictures::Each => {
                     let mirror = renderer.read_aov(Aov::Mirror)?.data;
@@ -576,17 +575,18 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// Draws a frame that keeps nothing of other settings', after `before` others of the same setting, for methods that
-/// learn from frame to frame. Returns the frames that count: the last one; where the camera turns, all but the first,
-/// which has nothing to begin with.
+/// Draws a frame that keeps nothing of other settings', after others of the same setting if the group wants them, for
+/// methods that learn from frame to frame. Returns the frames that count: the last one; where the camera turns, all but
+/// the first, which has nothing to begin with.
 fn draw(
     loaded: &Loaded,
     renderer: &mut Renderer,
     case: &Case,
     settings: &Settings,
-    before: u32,
+    group: &Group,
 ) -> render::Result<Vec<FrameStats>> {
     let Subject { store, camera, .. } = &loaded.subject;
+    let before = group.frames_before;
     let mut anew = settings.clone();
     // Each of the frames is drawn, even though nothing moves.
     anew.reflection.keep &= before == 0;
@@ -598,7 +598,10 @@ fn draw(
             camera.orbit(-case.orbit.to_radians() * f64::from(left), 0.0);
         }
         let size = drawn_size(case.size, settings);
-        frames.push(renderer.render(store, &camera, &anew, loaded.subject.objects(), size)?);
+        renderer.let_light_lag(group.lags && left < before);
+        let frame = renderer.render(store, &camera, &anew, loaded.subject.objects(), size);
+        renderer.let_light_lag(false);
+        frames.push(frame?);
     }
     let skipped = if case.orbit == 0.0 { before as usize } else { 1 };
     Ok(frames.split_off(skipped))

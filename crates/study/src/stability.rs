@@ -5,6 +5,7 @@
 //! it. All cases stand in the box of the five mirrors, all mirrors are sampled as points, and all
 //! surfaces have formulas, so that both truths can judge them.
 
+mod projecting;
 mod sampled;
 
 use std::f64::consts::PI;
@@ -18,6 +19,7 @@ use scene::five_mirrors::{self, walls};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 use trace::exact::Albedo;
 
+use crate::stability::projecting::{bumps, rows, tilted_plane, touching, two_sided};
 use crate::stability::sampled::{Piece, Scene};
 use crate::subject::Subject;
 
@@ -36,7 +38,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 25] = [
+const CASES: [Case; 30] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -158,6 +160,23 @@ const CASES: [Case; 25] = [
         scene: crease,
     },
     Case { name: "deep-room", value: "length of the room", default: 8.0, range: 4.0..=64.0, scene: deep_room },
+    Case {
+        name: "bumps",
+        value: "how many, rounded down to 1, 4, 16 or 64",
+        default: 16.0,
+        range: 0.0..=64.0,
+        scene: bumps,
+    },
+    Case { name: "touching", value: "gap between bar and mirror", default: 0.02, range: 0.001..=0.5, scene: touching },
+    Case {
+        name: "tilted-plane",
+        value: "angle of its normal to the line of sight, degrees",
+        default: 40.0,
+        range: 15.0..=85.0,
+        scene: tilted_plane,
+    },
+    Case { name: "two-sided", value: "thickness of the plate", default: 0.04, range: 0.005..=0.5, scene: two_sided },
+    Case { name: "rows", value: "how many mirrors", default: 16.0, range: 1.0..=16.0, scene: rows },
 ];
 
 /// Whether the name has the form of a case, known or not.

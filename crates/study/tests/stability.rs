@@ -5,9 +5,11 @@
 use std::sync::{Arc, LazyLock, Mutex};
 
 use cloud::Progress;
+use glam::{DVec3, Vec3};
 use render::{Aov, Gpu, ReflectionStats, Renderer};
 use scene::five_mirrors::Variant;
 use study::{Accuracy, Subject, TracedScene, Tracer, Truth, View, stability};
+use trace::Geometry;
 
 /// Half of the height for which widths in pixels are given.
 const SIZE: [u32; 2] = [160, 120];
@@ -404,4 +406,126 @@ fn corrections_keep_light_fields_right_beside_a_wall_and_before_pillars() {
         let judged = by_field(case, "").unwrap();
         assert!(judged.occlusion_error < 0.1 && judged.closed_coverage > 0.97, "{case}: {judged:?}");
     }
+}
+
+#[test]
+fn maps_that_show_their_own_mirror_stand_outside_of_it() {
+    let by_field = |case: &str, own: &str| {
+        let all = format!("light_field.size=64 light_field.offset=0.1 light_field.rest=none light_field.own={own}");
+        Some(judged("light_field", case, &all)?.same_input)
+    };
+    for case in ["two-sided:0.08", "noisy-normals:0"] {
+        let Some(left_out) = by_field(case, "left_out") else { return };
+        let drawn = by_field(case, "drawn").unwrap();
+        println!("{case}: {left_out:.4?} {drawn:.4?}");
+        // From inside, all that a map shows is the mirror.
+        assert!(drawn.occlusion_error < left_out.occlusion_error + 0.1, "{case}: {left_out:?} {drawn:?}");
+    }
+}
+
+#[test]
+fn bundles_hold_for_what_touches_a_mirror_and_end_where_bumps_are_smaller_than_squares() {
+    let alone = |case: &str, set: &str| judged("sample_cameras", case, &format!("sample_cameras.rest=none {set}"));
+    let Some(all_along) = alone("touching:0.02", "") else { return };
+    let from_afar = alone("touching:0.02", "sample_cameras.near=0.3").unwrap();
+    let errors = [&all_along, &from_afar].map(|judged| judged.same_input.occlusion_error);
+    assert!(errors[0] < 0.06 && errors[1] > 1.5 * errors[0], "{errors:?}");
+    let left = ["bumps:1", "bumps:64"].map(|case| alone(case, "").unwrap().found.unresolved.unwrap());
+    assert!(left[0] < 0.3 && left[1] > 0.8, "{left:?}");
+}
+
+/// A flat mirror behind bars, with one map that stands before these: bars hide part of the mirror from it. What each
+/// mirror pixel shows tells whether the map was asked, and from where it looked.
+#[test]
+fn samples_that_are_asked_see_the_mirror_point_and_what_they_show_is_where_they_see_it() {
+    let Some((gpu, renderer)) = RENDERER.as_ref() else { return };
+    let mut renderer = renderer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let name = format!("{}hovering-bars:0.05", stability::PREFIX);
+    let mut settings = stability::settings(&name).unwrap();
+    let words = [
+        ("scene.points", "60000"),
+        ("gi.bounces", "0"),
+        ("splat.close_gaps", "false"),
+        ("reflection.method", "light_field"),
+        ("light_field.samples", "1"),
+        ("light_field.size", "256"),
+        // In front of the bars, a quarter of the mirror's radius before it.
+        ("light_field.offset", "0.25"),
+        ("light_field.corrections", "0"),
+        ("light_field.rest", "none"),
+    ];
+    words.iter().for_each(|(key, value)| settings.set_text(key, value).unwrap());
+    let mut subject = stability::subject(gpu, &name, &settings).unwrap();
+    subject.render(&mut renderer, &settings, SIZE).unwrap();
+    let progress = Progress::default();
+    let traced = TracedScene::new(&subject.parts, None, settings.splat.size, &progress).unwrap();
+    let view = View { camera: &subject.camera, settings: &settings, objects: subject.objects(), size: SIZE };
+    let tracer = Tracer::new(&traced, view);
+    let figures = tracer.judge(Truth::SameInput, &tracer.drawn(&renderer).unwrap(), &progress).unwrap();
+    let read = |aov| renderer.read_aov_from(aov, traced.origin).unwrap().data;
+    let [mirror, position, found] = [Aov::Mirror, Aov::Position, Aov::MirrorPosition].map(read);
+    let place = |data: &[f32], index: usize| Vec3::from_slice(&data[index..]).as_dvec3();
+    let eye = subject.camera.eye - traced.origin;
+    // The map stands at the place of the mirror that is farthest from its middle, and leaves the mirror itself out.
+    subject.parts.retain(|part| part.specular_intensity == 0.0);
+    let seen = TracedScene::new(&subject.parts, None, settings.splat.size, &progress).unwrap();
+    let surfels = &seen.surfels;
+    let shift = traced.origin - seen.origin;
+    let pixels: Vec<usize> = (0..mirror.len()).filter(|pixel| mirror[*pixel] > 0.0).collect();
+    let ray_of = |pixel: usize| {
+        let point = place(&position, 3 * pixel);
+        let sight = (point - eye).normalize();
+        (point, DVec3::new(sight.x, sight.y, -sight.z))
+    };
+    let meets = |from: DVec3, direction: DVec3| {
+        let ray = trace::Ray::from_eye(from + shift, direction.normalize());
+        surfels.nearest(&ray).map(|hit| hit.position - shift)
+    };
+    // Which of the four corners it is follows from what is seen.
+    let shown = |pixel: usize| (found[4 * pixel + 3] > 0.0).then(|| place(&found, 4 * pixel));
+    let reach = 0.03;
+    let off_by = |middle: DVec3| {
+        let off = pixels.iter().filter_map(|pixel| {
+            let there = meets(middle, ray_of(*pixel).1)?;
+            Some(there.distance(shown(*pixel)?))
+        });
+        let mut off: Vec<f64> = off.collect();
+        off.sort_by(f64::total_cmp);
+        off
+    };
+    let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+    let candidates = corners.map(|(x, y)| DVec3::new(0.49 * x, 0.49 * y, 0.125) - traced.origin);
+    let middle = candidates
+        .into_iter()
+        .min_by(|a, b| off_by(*a)[off_by(*a).len() / 2].total_cmp(&off_by(*b)[off_by(*b).len() / 2]))
+        .unwrap();
+    let off = off_by(middle);
+    // What is shown is the disc that the map sees in the ray's direction, and no other place.
+    assert!(off.len() > 500 && off[off.len() * 8 / 10] < reach, "{} pixels, {}", off.len(), off[off.len() * 8 / 10]);
+    // It is not where the ray of the mirror point ends, and the figures say so.
+    let (mut beside, mut hidden, mut free) = (0, [0, 0], [0, 0]);
+    for pixel in &pixels {
+        let (point, direction) = ray_of(*pixel);
+        if let (Some(shown), Some(truth)) = (shown(*pixel), meets(point, direction)) {
+            beside += usize::from(shown.distance(truth) > 2.0 * reach);
+        }
+        // A map sees bars a disc and a texel wider than they are: what passes near their edges proves nothing.
+        let offset = point - middle;
+        let sideways = offset.cross(DVec3::Z).normalize() * 0.02;
+        let is_blocked = |aside: DVec3| {
+            let to = offset + aside;
+            surfels.is_blocked(&trace::Ray::from_eye(middle + shift, to.normalize()), to.length() - 0.02)
+        };
+        let around = [DVec3::ZERO, sideways, -sideways, DVec3::Z * 0.005].map(is_blocked);
+        let is_shown = usize::from(shown(*pixel).is_some());
+        match around {
+            [true, true, true, true] => hidden[is_shown] += 1,
+            [false, false, false, false] => free[is_shown] += 1,
+            _ => {}
+        }
+    }
+    assert!(beside * 2 > off.len(), "{beside} of {} are beside the ray", off.len());
+    assert!(figures.pixel_error.median > 1.0, "{:?}", figures.pixel_error);
+    assert!(hidden[0] > 100 && hidden[1] * 50 < hidden[0], "of hidden mirror points, refused and asked: {hidden:?}");
+    assert!(free[1] > 100 && free[0] * 50 < free[1], "of others: {free:?}");
 }

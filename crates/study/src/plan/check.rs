@@ -159,6 +159,9 @@ impl Group {
             let text = format!("frames_before is {}, expected at most {MOST_FRAMES_BEFORE}", self.frames_before);
             return Err(at(&["frames_before"], text));
         }
+        if self.lags && self.frames_before == 0 {
+            return Err(at(&["lags"], "lags: there is no frame to lag behind without `frames_before`".into()));
+        }
         check_set(&self.set, &[path, &["set"]].concat())?;
         let mut count = self.scenes.len().saturating_mul(self.methods.len());
         if self.sweep.len() > MOST_SWEPT {

@@ -200,7 +200,7 @@ const PARTS: &str = "title = \"a\"\nfigures = [\"search_ms\"]\n[[part]]\nname = 
 
 #[test]
 fn parts_pictures_and_distances_survive_being_written() {
-    let group = "[[group]]\nscenes = [\"b\"]\npictures = \"each\"\nframes_before = 3\nstacked = [[\"search_ms\", \"frame_ms\"]]\n\
+    let group = "[[group]]\nscenes = [\"b\"]\npictures = \"each\"\nframes_before = 3\nlags = true\nstacked = [[\"search_ms\", \"frame_ms\"]]\n\
                  sweep = { distance = [0.5, 1] }\n";
     let plan = parse(&format!("{PARTS}{group}")).unwrap();
     assert_eq!(parse(&plan.to_text()), Ok(plan.clone()));
@@ -234,6 +234,7 @@ fn wrong_parts_and_stacks_are_refused() {
     refused(&with("sweep = { distance = [0] }"), "distance `0`: expected a share");
     refused(&with("frames_before = 2\nsweep = { orbit = [200] }"), "orbit `200`: expected the degrees");
     refused(&with("sweep = { orbit = [2] }"), "nothing to turn through");
+    refused(&with("lags = true"), "no frame to lag behind");
     refused(&format!("still_set = {{ \"view.point_budget\" = 1000000 }}\n{PARTS}{group}"), "still_set has no effect");
 }
 

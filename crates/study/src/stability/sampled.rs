@@ -29,6 +29,8 @@ pub struct Piece {
     albedo: Albedo,
     /// The mirror, if the surface is one.
     mirror: Option<Mirror>,
+    /// Whether its points are those of the mirror before it, which has more than one surface.
+    is_joined: bool,
     points: Points,
     /// The standard deviation of the error angle of a point's normal, along each of two axes; degrees.
     noise: f64,
@@ -46,17 +48,29 @@ enum Points {
 impl Piece {
     pub fn wall(surface: Surface, albedo: Albedo) -> Self {
         let placement = Placement::ORIGIN;
-        Self { surface, placement, albedo, mirror: None, points: Points::Shared, noise: 0.0 }
+        Self { surface, placement, albedo, mirror: None, is_joined: false, points: Points::Shared, noise: 0.0 }
     }
 
     pub fn mirror(mirror: Mirror) -> Self {
         let (surface, placement) = mirror.surface();
         let albedo = Albedo::Even(mirror.color.map(f64::from));
-        Self { surface, placement, albedo, mirror: Some(mirror), points: Points::Shared, noise: 0.0 }
+        let mirror = Some(mirror);
+        Self { surface, placement, albedo, mirror, is_joined: false, points: Points::Shared, noise: 0.0 }
     }
 
+    /// The mirror, unless it is that of the piece before.
     pub fn into_mirror(self) -> Option<Mirror> {
-        self.mirror
+        self.mirror.filter(|_| !self.is_joined)
+    }
+
+    /// With another surface than the mirror's shape has, in the mirror's own coordinates.
+    pub fn shaped(self, surface: Surface) -> Self {
+        Self { surface, ..self }
+    }
+
+    /// As a further surface of the mirror before.
+    pub fn joined(self) -> Self {
+        Self { is_joined: true, ..self }
     }
 
     pub fn spaced(self, spacing: f64) -> Self {
@@ -92,14 +106,15 @@ impl Scene {
                 Albedo::Even(albedo) => albedo,
                 Albedo::At(albedo) => albedo(position),
             };
-            match &piece.mirror {
-                None => append(&mut parts[0].chunks, points, radius, albedo),
+            let part = match &piece.mirror {
+                None => 0,
+                Some(_) if piece.is_joined => parts.len() - 1,
                 Some(mirror) => {
-                    let mut chunks = Vec::new();
-                    append(&mut chunks, points, radius, albedo);
-                    parts.push(SampledPart { chunks, mirror: Some(mirror.clone()) });
+                    parts.push(SampledPart { chunks: Vec::new(), mirror: Some(mirror.clone()) });
+                    parts.len() - 1
                 }
-            }
+            };
+            append(&mut parts[part].chunks, points, radius, albedo);
         }
         Subject::sampled(gpu, parts, lights, self.camera, Some(self.exact()), settings)
     }
