@@ -2,6 +2,7 @@
 //! them.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
@@ -37,13 +38,19 @@ pub struct Adapter {
     pub driver: String,
 }
 
+impl fmt::Display for Adapter {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, backend, driver } = self;
+        write!(formatter, "{name} ({backend}, {driver})")
+    }
+}
+
 impl Description {
     /// Returns in words the first thing that makes the pictures of `self` others than those of `wanted`. What was
-    /// chosen for a target does not count.
-    pub fn difference(&self, wanted: &Self) -> Option<String> {
+    /// chosen for a target does not count, nor does the adapter if `is_mixed`.
+    pub fn difference(&self, wanted: &Self, is_mixed: bool) -> Option<String> {
         let Self { version, scene, path, size: [width, height], fps, adapter, set, averaging, auto: _ } = self;
         let Averaging { subframes, shutter, supersample } = averaging;
-        let Adapter { name, backend, driver } = adapter;
         let differs = [
             (*version != wanted.version, format!("its pictures are of version {version}, this is {}", wanted.version)),
             (*scene != wanted.scene, "its pictures are of another scene, or the scene has changed since".into()),
@@ -57,11 +64,8 @@ impl Description {
                 ),
             ),
             (
-                *adapter != wanted.adapter,
-                format!(
-                    "its pictures are drawn by {name} ({backend}, {driver}), and here {} draws",
-                    wanted.adapter.name
-                ),
+                *adapter != wanted.adapter && !is_mixed,
+                format!("its pictures are drawn by {adapter}, and here {} draws, which --mixed allows", wanted.adapter),
             ),
         ];
         if let Some((_, difference)) = differs.into_iter().find(|(is_other, _)| *is_other) {
@@ -96,11 +100,11 @@ mod tests {
     #[test]
     fn each_thing_that_decides_how_pictures_look_is_told_by_name() {
         let made = description();
-        assert_eq!(made.difference(&description()), None);
+        assert_eq!(made.difference(&description(), false), None);
         let told = |change: &dyn Fn(&mut Description)| {
             let mut wanted = description();
             change(&mut wanted);
-            made.difference(&wanted).unwrap_or_default()
+            made.difference(&wanted, false).unwrap_or_default()
         };
         assert!(told(&|wanted| wanted.version = "0.2.0".into()).contains("version 0.1.0, this is 0.2.0"));
         assert!(told(&|wanted| wanted.scene = "bb".into()).contains("another scene"));
@@ -114,5 +118,10 @@ mod tests {
             told(&|wanted| drop(wanted.set.insert("gi.vpls".into(), "4".into()))).contains("gi.vpls = its default")
         );
         assert_eq!(told(&|wanted| wanted.auto = Some(1.into())), "");
+        let mut other = description();
+        other.adapter.name = "other card".into();
+        assert_eq!(made.difference(&other, true), None);
+        other.fps = 25;
+        assert!(made.difference(&other, true).is_some_and(|told| told.contains("30 a second")));
     }
 }

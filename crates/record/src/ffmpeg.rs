@@ -17,14 +17,22 @@ pub struct Ffmpeg {
     child: Child,
 }
 
-/// Checks that `ffmpeg` can be started.
+/// Checks that `ffmpeg` makes films of this size and rate: it encodes one picture, of which nothing is kept.
 ///
 /// # Errors
-/// It is not on the PATH, or does not start.
-pub fn check() -> Result<()> {
-    let mut command = Command::new("ffmpeg");
-    command.arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    command.status().map(drop).map_err(not_started)
+/// It is not on the PATH, or does not encode the picture.
+pub fn check(size: [u32; 2], fps: u32) -> Result<()> {
+    let mut film = Ffmpeg::start(size, fps, &["-f", "null", "-"].map(OsString::from))?;
+    let row = vec![0; size[0] as usize * 3];
+    let encoded = (0..size[1]).try_for_each(|_| film.add(&row)).and_then(|()| film.end());
+    encoded.map_err(|error| match error {
+        Error::Ffmpeg { problem } => {
+            let [width, height] = size;
+            let what = format!("it makes no H.264 of {width}x{height} pixels at {fps} a second");
+            Error::Ffmpeg { problem: format!("{what}: {problem}; leave --codec out for AV1") }
+        }
+        other => other,
+    })
 }
 
 fn not_started(error: std::io::Error) -> Error {
@@ -43,16 +51,22 @@ impl Ffmpeg {
     ///
     /// # Errors
     /// There is no `ffmpeg` on the PATH.
-    pub fn new(path: &Path, [width, height]: [u32; 2], fps: u32) -> Result<Self> {
-        let [size, rate] = [format!("{width}x{height}"), fps.to_string()];
-        let input = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-r", &rate, "-i", "-"];
-        let output = ["-vf", FILTER, "-c:v", "libx264", "-crf", QUALITY, "-pix_fmt", "yuv420p", "-colorspace", "bt709"];
-        let tags = ["-color_primaries", "bt709", "-color_trc", "bt709", "-movflags", "+faststart", "-f", "mp4"];
+    pub fn new(path: &Path, size: [u32; 2], fps: u32) -> Result<Self> {
         // By itself a name such as `tour:1.mp4` would be an address.
         let mut place = OsString::from("file:");
         place.push(path);
+        let file = ["-movflags", "+faststart", "-f", "mp4"].map(OsString::from);
+        Self::start(size, fps, &file.into_iter().chain([place]).collect::<Vec<_>>())
+    }
+
+    /// Starts `ffmpeg`; `file` says where the film goes.
+    fn start([width, height]: [u32; 2], fps: u32, file: &[OsString]) -> Result<Self> {
+        let [size, rate] = [format!("{width}x{height}"), fps.to_string()];
+        let input = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-r", &rate, "-i", "-"];
+        let output = ["-vf", FILTER, "-c:v", "libx264", "-crf", QUALITY, "-pix_fmt", "yuv420p", "-colorspace", "bt709"];
+        let tags = ["-color_primaries", "bt709", "-color_trc", "bt709"];
         let mut command = Command::new("ffmpeg");
-        command.args(["-v", "error", "-nostdin", "-y"]).args(input).args(output).args(tags).arg(place);
+        command.args(["-v", "error", "-nostdin", "-y"]).args(input).args(output).args(tags).args(file);
         let started = command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
         Ok(Self { child: started.map_err(not_started)? })
     }
@@ -83,8 +97,11 @@ impl Ffmpeg {
         if let Some(mut output) = self.child.stderr.take() {
             let _ = std::io::Read::read_to_string(&mut output, &mut said);
         }
-        let last = said.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or("it ended without a word");
-        Error::Ffmpeg { problem: last.to_owned() }
+        // The first line tells the cause, and those after it what came of it.
+        let first = said.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or("it ended without a word");
+        // Before it may stand the part of the program that speaks, with its address in memory.
+        let words = first.split_once("] ").filter(|_| first.starts_with('[')).map_or(first, |(_, words)| words);
+        Error::Ffmpeg { problem: words.to_owned() }
     }
 }
 

@@ -5,8 +5,8 @@ use std::io::{BufWriter, Write as _};
 use std::path::Path;
 
 use crate::ffmpeg::{self, Ffmpeg};
-use crate::gif::Gif;
-use crate::mp4::Mp4;
+use crate::gif::{self, Gif};
+use crate::mp4::{self, Mp4};
 use crate::{Error, Result};
 
 /// The kind of a film.
@@ -20,12 +20,16 @@ pub enum Format {
 }
 
 impl Format {
-    /// Checks, before pictures are drawn, that films of this kind can be made here.
+    /// Checks, before pictures are drawn, that films of this kind, size and rate can be made here.
     ///
     /// # Errors
-    /// The program that makes them is missing.
-    pub fn check(self) -> Result<()> {
-        if self == Self::H264 { ffmpeg::check() } else { Ok(()) }
+    /// The encoder refuses them, or the program that makes them is missing or has no such encoder.
+    pub fn check(self, size: [u32; 2], fps: u32) -> Result<()> {
+        match self {
+            Self::Av1 => mp4::check(size, fps),
+            Self::H264 => ffmpeg::check(size, fps),
+            Self::Gif => gif::check(size, fps).map(drop),
+        }
     }
 }
 
@@ -183,8 +187,8 @@ mod tests {
     #[test]
     fn a_gif_has_every_picture_and_lasts_as_long_as_they_do() {
         let file = film(Format::Gif, [64, 48], 30, 45).unwrap();
-        let mut options = gif::DecodeOptions::new();
-        options.set_color_output(gif::ColorOutput::RGBA);
+        let mut options = ::gif::DecodeOptions::new();
+        options.set_color_output(::gif::ColorOutput::RGBA);
         let mut decoder = options.read_info(file.as_slice()).unwrap();
         assert_eq!((decoder.width(), decoder.height()), (64, 48));
         let (mut count, mut hundredths) = (0, 0);
@@ -196,5 +200,17 @@ mod tests {
         assert_eq!((count, hundredths), (45, 150));
         let refused = film(Format::Gif, [64, 48], 60, 1).unwrap_err().to_string();
         assert!(refused.contains("at most 50 pictures a second"), "{refused}");
+    }
+
+    #[test]
+    fn what_the_check_lets_pass_is_made_and_what_it_refuses_is_not() {
+        for format in [Format::Av1, Format::Gif] {
+            for (size, fps) in [([16, 16], 50), ([16, 15], 30), ([15, 16], 30), ([64, 16], 51)] {
+                let (checked, made) = (format.check(size, fps), film(format, size, fps, 1));
+                let reason = |result: Result<()>| result.err().map(|error| error.to_string());
+                assert_eq!(reason(checked), reason(made.map(drop)), "{format:?} {size:?} {fps}");
+            }
+            assert!(format.check([70_000, 16], 30).is_err(), "{format:?}");
+        }
     }
 }

@@ -1,14 +1,19 @@
 //! The folder of a recording: a PNG file for each frame of the path, and `record.json`.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use image::{ColorType, ImageReader};
 use scene::whole_file;
 
-use crate::{Description, Error, Result};
+use crate::{Description, Error, Result, source};
 
 /// The file that says what the pictures are of.
 const DESCRIPTION: &str = "record.json";
+
+/// The part of a picture's file that says what has drawn it.
+const HEAD_BYTES: u64 = 4096;
 
 /// The folder of a recording.
 #[derive(Clone, Debug)]
@@ -40,6 +45,13 @@ impl Folder {
     /// Whether the picture of a frame is there, with this size and to its last pixel.
     pub fn has(&self, frame: u32, [width, height]: [u32; 2]) -> bool {
         read_picture(&self.picture(frame)).is_ok_and(|picture| picture.dimensions() == (width, height))
+    }
+
+    /// What has drawn the picture of a frame, where its file says that.
+    pub fn source(&self, frame: u32) -> Option<String> {
+        let mut head = Vec::new();
+        File::open(self.picture(frame)).ok()?.take(HEAD_BYTES).read_to_end(&mut head).ok()?;
+        source::source(&head)
     }
 
     /// The picture of a frame: rows of sRGB red, green and blue, the top row first.
@@ -79,13 +91,13 @@ impl Folder {
         }
     }
 
-    /// Refuses to add pictures of `wanted` to those that are there.
+    /// Refuses to add pictures of `wanted` to those that are there. `is_mixed` lets another adapter draw them.
     ///
     /// # Errors
     /// Those of `description`, and if the pictures are of something else.
-    pub fn check(&self, wanted: &Description) -> Result<Option<Description>> {
+    pub fn check(&self, wanted: &Description, is_mixed: bool) -> Result<Option<Description>> {
         let made = self.description()?;
-        match made.as_ref().and_then(|made| made.difference(wanted)) {
+        match made.as_ref().and_then(|made| made.difference(wanted, is_mixed)) {
             Some(difference) => Err(Error::Other { name: scene::shown(self.description_file()), difference }),
             None => Ok(made),
         }

@@ -11,6 +11,21 @@ pub const MOST_FPS: u32 = 50;
 /// How many of the pixels the choice of colours looks at: every third, which shows no difference.
 const SAMPLED: i32 = 3;
 
+/// Checks that there are GIFs of this size and rate, and returns the size as they keep it.
+///
+/// # Errors
+/// There are none.
+pub fn check(size: [u32; 2], fps: u32) -> Result<[u16; 2]> {
+    if fps > MOST_FPS {
+        let reason = format!("a GIF shows at most {MOST_FPS} pictures a second, {fps} are asked for");
+        return Err(Error::Encoder { reason });
+    }
+    let [Ok(width), Ok(height)] = size.map(u16::try_from) else {
+        return Err(Error::Encoder { reason: format!("a GIF has at most {} pixels a side", u16::MAX) });
+    };
+    Ok([width, height])
+}
+
 /// A GIF that is being written.
 pub struct Gif<File: Write> {
     encoder: Encoder<File>,
@@ -25,14 +40,7 @@ impl<File: Write> Gif<File> {
     /// # Errors
     /// It cannot have this size or rate, or the file cannot be written.
     pub fn new(file: File, size: [u32; 2], fps: u32) -> Result<Self> {
-        if fps > MOST_FPS {
-            let reason = format!("a GIF shows at most {MOST_FPS} pictures a second, {fps} are asked for");
-            return Err(Error::Encoder { reason });
-        }
-        let [width, height] = size.map(|side| u16::try_from(side).ok());
-        let (Some(width), Some(height)) = (width, height) else {
-            return Err(Error::Encoder { reason: format!("a GIF has at most {} pixels a side", u16::MAX) });
-        };
+        let [width, height] = check(size, fps)?;
         let mut encoder = Encoder::new(file, width, height, &[]).map_err(gif_error)?;
         encoder.set_repeat(Repeat::Infinite).map_err(gif_error)?;
         Ok(Self { encoder, size: [width, height], fps, count: 0 })

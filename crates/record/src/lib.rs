@@ -8,6 +8,7 @@ mod film;
 mod folder;
 mod gif;
 mod mp4;
+mod source;
 mod yuv;
 
 pub use average::{Average, Averaging};
@@ -15,3 +16,4 @@ pub use description::{Adapter, Description};
 pub use error::{Error, Result};
 pub use film::{Film, Format};
 pub use folder::Folder;
+pub use source::name_source;

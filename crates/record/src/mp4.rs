@@ -6,7 +6,8 @@ use std::num::NonZeroU32;
 
 use rav1e::prelude::{
     ChromaSamplePosition, ChromaSampling, ColorDescription, ColorPrimaries, Config, Context, EncoderConfig,
-    EncoderStatus, FrameType, MatrixCoefficients, PixelRange, Rational, SceneDetectionSpeed, TransferCharacteristics,
+    EncoderStatus, FrameType, InvalidConfig, MatrixCoefficients, PixelRange, Rational, SceneDetectionSpeed,
+    TransferCharacteristics,
 };
 use shiguredo_mp4::TrackKind;
 use shiguredo_mp4::bitstream::av1::{
@@ -31,6 +32,38 @@ const SECONDS_TO_KEY: u32 = 2;
 /// What begins each packet of an encoder, and is left out in MP4: a temporal delimiter.
 const DELIMITER: [u8; 2] = [0x12, 0x00];
 
+/// Checks that the encoder makes films of this size and rate.
+///
+/// # Errors
+/// It does not.
+pub fn check(size: [u32; 2], fps: u32) -> Result<()> {
+    config(size, fps).validate().map_err(refused)
+}
+
+fn refused(reason: InvalidConfig) -> Error {
+    Error::Encoder { reason: reason.to_string() }
+}
+
+/// What the encoder is told.
+fn config([width, height]: [u32; 2], fps: u32) -> Config {
+    let mut config = EncoderConfig::with_speed_preset(SPEED);
+    (config.width, config.height) = (width as usize, height as usize);
+    config.time_base = Rational::new(1, u64::from(fps));
+    config.chroma_sampling = ChromaSampling::Cs420;
+    config.chroma_sample_position = ChromaSamplePosition::Unknown;
+    config.pixel_range = PixelRange::Limited;
+    config.color_description = Some(ColorDescription {
+        color_primaries: ColorPrimaries::BT709,
+        transfer_characteristics: TransferCharacteristics::BT709,
+        matrix_coefficients: MatrixCoefficients::BT709,
+    });
+    config.quantizer = QUANTIZER;
+    (config.min_key_frame_interval, config.max_key_frame_interval) = (0, u64::from(fps * SECONDS_TO_KEY));
+    config.tiles = (config.width * config.height / TILE_PIXELS).max(1);
+    config.speed_settings.scene_detection_mode = SceneDetectionSpeed::None;
+    Config::new().with_encoder_config(config)
+}
+
 /// A film that is being written.
 pub struct Mp4<File> {
     file: File,
@@ -48,24 +81,8 @@ impl<File: Write + Seek> Mp4<File> {
     ///
     /// # Errors
     /// The encoder cannot make pictures of this size, or the file cannot be written.
-    pub fn new(mut file: File, [width, height]: [u32; 2], fps: u32, count: usize) -> Result<Self> {
-        let mut config = EncoderConfig::with_speed_preset(SPEED);
-        (config.width, config.height) = (width as usize, height as usize);
-        config.time_base = Rational::new(1, u64::from(fps));
-        config.chroma_sampling = ChromaSampling::Cs420;
-        config.chroma_sample_position = ChromaSamplePosition::Unknown;
-        config.pixel_range = PixelRange::Limited;
-        config.color_description = Some(ColorDescription {
-            color_primaries: ColorPrimaries::BT709,
-            transfer_characteristics: TransferCharacteristics::BT709,
-            matrix_coefficients: MatrixCoefficients::BT709,
-        });
-        config.quantizer = QUANTIZER;
-        (config.min_key_frame_interval, config.max_key_frame_interval) = (0, u64::from(fps * SECONDS_TO_KEY));
-        config.tiles = (config.width * config.height / TILE_PIXELS).max(1);
-        config.speed_settings.scene_detection_mode = SceneDetectionSpeed::None;
-        let encoder = Config::new().with_encoder_config(config).new_context();
-        let encoder = encoder.map_err(|reason| Error::Encoder { reason: reason.to_string() })?;
+    pub fn new(mut file: File, size: [u32; 2], fps: u32, count: usize) -> Result<Self> {
+        let encoder = config(size, fps).new_context().map_err(refused)?;
         let options = Mp4FileMuxerOptions {
             reserved_moov_box_size: estimate_maximum_moov_box_size(&[count]),
             ..Mp4FileMuxerOptions::default()
@@ -74,7 +91,7 @@ impl<File: Write + Seek> Mp4<File> {
         file.write_all(muxer.initial_boxes_bytes())?;
         let end = muxer.initial_boxes_bytes().len() as u64;
         let fps = NonZeroU32::new(fps).unwrap_or(NonZeroU32::MIN);
-        let size = [width as usize, height as usize];
+        let size = size.map(|side| side as usize);
         Ok(Self { file, encoder, muxer, fps, size, end, is_begun: false })
     }
 
