@@ -34,15 +34,18 @@ cargo xtask fuzz [TARGET] [--minutes N]
 cargo xtask package          Build a .deb and a .tar.gz of the program in target/package: with menu entry, icon, file types,
                              thumbnailer and the licences of all crates in it. Needs dpkg-deb, tar and objdump; fails where the
                              program needs a newer glibc than 2.35.
-cargo xtask systems          Type-check everything for Windows and macOS, as far as their standard libraries are installed.
+cargo xtask package --try    The same; then install the .deb in a bare Debian system in target/bare, and open a file there by its
+                             type, on a virtual screen. Needs root, debootstrap, and a mirror of Debian that it finds.
+cargo xtask systems          Type-check everything for Windows and macOS. Where the standard library of one of them is not
+                             installed: our own sources by that of this system, with each cfg as it is there.
 cargo xtask test --modes     Run the renderer's tests while the adapter acts like lesser ones: without 64-bit atomics, without
                              reading them (Metal, DirectX), timed by its own clock in one submit, with the limits that
                              WebGPU promises, and without timestamps.
 cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed) and the links in comments, build
                              and run all tests.
 
-run, test and baseline look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
-ImageMagick) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
+run, test and baseline look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool,
+ImageMagick and spirv-val) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
 the line to type and stop.
 
 Environment of `test`: GLINT_TEST_DATA names the folder of real and malformed point cloud files that tests read (default:
@@ -69,7 +72,8 @@ fn main() -> ExitCode {
         ["test"] => test(),
         ["test", "--modes"] => test_modes(),
         ["baseline"] => baseline(),
-        ["package"] => package(),
+        ["package"] => package(false),
+        ["package", "--try"] => package(true),
         ["systems"] => systems(),
         ["fuzz", words @ ..] => match Fuzzing::parse(words) {
             Some(fuzzing) => fuzz(&fuzzing),
@@ -89,7 +93,7 @@ fn misunderstood() -> ExitCode {
 }
 
 fn run(inputs: &[&str]) -> Result<ExitCode> {
-    let display = Display::from_environment(|name| std::env::var(name).ok());
+    let display = Display::from_environment(std::env::consts::OS, |name| std::env::var(name).ok());
     provide(needs::needs_to_run(display))?;
     let mut command = cargo();
     // By its manifest, so that INPUT and glint.png are relative to where the user stands.
@@ -146,6 +150,9 @@ const STEPS: [Step; 4] = [
 
 fn test() -> Result<ExitCode> {
     provide(needs::needs_to_test())?;
+    if let Err(problem) = provide(needs::needs_to_decode()) {
+        eprintln!("xtask: {problem:#}\nxtask: going on; no test decodes films.");
+    }
     let root = root()?;
     let runtime = runtime_folder()?;
     let mut times = Vec::new();
@@ -185,7 +192,7 @@ const MODES: [&str; 6] = [
     "blind-atomics",
     "gpu-clock",
     "low-limits",
-    "no-timestamps",
+    "no-timestamps,gpu-clock",
     "narrow-atomics,gpu-clock,low-limits",
 ];
 
@@ -233,7 +240,7 @@ fn baseline() -> Result<ExitCode> {
     Ok(exit_code(status(&mut command)?))
 }
 
-fn package() -> Result<ExitCode> {
+fn package(is_tried: bool) -> Result<ExitCode> {
     let root = root()?;
     let mut command = cargo();
     command.args(["build", "--release", "--locked", "--package", "glint"]).current_dir(&root);
@@ -241,15 +248,22 @@ fn package() -> Result<ExitCode> {
     if !status.success() {
         return Ok(exit_code(status));
     }
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), |folder| root.join(folder));
-    for path in package::package(cargo, &root, &target)? {
+    let target = target_folder(&root);
+    let made = package::package(cargo, &root, &target)?;
+    for path in &made {
         println!("{}", path.display());
     }
-    Ok(ExitCode::SUCCESS)
+    if !is_tried {
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut command = Command::new("sh");
+    command.arg(root.join("crates/xtask/bare_system.sh")).arg(&made[0]).arg(target.join("bare"));
+    Ok(exit_code(self::status(&mut command)?))
 }
 
 fn systems() -> Result<ExitCode> {
-    let failed = systems::check(cargo, &root()?)?;
+    let root = root()?;
+    let failed = systems::check(cargo, &root, &target_folder(&root))?;
     println!("== failed: {}", if failed.is_empty() { "none".into() } else { failed.join(", ") });
     Ok(if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -302,7 +316,13 @@ fn cargo() -> Command {
 /// The checkout this program was built in.
 fn root() -> Result<PathBuf> {
     let own = std::env::var_os("CARGO_MANIFEST_DIR").context("start this with `cargo xtask`")?;
-    Ok(PathBuf::from(own).join("../..").canonicalize()?)
+    // Not canonical: such a path of Windows begins with a mark behind which `..` and `/` mean nothing.
+    Ok(Path::new(&own).ancestors().nth(2).context("this is not in crates/xtask of a checkout")?.to_owned())
+}
+
+/// Where cargo puts what it builds.
+fn target_folder(root: &Path) -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), |folder| root.join(folder))
 }
 
 fn installed(subcommand: &str) -> bool {
