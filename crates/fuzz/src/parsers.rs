@@ -1,5 +1,6 @@
 //! Calls the parsers as the program does, and checks what must hold of their results.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,7 +39,7 @@ pub fn cloud(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     if source.is_mesh() {
         let _ = source.triangles();
     }
-    if let Some(pages) = Pages::copc(&Arc::new(source)) {
+    if let Some(pages) = Pages::copc(&Arc::new(source), &BTreeSet::new()) {
         decoded += nodes(&pages)?;
     }
     Ok(decoded)

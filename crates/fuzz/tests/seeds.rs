@@ -14,7 +14,7 @@ use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
 use scene::{
     Bookmark, Camera, CameraPath, Caption, Clip, ClipShape, CloudSettings, Filter, Keep, Keyframe, Measurement,
     MeasurementKind, Mirror, MirrorNormals, MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings,
-    Shape, SpotLight,
+    Shape, SpotLight, WipeState,
 };
 
 /// The most bytes of all seeds together.
@@ -433,6 +433,7 @@ fn scene() -> String {
         name: "tour".into(),
         keyframes: vec![keyframe(0.0), keyframe(2.5)],
         captions: vec![Caption::new("by {reflection.method}".into(), 0.5, Some(2.0))],
+        states: vec![WipeState::of_method("sscr"), WipeState::of_method("ray_trace")],
         ..CameraPath::default()
     }];
     file.to_text()
