@@ -78,7 +78,7 @@ pub struct ViewArguments {
 
 #[derive(Debug, Args)]
 pub struct GpuArgument {
-    /// Adapter to use: part of its name, or `cpu`; the fastest if not given
+    /// Adapter to use: part of its name, `cpu`, or the backend (`vulkan`, `dx12`, `metal`); the fastest if not given
     #[arg(long, value_name = "NAME")]
     pub gpu: Option<String>,
 }
@@ -212,6 +212,9 @@ pub struct RecordArguments {
     /// Record every N-th frame, from the K-th, into the same folder as the other shards
     #[arg(long, value_name = "K/N")]
     pub shard: Option<study::Shard>,
+    /// Add pictures to a folder whose pictures another adapter or driver has drawn, which rounds otherwise
+    #[arg(long)]
+    pub mixed: bool,
     /// Take the values of screen-space curved reflections that belong together: published (by the shape of the mirror), fast
     /// or accurate. Other parameters are set after it
     #[arg(long, value_name = "NAME", value_parser = parse_preset)]
@@ -323,15 +326,27 @@ pub struct ProfileArguments {
     /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds and what it hides
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
-    /// Two or more corners of the line, in the coordinates of the file, as in 1,2,0:5,2,0; only their places seen from above count
-    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = parse_line, allow_hyphen_values = true)]
-    pub line: Line,
+    /// Two or more corners of the line, in the coordinates of the file, as in 1,2,0:5,2,0; only their places seen from above count; the profiles of the scene file that are switched on if not given
+    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = parse_line, allow_hyphen_values = true, requires = "width")]
+    pub line: Option<Line>,
     /// Thickness of the section, world units
-    #[arg(long, value_name = "WIDTH", allow_hyphen_values = true)]
-    pub width: f64,
+    #[arg(long, value_name = "WIDTH", allow_hyphen_values = true, requires = "line")]
+    pub width: Option<f64>,
+    /// Take so many parallel sections more, each farther to the left of the line
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=100), requires = "spacing")]
+    pub copies: u32,
+    /// How far each of the copies is from the one before, world units
+    #[arg(long, value_name = "DISTANCE", allow_hyphen_values = true, requires_all = ["line", "copies"])]
+    pub spacing: Option<f64>,
     /// File to write, by the end of its name: .csv, .svg or .png for a chart, or .laz, .las, .copc.laz, .ply for the points; the table goes to standard output if not given
     #[arg(short, long, value_name = "OUT.csv|.svg|.png|.laz")]
     pub output: Option<PathBuf>,
+    /// Write a report as JSON to standard output, with the number of points and the extent of each section; without a file to write, no table is made
+    #[arg(long)]
+    pub json: bool,
+    /// Set a parameter, as in `--set color.by=height` or `--set splat.strays=hidden`; `glint methods` lists them
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
 }
 
 #[derive(Debug, Args)]
@@ -345,6 +360,9 @@ pub struct ExportArguments {
     /// Scene file whose clips, filters, hidden classes and hidden strays decide which points are shown
     #[arg(long, value_name = "FILE.toml")]
     pub scene: Option<PathBuf>,
+    /// Write a report on the new file as JSON: its points, their bounds and attributes, and the number of points left out
+    #[arg(long)]
+    pub json: bool,
     /// Set a parameter, as in `--set stream.host_bytes=1GiB`; `glint methods` lists them
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
     pub set: Vec<(String, String)>,
@@ -357,6 +375,9 @@ pub struct MeasureArguments {
     /// Write JSON
     #[arg(long)]
     pub json: bool,
+    /// Write a table (CSV) with a row for each value
+    #[arg(long, conflicts_with = "json")]
+    pub csv: bool,
 }
 
 #[derive(Debug, Args)]

@@ -1,11 +1,10 @@
 //! `glint compare`: how far the points of a cloud are from another one.
 
 use std::ffi::OsStr;
-use std::sync::Arc;
 
 use anyhow::Context as _;
 use cloud::Progress;
-use codec::{Added, ExportFormat, Source};
+use codec::{Added, ExportFormat};
 use glam::DVec3;
 use measure::DistanceFigures;
 use scene::shown;
@@ -31,9 +30,9 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
         }
         picture_file::check_place(output)?;
     }
-    let (first, sources) = open(&arguments.first, &arguments.set)?;
-    let (second, others) = open(&arguments.second, &arguments.set)?;
-    let all = sources.iter().chain(&others);
+    let first = open(&arguments.first, &arguments.set)?;
+    let second = open(&arguments.second, &arguments.set)?;
+    let all = first.sources().iter().chain(second.sources());
     terminal::warn(param::few(world::other_systems(all.map(|source| source.info())), "warnings"));
     let CompareArguments { normal_scale: normal, cylinder_scale: cylinder, reach, registration, core, .. } = *arguments;
     let method = match arguments.method.as_str() {
@@ -46,12 +45,12 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     terminal::warn(param::few(warnings, "warnings"));
     report(arguments, &measured)?;
     if let Some(output) = &arguments.output {
-        let [distance, level] = COMPARED.map(|name| free_name(&sources, name));
+        let [distance, level] = COMPARED.map(|name| free_name(first.sources(), name));
         let mut added = vec![Added { name: distance, values: measured.distances }];
         added.extend(measured.levels.map(|values| Added { name: level, values }));
         let progress = Progress::default();
         let memory = half_of(first.settings.stream.host_bytes);
-        let write = || codec::export(&sources, &first.test, &added, output, memory, &progress);
+        let write = || codec::export(first.sources(), first.wanted(), &added, output, memory, &progress);
         let exported = progress_bar::watch("writing", &progress, write)?.ok_or(stream::Error::Cancelled)?;
         terminal::warn(param::few(exported.warnings, "warnings"));
     }
@@ -59,24 +58,33 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
 }
 
 /// Opens the cloud that a word names.
-fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<(Side, Vec<Arc<Source>>)> {
-    let request = world::resolve(&[word]);
+fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
+    let mut request = world::resolve(&[word]);
     request.check()?;
+    request.leave_out_hidden()?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     for (key, value) in set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     terminal::warn(&request.warnings);
     let mut failed = Few::of("that cannot be read");
-    let sources = export_command::open(&request, half_of(settings.stream.host_bytes), &mut failed);
-    let is_whole = failed.count() == 0 && !sources.is_empty();
+    let inputs = export_command::open(&request, half_of(settings.stream.host_bytes), &mut failed);
+    let is_whole = failed.count() == 0 && inputs.iter().any(|sources| !sources.is_empty());
     failed.end();
     if !is_whole {
         // Distances to a part of a cloud would be wrong.
         return Err(usage(format!("{}: not all of this cloud can be read, so nothing is compared", shown(word))));
     }
+    let (test, progress) = (request.test(), Progress::default());
+    let mut left_out = Vec::new();
+    for sources in &inputs {
+        let find = || export_command::strays(sources, &test, &settings, &progress);
+        let found = progress_bar::watch("strays", &progress, find).map_err(usage)?;
+        left_out.extend(found.ok_or(stream::Error::Cancelled)?);
+    }
+    let sources = inputs.concat();
     let up = sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &settings));
-    Ok((Side { points: Points::Files(sources.clone()), test: request.test(), up, settings }, sources))
+    Ok(Side { points: Points::Files(sources), test, left_out, up, settings })
 }
 
 fn report(arguments: &CompareArguments, measured: &Measured) -> anyhow::Result<()> {

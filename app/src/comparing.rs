@@ -3,32 +3,47 @@
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use cloud::{Chunk, Cloud, PointTest, Progress, ShownPoints};
-use codec::{Runs, Selection, Source};
+use codec::{Runs, Selection, Source, Wanted};
 use glam::{DVec3, I64Vec3};
 use measure::{Change, DistanceFigures, M3c2, PointTree, nearest_distances};
+use param::Bytes;
 use rayon::prelude::*;
 use scene::{Settings, shown};
+use world::half_of;
 
 use crate::failure::usage;
+use crate::info::grouped;
 
 /// The number of points of the first cloud that decide to which side normals point.
 const ORIENTING_POINTS: usize = 200_000;
 /// Core points that one task measures.
 const CORES_AT_ONCE: usize = 1 << 14;
+/// The bytes that a point takes in a tree: its place, and its share of the planes and boxes, of which there are at most
+/// two for twelve points.
+const TREE_BYTES: u64 = 31;
+/// The bytes of a distance or a level of detection, which every point of the first cloud gets.
+const VALUE_BYTES: u64 = 4;
+/// The bytes of a core point with its cube.
+const CORE_BYTES: u64 = 96;
+const GIB: u64 = 1 << 30;
 
 /// One of the two clouds, and which of its points are shown.
 pub struct Side {
     pub points: Points,
     pub test: PointTest,
+    /// The points of each file that are left out whatever the test says: their indices in the file, ascending.
+    pub left_out: Vec<Vec<u64>>,
     /// The axis that points up.
     pub up: DVec3,
     pub settings: Settings,
 }
 
+#[allow(clippy::large_enum_variant, reason = "a comparison has two")]
 pub enum Points {
     Files(Vec<Arc<Source>>),
     /// A cloud whose points are all in memory.
@@ -78,6 +93,23 @@ impl Side {
         }
     }
 
+    /// Its files; a cloud in memory has none.
+    pub fn sources(&self) -> &[Arc<Source>] {
+        match &self.points {
+            Points::Files(sources) => sources,
+            Points::Memory(_) => &[],
+        }
+    }
+
+    /// The points of its files that are shown.
+    pub fn wanted(&self) -> Wanted<'_> {
+        Wanted { test: &self.test, left_out: &self.left_out }
+    }
+
+    fn shows_all(&self) -> bool {
+        self.test.shows_all() && self.left_out.iter().all(Vec::is_empty)
+    }
+
     /// The number of points, hidden ones too.
     fn count(&self) -> u64 {
         match &self.points {
@@ -87,18 +119,20 @@ impl Side {
     }
 
     /// Calls `give` with the chunks of all files, the number of the file, what the chunks belong to, and which of their
-    /// points are shown. Returns the files' warnings.
+    /// points are shown, until it has no room for more. Returns the files' warnings.
     fn read(
         &self,
         progress: &Progress,
+        room: &Room,
         give: impl Fn(usize, &Cloud, &Chunk, &ShownPoints) + Sync,
     ) -> anyhow::Result<Vec<String>> {
+        let ends = || progress.is_cancelled() || room.is_exceeded();
         let sources = match &self.points {
             Points::Files(sources) => sources,
             Points::Memory(cloud) => {
                 let test = cloud.test(&self.test);
                 let chunks: Vec<&Chunk> = own_chunks(cloud).collect();
-                chunks.into_par_iter().filter(|_| !progress.is_cancelled()).for_each(|chunk| {
+                chunks.into_par_iter().filter(|_| !ends()).for_each(|chunk| {
                     give(0, cloud, chunk, &test.shown(chunk, chunk.bounds()));
                     progress.add(chunk.len() as u64);
                 });
@@ -106,6 +140,7 @@ impl Side {
             }
         };
         let mut warnings = Vec::new();
+        let wanted = self.wanted();
         for (number, source) in sources.iter().enumerate() {
             let info = source.info();
             let (name, attributes) = (shown(&info.path), info.attributes.clone());
@@ -117,10 +152,12 @@ impl Side {
             let selection = Selection { positions: true, attributes: selected, ..Selection::default() };
             let reading = Progress::default();
             let emit = |chunk: Chunk| {
-                if progress.is_cancelled() {
+                if ends() {
                     return reading.cancel();
                 }
-                give(number, &cloud, &chunk, &test.shown(&chunk, chunk.bounds()));
+                let left_out = wanted.left_out(number, chunk.first_point, chunk.len());
+                let shown = test.shown(&chunk, chunk.bounds()).besides(chunk.len(), |index| left_out.has(index));
+                give(number, &cloud, &chunk, &shown);
                 progress.add(chunk.len() as u64);
             };
             let summary = source.read(&selection, &reading, &emit)?;
@@ -131,13 +168,22 @@ impl Side {
     }
 
     /// The points that are shown. The tree does not depend on the order in which chunks come.
-    fn tree(&self, which: &str, progress: &Progress, warnings: &mut Vec<String>) -> anyhow::Result<Option<PointTree>> {
+    fn tree(
+        &self,
+        which: &str,
+        progress: &Progress,
+        room: &Room,
+        warnings: &mut Vec<String>,
+    ) -> anyhow::Result<Option<PointTree>> {
         let found = Mutex::new(Vec::new());
-        warnings.append(&mut self.read(progress, |number, cloud, chunk, shown| {
-            let indices = shown.indices(chunk.len());
-            let places: Vec<DVec3> = indices.map(|index| cloud.world_position(chunk, index)).collect();
+        warnings.append(&mut self.read(progress, room, |number, cloud, chunk, shown| {
+            let places = places_of(cloud, chunk, shown.indices(chunk.len()));
+            if !room.take(places.len() as u64 * TREE_BYTES) {
+                return;
+            }
             found.lock().unwrap_or_else(PoisonError::into_inner).push(((number, chunk.first_point), places));
         })?);
+        room.check()?;
         if progress.is_cancelled() {
             return Ok(None);
         }
@@ -150,6 +196,59 @@ impl Side {
     }
 }
 
+/// The memory for points and their distances that is left.
+struct Room {
+    left: AtomicU64,
+    is_exceeded: AtomicBool,
+    /// What is said when it is exceeded.
+    refusal: String,
+}
+
+impl Room {
+    /// `bytes` is what a point of each cloud takes. Where no points are hidden, it is known at once whether there is
+    /// enough.
+    fn new(sides: [&Side; 2], bytes: [u64; 2]) -> Self {
+        let (settings, points) = (&sides[0].settings, sides.map(Side::count));
+        let (all, memory) = (settings.stream.host_bytes, half_of(settings.stream.host_bytes));
+        let needed =
+            points.iter().zip(bytes).map(|(points, bytes)| points.saturating_mul(bytes)).fold(0, u64::saturating_add);
+        let enough = Bytes(needed.saturating_mul(2).div_ceil(GIB) * GIB);
+        let [own, other] = points.map(grouped);
+        let refusal = format!(
+            "to compare {own} points with {other} takes up to {:.1} GiB of memory, and half of stream.host_bytes = {all} is \
+             allowed; set that to {enough}, or hide points with clips or classes in a scene file",
+            needed as f64 / GIB as f64
+        );
+        let is_exceeded = needed > memory && sides.iter().all(|side| side.shows_all());
+        Self { left: AtomicU64::new(memory), is_exceeded: AtomicBool::new(is_exceeded), refusal }
+    }
+
+    /// Takes some of it; false if that is not left.
+    fn take(&self, bytes: u64) -> bool {
+        let rest = |left: u64| left.checked_sub(bytes);
+        let is_there = self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, rest).is_ok();
+        self.is_exceeded.fetch_or(!is_there, Ordering::Relaxed);
+        is_there
+    }
+
+    fn is_exceeded(&self) -> bool {
+        self.is_exceeded.load(Ordering::Relaxed)
+    }
+
+    fn check(&self) -> anyhow::Result<()> {
+        if self.is_exceeded() { Err(usage(self.refusal.clone())) } else { Ok(()) }
+    }
+}
+
+/// The values of all files in their order.
+fn values_of(runs: &[Runs]) -> impl Iterator<Item = f32> {
+    runs.iter().flat_map(Runs::values).flatten().copied()
+}
+
+fn places_of(cloud: &Cloud, chunk: &Chunk, indices: impl Iterator<Item = usize>) -> Vec<DVec3> {
+    indices.map(|index| cloud.world_position(chunk, index)).collect()
+}
+
 /// The chunks of the points that are in the file: those spread over a mesh are not.
 fn own_chunks(cloud: &Cloud) -> impl Iterator<Item = &Chunk> {
     cloud.chunks.iter().filter(|chunk| chunk.corners.is_none())
@@ -160,7 +259,8 @@ fn own_chunks(cloud: &Cloud) -> impl Iterator<Item = &Chunk> {
 /// was cancelled.
 ///
 /// # Errors
-/// Bad lengths, a cloud that cannot be read or shows no points, or no distances.
+/// Bad lengths, a cloud that cannot be read or shows no points, more points than fit into half of `stream.host_bytes`, or
+/// no distances.
 pub fn compare(
     first: &Side,
     second: &Side,
@@ -169,14 +269,18 @@ pub fn compare(
     progress: &Progress,
 ) -> anyhow::Result<Option<(Measured, Vec<String>)>> {
     let [own, other] = [first, second].map(Side::count);
-    let has_tree = method != Method::Nearest || core.is_some();
-    progress.set_total(other + own * (1 + u64::from(has_tree) + u64::from(core.is_some())));
+    let has_tree = method != Method::Nearest;
+    progress.set_total(other + own * (1 + u64::from(has_tree || core.is_some()) + u64::from(core.is_some())));
     if core.is_some_and(|core| !(core > 0.0 && core.is_finite())) {
         return Err(usage(format!("core points {} apart, expected more than 0", core.unwrap_or_default())));
     }
+    let value_bytes = VALUE_BYTES * (1 + u64::from(has_tree));
+    let room = Room::new([first, second], [value_bytes + TREE_BYTES * u64::from(has_tree), TREE_BYTES]);
+    room.take(own.saturating_mul(value_bytes));
+    room.check()?;
     let mut warnings = Vec::new();
-    let Some(second_tree) = second.tree("second", progress, &mut warnings)? else { return Ok(None) };
-    let first_tree = match has_tree.then(|| first.tree("first", progress, &mut warnings)).transpose()? {
+    let Some(second_tree) = second.tree("second", progress, &room, &mut warnings)? else { return Ok(None) };
+    let first_tree = match has_tree.then(|| first.tree("first", progress, &room, &mut warnings)).transpose()? {
         Some(None) => return Ok(None),
         Some(Some(tree)) => tree,
         None => PointTree::default(),
@@ -194,12 +298,33 @@ pub fn compare(
             |change: Option<Change>| change.map_or([f32::NAN; 2], |change| [change.distance as f32, level(change)]);
         method.changes(&first_tree, &second_tree, places).into_iter().map(value).collect()
     };
-    let cores = core.map(|edge| Cores::measure(edge, &first_tree, &values, progress, own));
+    let cores = match core {
+        Some(edge) => {
+            let found = Mutex::new(CorePoints::new(edge));
+            let add = |places: &[DVec3]| {
+                let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+                let known = found.len();
+                places.iter().for_each(|place| found.add(*place));
+                room.take((found.len() - known) as u64 * CORE_BYTES);
+            };
+            if has_tree {
+                add(first_tree.points());
+            } else {
+                let read = first.read(progress, &room, |_, cloud, chunk, shown| {
+                    add(&places_of(cloud, chunk, shown.indices(chunk.len())));
+                });
+                warnings.append(&mut read?);
+            }
+            room.check()?;
+            Some(found.into_inner().unwrap_or_else(PoisonError::into_inner).measured(&values, progress, own))
+        }
+        None => None,
+    };
     let none = || vec![Runs::new(); first.files()];
     let lists = Mutex::new((none(), m3c2.is_some().then(none)));
-    let read = first.read(progress, |number, cloud, chunk, shown| {
+    let read = first.read(progress, &room, |number, cloud, chunk, shown| {
         let indices: Vec<usize> = shown.indices(chunk.len()).collect();
-        let places: Vec<DVec3> = indices.iter().map(|index| cloud.world_position(chunk, *index)).collect();
+        let places = places_of(cloud, chunk, indices.iter().copied());
         let values = match &cores {
             Some(cores) => places.iter().map(|place| cores.value(*place)).collect(),
             None => values(&places),
@@ -217,14 +342,14 @@ pub fn compare(
     if progress.is_cancelled() {
         return Ok(None);
     }
-    warnings.extend(read.into_iter().filter(|_| !has_tree));
+    warnings.extend(read.into_iter().filter(|_| !has_tree && core.is_none()));
+    drop((first_tree, second_tree));
     let (distances, levels) = lists.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let all = |runs: &[Runs]| -> Vec<f32> { runs.iter().flat_map(Runs::values).flatten().copied().collect() };
     let measured: Vec<Value> = match cores {
         Some(cores) => cores.in_order(),
         None => {
-            let levels = levels.as_deref().map_or_else(Vec::new, all).into_iter().chain(std::iter::repeat(f32::NAN));
-            all(&distances).into_iter().zip(levels).map(|(distance, level)| [distance, level]).collect()
+            let levels = levels.as_deref().into_iter().flat_map(values_of).chain(std::iter::repeat(f32::NAN));
+            values_of(&distances).zip(levels).map(|(distance, level)| [distance, level]).collect()
         }
     };
     let is_significant = |[distance, level]: &&Value| distance.abs() > *level;
@@ -244,31 +369,41 @@ fn m3c2(scales: Scales, first: &Side, tree: &PointTree) -> measure::Result<M3c2>
     M3c2::new(tree, scales.normal, scales.cylinder, scales.reach, scales.registration, orientation)
 }
 
-/// Core points: of the points in a cube, that which is nearest to its middle, with what was measured there.
-struct Cores {
+/// Core points: of the points in a cube, that which is nearest to its middle. The order in which points come does not
+/// matter.
+struct CorePoints {
     edge: f64,
-    values: HashMap<I64Vec3, Value>,
+    /// The squared distance from the middle, and the point.
+    found: HashMap<I64Vec3, (f64, DVec3)>,
 }
 
-impl Cores {
-    fn measure(
-        edge: f64,
-        tree: &PointTree,
-        values: &(impl Fn(&[DVec3]) -> Vec<Value> + Sync),
-        progress: &Progress,
-        points: u64,
-    ) -> Self {
-        let mut nearest: HashMap<I64Vec3, (f64, DVec3)> = HashMap::new();
-        for point in tree.points() {
-            let cell = cell_of(*point, edge);
-            let off = point.distance_squared((cell.as_dvec3() + 0.5) * edge);
-            match nearest.entry(cell) {
-                Entry::Vacant(place) => drop(place.insert((off, *point))),
-                Entry::Occupied(mut place) if off < place.get().0 => drop(place.insert((off, *point))),
-                Entry::Occupied(_) => {}
-            }
+impl CorePoints {
+    fn new(edge: f64) -> Self {
+        Self { edge, found: HashMap::new() }
+    }
+
+    fn len(&self) -> usize {
+        self.found.len()
+    }
+
+    fn add(&mut self, point: DVec3) {
+        if !point.is_finite() {
+            return;
         }
-        let mut cores: Vec<(I64Vec3, DVec3)> = nearest.into_iter().map(|(cell, (_, point))| (cell, point)).collect();
+        let cell = cell_of(point, self.edge);
+        let off = point.distance_squared((cell.as_dvec3() + 0.5) * self.edge);
+        let key = |(off, point): (f64, DVec3)| [off, point.x, point.y, point.z];
+        match self.found.entry(cell) {
+            Entry::Vacant(place) => drop(place.insert((off, point))),
+            Entry::Occupied(mut place) if key((off, point)) < key(*place.get()) => drop(place.insert((off, point))),
+            Entry::Occupied(_) => {}
+        }
+    }
+
+    /// Measures them. `points` is the number of all points, by which `progress` counts.
+    fn measured(self, values: &(impl Fn(&[DVec3]) -> Vec<Value> + Sync), progress: &Progress, points: u64) -> Cores {
+        let edge = self.edge;
+        let mut cores: Vec<(I64Vec3, DVec3)> = self.found.into_iter().map(|(cell, (_, point))| (cell, point)).collect();
         cores.sort_unstable_by_key(|(cell, _)| cell.to_array());
         let share = points as f64 / cores.len().max(1) as f64;
         let measured = cores.par_chunks(CORES_AT_ONCE).filter(|_| !progress.is_cancelled()).flat_map_iter(|cores| {
@@ -277,9 +412,17 @@ impl Cores {
             progress.add((share * cores.len() as f64) as u64);
             cores.iter().map(|(cell, _)| *cell).zip(values)
         });
-        Self { edge, values: measured.collect() }
+        Cores { edge, values: measured.collect() }
     }
+}
 
+/// Cubes with edges of a length, and what was measured at the core point of each.
+struct Cores {
+    edge: f64,
+    values: HashMap<I64Vec3, Value>,
+}
+
+impl Cores {
     fn value(&self, place: DVec3) -> Value {
         self.values.get(&cell_of(place, self.edge)).copied().unwrap_or([f32::NAN; 2])
     }
@@ -307,7 +450,8 @@ pub fn free_name(sources: &[Arc<Source>], name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use cloud::Random;
+    use cloud::{Random, Volume, VolumeShape};
+    use glam::DQuat;
 
     use super::*;
 
@@ -321,7 +465,8 @@ mod tests {
         };
         let chunks = vec![chunk(0, count / 2), chunk(count / 2, count - count / 2)];
         let points = Points::Memory(Cloud { chunks, ..Cloud::default() });
-        Side { points, test: PointTest::default(), up: DVec3::Z, settings: Settings::default() }
+        let (test, left_out) = (PointTest::default(), Vec::new());
+        Side { points, test, left_out, up: DVec3::Z, settings: Settings::default() }
     }
 
     #[test]
@@ -344,6 +489,38 @@ mod tests {
         let is_same = |a: &Measured, b: &Measured| a.distances == b.distances && a.figures == b.figures;
         assert!(is_same(&some, &of(Method::M3c2(scales), Some(0.5))));
         assert!(of(Method::Nearest, Some(1.0)).levels.is_none());
+    }
+
+    #[test]
+    fn more_points_than_fit_into_memory_are_refused_and_cores_need_less() {
+        let of = |points: u64, bytes: u64, method, core| {
+            let [mut first, second] = [side(points, 1, 0.0), side(8000, 2, 0.5)];
+            first.settings.stream.host_bytes.0 = 2 * bytes;
+            let compared = compare(&first, &second, method, core, &Progress::default());
+            compared.map(|compared| compared.unwrap().0.figures.points).map_err(|error| error.to_string())
+        };
+        let (nearest, m3c2) = (Method::Nearest, Method::M3c2(Scales::default()));
+        let needed = 4000 * VALUE_BYTES + 8000 * TREE_BYTES;
+        assert_eq!(of(4000, needed, nearest, None), Ok(4000));
+        let refused = of(4000, needed - 1, nearest, None).unwrap_err();
+        let told = "to compare 4,000 points with 8,000 takes up to 0.0 GiB of memory, and half of stream.host_bytes = ";
+        assert!(refused.starts_with(told) && refused.contains("set that to 1GiB"), "{refused}");
+        // M3C2 needs the points of the first cloud, too, and two numbers for each.
+        let both = needed + 4000 * (VALUE_BYTES + TREE_BYTES);
+        assert!(of(4000, both, m3c2, None).is_ok());
+        assert!(of(4000, both - 1, m3c2, None).is_err());
+        // There are 16 cubes, and the points in them are not kept.
+        assert_eq!(of(4000, needed + 16 * CORE_BYTES, nearest, Some(1.0)), Ok(16));
+        assert!(of(4000, needed + 15 * CORE_BYTES, nearest, Some(1.0)).is_err());
+        // Points that a clip hides take no room beside their distances.
+        let [mut first, second] = [side(4000, 1, 0.0), side(8000, 2, 0.5)];
+        let volume = Volume::new(VolumeShape::Box, DVec3::new(6e5, 5e6, 0.0), DQuat::IDENTITY, DVec3::splat(2.0));
+        first.test = first.test.within(vec![volume]);
+        first.settings.stream.host_bytes.0 = 2 * (both - 2000 * TREE_BYTES);
+        let some = compare(&first, &second, m3c2, None, &Progress::default()).unwrap().unwrap().0;
+        assert!((100..1000).contains(&some.figures.points), "{:?}", some.figures);
+        // Not even the distances fit.
+        assert!(of(4000, 4000 * VALUE_BYTES - 1, nearest, None).is_err());
     }
 
     #[test]

@@ -8,11 +8,13 @@ use anyhow::Context as _;
 use cloud::{Chunk, Orientation, PointTest, Progress, RadiusRule, STRAY_RADIUS, SurfelOptions};
 use codec::{Added, ExportFormat, Exported, Runs, Source, Wanted};
 use glam::Vec3;
-use scene::{SceneFile, Settings, Strays, SurfaceRadii, shown};
+use scene::{CloudSettings, SceneFile, Settings, Strays, SurfaceRadii, shown};
+use serde_json::json;
 use world::{Input, Request, half_of};
 
 use crate::command_line::ExportArguments;
 use crate::failure::{UNUSABLE, usage};
+use crate::info::{attributes_report, bounds_report};
 use crate::terminal::{self, Few};
 use crate::{picture_file, progress_bar};
 
@@ -51,7 +53,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     terminal::warn(&request.warnings);
     let memory = half_of(settings.stream.host_bytes);
     let mut failed = Few::of("that cannot be read");
-    let inputs = open_inputs(&request, memory, &mut failed);
+    let inputs = open(&request, memory, &mut failed);
     let status = if failed.count() > 0 { UNUSABLE } else { 0 };
     failed.end();
     let (test, progress) = (request.test(), Progress::default());
@@ -68,10 +70,17 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     let (wanted, progress) = (Wanted { test: &test, left_out: &left_out }, Progress::default());
     let write = || codec::export(&sources, wanted, &[], output, memory, &progress);
     let written = progress_bar::watch("exporting", &progress, write)?;
-    let Exported { points, warnings } = written.ok_or(stream::Error::Cancelled)?;
+    let Exported { points, bounds, attributes, warnings } = written.ok_or(stream::Error::Cancelled)?;
     terminal::warn(param::few(warnings, "warnings"));
     let all: u64 = sources.iter().map(|source| source.info().points).sum();
-    terminal::print([format!("{}: {points} of {all} points", shown(output))])?;
+    if arguments.json {
+        terminal::print_json(&json!({
+            "path": shown(output), "points": points, "left_out": all.saturating_sub(points),
+            "bounds": bounds_report(bounds), "attributes": attributes_report(&attributes),
+        }))?;
+    } else {
+        terminal::print([format!("{}: {points} of {all} points", shown(output))])?;
+    }
     Ok(status)
 }
 
@@ -81,7 +90,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
 ///
 /// # Errors
 /// A file that cannot be read, or too many points to be told.
-fn strays(
+pub fn strays(
     sources: &[Arc<Source>],
     test: &PointTest,
     settings: &Settings,
@@ -137,13 +146,8 @@ fn strays(
     Ok(Some(strays))
 }
 
-/// Opens the files of all inputs, and reports what cannot be opened.
-pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Arc<Source>> {
-    open_inputs(request, memory, failed).into_iter().flatten().collect()
-}
-
-/// The same, input by input.
-fn open_inputs(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<Source>>> {
+/// Opens the files of all inputs, input by input, and reports what cannot be opened.
+pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<Source>>> {
     let mut inputs = Vec::new();
     for input in &request.inputs {
         match input {
@@ -155,7 +159,7 @@ fn open_inputs(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<
         }
         let mut sources = Vec::new();
         for path in input.files() {
-            match world::open_file(path, memory) {
+            match world::open_placed(path, memory, request.placement_of(input, path)) {
                 Ok(source) => sources.push(source),
                 Err(error) => failed.complain(&error),
             }
@@ -173,6 +177,7 @@ fn open_inputs(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<
 /// A cloud that is no file or cannot be read, or what `codec::export` cannot do.
 pub fn write(
     inputs: &[String],
+    own: Vec<CloudSettings>,
     test: &PointTest,
     added: &[(PathBuf, String, Arc<Runs>)],
     path: &Path,
@@ -181,11 +186,13 @@ pub fn write(
 ) -> Result<Option<Exported>, String> {
     let memory = half_of(settings.stream.host_bytes);
     let (mut sources, mut left_out) = (Vec::new(), Vec::new());
-    for input in world::resolve(inputs).inputs {
+    let request = Request { cloud_settings: own, ..world::resolve(inputs) };
+    for input in &request.inputs {
         if input.files().is_empty() {
             return Err(format!("{}: not a file; points of files can be saved", input.name()));
         }
-        let own = input.files().iter().map(|file| world::open_file(file, memory)).collect::<Result<Vec<_>, _>>()?;
+        let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file));
+        let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let Some(found) = strays(&own, test, settings, progress)? else { return Ok(None) };
         left_out.extend(found);
         sources.extend(own);

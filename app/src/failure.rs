@@ -68,11 +68,13 @@ fn status_of(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     if cause.is::<NoScreen>() {
         return Some(NO_SCREEN);
     }
-    if cause.is::<Usage>()
-        || cause.is::<record::Error>()
-        || cause.is::<scene::Error>()
-        || cause.is::<param::Error>()
-        || cause.is::<study::PlanError>()
+    if let Some(error) = cause.downcast_ref::<record::Error>() {
+        // Films of which no encoder makes any are refused beforehand, as bad usage.
+        let has_failed =
+            matches!(error, record::Error::Io(_) | record::Error::Encoder { .. } | record::Error::Ffmpeg { .. });
+        return Some(if has_failed { FAILED } else { UNUSABLE });
+    }
+    if cause.is::<Usage>() || cause.is::<scene::Error>() || cause.is::<param::Error>() || cause.is::<study::PlanError>()
     {
         return Some(UNUSABLE);
     }

@@ -19,6 +19,11 @@ pub enum Codec {
     H264,
 }
 
+/// The folder of the pictures of a film.
+pub fn folder_of(film: &Path) -> PathBuf {
+    film.with_extension("frames")
+}
+
 /// The output of a recording.
 #[derive(Clone, Debug)]
 pub struct Output {
@@ -31,8 +36,9 @@ impl Output {
     /// `tour.frames` beside it.
     ///
     /// # Errors
-    /// The film would be of a kind that is not made, or cannot be written where it is to be.
-    pub fn new(name: &Path, codec: Option<Codec>) -> anyhow::Result<Self> {
+    /// The film would be of a kind that is not made, or not of this size and rate, or cannot be written where it is to
+    /// be.
+    pub fn new(name: &Path, codec: Option<Codec>, size: [u32; 2], fps: u32) -> anyhow::Result<Self> {
         let extension = name.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let shown = scene::shown(name);
         let format = match (extension.as_deref(), codec) {
@@ -46,9 +52,9 @@ impl Output {
             _ => None,
         };
         let Some(format) = format else { return Ok(Self { folder: Folder { path: name.to_owned() }, film: None }) };
-        format.check().map_err(|error| usage(format!("{shown}: {error}")))?;
+        format.check(size, fps).map_err(|error| usage(format!("{shown}: {error}")))?;
         picture_file::check_place(name)?;
-        Ok(Self { folder: Folder { path: name.with_extension("frames") }, film: Some((name.to_owned(), format)) })
+        Ok(Self { folder: Folder { path: folder_of(name) }, film: Some((name.to_owned(), format)) })
     }
 
     /// The name of the film, if there is to be one.

@@ -1,5 +1,6 @@
 //! `glint index`: makes the indexes of large clouds ahead of time, so that nobody has to wait for them in the viewer.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -36,7 +37,8 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
-    let cache = world::cache(&settings.stream)?;
+    let asked = world::asked_attributes(&settings, &request.visibility, &request.cloud_settings);
+    let cache = world::cache(&settings.stream)?.keeping(asked);
     terminal::warn(&request.warnings);
     let mut unreadable = Few::of("that cannot be read");
     let mut clouds = Vec::new();
@@ -141,7 +143,7 @@ impl Task<'_> {
     fn index_once(&self, name: &str, sources: &[Arc<codec::Source>], place: &str) -> anyhow::Result<()> {
         let of_files: Vec<String> = sources.iter().flat_map(|source| world::file_warnings(source.info())).collect();
         terminal::warn(param::few(of_files.clone(), "warnings"));
-        let parts = world::parts(sources.to_vec());
+        let parts = world::parts(sources.to_vec(), &BTreeSet::new());
         if parts.iter().all(|(_, native)| native.is_some()) {
             return print([format!("{name}: COPC, which needs no index")]);
         }

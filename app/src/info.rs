@@ -4,8 +4,8 @@
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Bounds, Chunk, ColorCount, Column, Progress};
-use codec::{Format, Info, Unit, Units};
+use cloud::{Attribute, Bounds, Chunk, ColorCount, Column, Progress};
+use codec::{Format, Unit, Units};
 use scene::shown;
 use serde::Serialize;
 use world::Input;
@@ -66,7 +66,7 @@ struct UnitsReport {
 }
 
 #[derive(Serialize)]
-struct BoundsReport {
+pub struct BoundsReport {
     min: [f64; 3],
     max: [f64; 3],
 }
@@ -83,7 +83,7 @@ struct NeighbourhoodReport {
 }
 
 #[derive(Serialize)]
-struct AttributeReport {
+pub struct AttributeReport {
     name: String,
     #[serde(rename = "type")]
     type_name: &'static str,
@@ -159,7 +159,7 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
         point_format: info.point_format,
         points: info.points,
         bounds: info.bounds.and_then(bounds_report),
-        attributes: attributes(info),
+        attributes: attributes_report(&info.properties),
         crs: info.crs.clone(),
         units: units(&info.units),
         without_colour: None,
@@ -259,16 +259,16 @@ fn format_name(format: Format) -> &'static str {
     }
 }
 
-fn attributes(info: &Info) -> Vec<AttributeReport> {
-    let report = |attribute: &cloud::Attribute| AttributeReport {
+pub fn attributes_report(attributes: &[Attribute]) -> Vec<AttributeReport> {
+    let report = |attribute: &Attribute| AttributeReport {
         name: attribute.name.clone(),
         type_name: attribute.column_type.name(),
         constant: None,
     };
-    info.properties.iter().map(report).collect()
+    attributes.iter().map(report).collect()
 }
 
-fn bounds_report(bounds: Bounds) -> Option<BoundsReport> {
+pub fn bounds_report(bounds: Bounds) -> Option<BoundsReport> {
     (!bounds.is_empty()).then(|| BoundsReport { min: bounds.min.to_array(), max: bounds.max.to_array() })
 }
 

@@ -172,6 +172,7 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
         fact("splatting", if report.atomics64 { "one pass, 64-bit atomics" } else { "two passes, 32-bit atomics" });
         let clock = match (report.timestamps, report.kind.as_str()) {
             (true, kind) if kind != "cpu" => "the GPU's timestamps",
+            (false, kind) if kind != "cpu" => "the host's clock around each pass, in the window only at rest",
             _ => "the host's clock around each pass",
         };
         fact("pass times", clock);

@@ -1,21 +1,22 @@
 //! `glint measure`: the measurements that a scene file keeps, carried out on the points of its files. Each file is read
 //! chunk by chunk, so it may be larger than memory: once, or several times where measurements take much memory.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::Context as _;
-use cloud::{Chunk, Cloud, PointTest, Progress};
-use codec::{Info, Selection, Units};
+use cloud::{Chunk, Cloud, Placement, PointTest, Progress};
+use codec::{Info, Selection, Units, Wanted};
 use glam::DVec3;
-use scene::{Measurement, Settings, shown};
+use scene::{Measurement, Settings, Strays, shown};
 use serde_json::{Value, json};
 
 use crate::command_line::MeasureArguments;
 use crate::failure::{self, FAILED, UNUSABLE, usage};
 use crate::measuring::{Gathering, Outcome};
 use crate::terminal::{self, Few};
-use crate::{interrupt, progress_bar};
+use crate::{export_command, interrupt, progress_bar};
 
 /// What all measurements share, known when the first file is open.
 #[derive(Clone, Copy)]
@@ -26,8 +27,10 @@ struct Basis {
 
 /// The files whose points are measured, and which of the points.
 struct Job {
-    files: Vec<PathBuf>,
+    files: Vec<(PathBuf, Option<Placement>)>,
     test: PointTest,
+    /// The stray points of each file, if they are hidden: their indices in the file, ascending.
+    left_out: HashMap<PathBuf, Vec<u64>>,
     settings: Settings,
     basis: Option<Basis>,
     /// What the files say that have been read.
@@ -44,18 +47,30 @@ struct Job {
 /// Bad usage, no file can be read, or Ctrl-C.
 pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     let name = shown(&arguments.scene);
-    let request = world::resolve(std::slice::from_ref(&arguments.scene));
+    let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
     request.check()?;
+    request.leave_out_hidden()?;
     terminal::warn(&request.warnings);
     if request.measurements.is_empty() {
         return Err(usage(format!("{name}: no measurements in it, expected a scene file with [[measurements]]")));
     }
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let memory = world::half_of(settings.stream.host_bytes);
-    let files = request.inputs.iter().flat_map(|input| input.files().to_vec()).collect();
+    let files = request.placed_files();
     let failed = Few::of("that cannot be measured");
     let (read, test) = (Vec::new(), request.test());
-    let mut job = Job { files, test, settings, basis: None, read, status: 0, failed };
+    let mut left_out = HashMap::new();
+    for input in request.inputs.iter().filter(|_| settings.splat.strays == Strays::Hidden) {
+        // What cannot be read is told when it is measured.
+        let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file)).ok();
+        let sources: Vec<_> = input.files().iter().filter_map(open).collect();
+        let progress = Progress::default();
+        let find = || export_command::strays(&sources, &test, &settings, &progress);
+        let found = progress_bar::watch("strays", &progress, find).map_err(usage)?;
+        let paths = sources.iter().map(|source| source.info().path.clone());
+        left_out.extend(paths.zip(found.ok_or(stream::Error::Cancelled)?));
+    }
+    let mut job = Job { files, test, left_out, settings, basis: None, read, status: 0, failed };
     for input in request.inputs.iter().filter(|input| input.files().is_empty()) {
         job.status = UNUSABLE;
         job.failed.complain(&format!("{}: points of files are measured", input.name()));
@@ -81,6 +96,8 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
             measured().map(|(measurement, figures)| entry(measurement, figures, &units)).collect();
         let unit = units.length().map(|unit| unit.to_string());
         terminal::print_json(&json!({ "scene": name, "unit": unit, "measurements": measurements }))?;
+    } else if arguments.csv {
+        terminal::print(table(measured(), &units)?.lines())?;
     } else {
         terminal::print(measured().flat_map(|(measurement, figures)| lines(measurement, figures, &units)))?;
     }
@@ -126,9 +143,9 @@ impl Job {
         let is_first = self.read.is_empty();
         let mut gatherings = self.basis.map(|basis| basis.begin(measurements)).unwrap_or_default();
         let mut readable = Vec::new();
-        for file in std::mem::take(&mut self.files) {
-            match self.read(&file, measurements, &mut gatherings, is_first) {
-                Ok(()) => readable.push(file),
+        for (file, placement) in std::mem::take(&mut self.files) {
+            match self.read((&file, placement), measurements, &mut gatherings, is_first) {
+                Ok(()) => readable.push((file, placement)),
                 Err(error) => {
                     let is_unusable = failure::exit_status(&error) == UNUSABLE && self.status != FAILED;
                     self.status = if is_unusable { UNUSABLE } else { FAILED };
@@ -149,13 +166,13 @@ impl Job {
     /// Takes the points of a file into account that are shown. `tells` says that its warnings are not known yet.
     fn read(
         &mut self,
-        path: &Path,
+        (path, placement): (&Path, Option<Placement>),
         measurements: &[Measurement],
         gatherings: &mut Vec<Mutex<Gathering>>,
         tells: bool,
     ) -> anyhow::Result<()> {
         let memory = world::half_of(self.settings.stream.host_bytes);
-        let source = world::open_file(path, memory).map_err(usage)?;
+        let source = world::open_placed(path, memory, placement).map_err(usage)?;
         let info = source.info();
         let basis = *self.basis.get_or_insert_with(|| Basis::new(info, &self.settings));
         if gatherings.is_empty() {
@@ -164,13 +181,18 @@ impl Job {
         let cloud =
             Cloud { name: shown(path), attributes: info.attributes.clone(), grid: info.grid, chunks: Vec::new() };
         let shown_ones = cloud.test(&self.test);
+        let left_out = self.left_out.get(&info.path).map(std::slice::from_ref).unwrap_or_default();
+        let wanted = Wanted { test: &self.test, left_out };
         let gather = |chunk: Chunk| {
             let bounds = chunk.bounds();
+            let left_out = wanted.left_out(0, chunk.first_point, chunk.len());
             for gathering in &*gatherings {
                 let mut gathering = gathering.lock().unwrap_or_else(PoisonError::into_inner);
                 if gathering.wants(bounds) {
                     for index in 0..chunk.len() {
-                        gathering.add(cloud.world_position(&chunk, index), || shown_ones.shows(&chunk, index));
+                        gathering.add(cloud.world_position(&chunk, index), || {
+                            shown_ones.shows(&chunk, index) && !left_out.has(index)
+                        });
                     }
                 }
             }
@@ -205,6 +227,30 @@ fn entry(measurement: &Measurement, figures: &Outcome, units: &Units) -> Value {
         Err(problem) => entry["error"] = json!(problem),
     }
     entry
+}
+
+/// A row for each value, and one with the problem for a measurement that has none.
+fn table<'a>(measured: impl Iterator<Item = (&'a Measurement, &'a Outcome)>, units: &Units) -> anyhow::Result<String> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(["measurement", "kind", "on", "figure", "value", "unit", "uncertainty", "error"])?;
+    for (measurement, figures) in measured {
+        let Measurement { name, kind, on, .. } = measurement;
+        let mut row = |rest: [&str; 5]| {
+            writer
+                .write_record([name.as_str(), kind.name(), if *on { "true" } else { "false" }].into_iter().chain(rest))
+        };
+        match figures {
+            Ok(figures) => {
+                for figure in figures {
+                    let (value, unit) = (figure.value.to_string(), figure.unit(units).unwrap_or_default());
+                    let uncertainty = figure.deviation.map_or(String::new(), |deviation| deviation.to_string());
+                    row([figure.name, &value, &unit, &uncertainty, ""])?;
+                }
+            }
+            Err(problem) => row(["", "", "", "", problem])?,
+        }
+    }
+    Ok(String::from_utf8(writer.into_inner()?)?)
 }
 
 /// The report for people: a measurement, and a line for each of its values.

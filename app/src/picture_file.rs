@@ -10,19 +10,33 @@ use codec::Error;
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, WritableImage as _};
 use image::ImageEncoder as _;
 use image::codecs::png::PngEncoder;
+use record::Adapter;
+use render::Gpu;
 
 /// Writes an 8-bit RGB PNG. `rgba` holds sRGB rows of red, green, blue and opacity, the top row first. The opacity is
-/// left out: it is 255 throughout a rendered picture.
+/// left out: it is 255 throughout a rendered picture. The file names the adapter that has drawn the picture.
 ///
 /// # Errors
 /// If the file cannot be written; the error names it.
-pub fn write_png(path: &Path, size: [u32; 2], rgba: &[u8]) -> anyhow::Result<()> {
+pub fn write_png(path: &Path, size: [u32; 2], rgba: &[u8], adapter: Option<&Adapter>) -> anyhow::Result<()> {
     let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
     // The encoder would hide why a file cannot be written, so it writes to memory.
     let mut bytes = Vec::new();
     let [width, height] = size;
     PngEncoder::new(&mut bytes).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8)?;
+    if let Some(adapter) = adapter {
+        record::name_source(&mut bytes, &adapter.to_string());
+    }
     write_whole(path, |file| file.write_all(&bytes))
+}
+
+/// The adapter of a GPU, as pictures and recordings name it.
+pub fn adapter(gpu: &Gpu) -> Adapter {
+    Adapter {
+        name: gpu.info.name.clone(),
+        backend: format!("{:?}", gpu.info.backend),
+        driver: format!("{} {}", gpu.info.driver, gpu.info.driver_info).trim().to_owned(),
+    }
 }
 
 /// Writes 32-bit float scan lines, ZIP-compressed. NaN and values above 1 stay as they are.
@@ -188,7 +202,7 @@ mod tests {
     fn colours_of_a_png_come_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("picture.png");
-        write_png(&path, [2, 1], &[1, 2, 3, 255, 250, 128, 0, 255]).unwrap();
+        write_png(&path, [2, 1], &[1, 2, 3, 255, 250, 128, 0, 255], None).unwrap();
         let back = image::open(&path).unwrap();
         assert_eq!(back.color(), image::ColorType::Rgb8);
         assert_eq!(back.to_rgb8().as_raw(), &[1, 2, 3, 250, 128, 0]);

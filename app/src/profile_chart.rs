@@ -1,4 +1,4 @@
-//! Draws a profile as a chart: the points by their distance along the line and their height, in their colours.
+//! Draws profiles as a chart: the points by their distance along the line and their height, in their colours.
 
 use std::path::Path;
 
@@ -20,6 +20,15 @@ pub struct Dot {
     pub color: [u8; 3],
 }
 
+/// The points of a profile.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    pub name: String,
+    pub dots: Vec<Dot>,
+    /// How many points there are, of which some may have no dot.
+    pub total: u64,
+}
+
 /// The most points that a chart shows: of more, evenly many are left out, and the title says so. Each is a line of an
 /// SVG file.
 const MOST_VECTORS: usize = 50_000;
@@ -30,29 +39,67 @@ const HEIGHTS: [f64; 2] = [120.0, 900.0];
 /// The room for numbers and titles: left, right, above, below.
 const MARGINS: [f64; 4] = [86.0, 24.0, 40.0, 58.0];
 const TEXT: f64 = 14.0;
+/// The height of a line of names, the least width of a name, and that of a letter.
+const NAMES: [f64; 3] = [20.0, 90.0, 7.5];
+/// The most names that are listed.
+const MOST_NAMES: usize = 24;
 const INK: [u8; 3] = [40, 40, 40];
 const GRID: [u8; 3] = [225, 225, 225];
 
-/// Writes the chart as the file's ending says: `.svg`, or else a PNG. `total` is the number of points that there are,
-/// and `unit` that of the coordinates, if it is known.
+/// Writes the chart as the file's ending says: `.svg`, or else a PNG. The first profile has the colours of its points;
+/// the others lie behind it, each in a colour of its own. `unit` is that of the coordinates, if it is known.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(path: &Path, dots: &[Dot], total: u64, name: &str, unit: Option<&str>) -> anyhow::Result<()> {
+pub fn write(path: &Path, series: &[Series], unit: Option<&str>) -> anyhow::Result<()> {
     if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
-        let (drawn, size) = chart(dots, total, name, unit, MOST_VECTORS);
+        let (drawn, size) = chart(series, unit, MOST_VECTORS);
         return picture_file::write_text(path, &shapes::svg(&drawn, size)?);
     }
-    let (drawn, size) = chart(dots, total, name, unit, MOST_PIXELS);
+    let (drawn, size) = chart(series, unit, MOST_PIXELS);
     picture_file::write_bytes(path, &shapes::png(&drawn, size)?)
+}
+
+/// The colour of a profile behind the first: along a ramp, in their order.
+pub fn color_behind(index: usize, count: usize) -> [u8; 3] {
+    let place = (index as f32 + 0.5) / count.max(1) as f32;
+    let [red, green, blue, _] = render::ramp_colors(scene::Ramp::Turbo)[(place * 255.0) as usize];
+    [red, green, blue]
+}
+
+/// The names of several profiles with their colours, from left to right in lines, and the height of the lines.
+fn names(series: &[Series]) -> (Vec<Shape>, f64) {
+    let [line, least, letter] = NAMES;
+    let (left, right) = (MARGINS[0], WIDTH - MARGINS[1]);
+    let (mut drawn, mut at) = (Vec::new(), (left, line * 0.5));
+    let behind = series.len().saturating_sub(1);
+    for (index, Series { name, .. }) in series.iter().enumerate().take(MOST_NAMES) {
+        let color = index.checked_sub(1).map_or(INK, |index| color_behind(index, behind));
+        let is_last = index + 1 == MOST_NAMES && series.len() > MOST_NAMES;
+        let text = if is_last {
+            format!("and {} more", series.len() - index)
+        } else {
+            param::shortened(name.lines().next().unwrap_or_default(), 40)
+        };
+        let width = (text.chars().count() as f64 * letter + 30.0).max(least);
+        if at.0 + width > right {
+            at = (left, at.1 + line);
+        }
+        drawn.push(Shape::Disc { center: (at.0 + 5.0, at.1), radius: 5.0, color, is_filled: index > 0 });
+        let anchor = Anchor::Start;
+        drawn.push(Shape::Words { at: (at.0 + 16.0, at.1), text, size: TEXT, color: INK, anchor });
+        at.0 += width;
+    }
+    (drawn, at.1 + line * 0.5)
 }
 
 /// Lengths along and up have the same scale, unless the chart would be too low or too high; then its axis says how much
 /// it is stretched.
-fn chart(dots: &[Dot], total: u64, name: &str, unit: Option<&str>, most: usize) -> (Vec<Shape>, [u32; 2]) {
+fn chart(series: &[Series], unit: Option<&str>, most: usize) -> (Vec<Shape>, [u32; 2]) {
+    let all = || series.iter().flat_map(|one| &one.dots);
+    let (count, total) = (all().count(), series.iter().map(|one| one.total).sum());
     let range = |of: fn(&Dot) -> f64| {
-        let (low, high) = dots
-            .iter()
+        let (low, high) = all()
             .map(of)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
         if high > low {
@@ -64,7 +111,9 @@ fn chart(dots: &[Dot], total: u64, name: &str, unit: Option<&str>, most: usize) 
         }
     };
     let (along, height) = (range(|dot| dot.along), range(|dot| dot.height));
-    let [left, right, above, below] = MARGINS;
+    let [left, right, title, below] = MARGINS;
+    let (listed, listed_height) = if series.len() > 1 { names(series) } else { (Vec::new(), 0.0) };
+    let above = title + listed_height;
     let plot_width = WIDTH - left - right;
     let even = (height.1 - height.0) / (along.1 - along.0) * plot_width;
     let plot_height = even.clamp(HEIGHTS[0], HEIGHTS[1]);
@@ -87,17 +136,35 @@ fn chart(dots: &[Dot], total: u64, name: &str, unit: Option<&str>, most: usize) 
         let (x, y) = place(along.0, value);
         drawn.push(words((x - 8.0, y), format!("{value:.decimals$}"), Anchor::End));
     }
-    let step = dots.len().div_ceil(most).max(1);
-    drawn.extend(dots.iter().step_by(step).map(|dot| {
-        let center = place(dot.along, dot.height);
-        Shape::Disc { center, radius: 1.0, color: dot.color, is_filled: true }
-    }));
+    let step = count.div_ceil(most).max(1);
+    let mut shown = 0;
+    for (index, Series { dots, .. }) in series.iter().enumerate().rev() {
+        let own = index.checked_sub(1).map(|index| color_behind(index, series.len() - 1));
+        drawn.extend(dots.iter().step_by(step).map(|dot| {
+            let center = place(dot.along, dot.height);
+            Shape::Disc { center, radius: 1.0, color: own.unwrap_or(dot.color), is_filled: true }
+        }));
+        shown += dots.len().div_ceil(step) as u64;
+    }
     let corners =
         [(along.0, height.0), (along.1, height.0), (along.1, height.1), (along.0, height.1), (along.0, height.0)];
     drawn.push(line(corners.into_iter().map(|(x, y)| place(x, y)).collect(), INK));
-    let shown = dots.len().div_ceil(step) as u64;
     let count = if shown < total { format!("{} of {}", grouped(shown), grouped(total)) } else { grouped(total) };
-    drawn.push(words((left, above * 0.5), format!("{name}: {count} points"), Anchor::Start));
+    let name = match series {
+        [one] => one.name.clone(),
+        several => format!("{} profiles", several.len()),
+    };
+    drawn.push(words((left, title * 0.5), format!("{name}: {count} points"), Anchor::Start));
+    // The list of names begins below the title.
+    drawn.extend(listed.into_iter().map(|shape| match shape {
+        Shape::Disc { center: (x, y), radius, color, is_filled } => {
+            Shape::Disc { center: (x, y + title - 6.0), radius, color, is_filled }
+        }
+        Shape::Words { at: (x, y), text, size, color, anchor } => {
+            Shape::Words { at: (x, y + title - 6.0), text, size, color, anchor }
+        }
+        other => other,
+    }));
     let unit = unit.map_or(String::new(), |unit| format!(" ({unit})"));
     let stretch = plot_height / even;
     let stretched = if (stretch - 1.0).abs() > 0.005 { format!(", heights x {stretch:.2}") } else { String::new() };
@@ -133,6 +200,10 @@ mod tests {
         (0..count).map(dot).collect()
     }
 
+    fn one(name: &str, dots: Vec<Dot>, total: u64) -> Vec<Series> {
+        vec![Series { name: name.into(), dots, total }]
+    }
+
     fn discs(drawn: &[Shape]) -> Vec<(f64, f64)> {
         let disc = |shape: &Shape| if let Shape::Disc { center, .. } = shape { Some(*center) } else { None };
         drawn.iter().filter_map(disc).collect()
@@ -140,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_slope_is_a_slope_on_the_chart_at_one_scale_both_ways() {
-        let (drawn, size) = chart(&slope(1000), 1000, "slope", Some("m"), MOST_PIXELS);
+        let (drawn, size) = chart(&one("slope", slope(1000), 1000), Some("m"), MOST_PIXELS);
         let places = discs(&drawn);
         assert_eq!(places.len(), 1000);
         let (first, last) = (places[0], places[999]);
@@ -155,12 +226,43 @@ mod tests {
     fn too_many_points_and_a_stretch_are_told() {
         let mut dots = slope(1000);
         dots.iter_mut().for_each(|dot| dot.height = 100.0 + dot.along * 0.001);
-        let (drawn, size) = chart(&dots, 4000, "flat", None, 300);
+        let (drawn, size) = chart(&one("flat", dots, 4000), None, 300);
         assert_eq!(discs(&drawn).len(), 250);
         let text = shapes::svg(&drawn, size).unwrap();
         assert!(text.contains("flat: 250 of 4") && text.contains("along, heights x "), "{text}");
-        let (nothing, _) = chart(&[], 0, "empty", None, 300);
+        let (nothing, _) = chart(&one("empty", Vec::new(), 0), None, 300);
         assert_eq!(discs(&nothing).len(), 0);
         assert!(shapes::png(&nothing, size).is_ok());
+    }
+
+    #[test]
+    fn profiles_behind_the_first_have_colours_of_their_own_and_all_are_named() {
+        let name = |index: usize| if index == 0 { "wall".to_owned() } else { format!("wall {}", index + 1) };
+        let series: Vec<Series> = (0..30).map(|index| one(&name(index), slope(100), 100).remove(0)).collect();
+        let (drawn, size) = chart(&series[..5], None, MOST_PIXELS);
+        let text = shapes::svg(&drawn, size).unwrap();
+        assert!(text.contains("5 profiles: 500 points") && text.contains("wall 5"), "{text:.300}");
+        // The first is drawn last, over the others.
+        let points: Vec<[u8; 3]> = drawn
+            .iter()
+            .filter_map(|shape| if let Shape::Disc { radius: 1.0, color, .. } = shape { Some(*color) } else { None })
+            .collect();
+        assert_eq!(points.len(), 500);
+        assert!(points[400..].iter().all(|color| *color == [200, 30, 30]));
+        assert!(points[..100].iter().all(|color| *color == color_behind(3, 4)));
+        // Names take lines of their own, above the points.
+        let lowest_name = |drawn: &[Shape]| {
+            let low = drawn.iter().filter_map(|shape| match shape {
+                Shape::Words { at, text, .. } if text.starts_with("wall") || text.starts_with("and") => Some(at.1),
+                _ => None,
+            });
+            low.fold(0.0, f64::max)
+        };
+        let highest = |drawn: &[Shape]| discs(drawn).iter().map(|at| at.1).rev().take(100).fold(f64::MAX, f64::min);
+        let (many, _) = chart(&series, None, MOST_PIXELS);
+        assert!(lowest_name(&many) > lowest_name(&drawn));
+        let text = shapes::svg(&many, size).unwrap();
+        assert!(text.contains("and 7 more") && !text.contains("wall 24"), "{text:.300}");
+        assert!(highest(&many) > 0.0);
     }
 }

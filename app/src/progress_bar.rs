@@ -132,6 +132,11 @@ pub fn watch<Result>(task: &str, progress: &Progress, work: impl FnOnce() -> Res
     watch_by(task, progress, |bar| bar.update(progress), work)
 }
 
+/// Runs `work` on this thread, and shows nothing of its progress. Ctrl-C cancels it.
+pub fn watch_unseen<Result>(progress: &Progress, work: impl FnOnce() -> Result) -> Result {
+    watch_by("", progress, |_| {}, work)
+}
+
 /// Runs the work of a task on this thread and shows the task's progress. Ctrl-C cancels it.
 pub fn watch_task<Result>(task: &CloudTask, place: &str, work: impl FnOnce(&Progress) -> Result) -> Result {
     watch_by("", &task.progress, |bar| bar.show(task, place), || task.run(work))

@@ -1,6 +1,7 @@
 //! `glint record`: writes the pictures along a camera path. Several runs may share the work: each makes the pictures
 //! that its folder lacks.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -9,6 +10,7 @@ use anyhow::Context as _;
 use record::{Adapter, Averaging, Description, Folder};
 use render::{Aov, Gpu, Renderer};
 use scene::{Camera, PathPlace, Settings};
+use serde::Serialize;
 use world::Request;
 
 use crate::chosen::{self, AutoStats};
@@ -19,6 +21,7 @@ use crate::progress_bar::{self, Bar};
 use crate::recording::{self, PathChoice, Recorder};
 use crate::render_command::{Viewpoint, check_is_made, check_size};
 use crate::subject::{self, LoadedSubject};
+use crate::viewer::PictureStats;
 use crate::{interrupt, picture_file, terminal};
 
 /// The most frames of a recording: the names of the pictures number them with six digits.
@@ -35,6 +38,8 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     }
     let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
     request.check()?;
+    // Nothing is left out: pictures that are there already are known by all inputs.
+    request.clone().leave_out_hidden()?;
     let path = PathChoice::new(arguments.path.as_deref(), &request, Path::new(&arguments.scene))?;
     let all = frames(&path, arguments)?;
     let of_shard = |frame: &u32| arguments.shard.is_none_or(|shard| shard.has(*frame as usize));
@@ -42,9 +47,10 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     set(&mut request, arguments)?;
     let averaging = Averaging::new(arguments.subframes, arguments.shutter, arguments.supersample);
     let images = images(arguments, recording::settings(&mut request))?;
+    path.check_images(images.len())?;
+    let output = Output::new(&arguments.output, arguments.codec, arguments.size, arguments.fps)?;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     check_size(&gpu, averaging.drawn_size(arguments.size))?;
-    let output = Output::new(&arguments.output, arguments.codec)?;
     let place = output.folder.path.clone();
     let is_new = !place.exists();
     if is_new {
@@ -111,6 +117,14 @@ fn set(request: &mut Request, arguments: &RecordArguments) -> anyhow::Result<()>
     Ok(())
 }
 
+/// What a picture was drawn by and from, as `frame-000000.json`.
+#[derive(Serialize)]
+struct FrameStats<'a> {
+    adapter: &'a Adapter,
+    #[serde(flatten)]
+    picture: PictureStats,
+}
+
 struct Recording<'a> {
     path: PathChoice,
     /// The frames of all shards.
@@ -129,7 +143,7 @@ impl Recording<'_> {
     /// Makes the pictures that are not there, and returns the exit status.
     fn run(&self, gpu: Arc<Gpu>, mut request: Request) -> anyhow::Result<u8> {
         let wanted = self.description(&gpu, &mut request);
-        let made = self.folder.check(&wanted)?;
+        let made = self.folder.check(&wanted, self.arguments.mixed)?;
         let auto = match (&made, self.arguments.target.target()) {
             (Some(made), _) => made.auto.clone(),
             (None, Some(_)) => match self.choose(&gpu, &request)? {
@@ -149,6 +163,7 @@ impl Recording<'_> {
         let is_made = status == 0 || lacking.iter().all(|frame| self.folder.picture(*frame).exists());
         if is_made {
             terminal::print([format!("{count} pictures in {folder}{were_there}")])?;
+            self.tell_adapters();
         }
         if let (Some(film), true) = (self.output.film(), is_made) {
             let film = scene::shown(film);
@@ -172,16 +187,12 @@ impl Recording<'_> {
     /// What the pictures of this run are of, without what is chosen for a target.
     fn description(&self, gpu: &Gpu, request: &mut Request) -> Description {
         Description {
-            version: env!("CARGO_PKG_VERSION").into(),
+            version: env!("GLINT_VERSION").into(),
             scene: self.path.checksum(request),
             path: self.path.name().to_owned(),
             size: self.arguments.size,
             fps: self.arguments.fps,
-            adapter: Adapter {
-                name: gpu.info.name.clone(),
-                backend: format!("{:?}", gpu.info.backend),
-                driver: format!("{} {}", gpu.info.driver, gpu.info.driver_info).trim().to_owned(),
-            },
+            adapter: picture_file::adapter(gpu),
             set: recording::settings(request).differing().into_iter().collect(),
             averaging: self.averaging,
             auto: None,
@@ -204,6 +215,22 @@ impl Recording<'_> {
         }
         bar.end();
         Ok(lacking)
+    }
+
+    /// Says which adapters have drawn the pictures of all shards that are there, if there are several.
+    fn tell_adapters(&self) {
+        let mut drawn = BTreeMap::<String, u32>::new();
+        for source in self.all.iter().filter_map(|frame| self.folder.source(*frame)) {
+            *drawn.entry(source).or_default() += 1;
+        }
+        if drawn.len() > 1 {
+            let drawn: Vec<String> = drawn.iter().map(|(source, count)| format!("{count} by {source}")).collect();
+            let folder = scene::shown(&self.folder.path);
+            terminal::warn([format!(
+                "the pictures in {folder} are of several adapters, each of which rounds otherwise: {}",
+                drawn.join(", ")
+            )]);
+        }
     }
 
     /// The time of a frame on the path, in seconds.
@@ -279,7 +306,7 @@ impl Recording<'_> {
             let text = serde_json::to_string_pretty(description)? + "\n";
             let is_first = picture_file::write_new_text(&self.folder.description_file(), &text)?;
             // Another run has begun the folder meanwhile.
-            let made = if is_first { None } else { self.folder.check(description)? };
+            let made = if is_first { None } else { self.folder.check(description, self.arguments.mixed)? };
             if made.is_some_and(|made| made.auto != description.auto) {
                 let name = scene::shown(self.folder.description_file());
                 return Err(usage(format!("{name}: another run has chosen meanwhile; start this run again")));
@@ -295,13 +322,18 @@ impl Recording<'_> {
                 picture_file::write_exr(&self.folder.image(*frame, image.name()), values)?;
             }
             if self.arguments.stats {
-                let text = serde_json::to_string_pretty(&recorder.stats(time))? + "\n";
+                let stats = FrameStats { adapter: &description.adapter, picture: recorder.stats(time) };
+                let text = serde_json::to_string_pretty(&stats)? + "\n";
                 picture_file::write_text(&self.folder.stats(*frame), &text)?;
             }
             // A frame with a picture is whole.
-            picture_file::write_png(&self.folder.picture(*frame), size, &picture.rgba)?;
+            picture_file::write_png(&self.folder.picture(*frame), size, &picture.rgba, Some(&description.adapter))?;
             if recorder.is_empty() && !std::mem::replace(&mut is_told, true) {
-                let warning = format!("frame {frame}: the picture is empty, the camera looks past all points");
+                let warning = if recorder.hides_all() {
+                    subject::ALL_HIDDEN.to_owned()
+                } else {
+                    format!("frame {frame}: the picture is empty, the camera looks past all points")
+                };
                 bar.suspend(|| terminal::warn([warning]));
             }
         }
@@ -365,7 +397,28 @@ mod tests {
         let blind = [&one, "--aov", "mirror_position", "--set", "reflection.method=none"];
         assert!(refusal(&blind).contains("it needs a --method"));
         assert!(refusal(&[&one, "--aov", "depth", "--supersample", "2"]).contains("leave --supersample out"));
+        let wipe = put("wipe.toml", &["a"]);
+        let states = "[[paths.states]]\n[[paths.states]]\nmethod = \"ray_trace\"\n";
+        std::fs::write(&wipe, std::fs::read_to_string(&wipe).unwrap() + states).unwrap();
+        assert!(
+            refusal(&[&wipe, "--aov", "depth"]).contains("--aov: float images are of one state, and path `a` wipes")
+        );
         assert!(!Path::new(&output).exists());
+    }
+
+    #[test]
+    fn films_that_no_encoder_makes_are_refused_before_any_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let refusal = |name: &str, words: &str| {
+            let output = folder.path().join(name).display().to_string();
+            let words = format!("five-mirrors/none --path orbit {words}");
+            refusal(&words.split(' ').chain(["-o", output.as_str()]).collect::<Vec<_>>())
+        };
+        let gif = refusal("a.gif", "--fps 60 --size 64x48");
+        assert!(gif.contains("a.gif: the encoder refuses: a GIF shows at most 50 pictures a second, 60 are asked for"));
+        let small = refusal("a.mp4", "--size 15x48");
+        assert!(small.contains("a.mp4: the encoder refuses: ") && small.contains("15"), "{small}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
     #[test]

@@ -73,6 +73,20 @@ impl PathChoice {
         }
     }
 
+    /// Refuses float images of a path whose pictures show several states.
+    ///
+    /// # Errors
+    /// There are such images: bad usage.
+    pub fn check_images(&self, count: usize) -> anyhow::Result<()> {
+        match self {
+            Self::Own(path) if count > 0 && !path.states.is_empty() => Err(usage(format!(
+                "--aov: float images are of one state, and path `{}` wipes between several",
+                path.name
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// The path over a place.
     fn over(&self, place: &PathPlace) -> CameraPath {
         match self {
@@ -90,14 +104,36 @@ impl PathChoice {
     /// meshes. It does not depend on the folders in which they lie.
     pub fn checksum(&self, request: &Request) -> String {
         let name = |path: &str| Path::new(path).file_name().map_or(path.to_owned(), scene::shown);
+        // Bookmarks and other paths are in no picture.
+        let Request {
+            inputs,
+            scene_files: _,
+            view,
+            mirrors,
+            mirror_points,
+            cloud_settings,
+            lights,
+            visibility,
+            clips,
+            measurements,
+            notes,
+            bookmarks: _,
+            profiles,
+            paths: _,
+            warnings: _,
+        } = request.clone();
+        let camera = view.and_then(|view| view.camera);
         let mut file = SceneFile {
-            mirrors: request.mirrors.clone(),
-            mirror_points: request.mirror_points.clone(),
-            cloud_settings: request.cloud_settings.clone(),
-            lights: request.lights.clone(),
-            visibility: request.visibility.clone(),
-            clips: request.clips.clone(),
-            camera: request.view.as_ref().and_then(|view| view.camera),
+            camera,
+            visibility,
+            clips,
+            mirrors,
+            lights,
+            mirror_points,
+            cloud_settings,
+            measurements,
+            notes,
+            profiles,
             ..SceneFile::default()
         };
         if let Self::Own(path) = self {
@@ -115,7 +151,7 @@ impl PathChoice {
         let mut sum = crc32fast::Hasher::new();
         sum.update(file.to_text().as_bytes());
         meshes.iter().for_each(|mesh| add_samples(&mut sum, Path::new(mesh)));
-        for input in &request.inputs {
+        for input in &inputs {
             sum.update(name(&input.name()).as_bytes());
             for path in input.files() {
                 add_samples(&mut sum, path);
@@ -148,6 +184,8 @@ pub fn settings(request: &mut Request) -> &mut Settings {
 pub struct Recorder {
     viewer: Headless,
     path: CameraPath,
+    /// The width and height of the pictures that are drawn, in pixels.
+    size: [u32; 2],
     motion: Motion,
     /// The time of the path's beginning on the clock that the viewer is given. The clock advances with the path and
     /// not with real time.
@@ -187,7 +225,7 @@ impl Recorder {
             _ => {
                 let path = path.over(&viewer.place());
                 let motion = Motion::new(&path).ok_or_else(|| anyhow!("path `{}` has no keyframes", path.name))?;
-                let mut recorder = Self { viewer, path, motion, start: opened + REST, fitted: BTreeMap::new() };
+                let mut recorder = Self { viewer, path, size, motion, start: opened + REST, fitted: BTreeMap::new() };
                 // Tracks and captions that name nothing are told before the first picture.
                 recorder.pose(0.0)?;
                 terminal::warn(recorder.path.warnings());
@@ -201,13 +239,18 @@ impl Recorder {
         self.viewer.status()
     }
 
-    /// The picture at a time of the path, in seconds, and float images of it.
+    /// The picture at a time of the path, in seconds, and float images of it: none of a path that wipes.
     ///
     /// # Errors
     /// It cannot be drawn, or somebody pressed Ctrl-C.
     pub fn picture(&mut self, time: f64, images: &[Aov], bar: &Bar) -> anyhow::Result<Picture> {
         self.expose(time, bar)?;
-        let picture = self.viewer.picture(self.motion.camera(time), self.now(time), images, bar)?;
+        let (camera, now) = (self.motion.camera(time), self.now(time));
+        let parts = self.path.parts(time, self.size[0]);
+        let picture = match parts.is_empty() {
+            true => self.viewer.picture(camera, now, images, bar)?,
+            false => self.viewer.wiped(&self.path.states, &parts, camera, now, bar)?,
+        };
         picture.ok_or_else(|| anyhow!("the points are gone"))
     }
 
@@ -247,6 +290,11 @@ impl Recorder {
     /// Whether the picture that was made last is empty.
     pub fn is_empty(&self) -> bool {
         self.viewer.points_drawn() == 0
+    }
+
+    /// Whether the scene hides all points of its clouds.
+    pub fn hides_all(&self) -> bool {
+        self.viewer.hides_all()
     }
 
     /// Sets parameters and objects as the tracks of the path have them at a time.
@@ -312,5 +360,23 @@ mod tests {
         };
         assert_eq!(checksum(1), checksum(1));
         assert_ne!(checksum(1), checksum(2));
+    }
+
+    #[test]
+    fn whatever_is_drawn_over_the_pictures_belongs_to_the_scene() {
+        let folder = tempfile::tempdir().unwrap();
+        let checksum = |objects: &str| {
+            let scene = folder.path().join("a.toml");
+            std::fs::write(&scene, format!("clouds = [\"five-mirrors/none\"]\n{objects}")).unwrap();
+            PathChoice::BuiltIn(BuiltInPath::Orbit).checksum(&world::resolve(&[scene]))
+        };
+        let note = |text: &str| format!("[[notes]]\ntext = \"{text}\"\nposition = [0, 0, 0]\n");
+        let length = |x: u32| format!("[[measurements]]\nkind = \"distance\"\npoints = [[0, 0, 0], [{x}, 0, 0]]\n");
+        let profile = |x: u32| format!("[[profiles]]\nname = \"a\"\nline = [[0, 0, 0], [{x}, 0, 0]]\nwidth = 0.1\n");
+        let all = [checksum(""), checksum(&note("a")), checksum(&note("b"))];
+        let all = all.into_iter().chain([1, 2].into_iter().flat_map(|x| [checksum(&length(x)), checksum(&profile(x))]));
+        let all: Vec<String> = all.collect();
+        assert!(all.iter().enumerate().all(|(index, sum)| !all[..index].contains(sum)), "{all:?}");
+        assert_eq!(checksum(&note("b")), all[2]);
     }
 }

@@ -116,7 +116,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     interrupt::check()?;
     let mut picture = study::picture::enlarged(&renderer.read_picture()?, &depth, size, arguments.size);
     overlays::draw(&mut picture, arguments.size, &subject.camera, &settings, &facts);
-    picture_file::write_png(&arguments.output, arguments.size, &picture)?;
+    picture_file::write_png(&arguments.output, arguments.size, &picture, Some(&picture_file::adapter(&gpu)))?;
     for (aov, path) in &images {
         match traced.image(*aov) {
             Some(image) => picture_file::write_exr(path, image)?,
@@ -152,9 +152,11 @@ fn at_time(
     for (aov, _) in images {
         check_is_made(*aov, &settings, asked.makes(*aov))?;
     }
+    path.check_images(images.len())?;
     *recording::settings(&mut request) = settings;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     check_size(&gpu, arguments.size)?;
+    let adapter = picture_file::adapter(&gpu);
     let mut recorder = match Recorder::open(gpu, arguments.gpu.gpu.clone(), arguments.size, request, &path)? {
         Ok(recorder) => recorder,
         Err(status) => return Ok(status),
@@ -166,7 +168,7 @@ fn at_time(
     if recorder.is_empty() {
         terminal::warn(["the picture is empty, the camera looks past all points"]);
     }
-    picture_file::write_png(&arguments.output, arguments.size, &picture.rgba)?;
+    picture_file::write_png(&arguments.output, arguments.size, &picture.rgba, Some(&adapter))?;
     for ((_, path), image) in images.iter().zip(&picture.images) {
         picture_file::write_exr(path, image)?;
     }
@@ -472,6 +474,10 @@ struct MapUseStats {
     bytes: u64,
     /// What limits the maps; null if nothing does.
     limit: Option<&'static str>,
+    /// The share of mirror pixels that are predicted to be off by more than `light_field.accuracy`; null if that is 0.
+    off: Option<f64>,
+    /// The texels that were traced for the last frame; null where maps are made as a whole.
+    texels: Option<u32>,
 }
 
 #[derive(Serialize)]
@@ -551,9 +557,9 @@ impl Stats {
             unresolved: reflection.and_then(|stats| stats.unresolved),
             maps: reflection.and_then(|stats| {
                 let MapCount { drawn, asked } = stats.maps?;
-                let map_use = stats.map_use.map(|MapUse { new, kept, missed, bytes, limit }| {
+                let map_use = stats.map_use.map(|MapUse { new, kept, missed, bytes, limit, off, texels }| {
                     let limit = limit.map(MapLimit::name);
-                    MapUseStats { new, kept, missed, bytes, limit }
+                    MapUseStats { new, kept, missed, bytes, limit, off, texels }
                 });
                 Some(MapStats { drawn, asked, map_use })
             }),

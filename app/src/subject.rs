@@ -3,13 +3,13 @@
 //! As in the window, `world::Assembly` puts the clouds together and `world::Resident` puts them on the GPU. Unlike the
 //! window, this code waits until everything is loaded.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use anyhow::anyhow;
-use cloud::{Bounds, Chunk, Cloud, PointTest, Progress};
+use cloud::{Bounds, Chunk, Cloud, Placement, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
 use scene::{Camera, CloudSettings, Measurement, Mirror, MirrorPoints, MirrorSurface, Settings, Strays, Visibility};
@@ -27,6 +27,9 @@ use crate::overlays::Facts;
 use crate::overlays::labels::Mark;
 use crate::progress_bar::{self, Bar};
 use crate::terminal::{self, Few};
+
+/// Said of a scene whose clouds have points, and which shows none of them.
+pub const ALL_HIDDEN: &str = "no cloud is seen, the scene hides all of their points";
 
 /// A scene that has been opened.
 pub struct LoadedSubject {
@@ -76,15 +79,18 @@ pub fn open(
     if request.lights.len() > MOST_LIGHTS {
         terminal::warn([format!("only the first {MOST_LIGHTS} lights shine")]);
     }
-    let job = world::start_unseen(std::mem::take(&mut request.inputs), settings);
+    let asked = world::asked_attributes(settings, &request.visibility, &request.cloud_settings);
+    let job = world::start_unseen(std::mem::take(&mut request.inputs), settings, asked.clone());
     let test = request.test().hiding_strays(settings.splat.strays == Strays::Hidden);
-    job.mailbox.set_first_test(test.clone());
-    let mut loads = Loads::default();
+    job.mailbox.set_first_test(test.clone(), request.cloud_settings.clone());
+    let mut loads = Loads { own: request.cloud_settings.clone(), ..Loads::default() };
     let is_over = loads.receive(&job, 0)?;
     if loads.is_empty() && loads.status != 0 {
         return Ok(Err(loads.status));
     }
     // Those of a folder are told apart by their names.
+    let placed = loads.clouds.iter().enumerate().filter_map(|(index, loaded)| Some((index, loaded.placement()?)));
+    let placed: BTreeMap<usize, Placement> = placed.collect();
     let is_shown = |loaded: &Assembly| own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on);
     let hidden = loads.clouds.iter().enumerate().filter(|(_, loaded)| !is_shown(loaded));
     let hidden: BTreeSet<usize> = hidden.map(|(index, _)| index).collect();
@@ -113,10 +119,22 @@ pub fn open(
     let camera = camera(&outline, up, light.camera_inside(up));
     if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
-        let placed = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
-        let (hidden, mirrors) = (hidden.clone(), placed.map(mirrors::bound).collect());
+        let standing = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
+        let (hidden, mirrors) = (hidden.clone(), standing.map(mirrors::bound).collect());
         let test = test.clone();
-        let view = StreamView { camera, size, view, stream, mirrors, hidden, test, share: 1.0, is_alone: false };
+        let view = StreamView {
+            camera,
+            size,
+            view,
+            stream,
+            mirrors,
+            hidden,
+            placed,
+            test,
+            asked,
+            share: 1.0,
+            is_alone: false,
+        };
         let view_number = job.mailbox.set_view(view);
         loads.receive(&job, view_number)?;
     }
@@ -127,7 +145,7 @@ pub fn open(
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
     let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.shown(&test).chunks).collect();
     if chunks.is_empty() && clouds.iter().any(|loaded| loaded.points > 0) {
-        terminal::warn(["no cloud is seen, the scene hides all of their points"]);
+        terminal::warn([ALL_HIDDEN]);
     }
     drop(chunks);
     // Hidden points count, so that the light does not change with them.
@@ -140,8 +158,12 @@ pub fn open(
     if has_lamp {
         request.lights.extend(light.lamp());
     }
-    let clues = light.clues(all.iter(), has_lamp);
     drop(all);
+    let colored = clouds.iter().flat_map(|loaded| {
+        let by = own_settings(&request.cloud_settings, loaded).and_then(CloudSettings::color_by);
+        loaded.cloud.chunks.iter().map(move |chunk| (chunk, by))
+    });
+    let clues = light.clues(colored, has_lamp);
     let mut resident = Resident::new(gpu.clone());
     resident.apply(Change::Visibility { test: test.clone() })?;
     resident.apply(Change::Expect { points: clouds.iter().map(|loaded| loaded.points).sum() })?;
@@ -240,7 +262,8 @@ fn fit_radii(loaded: &mut Assembly, settings: &Settings, test: &PointTest) -> an
         return Ok(());
     }
     let progress = Progress::default();
-    let fit = || world::radii_of_shown(&loaded.cloud, loaded.up, settings, &test, &progress);
+    let own = loaded.with_full_radii();
+    let fit = || world::radii_of_shown(&own, loaded.up, settings, &test, &progress);
     let radii = progress_bar::watch("radii", &progress, fit);
     interrupt::check()?;
     drop(loaded.put_radii(radii));
@@ -277,6 +300,8 @@ const INTERVAL: Duration = Duration::from_millis(100);
 /// The inputs that have been loaded so far.
 #[derive(Default)]
 struct Loads {
+    /// What the scene says of single clouds.
+    own: Vec<CloudSettings>,
     /// Indexed by the job's own numbers.
     clouds: Vec<Assembly>,
     /// The mirrors of built-in scenes, each with points sampled on its surface.
@@ -365,7 +390,11 @@ impl Loads {
             Event::Opened { opened, .. } => {
                 warn(&opened.name, opened.warnings.clone());
                 let key = CloudKey(self.clouds.len() as u32);
-                self.clouds.push(Assembly::open(key, opened).0);
+                let mut loaded = Assembly::open(key, opened).0;
+                // No points are there yet; those that come are moved as they do.
+                let placement = own_settings(&self.own, &loaded).and_then(CloudSettings::placement);
+                drop(loaded.put_moved(loaded.own().placed(placement)));
+                self.clouds.push(loaded);
             }
             Event::Task { task, .. } => self.tasks.push_back(task),
             Event::Mirror { mirror, samples, .. } => self.mirrors.push((mirror, samples)),
@@ -458,7 +487,7 @@ mod tests {
     fn real(name: &str) -> Option<Assembly> {
         let input = Input::File(real_data::test_data()?.join(name));
         // Skip normals and radii, which do not matter here.
-        let job = world::start(vec![input], &Settings::default());
+        let job = world::start(vec![input], &Settings::default(), BTreeSet::new());
         job.mailbox.stop_all();
         let (mut loads, bar, mut failed) = (Loads::default(), Bar::points("reading"), Few::of("that fail"));
         job.events.iter().for_each(|event| loads.take(event, &bar, &mut failed));
@@ -470,11 +499,12 @@ mod tests {
     fn the_grid_of_an_index_that_was_just_made_is_that_of_its_cloud() {
         let mut loads = Loads::default();
         let (bar, mut failed) = (Bar::points("reading"), Few::of("that fail"));
-        let grid = Some(cloud::Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
+        let grid = Some(cloud::Grid::new(DVec3::splat(0.01), DVec3::ZERO));
         let opened = Opened { name: "tiles".into(), expected_points: 1, up: DVec3::Z, ..Opened::default() };
         loads.take(Event::Opened { cloud: 0, opened }, &bar, &mut failed);
         let octree = Arc::new(stream::Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
-        let pages = IndexState::Indexed { octree, grid, was_built: true, has_surfels: false, entry: None };
+        let attributes = Vec::new();
+        let pages = IndexState::Indexed { octree, attributes, grid, was_built: true, has_surfels: false, entry: None };
         loads.take(Event::Pages { cloud: 0, pages }, &bar, &mut failed);
         // Without its grid the cloud would not count as a survey, and would get other colours than when its index is
         // found.

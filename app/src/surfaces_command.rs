@@ -61,6 +61,11 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
     let settings = settings.drawn();
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     terminal::warn(&request.warnings);
+    if request.cloud_settings.iter().any(|own| own.placement().is_some()) {
+        terminal::warn([
+            "surfaces are judged where the files have them: the scene's moves and turns do not count here",
+        ]);
+    }
     let mut renderer = Renderer::new(gpu.clone())?;
     let (mut inputs, mut status) = (Vec::new(), 0);
     let mut failed = Few::of("that cannot be judged");

@@ -11,10 +11,10 @@ const LONGEST: f32 = 0.9;
 /// The distance from the picture's edge, and between two captions, in heights of the text.
 const APART: f32 = 1.2;
 
-/// Draws captions over a picture that fills `rect`. Those in one place stand one above the other, the first at the
+/// Draws captions over a picture that fills `rect`, those at its top below `top`. Those in one place stand one above the other, the first at the
 /// edge; in the middle, each stands below those before it.
-pub fn paint(painter: &Painter, rect: Rect, captions: &[Caption]) {
-    let (mut next, mut below) = ([rect.top(), rect.center().y, rect.bottom()], 0.5);
+pub fn paint(painter: &Painter, rect: Rect, top: f32, captions: &[Caption]) {
+    let (mut next, mut below) = ([top, rect.center().y, rect.bottom()], 0.5);
     for caption in captions.iter().filter(|caption| !caption.text.trim().is_empty()) {
         let size = (rect.height() * caption.size).max(1.0);
         let (font, width) = (FontId::proportional(size), rect.width() * LONGEST);
@@ -45,7 +45,7 @@ mod tests {
     /// The rows that captions change, of a picture of 300x200.
     fn rows(captions: &[Caption]) -> Vec<usize> {
         let mut rgba = vec![120; 300 * 200 * 4];
-        canvas::draw(&mut rgba, [300, 200], |painter, rect| paint(painter, rect, captions));
+        canvas::draw(&mut rgba, [300, 200], |painter, rect| paint(painter, rect, rect.top(), captions));
         let is_changed = |row: &[u8]| row.iter().any(|byte| *byte != 120);
         rgba.chunks_exact(300 * 4).enumerate().filter(|(_, row)| is_changed(row)).map(|(index, _)| index).collect()
     }

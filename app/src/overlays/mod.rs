@@ -1,5 +1,5 @@
 //! What is drawn over the picture to read it by: a scale bar, the colour legend, an arrow to the north, the axes, and
-//! the labels of measurements and notes, and the captions of a path. One code draws them in the window, in saved
+//! the labels of measurements and notes, and the captions and the wipe of a path. One code draws them in the window, in saved
 //! pictures and in films.
 
 pub mod canvas;
@@ -10,12 +10,13 @@ pub mod labels;
 mod legend;
 mod scale_bar;
 pub mod steps;
+mod wipe;
 
 use codec::Units;
 use egui::{Painter, Pos2, Rect, pos2, vec2};
 use glam::DVec3;
 use render::ColorPlan;
-use scene::{Camera, Caption, Overlay, Projection, Settings};
+use scene::{Camera, Caption, Overlay, Projection, Settings, WipeMarks};
 
 use crate::viewer::input::lens::Lens;
 use directions::{axes, north, north_arrow};
@@ -39,11 +40,18 @@ pub struct Facts {
     legends: Vec<Legend>,
     pub marks: Vec<Mark>,
     pub captions: Vec<Caption>,
+    pub wipe: Option<WipeMarks>,
 }
 
 impl Facts {
     pub fn new(units: Units, up: DVec3) -> Self {
-        Self { units, up, legends: Vec::new(), marks: Vec::new(), captions: Vec::new() }
+        Self { units, up, legends: Vec::new(), marks: Vec::new(), captions: Vec::new(), wipe: None }
+    }
+
+    /// Takes out what lies over all states of a wipe: its captions, lines and names.
+    pub fn take_titles(&mut self) -> Self {
+        let (captions, wipe) = (std::mem::take(&mut self.captions), self.wipe.take());
+        Self { captions, wipe, ..Self::new(self.units, self.up) }
     }
 
     /// Adds the legend of a cloud's colours, unless another cloud has the same. `classes` are those that are shown.
@@ -58,10 +66,10 @@ fn are_any(overlay: &Overlay) -> bool {
     overlay.scale_bar || overlay.legend || overlay.north || overlay.axes || overlay.labels
 }
 
-/// Draws all that is switched on, and the captions, over a picture in memory: rows of sRGB red, green, blue and
+/// Draws all that is switched on, and the captions and the wipe, over a picture in memory: rows of sRGB red, green, blue and
 /// opacity.
 pub fn draw(rgba: &mut [u8], size: [u32; 2], camera: &Camera, settings: &Settings, facts: &Facts) {
-    if !are_any(&settings.overlay) && facts.captions.is_empty() {
+    if !are_any(&settings.overlay) && facts.captions.is_empty() && facts.wipe.is_none() {
         return;
     }
     let lens = Lens::new(camera, &settings.view, size);
@@ -79,7 +87,7 @@ pub fn paint_marks(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, se
     labels::paint_all(&facts.marks, painter, place, settings.overlay.text);
 }
 
-/// Draws scale bar, legend, arrow, axes and captions over a picture of `pixels` that fills `rect`.
+/// Draws scale bar, legend, arrow, axes, captions and a wipe's marks over a picture of `pixels` that fills `rect`.
 pub fn paint(painter: &Painter, rect: Rect, camera: &Camera, pixels: [u32; 2], settings: &Settings, facts: &Facts) {
     let (overlay, size) = (&settings.overlay, settings.overlay.text);
     let rows = camera.view_from_world();
@@ -105,7 +113,8 @@ pub fn paint(painter: &Painter, rect: Rect, camera: &Camera, pixels: [u32; 2], s
             corner.y -= legend.paint(painter, corner, size);
         }
     }
-    captions::paint(painter, rect, &facts.captions);
+    let top = facts.wipe.as_ref().map_or(rect.top(), |marks| wipe::paint(painter, rect, marks));
+    captions::paint(painter, rect, top, &facts.captions);
 }
 
 /// The scale bar and its text. Where coordinates have no unit in common, the text says so, and there is no bar.

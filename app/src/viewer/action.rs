@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
 use scene::{
-    Bookmark, CameraPath, ClipShape, CloudSettings, ColorBy, Filter, Lighting, MeasurementKind, MirrorPoints, Object,
-    Settings, Shape, StandardView,
+    Bookmark, CameraPath, CaptureFormat, ClipShape, CloudSettings, ColorBy, Filter, Lighting, MeasurementKind,
+    MirrorPoints, Object, Settings, Shape, StandardView,
 };
 use world::CloudKey;
 
@@ -85,12 +85,16 @@ pub enum PathPreset {
     Turntable,
     /// Around the selected object, rising and sinking.
     Orbit,
-    /// Along the points of the selected measurement.
+    /// Above the points of the selected measurement.
     Polyline,
     /// The view, across which the selected mirror moves and back.
     MirrorSweep,
     /// The view, with every method for two seconds.
     MethodTour,
+    /// The view, wiped from the present method to the ray tracer.
+    WipeToTruth,
+    /// The view, wiped from the kept state of the picture to the present one.
+    WipeFromKept,
 }
 
 /// What a person does with kept views and with paths of the camera.
@@ -118,6 +122,8 @@ pub enum Film {
     /// Plays the path, or pauses.
     Play,
     Repeat(bool),
+    /// How high above a measurement new paths fly, in world units.
+    FlyAt(f64),
     /// Opens the dialog of recordings for the path in the timeline.
     AskRecording,
     /// Changes the dialog; `None` closes it.
@@ -126,6 +132,8 @@ pub enum Film {
     StopRecording,
     /// Records the window; again: ends that.
     Capture,
+    /// What the window is recorded into from now on.
+    CaptureAs(CaptureFormat),
 }
 
 /// What a person does with the scene file.

@@ -62,10 +62,13 @@ impl Keeper {
         let first = place.map_or(String::new(), |place| {
             format!("{PLACE}{}\n", serde_json::Value::from(place.display().to_string()))
         });
-        match &state.own {
-            Some((path, _)) => picture_file::write_text(path, &(first + text)),
-            None => Ok(()),
+        let Some((path, _)) = &state.own else { return Ok(()) };
+        let written = picture_file::write_text(path, &(first + text));
+        if written.is_err() && !path.exists() {
+            // Its folder may be gone; the next time makes it anew.
+            state.own.take().into_iter().for_each(|(path, lock)| remove(&path, lock));
         }
+        written
     }
 
     /// Makes the lock of a file that nobody else has.
@@ -180,6 +183,25 @@ mod tests {
         found.remove(0).delete();
         other.end(false);
         assert_eq!(std::fs::read_dir(&unsaved).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn work_is_kept_again_once_its_folder_can_be_written_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let unsaved = folder.path().join("unsaved");
+        let keeper = Keeper::new(unsaved.clone());
+        keeper.keep(Some(("clouds = [\"a.laz\"]\n", None))).unwrap();
+        std::fs::remove_dir_all(&unsaved).unwrap();
+        // Something else has its name.
+        std::fs::write(&unsaved, "").unwrap();
+        assert!(keeper.keep(Some(("clouds = [\"b.laz\"]\n", None))).is_err());
+        std::fs::remove_file(&unsaved).unwrap();
+        keeper.keep(Some(("clouds = [\"c.laz\"]\n", None))).unwrap();
+        drop(keeper);
+        let found = abandoned(&unsaved);
+        let clouds: Vec<String> =
+            found.iter().flat_map(|one| scene::SceneFile::read(&one.path).unwrap().0.clouds).collect();
+        assert_eq!(clouds, ["c.laz"]);
     }
 
     #[test]

@@ -110,7 +110,8 @@ impl Bench {
                 }
             }
             Effect::Load { inputs } => {
-                let job = world::start(inputs.clone(), &self.session.scene.settings);
+                let asked = self.session.loaded.asked_attributes(&self.session.scene);
+                let job = world::start(inputs.clone(), &self.session.scene.settings, asked);
                 let id = self.session.loaded.add_job(
                     &inputs,
                     job.progress.clone(),

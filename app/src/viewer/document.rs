@@ -12,6 +12,7 @@ use world::{CloudKey, Event};
 use crate::viewer::action::Filing;
 use crate::viewer::autosave::{Abandoned, Keeper};
 use crate::viewer::history::{History, Marks};
+use crate::viewer::input::bindings::COMMAND;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::short_name;
 use crate::viewer::messages::Level;
@@ -26,6 +27,8 @@ use crate::viewer::work::Work;
 
 /// Unsaved work is written at most this often.
 const INTERVAL: Duration = Duration::from_secs(3);
+/// Where it cannot be written, it is tried again after this time.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 /// What would lose unsaved work.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,7 +73,8 @@ pub struct Document {
     kept: Option<State>,
     kept_at: Option<Instant>,
     is_being_kept: bool,
-    has_failed: bool,
+    /// When unsaved work could last not be written, until it can be again.
+    failed_at: Option<Instant>,
     /// Work of programs that have ended unexpectedly, the newest last.
     pub abandoned: Vec<Abandoned>,
     /// The one of them that was restored. It is deleted once this program keeps the work.
@@ -90,7 +94,7 @@ impl Default for Document {
             kept: None,
             kept_at: None,
             is_being_kept: false,
-            has_failed: false,
+            failed_at: None,
             abandoned: Vec::new(),
             restored: None,
         }
@@ -157,8 +161,8 @@ impl Document {
         State { marks: scene.history.marks(), inputs: self.inputs.clone() }
     }
 
-    /// Whether a person's work would be lost: objects, what is hidden, paths, and parameters. Who has only looked
-    /// around is not asked.
+    /// Whether a person's work would be lost. Of a scene file it is all that differs from the file, but for the camera.
+    /// Without a file it is what the person has made: who has only looked at clouds, in whatever colours, loses nothing.
     pub fn is_unsaved(&self, scene: &Scene, loaded: &Loaded) -> bool {
         if loaded.clouds.is_empty() {
             return false;
@@ -167,7 +171,7 @@ impl Document {
         let marks = scene.history.marks();
         let is_changed = scene.history.is_changing() && self.place.is_some();
         match &self.place {
-            None => is_changed || marks != saved.marks,
+            None => marks.made != saved.marks.made && scene.objects.has_more_than(&loaded.inputs()),
             Some(_) => is_changed || marks != saved.marks || self.inputs != saved.inputs,
         }
     }
@@ -255,7 +259,7 @@ impl Document {
             }
         };
         if loaded.clouds.iter().any(|entry| !entry.added.is_empty()) {
-            outside.note("The scene file does not hold distances; Ctrl+E saves the points with them");
+            outside.note(format!("The scene file does not hold distances; {COMMAND}+E saves the points with them"));
         }
         self.saving = Some((path.clone(), self.state(scene)));
         outside.work(Work::SaveScene { path, text });
@@ -302,7 +306,7 @@ impl Document {
         outside: &mut Outside,
     ) -> Option<Duration> {
         let keeper = self.keeper.clone()?;
-        if self.is_being_kept || self.has_failed {
+        if self.is_being_kept {
             return None;
         }
         let state = self.state(scene);
@@ -316,8 +320,12 @@ impl Document {
         // What is being dragged is kept when it is released, and what a film has moved when it is back. Built-in scenes
         // bring their mirrors in a moment.
         let is_in_motion = scene.history.is_changing() || scene.posed.is_some() || loaded.is_loading_built_in();
-        if self.kept.as_ref() == Some(&state) || is_in_motion {
+        if self.kept.as_ref() == Some(&state) && self.failed_at.is_none() || is_in_motion {
             return None;
+        }
+        let failed = self.failed_at.map(|at| outside.now.saturating_duration_since(at));
+        if let Some(left) = failed.and_then(|since| PATIENCE.checked_sub(since)).filter(|left| !left.is_zero()) {
+            return Some(left);
         }
         let since = self.kept_at.map(|at| outside.now.saturating_duration_since(at));
         if let Some(left) = since.and_then(|since| INTERVAL.checked_sub(since)).filter(|left| !left.is_zero()) {
@@ -353,13 +361,19 @@ impl Document {
         match result {
             Ok(()) => {
                 outside.log(json!({ "event": "kept", "unsaved": self.kept.is_some() }));
+                if self.failed_at.take().is_some() && self.kept.is_some() {
+                    outside.say(Level::Note, "Unsaved work is kept against a crash again");
+                }
                 if let Some(restored) = self.restored.take_if(|_| self.kept.is_some()) {
                     restored.delete();
                 }
             }
             Err(problem) => {
-                self.has_failed = true;
-                outside.say(Level::Warning, format!("Unsaved work is not kept against a crash: {problem}"));
+                if self.failed_at.replace(outside.now).is_none() {
+                    let again = format!("it is tried again every {} s", PATIENCE.as_secs());
+                    outside
+                        .say(Level::Warning, format!("Unsaved work is not kept against a crash ({again}): {problem}"));
+                }
             }
         }
     }

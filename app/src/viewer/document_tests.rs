@@ -4,9 +4,9 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
-use scene::{ClipShape, ColorBy, Filter, Measurement, MeasurementKind, Note, Object, SceneFile, Shape};
+use scene::{ClipShape, ColorBy, Filter, Measurement, MeasurementKind, Note, Object, Profile, SceneFile, Shape};
 
-use crate::viewer::action::{Action, Clipping, Filing};
+use crate::viewer::action::{Action, Clipping, Filing, Film, PathPreset};
 use crate::viewer::autosave::{self, Keeper};
 use crate::viewer::document::Leaving;
 use crate::viewer::outside::{Asked, Effect, News};
@@ -38,12 +38,12 @@ fn settle(session: &mut Session) -> Vec<Effect> {
         for effect in std::mem::take(&mut session.outside.effects) {
             match effect {
                 Effect::Load { inputs } => {
-                    let job = world::start(inputs.clone(), &session.scene.settings);
+                    let job = world::start(inputs.clone(), &session.scene.settings, Default::default());
                     let (progress, mailbox) = (job.progress.clone(), job.mailbox.clone());
                     let id = session.loaded.add_job(&inputs, progress, mailbox, session.outside.now);
                     job.events.iter().for_each(|event| session.on_news(News::Loading(id, event, None)));
                 }
-                Effect::Work(work @ (Work::SaveScene { .. } | Work::Keep { .. })) => {
+                Effect::Work(work @ (Work::SaveScene { .. } | Work::Keep { .. } | Work::Place { .. })) => {
                     let found = std::cell::RefCell::new(Vec::new());
                     work.run(&session.scene.settings.stream.clone(), |news| found.borrow_mut().push(news));
                     found.into_inner().into_iter().for_each(|news| session.on_found(news));
@@ -106,7 +106,8 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
     let (kind, name) = (MeasurementKind::Distance, "width".into());
     let measurement = Measurement { name, kind, on: true, color, points, reach: None, level: None };
     let note = Note { text: "a door".into(), on: true, color, position: DVec3::X, camera: None };
-    for object in [Object::Measurement(measurement), Object::Note(note)] {
+    let profile = Profile { name: "wall".into(), ..Profile::new(vec![DVec3::ZERO, DVec3::ONE], 0.25) };
+    for object in [Object::Measurement(measurement), Object::Note(note), Object::Profile(profile)] {
         let id = session.scene.next_object_id();
         session.scene.place(id, object, &mut session.outside);
     }
@@ -115,10 +116,13 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
     let mut own = session.loaded.own_settings(key, None);
     own.size = 1.5;
     own.set_color("by", "height");
+    (own.shift, own.turn, own.about) = (DVec3::new(0.5, 0.0, 2.0), DVec3::Z * 30.0, Some(DVec3::X));
     session.act(Action::ChangeCloud(key, Box::new(own)));
     session.act(Action::ShowCloud(key, false));
     session.act(Action::Orbit(DVec2::new(40.0, 10.0)));
     settle(&mut session);
+    session.act(Action::Film(Film::Keep(Some(3))));
+    session.act(Action::Film(Film::Add(PathPreset::View)));
     session.act(Action::File(Filing::Save));
     settle(&mut session);
     let mut other = Session::new(Preferences::default());
@@ -130,10 +134,14 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
     // A light has no name in a file.
     let unnamed = |objects: Vec<(String, Object)>| -> Vec<Object> { objects.into_iter().map(|(_, o)| o).collect() };
     assert_eq!(unnamed(objects(&other)), unnamed(objects(&session)));
-    assert_eq!(objects(&other).len(), 5);
+    assert_eq!(objects(&other).len(), 6);
+    let films = |session: &Session| (session.scene.objects.bookmarks.clone(), session.scene.objects.paths.clone());
+    assert!(films(&other) == films(&session) && films(&other).0.len() == 1 && films(&other).1.len() == 1);
     assert_eq!(other.scene.objects.visibility, session.scene.objects.visibility);
     let own = |session: &Session| session.scene.objects.own_settings[0].settings.clone();
     assert_eq!((own(&other).on, own(&other).size, own(&other).color), (false, 1.5, own(&session).color));
+    let placement = |session: &Session| session.loaded.clouds[0].placement();
+    assert!(placement(&other).is_some() && placement(&other) == placement(&session));
     assert_eq!((other.loaded.clouds[0].is_visible, other.loaded.clouds[0].size), (false, 1.5));
     assert_eq!((&other.scene.settings, other.scene.camera), (&session.scene.settings, session.scene.camera));
     assert!(!other.is_unsaved());
@@ -141,6 +149,48 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
     other.act(Action::File(Filing::Save));
     settle(&mut other);
     assert_eq!(std::fs::read_to_string(folder.path().join("hall.toml")).unwrap(), before, "saved again it is the same");
+}
+
+#[test]
+fn a_file_that_a_person_wrote_keeps_its_comments_when_it_is_saved() {
+    let (folder, mut session) = session();
+    let place = folder.path().join("hall.toml");
+    std::fs::write(&place, "# The hall, first floor.\nclouds = [\"three.ply\"] # of May\n").unwrap();
+    session.act(Action::AddMirror(Shape::Sphere));
+    for mirrors in [1, 2] {
+        session.act(Action::File(Filing::Save));
+        settle(&mut session);
+        let text = std::fs::read_to_string(&place).unwrap();
+        assert!(text.starts_with("# The hall, first floor.\nclouds = [\"three.ply\"] # of May\n"), "{text}");
+        assert_eq!(SceneFile::parse(&text).unwrap().mirrors.len(), mirrors);
+        session.act(Action::AddMirror(Shape::Sphere));
+    }
+}
+
+#[test]
+fn work_that_cannot_be_kept_is_told_once_and_tried_again() {
+    let (_folder, mut session) = session();
+    session.document.keeper = Some(Keeper::new("/dev/null/unsaved".into()));
+    session.act(Action::AddMirror(Shape::Sphere));
+    let tries = |session: &mut Session, seconds: u64| {
+        session.outside.effects.clear();
+        session.step(session.outside.now + std::time::Duration::from_secs(seconds), false);
+        session.outside.effects.iter().filter(|effect| matches!(effect, Effect::Work(Work::Keep { .. }))).count()
+    };
+    let told = |session: &Session| -> Vec<String> {
+        let all = session.outside.messages.all.iter().map(|message| message.text.clone());
+        all.filter(|text| text.starts_with("Unsaved work")).collect()
+    };
+    assert_eq!(tries(&mut session, 4), 1);
+    session.document.on_kept(Err("the disk is full".into()), &mut session.outside);
+    assert_eq!((tries(&mut session, 4), tries(&mut session, 30)), (0, 1));
+    session.document.on_kept(Err("the disk is full".into()), &mut session.outside);
+    let [only] = told(&session).try_into().unwrap();
+    assert!(only.contains("tried again every 30 s") && only.ends_with("the disk is full"), "{only}");
+    assert_eq!(tries(&mut session, 31), 1);
+    session.document.on_kept(Ok(()), &mut session.outside);
+    assert_eq!(told(&session)[1..], ["Unsaved work is kept against a crash again"]);
+    assert_eq!(tries(&mut session, 31), 0);
 }
 
 #[test]
@@ -177,15 +227,25 @@ fn a_scene_without_a_file_asks_for_a_place_and_stays_if_none_is_chosen() {
     let mut session = Session::new(Preferences::default());
     assert!(session.open(&[folder.path().join("three.ply")]));
     settle(&mut session);
-    // Looking around is no work, but parameters are.
+    // Looking at a cloud is no work, in whatever colours.
+    let key = session.loaded.clouds[0].key;
+    let mut own = session.loaded.own_settings(key, None);
+    own.set_color("by", "height");
     session.act(Action::Orbit(DVec2::new(40.0, 10.0)));
+    session.act(Action::ColorBy(ColorBy::Height));
+    session.act(Action::ShowClasses(vec![7], false));
+    session.act(Action::ChangeCloud(key, Box::new(own)));
     settle(&mut session);
     assert!(!session.is_unsaved());
-    session.act(Action::ColorBy(ColorBy::Height));
+    session.act(Action::Quit);
+    assert!(session.document.asked.is_none() && std::mem::take(&mut session.wants_to_quit));
+    // What a person has placed is, until it is taken away again.
+    session.act(Action::Clip(Clipping::AroundAll(ClipShape::Box)));
     session.act(Action::Quit);
     assert!(session.is_unsaved() && session.document.asked.take().is_some() && !session.wants_to_quit);
-    session.act(Action::Undo);
-    assert!(!session.is_unsaved(), "nothing is left to save");
+    session.act(Action::Delete);
+    settle(&mut session);
+    assert!(session.scene.objects.clips.is_empty() && !session.is_unsaved(), "nothing is left to save");
     session.act(Action::AddMirror(Shape::Sphere));
     assert_eq!(title(&session), "three.ply* - 3 points - glint");
     session.act(Action::Quit);

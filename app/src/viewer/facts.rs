@@ -9,7 +9,7 @@ use crate::viewer::scene::Scene;
 use crate::viewer::tools::measurements::{Measurements, units};
 
 /// What overlays tell about the visible clouds, the measurements and notes that are switched on,
-/// and the captions of the path that the picture follows.
+/// and the captions and the wipe of the path that the picture follows.
 pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Facts {
     let units = units(loaded);
     let mut facts = Facts::new(units, scene.up(&loaded.clouds));
@@ -33,6 +33,8 @@ pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Fac
         let is_selected = scene.selected == Some(placed.id);
         facts.marks.push(Mark { is_selected, ..Mark::of_profile(&placed.profile, facts.up) });
     }
-    facts.captions = scene.posed.iter().flat_map(|posed| posed.captions.clone()).collect();
+    if let Some(posed) = &scene.posed {
+        (facts.captions, facts.wipe) = (posed.captions.clone(), posed.wipe.clone());
+    }
     facts
 }

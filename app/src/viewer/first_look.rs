@@ -81,7 +81,7 @@ mod tests {
     fn read(session: &mut Session) {
         for effect in std::mem::take(&mut session.outside.effects) {
             let Effect::Load { inputs } = effect else { continue };
-            let job = world::start(inputs.clone(), &session.scene.settings);
+            let job = world::start(inputs.clone(), &session.scene.settings, Default::default());
             let id = session.loaded.add_job(&inputs, job.progress.clone(), job.mailbox.clone(), session.outside.now);
             job.events.iter().for_each(|event| session.on_news(News::Loading(id, event, None)));
         }

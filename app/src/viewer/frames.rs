@@ -1,5 +1,6 @@
 //! The frames of the window: the one that is wanted, the one being drawn, and the one on the screen.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -54,6 +55,9 @@ struct Asked {
 pub struct Frames {
     /// The shaders that the render thread has compiled.
     pub shaders: Arc<Progress>,
+    /// How many there were when none was being compiled, and the largest share that was told since: more of them come
+    /// to light on the way.
+    told_shaders: Cell<(u64, f32)>,
     pub shown: Option<Shown>,
     /// The last request that was sent to the render thread.
     pub requested: Option<FrameRequest>,
@@ -125,7 +129,14 @@ impl Frames {
     /// Returns the share of the shaders that are compiled; `None` if none is being compiled.
     pub fn compiled(&self) -> Option<f32> {
         let (done, total) = (self.shaders.done(), self.shaders.total());
-        (done < total).then_some(done as f32 / total as f32)
+        let (before, told) = self.told_shaders.get();
+        if done >= total {
+            self.told_shaders.set((total, 0.0));
+            return None;
+        }
+        let share = done.saturating_sub(before) as f32 / total.saturating_sub(before).max(1) as f32;
+        self.told_shaders.set((before, share.max(told)));
+        Some(share.max(told))
     }
 
     /// Returns true while a picture is drawn and there is none to show meanwhile.
@@ -320,7 +331,7 @@ impl Frames {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::action::Action;
+    use crate::viewer::action::{Action, Film, PathPreset};
     use crate::viewer::bench::Bench;
 
     #[test]
@@ -359,6 +370,29 @@ mod tests {
         assert!(!is_hurried(&Situation { is_recorded: true, points_come: false, ..situation }));
         situation.soon_changes = false;
         assert!(!is_hurried(&situation), "normals and radii do not hold it up");
+    }
+
+    #[test]
+    fn a_path_that_plays_is_drawn_as_what_moves_and_its_end_in_full_quality() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let session = &mut bench.session;
+        session.act(Action::Film(Film::Add(PathPreset::Turntable)));
+        session.act(Action::Film(Film::Play));
+        session.frames.careful_milliseconds = 1000.0;
+        let start = session.outside.now;
+        for seconds in [0.5, 1.0] {
+            session.step(start + Duration::from_secs_f64(seconds), false);
+            let asked = session.frames.requested.as_ref().unwrap();
+            assert!(asked.hurried && asked.spared.is_some(), "{seconds} s");
+            assert_eq!(asked.camera, session.scene.camera);
+            session.frames.under_way = 0;
+        }
+        session.step(start + Duration::from_secs(60), false);
+        assert!(!session.filming.timeline.is_playing());
+        bench.settle();
+        let shown = &bench.session.frames.shown.as_ref().unwrap().request;
+        assert!(!shown.hurried && shown.spared.is_none());
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! The viewer without a window, for recordings. It drives the same session with the same step, by a clock that the
 //! caller hands in. Each picture equals the one that the window shows at rest.
 
+mod wiped;
+
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
@@ -8,13 +10,15 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use cloud::Bounds;
 use render::{Aov, FrameStats, Gpu};
-use scene::{Camera, CameraPath, ExposureFit, PathPlace, StandardView, Tone};
+use scene::{Camera, CameraPath, ExposureFit, PathPlace, StandardView, Strays, Tone};
 use serde::Serialize;
+use study::TracedScene;
 use world::{Event, Request, StreamStats};
 
+use self::wiped::StatePicture;
 use crate::failure::{FAILED, UNUSABLE};
 use crate::interrupt;
-use crate::overlays;
+use crate::overlays::{self, Facts};
 use crate::peak_memory::host_peak_bytes;
 use crate::progress_bar::Bar;
 use crate::terminal;
@@ -24,6 +28,7 @@ use crate::viewer::messages::Level;
 use crate::viewer::outside::News;
 use crate::viewer::preferences::Preferences;
 use crate::viewer::session::Session;
+use crate::viewer::truth::tasks::SceneKey;
 use crate::viewer::window::effects::Effects;
 use crate::viewer::window::render_thread::{Command, FrameRequest, Picture, Report};
 
@@ -37,6 +42,12 @@ pub struct Headless {
     told: usize,
     /// The tone that the scene asks for now.
     pub tone: Tone,
+    /// The scene that was last prepared for the ray tracer.
+    traced: Option<(SceneKey, Arc<TracedScene>)>,
+    /// What the states of the last picture were drawn from, if it shows several.
+    states: Vec<PictureStats>,
+    /// The pictures of these states.
+    made: Vec<StatePicture>,
 }
 
 /// What a picture was drawn from, as `frame-000000.json`.
@@ -44,7 +55,8 @@ pub struct Headless {
 pub struct PictureStats {
     /// The time on the path, in seconds.
     time: f64,
-    method: &'static str,
+    /// That of each state of a wipe that is in the picture, with ` | ` between them.
+    method: String,
     /// The points on the GPU, and those that were drawn.
     points: u64,
     points_drawn: u64,
@@ -92,7 +104,17 @@ impl Headless {
         session.set_view_size(size);
         session.open_request(request);
         let tone = session.scene.settings.tone.clone();
-        let mut headless = Self { session, effects, news, status: 0, told: 0, tone };
+        let mut headless = Self {
+            session,
+            effects,
+            news,
+            status: 0,
+            told: 0,
+            tone,
+            traced: None,
+            states: Vec::new(),
+            made: Vec::new(),
+        };
         headless.do_effects();
         Ok(headless)
     }
@@ -114,20 +136,44 @@ impl Headless {
         images: &[Aov],
         bar: &Bar,
     ) -> anyhow::Result<Option<Picture>> {
+        self.states.clear();
+        let Some(mut picture) = self.drawn(camera, now, images, bar)? else { return Ok(None) };
+        self.draw_over(&mut picture.rgba, &self.facts());
+        Ok(Some(picture))
+    }
+
+    /// Returns the picture without overlays, and float images of it. The arguments are those of `picture`.
+    fn drawn(&mut self, camera: Camera, now: Instant, images: &[Aov], bar: &Bar) -> anyhow::Result<Option<Picture>> {
         let Some(request) = self.settle(Some(camera), now, bar)? else { return Ok(None) };
-        self.session.outside.render(Command::Read { request: Box::new(request), images: images.to_vec() });
+        let command = Command::Read { request: Box::new(request), images: images.to_vec() };
+        let take = |report| if let Report::Read(picture) = report { Ok(*picture) } else { Err(report) };
+        self.answer(command, take).map(Some)
+    }
+
+    /// Has the render thread carry out a command, and returns what `take` makes of its answer; it gives other reports
+    /// back.
+    fn answer<T>(&mut self, command: Command, take: impl Fn(Report) -> Result<T, Report>) -> anyhow::Result<T> {
+        self.session.outside.render(command);
         self.do_effects();
         loop {
             match self.news.recv()? {
-                News::Report(Report::Read(mut picture)) => {
-                    let Session { scene, loaded, tools, .. } = &self.session;
-                    let facts = facts(scene, loaded, &tools.measurements);
-                    overlays::draw(&mut picture.rgba, scene.view_size, &scene.camera, &scene.settings, &facts);
-                    return Ok(Some(*picture));
-                }
+                News::Report(report) => match take(report) {
+                    Ok(answer) => return Ok(answer),
+                    Err(other) => self.take(News::Report(other))?,
+                },
                 news => self.take(news)?,
             }
         }
+    }
+
+    fn facts(&self) -> Facts {
+        let Session { scene, loaded, tools, .. } = &self.session;
+        facts(scene, loaded, &tools.measurements)
+    }
+
+    fn draw_over(&self, rgba: &mut [u8], facts: &Facts) {
+        let scene = &self.session.scene;
+        overlays::draw(rgba, scene.view_size, &scene.camera, &scene.settings, facts);
     }
 
     /// The number of points in the picture that was drawn last.
@@ -135,8 +181,17 @@ impl Headless {
         self.session.frames.shown.as_ref().map_or(0, |shown| shown.stats.points_drawn)
     }
 
-    /// What the picture that was drawn last was drawn from; `time` is that of its frame.
+    /// What the picture that was made last was drawn from; `time` is that of its frame. Of several states in it, the
+    /// nodes are those of the state that lacked most.
     pub fn stats(&self, time: f64) -> PictureStats {
+        let Some(last) = self.states.last() else { return self.stats_of_drawn(time) };
+        let methods: Vec<&str> = self.states.iter().map(|state| state.method.as_str()).collect();
+        let stream = self.states.iter().filter_map(|state| state.stream);
+        let stream = stream.max_by_key(|stream| (!stream.settled, stream.nodes_missing));
+        PictureStats { time, method: methods.join(" | "), stream, ..last.clone() }
+    }
+
+    fn stats_of_drawn(&self, time: f64) -> PictureStats {
         let Session { frames, loaded, .. } = &self.session;
         let shown = frames.shown.as_ref();
         let count = |of: fn(&FrameStats) -> u64| shown.map_or(0, |shown| of(&shown.stats));
@@ -152,13 +207,21 @@ impl Headless {
         };
         PictureStats {
             time,
-            method: shown.map_or("none", |shown| shown.request.settings.reflection.method.row().name),
+            method: shown.map_or("none", |shown| shown.request.settings.reflection.method.row().name).into(),
             points: count(|stats| stats.points_resident),
             points_drawn: count(|stats| stats.points_drawn),
             stream: (!jobs.is_empty()).then_some(stream),
             gpu_bytes: count(|stats| stats.gpu_bytes),
             host_peak_bytes: host_peak_bytes(),
         }
+    }
+
+    /// Whether the scene hides all points of the clouds that are open.
+    pub fn hides_all(&self) -> bool {
+        let Session { scene, loaded, .. } = &self.session;
+        let test = scene.objects.test().hiding_strays(scene.settings.splat.strays == Strays::Hidden);
+        let is_hidden = |entry: &CloudEntry| !entry.is_visible || entry.cloud.shown(&test).is_empty();
+        loaded.points() > 0 && loaded.clouds.iter().all(is_hidden)
     }
 
     /// What a built-in path follows from, once everything is loaded.
@@ -250,7 +313,12 @@ impl Headless {
     /// changes the exit status.
     fn take(&mut self, news: News) -> anyhow::Result<()> {
         match &news {
-            News::Report(Report::Problem(problem) | Report::NotDrawn(problem) | Report::Lost(problem)) => {
+            News::Report(
+                Report::Problem(problem)
+                | Report::NotDrawn(problem)
+                | Report::NotJudged(problem)
+                | Report::Lost(problem),
+            ) => {
                 return Err(anyhow!(problem.clone()));
             }
             News::Loading(_, Event::Failed { is_usage, .. }, _) => {

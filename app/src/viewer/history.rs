@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use scene::{Camera, Object, Settings};
+use scene::{Camera, CloudSettings, Object, Settings};
 
 use crate::viewer::loaded::clouds::short_name;
 use crate::viewer::objects::{ObjectId, Objects};
@@ -15,6 +15,8 @@ use crate::viewer::objects::{ObjectId, Objects};
 pub struct Marks {
     pub settings: u64,
     pub objects: u64,
+    /// The objects without what only says how clouds look (`Objects::made`).
+    pub made: u64,
 }
 
 /// The state before a step. `camera` is set only if the step made the camera jump (frame all, standard views, paste).
@@ -87,13 +89,16 @@ impl History {
     }
 
     /// Gives a new state its numbers.
-    fn mark(&mut self, has_other_settings: bool, has_other_objects: bool) {
+    fn mark(&mut self, before: &(Settings, Objects), settings: &Settings, objects: &Objects) {
         self.last_mark += 1;
-        if has_other_settings {
+        if before.0 != *settings {
             self.marks.settings = self.last_mark;
         }
-        if has_other_objects {
+        if before.1 != *objects {
             self.marks.objects = self.last_mark;
+            if before.1.made() != objects.made() {
+                self.marks.made = self.last_mark;
+            }
         }
     }
 
@@ -101,10 +106,10 @@ impl History {
     pub fn settle(&mut self, settings: &Settings, objects: &Objects) {
         self.changed = None;
         match self.settled.take() {
-            Some((before, objects_before)) if before != *settings || objects_before != *objects => {
-                let differ = (before != *settings, objects_before != *objects);
-                self.push(Snapshot { settings: before, objects: objects_before, camera: None, marks: self.marks });
-                self.mark(differ.0, differ.1);
+            Some(before) if before.0 != *settings || before.1 != *objects => {
+                let marks = self.marks;
+                self.mark(&before, settings, objects);
+                self.push(Snapshot { settings: before.0, objects: before.1, camera: None, marks });
                 self.settled = Some((settings.clone(), objects.clone()));
             }
             settled => self.settled = settled,
@@ -143,9 +148,9 @@ impl History {
 
     /// Must be called after a jump.
     pub fn after_jump(&mut self, settings: &Settings, objects: &Objects) {
-        let before = self.settled.as_ref();
-        let differ = before.map_or((false, false), |before| (before.0 != *settings, before.1 != *objects));
-        self.mark(differ.0, differ.1);
+        if let Some(before) = self.settled.take() {
+            self.mark(&before, settings, objects);
+        }
         self.changed = None;
         self.settled = Some((settings.clone(), objects.clone()));
     }
@@ -213,7 +218,9 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
         tell(format!("{} {name}", object.kind().name).trim_end().to_owned());
     }
     for own in differing_of(&from.objects.own_settings, &objects.own_settings) {
-        tell(format!("cloud {}", param::shortened(short_name(&own.settings.cloud), MOST_NAMED)));
+        let placement = |objects: &Objects| objects.settings_of(own.key).and_then(CloudSettings::placement);
+        let what = if placement(&from.objects) == placement(objects) { "cloud" } else { "the place of cloud" };
+        tell(format!("{what} {}", param::shortened(short_name(&own.settings.cloud), MOST_NAMED)));
     }
     if from.objects.markings != objects.markings {
         tell("points that reflect".into());

@@ -9,7 +9,7 @@ use scene::Show;
 use world::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 
 use crate::viewer::action::{Action, Filing};
-use crate::viewer::input::bindings;
+use crate::viewer::input::bindings::{self, COMMAND};
 use crate::viewer::loaded::clouds::{JobEntry, short_name};
 use crate::viewer::messages::Level;
 use crate::viewer::panels::overlay;
@@ -133,6 +133,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     }
     panels::truth::paint(ui, rect, session, actions);
     panels::comparing::paint(ui, rect, session, actions);
+    panels::wipe::paint(ui, rect, session);
     overlay::paint(ui.painter(), rect, session);
     let is_taken = gizmo::interact(&response, session, actions);
     input::handle(ui, &response, is_taken, session, actions);
@@ -143,7 +144,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         empty_state(ui, session, rect, actions);
     }
     if session.first_look.is_some() && session.frames.shown.is_some() && !session.interface_is_hidden {
-        caption(ui, rect.center_bottom() - egui::vec2(0.0, 24.0), FIRST_LOOK);
+        caption(ui, rect.center_bottom() - egui::vec2(0.0, 24.0), &format!("{FIRST_LOOK} {COMMAND}+O."));
     }
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
         ui.painter().rect_filled(rect, 0.0, Color32::from_black_alpha(150));
@@ -153,7 +154,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
 }
 
 /// What a newcomer can do.
-const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a LAS, LAZ or PLY file here, or press Ctrl+O.";
+const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a LAS, LAZ or PLY file here, or press";
 
 /// Writes a line over the picture that can be read whatever is behind it.
 fn caption(ui: &Ui, middle: egui::Pos2, text: &str) {
@@ -174,7 +175,7 @@ fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec<Act
         ui.vertical_centered(|ui| {
             ui.label(RichText::new("glint").size(34.0).color(theme::ACCENT));
             ui.add_space(6.0);
-            ui.label(RichText::new("Drop a LAS, LAZ or PLY file here, or press Ctrl+O").size(16.0));
+            ui.label(RichText::new(format!("Drop a LAS, LAZ or PLY file here, or press {COMMAND}+O")).size(16.0));
             ui.add_space(10.0);
             if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
                 actions.push(Action::OpenDialog);
@@ -643,6 +644,10 @@ mod tests {
         shaders.add(10);
         harness.run_steps(2);
         assert!(harness.query_by_label("compiling shaders: 25 %").is_some());
+        shaders.set_total(80);
+        harness.run_steps(2);
+        assert!(harness.query_by_label("compiling shaders: 25 %").is_some(), "it does not go back when more are found");
+        shaders.set_total(40);
         shaders.add(30);
         harness.state_mut().on_report(Report::Ready { adapter: "any".into() });
         harness.run_ok();

@@ -1,17 +1,17 @@
 //! A kept state of the picture, to look at beside the present one from the same place: a key shows it while it is held,
 //! a line divides the picture between the two, or each has a half of the window. It holds parameters, lights, colours,
-//! and which clouds and points are shown; camera and mirrors are those of now.
+//! which clouds and points are shown, and where clouds stand; camera and mirrors are those of now.
 
 use cloud::PointTest;
 use render::ColorPlan;
-use scene::Settings;
+use scene::{CloudSettings, Settings};
 use serde_json::json;
 use world::{Change, CloudKey};
 
 use crate::viewer::action::KeptStep;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::objects::OwnSettings;
+use crate::viewer::objects::Objects;
 use crate::viewer::outside::Outside;
 use crate::viewer::scene::Scene;
 use crate::viewer::truth::view::Picture;
@@ -41,15 +41,16 @@ struct State {
     request: FrameRequest,
     test: PointTest,
     clouds: Vec<(CloudKey, bool, Option<ColorPlan>)>,
-    own_settings: Vec<OwnSettings>,
+    /// Of these, the state holds the lights, what clouds have of their own, and what says which points are shown.
+    objects: Objects,
 }
 
 impl State {
     fn of(scene: &Scene, request: FrameRequest, loaded: &Loaded) -> Self {
         let plan = |entry: &CloudEntry| entry.figures.as_ref().map(|figures| figures.plan.clone());
         let clouds = loaded.clouds.iter().map(|entry| (entry.key, entry.is_visible, plan(entry))).collect();
-        let (settings, own_settings) = (scene.settings.clone(), scene.objects.own_settings.clone());
-        Self { settings, request, test: loaded.drawn_test.clone(), clouds, own_settings }
+        let (settings, objects) = (scene.settings.clone(), scene.objects.clone());
+        Self { settings, request, test: loaded.drawn_test.clone(), clouds, objects }
     }
 
     /// The frame of this state that shows what a frame of the present one shows.
@@ -58,6 +59,7 @@ impl State {
             settings: self.request.settings.clone(),
             lights: self.request.lights.clone(),
             clues: self.request.clues,
+            test: self.test.clone(),
             revision: present.revision | OTHER_POINTS,
             ..present.clone()
         }
@@ -78,11 +80,12 @@ impl State {
                 there.push(Change::Show { cloud, is_visible });
                 back.push(Change::Show { cloud, is_visible: entry.is_visible });
             }
-            let own = self.own_settings.iter().find(|own| own.key == cloud);
-            let size = own.map_or(1.0, |own| own.settings.size);
-            if size != entry.size && is_visible {
-                there.extend(entry.in_size(size));
-                back.extend(entry.in_size(entry.size));
+            let own = self.objects.settings_of(cloud);
+            let size = own.map_or(1.0, |own| own.size);
+            let placement = own.and_then(CloudSettings::placement);
+            if (size != entry.size || placement != entry.placement()) && is_visible {
+                there.extend(entry.drawn(size, placement));
+                back.extend(entry.drawn(entry.size, entry.placement()));
             }
             let present = entry.figures.as_ref().map(|figures| figures.plan.clone());
             if let Some((old, new)) = plan.zip(present).filter(|(old, new)| is_visible && old != new) {
@@ -102,6 +105,11 @@ impl Kept {
 
     pub fn is_there(&self) -> bool {
         self.state.is_some()
+    }
+
+    /// The parameters of the kept state, as a person had set them.
+    pub fn settings(&self) -> Option<&Settings> {
+        self.state.as_ref().map(|state| &state.settings)
     }
 
     /// Whether the picture shall show the kept state.
@@ -135,9 +143,16 @@ impl Kept {
                 let now = present(loaded, beside);
                 let Some(state) = self.state.replace(now) else { return };
                 self.drawn = None;
-                beside.scene.settings = state.settings;
-                beside.scene.objects.own_settings = state.own_settings;
-                beside.scene.objects.own_settings.retain(|own| loaded.cloud(own.key).is_some());
+                let scene = &mut *beside.scene;
+                scene.edit(beside.outside.now, |settings, objects| {
+                    *settings = state.settings;
+                    let Objects { lights, no_guess, own_settings, clips, visibility, .. } = state.objects;
+                    (objects.lights, objects.no_guess) = (lights, no_guess);
+                    objects.own_settings = own_settings;
+                    objects.own_settings.retain(|own| loaded.cloud(own.key).is_some());
+                    (objects.clips, objects.visibility) = (clips, visibility);
+                });
+                scene.selected = scene.selected.filter(|id| scene.objects.get(*id).is_some());
                 loaded.sync_own_settings(beside);
             }
         }
@@ -187,10 +202,10 @@ impl Kept {
 
 #[cfg(test)]
 mod tests {
-    use scene::{ColorBy, Lighting};
+    use scene::{ClipShape, ColorBy, Filter, Lighting, Shape};
 
     use super::*;
-    use crate::viewer::action::Action;
+    use crate::viewer::action::{Action, Clipping};
     use crate::viewer::bench::Bench;
     use crate::viewer::session::Session;
 
@@ -201,6 +216,40 @@ mod tests {
     /// The picture of the kept state for the frame on the screen.
     fn picture(session: &Session) -> Option<&[u8]> {
         Some(&session.kept.picture(&session.frames.shown.as_ref()?.request)?.rgba)
+    }
+
+    #[test]
+    fn swapping_exchanges_clips_filters_and_lights_in_one_step_of_undo() {
+        let mut session = Session::with_two_points();
+        let shown = |session: &Session| {
+            let Objects { clips, lights, visibility, own_settings, .. } = &session.scene.objects;
+            let clouds: Vec<bool> = own_settings.iter().map(|own| own.settings.on).collect();
+            (session.scene.settings.splat.size, clips.clone(), lights.clone(), visibility.clone(), clouds)
+        };
+        session.act(Action::AddMirror(Shape::Sphere));
+        act(&mut session, KeptStep::Keep);
+        let first = shown(&session);
+        session.act(Action::Clip(Clipping::AroundAll(ClipShape::Box)));
+        let filter = Filter { attribute: "intensity".into(), low: 1.0, high: 2.0 };
+        session.act(Action::Clip(Clipping::Filter(vec![filter])));
+        session.act(Action::ShowClasses(vec![7], false));
+        session.act(Action::AddSpot);
+        let key = session.loaded.clouds[0].key;
+        session.act(Action::ShowCloud(key, false));
+        session.scene.settings.splat.size = 3.0;
+        session.act(Action::Select(Some(session.scene.objects.clips[0].id)));
+        let second = shown(&session);
+        assert!(second.1.len() == 1 && second.2.len() == 1 && second.4 == [false]);
+        act(&mut session, KeptStep::Swap);
+        assert_eq!(shown(&session), first);
+        assert!(session.scene.selected.is_none() && session.loaded.clouds[0].is_visible);
+        assert_eq!(session.scene.objects.mirrors.len(), 1, "mirrors are those of now");
+        session.act(Action::Undo);
+        assert_eq!(shown(&session), second);
+        session.act(Action::Redo);
+        assert_eq!(shown(&session), first);
+        act(&mut session, KeptStep::Swap);
+        assert_eq!(shown(&session), second, "and back");
     }
 
     #[test]

@@ -23,6 +23,7 @@ pub mod input;
 mod interface;
 mod kept;
 mod loaded;
+mod lost_device;
 mod messages;
 mod objects;
 mod outside;
@@ -51,7 +52,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use ::scene::{Settings, StandardView, View};
+use ::scene::{CaptureFormat, Settings, StandardView, View};
 use action::{Action, Export, Filing, PictureDraft, SavePicture};
 use anyhow::Context as _;
 pub use headless::{Headless, PictureStats};
@@ -60,7 +61,7 @@ use outside::{Asked, Effect, News};
 use panels::path_prompt::PathPrompt;
 use serde_json::json;
 use session::Session;
-use window::capture::{Capture, Captured};
+use window::capture::{self, Capture, Captured};
 use window::effects::{self, Effects};
 use window::event_log::EventLog;
 pub use window::render_thread::Picture;
@@ -89,6 +90,10 @@ enum Wake {
     Placed(Asked, Option<PathBuf>, Duration, PathBuf),
     /// Ctrl-C was pressed in the terminal.
     Interrupted,
+    /// The window's own device is lost.
+    Lost,
+    /// The window's device has no memory left, and why it says so.
+    NoMemory(String),
 }
 
 /// What the command line says of the first view, besides the inputs.
@@ -181,6 +186,8 @@ pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Resul
         captures: Vec::new(),
         modifiers: egui::Modifiers::NONE,
         device_lost: Arc::default(),
+        lost_at: None,
+        loses_device: render::acts_like("lost-window"),
         failure: None,
     };
     let ended = event_loop.run_app(&mut viewer);
@@ -231,8 +238,12 @@ struct Viewer {
     captures: Vec<Capture>,
     /// The modifier keys that are held down now.
     modifiers: egui::Modifiers,
-    /// True when the window's own device is lost: nothing can be shown any more.
+    /// True when the window's own device or its surface is lost: nothing can be shown before it is opened again.
     device_lost: Arc<AtomicBool>,
+    /// When it was last lost.
+    lost_at: Option<Instant>,
+    /// For tests: whether it is lost after the first picture.
+    loses_device: bool,
     /// The reason why the program ends.
     failure: Option<anyhow::Error>,
 }
@@ -275,6 +286,14 @@ impl ApplicationHandler<Wake> for Viewer {
                 self.keep_preferences();
                 self.failure = Some(Interrupted.into());
                 event_loop.exit();
+            }
+            // What follows is done before the event loop waits.
+            Wake::Lost => {}
+            Wake::NoMemory(problem) => {
+                let told =
+                    "The graphics device has no memory left for the window. Make it smaller, or show fewer points.";
+                tracing::error!("window: {problem}");
+                self.session.outside.error(told);
             }
             Wake::Chosen(Some(paths), _) => {
                 self.session.open(&paths);
@@ -352,9 +371,11 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
-        if self.device_lost.load(Ordering::Relaxed) && self.failure.is_none() {
-            self.failure = Some(anyhow::anyhow!("the graphics device was lost"));
-            self.keep_preferences();
+        if self.device_lost.load(Ordering::Relaxed)
+            && self.failure.is_none()
+            && let Err(error) = self.open_again(event_loop)
+        {
+            self.failure = Some(error.context("the graphics device was lost"));
             return event_loop.exit();
         }
         event_loop.set_control_flow(self.next_paint.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
@@ -390,9 +411,7 @@ fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<i
 impl Viewer {
     fn open(&mut self, event_loop: &ActiveEventLoop) -> anyhow::Result<()> {
         let screen = Screen::open(event_loop, self.session.preferences.window, self.wanted_gpu.as_deref())?;
-        let lost = self.device_lost.clone();
-        screen.gpu.device.set_device_lost_callback(move |_, _| lost.store(true, Ordering::Relaxed));
-        screen.gpu.device.on_uncaptured_error(Arc::new(|error| tracing::error!("window: {error}")));
+        self.watch(&screen);
         let started = self.effects.draw_for(screen.gpu.clone(), self.wanted_gpu.clone());
         self.session.frames.shaders = started.context("no thread for the renderer")?;
         self.screen = Some(screen);
@@ -446,6 +465,9 @@ impl Viewer {
             && let Some(event) = session.frames.present(Instant::now())
         {
             self.log.write(&event);
+            if std::mem::take(&mut self.loses_device) {
+                screen.gpu.device.destroy();
+            }
         }
         // The result of actions becomes visible in the next paint.
         let is_changed = !actions.is_empty();
@@ -473,6 +495,10 @@ impl Viewer {
                 must_follow = delay.is_zero() || is_changed;
             }
             Painted::Again => must_follow = true,
+            Painted::Lost => {
+                self.device_lost.store(true, Ordering::Relaxed);
+                must_follow = false;
+            }
         }
         if must_follow {
             self.is_asked.set(true);
@@ -523,8 +549,10 @@ impl Viewer {
 
     fn on_news(&mut self, news: News) {
         if let (News::Report(Report::Frame(frame)), Some(screen)) = (&news, &mut self.screen) {
-            // The session decides whether the frame is shown.
-            screen.set_picture(&frame.texture);
+            // The session decides whether the frame is shown. One of a device that was lost since is not.
+            if Arc::ptr_eq(&frame.window_gpu, &screen.gpu) {
+                screen.set_picture(&frame.texture);
+            }
         }
         let is_saved = matches!(news, News::Found(work::Found::SceneSaved { .. }));
         let is_loaded = matches!(news, News::Loading(_, world::Event::Finished, _));
@@ -550,10 +578,11 @@ impl Viewer {
         }
     }
 
-    fn begin_capture(&mut self, name: &Path, dropped: Arc<AtomicU64>) {
+    fn begin_capture(&mut self, name: &Path, format: CaptureFormat, dropped: Arc<AtomicU64>) {
+        let Some(screen) = &self.screen else { return };
         let wake = self.wake.clone();
         let tell = move |captured| drop(wake.send_event(Wake::News(Box::new(News::Found(Found::Captured(captured))))));
-        match Capture::new(name, dropped, tell) {
+        match Capture::new(name, format, screen.pixel_size(), dropped, tell) {
             Ok(capture) => {
                 self.session.outside.note(format!("Recording the window: {}", name.display()));
                 self.captures.push(capture);
@@ -571,12 +600,9 @@ impl Viewer {
             capture.give_up();
         }
         if let Some(live) = &self.session.filming.live {
-            let folder = live.name.with_extension("frames");
-            let told = format!(
-                "the window was closed before {} was made; its pictures are in {}",
-                live.name.display(),
-                folder.display()
-            );
+            let (name, folder) = (live.name.display(), capture::folder_of(&live.name));
+            let told =
+                format!("the window was closed before {name} was made; its pictures are in {}", folder.display());
             crate::terminal::warn([told]);
         }
     }
@@ -630,7 +656,7 @@ impl Viewer {
                         screen.window.set_fullscreen(on.then_some(borderless));
                     }
                 }
-                Some(Effect::Capture(Some((name, dropped)))) => self.begin_capture(&name, dropped),
+                Some(Effect::Capture(Some((name, format, dropped)))) => self.begin_capture(&name, format, dropped),
                 Some(Effect::Capture(None)) => {
                     self.captures.iter_mut().for_each(|capture| capture.end(Instant::now()));
                 }

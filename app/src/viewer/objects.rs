@@ -121,6 +121,11 @@ impl Objects {
         self.own_settings.iter().find(|own| own.key == key).map(|own| &own.settings)
     }
 
+    /// What all clouds have of their own.
+    pub fn all_own(&self) -> Vec<CloudSettings> {
+        self.own_settings.iter().map(|own| own.settings.clone()).collect()
+    }
+
     /// The colour parameters of a cloud, where the view has `all`.
     pub fn color_of(&self, key: CloudKey, all: &scene::Color) -> scene::Color {
         self.settings_of(key).map_or_else(|| all.clone(), |own| own.color_of(all))
@@ -137,6 +142,22 @@ impl Objects {
             None if own.settings.say_nothing() => {}
             None => self.own_settings.push(own),
         }
+    }
+
+    /// The same without what only says how clouds look, which is quickly chosen again: what they have of their own, and
+    /// hidden classes.
+    pub fn made(&self) -> Self {
+        let visibility = Visibility { filters: self.visibility.filters.clone(), ..Visibility::default() };
+        Self { own_settings: Vec::new(), visibility, ..self.clone() }
+    }
+
+    /// Whether there is anything that `inputs` do not bring by themselves and that is more than the look of a cloud.
+    pub fn has_more_than(&self, inputs: &[String]) -> bool {
+        let SceneFile { mirrors, mirror_points, lights, visibility, .. } = self.scene_file(inputs);
+        let has_more = !(mirrors.is_empty() && mirror_points.is_empty() && lights.is_empty());
+        let Self { clips, measurements, notes, profiles, bookmarks, paths, .. } = self;
+        let is_empty = clips.is_empty() && measurements.is_empty() && notes.is_empty() && profiles.is_empty();
+        has_more || !(is_empty && bookmarks.is_empty() && paths.is_empty() && visibility.filters.is_empty())
     }
 
     /// Decides which points of the clouds are shown.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::Instant;
 
+use scene::CaptureFormat;
 use serde_json::json;
 use world::{Change, Event, Input};
 
@@ -26,8 +27,8 @@ pub enum Effect {
     AskPlace(Asked, PathBuf),
     Copy(String),
     SetFullScreen(bool),
-    /// Begins to record the window to a film of this name, and counts the pictures that are dropped; or ends that.
-    Capture(Option<(PathBuf, Arc<AtomicU64>)>),
+    /// Begins to record the window under this name, and counts the pictures that are dropped; or ends that.
+    Capture(Option<(PathBuf, CaptureFormat, Arc<AtomicU64>)>),
     /// Writes a line to the event log.
     Log(serde_json::Value),
 }

@@ -162,6 +162,7 @@ mod tests {
             glossy_rays: [0; 2],
             has_compiled: false,
             dispatches: 0,
+            waits: 0,
             reflection: None,
         };
         (stats, milliseconds)

@@ -1,6 +1,6 @@
 //! The scene's own values while tracks of a path have changed it (`posing.rs`).
 
-use scene::{Caption, Mirror, Settings};
+use scene::{Caption, Mirror, Settings, WipeMarks};
 
 use crate::viewer::objects::{ObjectId, Objects};
 
@@ -12,6 +12,11 @@ pub struct Posed {
     pub touched: Vec<ObjectId>,
     /// The captions that the picture shows, with the values of parameters in them.
     pub captions: Vec<Caption>,
+    pub wipe: Option<WipeMarks>,
+    /// Whether the window draws one of several states that the picture shows.
+    pub is_wiped: bool,
+    /// The settings along the path, without those of a state.
+    pub of_path: Settings,
 }
 
 impl Objects {
@@ -23,6 +28,10 @@ impl Objects {
         }
         let light = self.lights.iter_mut().find(|placed| placed.id == id);
         if let (Some(placed), Some(known)) = (light, before.lights.iter().find(|known| known.id == id)) {
+            *placed = known.clone();
+        }
+        let profile = self.profiles.iter_mut().find(|placed| placed.id == id);
+        if let (Some(placed), Some(known)) = (profile, before.profiles.iter().find(|known| known.id == id)) {
             *placed = known.clone();
         }
         let clip = self.clips.iter_mut().find(|placed| placed.id == id);

@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use scene::{Bookmark, CameraPath, Caption, Ease, Handle, Track};
+use scene::{Bookmark, CameraPath, Caption, Ease, Handle, Track, WipeState};
 
 use crate::viewer::objects::ObjectId;
 use crate::viewer::posed::Posed;
@@ -18,8 +18,9 @@ impl Scene {
     /// scene has its own values then.
     pub fn pose(&mut self, path: &CameraPath, time: f64) -> Result<(), (usize, String)> {
         self.unpose();
-        let (settings, objects) = (self.settings.clone(), self.objects.clone());
-        self.posed = Some(Posed { settings, objects, touched: Vec::new(), captions: Vec::new() });
+        let (settings, objects, of_path) = (self.settings.clone(), self.objects.clone(), self.settings.clone());
+        let (touched, captions) = (Vec::new(), Vec::new());
+        self.posed = Some(Posed { settings, objects, touched, captions, wipe: None, is_wiped: false, of_path });
         for (index, track) in path.tracks.iter().enumerate() {
             if let Err(problem) = self.pose_one(track, time) {
                 self.unpose();
@@ -28,7 +29,10 @@ impl Scene {
         }
         let shown = path.captions.iter().filter(|caption| caption.is_shown(time));
         let captions: Vec<Caption> = shown.map(|caption| caption.with_values(&self.settings)).collect();
-        self.posed.iter_mut().for_each(|posed| posed.captions.clone_from(&captions));
+        if let Some(posed) = &mut self.posed {
+            (posed.captions, posed.wipe) = (captions, path.wipe_marks(time));
+            posed.of_path.clone_from(&self.settings);
+        }
         Ok(())
     }
 
@@ -37,6 +41,8 @@ impl Scene {
             Handle::Parameter(key) => {
                 track.set_parameter(key, &mut self.settings, time).map_err(|error| error.to_string())
             }
+            // Which states the lines divide is no value of the scene: `show_state` sets those.
+            Handle::Wipe => Ok(()),
             Handle::Object { kind, name, value } => {
                 let (id, mut object) = self.objects.named(kind, name)?;
                 track.set_object(value, &mut object, time);
@@ -48,6 +54,19 @@ impl Scene {
                 Ok(())
             }
         }
+    }
+
+    /// Sets the parameters of a state of a wipe, while the scene is as a path has it.
+    ///
+    /// # Errors
+    /// A parameter takes no such value.
+    pub fn show_state(&mut self, state: &WipeState) -> Result<(), param::Error> {
+        if let Some(posed) = &mut self.posed {
+            posed.is_wiped = true;
+            self.settings.clone_from(&posed.of_path);
+            state.apply(&mut self.settings)?;
+        }
+        Ok(())
     }
 
     /// Gives the scene its own values back.
@@ -73,6 +92,7 @@ impl Scene {
         let track = Track { key: key.to_owned(), times: Vec::new(), values: Vec::new(), ease: Ease::Smooth };
         let value = match track.handle()? {
             Handle::Parameter(key) => Track::value_of_parameter(key, &self.settings),
+            Handle::Wipe => None,
             Handle::Object { kind, name, value } => {
                 let (_, object) = self.objects.named(kind, name)?;
                 Track::value_of_object(value, &object)

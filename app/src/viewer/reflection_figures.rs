@@ -12,7 +12,7 @@ pub const REMEMBERED: usize = 120;
 /// A name, how a value is written, and how the value is read. A method that has no such figure gives `None`.
 pub type Figure = (&'static str, fn(f64) -> String, fn(&ReflectionStats) -> Option<f64>);
 
-pub const FIGURES: [Figure; 12] = [
+pub const FIGURES: [Figure; 14] = [
     ("Mirror pixels", |pixels| grouped(pixels as u64), |stats| Some(f64::from(stats.mirror_pixels))),
     ("Coverage", percent, |stats| Some(stats.coverage)),
     ("Closed coverage", percent, |stats| Some(stats.closed_coverage)),
@@ -24,6 +24,8 @@ pub const FIGURES: [Figure; 12] = [
     ("Maps needed", |maps| grouped(maps as u64), |stats| Some(f64::from(stats.maps?.asked))),
     ("Maps drawn anew", |maps| grouped(maps as u64), |stats| Some(f64::from(stats.map_use?.new))),
     ("Maps missed", percent, |stats| Some(stats.map_use?.missed)),
+    ("Predicted to be off", percent, |stats| stats.map_use?.off),
+    ("Texels traced", |texels| grouped(texels as u64), |stats| stats.map_use?.texels.map(f64::from)),
     ("Memory of maps", |size| bytes(size as u64), |stats| Some(stats.map_use?.bytes as f64)),
 ];
 

@@ -7,8 +7,8 @@ use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
 use scene::{
-    Camera, Clip, ColorBy, LightClues, Lighting, Measurement, Mirror, Note, Object, Projection, Settings, SpotLight,
-    StandardView, Start, Visibility,
+    Camera, Clip, ColorBy, Lighting, Measurement, Mirror, Note, Object, Projection, Settings, SpotLight, StandardView,
+    Start, Visibility,
 };
 use serde_json::json;
 use world::{Apart, CloudKey, mirrors};
@@ -17,7 +17,7 @@ use crate::viewer::action::{Action, Mode};
 use crate::viewer::history::History;
 use crate::viewer::input::lens::{Lens, to_vector};
 use crate::viewer::input::navigation::Navigation;
-use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::loaded::clouds::{CloudEntry, colored_chunks};
 use crate::viewer::messages::Level;
 use crate::viewer::objects::{
     ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, PlacedMeasurement, PlacedNote, spot, unnamed,
@@ -113,9 +113,14 @@ impl Scene {
 
     /// Changes the objects in one step of undo.
     pub fn edit_objects(&mut self, now: Instant, change: impl FnOnce(&mut Objects)) {
+        self.edit(now, |_, objects| change(objects));
+    }
+
+    /// Changes parameters and objects in one step of undo.
+    pub fn edit(&mut self, now: Instant, change: impl FnOnce(&mut Settings, &mut Objects)) {
         self.unpose();
         self.history.settle(&self.settings, &self.objects);
-        change(&mut self.objects);
+        change(&mut self.settings, &mut self.objects);
         self.history.settle(&self.settings, &self.objects);
         self.navigation.camera_moved(now);
     }
@@ -303,9 +308,8 @@ impl Scene {
 
     /// Whether the points are shown in their own colours when they are lit by `by`.
     fn is_unlit_by(&self, by: Lighting, clouds: &[CloudEntry]) -> bool {
-        let chunks = clouds.iter().filter(|entry| entry.is_visible).flat_map(|entry| &entry.cloud.chunks);
-        let has_colors = world::has_colors(chunks);
-        let clues = LightClues { has_colors, is_guessed: self.objects.has_guess(), ..LightClues::default() };
+        let chunks = colored_chunks(clouds, &self.objects);
+        let clues = world::AutoLight::default().clues(chunks, self.objects.has_guess());
         let mut settings = Settings { color: self.settings.color.clone(), ..Settings::default() };
         settings.light.by = by;
         settings.resolved_light(!self.objects.lights.is_empty(), clues).by == Lighting::Colors

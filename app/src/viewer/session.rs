@@ -16,7 +16,7 @@ use world::CloudKey;
 use crate::viewer::action::{Action, Filing, KeptStep, Palette};
 use crate::viewer::auto::Auto;
 use crate::viewer::document::{Document, Leaving, Next};
-use crate::viewer::filming::{self, Filming};
+use crate::viewer::filming::{self, Filming, Wiping};
 use crate::viewer::first_look::FirstLook;
 use crate::viewer::frames::Frames;
 use crate::viewer::kept::Kept;
@@ -179,8 +179,9 @@ impl Session {
             }
             Action::Profile(one) => self.tools.profile(one, &mut self.scene, &self.loaded, &mut self.outside),
             Action::Film(film) => {
-                let around = filming::Around::new(&self.loaded, &self.frames, &self.tuning, self.adapter.as_deref());
-                self.filming.act(film, &mut self.scene, &around, &mut self.outside)
+                let (kept, adapter) = (self.kept.settings(), self.adapter.as_deref());
+                let around = filming::Around::new(&self.loaded, &self.frames, &self.tuning, kept, adapter);
+                self.filming.act(film, &mut self.scene, &around, &mut self.preferences, &mut self.outside)
             }
             Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
             Action::LookAtTruth(look) => self.truth.look = look,
@@ -205,7 +206,10 @@ impl Session {
             Action::FindParameter(key) => {
                 (self.search, self.preferences.panel_is_open, self.interface_is_hidden) = (key, true, false);
             }
-            Action::TogglePalette => self.palette = Some(Palette::default()).filter(|_| self.palette.is_none()),
+            Action::TogglePalette => {
+                self.palette = Some(Palette::default()).filter(|_| self.palette.is_none());
+                self.outside.log(json!({ "event": "palette" }));
+            }
             Action::ChangePalette(palette) => self.palette = palette.map(|palette| *palette),
             Action::ToggleFullScreen => {
                 self.is_full_screen = !self.is_full_screen;
@@ -402,6 +406,7 @@ impl Session {
             Found::Radii { key, test, radii } => {
                 self.with_loaded(|loaded, beside| loaded.on_radii(key, &test, radii, beside))
             }
+            Found::Placed { key, moved } => self.with_loaded(|loaded, beside| loaded.on_placed(key, moved, beside)),
             Found::Column { key, attribute, result } => {
                 self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))
             }
@@ -491,8 +496,7 @@ impl Session {
         }
     }
 
-    /// Puts the camera where a recording has it at time `now`. This does not count as a move, so no hurried frame is
-    /// drawn. Streamed clouds load for the new view at once.
+    /// Puts the camera where a recording has it at time `now`, without a hurried frame. Streamed clouds load at once.
     pub fn stand(&mut self, camera: Camera, now: Instant) {
         self.outside.now = now;
         self.scene.camera = camera;
@@ -500,10 +504,9 @@ impl Session {
         self.with_loaded(Loaded::look_around);
     }
 
-    /// Acts on everything that has happened since the last step: requests the frame, the figures and the truth that are
-    /// wanted now, and notes what can be undone. The window and tests call it after each paint. `now` is the time by
-    /// the caller's clock. `is_held` says that a mouse button is down or text is being typed. Returns the time after
-    /// which the next step is due if nothing happens before.
+    /// Acts on all that has happened since the last step: requests the frame, the figures and the truth that are wanted
+    /// now, and notes what can be undone. It is called after each paint. `now` is the time by the caller's clock.
+    /// `is_held` says that a mouse button is down or text is being typed. Returns when the next step is due at the latest.
     pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
         self.outside.now = now;
         let zoom = self.scene.end_zoom_wait(self.outside.now);
@@ -536,8 +539,7 @@ impl Session {
         [quiet, view, kept, zoom, frame, truth, late, auto, film].into_iter().flatten().min()
     }
 
-    /// Requests the frame that is wanted now, unless it is already drawn or shown. Returns the time after which to call
-    /// again.
+    /// Requests the frame that is wanted now, unless it is drawn or shown. Returns the time after which to call again.
     pub fn request_frame(&mut self) -> Option<Duration> {
         let is_first = self.frames.shown.is_none();
         let is_empty =
@@ -571,6 +573,7 @@ impl Session {
         if matches!(report, Report::Frame(_) | Report::NotDrawn(_) | Report::Lost(_)) {
             self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(false));
         }
+        let Some(report) = self.filming.timeline.wiping.take(report, &mut self.outside) else { return };
         match report {
             Report::Ready { adapter } => {
                 self.outside.log(json!({ "event": "ready", "adapter": adapter }));
@@ -608,11 +611,8 @@ impl Session {
             Report::Chosen { request, choice, model } => {
                 self.auto.on_chosen(*request, choice, *model, &mut self.outside)
             }
-            Report::Measured { request, stats } => {
-                if !self.sweeps.on_frame(&request, &stats) {
-                    self.tuning.on_measured(&request, &stats);
-                }
-            }
+            Report::Measured { request, stats } if self.sweeps.on_frame(&request, &stats) => {}
+            Report::Measured { request, stats } => self.tuning.on_measured(&request, &stats),
             Report::Presented { request, pass, rgba } => {
                 self.truth.on_presented(*request, pass, rgba, self.frames.revision, &mut self.outside);
             }
@@ -636,7 +636,7 @@ impl Session {
     /// Calls `act` with what the truth and a sweep read from the session, and with the parts that they change.
     fn with_truth<R>(
         &mut self,
-        act: impl FnOnce(&Around<'_>, &mut TruthView, &mut Tuning, &mut Sweeps, &mut Outside) -> R,
+        act: impl FnOnce(&Around<'_>, &mut TruthView, &mut Tuning, &mut Sweeps, &mut Wiping, &mut Outside) -> R,
     ) -> R {
         let around = Around {
             still: self.still_frame().cloned(),
@@ -646,23 +646,25 @@ impl Session {
             test: self.scene.objects.test(),
             frames: &self.frames,
             raw_colors: self.raw_colors,
-            is_swept: self.sweeps.under_way.is_some(),
+            is_taken: self.sweeps.under_way.is_some() || self.filming.timeline.wiping.is_tracing(),
         };
-        act(&around, &mut self.truth, &mut self.tuning, &mut self.sweeps, &mut self.outside)
+        let wiping = &mut self.filming.timeline.wiping;
+        act(&around, &mut self.truth, &mut self.tuning, &mut self.sweeps, wiping, &mut self.outside)
     }
 
     /// Advances the sweep and the truth by one step. Returns the time after which to call again.
     pub fn sync_truth(&mut self) -> Option<Duration> {
-        self.with_truth(|around, truth, _, sweeps, outside| sweeps.sync(around, truth, outside));
+        self.with_truth(|around, truth, _, sweeps, _, outside| sweeps.sync(around, truth, outside));
         // A sweep draws other frames.
         let still = self.still_frame().filter(|_| self.sweeps.under_way.is_none()).cloned();
         let estimate = self.truth.live.sync(still.as_ref(), &mut self.outside);
-        let truth = self.with_truth(|around, truth, tuning, _, outside| truth.sync(around, tuning, outside));
+        self.with_truth(|around, truth, _, _, wiping, outside| wiping.sync(around, truth, outside));
+        let truth = self.with_truth(|around, truth, tuning, _, _, outside| truth.sync(around, tuning, outside));
         estimate.into_iter().chain(truth).min()
     }
 
     pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
-        self.with_truth(|around, _, _, sweeps, outside| sweeps.start(key, values, places, around, outside));
+        self.with_truth(|around, _, _, sweeps, _, outside| sweeps.start(key, values, places, around, outside));
     }
 
     /// Stops all work for the truth, the chart and a sweep.
@@ -672,8 +674,7 @@ impl Session {
         self.sweeps.stop(&mut self.outside);
     }
 
-    /// Handles a truth that cannot be computed: the truth requests nothing more. During a sweep, the current value has
-    /// failed.
+    /// Handles a truth that cannot be computed: nothing more is requested, or the current value of a sweep has failed.
     fn on_not_judged(&mut self, problem: &str) {
         self.truth.on_not_judged();
         self.tuning.forget_measuring();
@@ -684,6 +685,7 @@ impl Session {
     }
 
     pub fn on_truth(&mut self, answer: Answer) {
+        let Some(answer) = self.filming.timeline.wiping.take_answer(answer, &mut self.outside) else { return };
         match self.truth.on_answer(answer, self.frames.revision) {
             Taken::Nothing => {}
             Taken::Log(event) => self.outside.log(event),

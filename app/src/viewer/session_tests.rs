@@ -14,14 +14,19 @@ use crate::viewer::outside::Effect;
 impl Session {
     /// Returns a session with a cloud of two points that is completely read.
     pub fn with_two_points() -> Self {
+        Self::with_points(vec![[0.0; 3], [10.0, 10.0, 0.0]])
+    }
+
+    /// A session with a cloud of these points, which are all loaded.
+    pub fn with_points(points: Vec<[f32; 3]>) -> Self {
         use world::{Event, Opened, Part};
 
         let mut session = Self::new(Preferences::default());
         let job = session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
         let (name, input) = ("cloud.ply".into(), "cloud.ply".into());
-        let opened = Opened { name, input, expected_points: 2, up: DVec3::Z, ..Opened::default() };
+        let opened = Opened { name, input, expected_points: points.len() as u64, up: DVec3::Z, ..Opened::default() };
         session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud: 0, opened }, beside));
-        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
+        let chunk = cloud::Chunk::new(0, DVec3::ZERO, points);
         session.with_loaded(|loaded, beside| {
             loaded.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk }, beside)
         });

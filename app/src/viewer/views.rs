@@ -236,6 +236,10 @@ impl Scene {
             outside.note("There is no picture to save yet");
             return;
         };
+        if self.posed.as_ref().is_some_and(|posed| posed.is_wiped) {
+            outside.note("This picture shows several states: Record… in the timeline saves it");
+            return;
+        }
         let size = draft.map_or(self.view_size, |draft| draft.size);
         let request = FrameRequest { camera: self.camera, size, ..shown.request.clone() };
         let request = request.unhurried(&self.settings);

@@ -27,6 +27,7 @@ pub fn picture(scene: &Scene, loaded: &Loaded, tools: &Tools, revision: u64, raw
         lights: loaded.lights(scene),
         clues: loaded.clues(scene),
         size: scene.view_size,
+        test: loaded.drawn_test.clone(),
         revision,
         spared: None,
         hurried: false,

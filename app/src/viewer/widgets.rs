@@ -62,19 +62,28 @@ pub fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
     });
 }
 
-/// Draws a line of three numbers. Returns them if a person edited one and all are finite.
+/// Draws a line of three numbers, below their name where they are as long as coordinates of a survey. Returns them if a
+/// person edited one and all are finite.
 pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) -> Option<DVec3> {
     let mut edited = value;
-    let line = |ui: &mut Ui| {
-        let label = name_label(ui, name);
+    let mut fields = |ui: &mut Ui, label: &egui::Response| {
         ui.spacing_mut().item_spacing.x = 3.0;
+        ui.spacing_mut().button_padding.x = 2.0;
         let width = ((ui.available_width() - 6.0) / 3.0).floor().max(40.0);
         for axis in 0..3 {
             let drag = egui::DragValue::new(&mut edited[axis]).speed(speed).suffix(suffix).max_decimals(4);
             ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);
         }
     };
-    ui.horizontal(line);
+    if value.abs().max_element() < 1e5 {
+        ui.horizontal(|ui| {
+            let label = name_label(ui, name);
+            fields(ui, &label);
+        });
+    } else {
+        let label = name_label(ui, name);
+        ui.horizontal(|ui| fields(ui, &label));
+    }
     (edited != value && edited.is_finite()).then_some(edited)
 }
 
@@ -143,5 +152,22 @@ mod tests {
         let text = progress_text(1_000_000, 301_000_000, Some(1_000_000.0));
         assert_eq!(text, "1,000,000 of 301,000,000 · 1.00 M/s · 5 min left");
         assert_eq!(progress_text(5, 0, None), "5");
+    }
+
+    #[test]
+    fn coordinates_of_a_survey_fit_into_the_panel() {
+        use egui_kittest::kittest::Queryable as _;
+        for value in [DVec3::new(432_493.12, 5_413_587.34, 336.28), DVec3::new(-1234.56, 987.65, 0.5)] {
+            let size = egui::vec2(285.0, 100.0);
+            let mut harness = egui_kittest::Harness::builder().with_size(size).build_ui(|ui| {
+                assert_eq!(three(ui, "Position", value, 0.05, ""), None);
+            });
+            harness.run_ok();
+            let fields: Vec<_> = harness.get_all_by_role(egui::accesskit::Role::SpinButton).collect();
+            assert_eq!(fields.len(), 3);
+            for (axis, field) in fields.iter().enumerate() {
+                assert!(field.rect().max.x <= size.x, "{value}, {axis}: {:?}", field.rect());
+            }
+        }
     }
 }

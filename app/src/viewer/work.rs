@@ -7,11 +7,11 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk, Cloud, Column, PointTest, Progress};
+use cloud::{Bounds, Chunk, Cloud, Column, Placement, PointTest, Progress};
 use glam::DVec3;
-use scene::{Measurement, Mirror, MirrorNormals, MirrorPoints, Settings, Shape, Stream};
+use scene::{CloudSettings, Measurement, Mirror, MirrorNormals, MirrorPoints, Settings, Shape, Stream};
 use world::mirrors::{self, Marked};
-use world::{AutoLight, CloudKey, IndexEntry};
+use world::{AutoLight, CloudKey, IndexEntry, Moved, Own};
 
 use crate::export_command;
 use crate::measuring::{self, Outcome};
@@ -50,6 +50,12 @@ pub enum Work {
         settings: Box<Settings>,
         test: PointTest,
         progress: Arc<Progress>,
+    },
+    /// Turns and moves the points of a cloud.
+    Place {
+        key: CloudKey,
+        own: Own,
+        placement: Option<Placement>,
     },
     ReadColumn {
         key: CloudKey,
@@ -129,6 +135,8 @@ pub enum Work {
     /// Writes the points of files that are shown to a new file.
     Export {
         inputs: Vec<String>,
+        /// Where clouds stand.
+        own: Vec<CloudSettings>,
         test: PointTest,
         /// Values that the files do not have: the file, their name, and those of its points.
         added: Vec<(PathBuf, String, Arc<codec::Runs>)>,
@@ -162,6 +170,10 @@ pub enum Found {
         key: CloudKey,
         test: PointTest,
         radii: Option<Vec<Arc<Vec<u16>>>>,
+    },
+    Placed {
+        key: CloudKey,
+        moved: Moved,
     },
     Column {
         key: CloudKey,
@@ -238,6 +250,7 @@ impl Work {
         match self {
             Self::FindFigures { .. } => "figures",
             Self::FitRadii { .. } => "radii",
+            Self::Place { .. } => "placement",
             Self::ReadColumn { .. } => "column",
             Self::ReadRecord { .. } => "record",
             Self::SampleMirror { .. } => "mirror",
@@ -280,6 +293,7 @@ impl Work {
                 let radii = world::radii_of_shown(&cloud, up, &settings, &test, &progress);
                 found(Found::Radii { key, test, radii });
             }
+            Self::Place { key, own, placement } => found(Found::Placed { key, moved: own.placed(placement) }),
             Self::ReadColumn { key, source, attribute, progress } => {
                 let result = world::read_column(&source, attribute, &progress).map_err(|error| error.to_string());
                 found(Found::Column { key, attribute, result });
@@ -323,6 +337,9 @@ impl Work {
             Self::Profile(work) => found(Found::Profile(work.run())),
             Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),
             Self::SaveScene { path, text } => {
+                // A person may have written the file that is replaced.
+                let before = scene::whole_file::read(&path).unwrap_or_default();
+                let text = scene::with_comments(&text, &before);
                 let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
                 found(Found::SceneSaved { path, result });
             }
@@ -340,8 +357,8 @@ impl Work {
                 let result = result.map_err(|error| format!("{error:#}"));
                 found(Found::SweepSaved { folder, result });
             }
-            Self::Export { inputs, test, added, path, settings, progress } => {
-                let result = export_command::write(&inputs, &test, &added, &path, &settings, &progress);
+            Self::Export { inputs, own, test, added, path, settings, progress } => {
+                let result = export_command::write(&inputs, own, &test, &added, &path, &settings, &progress);
                 // Whoever waits for the end of the work waits for the file to be gone, or whole.
                 drop(progress);
                 found(Found::Exported { path, result });

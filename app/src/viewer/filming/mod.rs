@@ -1,11 +1,12 @@
 //! Kept views, and paths of the camera that are made and played in the window.
 
 mod bookmarks;
-mod presets;
+pub mod presets;
 pub mod process;
 mod recording;
 mod timeline;
 pub mod wanted;
+mod wiping;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,16 +15,21 @@ use std::time::{Duration, Instant};
 
 use bookmarks::Flight;
 pub use bookmarks::Thumbnails;
+use codec::Units;
 use recording::Recording;
+use scene::{CaptureFormat, Preferences, Settings};
 use serde_json::json;
 pub use timeline::Timeline;
+pub use wiping::Wiping;
 
 use crate::viewer::action::{Action, Film};
 use crate::viewer::frames::Frames;
+use crate::viewer::input::bindings::COMMAND;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::messages::Level;
 use crate::viewer::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
+use crate::viewer::tools::measurements::units;
 use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::window::capture::{self, Captured};
 use crate::viewer::window::render_thread::{FrameRequest, Picture};
@@ -55,14 +61,22 @@ pub struct Around<'a> {
     pub loaded: &'a Loaded,
     /// The frame that the window asks for.
     pub view: Option<&'a FrameRequest>,
+    /// The settings of the kept state of the picture.
+    pub kept: Option<&'a Settings>,
     pub tuning: &'a Tuning,
     /// The adapter that draws the window.
     pub adapter: Option<&'a str>,
 }
 
 impl<'a> Around<'a> {
-    pub fn new(loaded: &'a Loaded, frames: &'a Frames, tuning: &'a Tuning, adapter: Option<&'a str>) -> Self {
-        Self { loaded, view: frames.requested.as_ref(), tuning, adapter }
+    pub fn new(
+        loaded: &'a Loaded,
+        frames: &'a Frames,
+        tuning: &'a Tuning,
+        kept: Option<&'a Settings>,
+        adapter: Option<&'a str>,
+    ) -> Self {
+        Self { loaded, view: frames.requested.as_ref(), kept, tuning, adapter }
     }
 }
 
@@ -126,13 +140,20 @@ impl Filming {
         }
     }
 
-    pub fn act(&mut self, film: Film, scene: &mut Scene, around: &Around<'_>, outside: &mut Outside) {
+    pub fn act(
+        &mut self,
+        film: Film,
+        scene: &mut Scene,
+        around: &Around<'_>,
+        preferences: &mut Preferences,
+        outside: &mut Outside,
+    ) {
         match film {
             Film::Keep(digit) => bookmarks::keep(digit, scene, outside),
             Film::FlyToDigit(digit) => {
                 match scene.objects.bookmarks.iter().position(|bookmark| bookmark.digit == Some(digit)) {
                     Some(index) => self.fly(index, scene, outside),
-                    None => outside.note(format!("No view is kept: Ctrl+Shift+{digit} keeps this one")),
+                    None => outside.note(format!("No view is kept: {COMMAND}+Shift+{digit} keeps this one")),
                 }
             }
             Film::FlyTo(index) => self.fly(index, scene, outside),
@@ -146,7 +167,7 @@ impl Filming {
                     scene.edit_objects(outside.now, |objects| drop(objects.bookmarks.remove(index)));
                 }
             }
-            Film::Add(preset) => match presets::path(preset, scene, around) {
+            Film::Add(preset) => match presets::path(preset, self.height(&units(around.loaded)), scene, around) {
                 Ok(path) => self.timeline.add(path, scene, outside),
                 Err(problem) => outside.note(problem),
             },
@@ -158,18 +179,24 @@ impl Filming {
             Film::ChangeRecording(asked) => self.recording.asked = asked.map(|asked| *asked),
             Film::StartRecording => self.recording.start(scene, around.loaded, around.adapter, outside),
             Film::StopRecording => self.recording.stop(),
-            Film::Capture => self.capture(outside),
+            Film::Capture => self.capture(preferences.capture, outside),
+            Film::CaptureAs(format) => preferences.capture = format,
             other => self.timeline.act(other, scene, outside),
         }
     }
 
+    /// How high above a measurement a new path flies, in world units.
+    pub fn height(&self, units: &Units) -> f64 {
+        self.timeline.height.unwrap_or_else(|| presets::eye_height(units))
+    }
+
     /// Begins to record the window, or ends that.
-    fn capture(&mut self, outside: &mut Outside) {
+    fn capture(&mut self, format: CaptureFormat, outside: &mut Outside) {
         match &mut self.live {
             None => {
-                let (name, dropped) = (capture::free_name("".as_ref()), Arc::<AtomicU64>::default());
+                let (name, dropped) = (capture::free_name("".as_ref(), format), Arc::<AtomicU64>::default());
                 outside.log(json!({ "event": "capture", "path": name }));
-                outside.push(Effect::Capture(Some((name.clone(), dropped.clone()))));
+                outside.push(Effect::Capture(Some((name.clone(), format, dropped.clone()))));
                 self.live = Some(Live { name, since: outside.now, dropped, is_ending: false });
             }
             Some(live) if live.is_ending => outside.note("The film of the window is still being made"),

@@ -1,8 +1,10 @@
 //! Paths that begin with something in them.
 
+use codec::{Unit, Units};
 use glam::DVec3;
 use scene::{
-    BuiltInPath, Camera, CameraPath, Caption, Ease, Keyframe, METHODS, Method, Object, PathPlace, Place, Track,
+    BuiltInPath, Camera, CameraPath, Caption, Ease, Keyframe, METHODS, Method, Object, PathPlace, Place, RAY_TRACE,
+    Settings, Track, WIPE, WipeState,
 };
 
 use crate::viewer::action::PathPreset;
@@ -16,16 +18,26 @@ const STOP_SECONDS: f64 = 2.0;
 /// How long a flight along a polyline and the sweep of a mirror take, in seconds.
 const WAY_SECONDS: f64 = 10.0;
 const SWEEP_SECONDS: f64 = 6.0;
-/// How high above a polyline the eye flies, in world units: about a person's height in metres.
-const EYE_HEIGHT: f64 = 1.7;
+/// How long the line of a wipe takes to cross the picture, in seconds.
+const WIPE_SECONDS: f64 = 4.0;
+/// The parameter that states have as their method.
+const METHOD_KEY: &str = "reflection.method";
+/// How high above a polyline the eye flies where no other height is chosen, in metres: about that of a person.
+const EYE_METRES: f64 = 1.7;
 /// How far a mirror sweeps to each side, as a share of the distance of what the camera looks at.
 const SWEEP: f64 = 0.25;
 
-/// A path of this kind, under a name that no other has.
+/// The height of a person's eyes in the units of the heights; in metres where these are not known.
+pub fn eye_height(units: &Units) -> f64 {
+    EYE_METRES / units.height.or(units.level).and_then(Unit::metres).unwrap_or(1.0)
+}
+
+/// A path of this kind, under a name that no other has. A flight along a measurement is `height` above it, in world
+/// units.
 ///
 /// # Errors
 /// Something is lacking for it, in words.
-pub fn path(preset: PathPreset, scene: &Scene, around: &Around<'_>) -> Result<CameraPath, String> {
+pub fn path(preset: PathPreset, height: f64, scene: &Scene, around: &Around<'_>) -> Result<CameraPath, String> {
     let clouds = &around.loaded.clouds;
     let place = |view: Camera| PathPlace { view, bounds: scene.bounds(clouds), up: scene.up(clouds) };
     let selected = scene.selected.and_then(|id| scene.objects.get(id));
@@ -50,7 +62,7 @@ pub fn path(preset: PathPreset, scene: &Scene, around: &Around<'_>) -> Result<Ca
                 Some((_, Object::Measurement(measurement))) => measurement.points.as_slice(),
                 _ => &[],
             };
-            along(points, scene.up(clouds)).ok_or("Select a measurement of two points or more to fly along")?
+            along(points, scene.up(clouds), height).ok_or("Select a measurement of two points or more to fly along")?
         }
         PathPreset::MirrorSweep => {
             let name = match &selected {
@@ -69,10 +81,56 @@ pub fn path(preset: PathPreset, scene: &Scene, around: &Around<'_>) -> Result<Ca
             path
         }
         PathPreset::MethodTour => method_tour(scene, around),
+        PathPreset::WipeToTruth => wiped("wipe to the truth", scene, to_truth(scene)),
+        PathPreset::WipeFromKept => {
+            let kept = around.kept.ok_or("Keep a state of the picture first")?;
+            wiped("wipe", scene, between(kept, &scene.settings).ok_or("The kept state has the present parameters")?)
+        }
     };
     path.name = numbered(&path.name, scene.objects.paths.iter().map(|known| known.name.as_str()));
     path.check()?;
     Ok(path)
+}
+
+/// The present method, and what the ray tracer finds.
+pub fn to_truth(scene: &Scene) -> [WipeState; 2] {
+    let truth = WipeState { name: "truth".into(), ..WipeState::of_method(RAY_TRACE) };
+    [WipeState::of_method(scene.settings.reflection.method.chosen().row().name), truth]
+}
+
+/// Two states that differ as two settings do, in parameters that states can have; `None` if none differs.
+pub fn between(left: &Settings, right: &Settings) -> Option<[WipeState; 2]> {
+    let names = ["kept", "now"].map(str::to_owned);
+    let mut states = names.map(|name| WipeState { name, ..WipeState::default() });
+    if left.reflection.method != right.reflection.method {
+        for (state, settings) in states.iter_mut().zip([left, right]) {
+            let method = settings.reflection.method.chosen().row().name;
+            (state.name, state.method) = (method.into(), Some(method.into()));
+        }
+    }
+    for params in left.groups() {
+        for field in params.group().fields.iter().filter(|field| !field.affects.points) {
+            let key = format!("{}.{}", params.group().name, field.name);
+            let values = [left, right].map(|settings| Track::value_of_parameter(&key, settings));
+            let [Some(from), Some(to)] = values else { continue };
+            if from != to && key != METHOD_KEY {
+                states[0].parameters.insert(key.clone(), from);
+                states[1].parameters.insert(key, to);
+            }
+        }
+    }
+    let differ = states[0].method != states[1].method || !states[0].parameters.is_empty();
+    differ.then_some(states)
+}
+
+/// The view, in which a line goes from the right to the left, with a second before it and after it.
+fn wiped(name: &str, scene: &Scene, states: [WipeState; 2]) -> CameraPath {
+    let mut path = still(name, scene.camera);
+    path.set_states(states.to_vec());
+    let times = [0.0, 1.0, 1.0 + WIPE_SECONDS, 2.0 + WIPE_SECONDS];
+    let values = [1.0, 1.0, 0.0, 0.0].map(toml::Value::Float);
+    path.tracks = vec![Track { key: WIPE.into(), times: times.to_vec(), values: values.to_vec(), ease: Ease::InOut }];
+    path
 }
 
 /// Every reflection method, each with its name and with what was measured of it in this view so far. Times that were
@@ -131,9 +189,9 @@ fn still(name: &str, camera: Camera) -> CameraPath {
     path
 }
 
-/// A flight at a constant speed above points, which looks ahead.
-fn along(points: &[DVec3], up: DVec3) -> Option<CameraPath> {
-    let eyes: Vec<DVec3> = points.iter().map(|point| *point + up * EYE_HEIGHT).collect();
+/// A flight at a constant speed and height above points, which looks ahead.
+fn along(points: &[DVec3], up: DVec3, height: f64) -> Option<CameraPath> {
+    let eyes: Vec<DVec3> = points.iter().map(|point| *point + up * height).collect();
     let length: f64 = eyes.windows(2).map(|ends| ends[0].distance(ends[1])).sum();
     if eyes.len() < 2 || length == 0.0 {
         return None;
@@ -155,4 +213,51 @@ fn along(points: &[DVec3], up: DVec3) -> Option<CameraPath> {
 
 fn value(numbers: &[f64]) -> toml::Value {
     toml::Value::Array(numbers.iter().copied().map(toml::Value::Float).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::Motion;
+
+    use super::*;
+
+    #[test]
+    fn a_flight_along_points_keeps_its_height_and_speed_and_looks_ahead() {
+        let up = DVec3::Z;
+        // Two points are one.
+        let points = [[0.0, 0.0, 1.0], [40.0, 0.0, 1.0], [40.0, 0.0, 1.0], [70.0, 15.0, 4.0], [60.0, 60.0, 1.0]];
+        let points = points.map(DVec3::from_array);
+        for height in [1.7, 25.0] {
+            let path = along(&points, up, height).unwrap();
+            assert_eq!(path.check(), Ok(()));
+            let motion = Motion::new(&path).unwrap();
+            for (keyframe, point) in path.keyframes.iter().zip(points) {
+                assert!((keyframe.eye - point - up * height).length() < 1e-9, "{keyframe:?}");
+            }
+            let (duration, step) = (motion.duration(), 0.01);
+            assert!((WAY_SECONDS..1.2 * WAY_SECONDS).contains(&duration), "{duration}");
+            let eye = |time: f64| motion.camera(time).eye;
+            // The eye stays at the point that is there twice for the time between the two.
+            let times = (1..200).map(|index| duration * f64::from(index) / 200.0);
+            let speeds: Vec<f64> = times.clone().map(|time| eye(time).distance(eye(time + step)) / step).collect();
+            let wanted = path.speed.unwrap();
+            let off = speeds.iter().filter(|speed| (**speed / wanted - 1.0).abs() > 0.02).count();
+            assert!(off <= 2, "{off} of {} speeds differ from {wanted}: {speeds:?}", speeds.len());
+            let ahead = |time: f64| (eye(time + step) - eye(time)).normalize().dot(motion.camera(time).forward());
+            // At a corner it looks where it will go, before it goes there.
+            let cosines: Vec<f64> = times.map(ahead).collect();
+            let mean = cosines.iter().sum::<f64>() / cosines.len() as f64;
+            assert!(mean > 0.8 && cosines.iter().all(|cosine| *cosine > 0.3), "{mean}: {cosines:?}");
+        }
+        assert_eq!(along(&points[1..3], up, 1.7), None, "there is no way to go");
+    }
+
+    #[test]
+    fn the_eyes_of_a_person_are_as_high_in_feet() {
+        let of = |height, level| eye_height(&Units { height, level });
+        assert_eq!(of(None, None), 1.7);
+        assert_eq!(of(None, Some(Unit::Metre)), 1.7);
+        assert!((of(Some(Unit::Foot), Some(Unit::Metre)) - 5.577).abs() < 1e-3);
+        assert_eq!(of(None, Some(Unit::Degree)), 1.7, "heights beside degrees are in metres");
+    }
 }

@@ -32,13 +32,18 @@ pub struct UnderWay {
 }
 
 impl UnderWay {
-    /// The seconds that are left of the stage, if its pace is known.
-    pub fn seconds_left(&self, now: Instant) -> Option<f64> {
-        let stage = self.stage.as_ref()?;
-        let (since, before) = self.since;
+    /// The pictures, or points, that are done in a second of the stage, if that is known.
+    pub fn rate(&self, now: Instant) -> Option<f64> {
+        let (stage, (since, before)) = (self.stage.as_ref()?, self.since);
         let done = stage.done.checked_sub(before).filter(|done| *done > 0)?;
         let passed = now.saturating_duration_since(since).as_secs_f64();
-        Some(passed / done as f64 * stage.total.saturating_sub(stage.done) as f64)
+        Some(done as f64 / passed).filter(|rate| rate.is_finite())
+    }
+
+    /// The seconds that are left of the stage, if its pace is known.
+    pub fn seconds_left(&self, now: Instant) -> Option<f64> {
+        let (stage, rate) = (self.stage.as_ref()?, self.rate(now)?);
+        Some(stage.total.saturating_sub(stage.done) as f64 / rate)
     }
 }
 

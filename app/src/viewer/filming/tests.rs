@@ -4,7 +4,7 @@ use clap::Parser as _;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use glam::{DVec2, DVec3};
-use scene::{Camera, CameraPath, Caption, Method, Mirror, Object, Place, SceneFile, Shape};
+use scene::{Camera, CameraPath, Caption, CaptureFormat, Method, Mirror, Object, Place, SceneFile, Shape};
 
 use super::*;
 use crate::command_line::{Command, CommandLine};
@@ -47,7 +47,8 @@ fn add_ball(session: &mut Session) {
 }
 
 fn around(session: &Session) -> Around<'_> {
-    Around::new(&session.loaded, &session.frames, &session.tuning, session.adapter.as_deref())
+    let kept = session.kept.settings();
+    Around::new(&session.loaded, &session.frames, &session.tuning, kept, session.adapter.as_deref())
 }
 
 fn ball(session: &Session) -> DVec3 {
@@ -219,15 +220,19 @@ fn every_preset_is_a_path_or_says_what_it_lacks() {
         PathPreset::Polyline,
         PathPreset::MirrorSweep,
         PathPreset::MethodTour,
+        PathPreset::WipeToTruth,
+        PathPreset::WipeFromKept,
     ];
-    let made = |session: &Session| all.map(|preset| presets::path(preset, &session.scene, &around(session)).is_ok());
-    assert_eq!(made(&session), [true, false, true, false, false, false, true]);
+    let made =
+        |session: &Session| all.map(|preset| presets::path(preset, 1.7, &session.scene, &around(session)).is_ok());
+    assert_eq!(made(&session), [true, false, true, false, false, false, true, true, false]);
     add_ball(&mut session);
     film(&mut session, Film::Keep(None));
     orbit(&mut session);
     film(&mut session, Film::Keep(None));
-    assert_eq!(made(&session), [true, true, true, true, false, true, true]);
-    for preset in all.into_iter().filter(|preset| *preset != PathPreset::Polyline) {
+    assert_eq!(made(&session), [true, true, true, true, false, true, true, true, false]);
+    let lacking = [PathPreset::Polyline, PathPreset::WipeFromKept];
+    for preset in all.into_iter().filter(|preset| !lacking.contains(preset)) {
         film(&mut session, Film::Add(preset));
         assert!(path(&session).check().is_ok(), "{preset:?}");
         film(&mut session, Film::Scrub(1.0));
@@ -237,7 +242,27 @@ fn every_preset_is_a_path_or_says_what_it_lacks() {
     // Each has a name of its own.
     let mut names: Vec<&str> = session.scene.objects.paths.iter().map(|path| path.name.as_str()).collect();
     names.dedup();
-    assert_eq!(names.len(), 6);
+    assert_eq!(names.len(), 7);
+}
+
+#[test]
+fn a_path_along_the_selected_measurement_flies_at_the_height_that_was_chosen() {
+    let mut session = Session::with_two_points();
+    let id = session.scene.next_object_id();
+    let points = [DVec3::ZERO, DVec3::new(5.0, 0.0, 0.0), DVec3::new(5.0, 5.0, 1.0)];
+    let text = "[[measurements]]\nkind = \"polyline\"\npoints = [[0, 0, 0], [5, 0, 0], [5, 5, 1]]\n";
+    let line = SceneFile::parse(text).unwrap().measurements.remove(0);
+    session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Measurement(line)));
+    session.scene.selected = Some(id);
+    let up = session.up();
+    for height in [1.7, 4.0] {
+        film(&mut session, Film::Add(PathPreset::Polyline));
+        let eyes: Vec<DVec3> = path(&session).keyframes.iter().map(|keyframe| keyframe.eye).collect();
+        let expected: Vec<DVec3> = points.iter().map(|point| *point + up * height).collect();
+        assert!(eyes.iter().zip(&expected).all(|(eye, expected)| eye.distance(*expected) < 1e-9), "{eyes:?}");
+        film(&mut session, Film::FlyAt(4.0));
+        session.scene.selected = Some(id);
+    }
 }
 
 #[test]
@@ -372,6 +397,82 @@ fn the_window_records_the_pictures_of_the_scene_that_it_saves_to_the_bit() {
     assert!(pictures[0][0] != pictures[0][1], "the ball moves");
 }
 
+/// Columns of the pictures that the window has of the states at a time of the path, side by side.
+fn side_by_side(session: &Session, time: f64) -> Option<Vec<u8>> {
+    let (path, timeline) = (path(session), &session.filming.timeline);
+    let [width, height] = session.scene.view_size;
+    let mut whole = vec![0; (width * height * 4) as usize];
+    for (state, columns) in path.parts(time, width) {
+        let picture = timeline.wiping.picture(&session.scene, &path.states[state])?;
+        for row in 0..height {
+            let bytes = [columns.start, columns.end].map(|column| ((row * width + column) * 4) as usize);
+            whole[bytes[0]..bytes[1]].copy_from_slice(&picture.rgba[bytes[0]..bytes[1]]);
+        }
+    }
+    Some(whole)
+}
+
+#[test]
+fn the_window_shows_the_states_of_a_wipe_as_a_recording_has_them() {
+    let Some(mut bench) = Bench::with_sphere() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("wipe.toml");
+    let text = "clouds = [\"five-mirrors/none\"]\n[camera]\neye = [0.0, 0.0, 1.9]\npivot = [0.0, 0.0, 0.0]\n\
+                up = [0.0, 1.0, 0.0]\n[parameters]\n\"gi.bounces\" = 0\n\"scene.points\" = 3000\n\"tone.fit\" = \"locked\"\n\
+                [[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\nposition = [0.1, 0.0, 0.0]\nsize = 0.6\n";
+    std::fs::write(&file, text).unwrap();
+    bench.session.act(Action::File(Filing::Open(file.clone())));
+    bench.settle();
+    film(&mut bench.session, Film::Add(PathPreset::WipeToTruth));
+    let mut wiped = path(&bench.session).clone();
+    wiped.states.iter_mut().for_each(|state| state.name.clear());
+    film(&mut bench.session, Film::Change(Box::new(wiped)));
+    film(&mut bench.session, Film::Scrub(3.0));
+    let own = bench.session.scene.settings.clone();
+    bench.settle();
+    let shown = side_by_side(&bench.session, 3.0).expect("pictures of both states");
+    // Only the line moves, so nothing is drawn again.
+    let drawn = bench.session.frames.requested.clone();
+    film(&mut bench.session, Film::Scrub(2.5));
+    bench.settle();
+    assert!(bench.session.frames.requested == drawn);
+    let elsewhere = side_by_side(&bench.session, 2.5).expect("pictures of both states");
+    assert!(shown != elsewhere, "the states have pictures of their own");
+    std::fs::write(&file, bench.session.scene.whole_file(&bench.session.loaded).to_text()).unwrap();
+    film(&mut bench.session, Film::Toggle);
+    assert!(bench.session.scene.settings == own, "the scene has its own values again");
+
+    let request = world::resolve(std::slice::from_ref(&file));
+    let choice = PathChoice::new(None, &request, &file).unwrap();
+    let gpu = render::Gpu::headless(None).unwrap();
+    let mut recorder = Recorder::open(gpu, None, [64, 48], request, &choice).unwrap().unwrap();
+    let bar = Bar::pictures("recording");
+    let mut differing = |time: f64, shown: &[u8]| {
+        let picture = recorder.picture(time, &[], &bar).unwrap().rgba;
+        picture.chunks_exact(4).zip(shown.chunks_exact(4)).filter(|(recorded, shown)| recorded != shown).count()
+    };
+    assert_eq!([differing(3.0, &shown), differing(2.5, &elsewhere)], [0, 0]);
+}
+
+#[test]
+fn a_wipe_from_the_kept_state_holds_what_differs_and_nothing_else() {
+    let mut session = Session::with_two_points();
+    let kept = session.scene.settings.clone();
+    assert!(presets::between(&kept, &kept).is_none());
+    let now = &mut session.scene.settings;
+    (now.view.background, now.reflection.method) = (param::Color(0x2030_40ff), Method::Sscr);
+    now.scene.points += 1;
+    let states = presets::between(&kept, &session.scene.settings).unwrap();
+    assert_eq!(states[0].method.as_deref(), Some(kept.reflection.method.chosen().row().name));
+    assert_eq!(states[1].method.as_deref(), Some("sscr"));
+    for (state, settings) in states.iter().zip([&kept, &session.scene.settings]) {
+        assert_eq!(state.parameters.keys().collect::<Vec<_>>(), ["view.background"]);
+        let mut applied = kept.clone();
+        state.apply(&mut applied).unwrap();
+        assert_eq!(applied.view.background, settings.view.background);
+    }
+}
+
 /// The command line, for which a test holds that it makes the same pictures each time.
 #[test]
 fn record_is_the_command_with_the_scene_that_is_saved() {
@@ -406,8 +507,9 @@ fn record_is_the_command_with_the_scene_that_is_saved() {
     session.on_found(stage(0));
     session.outside.now += Duration::from_secs(4);
     session.on_found(stage(2));
-    let left = session.filming.recording.under_way.as_ref().unwrap().seconds_left(session.outside.now);
-    assert_eq!(left, Some(16.0));
+    let under_way = session.filming.recording.under_way.as_ref().unwrap();
+    let now = session.outside.now;
+    assert_eq!((under_way.rate(now), under_way.seconds_left(now)), (Some(0.5), Some(16.0)));
     film(&mut session, Film::StopRecording);
     session.on_found(Found::Recorded(Ended::Stopped));
     assert!(session.filming.recording.under_way.is_none());
@@ -424,6 +526,25 @@ fn harness() -> Harness<'static, Session> {
         },
         Session::with_two_points(),
     )
+}
+
+#[test]
+fn the_window_is_recorded_into_what_was_chosen_last() {
+    let mut session = Session::with_two_points();
+    for (format, extension) in [(CaptureFormat::Gif, "gif"), (CaptureFormat::Pictures, ""), (CaptureFormat::Mp4, "mp4")]
+    {
+        film(&mut session, Film::CaptureAs(format));
+        assert_eq!(session.preferences.capture, format);
+        session.outside.effects.clear();
+        film(&mut session, Film::Capture);
+        let begun = session.outside.effects.iter().find_map(|effect| match effect {
+            Effect::Capture(Some((name, format, _))) => Some((name.clone(), *format)),
+            _ => None,
+        });
+        let (name, begun) = begun.expect("a recording of the window");
+        assert_eq!((begun, name.extension().unwrap_or_default().to_str()), (format, Some(extension)));
+        session.filming.live = None;
+    }
 }
 
 #[test]

@@ -3,10 +3,11 @@
 
 use std::time::Instant;
 
-use scene::{CameraPath, Motion};
+use scene::{CameraPath, Motion, WIPE, WipeState, line_value};
 use serde_json::json;
 
 use crate::viewer::action::Film;
+use crate::viewer::filming::wiping::{View, Wiping};
 use crate::viewer::messages::Level;
 use crate::viewer::objects::numbered;
 use crate::viewer::outside::Outside;
@@ -19,14 +20,17 @@ pub struct Timeline {
     pub time: f64,
     /// Whether playing begins again at the end.
     pub repeats: bool,
+    /// How high above a measurement new paths fly, in world units; at the height of a person's eyes if none was chosen.
+    pub height: Option<f64>,
     /// The name of the path that is edited; the first one if no path has the name.
     chosen: String,
     /// Whether the picture follows the path.
     is_followed: bool,
     /// When playing began, and the time of the path then.
     playing: Option<(Instant, f64)>,
-    /// The path and the time that the picture shows.
-    posed: Option<(CameraPath, f64)>,
+    /// The path and the time that the picture shows, and the state that the window draws of a wipe.
+    posed: Option<(CameraPath, f64, usize)>,
+    pub wiping: Wiping,
 }
 
 /// The most paths of a scene file.
@@ -58,6 +62,7 @@ impl Timeline {
     /// From now on the picture does not follow the path.
     pub fn leave(&mut self) {
         (self.playing, self.is_followed, self.posed) = (None, false, None);
+        self.wiping.end();
     }
 
     /// Adds a path, and shows it.
@@ -106,8 +111,9 @@ impl Timeline {
                 }
             }
             Film::Key(key) => {
-                let value = scene.value_now(&key);
+                let now = scene.value_now(&key);
                 let Some(path) = scene.objects.paths.get_mut(index) else { return };
+                let value = if key == WIPE { Ok(line_value(&path.lines(self.time))) } else { now };
                 if let Err(problem) = value.and_then(|value| path.set_key(&key, self.time, value)) {
                     outside.note(problem);
                 }
@@ -126,6 +132,7 @@ impl Timeline {
                 outside.log(json!({ "event": "play", "path": path.name, "plays": self.is_playing() }));
             }
             Film::Repeat(repeats) => self.repeats = repeats,
+            Film::FlyAt(height) => self.height = Some(height),
             // These are not the timeline's.
             Film::Keep(_)
             | Film::FlyToDigit(_)
@@ -137,8 +144,14 @@ impl Timeline {
             | Film::ChangeRecording(_)
             | Film::StartRecording
             | Film::StopRecording
-            | Film::Capture => {}
+            | Film::Capture
+            | Film::CaptureAs(_) => {}
         }
+    }
+
+    /// The path and the time that the picture shows, while it follows the path.
+    pub fn shown(&self) -> Option<(&CameraPath, f64)> {
+        self.posed.as_ref().map(|(path, time, _)| (path, *time))
     }
 
     /// Moves the time while the path plays, and shows the path at its time. Returns whether it plays on.
@@ -163,9 +176,15 @@ impl Timeline {
                 end
             };
         }
+        self.wiping.choose(scene, &path, self.time);
+        let turn = self.wiping.turn;
         let is_shown = scene.posed.is_some()
-            && self.posed.as_ref().is_some_and(|(known, time)| *time == self.time && *known == path);
+            && self
+                .posed
+                .as_ref()
+                .is_some_and(|(known, time, state)| *time == self.time && *state == turn && *known == path);
         if !is_shown {
+            let before = View::of(scene, &WipeState::default());
             if let Err((track, problem)) = scene.pose(&path, self.time) {
                 outside.say(Level::Error, format!("path `{}`, track {}: {problem}", path.name, track + 1));
                 self.leave();
@@ -174,8 +193,17 @@ impl Timeline {
             if let Some(motion) = Motion::new(&path) {
                 scene.camera = motion.camera(self.time);
             }
-            scene.camera_moved_by_hand(outside.now);
-            self.posed = Some((path, self.time));
+            // A line that moves, or another state, leaves all else as it was.
+            if path.states.is_empty() || View::of(scene, &WipeState::default()) != before {
+                scene.camera_moved_by_hand(outside.now);
+            }
+            if let Some(Err(problem)) = path.states.get(turn).map(|state| scene.show_state(state)) {
+                outside.say(Level::Error, format!("path `{}`, state {}: {problem}", path.name, turn + 1));
+            }
+            self.posed = Some((path, self.time, turn));
+        }
+        if let Some((path, ..)) = &self.posed {
+            self.wiping.show(scene, path);
         }
         self.is_playing()
     }

@@ -282,6 +282,9 @@ pub fn held(input: &egui::InputState, shortcuts: &HashSet<Key>, mode: Mode) -> i
     })
 }
 
+/// What the key is called that shortcuts are pressed with.
+pub const COMMAND: &str = if cfg!(target_os = "macos") { "Cmd" } else { "Ctrl" };
+
 /// The first gesture of an action, for tool tips. Empty if the action has none.
 pub fn shortcut(action: &Action) -> String {
     let binding = BINDINGS.iter().find(|binding| binding.action == *action);
@@ -290,7 +293,7 @@ pub fn shortcut(action: &Action) -> String {
 
 impl std::fmt::Display for Modifiers {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        for (on, name) in [(self.ctrl, "Ctrl"), (self.shift, "Shift"), (self.alt, "Alt")] {
+        for (on, name) in [(self.ctrl, COMMAND), (self.shift, "Shift"), (self.alt, "Alt")] {
             if on {
                 write!(f, "{name}+")?;
             }

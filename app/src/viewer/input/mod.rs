@@ -43,6 +43,18 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
             let after = events.iter().rposition(is_esc).map_or(events.len(), |esc| esc + 1);
             events.drain(..after);
         }
+        if was_typing {
+            // What comes before the end of a text, in the same frame of the window, belongs to the text.
+            let is_end = |event: &Event| match event {
+                Event::Key { key, pressed, .. } => {
+                    *pressed && matches!(key, egui::Key::Enter | egui::Key::Tab | egui::Key::Escape)
+                }
+                Event::PointerButton { pressed, .. } => *pressed,
+                _ => false,
+            };
+            let end = events.iter().position(is_end).unwrap_or(0);
+            events.drain(..end);
+        }
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
         keys(ui, &events, session, was_typing, &mut shortcuts, actions);
         if session.document.asked.is_none() {

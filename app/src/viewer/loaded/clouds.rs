@@ -6,13 +6,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use cloud::{Bounds, Chunk, PointTest, Progress};
-use scene::{Mirror, MirrorPoints, Ramp};
+use scene::{CloudSettings, ColorBy, Mirror, MirrorPoints, Ramp};
 use stream::{Node, NodeId, Octree};
 use world::mirrors::Marked;
 use world::{Assembly, CloudKey, Input, Mailbox, Part, StreamStats};
 
 use crate::viewer::loaded::figures::{Basis, Figures};
-use crate::viewer::objects::ObjectId;
+use crate::viewer::objects::{ObjectId, Objects};
 
 /// The points that represent a mirror, and what they were made for.
 pub struct Sample {
@@ -46,6 +46,8 @@ pub struct CloudEntry {
     /// Whether the render thread shows it, and how large it has the points: see `Objects::own_settings`.
     pub is_visible: bool,
     pub size: f32,
+    /// Whether a worker thread is moving its points.
+    pub is_placing: bool,
     pub figures: Option<Figures>,
     pub figures_basis: Option<Basis>,
     pub figures_under_way: bool,
@@ -68,6 +70,8 @@ pub struct CloudEntry {
     pub added: Vec<(String, Arc<codec::Runs>)>,
     /// The state of streaming, if the cloud is streamed.
     pub streamed: Option<Streamed>,
+    /// The attributes that are asked for and that its files have, but not yet its index.
+    pub awaited: Vec<String>,
 }
 
 /// An entry dereferences to its cloud: `entry.points` is the number of points of the assembly.
@@ -85,10 +89,21 @@ impl DerefMut for CloudEntry {
     }
 }
 
+/// The chunks of the clouds that are shown, each with what its cloud is coloured by if it has that of its own.
+pub fn colored_chunks<'a>(
+    clouds: &'a [CloudEntry],
+    objects: &'a Objects,
+) -> impl Iterator<Item = (&'a Chunk, Option<ColorBy>)> + Clone {
+    clouds.iter().filter(|entry| entry.is_visible).flat_map(|entry| {
+        let by = objects.settings_of(entry.key).and_then(CloudSettings::color_by);
+        entry.cloud.chunks.iter().map(move |chunk| (chunk, by))
+    })
+}
+
 impl CloudEntry {
     /// Whether work is under way that changes how the cloud looks.
     pub fn is_busy(&self) -> bool {
-        self.marking.is_some() || self.figures_under_way || self.fitting.is_some()
+        self.marking.is_some() || self.figures_under_way || self.fitting.is_some() || self.is_placing
     }
 
     pub fn new(assembly: Assembly) -> Self {
@@ -96,6 +111,7 @@ impl CloudEntry {
             assembly,
             is_visible: true,
             size: 1.0,
+            is_placing: false,
             figures: None,
             figures_basis: None,
             figures_under_way: false,
@@ -108,7 +124,14 @@ impl CloudEntry {
             marking: None,
             added: Vec::new(),
             streamed: None,
+            awaited: Vec::new(),
         }
+    }
+
+    /// The number of attributes that all loaded points have, if the cloud is streamed; else 0.
+    pub fn paged_columns(&self) -> usize {
+        let of_chunk = |chunk: &Chunk| chunk.columns.iter().filter(|column| column.is_some()).count();
+        if self.is_indexed() { self.cloud.chunks.iter().map(of_chunk).min().unwrap_or(0) } else { 0 }
     }
 
     /// True if the program made the cloud, so that there is no file.

@@ -9,6 +9,7 @@ use cloud::{Column, Progress};
 use serde_json::json;
 use world::{Change, CloudKey};
 
+use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::figures::{Basis, Figures};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::messages::Level;
@@ -19,6 +20,7 @@ impl Loaded {
     pub fn renew_figures(&mut self, beside: &mut Beside<'_>) {
         self.read_filtered(beside);
         self.renew_radii(beside);
+        self.tell_lacking(beside);
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
             let basis = Basis {
                 color: beside.scene.objects.color_of(entry.key, &beside.scene.settings.color),
@@ -26,6 +28,7 @@ impl Loaded {
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
                 late_columns: entry.late_columns(),
+                columns: entry.paged_columns(),
                 surfels: entry.surfels,
                 rests: entry.streamed.as_ref().map_or(0, |streamed| streamed.rests),
             };
@@ -35,7 +38,8 @@ impl Loaded {
             if entry.figures_basis.as_ref() != Some(&basis) && !is_dragged {
                 entry.figures_under_way = true;
                 let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
-                let is_same = |old: &Basis| old.color == basis.color && old.test == basis.test;
+                let is_same =
+                    |old: &Basis| old.color == basis.color && old.test == basis.test && old.columns == basis.columns;
                 let same_color = entry.figures_basis.as_ref().is_some_and(is_same);
                 // The ramp of a streamed cloud must not change with the points that happen to be loaded.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
@@ -43,6 +47,23 @@ impl Loaded {
                 let is_measured = entry.figures.as_ref().is_some_and(|figures| figures.noise.is_some());
                 let measures_noise = basis.is_read && entry.source.is_some() && !is_measured;
                 beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept, measures_noise });
+            }
+        }
+    }
+
+    /// Says what colours ask for and clouds that are shown lack. What the first points have in common, others may not.
+    fn tell_lacking(&mut self, beside: &mut Beside<'_>) {
+        // What is awaited comes, and what has come may be newer than the figures.
+        let knows_all = |entry: &CloudEntry| {
+            let columns = entry.figures_basis.as_ref().map_or(0, |basis| basis.columns);
+            !entry.is_indexed() || entry.awaited.is_empty() && columns == entry.cloud.attributes.len()
+        };
+        let is_told = |entry: &&CloudEntry| entry.is_visible && entry.is_read && knows_all(entry);
+        let read = self.clouds.iter().filter(is_told);
+        for warning in read.filter_map(|entry| entry.figures.as_ref()?.warning.as_ref()) {
+            if !self.warned.contains(warning) {
+                beside.outside.say(Level::Warning, warning.clone());
+                self.warned.push(warning.clone());
             }
         }
     }
@@ -88,8 +109,6 @@ impl Loaded {
         entry.figures_basis = Some(basis);
         let outline_changed = entry.figures.as_ref().is_none_or(|old| old.outline != figures.outline);
         let (name, up, plan) = (entry.cloud.name.clone(), entry.up, figures.plan.clone());
-        // What the first points have in common, others may not.
-        let warning = figures.warning.clone().filter(|_| entry.is_read);
         entry.figures = Some(figures);
         let chunks = entry.chunks();
         if !(same_plan && same_points) {
@@ -97,10 +116,7 @@ impl Loaded {
             beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
             beside.frames.points_changed();
         }
-        if let Some(warning) = warning.filter(|warning| !self.warned.contains(warning)) {
-            beside.outside.say(Level::Warning, warning.clone());
-            self.warned.push(warning);
-        }
+        self.tell_lacking(beside);
         if outline_changed && same_visibility {
             beside.scene.frame_while_unplaced(beside.scene.bounds(&self.clouds), &self.clouds);
         }

@@ -88,6 +88,7 @@ impl Loaded {
             // Where a clip volume cuts both clouds, the points at its border would seem to have moved.
             tests: [objects.test(), objects.visibility.test([])],
             settings,
+            own: objects.all_own(),
             output,
             progress: Arc::default(),
         })
@@ -202,6 +203,7 @@ mod tests {
     use super::*;
     use crate::comparing::Scales;
     use crate::viewer::action::Action;
+    use crate::viewer::loaded::clouds::Streamed;
     use crate::viewer::preferences::Preferences;
     use crate::viewer::session::Session;
     use crate::viewer::work::Found;
@@ -284,6 +286,51 @@ mod tests {
         assert_eq!(names(&session), ["distance", "level_of_detection"]);
         assert!((value(&session, 0, 435) - 0.25).abs() < 1e-6 && value(&session, 1, 435) < 0.01);
         assert!(session.loaded.comparisons.last.as_ref().unwrap().significant.is_some());
+    }
+
+    #[test]
+    fn the_distances_of_a_streamed_cloud_go_to_a_new_file_that_is_opened_in_its_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        let header = "ply\nformat ascii 1.0\nelement vertex 400\nproperty double x\nproperty double y\n";
+        for (name, height) in [("a.ply", 0.0), ("b.ply", 0.25)] {
+            let row = |at: i32| format!("{} {} {height}\n", f64::from(at % 20) * 0.1, f64::from(at / 20) * 0.1);
+            let rows: String = (0..400).map(row).collect();
+            std::fs::write(place(name), format!("{header}property double z\nend_header\n{rows}")).unwrap();
+        }
+        let mut session = session();
+        let entry = &mut session.loaded.clouds[0];
+        (entry.input, entry.streamed) = (place("a.ply"), Some(Streamed::new(None, 1)));
+        let output = place("distances.copc.laz");
+        let choose = |draft: &mut CompareDraft| {
+            (draft.second, draft.is_m3c2, draft.output) = (Second::File(place("b.ply")), true, output.clone());
+        };
+        let comparing = start(&mut session, choose).unwrap();
+        finish(&mut session, comparing);
+        let figures = session.loaded.comparisons.last.as_ref().unwrap().figures;
+        assert!(figures.points == 400 && (figures.mean - 0.25).abs() < 1e-6, "{figures:?}");
+        let written = codec::open(Path::new(&output)).unwrap();
+        let has = |name: &str| written.info().properties.iter().any(|own| own.name == name);
+        assert!(written.info().points == 400 && has("distance") && has("level_of_detection"));
+        let opened = session.outside.effects.iter().find_map(|effect| match effect {
+            Effect::Load { inputs } => Some(inputs.iter().map(world::Input::name).collect::<Vec<_>>()),
+            _ => None,
+        });
+        assert!(opened.is_some_and(|opened| opened == [output.clone()]));
+        assert!(!session.loaded.clouds[0].is_visible, "the new file takes its place");
+        let color = &session.scene.settings.color;
+        assert_eq!((color.by, color.attribute.as_str()), (ColorBy::Attribute, "distance"));
+        assert!(start(&mut session, |_| {}).is_none(), "a file that is there is not replaced");
+        // Without room for the points nothing is written.
+        session.scene.settings.stream.host_bytes.0 = 2 * 400 * 70 - 2;
+        let second = place("second.laz");
+        let refused = start(&mut session, |draft| draft.output = second.clone()).unwrap();
+        finish(&mut session, refused);
+        let said = session.outside.messages.all.last().map(|message| message.text.clone()).unwrap_or_default();
+        assert!(
+            said.starts_with("to compare 400 points with 400 takes up to") && !Path::new(&second).exists(),
+            "{said}"
+        );
     }
 
     #[test]

@@ -4,14 +4,15 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use cloud::{Cloud, PointTest, Progress};
-use codec::{Added, Source};
+use codec::Added;
 use glam::DVec3;
 use measure::DistanceFigures;
-use scene::Settings;
+use scene::{CloudSettings, Settings, Strays};
 use stream::COMPARED;
 use world::{CloudKey, half_of};
 
 use crate::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
+use crate::export_command;
 
 /// What a person has chosen to compare.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -57,6 +58,7 @@ pub struct Compared {
 }
 
 /// A cloud of a comparison as the window knows it.
+#[allow(clippy::large_enum_variant, reason = "a comparison has two")]
 pub enum Ends {
     Memory {
         cloud: Cloud,
@@ -77,6 +79,8 @@ pub struct Comparing {
     /// The points of the first cloud that are measured, and those of the second.
     pub tests: [PointTest; 2],
     pub settings: Box<Settings>,
+    /// Where clouds stand whose files are read.
+    pub own: Vec<CloudSettings>,
     /// The file to write for a streamed cloud.
     pub output: Option<PathBuf>,
     pub progress: Arc<Progress>,
@@ -103,27 +107,41 @@ pub struct Written {
 }
 
 impl Ends {
-    fn side(self, test: PointTest, settings: &Settings) -> Result<(Side, Vec<Arc<Source>>), String> {
+    /// `None` if it was cancelled.
+    fn side(
+        self,
+        test: PointTest,
+        settings: &Settings,
+        own: &[CloudSettings],
+        progress: &Progress,
+    ) -> Result<Option<Side>, String> {
         let settings = settings.clone();
+        // Those in memory are known, and the test tells them.
+        let test = test.hiding_strays(settings.splat.strays == Strays::Hidden);
         let words = match self {
             Self::Memory { cloud, up } => {
-                return Ok((Side { points: Points::Memory(cloud), test, up, settings }, Vec::new()));
+                let (points, left_out) = (Points::Memory(cloud), Vec::new());
+                return Ok(Some(Side { points, test, left_out, up, settings }));
             }
             Self::Files(words) => words,
         };
-        let request = world::resolve(&words);
+        let mut request = world::resolve(&words);
+        request.cloud_settings.extend_from_slice(own);
         request.check().map_err(|error| error.to_string())?;
-        let mut sources = Vec::new();
+        let (mut sources, mut left_out) = (Vec::new(), Vec::new());
         for input in &request.inputs {
             if input.files().is_empty() {
                 return Err(format!("{}: not a file; files and open clouds can be compared", input.name()));
             }
-            for file in input.files() {
-                sources.push(world::open_file(file, half_of(settings.stream.host_bytes))?);
-            }
+            let memory = half_of(settings.stream.host_bytes);
+            let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file));
+            let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?;
+            let Some(strays) = export_command::strays(&own, &test, &settings, progress)? else { return Ok(None) };
+            left_out.extend(strays);
+            sources.extend(own);
         }
         let up = sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &settings));
-        Ok((Side { points: Points::Files(sources.clone()), test, up, settings }, sources))
+        Ok(Some(Side { points: Points::Files(sources), test, left_out, up, settings }))
     }
 }
 
@@ -135,21 +153,22 @@ impl Comparing {
     }
 
     fn outcome(self) -> Result<Option<Outcome>, String> {
-        let Self { first, second, method, core, tests: [own, other], settings, output, progress, .. } = self;
-        let (first, sources) = first.side(own, &settings)?;
-        let (second, _) = second.side(other, &settings)?;
+        let Self { first, second, method, core, tests, settings, own, output, progress, .. } = self;
+        let [of_first, of_second] = tests;
+        let Some(first) = first.side(of_first, &settings, &own, &progress)? else { return Ok(None) };
+        let Some(second) = second.side(of_second, &settings, &own, &progress)? else { return Ok(None) };
         let compared = comparing::compare(&first, &second, method, core, &progress);
         let Some((mut measured, mut warnings)) = compared.map_err(|error| format!("{error:#}"))? else {
             return Ok(None);
         };
-        let [distance, level] = COMPARED.map(|name| free_name(&sources, name));
+        let [distance, level] = COMPARED.map(|name| free_name(first.sources(), name));
         if let Some(path) = &output {
             let distances = std::mem::take(&mut measured.distances);
             let mut added = vec![Added { name: distance.clone(), values: distances }];
             let level = |values| Added { name: level, values };
             added.extend(measured.levels.take().map(level));
             let memory = half_of(settings.stream.host_bytes);
-            let written = codec::export(&sources, &first.test, &added, path, memory, &progress);
+            let written = codec::export(first.sources(), first.wanted(), &added, path, memory, &progress);
             let Some(written) = written.map_err(|error| error.to_string())? else { return Ok(None) };
             warnings.extend(written.warnings);
         }

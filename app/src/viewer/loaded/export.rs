@@ -37,8 +37,9 @@ impl Loaded {
                 let progress = Arc::new(Progress::default());
                 self.writing = Some(Writing { path: path.clone(), progress: progress.clone() });
                 let (inputs, test, added) = (self.inputs(), scene.objects.test(), self.added_values());
+                let own = scene.objects.all_own();
                 let settings = Box::new(scene.settings.clone());
-                outside.work(Work::Export { inputs, test, added, path, settings, progress });
+                outside.work(Work::Export { inputs, own, test, added, path, settings, progress });
             }
         }
     }
@@ -54,7 +55,7 @@ impl Loaded {
     pub fn on_exported(&mut self, path: &Path, result: Result<Option<Exported>, String>, outside: &mut Outside) {
         self.writing = None;
         match result {
-            Ok(Some(Exported { points, warnings })) => {
+            Ok(Some(Exported { points, warnings, .. })) => {
                 outside.log(json!({ "event": "exported", "path": path, "points": points }));
                 outside.note(format!("{points} points saved: {}", path.display()));
                 param::few(warnings, "warnings").into_iter().for_each(|warning| outside.warning(warning));

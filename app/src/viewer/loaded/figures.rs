@@ -15,6 +15,8 @@ pub struct Basis {
     pub is_read: bool,
     /// The number of columns that were read after the points.
     pub late_columns: usize,
+    /// The number of attributes that all loaded points of a streamed cloud have.
+    pub columns: usize,
     /// How often normals and radii have come.
     pub surfels: u32,
     /// How often a view has been fully loaded, for a streamed cloud.

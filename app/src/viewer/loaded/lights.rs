@@ -6,7 +6,7 @@ use scene::{LightClues, Lighting, SpotLight};
 use serde_json::json;
 use world::AutoLight;
 
-use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::loaded::clouds::{CloudEntry, colored_chunks};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::scene::Scene;
 use crate::viewer::work::Work;
@@ -58,9 +58,7 @@ impl Loaded {
 
     /// What decides about automatic light now, besides the lights.
     pub fn clues(&self, scene: &Scene) -> LightClues {
-        let visible = self.clouds.iter().filter(|entry| entry.is_visible);
-        let chunks = visible.flat_map(|entry| &entry.cloud.chunks);
-        self.light_search.light.clues(chunks, scene.objects.has_guess())
+        self.light_search.light.clues(colored_chunks(&self.clouds, &scene.objects), scene.objects.has_guess())
     }
 
     /// How the points are lit: what `auto` means now.

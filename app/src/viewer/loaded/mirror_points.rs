@@ -98,12 +98,13 @@ impl Loaded {
             return;
         }
         self.refuse_marking_streamed(beside);
-        let (clouds, test) = (&self.clouds, beside.scene.objects.test());
-        let area_per_point = *self.samples.area_per_point.get_or_insert_with(|| {
-            let visible = clouds.iter().filter(|entry| entry.is_visible);
-            mirrors::area_per_point(visible.map(|entry| &entry.cloud), &test)
-        });
-        if self.samples.under_way.is_none() {
+        // A clip that is dragged changes the spacing of what is shown, which only the points of mirrors need.
+        if self.samples.under_way.is_none() && beside.mirrors().next().is_some() {
+            let (clouds, test) = (&self.clouds, beside.scene.objects.test());
+            let area_per_point = *self.samples.area_per_point.get_or_insert_with(|| {
+                let visible = clouds.iter().filter(|entry| entry.is_visible);
+                mirrors::area_per_point(visible.map(|entry| &entry.cloud), &test)
+            });
             let is_current = |id: ObjectId, mirror: &Mirror| {
                 self.samples.of.get(&id).is_some_and(|sample| {
                     let same_area = sample.area_per_point.is_none_or(|area| area.to_bits() == area_per_point.to_bits());

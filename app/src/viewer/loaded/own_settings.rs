@@ -1,19 +1,29 @@
-//! What single clouds have of their own: whether they are shown, their colours, the size of their points. It is part of
-//! the objects, so undo and scene files have it; here it reaches the render thread.
+//! What single clouds have of their own: whether they are shown, where they stand, their colours, the size of their
+//! points. It is part of the objects, so undo and scene files have it; here it reaches the points, and the render thread.
 
+use cloud::{Chunk, Placement};
 use scene::CloudSettings;
-use world::{Change, CloudKey, Request};
+use serde_json::json;
+use world::{Change, CloudKey, Moved, Request};
 
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::OwnSettings;
+use crate::viewer::work::Work;
 
 impl CloudEntry {
-    /// The changes that give its points `size` times their radii.
-    pub fn in_size(&self, size: f32) -> impl Iterator<Item = Change> {
-        let (cloud, chunks, layout, marked) = (self.key, self.chunks(), self.layout(), self.marks.clone());
+    /// The changes that give its points `size` times their radii and show them where `placement` has them.
+    pub fn drawn(&self, size: f32, placement: Option<Placement>) -> impl Iterator<Item = Change> {
+        let (cloud, marked) = (self.key, self.marks.clone());
+        let (chunks, layout) = self.standing(placement);
+        let put = |(part, chunk): &_| Change::Put {
+            key: cloud.chunk(*part),
+            chunk: Chunk::clone(chunk),
+            layout: layout.clone(),
+        };
+        let puts: Vec<Change> = chunks.iter().map(put).collect();
         let mark = (!marked.is_empty()).then_some(Change::Mark { cloud, chunks, layout, marked });
-        std::iter::once(Change::Size { cloud, size }).chain(self.puts()).chain(mark)
+        std::iter::once(Change::Size { cloud, size }).chain(puts).chain(mark)
     }
 }
 
@@ -79,6 +89,7 @@ impl Loaded {
 
     /// Updates the render thread to what clouds have of their own, except colours, which come with their figures.
     pub fn sync_own_settings(&mut self, beside: &mut Beside<'_>) {
+        self.sync_placements(beside);
         let mut is_changed = false;
         for entry in &mut self.clouds {
             let own = beside.scene.objects.settings_of(entry.key);
@@ -90,7 +101,7 @@ impl Loaded {
             }
             if entry.size != size {
                 entry.size = size;
-                entry.in_size(size).for_each(|change| beside.outside.change(change));
+                entry.drawn(size, entry.placement()).for_each(|change| beside.outside.change(change));
                 beside.frames.points_changed();
             }
         }
@@ -99,5 +110,41 @@ impl Loaded {
             self.samples.area_per_point = None;
             self.ask_surroundings(beside);
         }
+    }
+
+    /// Has clouds moved to where their own settings have them. A worker thread moves points that are there; one that
+    /// begins while another is under way would only delay it, so it waits.
+    fn sync_placements(&mut self, beside: &mut Beside<'_>) {
+        for entry in self.clouds.iter_mut().filter(|entry| !entry.is_placing) {
+            let settings = beside.scene.objects.settings_of(entry.key);
+            let placement = settings.and_then(CloudSettings::placement);
+            if entry.placement() == placement {
+                continue;
+            }
+            let (key, own) = (entry.key, entry.own());
+            if entry.points == 0 {
+                let changes = entry.put_moved(own.placed(placement));
+                changes.into_iter().for_each(|change| beside.outside.change(change));
+                continue;
+            }
+            entry.is_placing = true;
+            beside.outside.work(Work::Place { key, own, placement });
+        }
+    }
+
+    /// Takes over the points of a cloud that was moved.
+    pub fn on_placed(&mut self, key: CloudKey, moved: Moved, beside: &mut Beside<'_>) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        entry.is_placing = false;
+        let changes = entry.put_moved(moved);
+        // Points that reflect are found again where they are now, and so are colours that depend on places.
+        entry.marked = Vec::new();
+        entry.surfels += 1;
+        entry.figures_basis = None;
+        let name = entry.cloud.name.clone();
+        changes.into_iter().for_each(|change| beside.outside.change(change));
+        beside.frames.points_changed();
+        beside.outside.log(json!({ "event": "placed", "name": name }));
+        self.ask_surroundings(beside);
     }
 }

@@ -1,10 +1,10 @@
 //! Streamed clouds in the window: the state of their indexes, the views that they are loaded for, and what cannot be done
 //! with them.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use cloud::Bounds;
+use cloud::{Attribute, Bounds, Placement};
 use scene::Settings;
 use serde_json::json;
 use world::{Change, CloudKey, IndexState, Part, StreamStats, StreamView, most_points};
@@ -13,6 +13,7 @@ use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Streamed};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::messages::Level;
 use crate::viewer::pace::shares;
+use crate::viewer::scene::Scene;
 use crate::viewer::work::Work;
 
 impl Loaded {
@@ -99,7 +100,7 @@ impl Loaded {
         self.is_loading() || self.jobs.iter().any(JobEntry::is_streaming)
     }
 
-    /// Whether the picture is about to change by itself: points that it needs are being read, their colours are
+    /// Whether the picture is about to change by itself: points that it needs are being read or moved, their colours are
     /// computed, or the light around them is searched for. Normals and radii take longer than people wait, so they do
     /// not count.
     pub fn soon_changes(&self) -> bool {
@@ -109,7 +110,8 @@ impl Loaded {
         let lacks_figures = |entry: &CloudEntry| {
             entry.figures_under_way && entry.figures_basis.as_ref().is_none_or(|basis| !basis.is_read)
         };
-        self.jobs.iter().any(is_read) || self.clouds.iter().any(lacks_figures) || !self.light_search.is_known()
+        let changes = |entry: &CloudEntry| entry.is_placing || lacks_figures(entry);
+        self.jobs.iter().any(is_read) || self.clouds.iter().any(changes) || !self.light_search.is_known()
     }
 
     /// Whether indirect light may stay while points are loaded and removed. At first there is no light that could stay.
@@ -125,15 +127,42 @@ impl Loaded {
             (beside.scene.camera, beside.scene.view_size, beside.scene.settings.stream.clone());
         let mirrors: Vec<_> = beside.mirrors().map(|(_, mirror)| world::mirrors::bound(mirror)).collect();
         let (test, is_alone) = (beside.scene.objects.test(), beside.is_recorded);
+        let asked = self.asked_attributes(beside.scene);
+        self.await_attributes(&asked, beside);
         let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
         let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
-        let hidden: Vec<BTreeSet<usize>> = streaming().map(|job| self.hidden(job)).collect();
+        let clouds: Vec<_> = streaming().map(|job| (self.hidden(job), self.placed(job))).collect();
         let jobs = self.jobs.iter_mut().filter(|job| job.has_streamed);
-        for (job, (hidden, share)) in jobs.zip(hidden.into_iter().zip(shares(&demands))) {
-            let (view, stream, mirrors, test) = (view.clone(), stream.clone(), mirrors.clone(), test.clone());
+        for (job, ((hidden, placed), share)) in jobs.zip(clouds.into_iter().zip(shares(&demands))) {
+            let (view, stream, mirrors) = (view.clone(), stream.clone(), mirrors.clone());
+            let (test, asked) = (test.clone(), asked.clone());
             job.share = share;
-            let view = StreamView { camera, size, view, stream, mirrors, hidden, test, share, is_alone };
+            let view = StreamView { camera, size, view, stream, mirrors, hidden, placed, test, asked, share, is_alone };
             job.look = job.mailbox.set_view(view);
+        }
+    }
+
+    /// The names of the attributes that the colours and filters of the scene ask for.
+    pub fn asked_attributes(&self, scene: &Scene) -> BTreeSet<String> {
+        let own = scene.objects.own_settings.iter().map(|own| &own.settings);
+        let own = own.chain(&self.awaited_settings);
+        world::asked_attributes(&scene.settings, &scene.objects.visibility, own)
+    }
+
+    /// Notes which attributes streamed clouds are to get, and says so where that takes a while.
+    fn await_attributes(&mut self, asked: &BTreeSet<String>, beside: &mut Beside<'_>) {
+        for entry in self.clouds.iter_mut().filter(|entry| entry.is_indexed()) {
+            let is_awaited = |name: &&String| {
+                let is_it = |attribute: &Attribute| attribute.name == **name;
+                !entry.cloud.attributes.iter().any(is_it) && entry.offered().any(is_it)
+            };
+            let awaited: Vec<String> = asked.iter().filter(is_awaited).cloned().collect();
+            let is_more = awaited.iter().any(|name| !entry.awaited.contains(name));
+            if is_more && entry.pages.as_ref().is_some_and(|pages| pages.entry().is_some()) {
+                let (name, awaited) = (&entry.cloud.name, awaited.join(", "));
+                beside.outside.say(Level::Note, format!("{name}: its index is made again, with {awaited}"));
+            }
+            entry.awaited = awaited;
         }
     }
 
@@ -141,6 +170,12 @@ impl Loaded {
     fn hidden(&self, job: &JobEntry) -> BTreeSet<usize> {
         let is_hidden = |key: &CloudKey| self.cloud(*key).is_some_and(|entry| !entry.is_visible);
         job.clouds.iter().filter(|(_, key)| is_hidden(key)).map(|(cloud, _)| *cloud).collect()
+    }
+
+    /// How the clouds of a job are moved, by the job's own cloud numbers.
+    fn placed(&self, job: &JobEntry) -> BTreeMap<usize, Placement> {
+        let placement = |key: &CloudKey| self.cloud(*key)?.placement();
+        job.clouds.iter().filter_map(|(cloud, key)| Some((*cloud, placement(key)?))).collect()
     }
 
     /// The job under way for a cloud, and the cloud's number in that job.
@@ -244,7 +279,7 @@ mod tests {
     use crate::viewer::window::render_thread::{Command, PickPurpose, PickedPoint, Report};
     use crate::viewer::work::Found;
 
-    const GRID: Option<Grid> = Some(Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
+    const GRID: Option<Grid> = Some(Grid::new(DVec3::splat(0.01), DVec3::ZERO));
 
     /// A root of two points with two children of three points each. The first child has no points of its own; its child
     /// holds all three.
@@ -302,9 +337,10 @@ mod tests {
         let mut session = Session::new(Preferences::default());
         session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
         let intensity = Attribute { name: "intensity".into(), column_type: ColumnType::U8 };
-        session.with_loaded(|loaded, beside| loaded.on_loading(0, opened(vec![intensity]), beside));
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, opened(vec![intensity.clone()]), beside));
         let pages = IndexState::Indexed {
             octree: Arc::new(octree()),
+            attributes: vec![intensity],
             grid: GRID,
             was_built: false,
             has_surfels: true,
@@ -545,6 +581,42 @@ mod tests {
         assert!(session.scene.objects.markings.is_empty());
         assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
         assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
+    }
+
+    #[test]
+    fn an_attribute_of_the_file_is_asked_for_when_colours_or_filters_need_it() {
+        let mut session = Session::new(Preferences::default());
+        session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+        let time = Attribute { name: "gps_time".into(), column_type: ColumnType::U8 };
+        let Event::Opened { cloud, mut opened } = opened(Vec::new()) else { panic!("it is opened") };
+        opened.offered = vec![time.clone()];
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Opened { cloud, opened }, beside));
+        let page = |session: &mut Session, attributes: Vec<Attribute>| {
+            let entry = Some(world::IndexEntry { folder: "/cache/0123".into(), bytes: 1 });
+            let (octree, grid) = (Arc::new(octree()), GRID);
+            let pages = IndexState::Indexed { octree, attributes, grid, was_built: false, has_surfels: true, entry };
+            session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Pages { cloud: 0, pages }, beside));
+        };
+        page(&mut session, Vec::new());
+        settle(&mut session);
+        let said = |session: &Session| {
+            let texts = session.outside.messages.all.iter().map(|message| message.text.as_str());
+            texts.filter(|text| text.contains("made again, with gps_time")).count()
+        };
+        let look = session.loaded.jobs[0].look;
+        assert_eq!((said(&session), session.loaded.clouds[0].awaited.len()), (0, 0));
+        session.scene.settings.color.by = scene::ColorBy::GpsTime;
+        settle(&mut session);
+        session.scene.settings.color.low = 0.1;
+        settle(&mut session);
+        assert!(session.loaded.jobs[0].look > look, "a view that asks for more is another one");
+        assert_eq!((said(&session), session.loaded.clouds[0].awaited.as_slice()), (1, &["gps_time".to_owned()][..]));
+        let before = session.loaded.clouds[0].paged_columns();
+        page(&mut session, vec![time]);
+        put(&mut session, 0, &[1.0, 7.0]);
+        settle(&mut session);
+        assert!(session.loaded.clouds[0].awaited.is_empty());
+        assert_eq!((before, session.loaded.clouds[0].paged_columns()), (0, 1), "then its colours are found");
     }
 
     #[test]

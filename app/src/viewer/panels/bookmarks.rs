@@ -1,7 +1,7 @@
 //! The panel of kept views: keeps the view, shows each with its picture, name, note and key, and flies there.
 
 use egui::{RichText, Ui};
-use scene::Bookmark;
+use scene::{Bookmark, CaptureFormat};
 
 use crate::viewer::action::{Action, Film};
 use crate::viewer::input::bindings;
@@ -10,6 +10,14 @@ use crate::viewer::theme;
 
 /// The size of a picture, in points of the window.
 const PICTURE: egui::Vec2 = egui::vec2(80.0, 50.0);
+
+const CAPTURES: [(CaptureFormat, &str, &str); 5] = [
+    (CaptureFormat::Mp4, "MP4", "A film by H.264 where ffmpeg is there, else by AV1"),
+    (CaptureFormat::Av1, "MP4, AV1", "A film that browsers and recent phones play; making it takes long"),
+    (CaptureFormat::H264, "MP4, H.264", "A film for slides and old phones; needs ffmpeg"),
+    (CaptureFormat::Gif, "GIF", "A film of 256 colours a picture, for pages that show no others"),
+    (CaptureFormat::Pictures, "Pictures", "A folder with a PNG file for each frame"),
+];
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut push = |film: Film| actions.push(Action::Film(film));
@@ -25,11 +33,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             push(Film::Toggle);
         }
     });
-    let record = ui.add_enabled(session.filming.live.is_none(), egui::Button::new("Record the window"));
-    let help = format!("A film of all that the window shows, until {} is pressed again", shortcut(Film::Capture));
-    if record.on_hover_text(help).clicked() {
-        push(Film::Capture);
-    }
+    ui.horizontal(|ui| capture(ui, session, &mut push));
     let bookmarks = &session.scene.objects.bookmarks;
     if bookmarks.is_empty() {
         ui.label(RichText::new("No view is kept.").color(theme::WEAK));
@@ -37,6 +41,29 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for (index, bookmark) in bookmarks.iter().enumerate() {
         ui.push_id(index, |ui| ui.horizontal(|ui| row(ui, session, index, bookmark, &mut push)));
     }
+}
+
+/// The button that records the window, and what it is recorded into.
+fn capture(ui: &mut Ui, session: &Session, push: &mut impl FnMut(Film)) {
+    ui.add_enabled_ui(session.filming.live.is_none(), |ui| {
+        let shortcut = bindings::shortcut(&Action::Film(Film::Capture));
+        let help = format!("All that the window shows, until {shortcut} is pressed again");
+        if ui.button("Record the window").on_hover_text(help).clicked() {
+            push(Film::Capture);
+        }
+        let mut format = session.preferences.capture;
+        let name = CAPTURES.iter().find(|(known, ..)| *known == format).map_or("", |(_, name, _)| *name);
+        let combo = egui::ComboBox::from_id_salt("capture").width(90.0).selected_text(name);
+        let list = combo.show_ui(ui, |ui| {
+            for (known, name, help) in CAPTURES {
+                ui.selectable_value(&mut format, known, name).on_hover_text(help);
+            }
+        });
+        list.response.accessible_name("Record the window as");
+        if format != session.preferences.capture {
+            push(Film::CaptureAs(format));
+        }
+    });
 }
 
 fn row(ui: &mut Ui, session: &Session, index: usize, bookmark: &Bookmark, push: &mut impl FnMut(Film)) {

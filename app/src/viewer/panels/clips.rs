@@ -144,7 +144,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut clip: Clip, actions
 fn filter_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let known = &session.scene.objects.visibility.filters;
     let mut names: Vec<&str> = Vec::new();
-    for attribute in session.loaded.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
+    for attribute in session.loaded.clouds.iter().flat_map(|entry| entry.offered()) {
         let name = attribute.name.as_str();
         if !names.contains(&name) && known.iter().all(|filter| filter.attribute != name) {
             names.push(name);
@@ -173,19 +173,19 @@ fn handles_of(session: &Session, attribute: &str) -> Option<(f64, f64)> {
     })
 }
 
-/// A button that hides all points outside of the histogram's handles, or shows them again.
-pub fn range_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    let shown = session.loaded.clouds.iter().filter(|entry| entry.is_visible);
-    let named = |entry: &CloudEntry| {
-        let ColorSource::Column(column) = entry.figures.as_ref()?.plan.source else { return None };
-        Some(entry.cloud.attributes.get(column)?.name.clone())
-    };
-    let Some(attribute) = shown.filter(|entry| entry.figures.is_some()).find_map(named) else { return };
-    let Some((low, high)) = handles_of(session, &attribute) else { return };
+/// A button that hides all points outside of the handles of a cloud's histogram, or shows them again. Returns where the
+/// handles are to be afterwards, as shares of the points.
+pub fn range_button(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Vec<Action>) -> Option<[f32; 2]> {
+    let plan = &entry.figures.as_ref()?.plan;
+    let ColorSource::Column(column) = plan.source else { return None };
+    let attribute = entry.cloud.attributes.get(column)?.name.clone();
+    let (low, high) = (plan.low, plan.high);
     let mut filters = session.scene.objects.visibility.filters.clone();
     let known = filters.iter().position(|filter| filter.attribute == attribute);
     let wanted = ui.horizontal(|ui| {
-        let help = format!("Hides all points whose {attribute} is outside of the handles, as a filter of the tab Data");
+        let help = format!(
+            "Hides the points of all clouds whose {attribute} is outside of the handles, as a filter of the tab Data"
+        );
         if ui.small_button("Show this range only").on_hover_text(help).clicked() {
             known.map(|index| filters.remove(index));
             filters.push(Filter { attribute: attribute.clone(), low, high });
@@ -198,10 +198,9 @@ pub fn range_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         let usual = scene::Color::default();
         all.clicked().then_some((filters, [usual.low, usual.high]))
     });
-    if let Some((filters, [low, high])) = wanted.inner {
-        let set = |name, share| Action::set("color", name, param::Value::F32(share));
-        actions.extend([set("low", low), set("high", high), Action::Clip(Clipping::Filter(filters))]);
-    }
+    let (filters, handles) = wanted.inner?;
+    actions.push(Action::Clip(Clipping::Filter(filters)));
+    Some(handles)
 }
 
 /// The filters, with their ranges. The button takes the range from the histogram's handles.
@@ -254,6 +253,8 @@ mod tests {
 
     use super::*;
     use crate::viewer::loaded::figures::Figures;
+    use crate::viewer::outside::{Asked, Effect};
+    use crate::viewer::work::Work;
 
     fn harness() -> Harness<'static, Session> {
         Harness::builder().with_size([380.0, 900.0]).build_ui_state(
@@ -334,6 +335,28 @@ mod tests {
     }
 
     #[test]
+    fn the_points_that_are_shown_are_saved_where_a_person_says_and_that_is_stopped() {
+        let mut harness = harness();
+        harness.run_ok();
+        harness.get_by_label_contains("Save what is shown").click();
+        harness.run_ok();
+        let proposed = harness.state().outside.effects.iter().find_map(|effect| match effect {
+            Effect::AskPlace(Asked::Points, place) => Some(place.clone()),
+            _ => None,
+        });
+        let place = proposed.expect("a place");
+        assert!(place.ends_with("glint-cloud-1.laz"), "{place:?}");
+        harness.state_mut().act(Action::Export(Export::To(place)));
+        let is_asked = |effect: &Effect| matches!(effect, Effect::Work(Work::Export { .. }));
+        assert_eq!(harness.state().outside.effects.iter().filter(|effect| is_asked(effect)).count(), 1);
+        harness.run_steps(2);
+        harness.get_by_label("Stop").click();
+        harness.run_steps(2);
+        let writing = harness.state().loaded.writing.as_ref().expect("a file that is written");
+        assert!(writing.progress.is_cancelled());
+    }
+
+    #[test]
     fn filters_are_added_and_deleted() {
         let mut harness = harness();
         harness.run_ok();
@@ -360,7 +383,9 @@ mod tests {
         entry.put_late_column(0, [(0, Arc::new(Column::F32(vec![3.0, 7.0])))].into());
         entry.figures = Some(Figures::of(&entry.cloud, &color, &test, up));
         let mut harness = Harness::builder().with_size([380.0, 300.0]).build_ui_state(
-            |ui, session: &mut Session| session.show_and_act(|session, actions| range_button(ui, session, actions)),
+            |ui, session: &mut Session| {
+                session.show_and_act(|session, actions| super::super::colors::show(ui, session, actions));
+            },
             session,
         );
         harness.run_ok();

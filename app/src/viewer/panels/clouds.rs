@@ -1,18 +1,20 @@
 //! The panel that lists the clouds. Each can be shown or hidden, framed and removed, and have a look of its own.
 
 use egui::{RichText, Ui};
+use glam::DVec3;
 use param::Params as _;
 use scene::{CloudSettings, Color, ColorBy};
 
 use crate::viewer::action::Action;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::figures::Figures;
+use crate::viewer::panels::clips::range_button;
 use crate::viewer::panels::colors::histogram;
 use crate::viewer::panels::parameters::parameter;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::theme::grouped;
-use crate::viewer::widgets::{eye, name_label};
+use crate::viewer::widgets::{eye, name_label, three};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for entry in &session.loaded.clouds {
@@ -54,7 +56,9 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 format!(" · {format} {}{point_format}", info.version)
             });
             let streamed = if entry.streamed.is_some() { " · streamed" } else { "" };
-            let line = points + &format.unwrap_or_default() + streamed;
+            // A line of its own would take the keyboard from the numbers below.
+            let moving = if entry.is_placing { " · being moved" } else { "" };
+            let line = points + &format.unwrap_or_default() + streamed + moving;
             ui.label(RichText::new(line).small().color(theme::WEAK));
             let known = |figures: &Figures| (figures.strays.unwrap_or(0), figures.noise.flatten());
             let (strays, noise) = entry.figures.as_ref().map_or((0, None), known);
@@ -74,6 +78,9 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let title = if has_own { title.color(theme::ACCENT) } else { title };
             let section = egui::CollapsingHeader::new(title).id_salt("own look");
             section.show(ui, |ui| own_look(ui, session, entry, actions));
+            let title = RichText::new("Place").small();
+            let title = if entry.placement().is_some() { title.color(theme::ACCENT) } else { title };
+            egui::CollapsingHeader::new(title).id_salt("place").show(ui, |ui| own_place(ui, session, entry, actions));
         });
     }
 }
@@ -89,7 +96,8 @@ fn own_look(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Ve
         attribute_line(ui, entry, &color, &mut own);
     }
     if let Some(figures) = entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty()) {
-        let (low, high) = histogram(ui, figures, color.ramp, color.low, color.high);
+        let dragged = histogram(ui, figures, color.ramp, color.low, color.high);
+        let [low, high] = range_button(ui, session, entry, actions).unwrap_or(dragged.into());
         for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
             if share != before {
                 own.set_color(name, &share.to_string());
@@ -111,6 +119,33 @@ fn own_look(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Ve
     });
     if own != before {
         actions.push(Action::ChangeCloud(entry.key, Box::new(own)));
+    }
+}
+
+/// Where the cloud stands, which its file does not know of. The first turn is about the middle of its points.
+fn own_place(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Vec<Action>) {
+    let mut own = session.loaded.own_settings(entry.key, session.scene.objects.settings_of(entry.key));
+    let step = (entry.bounds.size().max_element() * 1e-4).clamp(1e-4, 1.0);
+    let mut wanted = None;
+    if let Some(shift) = three(ui, "Move", own.shift, step, "") {
+        wanted = Some(CloudSettings { shift, ..own.clone() });
+    }
+    if let Some(turn) = three(ui, "Turn x y z", own.turn, 0.05, "°") {
+        let middle = entry.bounds.center();
+        let middle = entry.placement().map_or(middle, |placement| placement.own_point(middle));
+        wanted = Some(CloudSettings { turn, about: own.about.or(Some(middle)), ..own.clone() });
+    }
+    let is_moved = own.shift != DVec3::ZERO || own.turn != DVec3::ZERO;
+    let back = is_moved && {
+        let button = ui.small_button("As in the file").on_hover_text("Takes back the move and the turn");
+        button.accessible_name(format!("{} as in the file", entry.cloud.name)).clicked()
+    };
+    if back {
+        (own.shift, own.turn, own.about) = (DVec3::ZERO, DVec3::ZERO, None);
+        wanted = Some(own);
+    }
+    if let Some(wanted) = wanted.filter(|wanted| wanted.problem().is_none()) {
+        actions.push(Action::ChangeCloud(entry.key, Box::new(wanted)));
     }
 }
 
@@ -147,7 +182,7 @@ fn attribute_line(ui: &mut Ui, entry: &CloudEntry, color: &Color, own: &mut Clou
         let mut chosen = color.attribute.clone();
         let combo = egui::ComboBox::from_id_salt("own attribute").width(130.0).selected_text(&chosen);
         let shown = combo.show_ui(ui, |ui| {
-            for attribute in &entry.cloud.attributes {
+            for attribute in entry.offered() {
                 ui.selectable_value(&mut chosen, attribute.name.clone(), &attribute.name);
             }
         });
@@ -163,9 +198,11 @@ fn attribute_line(ui: &mut Ui, entry: &CloudEntry, color: &Color, own: &mut Clou
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use cloud::{Attribute, Column, ColumnType};
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use glam::DVec3;
     use scene::Camera;
     use world::Change;
 
@@ -243,6 +280,41 @@ mod tests {
     }
 
     #[test]
+    fn the_range_of_a_clouds_own_histogram_becomes_a_filter_and_leaves_the_views_range_alone() {
+        let mut session = Session::with_two_points();
+        let entry = &mut session.loaded.clouds[0];
+        let attribute = Attribute { name: "intensity".into(), column_type: ColumnType::F32 };
+        entry.cloud.attributes.push(attribute);
+        entry.put_late_column(0, [(0, Arc::new(Column::F32(vec![3.0, 7.0])))].into());
+        let key = entry.key;
+        let mut own = session.loaded.own_settings(key, None);
+        for (name, text) in [("by", "attribute"), ("attribute", "intensity"), ("low", "0.2"), ("high", "0.9")] {
+            own.set_color(name, text);
+        }
+        session.act(Action::ChangeCloud(key, Box::new(own)));
+        with_figures(&mut session);
+        let mut harness = Harness::builder().with_size([320.0, 600.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_ok();
+        harness.get_by_label("Own look").click();
+        harness.run_ok();
+        let range = |harness: &Harness<'_, Session>| {
+            let session = harness.state();
+            let own = session.scene.objects.color_of(key, &session.scene.settings.color);
+            assert_eq!(session.scene.settings.color, Color::default(), "the view's colours stay");
+            (own.low, own.high)
+        };
+        assert_eq!(range(&harness), (0.2, 0.9));
+        harness.get_by_label("Show this range only").click();
+        harness.run_ok();
+        let filters = &harness.state().scene.objects.visibility.filters;
+        assert_eq!((filters.len(), filters[0].attribute.as_str()), (1, "intensity"));
+        assert_eq!(range(&harness), (0.0, 1.0), "the ramp goes over all that is shown");
+    }
+
+    #[test]
     fn points_of_their_own_size_reach_the_render_thread_and_come_back_by_undo() {
         let mut harness = harness();
         let session = harness.state_mut();
@@ -265,6 +337,56 @@ mod tests {
         let own = CloudSettings { size: 0.0, ..session.loaded.own_settings(key, None) };
         session.act(Action::ChangeCloud(key, Box::new(own)));
         assert!(sizes(session).is_empty());
+    }
+
+    #[test]
+    fn a_cloud_is_moved_by_its_own_numbers_and_undo_says_so_and_moves_it_back() {
+        let mut harness = harness();
+        let session = harness.state_mut();
+        let key = session.loaded.clouds[0].key;
+        let before: Vec<DVec3> = (0..2).map(|index| session.loaded.clouds[0].cloud.chunks[0].position(index)).collect();
+        let middle = session.loaded.clouds[0].bounds.center();
+        // Carries out the work that the session asks for; returns the places of the points afterwards.
+        let places = |session: &mut Session| -> Vec<DVec3> {
+            session.with_loaded(Loaded::sync_visibility);
+            for effect in std::mem::take(&mut session.outside.effects) {
+                if let Effect::Work(Work::Place { key, own, placement }) = effect {
+                    session.on_found(Found::Placed { key, moved: own.placed(placement) });
+                }
+            }
+            let chunk = &session.loaded.clouds[0].cloud.chunks[0];
+            (0..2).map(|index| chunk.position(index)).collect()
+        };
+        let (shift, turn) = (DVec3::new(0.0, 0.0, 4.0), DVec3::new(0.0, 0.0, 180.0));
+        let own = session.loaded.own_settings(key, None);
+        let own = CloudSettings { shift, turn, about: Some(middle), ..own };
+        session.act(Action::ChangeCloud(key, Box::new(own.clone())));
+        session.with_loaded(Loaded::sync_visibility);
+        assert!(session.loaded.clouds[0].is_placing && session.loaded.clouds[0].is_busy());
+        let moved = places(session);
+        assert!(!session.loaded.clouds[0].is_placing);
+        for (moved, before) in moved.iter().zip(&before) {
+            let off = *before - middle;
+            let expected = middle + DVec3::new(-off.x, -off.y, off.z + 4.0);
+            assert!(moved.distance(expected) < 1e-6, "{moved} {expected}");
+        }
+        assert!((session.loaded.clouds[0].bounds.center() - middle - shift).length() < 1e-6);
+        // Bad numbers are refused.
+        let odd = CloudSettings { turn: DVec3::NAN, ..own };
+        session.act(Action::ChangeCloud(key, Box::new(odd)));
+        assert_eq!(places(session), moved);
+        session.act(Action::Undo);
+        let told = session.outside.messages.all.last().map(|message| message.text.clone()).unwrap_or_default();
+        assert_eq!((told.as_str(), places(session)), ("Undone: the place of cloud cloud.ply", before.clone()));
+        session.act(Action::Redo);
+        assert_eq!(places(session), moved);
+        harness.run_ok();
+        harness.get_by_label("Place").click();
+        harness.run_ok();
+        harness.get_by_label("cloud.ply as in the file").click();
+        harness.run_ok();
+        assert_eq!(places(harness.state_mut()), before);
+        assert!(harness.state().scene.objects.own_settings.is_empty());
     }
 
     #[test]

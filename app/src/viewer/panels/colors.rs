@@ -36,13 +36,13 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         .clouds
         .iter()
         .filter(|entry| entry.is_visible && has_no_own_color(entry))
-        .find_map(|entry| entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty()));
-    if let Some(figures) = with_ramp {
-        let (low, high) = histogram(ui, figures, color.ramp, color.low, color.high);
+        .find_map(|entry| Some((entry, entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty())?)));
+    if let Some((entry, figures)) = with_ramp {
+        let dragged = histogram(ui, figures, color.ramp, color.low, color.high);
+        let [low, high] = range_button(ui, session, entry, actions).unwrap_or(dragged.into());
         for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
             actions.extend((share != before).then(|| Action::set("color", name, Value::F32(share))));
         }
-        range_button(ui, session, actions);
         parameter(ui, color, "ramp", actions);
     } else if let Some(figures) = session.loaded.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
         ui.label(RichText::new(format!("shown: {}", figures.plan.label)).small().color(theme::WEAK));
@@ -63,7 +63,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut names: Vec<&str> = Vec::new();
-    for attribute in session.loaded.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
+    for attribute in session.loaded.clouds.iter().flat_map(|entry| entry.offered()) {
         if !names.contains(&attribute.name.as_str()) {
             names.push(&attribute.name);
         }
@@ -241,6 +241,73 @@ mod tests {
         harness.get_by_label("All").click();
         harness.run();
         assert!(hidden(&harness).is_empty());
+    }
+
+    #[test]
+    fn the_handles_of_the_histogram_are_dragged_and_reset_and_its_heights_are_by_root_or_logarithm() {
+        // Heights from 0 to 999, and many points in the lowest bin.
+        let height = |index: usize| index.saturating_sub(1000) as f32;
+        let mut session = Session::with_points((0..2000).map(|index| [0.0, 0.0, height(index)]).collect());
+        let color = &mut session.scene.settings.color;
+        (color.by, color.low, color.high) = (ColorBy::Height, 0.0, 1.0);
+        let (color, test, up) = (color.clone(), session.scene.objects.test(), session.up());
+        let entry = &mut session.loaded.clouds[0];
+        entry.figures = Some(Figures::of(&entry.cloud, &color, &test, up));
+        let mut harness = egui_kittest::Harness::builder().with_size([380.0, 300.0]).with_step_dt(0.02).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_ok();
+        let ends = |harness: &egui_kittest::Harness<'_, Session>| {
+            let color = &harness.state().scene.settings.color;
+            [color.low, color.high]
+        };
+        // The histogram is as wide as the panel, below the word that switches its heights.
+        let below = harness.get_by_label("log").rect().bottom() + 40.0;
+        let at = |share: f32| pos2(16.0 + share * (380.0 - 32.0), below);
+        let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+        let press = |harness: &mut egui_kittest::Harness<'_, Session>, pos, pressed| {
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+            harness.run_steps(1);
+        };
+        for (from, to) in [(0.02, 0.3), (0.98, 0.8)] {
+            harness.hover_at(at(from));
+            harness.run_steps(1);
+            press(&mut harness, at(from), true);
+            for step in 1..=4 {
+                harness.hover_at(at(from + (to - from) * step as f32 * 0.25));
+                harness.run_steps(1);
+            }
+            press(&mut harness, at(to), false);
+        }
+        // Half of the points are in the lowest bin.
+        let expected = [0.5 + 0.5 * 0.3, 0.5 + 0.5 * 0.8];
+        let found = ends(&harness);
+        assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 0.02), "{found:?}");
+        let bar_heights = |harness: &egui_kittest::Harness<'_, Session>| -> Vec<f32> {
+            let bars = harness.output().shapes.iter().filter_map(|clipped| match &clipped.shape {
+                egui::Shape::Rect(bar) if bar.rect.width() < 4.0 && bar.rect.height() > 0.0 => Some(bar.rect.height()),
+                _ => None,
+            });
+            bars.collect()
+        };
+        let relative = |heights: Vec<f32>| heights[40] / heights.iter().copied().fold(0.0, f32::max);
+        let by_root = relative(bar_heights(&harness));
+        harness.get_by_label("log").click();
+        harness.run_steps(3);
+        let by_logarithm = relative(bar_heights(&harness));
+        let counts = &harness.state().loaded.clouds[0].figures.as_ref().unwrap().histogram;
+        let (count, most) = (counts[40] as f32, counts[0] as f32);
+        assert!((by_root - (count / most).sqrt()).abs() < 0.01, "{by_root}");
+        assert!((by_logarithm - count.ln_1p() / most.ln_1p()).abs() < 0.01, "{by_logarithm}");
+        // Long enough for the clicks from here on to be a double-click, and no longer one.
+        harness.run_steps(20);
+        harness.hover_at(at(0.5));
+        for pressed in [true, false, true, false] {
+            press(&mut harness, at(0.5), pressed);
+        }
+        let usual = scene::Color::default();
+        assert_eq!(ends(&harness), [usual.low, usual.high]);
     }
 
     #[test]

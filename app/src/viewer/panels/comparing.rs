@@ -45,7 +45,7 @@ fn kept(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
     ui.horizontal(|ui| {
         let help =
-            "Parameters and shown clouds of the kept state become the present ones, and the present ones are kept";
+            "The kept state becomes the present one, with its parameters, lights, clips and shown points, and that is kept";
         button(ui, "Swap", false, is_there, KeptStep::Swap, help);
         button(ui, "Let go", false, is_there, KeptStep::LetGo, "Forgets the kept state");
         let hold = bindings::shortcut(&Action::ShowKept);
@@ -132,7 +132,8 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     };
     ui.horizontal(|ui| {
         let label = name_label(ui, "Points of");
-        let choice = egui::ComboBox::from_id_salt("first cloud").width(180.0).selected_text(&first.cloud.name);
+        let choice =
+            egui::ComboBox::from_id_salt("first cloud").width(180.0).truncate().selected_text(&first.cloud.name);
         let shown = choice.show_ui(ui, |ui| {
             for entry in &loaded.clouds {
                 ui.selectable_value(&mut draft.first, Some(entry.key), &entry.cloud.name);
@@ -211,7 +212,10 @@ fn second(ui: &mut Ui, session: &Session, draft: &mut CompareDraft) {
     };
     ui.horizontal(|ui| {
         let label = name_label(ui, "To");
-        let choice = egui::ComboBox::from_id_salt("second cloud").width(180.0).selected_text(other.unwrap_or("choose"));
+        let choice = egui::ComboBox::from_id_salt("second cloud")
+            .width(180.0)
+            .truncate()
+            .selected_text(other.unwrap_or("choose"));
         let shown = choice.show_ui(ui, |ui| {
             for entry in clouds.iter().filter(|entry| Some(entry.key) != own) {
                 ui.selectable_value(&mut draft.second, Second::Cloud(entry.key), &entry.cloud.name);
@@ -308,5 +312,34 @@ mod tests {
         harness.run_ok();
         let said = harness.state().outside.messages.all.iter().any(|message| message.text.contains("Choose a second"));
         assert!(said && harness.state().loaded.comparisons.under_way.is_none());
+    }
+
+    #[test]
+    fn a_state_is_kept_split_shown_beside_swapped_and_let_go_by_its_buttons() {
+        let mut harness = Harness::builder().with_size([420.0, 700.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            Session::with_two_points(),
+        );
+        let click = |harness: &mut Harness<'static, Session>, label: &str| {
+            harness.run_ok();
+            harness.get_by_label(label).click();
+            harness.run_ok();
+        };
+        let size = |harness: &Harness<'static, Session>| harness.state().scene.settings.splat.size;
+        click(&mut harness, "Split");
+        assert!(!harness.state().kept.is_split, "nothing is kept yet");
+        click(&mut harness, "Keep this state");
+        assert!(harness.state().kept.is_there());
+        harness.state_mut().scene.settings.splat.size = 3.0;
+        click(&mut harness, "Split");
+        assert!(harness.state().kept.is_split && harness.state().kept.is_asked_for());
+        click(&mut harness, "Side by side");
+        assert!(harness.state().kept.is_beside());
+        click(&mut harness, "Swap");
+        assert_eq!(size(&harness), 1.0);
+        click(&mut harness, "Swap");
+        assert_eq!(size(&harness), 3.0);
+        click(&mut harness, "Let go");
+        assert!(!harness.state().kept.is_there() && !harness.state().kept.is_asked_for());
     }
 }

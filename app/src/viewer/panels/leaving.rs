@@ -60,7 +60,8 @@ fn left(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
         ui.label(format!("glint ended unexpectedly {}, with unsaved work on {name}.", abandoned.age()));
         let more = session.document.abandoned.len() - 1;
         if more > 0 {
-            ui.label(RichText::new(format!("{more} more are left.")).small().color(theme::WEAK));
+            let left = if more == 1 { "One more is left.".to_owned() } else { format!("{more} more are left.") };
+            ui.label(RichText::new(left).small().color(theme::WEAK));
         }
         ui.horizontal(|ui| {
             let answers = [
@@ -86,9 +87,33 @@ fn left(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
 #[cfg(test)]
 mod tests {
     use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
 
     use super::*;
     use crate::viewer::interface;
+    use crate::viewer::outside::{Asked, Effect};
+
+    #[test]
+    fn the_question_names_the_scene_and_each_button_answers_it() {
+        let mut harness = Harness::builder().with_size([800.0, 600.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| {
+                session.show_and_act(|session, actions| show(ui.ctx(), session, actions));
+            },
+            Session::with_two_points(),
+        );
+        harness.state_mut().act(Action::AddMirror(scene::Shape::Sphere));
+        for (button, quits) in [("Cancel", false), ("Save", false), ("Discard", true)] {
+            harness.state_mut().act(Action::Quit);
+            harness.run_ok();
+            assert!(harness.query_by_label_contains("This scene, which has no file yet, has changes").is_some());
+            harness.get_by_label(button).click();
+            harness.run_ok();
+            assert_eq!((harness.state().document.asked.is_none(), harness.state().wants_to_quit), (true, quits));
+        }
+        let effects = &harness.state().outside.effects;
+        let asks_place = effects.iter().any(|effect| matches!(effect, Effect::AskPlace(Asked::Scene, _)));
+        assert!(asks_place, "a scene without a file asks for its place");
+    }
 
     #[test]
     fn keys_act_that_follow_the_esc_which_answers_the_question_in_the_same_frame() {

@@ -228,7 +228,8 @@ mod tests {
         let (key, cloud) = (session.loaded.clouds[0].key, session.loaded.clouds[0].cloud.clone());
         let (color, test) = (session.scene.settings.color.clone(), session.scene.objects.test());
         let figures = Box::new(Figures::of(&cloud, &color, &test, DVec3::Z));
-        let basis = Basis { color, test, doublings: 0, is_read: true, late_columns: 0, surfels: 0, rests: 0 };
+        let basis =
+            Basis { color, test, doublings: 0, is_read: true, late_columns: 0, columns: 0, surfels: 0, rests: 0 };
         session.on_found(Found::Figures { key, basis, figures });
         session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
         session

@@ -217,7 +217,7 @@ fn level(ui: &mut Ui, measurement: &mut Measurement, session: &Session) {
             measurement.level = is_level.then(|| heights.fold(f64::INFINITY, f64::min));
         }
         if let Some(level) = &mut measurement.level {
-            ui.add(egui::DragValue::new(level).speed(0.01));
+            ui.add(egui::DragValue::new(level).speed(0.01)).accessible_name("Height of the plane");
         }
     });
 }
@@ -263,7 +263,10 @@ mod tests {
     use world::Part;
 
     use super::*;
+    use crate::viewer::bench::Bench;
+    use crate::viewer::input::lens::Lens;
     use crate::viewer::outside::Effect;
+    use crate::viewer::tools::measurements::Placing;
     use crate::viewer::window::render_thread::{PickPurpose, PickedPoint, Report};
 
     fn harness() -> Harness<'static, Session> {
@@ -353,6 +356,103 @@ mod tests {
         assert_eq!(measurements(&harness)[0].name, "the door");
         let told = &harness.state().outside.messages.all;
         assert!(told.last().is_some_and(|message| message.text == "Undone: measurement the door"), "undo tells");
+    }
+
+    #[test]
+    fn every_kind_of_measurement_is_clicked_and_shows_its_closed_form() {
+        // A triangle of 3, 4 and 5 with a point above it; a slope of 3 in 4; a column with a radius of 2.
+        let mut points = vec![[0.0; 3], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0], [3.0, 4.0, 12.0]];
+        let slope = points.len();
+        for index in 0..400 {
+            let (x, y) = ((index % 20) as f32 * 0.2, (index / 20) as f32 * 0.2);
+            points.push([100.0 + x, y, x * 0.75]);
+        }
+        let column = points.len();
+        for index in 0..400 {
+            let turn = (index % 40) as f32 * std::f32::consts::TAU / 40.0;
+            points.push([200.0 + 2.0 * turn.cos(), 2.0 * turn.sin(), (index / 40) as f32 * 0.25]);
+        }
+        let mut session = Session::with_points(points);
+        session.scene.view_size = [400, 300];
+        let mut harness = Harness::builder().with_size([380.0, 2600.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_ok();
+        let (corner, far) = (slope, slope + 399);
+        let (along, across) = (slope + 19, slope + 380);
+        let slant = 0.75_f64.atan().to_degrees();
+        // Under the slope of 3.8 by 3.8, whose mean height is 0.75 * 1.9.
+        let volume = 3.8 * 3.8 * 0.75 * 1.9;
+        // The button, the points that are clicked, the reach, and a value by its name.
+        type Case<'a> = (&'a str, &'a [usize], Option<f64>, &'a str, f64);
+        let kinds: [Case<'_>; 10] = [
+            ("point (Alt+1)", &[2], None, "y", 4.0),
+            ("distance (Alt+2)", &[0, 3], None, "distance", 13.0),
+            ("polyline (Alt+3)", &[0, 1, 2], None, "length", 7.0),
+            ("height (Alt+4)", &[2, 3], None, "height", 12.0),
+            ("angle (Alt+5)", &[1, 0, 2], None, "angle", (4.0_f64 / 3.0).atan().to_degrees()),
+            ("area (Alt+6)", &[0, 1, 2], None, "area", 6.0),
+            ("plane (Alt+7)", &[corner, far], Some(9.0), "dip", slant),
+            ("circle (Alt+8)", &[0, 1, 2], None, "radius", 2.5),
+            ("cylinder (Alt+9)", &[column, column + 399], Some(5.0), "radius", 2.0),
+            ("volume (Alt+0)", &[corner, along, far, across], None, "volume", volume),
+        ];
+        for (index, (label, clicks, reach, name, expected)) in kinds.into_iter().enumerate() {
+            choose(&mut harness, label);
+            let session = harness.state_mut();
+            clicks.iter().for_each(|point| click(session, Some(*point)));
+            if session.tools.measurements.placing.is_some() {
+                session.act(Action::Measuring(Measuring::End));
+            }
+            let placed = session.scene.objects.measurements[index].clone();
+            let level = (placed.measurement.kind == MeasurementKind::Volume).then_some(0.0);
+            let changed = Measurement { reach, level, ..placed.measurement };
+            session.act(Action::ChangeObject(placed.id, Box::new(Object::Measurement(changed))));
+            (0..3).for_each(|_| work(session));
+            let figures = session.tools.measurements.figures(placed.id).cloned();
+            let figures = figures.unwrap_or_else(|| panic!("{label}: no values"));
+            let figures = figures.unwrap_or_else(|problem| panic!("{label}: {problem}"));
+            let figure = figures.iter().find(|figure| figure.name == name);
+            let figure = figure.unwrap_or_else(|| panic!("{label}: {figures:?}"));
+            let tolerance = if name == "volume" { 0.02 * volume } else { 1e-4 };
+            assert!((figure.value - expected).abs() < tolerance, "{label}: {figure:?}, expected {expected}");
+        }
+        harness.run_ok();
+        for shown in ["13", "12"] {
+            assert!(harness.query_all_by_label_contains(shown).count() > 0, "{shown} is not in the list");
+        }
+    }
+
+    #[test]
+    fn a_click_where_handles_would_be_is_a_corner_while_something_is_placed() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let session = &mut bench.session;
+        let placed = session.scene.objects.mirrors[0].clone();
+        let request = session.frames.shown.as_ref().map(|shown| shown.request.clone()).unwrap();
+        let lens = Lens::new(&request.camera, &request.settings.view, request.size);
+        let (origin, direction) = lens.ray(glam::DVec2::new(32.0, 24.0));
+        let mirror = scene::Mirror { position: origin + direction * 2.0, ..placed.mirror };
+        session.act(Action::ChangeObject(placed.id, Box::new(Object::Mirror(mirror.clone()))));
+        session.act(Action::Select(Some(placed.id)));
+        session.act(Action::Measuring(Measuring::Begin(MeasurementKind::Distance)));
+        let mut harness = Harness::builder()
+            .with_size([1100.0, 800.0])
+            .with_max_steps(16)
+            .build_ui_state(|ui, bench: &mut Bench| bench.show(ui), bench);
+        harness.run_ok();
+        let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+        let pos = egui::pos2(310.0 + 395.0, 386.0);
+        harness.event(egui::Event::PointerMoved(pos));
+        harness.run_ok();
+        for pressed in [true, false] {
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+            harness.run_ok();
+        }
+        let session = &harness.state().session;
+        assert!(session.tools.measurements.placing.as_ref().is_some_and(Placing::has_begun), "the click is a corner");
+        assert_eq!(session.scene.objects.mirrors[0].mirror.position, mirror.position);
     }
 
     #[test]

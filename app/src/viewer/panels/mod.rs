@@ -28,3 +28,4 @@ pub mod timeline;
 pub mod timings;
 pub mod truth;
 pub mod tuning;
+pub mod wipe;

@@ -1,15 +1,15 @@
 //! The command palette: a list of all actions that have a key, of the tabs and of all parameters. A person types part
 //! of a name, and Enter does it or goes to it.
 
-use egui::{Key, Modifiers, RichText};
-use scene::Settings;
-
-use crate::viewer::action::Action;
+use crate::viewer::action::{Action, Clipping, Profiling};
 use crate::viewer::input::bindings::{self, BINDINGS, Trigger};
+use crate::viewer::objects::PlacedProfile;
 use crate::viewer::panels::{parameters, side};
 use crate::viewer::session::Session;
 use crate::viewer::tab::Tab;
 use crate::viewer::theme;
+use egui::{Key, Modifiers, RichText};
+use scene::ClipShape;
 
 /// A row of the palette.
 struct Entry {
@@ -25,8 +25,8 @@ struct Entry {
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(before) = &session.palette else { return };
     let mut palette = before.clone();
-    let entries = found(&palette.text, &session.scene.settings);
-    palette.chosen = palette.chosen.min(entries.len().saturating_sub(1));
+    let mut rows = found(&palette.text, entries(session));
+    palette.chosen = palette.chosen.min(rows.len().saturating_sub(1));
     let (mut run, mut is_open) = (None, true);
     egui::Window::new("Command palette")
         .title_bar(false)
@@ -37,7 +37,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
             // The arrows belong to the list, not to the text.
             for (key, step) in [(Key::ArrowDown, 1), (Key::ArrowUp, -1), (Key::PageDown, 8), (Key::PageUp, -8)] {
                 if ui.input_mut(|input| input.consume_key(Modifiers::NONE, key)) {
-                    let last = entries.len().saturating_sub(1);
+                    let last = rows.len().saturating_sub(1);
                     palette.chosen = palette.chosen.saturating_add_signed(step).min(last);
                 }
             }
@@ -48,15 +48,17 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
                 response.request_focus();
             }
             if response.changed() {
+                // Enter may come in the same frame of the window as the last letters.
+                rows = found(&palette.text, entries(session));
                 palette.chosen = 0;
             }
             if response.lost_focus() {
                 is_open = false;
                 if ui.input(|input| input.key_pressed(Key::Enter)) {
-                    run = entries.get(palette.chosen).map(|entry| entry.action.clone());
+                    run = rows.get(palette.chosen).map(|entry| entry.action.clone());
                 }
             }
-            run = list(ui, &entries, palette.chosen, palette != *before).or(run.take());
+            run = list(ui, &rows, palette.chosen, palette != *before).or(run.take());
             ui.label(RichText::new("Up and Down choose, Enter does it, Esc closes").small().color(theme::WEAK));
         });
     if let Some(run) = run {
@@ -102,7 +104,7 @@ fn list(ui: &mut egui::Ui, entries: &[Entry], chosen: usize, has_changed: bool) 
 
 /// The rows that have all words of the search: first those that have them in what is read, and then those that have
 /// them in their help.
-fn found(search: &str, settings: &Settings) -> Vec<Entry> {
+fn found(search: &str, entries: Vec<Entry>) -> Vec<Entry> {
     let search = search.to_lowercase();
     let rank = |entry: &Entry| {
         let read = format!("{} {}", entry.text, entry.detail).to_lowercase();
@@ -115,14 +117,13 @@ fn found(search: &str, settings: &Settings) -> Vec<Entry> {
             () => None,
         }
     };
-    let mut found: Vec<(u8, Entry)> =
-        entries(settings).into_iter().filter_map(|entry| Some((rank(&entry)?, entry))).collect();
+    let mut found: Vec<(u8, Entry)> = entries.into_iter().filter_map(|entry| Some((rank(&entry)?, entry))).collect();
     found.sort_by_key(|(rank, _)| *rank);
     found.into_iter().map(|(_, entry)| entry).collect()
 }
 
-/// All rows: actions that a key does at once, tabs, parameters.
-fn entries(settings: &Settings) -> Vec<Entry> {
+/// All rows: actions that a key does at once, those with the profiles of the scene, tabs, parameters.
+fn entries(session: &Session) -> Vec<Entry> {
     let mut entries: Vec<Entry> = Vec::new();
     for binding in BINDINGS {
         let is_at_once = matches!(binding.trigger, Trigger::Key(..) | Trigger::Numpad(..));
@@ -137,11 +138,20 @@ fn entries(settings: &Settings) -> Vec<Entry> {
             });
         }
     }
+    // What the menu adds and no key does.
+    let shapes = [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab];
+    entries.extend(shapes.map(|shape| Entry {
+        text: format!("Clips: {} about everything", shape.name()),
+        detail: String::new(),
+        help: "Shows the points inside of it",
+        action: Action::Clip(Clipping::AroundAll(shape)),
+    }));
+    entries.extend(of_profiles(session));
     for tab in Tab::ALL {
         let text = format!("Tab: {}", tab.name());
         entries.push(Entry { text, detail: String::new(), help: tab.help(), action: Action::OpenTab(tab) });
     }
-    for params in settings.groups() {
+    for params in session.scene.settings.groups() {
         let group = params.group();
         for field in &group.fields {
             let key = format!("{}.{}", group.name, field.name);
@@ -152,10 +162,38 @@ fn entries(settings: &Settings) -> Vec<Entry> {
     entries
 }
 
+/// What can be done with the profiles of the scene, and with the one in view.
+fn of_profiles(session: &Session) -> Vec<Entry> {
+    let tool = &session.tools.profiles;
+    let entry = |text: String, help, step| {
+        let (text, detail) = (format!("Profiles: {text}"), String::new());
+        Entry { text, detail, help, action: Action::Profile(step) }
+    };
+    let look = |one: &PlacedProfile| {
+        let help = "Shows its points by distance along and height";
+        entry(format!("{} from the side", one.profile.name), help, Profiling::Look(Some(one.id)))
+    };
+    let mut entries: Vec<Entry> = session.scene.objects.profiles.iter().map(look).collect();
+    if let Some(profile) = tool.profile(&session.scene) {
+        let name = &profile.name;
+        for ending in ["csv", "laz", "png", "svg"] {
+            let text = format!("save {name} as {}", ending.to_uppercase());
+            entries.push(entry(text, "Writes its points, or a chart of them", Profiling::Save(ending)));
+        }
+        let (ruler, together) = (tool.ruler.is_none(), !tool.is_together);
+        entries.push(entry("ruler".into(), "Measures between two clicks", Profiling::Ruler(ruler)));
+        entries.push(entry("all in one chart".into(), "Shows the others behind it", Profiling::Together(together)));
+        entries.push(entry(format!("close {name}"), "Closes the chart", Profiling::Look(None)));
+    }
+    entries
+}
+
 #[cfg(test)]
 mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use glam::DVec3;
+    use scene::{Object, Profile};
 
     use super::*;
     use crate::viewer::interface;
@@ -185,18 +223,18 @@ mod tests {
 
     #[test]
     fn every_action_with_a_key_and_every_parameter_is_found_by_its_name() {
-        let settings = Settings::default();
+        let session = Session::new(Preferences::default());
         for binding in BINDINGS {
             let is_at_once = matches!(binding.trigger, Trigger::Key(..) | Trigger::Numpad(..));
             let is_left_out = matches!(binding.action, Action::PasteView | Action::TogglePalette);
-            let is_found = || found(binding.text, &settings).iter().any(|entry| entry.action == binding.action);
+            let is_found = || found(binding.text, entries(&session)).iter().any(|entry| entry.action == binding.action);
             assert!(!is_at_once || is_left_out || is_found(), "{}", binding.text);
         }
-        for params in settings.groups() {
+        for params in session.scene.settings.groups() {
             for field in &params.group().fields {
                 let key = format!("{}.{}", params.group().name, field.name);
                 let action = Action::FindParameter(key.clone());
-                assert!(found(&key, &settings).first().is_some_and(|entry| entry.action == action), "{key}");
+                assert!(found(&key, entries(&session)).first().is_some_and(|entry| entry.action == action), "{key}");
             }
         }
     }
@@ -220,12 +258,47 @@ mod tests {
     }
 
     #[test]
+    fn letters_that_come_in_one_frame_with_enter_count() {
+        let mut harness = harness();
+        harness.key_press_modifiers(Modifiers::COMMAND, Key::P);
+        harness.run_ok();
+        let enter = |pressed| egui::Event::Key {
+            key: Key::Enter,
+            physical_key: None,
+            pressed,
+            repeat: false,
+            modifiers: Modifiers::NONE,
+        };
+        harness.input_mut().events = vec![egui::Event::Text("tab: streaming".into()), enter(true), enter(false)];
+        harness.step();
+        harness.run_ok();
+        assert_eq!(harness.state().preferences.tab, "Streaming");
+        assert!(harness.state().palette.is_none());
+    }
+
+    #[test]
     fn a_parameter_is_gone_to_though_its_panel_and_its_method_are_folded() {
         let mut harness = harness();
         harness.state_mut().act(Action::TogglePanel);
         command(&mut harness, "sscr.seed_attempts");
         assert!(harness.state().preferences.panel_is_open);
         assert!(harness.query_all_by_label("Seed attempts").next().is_some());
+    }
+
+    #[test]
+    fn a_profile_is_shown_from_the_side_and_saved() {
+        let mut harness = harness();
+        let session = harness.state_mut();
+        let id = session.scene.next_object_id();
+        let profile = Profile { name: "north wall".into(), ..Profile::new(vec![DVec3::ZERO, DVec3::X], 0.5) };
+        session.scene.place(id, Object::Profile(profile), &mut session.outside);
+        assert!(found("save as csv", entries(session)).is_empty(), "none is in view");
+        command(&mut harness, "north side");
+        assert_eq!(harness.state().tools.profiles.in_view, Some(id));
+        let save = found("save as csv", entries(harness.state())).remove(0);
+        assert_eq!(save.action, Action::Profile(Profiling::Save("csv")));
+        command(&mut harness, "profiles: all in one");
+        assert!(harness.state().tools.profiles.is_together);
     }
 
     #[test]

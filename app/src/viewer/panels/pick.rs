@@ -48,10 +48,10 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         Some(Err(error)) => {
             ui.colored_label(theme::ERROR, error);
         }
-        Some(Ok(record)) => {
+        Some(Ok(_)) => {
             egui::ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
                 egui::Grid::new("record").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
-                    for (name, value) in record.iter().chain(&pick.added) {
+                    for (name, value) in pick.attributes() {
                         ui.label(RichText::new(name).size(12.0));
                         ui.add(egui::Label::new(RichText::new(value).monospace().size(11.5)).selectable(true));
                         ui.end_row();
@@ -87,7 +87,9 @@ mod tests {
     use crate::viewer::window::render_thread::PickedPoint;
 
     fn pick(world: DVec3) -> Pick {
-        let record = Some(Ok(vec![("intensity".into(), "1234".into())]));
+        // The coordinates of the file, and a column of another thing that has the name of one.
+        let record = [("X", "3"), ("y", "0.0"), ("Z", "-400"), ("intensity", "1234")];
+        let record = Some(Ok(record.map(|(name, value)| (name.into(), value.into())).to_vec()));
         Pick {
             point: PickedPoint { chunk: CloudKey(0).chunk(Part::Block(0)), index: 77 },
             number: 77,
@@ -110,12 +112,16 @@ mod tests {
         harness.run();
         assert!(harness.query_by_label("3  0  -4").is_some());
         assert!(harness.query_by_label("1234").is_some() && harness.query_by_label("0.25").is_some());
+        let is_listed = |name: &str| harness.query_by_label(name).is_some();
+        assert_eq!(["X", "y", "Z"].map(is_listed), [false, false, true], "the coordinates stand above");
         harness.get_by_label("Copy").click();
         harness.run();
         let copied = harness.state().outside.effects.iter().find_map(|effect| match effect {
             Effect::Copy(text) => Some(text.clone()),
             _ => None,
         });
-        assert!(copied.is_some_and(|text| text.contains("point 77\t3\t0\t-4\nintensity\t1234\ndistance\t0.25\n")));
+        assert!(
+            copied.is_some_and(|text| text.contains("point 77\t3\t0\t-4\nZ\t-400\nintensity\t1234\ndistance\t0.25\n"))
+        );
     }
 }

@@ -7,6 +7,7 @@ use glam::DVec3;
 use measure::Section;
 use scene::{Object, Profile};
 
+use crate::profile_chart;
 use crate::viewer::action::{Action, Measuring, Profiling};
 use crate::viewer::input::bindings;
 use crate::viewer::objects::{ObjectId, PlacedProfile};
@@ -163,11 +164,12 @@ fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec
             actions.push(Action::Profile(Profiling::Together(!tool.is_together)));
         }
         ui.separator();
+        let of = if tool.is_together { "all profiles that are shown" } else { "the profile" };
         for (ending, help) in [
-            ("csv", "Writes the points of the files that are in the profile as a table"),
-            ("laz", "Writes the points of the files that are in the profile, with all attributes"),
-            ("png", "Writes a chart of the points that were found"),
-            ("svg", "Writes a chart of the points that were found"),
+            ("csv", format!("Writes the points of the files that are in {of} as a table")),
+            ("laz", format!("Writes the points of the files that are in {of}, with all attributes")),
+            ("png", format!("Writes a chart of the points that were found in {of}")),
+            ("svg", format!("Writes a chart of the points that were found in {of}")),
         ] {
             let button = ui.add_enabled(!tool.is_writing, egui::Button::new(ending.to_uppercase()).small());
             if button.on_hover_text(help).clicked() {
@@ -204,6 +206,9 @@ fn status(ui: &mut Ui, session: &Session) {
     } else {
         format!("{} points", grouped(slice.total))
     };
+    let others = &session.tools.profiles.others;
+    let all = slice.total + others.iter().map(|(_, other)| other.total).sum::<u64>();
+    let count = if others.is_empty() { count } else { format!("{count}, {} with the others", grouped(all)) };
     let is_streamed = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
     let loaded = if is_streamed { " that are loaded" } else { "" };
     let help = format!(
@@ -284,10 +289,8 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
     }
 }
 
-/// The colour of a profile behind the one in view: along a ramp, in the order of the list.
 fn color_behind(index: usize, count: usize) -> Color32 {
-    let place = (index as f32 + 0.5) / count.max(1) as f32;
-    let [red, green, blue, _] = render::ramp_colors(scene::Ramp::Turbo)[(place * 255.0) as usize];
+    let [red, green, blue] = profile_chart::color_behind(index, count);
     Color32::from_rgb(red, green, blue)
 }
 
@@ -357,6 +360,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::outside::Effect;
+    use crate::viewer::tools::slices::ProfileWork;
     use crate::viewer::window::render_thread::{PickPurpose, PickedPoint, Report};
     use crate::viewer::work::Work;
 
@@ -397,6 +401,71 @@ mod tests {
 
     fn total(session: &Session) -> u64 {
         session.tools.profiles.slice.as_ref().unwrap().as_ref().unwrap().total
+    }
+
+    /// A click as egui takes it: the button goes down in one frame and up in another.
+    fn click_at(harness: &mut Harness<'static, Session>, pos: Pos2) {
+        let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+        harness.hover_at(pos);
+        harness.run_steps(2);
+        for pressed in [true, false] {
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+            harness.run_steps(2);
+        }
+    }
+
+    #[test]
+    fn the_mouse_points_at_points_of_the_chart_picks_them_and_measures_between_them() {
+        let mut harness = harness();
+        harness.run_ok();
+        let session = harness.state_mut();
+        session.act(Action::Measuring(Measuring::BeginProfile));
+        click(session, 0);
+        click(session, 1);
+        session.act(Action::Measuring(Measuring::End));
+        work(session);
+        let Some(Ok(slice)) = session.tools.profiles.slice.clone() else { panic!("no points") };
+        harness.run_steps(5);
+        // Each dot of the chart is a square of four corners.
+        let dots: Vec<Pos2> = harness
+            .output()
+            .shapes
+            .iter()
+            .filter_map(|clipped| match &clipped.shape {
+                Shape::Mesh(mesh) if mesh.vertices.len() == 4 * slice.points.len() => Some(mesh),
+                _ => None,
+            })
+            .flat_map(|mesh| mesh.vertices.chunks(4).map(|dot| dot[0].pos.lerp(dot[3].pos, 0.5)))
+            .collect();
+        assert_eq!(dots.len(), 2, "the chart has the points of the profile");
+        let hovered = |harness: &Harness<'_, Session>| harness.state().tools.profiles.hovered;
+        for (at, point) in dots.iter().zip(&slice.points) {
+            harness.hover_at(*at + vec2(3.0, -3.0));
+            harness.run_steps(2);
+            assert_eq!(hovered(&harness), Some(point.point));
+        }
+        harness.hover_at(dots[0].lerp(dots[1], 0.5));
+        harness.run_steps(2);
+        assert_eq!(hovered(&harness), None, "there is no point between them");
+        click_at(&mut harness, dots[1]);
+        let picked = |harness: &Harness<'_, Session>| harness.state().tools.pick.as_ref().map(|pick| pick.point);
+        assert_eq!(picked(&harness), Some(slice.points[1].point));
+        // With the ruler, clicks measure and pick nothing.
+        harness.get_by_label("Ruler").click();
+        harness.run_steps(3);
+        for at in [dots[0] + vec2(-2.0, 2.0), dots[1] + vec2(2.0, 2.0)] {
+            click_at(&mut harness, at);
+            harness.run_steps(20);
+        }
+        let ends: Vec<[f64; 2]> = slice.points.iter().map(|point| [point.dot.along, point.dot.height]).collect();
+        assert_eq!(harness.state().tools.profiles.ruler, Some(ends), "its ends snap to the points");
+        assert_eq!(picked(&harness), Some(slice.points[1].point));
+        let length = format!("{:.4}   along", 200_f64.sqrt());
+        let texts = harness.output().shapes.iter().filter_map(|clipped| match &clipped.shape {
+            Shape::Text(text) => Some(text.galley.text().to_owned()),
+            _ => None,
+        });
+        assert_eq!(texts.filter(|text| text.starts_with(&length)).count(), 1, "the chart tells the length");
     }
 
     #[test]
@@ -456,6 +525,24 @@ mod tests {
         session.act(Action::ChangeObject(second.id, Box::new(Object::Profile(wide))));
         work(session);
         assert_eq!((of_others(session)[0].1, total(session)), (2, 2));
+        // What is saved is what is shown together.
+        let mut saved = |ending: &'static str| {
+            session.act(Action::Profile(Profiling::Save(ending)));
+            session.tools.profiles.is_writing = false;
+            let saved = session.outside.effects.pop();
+            match saved {
+                Some(Effect::Work(Work::Profile(work))) => match *work {
+                    ProfileWork::Write { profiles, .. } => profiles.into_iter().map(|one| one.name).collect(),
+                    ProfileWork::Draw { name, others, .. } => {
+                        std::iter::once(name).chain(others.iter().map(|(name, _)| name.clone())).collect()
+                    }
+                    ProfileWork::Cut { .. } => Vec::new(),
+                },
+                _ => Vec::new(),
+            }
+        };
+        let together: Vec<String> = std::iter::once(&placed.profile.name).chain(&names).cloned().collect();
+        assert_eq!((saved("csv"), saved("svg")), (together.clone(), together));
         session.act(Action::Undo);
         session.act(Action::Profile(Profiling::Together(false)));
         work(session);

@@ -132,20 +132,24 @@ pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         _ if under_way.is_stopping => "recording: stopping".to_owned(),
         None => "recording: starting".to_owned(),
         Some(stage) => {
+            let rate = under_way.rate(session.outside.now).map_or(String::new(), |rate| match rate {
+                _ if rate >= 1e4 => format!(", {:.2} M/s", rate / 1e6),
+                _ => format!(", {rate:.2}/s"),
+            });
             let left = under_way.seconds_left(session.outside.now).map_or(String::new(), |seconds| match seconds {
                 _ if seconds >= 90.0 => format!(", {:.0} min left", (seconds / 60.0).ceil()),
                 _ => format!(", {seconds:.0} s left"),
             });
-            format!("{} {}: {} of {}{left}", stage.task, under_way.output, stage.done, stage.total)
+            format!("{}: {}, {} of {}{rate}{left}", under_way.output, stage.task, stage.done, stage.total)
         }
     };
-    ui.label(text);
-    if let Some(stage) = under_way.stage.as_ref().filter(|stage| stage.total > 0) {
-        progress_bar(ui, (stage.done as f32 / stage.total as f32).min(1.0));
-    }
+    // The text changes its length: before it, the button keeps its place.
     let stop = ui.add_enabled(!under_way.is_stopping, egui::Button::new("Stop recording").small());
     if stop.on_hover_text("What is recorded stays; the same recording goes on from there").clicked() {
         actions.push(Action::Film(Film::StopRecording));
     }
+    let total = under_way.stage.as_ref().filter(|stage| stage.total > 0);
+    progress_bar(ui, total.map_or(0.0, |stage| (stage.done as f32 / stage.total as f32).min(1.0)));
+    ui.label(text);
     ui.ctx().request_repaint_after(std::time::Duration::from_millis(200));
 }

@@ -247,7 +247,15 @@ mod tests {
         let nodes = vec![node(0, None), node(1, Some(0))];
         let octree = stream::Octree { corner: glam::DVec3::ZERO, width: 1.0, spacing: 1.0, nodes };
         let kept = Some(IndexEntry { folder: "/cache/0123".into(), bytes: 1_700_000 });
-        IndexState::Indexed { octree: Arc::new(octree), grid: None, was_built: true, has_surfels, entry: kept }
+        let attributes = Vec::new();
+        IndexState::Indexed {
+            octree: Arc::new(octree),
+            attributes,
+            grid: None,
+            was_built: true,
+            has_surfels,
+            entry: kept,
+        }
     }
 
     fn harness(session: Session) -> Harness<'static, Session> {

@@ -1,14 +1,20 @@
 //! The timeline below the picture: a lane for the keyframes of the camera, one for captions, and one for each track.
 //! Keys are dragged along their lanes; a click selects one, and shows its time.
 
-use egui::{Align2, Color32, FontId, Frame, Panel, Rect, Response, RichText, Sense, Stroke, Ui, pos2, vec2};
-use scene::{CameraPath, Caption, Ease, Motion};
+use egui::containers::menu::{MenuButton, MenuConfig};
+use egui::{
+    Align2, Color32, DragValue, FontId, Frame, Panel, PopupCloseBehavior, Rect, Response, RichText, Sense, Stroke, Ui,
+    pos2, vec2,
+};
+use scene::{CameraPath, Caption, Ease, Motion, WIPE};
 
 use crate::viewer::action::{Action, Film, PathPreset};
 use crate::viewer::input::bindings;
-use crate::viewer::panels::captions;
+use crate::viewer::panels::{captions, wipe};
 use crate::viewer::session::Session;
 use crate::viewer::theme;
+use crate::viewer::tools::measurements::units;
+use crate::viewer::widgets::name_label;
 
 /// The height of a lane, and the width of what stands before it, in points of the window.
 const LANE: f32 = 20.0;
@@ -20,21 +26,27 @@ const CAPTION_SECONDS: f64 = 3.0;
 /// Half of the width of a key's mark.
 const MARK: f32 = 5.5;
 
-const PRESETS: [(PathPreset, &str, &str); 7] = [
+const PRESETS: [(PathPreset, &str, &str); 9] = [
     (PathPreset::View, "From this view", "One keyframe; move on and add others"),
     (PathPreset::Bookmarks, "Through the bookmarks", "All kept views, two seconds apart"),
     (PathPreset::Turntable, "Turntable", "Once around what the camera looks at, in ten seconds"),
     (PathPreset::Orbit, "Orbit of the selection", "Around the selected mirror, light or clip, rising and sinking"),
-    (
-        PathPreset::Polyline,
-        "Along the measurement",
-        "1.7 units above the points of the selected measurement, in ten seconds",
-    ),
+    (PathPreset::Polyline, "Along the measurement", "Above the points of the selected measurement, in ten seconds"),
     (PathPreset::MirrorSweep, "Mirror sweep", "The selected mirror crosses the view and comes back"),
     (
         PathPreset::MethodTour,
         "Method tour",
         "Every reflection method for two seconds, with its name, and with its time and error where the tuning chart has them",
+    ),
+    (
+        PathPreset::WipeToTruth,
+        "Wipe: method | truth",
+        "A line crosses the picture: the present method on its left, what the ray tracer finds on its right",
+    ),
+    (
+        PathPreset::WipeFromKept,
+        "Wipe: kept | now",
+        "A line crosses the picture: the kept state (Measure, Compare) on its left, the present one on its right",
     ),
 ];
 const EASES: [(Ease, &str, &str); 4] = [
@@ -80,6 +92,7 @@ fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         let end = changed.duration();
         changed.captions.get_mut(index).into_iter().for_each(|caption| captions::row(ui, caption, end));
     }
+    wipe::row(ui, session, &mut changed);
     lanes(ui, session, &mut changed, &mut selected, &mut push);
     ui.data_mut(|data| data.insert_temp(known, selected));
     if changed != *path {
@@ -110,12 +123,28 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
         });
         list.response.accessible_name("Path");
     }
-    ui.menu_button("New", |ui| {
+    // A click on the number within it leaves the menu open.
+    let menu = MenuConfig::new().close_behavior(PopupCloseBehavior::CloseOnClickOutside);
+    MenuButton::new("New").config(menu).ui(ui, |ui| {
         for (preset, name, help) in PRESETS {
             if ui.button(name).on_hover_text(help).clicked() {
                 push(Film::Add(preset));
+                ui.close();
             }
         }
+        ui.separator();
+        ui.horizontal(|ui| {
+            let label = name_label(ui, "Height above a measurement");
+            let units = units(&session.loaded);
+            let unit = units.height.or(units.level).map_or(String::new(), |unit| format!(" {unit}"));
+            let before = session.filming.height(&units);
+            let mut height = before;
+            let drag = DragValue::new(&mut height).range(-1e6..=1e6).speed(before.abs().max(0.1) * 0.01).suffix(unit);
+            ui.add(drag).labelled_by(label.id);
+            if height != before {
+                push(Film::FlyAt(height));
+            }
+        });
     });
     if let Some(path) = path {
         let shortcut = bindings::shortcut(&Action::Film(Film::Play));
@@ -141,10 +170,12 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
         if ui.small_button("×").on_hover_text("Close the timeline").accessible_name("Close the timeline").clicked() {
             push(Film::Toggle);
         }
-        if path.is_some() && session.filming.recording.under_way.is_none() {
-            let record =
-                ui.button("Record…").on_hover_text("A film or pictures of this path, as `glint record` makes them");
-            if record.clicked() {
+        if path.is_some() {
+            // It keeps its place meanwhile, so that nothing else comes under the mouse.
+            let is_free = session.filming.recording.under_way.is_none();
+            let record = ui.add_enabled(is_free, egui::Button::new("Record…"));
+            let record = record.on_hover_text("A film or pictures of this path, as `glint record` makes them");
+            if record.on_disabled_hover_text("A recording is under way").clicked() {
                 push(Film::AskRecording);
             }
         }
@@ -188,6 +219,7 @@ fn options(
         *selected = Some(Selected::Caption(path.captions.len()));
         path.captions.push(Caption::new("Caption".into(), time, Some(time + CAPTION_SECONDS)));
     }
+    wipe::add(ui, session, path, push);
     let mut ease = path.ease;
     ease_menu(ui, "Camera", &mut ease);
     if ease != path.ease {
@@ -264,8 +296,14 @@ fn keys_menu(ui: &mut Ui, session: &Session, push: &mut impl FnMut(Film)) {
             push(Film::Key(key.clone()));
         }
     }
+    let path = session.filming.timeline.path(&session.scene);
+    if path.is_some_and(|path| !path.states.is_empty())
+        && ui.button(WIPE).on_hover_text("The line between the states, where it is now").clicked()
+    {
+        push(Film::Key(WIPE.into()));
+    }
     if of_object.is_empty() {
-        ui.label(RichText::new("Select a mirror, a light or a clip for its values.").color(theme::WEAK));
+        ui.label(RichText::new("Select a mirror, a light, a clip or a profile for its values.").color(theme::WEAK));
     }
     ui.separator();
     for params in session.scene.settings.groups() {

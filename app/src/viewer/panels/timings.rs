@@ -79,12 +79,9 @@ pub fn show(ui: &mut Ui, session: &Session) {
     }
     let clock = match stats.clock {
         Clock::Gpu => "GPU clock",
-        Clock::Host => "host clock (this adapter's own is not to be trusted)",
+        Clock::Host => "host clock (this adapter has none that is to be trusted)",
     };
-    let longest = stats.passes.iter().map(|pass| pass.milliseconds).fold(f64::MIN_POSITIVE, f64::max);
-    for pass in &stats.passes {
-        row(ui, pass.name, &format!("{:.2} ms", pass.milliseconds), Some((pass.milliseconds / longest) as f32));
-    }
+    passes(ui, stats);
     ui.separator();
     gloss(ui, stats);
     row(ui, "Frame", &format!("{:.1} ms", stats.frame_milliseconds), None);
@@ -122,6 +119,18 @@ pub fn show(ui: &mut Ui, session: &Session) {
     }
     if let Some(adapter) = &session.adapter {
         ui.label(RichText::new(adapter).small().color(theme::WEAK));
+    }
+}
+
+/// The time of each pass, if each was timed.
+fn passes(ui: &mut Ui, stats: &FrameStats) {
+    if stats.passes.is_empty() {
+        let text = "Without timestamps of the adapter, passes are timed only while nothing moves";
+        ui.label(RichText::new(text).small().color(theme::WEAK));
+    }
+    let longest = stats.passes.iter().map(|pass| pass.milliseconds).fold(f64::MIN_POSITIVE, f64::max);
+    for pass in &stats.passes {
+        row(ui, pass.name, &format!("{:.2} ms", pass.milliseconds), Some((pass.milliseconds / longest) as f32));
     }
 }
 
@@ -186,6 +195,7 @@ mod tests {
             glossy_rays: [0; 2],
             has_compiled: false,
             dispatches: 0,
+            waits: 0,
             reflection: Some(ReflectionStats {
                 mirror_pixels: 12_345,
                 coverage,
@@ -214,6 +224,20 @@ mod tests {
             assert!(harness.query_all_by_label(shown).next().is_some(), "{shown}");
         }
         assert!(harness.query_by_label("Hit rate").is_none());
+    }
+
+    #[test]
+    fn passes_that_were_not_timed_have_no_times() {
+        let shows = |frame: &FrameStats, text: &str| {
+            let mut harness =
+                egui_kittest::Harness::builder().with_size([300.0, 200.0]).build_ui(|ui| passes(ui, frame));
+            harness.run();
+            harness.query_all_by_label_contains(text).next().is_some()
+        };
+        let mut frame = stats(0.5);
+        assert!(shows(&frame, "only while nothing moves") && !shows(&frame, "ms"));
+        frame.passes.push(render::PassTime { name: "shade", stage: render::PassStage::Light, milliseconds: 1.25 });
+        assert!(shows(&frame, "1.25 ms") && !shows(&frame, "only while nothing moves"));
     }
 
     #[test]

@@ -240,7 +240,10 @@ pub fn interact(picture: &Response, session: &Session, actions: &mut Vec<Action>
     let mut gizmo = Gizmo::remembered(&picture.ctx);
     let was_grabbed = gizmo.drag.is_some();
     gizmo.hot_light = None;
-    if let Some(stage) = PictureFrame::of(session, picture.rect) {
+    if session.tools.is_drawing() {
+        // The clicks are for what is drawn.
+        (gizmo.hot, gizmo.drag) = (None, None);
+    } else if let Some(stage) = PictureFrame::of(session, picture.rect) {
         handles(picture, session, &stage, &mut gizmo, actions);
         point_at_light(picture, session, &stage, &mut gizmo, actions);
     }
@@ -426,7 +429,7 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     for (id, at, color) in symbols(session, &stage) {
         lamp(&painter, at, color, gizmo.hot_light == Some(id));
     }
-    let Some((_, name, object)) = selected else { return };
+    let Some((_, name, object)) = selected.filter(|_| !session.tools.is_drawing()) else { return };
     let held = gizmo.drag.as_ref().map(|drag| drag.grip);
     let hot = held.or(gizmo.hot);
     let layouts = layouts(&object, &stage, session.tools.handles);

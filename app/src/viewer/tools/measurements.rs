@@ -3,10 +3,10 @@
 
 use std::collections::HashMap;
 
-use cloud::{Bounds, Cloud, PointTest};
+use cloud::{Bounds, Cloud, Placement, PointTest};
 use codec::Units;
 use glam::DVec3;
-use scene::{Camera, Measurement, MeasurementKind, Note, Object, Profile};
+use scene::{Camera, Measurement, MeasurementKind, Note, Object, Profile, Strays};
 use serde_json::json;
 use world::CloudKey;
 
@@ -56,7 +56,7 @@ pub struct Placing {
 /// and which points are shown.
 #[derive(Clone, Default, PartialEq)]
 struct Basis {
-    clouds: Vec<(CloudKey, u64)>,
+    clouds: Vec<(CloudKey, u64, Option<Placement>)>,
     test: PointTest,
 }
 
@@ -283,8 +283,9 @@ impl Measurements {
             return;
         }
         let visible = || loaded.clouds.iter().filter(|entry| entry.is_visible);
-        let clouds = visible().map(|entry| (entry.key, entry.cloud.len())).collect();
-        let basis = Basis { clouds, test: scene.objects.test() };
+        let clouds = visible().map(|entry| (entry.key, entry.cloud.len(), entry.placement())).collect();
+        let test = scene.objects.test().hiding_strays(scene.settings.splat.strays == Strays::Hidden);
+        let basis = Basis { clouds, test };
         if basis != self.basis {
             self.known.values_mut().for_each(|known| known.is_current = false);
             self.basis = basis;

@@ -21,6 +21,7 @@ use serde_json::json;
 use crate::viewer::action::{Handles, Measuring, PictureDraft, Profiling, SavePicture};
 use crate::viewer::facts::facts;
 use crate::viewer::frames::Frames;
+use crate::viewer::input::bindings::COMMAND;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, Placed};
@@ -58,6 +59,11 @@ pub struct Tools {
 }
 
 impl Tools {
+    /// Whether clicks give corners of something: a measurement, a note, a profile, a prism.
+    pub fn is_drawing(&self) -> bool {
+        self.measurements.placing.is_some() || self.prism.is_some()
+    }
+
     /// Changes how the inspection mirror is held, if there is one.
     pub fn change_pose(&mut self, change: impl FnOnce(&mut Pose)) {
         if let Some(held) = &mut self.inspection {
@@ -276,7 +282,9 @@ impl Tools {
             let id = scene.next_object_id();
             self.inspection = Some(Inspection::new(id));
             scene.selected = None;
-            outside.note("Inspection mirror: Ctrl+wheel distance, Ctrl+Shift+wheel tilt, click pins it");
+            let told =
+                format!("Inspection mirror: {COMMAND}+wheel distance, {COMMAND}+Shift+wheel tilt, click pins it");
+            outside.note(told);
         }
     }
 

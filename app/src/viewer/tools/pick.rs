@@ -54,12 +54,21 @@ fn shortest(value: f64) -> String {
 }
 
 impl Pick {
+    /// What the file says of it and comparisons have added, without the coordinates, which stand for themselves.
+    pub fn attributes(&self) -> impl Iterator<Item = &(String, String)> {
+        let is_place = |(name, value): &&(String, String)| {
+            let place = ["x", "y", "z"].iter().position(|axis| name.eq_ignore_ascii_case(axis));
+            place.is_some_and(|axis| *value == shortest(self.world[axis]) || value.parse() == Ok(self.world[axis]))
+        };
+        self.record.iter().flatten().flatten().filter(move |entry| !is_place(entry)).chain(&self.added)
+    }
+
     /// The text that Copy puts on the clipboard, as tab-separated lines.
     pub fn as_text(&self) -> String {
         // The number of a streamed point means nothing outside of its index.
         let number = if self.is_streamed { String::new() } else { format!("\tpoint {}", self.number) };
         let mut text = format!("{}{number}\t{}\n", self.cloud, coordinates(self.world).replace("  ", "\t"));
-        for (name, value) in self.record.iter().flatten().flatten().chain(&self.added) {
+        for (name, value) in self.attributes() {
             text += &format!("{name}\t{value}\n");
         }
         text

@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use cloud::PointTest;
+use cloud::{Placement, PointTest};
 use render::ColorPlan;
-use scene::{Object, Profile};
+use scene::{Object, Profile, Strays};
 use serde_json::json;
 use world::CloudKey;
 
@@ -28,7 +28,7 @@ pub const MOST_STACKED: u32 = 100;
 /// colours, and which points are shown.
 #[derive(Clone, Default, PartialEq)]
 struct Basis {
-    clouds: Vec<(CloudKey, u64, ColorPlan)>,
+    clouds: Vec<(CloudKey, u64, Option<Placement>, ColorPlan)>,
     test: PointTest,
 }
 
@@ -121,7 +121,14 @@ impl Profiles {
         outside.note(format!("There are {} profiles now", scene.objects.profiles.len()));
     }
 
-    /// Writes the profile in view beside other saved files.
+    /// The other profiles whose points are shown behind those of the one in view.
+    fn behind<'a>(&self, scene: &'a Scene) -> impl Iterator<Item = &'a Profile> {
+        let (in_view, is_together) = (self.in_view, self.is_together);
+        let placed = scene.objects.profiles.iter();
+        placed.filter(move |one| is_together && Some(one.id) != in_view && one.profile.on).map(|one| &one.profile)
+    }
+
+    /// Writes the profile in view beside other saved files, and those behind it.
     fn save(&mut self, ending: &str, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
         let (Some(profile), false) = (self.profile(scene).cloned(), self.is_writing) else { return };
         let name: String =
@@ -132,10 +139,11 @@ impl Profiles {
                 return outside.note("The points of the profile are not found yet");
             };
             let unit = units(loaded).length().map(|unit| unit.to_string());
-            ProfileWork::Draw { path, name: profile.name, slice: slice.clone(), unit }
+            ProfileWork::Draw { path, name: profile.name, slice: slice.clone(), others: self.others.clone(), unit }
         } else {
-            let (inputs, test) = (loaded.inputs(), scene.objects.test());
-            ProfileWork::Write { path, inputs, profile, test, settings: Box::new(scene.settings.clone()) }
+            let (inputs, own, test) = (loaded.inputs(), scene.objects.all_own(), scene.objects.test());
+            let profiles = std::iter::once(profile).chain(self.behind(scene).cloned()).collect();
+            ProfileWork::Write { path, inputs, own, profiles, test, settings: Box::new(scene.settings.clone()) }
         };
         self.is_writing = true;
         outside.work(Work::Profile(Box::new(work)));
@@ -156,11 +164,9 @@ impl Profiles {
         if self.is_cutting {
             return;
         }
-        let placed = scene.objects.profiles.iter();
-        let others = placed.filter(|placed| self.is_together && placed.id != id && placed.profile.on);
         // Names are shown with the points.
-        let others: Vec<Profile> =
-            others.map(|placed| Profile { name: placed.profile.name.clone(), ..essence(&placed.profile) }).collect();
+        let named = |profile: &Profile| Profile { name: profile.name.clone(), ..essence(profile) };
+        let others: Vec<Profile> = self.behind(scene).map(named).collect();
         let all: Vec<Profile> = std::iter::once(profile.clone()).chain(others.iter().cloned()).collect();
         let is_same = self.asked.as_ref().is_some_and(|(of, known, _)| (*of, known) == (id, &all));
         // While points come, those of a profile that stands still can wait.
@@ -168,8 +174,11 @@ impl Profiles {
             return;
         }
         let visible = || loaded.clouds.iter().filter(|entry| entry.is_visible && entry.figures.is_some());
-        let with_plan = |entry: &CloudEntry| Some((entry.key, entry.cloud.len(), entry.figures.as_ref()?.plan.clone()));
-        let basis = Basis { clouds: visible().filter_map(with_plan).collect(), test: scene.objects.test() };
+        let with_plan = |entry: &CloudEntry| {
+            Some((entry.key, entry.cloud.len(), entry.placement(), entry.figures.as_ref()?.plan.clone()))
+        };
+        let test = scene.objects.test().hiding_strays(scene.settings.splat.strays == Strays::Hidden);
+        let basis = Basis { clouds: visible().filter_map(with_plan).collect(), test };
         if is_same && self.asked.as_ref().is_some_and(|(.., known)| *known == basis) {
             return;
         }

@@ -1,17 +1,17 @@
 //! Finds the points of a profile among those that are loaded, and writes profiles to files: on worker threads.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::{Bounds, Chunk, Cloud, Cover, PointTest};
 use glam::DVec3;
 use measure::Section;
 use rayon::prelude::*;
 use render::ColorPlan;
-use scene::{Profile, Settings};
+use scene::{CloudSettings, Profile, Settings};
 use world::{CloudKey, Part};
 
-use crate::profile_chart::{self, Dot, colors_of};
+use crate::profile_chart::{self, Dot, Series, colors_of};
 use crate::profile_command;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::window::render_thread::PickedPoint;
@@ -33,10 +33,18 @@ pub enum ProfileWork {
         clouds: Vec<Cuttable>,
         test: PointTest,
     },
-    /// Writes the chart of the points that were found.
-    Draw { path: PathBuf, name: String, slice: std::sync::Arc<Slice>, unit: Option<String> },
+    /// Writes the chart of the points that were found: those of the profile of this name, and of others behind it.
+    Draw { path: PathBuf, name: String, slice: Arc<Slice>, others: Arc<Vec<(String, Slice)>>, unit: Option<String> },
     /// Writes the points of the files themselves.
-    Write { path: PathBuf, inputs: Vec<String>, profile: Profile, test: PointTest, settings: Box<Settings> },
+    Write {
+        path: PathBuf,
+        inputs: Vec<String>,
+        /// Where clouds stand.
+        own: Vec<CloudSettings>,
+        profiles: Vec<Profile>,
+        test: PointTest,
+        settings: Box<Settings>,
+    },
 }
 
 /// A cloud whose points may be in a profile.
@@ -79,13 +87,18 @@ impl ProfileWork {
                 let behind = |other: Profile| Some((other.name.clone(), cut(&other, up, &clouds, &test, most).ok()?));
                 ProfileFound::Cut { id, slice, others: others.into_iter().filter_map(behind).collect() }
             }
-            Self::Draw { path, name, slice, unit } => {
-                let dots: Vec<Dot> = slice.points.iter().map(|point| point.dot).collect();
-                let result = profile_chart::write(&path, &dots, slice.total, &name, unit.as_deref());
+            Self::Draw { path, name, slice, others, unit } => {
+                let series = |name: &str, slice: &Slice| {
+                    let dots = slice.points.iter().map(|point| point.dot).collect();
+                    Series { name: name.to_owned(), dots, total: slice.total }
+                };
+                let behind = others.iter().map(|(name, slice)| series(name, slice));
+                let all: Vec<Series> = std::iter::once(series(&name, &slice)).chain(behind).collect();
+                let result = profile_chart::write(&path, &all, unit.as_deref());
                 ProfileFound::Saved { path, result: result.map_err(|error| format!("{error:#}")) }
             }
-            Self::Write { path, inputs, profile, test, settings } => {
-                let result = profile_command::write(&inputs, &profile, &test, &settings, &path);
+            Self::Write { path, inputs, own, profiles, test, settings } => {
+                let result = profile_command::write(&inputs, own, &profiles, &test, &settings, &path);
                 ProfileFound::Saved { path, result: result.map_err(|error| format!("{error:#}")) }
             }
         }

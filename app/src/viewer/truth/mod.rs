@@ -20,7 +20,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use cloud::{PointTest, Progress};
-use render::ColorPlan;
 use scene::Settings;
 use serde_json::json;
 
@@ -46,7 +45,8 @@ pub struct Around<'a> {
     /// The frame on the screen, if it is final.
     pub still: Option<FrameRequest>,
     pub raw_colors: bool,
-    pub is_swept: bool,
+    /// Whether a sweep or a wipe has the ray tracer.
+    pub is_taken: bool,
 }
 
 impl Around<'_> {
@@ -56,17 +56,7 @@ impl Around<'_> {
 
     /// Everything that is visible, as sources of the scene to trace.
     pub fn sources(&self) -> Vec<Source> {
-        let clouds = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| {
-            let (cloud, up) = (entry.cloud.resized(entry.size), entry.up);
-            let plan = entry.figures.as_ref().map(|figures| figures.plan.clone());
-            let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud, &self.settings.color, up).0);
-            Source::Cloud { cloud, plan, up, marked: entry.marks.clone(), test: self.test.clone() }
-        });
-        let mirrors = self.samples.of.values().map(|sample| {
-            let chunks = sample.chunks.iter().map(|(chunk, _)| chunk.clone()).collect();
-            Source::Mirror { mirror: sample.mirror.clone(), chunks }
-        });
-        clouds.chain(mirrors).collect()
+        Source::all(self.clouds, self.samples, self.settings, &self.test)
     }
 }
 
@@ -126,7 +116,7 @@ impl TruthView {
             self.still = around.still.clone().map(|request| (request, outside.now));
         }
         let is_judged = self.judges || tuning.is_open;
-        if around.is_swept {
+        if around.is_taken {
             return None;
         }
         if !(self.is_wanted() || is_judged) || self.has_too_many_points(around.points(), outside) {

@@ -66,7 +66,7 @@ impl SweepResult {
         let picture = |row: &'_ Row| row.outcome.as_ref().map_or(Vec::new(), |outcome| outcome.picture.clone());
         let tiles = self.rows.iter().map(|row| Tile { rgba: picture(row), lines: self.label(row) }).collect();
         let (size, rgba) = contact_sheet::draw(contact_sheet::tile_size(self.size), tiles);
-        picture_file::write_png(&folder.join("sheet.png"), size, &rgba)
+        picture_file::write_png(&folder.join("sheet.png"), size, &rgba, None)
     }
 
     fn label(&self, row: &Row) -> Vec<String> {

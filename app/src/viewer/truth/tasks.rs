@@ -8,10 +8,11 @@ use std::sync::{Arc, OnceLock};
 use cloud::{Chunk, Cloud, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Material, Objects};
-use scene::Mirror;
+use scene::{Mirror, Settings};
 use study::{Accuracy, Drawn, ImageError, Refinement, SubjectPart, TracedScene, Tracer, Truth, View, mirrors_of};
 use world::mirrors::{self, Marked};
 
+use crate::viewer::loaded::clouds::{CloudEntry, Samples};
 use crate::viewer::truth::contact_sheet;
 use crate::viewer::window::render_thread::FrameRequest;
 
@@ -54,6 +55,13 @@ pub enum Task {
         judge: Judge,
         picture: Vec<u8>,
     },
+    /// Finds what the mirrors of a frame show, which is drawn without reflections: the method `ray_trace`.
+    RayTrace {
+        request: FrameRequest,
+        scene: Arc<TracedScene>,
+        drawn: Box<Drawn>,
+        progress: Arc<Progress>,
+    },
     /// Draws a heat map of the errors in a picture.
     Difference {
         judge: Judge,
@@ -72,6 +80,7 @@ pub enum Kind {
     Compare,
     JudgeAlone,
     Difference,
+    RayTrace,
 }
 
 pub struct Trace {
@@ -164,6 +173,11 @@ pub enum Answer {
         pass: u32,
         result: Result<Vec<u8>, String>,
     },
+    /// Linear red, green and blue of all pixels; `None` if the task was cancelled.
+    RayTraced {
+        request: FrameRequest,
+        colors: Option<Vec<[f32; 3]>>,
+    },
     /// A task has stopped without an answer.
     Failed(Kind),
 }
@@ -177,6 +191,7 @@ impl Answer {
             | Self::Judged { request, .. }
             | Self::Compared { request, .. }
             | Self::Difference { request, .. }
+            | Self::RayTraced { request, .. }
             | Self::JudgedAlone { request, .. } => Some(request),
             Self::Built { .. } | Self::Failed(_) => None,
         }
@@ -198,6 +213,21 @@ impl FrameRequest {
         Self { settings: self.settings.only(|field| field.affects.truth), ..self.clone() }
     }
 
+    /// The colours of this frame, linear red, green and blue, where the mirrors show what the ray tracer finds: the
+    /// method `ray_trace`. `drawn` is the frame without reflections.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub fn ray_traced(
+        &self,
+        scene: &TracedScene,
+        mut drawn: Drawn,
+        progress: &Progress,
+    ) -> study::Result<Vec<[f32; 3]>> {
+        Tracer::new(scene, self.view()).ray_trace(&mut drawn, progress)?;
+        Ok(drawn.color)
+    }
+
     fn view(&self) -> View<'_> {
         let Self { camera, settings, mirrors, lights, clues, size, .. } = self;
         let objects = Objects { mirrors, lights, clues: *clues };
@@ -206,6 +236,24 @@ impl FrameRequest {
 }
 
 impl Source {
+    /// Everything that is visible. `test` says which points are.
+    pub fn all(clouds: &[CloudEntry], samples: &Samples, settings: &Settings, test: &PointTest) -> Vec<Self> {
+        let clouds = clouds.iter().filter(|entry| entry.is_visible).map(|entry| {
+            let (cloud, up) = (entry.cloud.resized(entry.size), entry.up);
+            let plan = entry.figures.as_ref().map(|figures| figures.plan.clone());
+            let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud, &settings.color, up).0);
+            Self::Cloud { cloud, plan, up, marked: entry.marks.clone(), test: test.clone() }
+        });
+        // Where two points are equally near, the order decides.
+        let mut samples: Vec<_> = samples.of.iter().collect();
+        samples.sort_by_key(|(id, _)| **id);
+        let mirrors = samples.into_iter().map(|(_, sample)| {
+            let chunks = sample.chunks.iter().map(|(chunk, _)| chunk.clone()).collect();
+            Self::Mirror { mirror: sample.mirror.clone(), chunks }
+        });
+        clouds.chain(mirrors).collect()
+    }
+
     fn parts(self) -> Vec<SubjectPart> {
         match self {
             Self::Mirror { mirror, chunks } => {
@@ -236,6 +284,7 @@ impl Task {
             Self::Compare { .. } => Kind::Compare,
             Self::JudgeAlone { .. } => Kind::JudgeAlone,
             Self::Difference { .. } => Kind::Difference,
+            Self::RayTrace { .. } => Kind::RayTrace,
         }
     }
 
@@ -275,6 +324,11 @@ impl Task {
                     let picture = contact_sheet::shrunk(judge.request.size, picture);
                     answer(Answer::JudgedAlone { request: judge.request, result, picture });
                 }
+            }
+            Self::RayTrace { request, scene, drawn, progress } => {
+                // The only possible error is that the task was cancelled.
+                let colors = on_spare_cores(|| request.ray_traced(&scene, *drawn, &progress)).ok();
+                answer(Answer::RayTraced { request, colors });
             }
             Self::Difference { judge, measure, colors, pass } => {
                 let result = on_spare_cores(|| judge.heat_map(measure, &colors)).map_err(|error| error.to_string());
@@ -415,6 +469,7 @@ impl FrameRequest {
             lights: Vec::new(),
             clues: scene::LightClues::default(),
             size: [8, 6],
+            test: PointTest::default(),
             revision: 1,
             spared: None,
             hurried: false,
@@ -426,7 +481,7 @@ impl FrameRequest {
 #[cfg(test)]
 mod tests {
     use cloud::{Attribute, Column, ColumnType};
-    use scene::{Method, Quality, Settings};
+    use scene::{Method, Quality};
 
     use super::*;
     use crate::viewer::window::render_thread::hurried;

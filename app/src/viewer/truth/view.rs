@@ -1,7 +1,7 @@
 //! What is known of the truth of the view in the window, and what is under way for it. `mod.rs` decides what is done
 //! next.
 
-use std::cell::OnceCell;
+use std::cell::RefCell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -36,22 +36,24 @@ const BYTES_PER_TRACED_PIXEL: u64 = size_of::<<study::Seen as IntoIterator>::Ite
 pub struct Picture {
     size: [u32; 2],
     pub rgba: Vec<u8>,
-    texture: OnceCell<TextureHandle>,
+    texture: RefCell<Option<(egui::Context, TextureHandle)>>,
 }
 
 impl Picture {
     pub fn new(size: [u32; 2], rgba: Vec<u8>) -> Self {
-        Self { size, rgba, texture: OnceCell::new() }
+        Self { size, rgba, texture: RefCell::default() }
     }
 
     pub fn texture(&self, context: &egui::Context) -> egui::TextureId {
-        let (size, rgba) = (self.size.map(|side| side as usize), &self.rgba);
-        let load = || {
-            let image = ColorImage::from_rgba_unmultiplied(size, rgba);
-            // The filter is that of the picture itself.
-            context.load_texture("truth", image, TextureOptions::LINEAR)
-        };
-        self.texture.get_or_init(load).id()
+        let mut texture = self.texture.borrow_mut();
+        // The window has another context after its device was lost.
+        if let Some((_, known)) = texture.as_ref().filter(|(of, _)| of == context) {
+            return known.id();
+        }
+        let image = ColorImage::from_rgba_unmultiplied(self.size.map(|side| side as usize), &self.rgba);
+        // The filter is that of the picture itself.
+        let loaded = context.load_texture("truth", image, TextureOptions::LINEAR);
+        texture.insert((context.clone(), loaded)).1.id()
     }
 }
 
@@ -339,10 +341,12 @@ impl TruthView {
                     Kind::Judge => self.judging = None,
                     Kind::Compare => self.comparing = None,
                     Kind::Difference => self.drawing = None,
-                    Kind::JudgeAlone => {}
+                    Kind::JudgeAlone | Kind::RayTrace => {}
                 }
                 return Taken::Failed("the ray tracer stopped unexpectedly".into());
             }
+            // A wipe asked for it, and has gone on.
+            Answer::RayTraced { .. } => {}
             Answer::Difference { request, measure, pass, result } => {
                 let is_cancelled = self.drawing.take().is_none_or(|(_, progress)| progress.is_cancelled());
                 match result {

@@ -10,8 +10,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use record::Folder;
+use scene::CaptureFormat;
 
-use crate::film::{Codec, Output};
+use crate::film::{self, Codec, Output};
 use crate::{interrupt, picture_file};
 
 /// The pictures of a film of the window in a second.
@@ -36,7 +38,7 @@ pub struct Captured {
 /// A recording of the window.
 pub struct Capture {
     /// The size of the window in pixels, which all pictures have.
-    size: Option<[u32; 2]>,
+    size: [u32; 2],
     started: Instant,
     /// The number of the last frame that has a picture.
     last: Option<u32>,
@@ -50,31 +52,50 @@ pub struct Capture {
     tell: Arc<dyn Fn(Captured) + Send + Sync>,
 }
 
-/// A name for a film of the window that nothing has yet, nor its folder of pictures.
-pub fn free_name(folder: &Path) -> PathBuf {
-    let is_free = |path: &PathBuf| !path.exists() && !path.with_extension("frames").exists();
-    let names = (1..u32::MAX).map(|number| folder.join(format!("glint-window-{number}.mp4")));
-    names.into_iter().find(is_free).unwrap_or_else(|| folder.join("glint-window.mp4"))
+/// A name for a recording of the window that nothing has yet, of whatever format, nor its folder of pictures.
+pub fn free_name(folder: &Path, format: CaptureFormat) -> PathBuf {
+    let extensions = ["", "mp4", "gif", "frames"];
+    let is_free = |name: &PathBuf| extensions.iter().all(|extension| !name.with_extension(extension).exists());
+    let names = (1..u32::MAX).map(|number| folder.join(format!("glint-window-{number}")));
+    let name = names.into_iter().find(is_free).unwrap_or_else(|| folder.join("glint-window"));
+    name.with_extension(match format {
+        CaptureFormat::Mp4 | CaptureFormat::Av1 | CaptureFormat::H264 => "mp4",
+        CaptureFormat::Gif => "gif",
+        CaptureFormat::Pictures => "",
+    })
+}
+
+/// The folder of the pictures of a recording of this name.
+pub fn folder_of(name: &Path) -> PathBuf {
+    if name.extension().is_some() { film::folder_of(name) } else { name.to_owned() }
 }
 
 impl Capture {
-    /// Begins a film of this name. `dropped` counts the pictures for which there is no time. `tell` is called once, with
-    /// the end.
+    /// Begins a recording of this name, of a window with so many pixels. `dropped` counts the pictures for which there
+    /// is no time. `tell` is called once, with the end.
     ///
     /// # Errors
-    /// The film cannot be written there.
+    /// The film cannot be written there, or such films cannot be made.
     pub fn new(
         name: &Path,
+        format: CaptureFormat,
+        size: [u32; 2],
         dropped: Arc<AtomicU64>,
         tell: impl Fn(Captured) + Send + Sync + 'static,
     ) -> anyhow::Result<Self> {
-        // H.264 takes a tenth of the time of AV1.
-        let output = Output::new(name, Some(Codec::H264)).or_else(|_| Output::new(name, Some(Codec::Av1)))?;
+        let output = |codec| Output::new(name, codec, size, FPS);
+        let output = match format {
+            // H.264 takes a tenth of the time of AV1.
+            CaptureFormat::Mp4 => output(Some(Codec::H264)).or_else(|_| output(Some(Codec::Av1))),
+            CaptureFormat::Av1 => output(Some(Codec::Av1)),
+            CaptureFormat::H264 => output(Some(Codec::H264)),
+            CaptureFormat::Gif | CaptureFormat::Pictures => output(None),
+        }?;
         let folder = &output.folder.path;
         std::fs::create_dir(folder).map_err(|reason| codec::Error::not_written(folder, reason))?;
         let (sender, receiver) = sync_channel(MOST_WAITING);
         Ok(Self {
-            size: None,
+            size,
             started: Instant::now(),
             last: None,
             is_stale: true,
@@ -110,11 +131,10 @@ impl Capture {
         }
         // What cannot be read now is read in the next frame.
         let (size, rgba) = pixels()?;
-        if self.size.is_some_and(|known| known != size) {
+        if self.size != size {
             self.end(now);
             return None;
         }
-        self.size = Some(size);
         if let Some((output, receiver)) = self.begin.take() {
             self.start(output, receiver, size);
         }
@@ -182,7 +202,7 @@ fn write(
         match message {
             Message::Picture(frame, rgba) => {
                 let kept = |error: anyhow::Error| error.context(format!("{} pictures are in {folder}", made.len()));
-                picture_file::write_png(&output.folder.picture(frame), size, &rgba).map_err(kept)?;
+                picture_file::write_png(&output.folder.picture(frame), size, &rgba, None).map_err(kept)?;
                 made.push(frame);
             }
             Message::End(frames) => {
@@ -197,10 +217,24 @@ fn write(
         let problem = format!("the film was not made; its {} pictures are in {folder}", made.len());
         if is_given_up.load(Ordering::Relaxed) { Err(anyhow!(problem)) } else { Ok(()) }
     };
-    check()?;
     let kept = |error: anyhow::Error| error.context(format!("{} pictures are in {folder}", made.len()));
-    output.encode(&frames, size, FPS, check).map_err(kept)?;
+    match output.film() {
+        Some(_) => check().and_then(|()| output.encode(&frames, size, FPS, check).map_err(kept))?,
+        None => fill(&output.folder, &frames).map_err(kept)?,
+    }
     Ok(frames.len() as u32)
+}
+
+/// Gives each frame without a picture the one that it shows, so that the folder holds one for each.
+fn fill(folder: &Folder, frames: &[u32]) -> anyhow::Result<()> {
+    for (frame, shown) in (0..).zip(frames) {
+        let (picture, from) = (folder.picture(frame), folder.picture(*shown));
+        // Not all disks have links.
+        if *shown != frame && std::fs::hard_link(&from, &picture).is_err() {
+            std::fs::copy(&from, &picture).map_err(|reason| codec::Error::not_written(&picture, reason))?;
+        }
+    }
+    Ok(())
 }
 
 /// The picture that each frame shows: its own, or the last one before it.
@@ -216,6 +250,7 @@ mod tests {
     use super::*;
 
     const SIZE: [u32; 2] = [32, 16];
+    const MP4: CaptureFormat = CaptureFormat::Mp4;
 
     fn grey(value: u8) -> Option<([u32; 2], Vec<u8>)> {
         Some((SIZE, vec![value; 32 * 16 * 4]))
@@ -231,11 +266,11 @@ mod tests {
     #[test]
     fn a_film_lasts_as_long_as_the_window_was_recorded_and_keeps_its_pictures() {
         let folder = tempfile::tempdir().unwrap();
-        let name = free_name(folder.path());
+        let name = free_name(folder.path(), MP4);
         let (sender, ended) = channel();
         let dropped = Arc::<AtomicU64>::default();
-        let mut capture = Capture::new(&name, dropped.clone(), move |end| drop(sender.send(end))).unwrap();
-        assert_ne!(free_name(folder.path()), name, "the folder of pictures takes the name, too");
+        let mut capture = Capture::new(&name, MP4, SIZE, dropped.clone(), move |end| drop(sender.send(end))).unwrap();
+        assert_ne!(free_name(folder.path(), MP4), name, "the folder of pictures takes the name, too");
         let start = capture.started;
         let at = |seconds: f64| start + Duration::from_secs_f64(seconds);
         assert_eq!(capture.step(at(0.0), || grey(10)), None);
@@ -254,11 +289,42 @@ mod tests {
     }
 
     #[test]
+    fn each_format_has_its_kind_of_file_and_a_folder_has_a_picture_for_each_frame() {
+        for format in [CaptureFormat::Av1, CaptureFormat::Gif, CaptureFormat::Pictures] {
+            let folder = tempfile::tempdir().unwrap();
+            let name = free_name(folder.path(), format);
+            let (sender, ended) = channel();
+            let tell = move |end| drop(sender.send(end));
+            let mut capture = Capture::new(&name, format, SIZE, Arc::default(), tell).unwrap();
+            let others = [CaptureFormat::Mp4, CaptureFormat::Gif, CaptureFormat::Pictures];
+            assert!(others.iter().all(|other| free_name(folder.path(), *other) != name.with_extension("")));
+            let at = |seconds: f64| Duration::from_secs_f64(seconds);
+            let start = capture.started;
+            capture.step(start, || grey(10));
+            capture.changed();
+            capture.step(start + at(0.1), || grey(200));
+            capture.end(start + at(0.2));
+            assert_eq!(ended.recv_timeout(Duration::from_secs(60)).unwrap().result, Ok(6), "{format:?}");
+            let pictures = Folder { path: folder_of(&name) };
+            if format == CaptureFormat::Pictures {
+                assert!(name.is_dir() && name.ends_with("glint-window-1"));
+                let greys = (0..6).map(|frame| pictures.read(frame, SIZE).unwrap()[0]);
+                assert_eq!(greys.collect::<Vec<_>>(), [10, 10, 10, 200, 200, 200]);
+            } else {
+                let whole = std::fs::read(&name).unwrap();
+                assert!(whole.starts_with(b"GIF89a") == (format == CaptureFormat::Gif) && whole.len() > 100);
+                assert_eq!(std::fs::read_dir(&pictures.path).unwrap().count(), 2);
+            }
+            assert!(!pictures.has(6, SIZE), "no more than were shown");
+        }
+    }
+
+    #[test]
     fn a_recording_that_is_given_up_leaves_its_pictures_and_says_where() {
         let folder = tempfile::tempdir().unwrap();
-        let name = free_name(folder.path());
+        let name = free_name(folder.path(), MP4);
         let (sender, ended) = channel();
-        let mut capture = Capture::new(&name, Arc::default(), move |end| drop(sender.send(end))).unwrap();
+        let mut capture = Capture::new(&name, MP4, SIZE, Arc::default(), move |end| drop(sender.send(end))).unwrap();
         capture.step(Instant::now(), || grey(10));
         capture.give_up();
         let told = ended.try_recv().unwrap().result.unwrap_err();
@@ -269,9 +335,9 @@ mod tests {
     #[test]
     fn pictures_that_cannot_be_written_end_the_recording_with_the_reason() {
         let folder = tempfile::tempdir().unwrap();
-        let name = free_name(folder.path());
+        let name = free_name(folder.path(), MP4);
         let (sender, ended) = channel();
-        let mut capture = Capture::new(&name, Arc::default(), move |end| drop(sender.send(end))).unwrap();
+        let mut capture = Capture::new(&name, MP4, SIZE, Arc::default(), move |end| drop(sender.send(end))).unwrap();
         std::fs::remove_dir(name.with_extension("frames")).unwrap();
         capture.step(Instant::now(), || grey(10));
         let told = ended.recv_timeout(Duration::from_secs(60)).unwrap().result.unwrap_err();
@@ -285,7 +351,7 @@ mod tests {
     fn pictures_for_which_there_is_no_time_are_counted() {
         let folder = tempfile::tempdir().unwrap();
         let dropped = Arc::<AtomicU64>::default();
-        let mut capture = Capture::new(&free_name(folder.path()), dropped.clone(), |_| {}).unwrap();
+        let mut capture = Capture::new(&free_name(folder.path(), MP4), MP4, SIZE, dropped.clone(), |_| {}).unwrap();
         // Nobody writes them.
         let waiting = capture.begin.take();
         for frame in 0..MOST_WAITING + 4 {

@@ -1,6 +1,7 @@
 //! Carries out the effects that need no window: threads of their own draw points, read files and do work, and report
 //! the results. The window and recordings use it.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -13,17 +14,19 @@ use crate::viewer::loaded::clouds::JobEntry;
 use crate::viewer::outside::{Effect, News};
 use crate::viewer::session::Session;
 use crate::viewer::truth::tasks::Answer;
-use crate::viewer::window::render_thread::RenderThread;
+use crate::viewer::window::render_thread::{Command, RenderThread};
 use crate::viewer::window::under_way::UnderWay;
 use crate::viewer::work::Work;
 
 /// Sends news from any thread to the code that drives the session; returns false once nobody receives them.
 pub type Tell = Arc<dyn Fn(News) -> bool + Send + Sync>;
 
+/// Starts jobs: `world::start`, or `world::start_unseen`.
+type StartJob = fn(Vec<Input>, &Settings, BTreeSet<String>) -> Job;
+
 pub struct Effects {
     tell: Tell,
-    /// The function that starts jobs: `world::start`, or `world::start_unseen`.
-    start: fn(Vec<Input>, &Settings) -> Job,
+    start: StartJob,
     render_thread: Option<RenderThread>,
     under_way: Arc<UnderWay>,
 }
@@ -32,7 +35,7 @@ pub struct Effects {
 const CLOSING_TIME: Duration = Duration::from_secs(3);
 
 impl Effects {
-    pub fn new(start: fn(Vec<Input>, &Settings) -> Job, tell: Tell) -> Self {
+    pub fn new(start: StartJob, tell: Tell) -> Self {
         Self { tell, start, render_thread: None, under_way: Arc::default() }
     }
 
@@ -51,6 +54,13 @@ impl Effects {
         Ok(shaders)
     }
 
+    /// Shows the pictures on another device of the window.
+    pub fn show_on(&mut self, window_gpu: Arc<Gpu>) {
+        if let Some(thread) = &self.render_thread {
+            thread.send(Command::ShowOn(window_gpu));
+        }
+    }
+
     /// Carries out an effect; returns it if it needs a window.
     pub fn run(&mut self, session: &mut Session, effect: Effect) -> Option<Effect> {
         match effect {
@@ -60,7 +70,9 @@ impl Effects {
                 }
             }
             Effect::Load { inputs } => {
-                let job = (self.start)(inputs.clone(), &session.loaded.settings_of_next_job(&session.scene.settings));
+                let (loaded, scene) = (&session.loaded, &session.scene);
+                let settings = loaded.settings_of_next_job(&scene.settings);
+                let job = (self.start)(inputs.clone(), &settings, loaded.asked_attributes(scene));
                 let id =
                     session.loaded.add_job(&inputs, job.progress.clone(), job.mailbox.clone(), session.outside.now);
                 let (under_way, tell) = (self.under_way.clone(), self.tell.clone());

@@ -5,6 +5,7 @@ pub mod canvas;
 pub mod capture;
 pub mod effects;
 pub mod event_log;
+pub mod frame_request;
 pub mod render_thread;
 pub mod screen;
 pub mod under_way;

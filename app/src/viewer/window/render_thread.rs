@@ -1,10 +1,10 @@
 //! The thread that draws the points, so that the window never waits for them.
 //!
 //! It owns the renderer and the points on the GPU, on a device of its own. Waiting for a device holds a lock that
-//! presenting on the same device needs. And if a frame takes too long for the driver's watchdog, only the renderer's
-//! device is lost and opened again, and the window stays. Commands are carried out in order; of several waiting frames only the latest
-//! is drawn. A finished picture is written into a texture of the window's device. The window's next frame shows it,
-//! either whole or not at all.
+//! presenting on the same device needs. Whichever of the two is lost is opened again: some systems reset both where one
+//! takes too long. Commands are carried out in order; of several waiting frames
+//! only the latest is drawn, and of several tests of points only the latest is applied. A finished picture is written
+//! into a texture of the window's device. The window's next frame shows it, either whole or not at all.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,38 +13,17 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use cloud::Progress;
+use cloud::{PointTest, Progress};
 use glam::DVec3;
 use render::{Aov, AovImage, FrameStats, Gpu, IsGivenUp, LightReuse, Objects, Renderer};
-use scene::{Camera, GlossPattern, LightClues, Mirror, MirrorSurface, Quality, Settings, SpotLight};
+use scene::{Camera, Settings};
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
 
 use crate::overlays::{self, Facts};
 use crate::picture_file;
-use crate::viewer::pace::Spared;
+pub use crate::viewer::window::frame_request::{FrameRequest, hurried};
 use crate::viewer::window::under_way::Pass;
-
-/// A picture to draw.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FrameRequest {
-    pub camera: Camera,
-    pub settings: Settings,
-    pub mirrors: Vec<Mirror>,
-    pub lights: Vec<SpotLight>,
-    /// What decides about automatic light, besides the lights.
-    pub clues: LightClues,
-    /// The size in pixels that the picture fills in the window.
-    pub size: [u32; 2],
-    /// What the frame spares, if it is drawn fast because something moves.
-    pub spared: Option<Spared>,
-    /// A counter that grows with each change of the points and their colours.
-    pub revision: u64,
-    /// True if this is a hurried frame, which a better one follows.
-    pub hurried: bool,
-    /// True if indirect light may be that of earlier points while points are loaded and removed.
-    pub light_may_lag: bool,
-}
 
 /// What a picked point is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +42,8 @@ pub enum Command {
     /// All commands for a chunk have been sent. Dropping the pass marks the chunk as received.
     Arrived(Pass),
     Frame(Box<FrameRequest>),
+    /// The window has another device from now on, because the one before was lost: its picture is drawn again.
+    ShowOn(Arc<Gpu>),
     Pick {
         pixel: [u32; 2],
         purpose: PickPurpose,
@@ -108,6 +89,8 @@ pub enum Command {
 /// A picture with what a recording keeps of it.
 pub struct Picture {
     pub camera: Camera,
+    /// That of the frame.
+    pub revision: u64,
     /// Rows of sRGB red, green, blue and opacity.
     pub rgba: Vec<u8>,
     /// The images that were asked for, in order.
@@ -128,6 +111,8 @@ pub struct Frame {
     pub stats: FrameStats,
     /// Milliseconds from the start of drawing until the picture is in the window's texture.
     pub total_milliseconds: f64,
+    /// The device of the window that has the texture.
+    pub window_gpu: Arc<Gpu>,
     /// A texture of the window's device. It stays as it is until the picture after the next is finished.
     pub texture: wgpu::Texture,
 }
@@ -263,6 +248,8 @@ struct Worker {
     renderer: Renderer,
     shaders: Arc<Progress>,
     resident: Resident,
+    /// The last test of points that came, while it is not applied: it changes as fast as the mouse moves.
+    test: Option<PointTest>,
     /// The textures of the picture in the window and of the one before it, which the next one takes.
     shown: Option<wgpu::Texture>,
     free: Option<wgpu::Texture>,
@@ -274,8 +261,6 @@ struct Worker {
     summed: u32,
     /// The frame in the window; points are picked from it.
     on_screen: Option<FrameRequest>,
-    /// The part of an adapter's name that is wanted.
-    wanted: Option<String>,
     /// When the device was last lost.
     lost_at: Option<Instant>,
 }
@@ -287,21 +272,21 @@ impl Worker {
     fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>, shaders: Arc<Progress>) -> render::Result<Self> {
         // The same adapter as the window's, unless another is wanted: the adapter that presents is the one that has the
         // screen.
-        let name = window_gpu.info.name.clone();
-        let gpu = Gpu::headless(Some(wanted.unwrap_or(&name)))?;
+        let gpu =
+            wanted.map_or_else(|| Gpu::on_same_adapter(&window_gpu.info), |wanted| Gpu::headless(Some(wanted)))?;
         Ok(Self {
             renderer: Renderer::with_progress(gpu.clone(), &shaders)?,
             shaders,
             resident: Resident::new(gpu.clone()),
             gpu,
             window_gpu,
+            test: None,
             shown: None,
             free: None,
             held: None,
             exposed_at: None,
             summed: 0,
             on_screen: None,
-            wanted: wanted.map(str::to_owned),
             lost_at: None,
         })
     }
@@ -316,8 +301,7 @@ impl Worker {
         }
         self.lost_at = Some(Instant::now());
         report(Report::Problem(format!("{error}; it is opened again")));
-        let name = self.window_gpu.info.name.clone();
-        let gpu = Gpu::headless(Some(self.wanted.as_deref().unwrap_or(&name)))?;
+        let gpu = Gpu::on_same_adapter(&self.gpu.info)?;
         self.renderer = Renderer::with_progress(gpu.clone(), &self.shaders)?;
         self.gpu = gpu.clone();
         (self.held, self.on_screen, self.summed, self.exposed_at) = (None, None, 0, None);
@@ -364,7 +348,25 @@ impl Worker {
                         choose = Some((request, target, model));
                         Ok(())
                     }
-                    other => self.obey(other, report),
+                    Command::ShowOn(window_gpu) => {
+                        self.window_gpu = window_gpu;
+                        (self.shown, self.free) = (None, None);
+                        frame = frame.or_else(|| self.on_screen.clone().map(Box::new));
+                        Ok(())
+                    }
+                    Command::Change(Change::Visibility { test }) => {
+                        self.test = Some(test);
+                        Ok(())
+                    }
+                    Command::Change(change) => self.resident.apply(change),
+                    Command::Arrived(pass) => {
+                        drop(pass);
+                        Ok(())
+                    }
+                    other => {
+                        self.apply_test();
+                        self.obey(other, report)
+                    }
                 };
                 match result {
                     Err(error) if is_fatal(&error) => {
@@ -380,6 +382,7 @@ impl Worker {
                 }
                 next = commands.try_recv().ok();
             }
+            self.apply_test();
             if let Some(request) = frame.take() {
                 self.renderer.give_up_when((!request.hurried).then(|| once_set(urgent)));
                 let drawn = self.draw((*request).clone());
@@ -432,9 +435,16 @@ impl Worker {
         }
     }
 
+    fn apply_test(&mut self) {
+        if let Some(test) = self.test.take() {
+            let started = Instant::now();
+            self.resident.store.set_visibility(&test);
+            tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "points tested");
+        }
+    }
+
     fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
-            Command::Change(change) => return self.resident.apply(change),
             Command::Pick { pixel, purpose } => {
                 if let Some(request) = self.on_screen.clone() {
                     self.hold(&request, false)?;
@@ -452,7 +462,8 @@ impl Worker {
                 self.hold(&request, true)?;
                 let mut pixels = self.renderer.read_picture()?;
                 overlays::draw(&mut pixels, request.size, &request.camera, &request.settings, &facts);
-                report(match picture_file::write_png(&path, request.size, &pixels) {
+                let adapter = picture_file::adapter(&self.gpu);
+                report(match picture_file::write_png(&path, request.size, &pixels, Some(&adapter)) {
                     Ok(()) => Report::Saved(path),
                     Err(error) => Report::Problem(format!("{error:#}")),
                 });
@@ -461,7 +472,12 @@ impl Worker {
                 self.hold(&request, true)?;
                 let rgba = self.renderer.read_picture()?;
                 let images = images.into_iter().map(|image| self.renderer.read_aov(image)).collect::<Result<_, _>>()?;
-                report(Report::Read(Box::new(Picture { camera: request.camera, rgba, images })));
+                report(Report::Read(Box::new(Picture {
+                    camera: request.camera,
+                    revision: request.revision,
+                    rgba,
+                    images,
+                })));
             }
             Command::Capture { .. } | Command::Measure(_) | Command::Present { .. } => {
                 match self.judge(command, report) {
@@ -469,8 +485,12 @@ impl Worker {
                     result => return result,
                 }
             }
-            Command::Arrived(pass) => drop(pass),
-            Command::Frame(_) | Command::Estimate { .. } | Command::Choose { .. } => {}
+            Command::Change(_)
+            | Command::Arrived(_)
+            | Command::Frame(_)
+            | Command::ShowOn(_)
+            | Command::Estimate { .. }
+            | Command::Choose { .. } => {}
         }
         Ok(())
     }
@@ -526,6 +546,7 @@ impl Worker {
         let Self { renderer, resident, .. } = self;
         renderer.let_light_lag(false);
         renderer.thin(None);
+        renderer.time_passes(true);
         let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
             renderer.forget();
             Ok(renderer.render(&resident.store, camera, settings, objects, size)?)
@@ -554,6 +575,7 @@ impl Worker {
         self.renderer.reuse_light(if request.hurried { LightReuse::Reuse } else { LightReuse::Keep });
         self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
         self.renderer.sum_at_once(samples);
+        self.renderer.time_passes(!request.hurried);
         let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
         self.renderer.adapt_exposure(since.map(adapted_share));
         self.exposed_at = samples.is_some().then(Instant::now);
@@ -596,7 +618,8 @@ impl Worker {
         self.window_gpu.queue.submit([]);
         self.free = self.shown.replace(texture.clone());
         self.on_screen = Some(request.clone());
-        Ok(Frame { request, stats, total_milliseconds: started.elapsed().as_secs_f64() * 1e3, texture })
+        let total_milliseconds = started.elapsed().as_secs_f64() * 1e3;
+        Ok(Frame { request, stats, total_milliseconds, window_gpu: self.window_gpu.clone(), texture })
     }
 }
 
@@ -620,42 +643,6 @@ fn once_set(flag: &Arc<AtomicBool>) -> Arc<IsGivenUp> {
 /// Whether no further frame can be drawn on the device after this error.
 fn is_fatal(error: &render::Error) -> bool {
     matches!(error, render::Error::Lost(_))
-}
-
-impl FrameRequest {
-    /// The same frame in full quality.
-    pub fn unhurried(&self, settings: &Settings) -> Self {
-        Self { settings: settings.clone(), spared: None, hurried: false, light_may_lag: false, ..self.clone() }
-    }
-
-    /// Whether the frame's picture is final: nothing is left to be added, and its exposure is the one that fits. While
-    /// something moves, one sample of glossy mirrors is all, and the exposure follows.
-    pub fn is_whole(&self, stats: &FrameStats) -> bool {
-        let [summed, asked] = stats.glossy_samples;
-        summed == asked && !stats.exposure.is_some_and(|exposure| exposure.adapts) || self.hurried
-    }
-
-    /// The size in pixels in which the frame is drawn.
-    pub fn drawn_size(&self) -> [u32; 2] {
-        self.spared.unwrap_or(Spared::NOTHING).size(self.size)
-    }
-}
-
-/// The settings for a hurried frame: one point for each pixel, and mirrors that show no further mirrors. A mirror that
-/// is being dragged is drawn by its formula, because its points are made later.
-pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
-    let mut hurried = settings.clone();
-    hurried.splat.quality = Quality::Nearest;
-    hurried.reflection.bounces = settings.reflection.bounces.min(1);
-    hurried.reflection.samples = 1;
-    if settings.gloss.samples > 0 {
-        // The one sample that is drawn would else show a perfect mirror that is turned aside.
-        hurried.gloss.pattern = GlossPattern::Pixel;
-    }
-    if a_mirror_is_dragged {
-        hurried.mirror.surface = MirrorSurface::Exact;
-    }
-    hurried
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 use std::sync::mpsc::Receiver;
 
+use cloud::PointTest;
 use glam::DVec3;
-use scene::{LightClues, Reflection, Shape};
+use scene::{LightClues, Mirror, MirrorSurface, Quality, Reflection, Shape};
 
 use super::*;
 
@@ -31,6 +32,7 @@ fn request(size: [u32; 2]) -> Box<FrameRequest> {
         lights: Vec::new(),
         clues: LightClues::default(),
         size,
+        test: PointTest::default(),
         revision: 0,
         spared: None,
         hurried: false,
@@ -83,6 +85,23 @@ fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_
     // The thread ends after the commands that it has, and sends no further report.
     drop(thread);
     assert!(matches!(reports.recv_timeout(PATIENCE), Err(std::sync::mpsc::RecvTimeoutError::Disconnected)));
+}
+
+#[test]
+fn the_picture_is_drawn_again_for_another_device_of_the_window() {
+    let Some((thread, reports)) = start() else { return };
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    let another = Gpu::headless(None).unwrap();
+    // Before there is a picture, there is nothing to draw again.
+    thread.send(Command::ShowOn(Gpu::headless(None).unwrap()));
+    thread.send(Command::Frame(request([48, 36])));
+    let Report::Frame(first) = report() else { panic!("no frame") };
+    thread.send(Command::ShowOn(another.clone()));
+    let Report::Frame(again) = report() else { panic!("no frame on the other device") };
+    assert!(Arc::ptr_eq(&again.window_gpu, &another) && !Arc::ptr_eq(&first.window_gpu, &another));
+    assert!(again.request == first.request);
+    thread.end();
 }
 
 #[test]

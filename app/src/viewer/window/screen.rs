@@ -28,9 +28,27 @@ pub enum Painted {
     /// egui wants the next frame after `delay`. `is_shown` is false where the window is hidden; `is_new` is false where
     /// the window showed it already.
     Next { delay: Duration, is_shown: bool, is_new: bool },
-    /// The frame was not shown (the surface was resized or lost) and must be painted again at once.
+    /// The frame was not shown (the surface was resized) and must be painted again at once.
     Again,
+    /// The surface was lost: nothing is shown before the device is opened again.
+    Lost,
 }
+
+/// What became of shapes that were painted.
+#[derive(Clone, Copy, PartialEq)]
+enum Presented {
+    Shown,
+    /// The window is hidden.
+    Hidden,
+    /// The surface has changed, and they must be painted again.
+    Changed,
+    /// The surface is lost.
+    Lost,
+}
+
+/// How often a device that was lost is opened again, and the pause in between.
+const TRIES: u32 = 5;
+const BETWEEN_TRIES: Duration = Duration::from_millis(400);
 
 /// The program's icon; made from assets/desktop/glint.svg.
 fn icon() -> Option<winit::window::Icon> {
@@ -49,12 +67,42 @@ impl Screen {
         let attributes = Window::default_attributes()
             .with_title("glint")
             .with_inner_size(winit::dpi::LogicalSize::new(size[0], size[1]))
-            .with_min_inner_size(winit::dpi::LogicalSize::new(LEAST_SIZE[0], LEAST_SIZE[1]))
-            .with_window_icon(icon());
+            .with_min_inner_size(winit::dpi::LogicalSize::new(LEAST_SIZE[0], LEAST_SIZE[1]));
         // By this name Wayland finds the icon, in the menu entry of a package.
         #[cfg(target_os = "linux")]
         let attributes = winit::platform::wayland::WindowAttributesExtWayland::with_name(attributes, "glint", "glint");
         let window = Arc::new(event_loop.create_window(attributes).map_err(|error| crate::viewer::no_screen(&error))?);
+        // Not among the attributes, all of which GLINT_LOG=debug writes down.
+        window.set_window_icon(icon());
+        Self::on(window, event_loop, wanted)
+    }
+
+    /// Opens a device anew for the same window, after the old one or its surface was lost. What egui remembers stays; the
+    /// picture comes with the next frame.
+    ///
+    /// # Errors
+    /// No adapter can show something in the window any more.
+    pub fn opened_again(self, event_loop: &ActiveEventLoop, wanted: Option<&str>) -> anyhow::Result<Self> {
+        let Self { window, context, surface, canvas, picture, .. } = self;
+        // A window has one surface at a time.
+        drop((surface, canvas, picture));
+        // A context sends its fonts to the device once. Another one knows all that this one does, and sends them again.
+        let memory = context.memory(egui::Memory::clone);
+        let mut tried = Self::on(window.clone(), event_loop, wanted);
+        for _ in 1..TRIES {
+            if tried.is_ok() {
+                break;
+            }
+            // A driver that has just been restarted is not there at once.
+            std::thread::sleep(BETWEEN_TRIES);
+            tried = Self::on(window.clone(), event_loop, wanted);
+        }
+        let screen = tried?;
+        screen.context.memory_mut(|known| *known = memory);
+        Ok(screen)
+    }
+
+    fn on(window: Arc<Window>, event_loop: &ActiveEventLoop, wanted: Option<&str>) -> anyhow::Result<Self> {
         let display = Box::new(event_loop.owned_display_handle());
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_with_display_handle(display));
         let surface = instance.create_surface(window.clone())?;
@@ -90,6 +138,11 @@ impl Screen {
     /// Must be called when the system may have lost what the window showed: the next paint then shows all of it.
     pub fn show_again(&mut self) {
         self.is_stale = true;
+    }
+
+    /// The size of the window in pixels.
+    pub fn pixel_size(&self) -> [u32; 2] {
+        [self.configuration.width, self.configuration.height]
     }
 
     /// The size of the window in logical pixels.
@@ -130,30 +183,40 @@ impl Screen {
         // Handing over a window of 1400 x 900 takes software Vulkan and the X server some 10 ms, and most moves of the
         // mouse change nothing.
         let is_new = self.is_stale || self.canvas.would_change(&output.shapes, output.pixels_per_point);
-        let painted = if is_new { self.present(output.shapes, output.pixels_per_point) } else { Some(true) };
+        let presented = if is_new { self.present(output.shapes, output.pixels_per_point) } else { Presented::Shown };
         self.canvas.free(freed);
-        self.is_stale = painted != Some(true);
-        painted.map_or(Painted::Again, |is_shown| Painted::Next { delay, is_shown, is_new })
+        self.is_stale = presented != Presented::Shown;
+        match presented {
+            Presented::Shown | Presented::Hidden => {
+                Painted::Next { delay, is_shown: presented == Presented::Shown, is_new }
+            }
+            Presented::Changed => Painted::Again,
+            Presented::Lost => Painted::Lost,
+        }
     }
 
-    /// Returns whether the shapes are shown now; `None` if the surface has changed and they must be painted again.
-    fn present(&mut self, shapes: Vec<egui::epaint::ClippedShape>, pixels_per_point: f32) -> Option<bool> {
+    fn present(&mut self, shapes: Vec<egui::epaint::ClippedShape>, pixels_per_point: f32) -> Presented {
         use wgpu::CurrentSurfaceTexture as Current;
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let frame = match self.surface.get_current_texture() {
             Current::Success(frame) | Current::Suboptimal(frame) => frame,
-            Current::Outdated | Current::Lost => {
+            Current::Outdated => {
                 self.surface.configure(device, &self.configuration);
-                return None;
+                return Presented::Changed;
             }
-            // The window is hidden, or the compositor is busy: the next event brings the next frame.
-            _ => return Some(false),
+            Current::Lost => return Presented::Lost,
+            // The window is hidden, or the compositor is busy: the next event brings the next frame. Or the device is lost,
+            // which it tells when it is asked.
+            _ => {
+                let _ = device.poll(wgpu::PollType::Poll);
+                return Presented::Hidden;
+            }
         };
         let commands = self.canvas.paint(&self.context, shapes, pixels_per_point, &frame.texture);
         queue.submit(commands);
         self.window.pre_present_notify();
         queue.present(frame);
-        Some(true)
+        Presented::Shown
     }
 }
 
