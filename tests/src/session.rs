@@ -50,9 +50,17 @@ impl Session {
 
     /// Starts `glint ARGUMENTS`, and waits until its window is there and has the keyboard.
     pub fn open<I: IntoIterator<Item: AsRef<OsStr>>>(&self, arguments: I) -> Window<'_> {
+        self.open_acting_like("", arguments)
+    }
+
+    /// The same, with words of GLINT_ACT_LIKE.
+    pub fn open_acting_like<I: IntoIterator<Item: AsRef<OsStr>>>(&self, words: &str, arguments: I) -> Window<'_> {
         let messages = File::create(self.folder.path("messages.txt")).expect("a file in a temporary folder");
         let mut command = self.folder.command(arguments);
         command.env("DISPLAY", &self.display).env("GLINT_EVENT_LOG", self.folder.path("events.jsonl"));
+        if !words.is_empty() {
+            command.env("GLINT_ACT_LIKE", words);
+        }
         command.stdout(Stdio::null()).stderr(messages);
         let program = command.spawn().expect("the program starts");
         let mut window = Window { session: self, program, id: String::new() };

@@ -494,6 +494,10 @@ fn doctor_names_the_adapter_that_render_uses() {
     let report = doctor.json();
     let used = stats(&folder)["adapter"]["name"].as_str().expect("text").to_owned();
     assert!(strings(&report).iter().any(|text| text.contains(&used)), "{used} is not in {doctor}");
+    let adapters = report["adapters"].as_array().expect("a list");
+    let chosen = adapters.iter().find(|adapter| adapter["chosen"] == true).expect("the one that is used");
+    let needs = chosen["needs"].as_array().expect("what passes need");
+    assert!(needs.len() > 5 && needs.iter().all(|need| need["has"].as_u64() >= need["least"].as_u64()), "{chosen}");
     let text = folder.glint(["doctor"]);
     assert_done(&text);
     assert!(text.text().contains(&used), "{text}");

@@ -94,6 +94,52 @@ fn distances_of_planes_are_those_that_they_were_made_with() {
 }
 
 #[test]
+fn a_cloud_that_its_scene_moves_or_turns_is_compared_from_where_it_stands() {
+    let folder = Folder::new();
+    folder.write("a.ply", plane(0.0, 0.0));
+    folder.write("b.ply", plane(0.0, 0.0));
+    let own = |lines: &str| format!("clouds = ['a.ply']\n[[cloud_settings]]\ncloud = 'a.ply'\n{lines}\n");
+    folder.write("moved.toml", own("move = [0, 0, 0.05]"));
+    folder.write("upright.toml", own("turn = [90, 0, 0]\nabout = [600000, 5000000, 0]\nmove = [0, 0.1, 0]"));
+    let figures = |words: &[&str]| {
+        let outcome = folder.glint(["compare", "--json"].iter().chain(words));
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        outcome.json()
+    };
+    for (first, second) in [("moved.toml", "b.ply"), ("b.ply", "moved.toml")] {
+        let found = figures(&[first, second]);
+        assert!(is_near(&found["mean"], 0.05, 1e-9) && is_near(&found["max"], 0.05, 1e-6), "{found}");
+        let sign = if first == "b.ply" { 1.0 } else { -1.0 };
+        let found = figures(&[first, second, "--method", "m3c2"]);
+        assert!(is_near(&found["mean"], sign * 0.05, 1e-6), "{found}");
+    }
+    // Its rows stand 0, 0.2, ... 19.8 above the plane, between two rows of it.
+    let expected = (0..100).map(|row| (0.1_f64.powi(2) + (0.2 * f64::from(row)).powi(2)).sqrt()).sum::<f64>() / 100.0;
+    let found = figures(&["upright.toml", "b.ply", "-o", "upright.csv"]);
+    assert!(is_near(&found["mean"], expected, 1e-6), "{found}, not {expected}");
+    let table = std::fs::read_to_string(folder.path("upright.csv")).expect("the table");
+    let rows =
+        table.lines().skip(1).map(|line| line.split(',').map(|value| value.parse().expect("a number")).collect());
+    let rows: Vec<Vec<f64>> = rows.collect();
+    assert_eq!(rows.len(), 10_000);
+    assert!(rows.iter().all(|row| (row[1] - 5_000_000.1).abs() < 1e-6 && (-1e-6..=19.81).contains(&row[2])));
+    // A place that is none is refused by name.
+    for (lines, told) in [
+        ("move = [nan, 0, 0]", "move is [NaN, 0, 0]"),
+        ("turn = [0, 0, 1]", "turn has no `about"),
+        ("turn = [0, 0, 1e9]\nabout = [0, 0, 0]", "turn is [0, 0, 1000000000]"),
+    ] {
+        folder.write("odd.toml", own(lines));
+        let outcome = folder.glint(["compare", "odd.toml", "b.ply"]);
+        assert!(outcome.status == Some(2) && outcome.messages.contains("odd.toml"), "{outcome}");
+        assert!(
+            outcome.messages.contains("cloud settings 1 (`a.ply`)") && outcome.messages.contains(told),
+            "{outcome}"
+        );
+    }
+}
+
+#[test]
 fn what_cannot_be_compared_is_refused() {
     let folder = Folder::new();
     folder.write("a.ply", plane(0.0, 0.0));

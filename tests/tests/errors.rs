@@ -165,6 +165,32 @@ fn inputs_that_cannot_be_read_are_bad_input_in_every_command() {
 
 #[cfg(unix)]
 #[test]
+fn a_scene_that_hides_all_of_its_clouds_is_bad_input_in_every_command() {
+    let folder = Folder::new();
+    las(&folder, "a.las", 10);
+    let measurement = "[[measurements]]\nkind = 'point'\npoints = [[0, 0, 0]]\n";
+    let hidden = "[[cloud_settings]]\ncloud = 'a.las'\non = false\n";
+    folder.write("hidden.toml", format!("clouds = ['a.las']\n{hidden}{measurement}{PATH}"));
+    let line = ["--line", "0,0,0:1,0,0", "--width", "1"];
+    let commands: [&[&str]; 6] = [
+        &["render", "hidden.toml", "-o", "a.png"],
+        &["record", "hidden.toml", "-o", "a"],
+        &[&["profile", "hidden.toml"], &line[..]].concat(),
+        &["measure", "hidden.toml"],
+        &["export", "hidden.toml", "-o", "a.ply"],
+        &["compare", "hidden.toml", "a.las"],
+    ];
+    for words in commands {
+        let outcome = folder.glint(words);
+        if !lacks_adapter(&outcome) {
+            assert_failed(&outcome, 2, &["a.las: the scene hides all of its clouds"]);
+        }
+    }
+    assert!(["a.png", "a", "a.ply"].iter().all(|name| !folder.path(name).exists()), "nothing is left behind");
+}
+
+#[cfg(unix)]
+#[test]
 fn files_without_permission_are_bad_input_in_every_command() {
     use std::os::unix::fs::PermissionsExt as _;
     // In a namespace where it is mapped to nobody even root may not read what nobody may.

@@ -63,9 +63,46 @@ fn what_a_scene_shows_of_a_scan_is_exported_point_by_point() {
             assert!(table(name) == shown, "{name} has other points");
         }
     }
-    // The scene file can be the input, too; a PLY file has the same points.
-    let outcome = folder.glint(["export", "some.toml", "-o", "some.ply"]);
-    assert_eq!(outcome.status, Some(0), "{outcome}");
+    // The scene file can be the input, too; a PLY file has the same points. The report is true of every kind of file.
+    for name in ["some.ply", "told.laz", "told.copc.laz", "told.csv"] {
+        let outcome = folder.glint(["export", "some.toml", "--json", "-o", name]);
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        let (report, written) = (outcome.json(), shown.len() as u64);
+        assert_eq!((&report["path"], &report["points"]), (&name.into(), &written.into()));
+        assert_eq!(report["left_out"], all - written);
+        if name == "told.csv" {
+            let text = std::fs::read_to_string(folder.path(name)).expect("the table");
+            let names: Vec<&str> = text.lines().next().expect("names").split(',').collect();
+            let told: Vec<&str> = report["attributes"]
+                .as_array()
+                .expect("a list")
+                .iter()
+                .map(|own| own["name"].as_str().expect("a name"))
+                .collect();
+            assert_eq!(told, names);
+            let row = |line: &str| line.split(',').take(3).map(|value| value.parse().expect("a number")).collect();
+            let rows: Vec<Vec<f64>> = text.lines().skip(1).map(row).collect();
+            for axis in 0..3 {
+                let values = || rows.iter().map(|row| row[axis]);
+                let ends = [values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max)];
+                let told = ["min", "max"].map(|end| report["bounds"][end][axis].as_f64().expect("a number"));
+                assert!(ends.iter().zip(told).all(|(end, told)| (end - told).abs() < 1e-6), "{ends:?}: {report}");
+            }
+            continue;
+        }
+        let found = information(&folder, name);
+        assert_eq!(report["bounds"], found["bounds"], "{name}");
+        let kinds = |of: &serde_json::Value| -> Vec<(String, String)> {
+            let text = |value: &serde_json::Value| value.as_str().expect("text").to_owned();
+            of["attributes"]
+                .as_array()
+                .expect("a list")
+                .iter()
+                .map(|own| (text(&own["name"]), text(&own["type"])))
+                .collect()
+        };
+        assert_eq!(kinds(&report), kinds(&found), "{name}");
+    }
     assert_eq!(information(&folder, "some.ply")["points"], information(&folder, "some.las")["points"]);
     assert_eq!(information(&folder, "some.copc.laz")["points"], information(&folder, "some.las")["points"]);
 }

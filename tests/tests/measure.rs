@@ -149,6 +149,27 @@ fn values_of_a_slope_and_a_column_are_those_of_their_formulas_within_their_uncer
     assert!((value(&report, "t", "rms").0 / NOISE - 1.0).abs() < 0.05, "{report}");
     assert!((value(&report, "t", "length").0 - 1.0).abs() < 0.02, "the clip is 1 high: {report}");
 
+    // As a table, with the same numbers.
+    let outcome = folder.glint(["measure", "column.toml", "--csv"]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let text = outcome.text();
+    let mut rows = text.lines();
+    assert_eq!(rows.next(), Some("measurement,kind,on,figure,value,unit,uncertainty,error"));
+    let told = report["measurements"].as_array().expect("a list").iter();
+    let values = told.flat_map(|own| own["values"].as_array().expect("values").iter().map(move |value| (own, value)));
+    let rows: Vec<Vec<&str>> = rows.map(|row| row.split(',').collect()).collect();
+    assert!(rows.len() > 10 && rows.len() == values.clone().count(), "{text}");
+    for (row, (own, value)) in rows.iter().zip(values) {
+        assert_eq!((row[0], row[1], row[2]), (own["name"].as_str().unwrap(), own["kind"].as_str().unwrap(), "true"));
+        let unit = value["unit"].as_str().unwrap_or_default();
+        assert_eq!((row[3], row[5], row[7]), (value["name"].as_str().unwrap(), unit, ""));
+        for (text, told) in [(row[4], &value["value"]), (row[6], &value["uncertainty"])] {
+            let (own, told): (Option<f64>, _) = (text.parse().ok(), told.as_f64());
+            let is_same = own.zip(told).map_or(own == told, |(own, told)| (own - told).abs() <= 1e-12 * told.abs());
+            assert!(is_same, "{text:?} is not {told:?}");
+        }
+    }
+
     // For people, with as many digits as the uncertainty allows.
     let text = folder.glint(["measure", "column.toml"]);
     let line = text.text().lines().find(|line| line.contains("radius")).map(str::to_owned);
@@ -208,6 +229,12 @@ fn what_cannot_be_measured_is_told_and_the_rest_is_measured() {
     let far = measurement("far", "plane", &["[0.0, 0.0, 0.0]".into()], "reach = 1.0");
     let text = refused(&format!("clouds = [\"slope.ply\"]\n{far}{distance}"), 1, "measurement 1 (`far`): 0 points");
     assert!(text.contains("1.031 ± "), "{text}");
+    let text = folder.glint(["measure", "some.toml", "--csv"]).text();
+    assert!(
+        text.contains("\nfar,plane,true,,,,,\"0 points") && text.contains("\nd,distance,true,distance,1.03"),
+        "{text}"
+    );
+    assert_eq!(folder.glint(["measure", "some.toml", "--csv", "--json"]).status, Some(2));
     let huge = measurement("huge", "plane", &[on_slope(10.0, 10.0)], "reach = 1e6");
     let round = huge.replace("plane", "cylinder");
     refused(&format!("clouds = [\"slope.ply\"]\n{round}"), 1, "no curvature");

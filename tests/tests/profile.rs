@@ -59,6 +59,41 @@ fn a_profile_of_a_slope_is_a_straight_line_of_it() {
 }
 
 #[test]
+fn a_profile_and_measurements_of_a_moved_cloud_are_of_where_it_stands() {
+    let folder = Folder::new();
+    folder.write("slope.ply", slope());
+    // A quarter of a turn: the slope rises by 0.25 a unit of y, and by 0.5 a unit of x, and is 7 higher.
+    let measured = "[[measurements]]\nname = 'p'\nkind = 'plane'\npoints = [[5000010, 600010, 4.5]]\nreach = 4.0\n";
+    let own =
+        "[[cloud_settings]]\ncloud = 'slope.ply'\nturn = [0, 0, 90]\nabout = [5000010, 600010, 0]\nmove = [0, 0, 7]\n";
+    folder.write("turned.toml", format!("clouds = ['slope.ply']\n{own}{measured}"));
+    let line = ["--line", "5000000,600004.1,0:5000020,600004.1,0", "--width", "1"];
+    let outcome = folder.glint(["profile", "turned.toml"].iter().chain(&line));
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let rows = table(&outcome.text());
+    assert!((300..360).contains(&rows.len()), "{} points", rows.len());
+    for row in &rows {
+        let (x, y) = (row[3] - 5_000_010.0, row[4] - 600_010.0);
+        let height = 7.0 - 2.5 + 0.25 * y + 0.5 * x;
+        assert!((row[1] - height).abs() < 1e-6 && row[5] == row[1], "{row:?}: {height}");
+        // Colours and attributes are those of the point of the file.
+        assert!((row[6] - (y + 10.0) * 4.0).abs() < 1e-6 && (row[9] - (10.0 - x) * 40.0).abs() < 1e-5, "{row:?}");
+    }
+    let outcome = folder.glint(["profile", "turned.toml", "-o", "turned.ply"].iter().chain(&line));
+    assert_eq!(outcome.text(), format!("turned.ply: {} points\n", rows.len()), "{outcome}");
+    let outcome = folder.glint(["measure", "turned.toml", "--json"]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let report = outcome.json();
+    let values = report["measurements"][0]["values"].as_array().expect("a list");
+    let value =
+        |name: &str| values.iter().find(|value| value["name"] == name).and_then(|value| value["value"].as_f64());
+    let length = (0.5_f64.powi(2) + 0.25_f64.powi(2) + 1.0).sqrt();
+    for (name, expected) in [("normal x", -0.5 / length), ("normal y", -0.25 / length), ("rms", 0.0)] {
+        assert!(value(name).is_some_and(|value| (value - expected).abs() < 1e-6), "{name}: {report}");
+    }
+}
+
+#[test]
 fn a_profile_is_drawn_and_its_points_are_written_as_files() {
     let folder = Folder::new();
     folder.write("slope.ply", slope());
@@ -101,6 +136,107 @@ fn a_profile_is_drawn_and_its_points_are_written_as_files() {
 }
 
 #[test]
+fn several_sections_make_one_table_one_chart_and_one_file() {
+    let folder = Folder::new();
+    folder.write("slope.ply", slope());
+    let run = |words: &[&str]| {
+        let outcome = folder.glint(["profile"].iter().chain(words));
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        String::from_utf8_lossy(&outcome.output).into_owned()
+    };
+    // Along x, each section is a row of points, and the copies are two rows to the left: 0.5 in y, -0.25 in height.
+    let line = ["slope.ply", "--line", "5000002,600003,0:5000004,600003,0", "--width", "0.1"];
+    let stack = [&line[..], &["--copies", "2", "--spacing", "0.5"]].concat();
+    let text = run(&stack);
+    let mut rows = text.lines().map(|row| row.split(',').collect::<Vec<_>>());
+    assert_eq!(rows.next().expect("names")[..3], ["profile", "along", "height"]);
+    let rows: Vec<Vec<&str>> = rows.collect();
+    let of = |name: &str| -> Vec<(f64, f64)> {
+        let own = rows.iter().filter(|row| row[0] == name);
+        own.map(|row| (row[1].parse().expect("along"), row[2].parse().expect("height"))).collect()
+    };
+    let (first, second, third) = (of("profile"), of("profile 2"), of("profile 3"));
+    assert_eq!((first.len(), second.len(), third.len(), rows.len()), (9, 9, 9, 27));
+    for (index, (along, height)) in first.iter().enumerate() {
+        let (step, base) = (index as f64 * 0.25, 0.5 - 1.5 + index as f64 * 0.0625);
+        assert!((along - step).abs() < 1e-6 && (height - base).abs() < 1e-6, "{along} {height}");
+        assert!((second[index].1 - base + 0.25).abs() < 1e-6 && (third[index].1 - base + 0.5).abs() < 1e-6);
+    }
+    run(&[&stack[..], &["-o", "stack.svg"]].concat());
+    let drawn = std::fs::read_to_string(folder.path("stack.svg")).expect("the chart");
+    assert!(drawn.contains("3 profiles: 27 points") && drawn.contains("profile 3"), "{}", &drawn[..600]);
+    run(&[&stack[..], &["-o", "stack.ply"]].concat());
+    let back = run(&["stack.ply", "--line", "5000000,600000,0:5000030,600000,0", "--width", "100"]);
+    assert_eq!(back.lines().count(), 28, "each point once");
+
+    // The report has the sections without their points.
+    let extents = |text: String| {
+        let report: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        let range = |range: &serde_json::Value| [0, 1].map(|end| range[end].as_f64().expect("a number"));
+        let section = |own: &serde_json::Value| {
+            let name = own["name"].as_str().expect("a name").to_owned();
+            (name, own["points"].as_u64(), range(&own["along"]), range(&own["height"]))
+        };
+        let sections: Vec<_> = report["profiles"].as_array().expect("a list").iter().map(section).collect();
+        (report["path"].clone(), sections)
+    };
+    let ends = |points: &[(f64, f64)]| {
+        let (first, last) = (points[0], points[points.len() - 1]);
+        (Some(points.len() as u64), [first.0, last.0], [first.1, last.1])
+    };
+    let expected: Vec<_> = [("profile", &first), ("profile 2", &second), ("profile 3", &third)]
+        .map(|(name, points)| (name.to_owned(), ends(points)))
+        .map(|(name, (points, along, height))| (name, points, along, height))
+        .into();
+    assert_eq!(extents(run(&[&stack[..], &["--json"]].concat())), (serde_json::Value::Null, expected.clone()));
+    for name in ["told.csv", "told.png", "told.laz"] {
+        let told = extents(run(&[&stack[..], &["--json", "-o", name]].concat()));
+        assert!(told == (name.into(), expected.clone()) && folder.path(name).exists(), "{name}: {told:?}");
+    }
+
+    // The profiles of a scene file, of which one is switched off.
+    folder.write(
+        "walls.toml",
+        "clouds = [\"slope.ply\"]\n[[profiles]]\nname = \"north\"\nwidth = 0.1\nline = [[5000002.0, 600003.0, 0.0], \
+         [5000004.0, 600003.0, 0.0]]\n[[profiles]]\nname = \"east\"\nwidth = 0.1\nline = [[5000002.0, 600004.0, 0.0], \
+         [5000003.0, 600004.0, 0.0]]\n[[profiles]]\nname = \"off\"\non = false\nwidth = 9.0\nline = [[5000002.0, \
+         600004.0, 0.0], [5000003.0, 600004.0, 0.0]]\n",
+    );
+    let text = run(&["walls.toml"]);
+    let of = |name: &str| text.lines().filter(|row| row.starts_with(name)).count();
+    assert_eq!((of("north,"), of("east,"), of("off,"), text.lines().count()), (9, 5, 0, 15));
+    for (words, mentioned) in [
+        (vec!["slope.ply"], "no profile is asked for"),
+        ([&line[..], &["--copies", "2"]].concat(), "--spacing"),
+        (vec!["walls.toml", "--copies", "2", "--spacing", "1"], "--line"),
+        ([&line[..], &["--copies", "1000", "--spacing", "1"]].concat(), "100"),
+        ([&line[..], &["--copies", "2", "--spacing", "nan"]].concat(), "expected a finite distance"),
+    ] {
+        let outcome = folder.glint(["profile"].iter().chain(&words));
+        assert!(outcome.status == Some(2) && outcome.messages.contains(mentioned), "{mentioned}: {outcome}");
+    }
+}
+
+#[test]
+fn stray_points_are_in_no_section_if_they_are_hidden() {
+    let folder = Folder::new();
+    let mut rows = slope();
+    rows = rows.replace("vertex 6561", "vertex 6562");
+    rows += "5000010 600010 60 1 1 1 1\n";
+    folder.write("slope.ply", rows);
+    let line = ["profile", "slope.ply", "--line", "5000002,600010,0:5000018,600010,0", "--width", "0.1"];
+    let count = |more: &[&str]| {
+        let outcome = folder.glint(line.iter().chain(more));
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        String::from_utf8_lossy(&outcome.output).lines().count() - 1
+    };
+    assert_eq!((count(&[]), count(&["--set", "splat.strays=hidden"])), (66, 65));
+    let words = [&line[..], &["--set", "splat.strays=hidden", "-o", "some.laz"]].concat();
+    let outcome = folder.glint(&words);
+    assert!(String::from_utf8_lossy(&outcome.output).contains("65 points"), "{outcome}");
+}
+
+#[test]
 fn a_profile_that_cannot_be_made_is_refused() {
     let folder = Folder::new();
     folder.write("slope.ply", slope());
@@ -117,5 +253,8 @@ fn a_profile_that_cannot_be_made_is_refused() {
     refused(&["--line", "0,0,0:1,0,0", "--width", "1", "-o", "a.txt"], ".csv");
     let empty = folder.glint(["profile", "slope.ply", "--line", "0,0,0:1,0,0", "--width", "1"]);
     assert!(empty.status == Some(0) && empty.messages.contains("holds no points"), "{empty}");
+    let told = folder.glint(["profile", "slope.ply", "--line", "0,0,0:1,0,0", "--width", "1", "--json"]).json();
+    let nothing = serde_json::json!([{ "name": "profile", "points": 0, "along": null, "height": null }]);
+    assert!(told["profiles"] == nothing && told["unit"].is_null(), "{told}");
     assert_eq!(table(&String::from_utf8_lossy(&empty.output)).len(), 0);
 }

@@ -76,6 +76,20 @@ fn bytes(path: PathBuf) -> Vec<u8> {
     std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
+/// What a picture was drawn from.
+fn stats(folder: &Folder, output: &str, frame: usize) -> serde_json::Value {
+    let file = folder.path(output).join(format!("frame-{frame:06}.json"));
+    serde_json::from_slice(&bytes(file)).expect("JSON")
+}
+
+/// Holds that a picture of the hills lacks no node that its view needs.
+fn all_nodes_are_there(stats: &serde_json::Value) {
+    let stream = &stats["stream"];
+    assert_eq!((&stream["settled"], &stream["nodes_missing"]), (&true.into(), &0.into()), "{stats}");
+    assert!(stream["nodes"].as_u64().is_some_and(|nodes| nodes > 0), "{stats}");
+    assert_eq!(stream["points_total"], 400_000, "{stats}");
+}
+
 #[test]
 fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_time() {
     let folder = folder();
@@ -101,10 +115,11 @@ fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_
         assert!(picture("pictures", frame) != picture("pictures", frame - 1), "frame {frame} shows no other view");
     }
 
-    let again = record(&folder, "again", &[]);
+    let again = record(&folder, "again", &["--stats"]);
     assert_eq!(again.status, Some(0), "{again}");
     for frame in 0..5 {
         assert!(picture("again", frame) == picture("pictures", frame), "frame {frame} is another the second time");
+        all_nodes_are_there(&stats(&folder, "again", frame));
     }
 
     for frame in [1, 2] {
@@ -120,6 +135,48 @@ fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_
     assert_eq!(part.text(), "1 pictures in part\n", "{part}");
     assert_eq!(names(&folder.path("part")), [pictures[3].as_str()]);
     assert!(picture("part", 3) == picture("pictures", 3), "the frame depends on those before it");
+}
+
+/// The number of points that are drawn follows the keys, as if each were the scene's own, and rises again after it fell.
+#[test]
+fn the_point_budget_and_the_detail_change_along_a_path() {
+    let folder = folder();
+    let track = |key: &str, times: &str, values: &str, ease: &str| {
+        format!("[[paths.tracks]]\nkey = \"{key}\"\ntimes = {times}\nvalues = {values}\nease = \"{ease}\"\n")
+    };
+    let keys = track("view.point_budget", "[0.0, 0.4, 0.8]", "[400000, 100000, 400000]", "linear")
+        + &track("stream.detail", "[0.0, 0.6]", "[0.25, 8.0]", "hold");
+    let scene = streamed_scene();
+    let still = &scene[..scene.find("[[paths.keyframes]]\ntime = 0.4").expect("the second keyframe")];
+    folder.write("tour.toml", format!("{still}{keys}"));
+    let words = "record tour.toml -o budgets --size 192x128 --fps 10 --frames 2..7 --stats";
+    let recorded = folder.glint_within(PATIENCE, words.split(' '));
+    if lacks_adapter(&recorded) {
+        return;
+    }
+    assert_eq!((recorded.status, recorded.messages.as_str()), (Some(0), ""), "{recorded}");
+    let points = |frame: usize| {
+        let stats = stats(&folder, "budgets", frame);
+        all_nodes_are_there(&stats);
+        stats["points"].as_u64().expect("a count")
+    };
+    let counts: Vec<u64> = (2..7).map(points).collect();
+    for (count, budget) in counts.iter().zip([250_000, 175_000, 100_000, 175_000]) {
+        assert!((budget * 2 / 3..=budget).contains(count), "{counts:?}");
+    }
+    assert!(counts[4] < 50_000, "with little detail: {counts:?}");
+    let sets = [
+        (2, "view.point_budget=250000", "stream.detail=0.25"),
+        (5, "view.point_budget=175000", "stream.detail=0.25"),
+        (6, "view.point_budget=250000", "stream.detail=8"),
+    ];
+    for (frame, budget, detail) in sets {
+        let words = ["render", "tour.toml", "-o", "still.png", "--size", "192x128", "--set", budget, "--set", detail];
+        let still = folder.glint_within(PATIENCE, words);
+        assert_eq!(still.status, Some(0), "{still}");
+        let picture = bytes(folder.path(&format!("budgets/frame-{frame:06}.png")));
+        assert!(picture == bytes(folder.path("still.png")), "frame {frame}: {budget}, {detail}");
+    }
 }
 
 #[test]
@@ -414,6 +471,68 @@ fn the_exposure_of_a_path_is_that_of_its_keyframes_and_goes_evenly_between_them(
     let locked = folder.glint_within(PATIENCE, words.iter().chain(&["--set", "tone.fit=locked", "--set", &between]));
     assert_eq!(locked.status, Some(0), "{locked}");
     assert!(bytes(folder.path("tour/frame-000001.png")) == bytes(folder.path("still.png")), "{between}");
+}
+
+/// Without names nothing is drawn over the states, so each part is that of the picture which the state alone gives.
+#[test]
+fn a_wipe_shows_parts_of_the_pictures_of_its_states_to_the_bit() {
+    let folder = Folder::new();
+    let camera = "eye = [0.0, 0.0, 1.9]\npivot = [0.0, 0.0, 0.0]\nup = [0.0, 1.0, 0.0]\n";
+    let scene = |states: &str, lines: &str| {
+        format!(
+            "clouds = [\"five-mirrors/none\"]\n[camera]\n{camera}[parameters]\n\"gi.bounces\" = 0\n\"scene.points\" = 20000\n\
+             \"reflection.method\" = \"none\"\n\"tone.fit\" = \"locked\"\n[[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\n\
+             position = [0.1, 0.0, 0.0]\nsize = 0.6\n[[paths]]\nname = \"wipe\"\n[[paths.keyframes]]\ntime = 0.0\n{camera}{states}\
+             [[paths.tracks]]\nkey = \"wipe\"\ntimes = [0.0, 1.0]\nvalues = {lines}\nease = \"linear\"\n"
+        )
+    };
+    let traced = "[[paths.states]]\nmethod = \"ray_trace\"\n";
+    let found = "[[paths.states]]\nmethod = \"surfel_trace\"\nparameters = { \"view.background\" = \"#405060\" }\n";
+    let plain = "[[paths.states]]\n";
+    folder.write("two.toml", scene(&[found, traced].concat(), "[1.0, 0.0]"));
+    let recorded = folder.glint_within(PATIENCE, "record two.toml -o two --size 96x64 --fps 4 --stats".split(' '));
+    if lacks_adapter(&recorded) {
+        return;
+    }
+    assert_eq!((recorded.status, &*recorded.text()), (Some(0), "4 pictures in two\n"), "{recorded}");
+    let picture = |name: &str| image::open(folder.path(name)).expect("a picture").into_rgba8();
+    let render = |name: &str, words: &str| {
+        let words = format!("render two.toml -o {name} --size 96x64 {words}");
+        let rendered = folder.glint_within(PATIENCE, words.split_whitespace());
+        assert_eq!((rendered.status, rendered.messages.as_str()), (Some(0), ""), "{rendered}");
+        picture(name)
+    };
+    let states = [
+        render("found.png", "--method surfel_trace --set view.background=#405060"),
+        render("plain.png", ""),
+        render("traced.png", "--method ray_trace"),
+    ];
+    assert!(states[0] != states[2] && states[1] != states[2], "the states have pictures of their own");
+    let is_of = |wiped: &image::RgbaImage, edges: &[u32]| {
+        wiped.enumerate_pixels().all(|(x, y, pixel)| {
+            let state = edges.iter().filter(|edge| **edge <= x).count();
+            states[state].get_pixel(x, y) == pixel
+        })
+    };
+    for (frame, line) in [(0, 96), (1, 72), (2, 48), (3, 24)] {
+        let wiped = picture(&format!("two/frame-{frame:06}.png"));
+        assert!(is_of(&wiped, &[line, line]), "frame {frame}");
+    }
+    assert!(render("end.png", "--time 1") == states[2], "the right state alone");
+    let then = render("then.png", "--time 0.5");
+    assert!(then == picture("two/frame-000002.png"), "by itself");
+    let stats: serde_json::Value = serde_json::from_slice(&bytes(folder.path("two/frame-000001.json"))).expect("JSON");
+    assert_eq!(stats["method"], "surfel_trace | ray_trace", "{stats}");
+
+    folder.write("two.toml", scene(&[found, plain, traced].concat(), "[[0.25, 0.75], [0.25, 0.75]]"));
+    assert!(is_of(&render("three.png", "--time 0"), &[24, 72]), "three states");
+    folder.write("two.toml", scene(&[found, traced].concat().replace("surfel_trace", "surfels"), "[1.0, 0.0]"));
+    let refused = folder.glint_within(PATIENCE, "record two.toml -o wrong".split(' '));
+    assert_eq!(refused.status, Some(2), "{refused}");
+    assert!(
+        refused.messages.contains("path 1 (`wipe`), state 1: method: `surfels` is unknown; available: "),
+        "{refused}"
+    );
 }
 
 /// A ball that crosses the picture, on black.

@@ -235,6 +235,21 @@ fn no_tracked_file_names_a_place_on_somebodys_machine() {
 }
 
 #[test]
+fn an_archive_of_the_sources_tells_its_commit() {
+    if tracked_texts().is_empty() {
+        return;
+    }
+    let git = |words: &[&str]| {
+        let output = Command::new("git").args(words).current_dir(root()).output().expect("git runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8_lossy(&output.stdout).trim().to_owned()
+    };
+    let archive = git(&["archive", "--format=tar", "HEAD", "app/commit.txt"]);
+    // Once in the archive's own header, and once in the file that app/build.rs reads.
+    assert_eq!(archive.matches(&git(&["rev-parse", "HEAD"])).count(), 2, "{archive}");
+}
+
+#[test]
 fn no_source_file_is_left_unfinished() {
     let sources: Vec<_> = tracked_texts().into_iter().filter(|(name, _)| name.contains("src/")).collect();
     let words = ["todo!(", "unimplemented!(", "dbg!("].map(str::to_owned);

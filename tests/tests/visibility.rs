@@ -170,6 +170,33 @@ fn hidden_points_are_as_good_as_absent_in_pictures_and_in_their_truth() {
     assert!(outcome.status == Some(0) && outcome.messages.contains("hides all of their points"), "{outcome}");
 }
 
+/// The points elsewhere, at coordinates that are exact, too.
+fn away(points: Vec<Point>) -> Vec<Point> {
+    let away =
+        |Point { position: [x, y, z], color, class }| Point { position: [x + 3.0, y - 800.0, z + 1.0], color, class };
+    points.into_iter().map(away).collect()
+}
+
+/// Moves them back.
+const BACK: &str = "[[cloud_settings]]\ncloud = \"away.las\"\nmove = [-3, 800, -1]\n";
+
+#[test]
+fn a_moved_cloud_is_as_if_its_file_had_it_where_it_stands_in_pictures_and_in_their_truth() {
+    let folder = Folder::new();
+    folder.write("all.las", las(points().iter()));
+    folder.write("away.las", las(away(points()).iter()));
+    folder.write("all.toml", format!("clouds = [\"all.las\"]\n{SCENE}"));
+    folder.write("moved.toml", format!("clouds = [\"away.las\"]\n{SCENE}{BACK}"));
+    folder.write("away.toml", format!("clouds = [\"away.las\"]\n{SCENE}"));
+    let Some(all) = rendered(&folder, "all.toml", "surfel_trace", &[]) else { return };
+    let moved = rendered(&folder, "moved.toml", "surfel_trace", &[]).expect("an adapter");
+    for (name, written) in &all {
+        assert!(moved[name] == *written, "{name}");
+    }
+    let away = rendered(&folder, "away.toml", "surfel_trace", &[]).expect("an adapter");
+    assert!(away["picture"] != all["picture"], "the test would prove nothing");
+}
+
 /// What a scene file clips of streamed points is neither drawn nor loaded.
 #[test]
 fn clipped_points_of_a_streamed_cloud_are_as_good_as_absent_and_most_are_not_loaded() {
@@ -183,9 +210,15 @@ fn clipped_points_of_a_streamed_cloud_are_as_good_as_absent_and_most_are_not_loa
     let kept = points.iter().filter(is_in).count() as u64;
     let clip = "[[clips]]\nposition = [2.0, 1.25, 2.25]\nsize = [4.0, 2.5, 3.5]\n";
     folder.write("clipped.toml", format!("clouds = [\"all.las\"]\n{clip}"));
-    for pages in ["stream.pages=never", "stream.pages=always"] {
+    // The same from another place, to which the scene moves it; the clip is in the world.
+    folder.write("away.las", las(away(points).iter()));
+    folder.write("moved.toml", format!("clouds = [\"away.las\"]\n{clip}{BACK}"));
+    let points = points_of(300_000);
+    let both = ["stream.pages=never", "stream.pages=always"]
+        .map(|pages| ["clipped.toml", "moved.toml"].map(|scene| (scene, pages)));
+    for (scene, pages) in both.into_iter().flatten() {
         // So large that the finest points are more than `stream.detail` apart.
-        let picture = ["render", "clipped.toml", "-o", "clipped.png", "--size", "384x288", "--stats", "stats.json"];
+        let picture = ["render", scene, "-o", "clipped.png", "--size", "384x288", "--stats", "stats.json"];
         let streamed = ["--set", pages, "--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
         let outcome = folder.glint(picture.iter().chain(&streamed));
         if lacks_adapter(&outcome) {
@@ -194,13 +227,42 @@ fn clipped_points_of_a_streamed_cloud_are_as_good_as_absent_and_most_are_not_loa
         assert_eq!(outcome.status, Some(0), "{outcome}");
         let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
         let stats: serde_json::Value = serde_json::from_str(&text).expect("JSON");
-        assert_eq!(stats["points"]["drawn"].as_u64(), Some(kept), "{pages}: {stats}");
+        assert_eq!(stats["points"]["drawn"].as_u64(), Some(kept), "{scene}, {pages}: {stats}");
         if let Some(resident) = stats["stream"]["points_resident"].as_u64() {
             // The root of the index is always loaded, and so are the nodes that the border cuts.
-            assert!((kept..points.len() as u64 * 9 / 10).contains(&resident), "{resident} of {kept} loaded");
+            assert!((kept..points.len() as u64 * 9 / 10).contains(&resident), "{scene}: {resident} of {kept} loaded");
         } else {
             assert!(pages.ends_with("never"), "{stats}");
         }
+    }
+}
+
+/// An index keeps few attributes unless it is asked to.
+#[test]
+fn a_filter_hides_points_of_a_streamed_cloud_by_any_attribute_of_its_file() {
+    let folder = Folder::new();
+    // So near to each other that a picture needs all of them.
+    let points: Vec<Point> = points().into_iter().filter(|point| point.position[0] < 10.0).collect();
+    folder.write("all.las", las(points.iter()));
+    let shown = points.iter().filter(|point| point.class != 7).count() as u64;
+    let [_, _, (_, filters)] = HIDINGS;
+    let filters = filters.replace("17.0", "18.0");
+    folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{filters}"));
+    folder.write("all.toml", "clouds = [\"all.las\"]\n");
+    for (scene, expected) in [("all.toml", points.len() as u64), ("hiding.toml", shown)] {
+        let picture = ["render", scene, "-o", "picture.png", "--size", "384x288", "--stats", "stats.json"];
+        let streamed = ["--set", "stream.pages=always", "--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
+        let outcome = folder.glint(picture.iter().chain(&streamed));
+        if lacks_adapter(&outcome) {
+            return;
+        }
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        let warns = outcome.messages.matches("filter hides nothing").count();
+        assert_eq!(warns, usize::from(scene == "hiding.toml"), "of the attribute that no file has: {outcome}");
+        let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
+        let stats: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        assert_eq!(stats["stream"]["points_resident"].as_u64(), Some(points.len() as u64), "{stats}");
+        assert_eq!(stats["points"]["drawn"].as_u64(), Some(expected), "{scene}: {stats}");
     }
 }
 

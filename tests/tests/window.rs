@@ -99,6 +99,30 @@ fn a_scene_named_as_argument_is_shown_and_turns_with_the_mouse() {
 }
 
 #[test]
+fn a_window_whose_device_is_lost_has_another_one_with_the_same_picture_and_all_that_was_done() {
+    let session = Session::start();
+    session.folder.write("small.toml", SMALL_SCENE);
+    let expected = {
+        let window = session.open(["small.toml"]);
+        view(&settled(&window, 0))
+    };
+    let seen = std::fs::read_to_string(session.folder.path("events.jsonl")).expect("the log").lines().count();
+    let window = session.open_acting_like("lost-window", ["small.toml"]);
+    window.wait_for_event("frame", seen, |_| true);
+    let lost = window.events().len();
+    // It is opened a second time.
+    let is_opened = |event: &Value| event["event"] == "window";
+    let again = || window.events().into_iter().skip(seen).filter(is_opened).count() == 2;
+    window.wait_for_picture("a window of another device", |_| again());
+    window.wait_for_picture("the same picture as without a loss", |picture| view(picture) == expected);
+    // It goes on as before.
+    window.press("6");
+    window.wait_for_event("colored", lost, |event| event["by"] == "normal");
+    window.wait_for_picture("another picture", |picture| view(picture) != expected);
+    assert!(window.is_open(), "{}", window.messages());
+}
+
+#[test]
 fn a_path_that_is_typed_is_opened_where_no_dialog_answers() {
     let session = Session::start();
     session.folder.write("lattice.ply", lattice());

@@ -80,6 +80,7 @@ fn a_room_with_the_lamp_that_it_gets_is_the_same_in_the_window_and_without_one()
                  up = [0.0, 0.0, 1.0]\n[parameters]\n\"gi.vpls\" = 64\n\
                  [[cloud_settings]]\ncloud = \"hidden.ply\"\non = false\n\
                  [[cloud_settings]]\ncloud = \"room.ply\"\nsize = 1.3\ncolor = { by = \"height\", ramp = \"magma\" }\n\
+                 turn = [0.0, 0.0, 3.0]\nabout = [5.0, 4.0, 0.0]\nmove = [0.1, 0.0, 0.02]\n\
                  [[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\nposition = [5.0, 4.0, 1.2]\nsize = 0.6\n";
     session.folder.write("room.toml", scene);
     let surroundings = compare(&session, "room.toml");
@@ -93,7 +94,8 @@ fn a_streamed_cloud_of_which_a_class_is_hidden_is_the_same_in_the_window_and_wit
     let scene = "clouds = [\"hills.ply\"]\n[camera]\neye = [20.0, -30.0, 40.0]\npivot = [50.0, 40.0, 0.0]\n\
                  up = [0.0, 0.0, 1.0]\n[parameters]\n\"stream.pages\" = \"always\"\n\"view.point_budget\" = 150000\n\
                  \"gi.vpls\" = 64\n[visibility]\nhidden_classes = [7]\n\
-                 [[cloud_settings]]\ncloud = \"hills.ply\"\nsize = 1.3\ncolor = { by = \"normal\" }\n";
+                 [[cloud_settings]]\ncloud = \"hills.ply\"\nsize = 1.3\ncolor = { by = \"normal\" }\n\
+                 turn = [0.0, 2.0, 30.0]\nabout = [50.0, 50.0, 0.0]\nmove = [0.0, 5.0, 0.0]\n";
     session.folder.write("hills.toml", scene);
     let surroundings = compare(&session, "hills.toml");
     assert_eq!(surroundings["sky_is_open"], true);
