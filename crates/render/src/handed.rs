@@ -1,5 +1,8 @@
-//! What a frame hands to the CPU: its pass times, its counters, its exposure and its picture. The frame's own commands copy them into
-//! one buffer, which stays from frame to frame, so that one wait brings them all and nothing is copied twice.
+//! What a frame hands to the CPU: its pass times, its counters, its exposure and its picture. The frame's own commands
+//! copy them into one buffer, which stays from frame to frame, so that one wait brings them all and nothing is copied
+//! twice. While somebody reads the picture in it, the next frame takes a second one.
+
+use std::sync::Arc;
 
 use crate::allocation;
 use crate::gpu::{Clock, Error, Gpu, Result, tight};
@@ -23,13 +26,25 @@ const PICTURE: u64 = (EXPOSURE + EXPOSURE_BYTES).next_multiple_of(wgpu::COPY_BYT
 pub(crate) struct Handed {
     /// The timestamps of the passes and where they are resolved to, if the GPU times them.
     times: Option<(wgpu::QuerySet, wgpu::Buffer)>,
-    /// The results of the last frame, and the picture's size. It is mapped between frames.
-    results: Option<(wgpu::Buffer, [u32; 2])>,
+    /// The results of the last frame.
+    results: Option<Results>,
+    /// Those of an earlier frame, if they were read while a later one was drawn.
+    earlier: Option<Results>,
 }
 
-/// The picture of a frame where the GPU's copy lies.
+/// The results of a frame, in a buffer that is mapped until the next one that takes it.
+struct Results {
+    buffer: wgpu::Buffer,
+    /// The size of the picture.
+    size: [u32; 2],
+    /// Shared with each `PictureRows` of it that somebody reads.
+    readers: Arc<()>,
+}
+
+/// The picture of a frame where the GPU's copy lies. It stays as it is whatever is drawn meanwhile.
 pub struct PictureRows {
     view: wgpu::BufferView,
+    _reader: Arc<()>,
     /// The bytes from one row to the next.
     pub stride: u32,
     width: u32,
@@ -54,7 +69,7 @@ impl Handed {
             );
             (queries, resolved)
         });
-        Self { times, results: None }
+        Self { times, results: None, earlier: None }
     }
 
     /// The timestamps of the passes, if the GPU times them.
@@ -76,12 +91,18 @@ impl Handed {
         picture: &Image,
     ) -> Result<Vec<u64>> {
         let size = picture.size();
-        let buffer = match self.results.take() {
-            Some((buffer, known)) if known == size => {
+        // A buffer that somebody reads is left to the reader: a mapped one takes no commands.
+        let is_free = |results: &mut Results| Arc::get_mut(&mut results.readers).is_some();
+        let mut last = self.results.take().filter(|results| results.size == size);
+        let mut earlier = self.earlier.take().filter(|results| results.size == size);
+        let free = last.take_if(is_free).or_else(|| earlier.take_if(is_free));
+        self.earlier = last.or(earlier);
+        let buffer = match free {
+            Some(Results { buffer, .. }) => {
                 buffer.unmap();
                 buffer
             }
-            _ => allocation::buffer(
+            None => allocation::buffer(
                 &gpu.device,
                 &wgpu::BufferDescriptor {
                     label: Some("results"),
@@ -110,7 +131,7 @@ impl Handed {
         gpu.wait()?;
         let ticks =
             if passes > 0 { bytemuck::pod_collect_to_vec(&mapped(&buffer, 0..tick_bytes)?) } else { Vec::new() };
-        self.results = Some((buffer, size));
+        self.results = Some(Results { buffer, size, readers: Arc::default() });
         Ok(ticks)
     }
 
@@ -119,7 +140,7 @@ impl Handed {
     /// # Errors
     /// The device was lost.
     pub fn counters(&self) -> Result<Option<Vec<u32>>> {
-        let Some((buffer, _)) = &self.results else { return Ok(None) };
+        let Some(Results { buffer, .. }) = &self.results else { return Ok(None) };
         let bytes = mapped(buffer, TIMES_BYTES..TIMES_BYTES + COUNTER_BYTES)?;
         Ok(Some(bytemuck::pod_collect_to_vec(&bytes)))
     }
@@ -129,7 +150,7 @@ impl Handed {
     /// # Errors
     /// The device was lost.
     pub fn exposure(&self) -> Result<Option<FittedExposure>> {
-        let Some((buffer, _)) = &self.results else { return Ok(None) };
+        let Some(Results { buffer, .. }) = &self.results else { return Ok(None) };
         Ok(Some(bytemuck::pod_read_unaligned(&mapped(buffer, EXPOSURE..EXPOSURE + EXPOSURE_BYTES)?)))
     }
 
@@ -138,12 +159,13 @@ impl Handed {
     /// # Errors
     /// The device was lost.
     pub fn picture(&self) -> Result<Option<PictureRows>> {
-        let Some((buffer, [width, _])) = &self.results else { return Ok(None) };
-        Ok(Some(PictureRows { view: mapped(buffer, PICTURE..buffer.size())?, stride: stride(*width), width: *width }))
+        let Some(Results { buffer, size: [width, _], readers }) = &self.results else { return Ok(None) };
+        let view = mapped(buffer, PICTURE..buffer.size())?;
+        Ok(Some(PictureRows { view, _reader: readers.clone(), stride: stride(*width), width: *width }))
     }
 
     pub fn bytes(&self) -> u64 {
-        self.results.as_ref().map_or(0, |(buffer, _)| buffer.size())
+        [&self.results, &self.earlier].into_iter().flatten().map(|results| results.buffer.size()).sum()
     }
 }
 
@@ -166,4 +188,57 @@ fn stride(width: u32) -> u32 {
 
 fn mapped(buffer: &wgpu::Buffer, bytes: std::ops::Range<u64>) -> Result<wgpu::BufferView> {
     buffer.get_mapped_range(bytes).map_err(|error| Error::Lost(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use scene::{Camera, Settings};
+
+    use super::*;
+    use crate::{Objects, PointStore, Renderer};
+
+    #[test]
+    fn a_picture_stays_as_long_as_it_is_read_and_its_buffer_is_taken_again() {
+        let gpu = match Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => return println!("skipped: {error}"),
+        };
+        let store = PointStore::new(gpu.clone());
+        let mut renderer = Renderer::new(gpu).unwrap();
+        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
+        // A frame shows its background alone.
+        let draw = |renderer: &mut Renderer, gray: u32, size| {
+            let mut settings = Settings::default();
+            settings.view.background = param::Color(gray << 24 | gray << 16 | gray << 8 | 0xff);
+            renderer.render(&store, &camera, &settings, Objects::default(), size).unwrap();
+            renderer.picture_rows().unwrap()
+        };
+        let shows =
+            |rows: &PictureRows, gray: u8| rows.tight().chunks_exact(4).all(|pixel| pixel == [gray, gray, gray, 255]);
+        let [small, large] = [[16, 12], [70, 20]];
+        let first = draw(&mut renderer, 10, small);
+        let once = renderer.handed.bytes();
+        let second = draw(&mut renderer, 20, small);
+        let third = draw(&mut renderer, 30, small);
+        assert!(shows(&first, 10) && shows(&second, 20) && shows(&third, 30), "a frame is drawn over");
+        assert_eq!(renderer.handed.bytes(), 2 * once, "a third buffer stays");
+        drop((first, second));
+        // One reader behind the renderer takes two buffers in turn.
+        let mut before = third;
+        for gray in [40, 50, 60] {
+            let rows = draw(&mut renderer, gray, small);
+            assert!(shows(&before, gray as u8 - 10) && shows(&rows, gray as u8));
+            assert_eq!(renderer.handed.bytes(), 2 * once);
+            before = rows;
+        }
+        // Buffers of another size are given up.
+        let rows = draw(&mut renderer, 70, large);
+        assert!(shows(&before, 60) && shows(&rows, 70));
+        drop((before, rows));
+        draw(&mut renderer, 80, large);
+        assert_eq!(renderer.handed.results.as_ref().unwrap().size, large);
+        assert!(renderer.handed.earlier.is_none(), "nobody read, so no other buffer was needed");
+    }
 }

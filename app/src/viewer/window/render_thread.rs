@@ -3,8 +3,9 @@
 //! It owns the renderer and the points on the GPU, on a device of its own. Waiting for a device holds a lock that
 //! presenting on the same device needs. Whichever of the two is lost is opened again: some systems reset both where one
 //! takes too long. Commands are carried out in order; of several waiting frames
-//! only the latest is drawn, and of several tests of points only the latest is applied. A finished picture is written
-//! into a texture of the window's device. The window's next frame shows it, either whole or not at all.
+//! only the latest is drawn, and of several tests of points only the latest is applied. Another thread writes a finished
+//! picture into a texture of the window's device (picture_writer.rs). The window's next frame shows it, either whole or
+//! not at all.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,6 +24,7 @@ use world::{Change, ChunkKey, Resident};
 use crate::overlays::{self, Facts};
 use crate::picture_file;
 pub use crate::viewer::window::frame_request::{FrameRequest, hurried};
+use crate::viewer::window::picture_writer::{self, DrawnFrame, Finished};
 use crate::viewer::window::under_way::Pass;
 
 /// What a picked point is used for.
@@ -188,8 +190,8 @@ const MOST_SAMPLES: u32 = 16;
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 
 impl RenderThread {
-    /// Starts the thread. `window_gpu` is the device that shows the pictures; `wanted` is as in `Gpu::headless`. The
-    /// thread calls `report`.
+    /// Starts the thread. `window_gpu` is the device that shows the pictures; `wanted` is as in `Gpu::headless`. `report`
+    /// is called on another thread.
     ///
     /// # Errors
     /// No thread can be started.
@@ -204,18 +206,24 @@ impl RenderThread {
         let compiled = shaders.clone();
         let is_waited_for = Arc::new(AtomicBool::new(false));
         let (urgent, waiting) = (is_urgent.clone(), is_waited_for.clone());
+        let (finished, writer) = picture_writer::start(report)?;
         let work = move || {
+            // The writer ends early only after it has reported the reason.
+            let finish = |done| drop(finished.send(done));
             let draw = || match Worker::new(window_gpu, wanted.as_deref(), compiled) {
                 Ok(mut worker) => {
-                    report(Report::Ready { adapter: worker.gpu.info.name.clone() });
-                    worker.run(&receiver, &urgent, &waiting, &report);
+                    finish(Finished::Told(Report::Ready { adapter: worker.gpu.info.name.clone() }));
+                    worker.run(&receiver, &urgent, &waiting, &finish);
                 }
-                Err(error) => report(Report::Lost(error.to_string())),
+                Err(error) => finish(Finished::Told(Report::Lost(error.to_string()))),
             };
             // wgpu panics when a driver violates its contract. The window survives to report it.
             if std::panic::catch_unwind(std::panic::AssertUnwindSafe(draw)).is_err() {
-                report(Report::Lost("the renderer stopped unexpectedly".into()));
+                finish(Finished::Told(Report::Lost("the renderer stopped unexpectedly".into())));
             }
+            drop(finished);
+            // The writer catches its own panics.
+            let _ = writer.join();
         };
         let thread = std::thread::Builder::new().name("render".into()).spawn(work)?;
         Ok(Self { shaders, commands, thread, is_urgent, is_waited_for })
@@ -250,9 +258,6 @@ struct Worker {
     resident: Resident,
     /// The last test of points that came, while it is not applied: it changes as fast as the mouse moves.
     test: Option<PointTest>,
-    /// The textures of the picture in the window and of the one before it, which the next one takes.
-    shown: Option<wgpu::Texture>,
-    free: Option<wgpu::Texture>,
     /// The frame that the renderer holds, and whether the picture is the whole frame's, made from its own colours.
     held: Option<(FrameRequest, bool)>,
     /// When the last frame was drawn for the window, whose exposure the next one begins with.
@@ -281,8 +286,6 @@ impl Worker {
             gpu,
             window_gpu,
             test: None,
-            shown: None,
-            free: None,
             held: None,
             exposed_at: None,
             summed: 0,
@@ -313,8 +316,9 @@ impl Worker {
         commands: &Receiver<Command>,
         urgent: &Arc<AtomicBool>,
         waiting: &Arc<AtomicBool>,
-        report: &impl Fn(Report),
+        finish: &impl Fn(Finished),
     ) {
+        let report = &|told| finish(Finished::Told(told));
         // A frame that was given up is drawn after all if no other was requested.
         let mut frame: Option<Box<FrameRequest>> = None;
         // An estimate waits until nothing else is to be done.
@@ -350,7 +354,6 @@ impl Worker {
                     }
                     Command::ShowOn(window_gpu) => {
                         self.window_gpu = window_gpu;
-                        (self.shown, self.free) = (None, None);
                         frame = frame.or_else(|| self.on_screen.clone().map(Box::new));
                         Ok(())
                     }
@@ -389,12 +392,12 @@ impl Worker {
                 self.renderer.give_up_when(None);
                 match drawn {
                     Ok(drawn) => {
-                        upload_slice = UPLOAD_SLICE.max(Duration::from_secs_f64(drawn.total_milliseconds / 1e3));
+                        upload_slice = UPLOAD_SLICE.max(drawn.started.elapsed());
                         if !request.is_whole(&drawn.stats) {
                             // The samples that are left come next, unless another frame is requested.
                             frame = Some(request);
                         }
-                        report(Report::Frame(Box::new(drawn)));
+                        finish(Finished::Drawn(Box::new(drawn)));
                     }
                     Err(render::Error::GivenUp) => frame = Some(request),
                     Err(error) if is_fatal(&error) => match self.survive(error, report) {
@@ -587,7 +590,7 @@ impl Worker {
         Ok(stats)
     }
 
-    fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {
+    fn draw(&mut self, request: FrameRequest) -> render::Result<DrawnFrame> {
         let started = Instant::now();
         // At rest, the samples of glossy mirrors come in steps that grow, so that the first picture comes soon.
         let is_same = |(held, _): &&(FrameRequest, bool)| *held == request;
@@ -596,30 +599,8 @@ impl Worker {
         self.summed = stats.glossy_samples[0];
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         let rows = self.renderer.picture_rows()?;
-        let [width, height] = request.drawn_size();
-        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-        // The window may still show the picture before.
-        let texture = match self.free.take() {
-            Some(texture) if texture.size() == size => texture,
-            _ => self.window_gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("picture in the window"),
-                size,
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::Rgba8Unorm,
-                usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            }),
-        };
-        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(rows.stride), rows_per_image: None };
-        self.window_gpu.queue.write_texture(texture.as_image_copy(), rows.bytes(), layout, size);
-        // The bytes are kept until something is submitted, and where nobody paints, as in recordings, nothing else is.
-        self.window_gpu.queue.submit([]);
-        self.free = self.shown.replace(texture.clone());
         self.on_screen = Some(request.clone());
-        let total_milliseconds = started.elapsed().as_secs_f64() * 1e3;
-        Ok(Frame { request, stats, total_milliseconds, window_gpu: self.window_gpu.clone(), texture })
+        Ok(DrawnFrame { request, stats, rows, started, window_gpu: self.window_gpu.clone() })
     }
 }
 

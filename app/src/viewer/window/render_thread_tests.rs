@@ -188,11 +188,11 @@ fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_point
     let (told, reports) = channel();
     // The thread ends after the frame.
     let sender = std::cell::RefCell::new(Some(sender));
-    let report = |report| {
-        if matches!(report, Report::Frame(_) | Report::NotDrawn(_) | Report::Lost(_)) {
+    let finish = |done| {
+        if matches!(done, Finished::Drawn(_) | Finished::Told(Report::NotDrawn(_) | Report::Lost(_))) {
             sender.borrow_mut().take();
         }
-        drop(told.send(report));
+        drop(told.send(done));
     };
     // The device goes in the middle of a frame: while the passes of its method are compiled.
     let mut other = request.clone();
@@ -206,11 +206,12 @@ fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_point
         lost.device.destroy();
     });
     sender.borrow().as_ref().unwrap().send(Command::Frame(other)).unwrap();
-    worker.run(&commands, &Arc::default(), &Arc::default(), &report);
+    worker.run(&commands, &Arc::default(), &Arc::default(), &finish);
     breaker.join().unwrap();
-    let reports: Vec<Report> = reports.try_iter().collect();
-    assert!(reports.iter().any(|report| matches!(report, Report::Problem(_))), "nobody hears of it");
-    assert!(reports.iter().any(|report| matches!(report, Report::Frame(_))), "the frame is not drawn after all");
+    let reports: Vec<Finished> = reports.try_iter().collect();
+    let is_told = |done: &Finished| matches!(done, Finished::Told(Report::Problem(_)));
+    assert!(reports.iter().any(is_told), "nobody hears of it");
+    assert!(reports.iter().any(|done| matches!(done, Finished::Drawn(_))), "the frame is not drawn after all");
     worker.render(&request, None).unwrap();
     assert!(worker.renderer.read_picture().unwrap() == before, "another picture on the new device");
 
