@@ -3,15 +3,19 @@
 //!
 //! "Rows" is what the program does: the frame's own commands copy the picture into a buffer that stays, and the window's
 //! texture is written straight from it. "Bytes" is what it did before: a new buffer for each picture, a copy of it, and
-//! another one byte by byte without the padding of its rows.
+//! another one byte by byte without the padding of its rows. Last come whole frames of an empty scene, one after the
+//! other, each with its way to the window: "in turn", and "beside", as the program does, where another thread writes a
+//! picture while the next frame is drawn.
 
+use std::sync::mpsc::sync_channel;
 use std::time::Instant;
 
 use glam::DVec3;
-use render::{Gpu, Objects, PointStore, Renderer};
+use render::{Gpu, Objects, PictureRows, PointStore, Renderer};
 use scene::{Camera, Method, Settings};
 
 const ROUNDS: usize = 9;
+const FRAMES: u32 = 8;
 const SIZES: [[u32; 2]; 3] = [[1280, 720], [1920, 1080], [3840, 2160]];
 
 fn main() {
@@ -73,6 +77,26 @@ fn main() {
             write(&tight, width * 4);
         });
         println!("{width} x {height}: rows {} with the copy {}; bytes {}", shown(&rows), shown(&copied), shown(&bytes));
+        let mut draw = || {
+            renderer.render(&store, &camera, &settings, Objects::default(), size).expect("a frame");
+            renderer.picture_rows().expect("rows")
+        };
+        let in_turn = timed(|| {
+            for _ in 0..FRAMES {
+                let rows = draw();
+                write(rows.bytes(), rows.stride);
+            }
+        });
+        let beside = timed(|| {
+            std::thread::scope(|scope| {
+                let (sender, pictures) = sync_channel::<PictureRows>(0);
+                scope.spawn(|| pictures.into_iter().for_each(|rows| write(rows.bytes(), rows.stride)));
+                (0..FRAMES).for_each(|_| sender.send(draw()).expect("the other thread"));
+                drop(sender);
+            });
+        });
+        let each = |times: &[f64]| shown(&times.iter().map(|time| time / f64::from(FRAMES)).collect::<Vec<_>>());
+        println!("{width} x {height}: a frame in turn {}; beside {}", each(&in_turn), each(&beside));
     }
 }
 
