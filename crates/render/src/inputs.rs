@@ -1,6 +1,6 @@
 //! The data that a frame uploads: the camera, the parameters, and the points of each page to draw with each kernel.
 
-use scene::Settings;
+use scene::{LargeDiscs, Settings};
 
 use crate::allocation;
 use crate::coloring::palette;
@@ -8,7 +8,7 @@ use crate::frame::FrameCamera;
 use crate::gpu::Gpu;
 use crate::identities::ChunkId;
 use crate::layout::{Block, Frame, Page};
-use crate::store::draw_list::{DrawList, PageDraw};
+use crate::store::draw_list::{Cover, DrawList, PageDraw};
 use crate::targets::uniform_buffer;
 
 /// The data that a frame uploads.
@@ -51,7 +51,9 @@ pub(crate) struct ListInputs {
     /// The number of workgroups that draw them.
     pub workgroups: u32,
     pub blocks_per_workgroup: u32,
-    pub pixels_only: bool,
+    pub cover: Cover,
+    /// Whether workgroups share the large discs of this list, whatever they do in others.
+    pub shares: bool,
 }
 
 /// The least bytes of a buffer that a frame uploads: a list without elements is bound where one with some may be.
@@ -94,15 +96,16 @@ impl Inputs {
             upload("page", uniform, bytemuck::bytes_of(&page))
         };
         let lists = |draw: &PageDraw| {
-            let list = |(kind, blocks): (usize, &Vec<Block>)| ListInputs {
+            let list = |(cover, blocks): (Cover, &Vec<Block>)| ListInputs {
                 page: page(draw.capacity, false, blocks.len()),
                 blocks: upload("blocks", storage, bytemuck::cast_slice(blocks)),
                 block_count: blocks.len() as u32,
                 workgroups: (blocks.len() as u32).div_ceil(blocks_per_workgroup(step)),
                 blocks_per_workgroup: blocks_per_workgroup(step),
-                pixels_only: kind == 1,
+                cover,
+                shares: cover == Cover::LargeDiscs && settings.splat.large != LargeDiscs::Alone,
             };
-            draw.blocks.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(list).collect()
+            Cover::ALL.into_iter().zip(&draw.blocks).filter(|(_, blocks)| !blocks.is_empty()).map(list).collect()
         };
         let mut pages: Vec<PageInputs> = list
             .pages

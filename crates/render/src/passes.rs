@@ -51,6 +51,11 @@ impl Pass {
         [Some(FRAME), self.page, Some(self.slots)].into_iter().flatten()
     }
 
+    /// Whether a workgroup of the pass can share large discs (large_discs.wgsl).
+    pub fn has_large_discs(&self) -> bool {
+        self.source.contains("splat_discs(")
+    }
+
     /// Whether the pass goes through the points of the pages, so that its time grows with their number.
     pub fn is_over_points(&self) -> bool {
         self.page.is_some_and(|slots| slots == &PAGE_BY_BLOCKS[..])
@@ -315,6 +320,7 @@ passes! {
         grid: Uniform, point_in: Texture, normal_in: Texture, eye_in: Texture, nodes: ReadWrite, bundles: ReadWrite,
         counters: ReadWrite, hits: ReadWrite, rest: ReadWrite, analytic: Read,
     }
+    bundle_prune: Method over Pixels { grid: Uniform, nodes: ReadWrite }
     sample_cameras_project: Method over Blocks {
         grid: Uniform, nodes: Read, bundles: Read, point_in: Texture, normal_in: Texture, eye_in: Texture,
         solutions: ReadWrite, counters: ReadWrite, analytic: Read,

@@ -16,6 +16,7 @@ use crate::layout::{Block, Run};
 use crate::pass_times::{PassTime, Times, summed};
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels, load_of};
 use crate::pieces::{LONGEST_ON_GPU, MOST_AHEAD, TOO_LONG, UNKNOWN_TOGETHER, piece_of, pieces_of};
+use crate::store::draw_list::Cover;
 use crate::targets::{Image, uniform_buffer};
 use crate::together::Together;
 
@@ -404,7 +405,10 @@ impl<'a> Recorder<'a> {
         for (page, list) in inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list))) {
             let Some(bindings) = bindings(page) else { continue };
             let mut switches = switches.to_vec();
-            switches.push(("pixels_only", u32::from(list.pixels_only)));
+            switches.push(("pixels_only", u32::from(list.cover == Cover::Pixels)));
+            if list.shares && B::PASS.has_large_discs() && !switches.contains(&("shares", 1)) {
+                switches.push(("shares", 1));
+            }
             switches.push(("hides_points", u32::from(inputs.hides_points)));
             let together = list.blocks_per_workgroup;
             let alignment = self.gpu.device.limits().min_storage_buffer_offset_alignment.div_ceil(BLOCK_BYTES);

@@ -795,6 +795,34 @@ fn a_near_wall_is_closed_at_rest_and_capped_while_moving() {
 }
 
 #[test]
+fn of_discs_that_fill_the_picture_the_nearest_one_is_seen_everywhere() {
+    // Each has more pixels than the 65,535 turns after which software Vulkan ends all loops of an invocation, and the
+    // nearest comes last.
+    let mut stage = stage_or_skip!();
+    const COUNT: i32 = 40;
+    let point = |i: i32| Point {
+        position: DVec3::Y * (f64::from(COUNT - 1 - i) * 0.02),
+        normal: Vec3::NEG_Y,
+        color: if i == COUNT - 1 { [200, 40, 40] } else { [40, 200, 40] },
+        radius: 40.0,
+    };
+    let points: Vec<Point> = (0..COUNT).map(point).collect();
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 4.0, DVec3::Z);
+    let settings = settings(&[("splat.quality", "nearest"), ("light.by", "colors"), ("edl.strength", "0")]);
+    let mut store = PointStore::new(stage.gpu.clone());
+    let cloud = store.add_cloud(Material::default());
+    store.add_chunk(cloud, &chunk(&points, DVec3::ZERO), None).unwrap();
+    let size = [400, 300];
+    stage.renderer.render(&store, &camera, &settings, Objects::default(), size).unwrap();
+    // Discs are hollow by a thousandth of their radius, which is 4 here.
+    let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
+    let wrong = depth.iter().filter(|depth| (**depth - 4.0).abs() > 0.005).count();
+    assert_eq!(wrong, 0, "of {} pixels, with {:?}", depth.len(), [0, 400, 60_200, 119_999].map(|pixel| depth[pixel]));
+    let picked = stage.renderer.pick(&store, [3, 290], 0).unwrap().unwrap();
+    assert_eq!(picked.index, COUNT as usize - 1);
+}
+
+#[test]
 fn eye_dome_lighting_shows_no_steps_from_disc_to_disc_and_all_larger_ones() {
     let mut stage = stage_or_skip!();
     // A wall as rough as half a radius of its discs, and a board before it.

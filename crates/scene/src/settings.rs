@@ -195,7 +195,7 @@ params! {
         strays: Strays = Strays::Faded;
         /// Width of the atomics; auto takes 64 bits where the adapter has them.
         atomics: Atomics = Atomics::Auto;
-        /// Whether a large disc is covered by one invocation alone or shared by a workgroup; auto shares on GPUs. The picture is the same.
+        /// Whether a large disc is covered by one invocation alone or shared by a workgroup; auto shares on GPUs, and on processors those of more than 64 pixels. The picture is the same, but alone, software Vulkan loses parts of such discs.
         large: LargeDiscs = LargeDiscs::Auto => affects(surface);
     }
 

@@ -216,7 +216,8 @@ fn rounds_of(gpu: &Gpu, task: &Task<'_>) -> u32 {
     task.settings.sample_cameras.roots.min(most.try_into().unwrap_or(u32::MAX)).max(1)
 }
 
-/// Fits the bundles, one dispatch a level: a level divides the squares of the one before.
+/// Fits the bundles, one dispatch a level: a level divides the squares of the one before. Squares without a bundle are
+/// emptied from the finest level up.
 fn fit(
     recorder: &mut Recorder<'_>,
     task: &Task<'_>,
@@ -244,6 +245,15 @@ fn fit(
         let columns = groups.isqrt().next_multiple_of(64).min(groups);
         let switches = [("count_squares", u32::from(task.bounce == 0)), ("traces_rest", u32::from(traces_rest))];
         recorder.by_rows(&switches, task.supply, bindings, [columns, groups.div_ceil(columns), 1])?;
+    }
+    // Squares whose rays are all traced would be looked through for every point.
+    for level in (0..grid.last_level).rev().filter(|_| traces_rest) {
+        let uniform = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&BundleGrid { level, ..grid }));
+        let bindings =
+            passes::bundle_prune { grid: uniform.as_entire_binding(), nodes: squares.nodes.as_entire_binding() };
+        let groups = grid.squares(level).div_ceil(64).max(1) as u32;
+        let columns = groups.min(1024);
+        recorder.over(&[], task.supply, bindings, [columns, groups.div_ceil(columns), 1])?;
     }
     Ok(())
 }

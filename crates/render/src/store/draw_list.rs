@@ -25,6 +25,31 @@ pub(crate) enum Selection {
     EverywhereWithMirrors,
 }
 
+/// What the points of a block cover.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cover {
+    Discs,
+    /// No point covers more than one pixel.
+    Pixels,
+    /// Some discs may be larger than `LARGEST_ALONE`.
+    LargeDiscs,
+}
+
+impl Cover {
+    pub const ALL: [Self; 3] = [Self::Discs, Self::Pixels, Self::LargeDiscs];
+}
+
+/// The radius in pixels of the largest disc that one invocation covers alone. Software Vulkan (llvmpipe) ends all loops
+/// of an invocation after 65,535 turns together, without a word, and an invocation has eight points: half of those turns
+/// cover eight discs of this radius.
+const LARGEST_ALONE: f64 = 32.0;
+/// The invocations of a workgroup (large_discs.wgsl).
+const LANES: u32 = 128;
+/// The turns of its loops in which an invocation covers its share of the large discs of a block: half of 65,535.
+const TURNS: f64 = 32_768.0;
+/// How many times the discs of a surface cover it, where they have the radii of `cloud`'s estimate: four or five times.
+const OVERLAP: f64 = 6.0;
+
 /// What a frame draws of one page.
 pub(crate) struct PageDraw {
     /// The number of the page in the store.
@@ -35,8 +60,8 @@ pub(crate) struct PageDraw {
     pub scalars: wgpu::Buffer,
     /// The bits that say which points are shown, if some are hidden.
     pub shown: wgpu::Buffer,
-    /// The blocks of discs, and those of points that cover one pixel: two kernels draw them.
-    pub blocks: [Vec<Block>; 2],
+    /// The blocks of each kind: different kernels draw them.
+    pub blocks: [Vec<Block>; 3],
     /// The item of each run of `BLOCK_POINTS` points of the page; then, for each run of as many identities of the
     /// store, the run of the page that has them. `u32::MAX` where none is drawn.
     pub items_of_runs: Vec<u32>,
@@ -66,15 +91,26 @@ impl DrawList {
 }
 
 impl StoredChunk {
-    /// Whether no point of the chunk can cover more than one pixel.
-    fn is_of_single_pixels(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> bool {
+    /// The radius in pixels of the largest disc of the chunk: at most this.
+    fn largest_disc(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> f64 {
         let scale = camera.most_pixels_per_unit(self.shown.bounds.center(), self.shown.bounds.radius());
         let pixels = self.largest_radius(cloud, splat) * scale;
         // The limits are those of disc_of_point in splat.wgsl.
         let (least, most) =
             (f64::from(splat.min_pixels) * 0.5, f64::from(splat.max_pixels.max(splat.min_pixels)) * 0.5);
-        pixels.clamp(least, most) <= 0.5
+        pixels.clamp(least, most)
     }
+}
+
+/// The number of points of a block whose discs have at most the given radius in pixels, and are shared by a workgroup: so
+/// few that it covers all of them within `TURNS`, or that it does where the points lie as on a surface. The larger of
+/// the two: of a room about the camera, few discs are as large as the nearest might be, and small blocks take long.
+fn points_of_shared_block(largest: f64, size: [u32; 2], splat: &Splat) -> u32 {
+    let picture = size.map(f64::from).iter().product::<f64>().max(1.0);
+    let pixels = TURNS * f64::from(LANES);
+    let all_as_large = pixels / (2.0 * largest + 1.0).powi(2).min(picture);
+    let on_a_surface = f64::from(BLOCK_POINTS) * pixels / (OVERLAP * picture * f64::from(splat.size).powi(2).max(1.0));
+    (all_as_large.max(on_a_surface) as u32).clamp(1, BLOCK_POINTS)
 }
 
 impl PointStore {
@@ -119,15 +155,23 @@ impl PointStore {
             items.push(self.item(chunk, cloud, camera));
             chunk_ids.push(*id);
             points += u64::from(chunk.shown.points);
-            let kind = usize::from(asks_where_seen && chunk.is_of_single_pixels(cloud, camera, splat));
+            let largest = if asks_where_seen { chunk.largest_disc(cloud, camera, splat) } else { LARGEST_ALONE };
+            let (cover, points_of_block) = match largest {
+                ..=0.5 => (Cover::Pixels, BLOCK_POINTS),
+                ..=LARGEST_ALONE => (Cover::Discs, BLOCK_POINTS),
+                _ => (Cover::LargeDiscs, points_of_shared_block(largest, camera.size, splat)),
+            };
+            let page = &mut pages[chunk.page];
+            let first_identity = |first: u32| identities.first_of(*id) + first - chunk.range.start;
             for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
-                let count = BLOCK_POINTS.min(chunk.range.end - first);
-                let first_identity = identities.first_of(*id) + first - chunk.range.start;
-                let page = &mut pages[chunk.page];
                 page.items_of_runs[runs_of(first)] = item;
-                page.items_of_runs[runs_of(page.capacity) + runs_of(first_identity)] = first / BLOCK_POINTS;
-                page.blocks[kind].push(Block { item, first, count, first_identity });
+                page.items_of_runs[runs_of(page.capacity) + runs_of(first_identity(first))] = first / BLOCK_POINTS;
             }
+            let blocks = chunk.range.clone().step_by(points_of_block as usize).map(|first| {
+                let count = points_of_block.min(chunk.range.end - first);
+                Block { item, first, count, first_identity: first_identity(first) }
+            });
+            page.blocks[cover as usize].extend(blocks);
         }
         pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
         DrawList { pages, items, chunks: chunk_ids, hides_points: self.hides_points(), points, step: 1 }
@@ -151,6 +195,38 @@ impl PointStore {
             palette: palette_start(cloud.source, cloud.ramp),
             height: (chunk.origin[cloud.up_axis] - reference) as f32,
             height_axis: height_axis.extend(if cloud.material.is_clear() { cloud.material.refraction } else { 0.0 }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn workgroups_that_share_discs_have_few_turns() {
+        for size in [[64, 48], [800, 600], [1920, 1080], [3840, 2160]] {
+            let picture = size.map(f64::from).iter().product::<f64>();
+            for splat_size in [0.05_f32, 1.0, 3.0, 20.0] {
+                for largest in [33.0, 64.0, 256.0, 2048.0] {
+                    let splat = Splat { size: splat_size, ..Splat::default() };
+                    let points = f64::from(points_of_shared_block(largest, size, &splat));
+                    let one = (2.0 * largest + 1.0).powi(2).min(picture);
+                    // A surface that fills the picture, in one block.
+                    let cover = OVERLAP * picture * f64::from(splat_size).powi(2).max(1.0);
+                    let on_a_surface = cover * points / f64::from(BLOCK_POINTS);
+                    let turns = (points * one).min(on_a_surface.max(one)) / f64::from(LANES);
+                    let what = format!("{points} points of {largest} pixels, {splat_size} in {size:?}: {turns}");
+                    assert!(turns <= 65_535.0, "{what}");
+                    // A block is no smaller than it must be.
+                    assert!(
+                        points == f64::from(BLOCK_POINTS)
+                            || turns > TURNS / 4.0
+                            || one * 2.0 > TURNS * f64::from(LANES),
+                        "{what}"
+                    );
+                }
+            }
         }
     }
 }

@@ -56,6 +56,7 @@ const THREADS: &[(&str, f64, &str)] = &[
     ("region_scan", 256.0, "threads"),
     ("region_number", PIXELS / 4.0, "pixels, by four"),
     ("sscr_cull", 1000.0, "chunks"),
+    ("bundle_prune", TILES, "squares of 8 x 8 pixels"),
     ("pull", PIXELS / 4.0, "pixels, by four"),
     ("vpl_points", 256.0 * 8192.0, "points that cast indirect shadows"),
     ("vpl_aim", LIGHTS, "virtual lights"),
@@ -146,6 +147,7 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("sscr_cull", &[200.0]),
     // Bundles of rays: ten terms, two rounds, a square of 8 x 8 pixels.
     ("bundle_fit", &[2.0, 6.0, 63.0, 1.0, 2.0, 2.0, 4.0, 64.0, 64.0, 63.0, 2.0]),
+    ("bundle_prune", &[4.0]),
     ("mark", &[1.0]),
     ("cholesky", &[10.0, 5.0, 5.0, 5.0, 10.0, 5.0, 10.0, 5.0]),
     ("error_of", &[10.0, 4.0]),
@@ -294,6 +296,8 @@ struct Work {
     instructions: f64,
     bytes: f64,
     loads: f64,
+    /// The turns of all loops together.
+    turns: f64,
 }
 
 impl Work {
@@ -301,6 +305,7 @@ impl Work {
         self.instructions += more.instructions * times;
         self.bytes += more.bytes * times;
         self.loads += more.loads * times;
+        self.turns += more.turns * times;
     }
 
     /// The milliseconds that so many threads take.
@@ -370,7 +375,7 @@ impl Code<'_> {
                         self.untold.push(function.name.clone().unwrap_or_default());
                         1.0
                     });
-                    let mut turn = Work { instructions: 1.0, ..Work::default() };
+                    let mut turn = Work { instructions: 1.0, turns: 1.0, ..Work::default() };
                     self.of_block(body, place, loops, &mut turn);
                     self.of_block(continuing, place, loops, &mut turn);
                     work.add(turn, times);
@@ -393,7 +398,7 @@ impl Code<'_> {
                 // A sector of memory is read and written.
                 Statement::Atomic { pointer, .. } => match self.space_of(*pointer, function) {
                     AddressSpace::WorkGroup => work.instructions += 8.0,
-                    _ => work.add(Work { instructions: 1.0, bytes: 64.0, loads: 0.0 }, 1.0),
+                    _ => work.add(Work { instructions: 1.0, bytes: 64.0, ..Work::default() }, 1.0),
                 },
                 Statement::ControlBarrier(_) | Statement::MemoryBarrier(_) => work.instructions += 16.0,
                 _ => work.instructions += 1.0,
@@ -579,6 +584,9 @@ impl Row {
 /// splats eight discs of 60 pixels and more, one after the other.
 const NOT_CUT_FURTHER: [&str; 1] = ["splat_behind"];
 
+/// The turns after which software Vulkan (llvmpipe) ends all loops of an invocation, without a word.
+const MOST_TURNS: f64 = 65_535.0;
+
 /// All lights that settings allow, for each pixel.
 const MOST_LIGHTS: &str = "gi.vpls=4096 gi.bounces=4 gi.sky_lights=1024 gi.interleave=1";
 
@@ -594,7 +602,7 @@ fn changed(pairs: &str) -> Settings {
 }
 
 #[test]
-fn no_dispatch_of_any_pass_is_computed_to_take_a_tenth_of_a_second_at_any_end_of_any_parameter() {
+fn no_dispatch_is_computed_to_take_a_tenth_of_a_second_nor_a_thread_to_turn_too_often_at_any_end_of_any_parameter() {
     let mut ends: Vec<String> = others(|_| true).into_iter().map(|(key, value)| format!("{key}={value}")).collect();
     ends.push(MOST_LIGHTS.into());
     let ends: Vec<(String, Settings)> = ends.into_iter().map(|pairs| (pairs.clone(), changed(&pairs))).collect();
@@ -610,6 +618,11 @@ fn no_dispatch_of_any_pass_is_computed_to_take_a_tenth_of_a_second_at_any_end_of
                 let least = if NOT_CUT_FURTHER.contains(&pass.name) { row.work.milliseconds(1.0) } else { 0.0 };
                 if longest.iter().any(|longest| *longest > least.max(100.0)) {
                     long.push(format!("{}, {case}: {longest:?} of {} ms", pass.name, row.milliseconds()));
+                }
+                // As if each of all lights were as near as few can be.
+                let is_known = pass.name == "indirect" && case.contains(MOST_LIGHTS);
+                if row.work.turns > MOST_TURNS && !is_known {
+                    long.push(format!("{}, {case}: {} turns", pass.name, row.work.turns));
                 }
             };
             check("as told", &told, &usual);
@@ -694,7 +707,7 @@ pub(super) fn table() -> String {
     );
     for pass in ALL {
         let row = Parsed::of(pass).row(None);
-        let Work { instructions, bytes, loads } = row.work;
+        let Work { instructions, bytes, loads, .. } = row.work;
         let [first, later, _] = row.longest_ones(&row);
         let _ = writeln!(
             table,
