@@ -67,6 +67,7 @@ use window::event_log::EventLog;
 pub use window::render_thread::Picture;
 use window::render_thread::Report;
 use window::screen::{Painted, Screen};
+use window::window_texture::NO_MEMORY;
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
@@ -290,10 +291,8 @@ impl ApplicationHandler<Wake> for Viewer {
             // What follows is done before the event loop waits.
             Wake::Lost => {}
             Wake::NoMemory(problem) => {
-                let told =
-                    "The graphics device has no memory left for the window. Make it smaller, or show fewer points.";
                 tracing::error!("window: {problem}");
-                self.session.outside.error(told);
+                self.session.outside.error(NO_MEMORY);
             }
             Wake::Chosen(Some(paths), _) => {
                 self.session.open(&paths);
@@ -332,7 +331,10 @@ impl ApplicationHandler<Wake> for Viewer {
                 return self.request_paint();
             }
             WindowEvent::Resized(size) => {
-                screen.resize(*size);
+                if let Err(error) = screen.resize(*size) {
+                    tracing::error!("window: {error}");
+                    self.session.outside.error(NO_MEMORY);
+                }
                 screen.show_again();
             }
             WindowEvent::ModifiersChanged(modifiers) => {

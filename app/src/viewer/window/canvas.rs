@@ -8,6 +8,8 @@ use egui::{PaintCallback, Rect, Shape};
 use egui_wgpu::{CallbackResources, CallbackTrait, RendererOptions, ScreenDescriptor};
 use render::Gpu;
 
+use crate::viewer::window::window_texture::window_texture;
+
 /// A picture for the interface. It takes the whole of its texture, stretched to the rectangle that shows it.
 #[derive(Clone)]
 pub struct Picture(Arc<dyn std::any::Any + Send + Sync>);
@@ -49,7 +51,10 @@ pub struct Canvas {
 
 impl Canvas {
     /// `format` is that of the surface on which the canvas is shown.
-    pub fn new(gpu: Arc<Gpu>, format: wgpu::TextureFormat, size: [u32; 2]) -> Self {
+    ///
+    /// # Errors
+    /// There is no memory for a canvas of this size.
+    pub fn new(gpu: Arc<Gpu>, format: wgpu::TextureFormat, size: [u32; 2]) -> render::Result<Self> {
         // Noise against banding costs as much as the rest of the shader, and would change the picture's colours.
         let options = RendererOptions { dithering: false, ..RendererOptions::default() };
         let painter = egui_wgpu::Renderer::new(&gpu.device, format, options);
@@ -83,8 +88,8 @@ impl Canvas {
             min_filter: wgpu::FilterMode::Linear,
             ..Default::default()
         });
-        let texture = texture(&gpu, format, size);
-        Self {
+        let texture = texture(&gpu, format, size)?;
+        Ok(Self {
             painter,
             texture,
             shapes: Vec::new(),
@@ -94,14 +99,19 @@ impl Canvas {
             black_pipeline: pipeline("show_black"),
             sampler,
             gpu,
-        }
+        })
     }
 
-    pub fn resize(&mut self, size: [u32; 2]) {
+    /// Takes another size; all is then drawn anew.
+    ///
+    /// # Errors
+    /// There is no memory for a canvas of this size: it stays as it is.
+    pub fn resize(&mut self, size: [u32; 2]) -> render::Result<()> {
         if self.size() != size {
-            self.texture = texture(&self.gpu, self.texture.format(), size);
+            self.texture = texture(&self.gpu, self.texture.format(), size)?;
             self.is_stale = true;
         }
+        Ok(())
     }
 
     /// Reads what the window shows: its size, and rows of red, green, blue and opacity. `None` if the device is lost.
@@ -131,7 +141,8 @@ impl Canvas {
         Some(([width, height], rgba))
     }
 
-    fn size(&self) -> [u32; 2] {
+    /// The size in pixels.
+    pub fn size(&self) -> [u32; 2] {
         [self.texture.width(), self.texture.height()]
     }
 
@@ -172,8 +183,8 @@ impl Canvas {
         self.is_stale || self.pixels_per_point != pixels_per_point || self.shapes != shapes
     }
 
-    /// Draws shapes, and copies the result to a texture of the same size and format. Returns the commands to submit, in
-    /// order.
+    /// Draws shapes, and copies the result to a texture of the same format, from the upper left corner on where their sizes
+    /// differ. Returns the commands to submit, in order.
     pub fn paint(
         &mut self,
         context: &egui::Context,
@@ -232,30 +243,26 @@ impl Canvas {
 
     /// Copies the canvas to a texture of the window.
     fn copy(&self, encoder: &mut wgpu::CommandEncoder, frame: &wgpu::Texture) {
+        let [width, height] = self.size();
         if frame.usage().contains(wgpu::TextureUsages::COPY_DST) {
-            encoder.copy_texture_to_texture(self.texture.as_image_copy(), frame.as_image_copy(), frame.size());
+            let (width, height) = (width.min(frame.width()), height.min(frame.height()));
+            let common = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+            encoder.copy_texture_to_texture(self.texture.as_image_copy(), frame.as_image_copy(), common);
             return;
         }
         let mut pass = render_pass(encoder, frame, wgpu::LoadOp::Clear(wgpu::Color::BLACK));
+        pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
         pass.set_pipeline(&self.picture_pipeline);
         pass.set_bind_group(0, &self.bindings(&self.texture), &[]);
         pass.draw(0..3, 0..1);
     }
 }
 
-fn texture(gpu: &Gpu, format: wgpu::TextureFormat, [width, height]: [u32; 2]) -> wgpu::Texture {
-    gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("window"),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-            | wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    })
+fn texture(gpu: &Gpu, format: wgpu::TextureFormat, [width, height]: [u32; 2]) -> render::Result<wgpu::Texture> {
+    let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+    let usage =
+        wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC;
+    window_texture(gpu, "interface of the window", size, format, usage)
 }
 
 fn render_pass(
@@ -331,6 +338,7 @@ fn merged(rects: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 4]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::viewer::window::window_texture::tests::Refusal;
 
     const SIZE: [u32; 2] = [320, 240];
     const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Bgra8Unorm;
@@ -371,7 +379,7 @@ mod tests {
             Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
             Err(error) => return eprintln!("skipped: {error}"),
         };
-        let mut canvas = Canvas::new(gpu.clone(), FORMAT, SIZE);
+        let mut canvas = Canvas::new(gpu.clone(), FORMAT, SIZE).unwrap();
         let context = egui::Context::default();
         let pictures = [1, 2].map(|seed| colorful(&canvas, [100, 80], seed));
         let stretched = colorful(&canvas, [33, 27], 3);
@@ -428,6 +436,45 @@ mod tests {
             assert!((least..=most).contains(&area), "state {number}, {is_whole}: {parts:?}");
             before = output.shapes;
         }
+    }
+
+    #[test]
+    fn a_window_for_which_there_is_no_memory_goes_on_in_the_size_that_it_had() {
+        let gpu = match Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => return eprintln!("skipped: {error}"),
+        };
+        let mut canvas = Canvas::new(gpu.clone(), FORMAT, SIZE).unwrap();
+        let context = egui::Context::default();
+        let input = egui::RawInput {
+            screen_rect: Some(Rect::from_min_size(egui::Pos2::ZERO, egui::vec2(SIZE[0] as f32, SIZE[1] as f32))),
+            ..Default::default()
+        };
+        let mut output = context.run_ui(input, |ui| {
+            ui.painter().rect_filled(Rect::EVERYTHING, 0.0, egui::Color32::from_rgb(10, 200, 90));
+        });
+        canvas.update_textures(&mut output.textures_delta);
+        output.textures_delta.clear();
+        let refusal = Refusal::of(&gpu);
+        assert!(Canvas::new(gpu.clone(), FORMAT, SIZE).is_err());
+        // Larger, smaller, and one of each.
+        for size in [[400, 300], [160, 120], [400, 120]] {
+            assert!(canvas.resize(size).is_err() && canvas.size() == SIZE);
+            for usage in [wgpu::TextureUsages::COPY_DST, wgpu::TextureUsages::RENDER_ATTACHMENT] {
+                let frame = filled(&gpu, size, usage | wgpu::TextureUsages::COPY_SRC, &[]);
+                gpu.queue.submit(canvas.paint(&context, output.shapes.clone(), 1.0, &frame));
+                let shown = gpu.read_texture(&frame).unwrap();
+                for (place, pixel) in shown.as_chunks::<4>().0.iter().enumerate() {
+                    let [x, y] = [place as u32 % size[0], place as u32 / size[0]];
+                    let expected = if x < SIZE[0] && y < SIZE[1] { [90, 200, 10] } else { [0; 3] };
+                    assert_eq!(pixel[..3], expected, "{size:?}, {usage:?}: pixel {x}, {y}");
+                }
+            }
+        }
+        drop(refusal);
+        canvas.resize([400, 300]).unwrap();
+        assert_eq!(canvas.size(), [400, 300]);
     }
 
     #[test]

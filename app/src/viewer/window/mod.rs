@@ -10,3 +10,4 @@ pub mod picture_writer;
 pub mod render_thread;
 pub mod screen;
 pub mod under_way;
+pub mod window_texture;

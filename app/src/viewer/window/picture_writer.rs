@@ -10,6 +10,7 @@ use render::{FrameStats, Gpu, PictureRows};
 
 use crate::viewer::window::frame_request::FrameRequest;
 use crate::viewer::window::render_thread::{Frame, Report};
+use crate::viewer::window::window_texture::picture_texture;
 
 /// What the render thread hands over.
 pub enum Finished {
@@ -50,7 +51,10 @@ fn write_all(finished: &Receiver<Finished>, report: &impl Fn(Report)) {
     let mut textures = Textures::default();
     for finished in finished {
         report(match finished {
-            Finished::Drawn(drawn) => Report::Frame(Box::new(textures.write(*drawn))),
+            Finished::Drawn(drawn) => match textures.write(*drawn) {
+                Ok(frame) => Report::Frame(Box::new(frame)),
+                Err(error) => Report::NotDrawn(error.to_string()),
+            },
             Finished::Told(told) => told,
         });
     }
@@ -59,29 +63,23 @@ fn write_all(finished: &Receiver<Finished>, report: &impl Fn(Report)) {
 /// The textures of the picture in the window and of the one before it, which the next one takes: the window may still
 /// show the picture before.
 #[derive(Default)]
-pub struct Textures {
+struct Textures {
     shown: Option<(Arc<Gpu>, wgpu::Texture)>,
     free: Option<(Arc<Gpu>, wgpu::Texture)>,
 }
 
 impl Textures {
     /// Writes a picture into the texture whose turn it is.
-    pub fn write(&mut self, drawn: DrawnFrame) -> Frame {
+    ///
+    /// # Errors
+    /// The window's device has no memory for a texture.
+    fn write(&mut self, drawn: DrawnFrame) -> render::Result<Frame> {
         let DrawnFrame { request, stats, rows, started, window_gpu } = drawn;
         let [width, height] = request.drawn_size();
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
         let texture = match self.free.take() {
             Some((gpu, texture)) if Arc::ptr_eq(&gpu, &window_gpu) && texture.size() == size => texture,
-            _ => window_gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("picture in the window"),
-                size,
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::Rgba8Unorm,
-                usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            }),
+            _ => picture_texture(&window_gpu, size)?,
         };
         let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(rows.stride), rows_per_image: None };
         window_gpu.queue.write_texture(texture.as_image_copy(), rows.bytes(), layout, size);
@@ -89,6 +87,6 @@ impl Textures {
         window_gpu.queue.submit([]);
         self.free = self.shown.replace((window_gpu.clone(), texture.clone()));
         let total_milliseconds = started.elapsed().as_secs_f64() * 1e3;
-        Frame { request, stats, total_milliseconds, window_gpu, texture }
+        Ok(Frame { request, stats, total_milliseconds, window_gpu, texture })
     }
 }

@@ -5,6 +5,7 @@ use glam::DVec3;
 use scene::{LightClues, Mirror, MirrorSurface, Quality, Reflection, Shape};
 
 use super::*;
+use crate::viewer::window::window_texture::tests::Refusal;
 
 /// Software Vulkan compiles for a minute on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
@@ -218,4 +219,22 @@ fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_point
     // Lost again at once, it is given up.
     let again = worker.survive(render::Error::Lost("again".into()), &|_| ());
     assert!(matches!(again, Err(render::Error::Lost(why)) if why == "again"));
+}
+
+#[test]
+fn a_picture_for_which_the_window_has_no_memory_is_not_drawn_and_the_next_one_is() {
+    let Some((thread, reports)) = start() else { return };
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    thread.send(Command::Frame(request([48, 36])));
+    let Report::Frame(first) = report() else { panic!("no frame") };
+    let refusal = Refusal::of(&first.window_gpu);
+    thread.send(Command::Frame(request([64, 48])));
+    let told = report();
+    assert!(matches!(&told, Report::NotDrawn(problem) if problem.contains("picture in the window")));
+    drop(refusal);
+    thread.send(Command::Frame(request([64, 48])));
+    let Report::Frame(next) = report() else { panic!("no frame once there is memory") };
+    assert_eq!((next.texture.width(), next.texture.height()), (64, 48));
+    thread.end();
 }

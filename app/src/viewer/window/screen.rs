@@ -123,16 +123,22 @@ impl Screen {
         let side = gpu.device.limits().max_texture_dimension_2d as usize;
         let scale = Some(window.scale_factor() as f32);
         let input = egui_winit::State::new(context.clone(), ViewportId::ROOT, &window, scale, None, Some(side));
-        let canvas = Canvas::new(gpu.clone(), configuration.format, [width, height]);
+        let canvas = Canvas::new(gpu.clone(), configuration.format, [width, height])?;
         Ok(Self { window, gpu, context, input, surface, configuration, canvas, picture: None, is_stale: true })
     }
 
-    pub fn resize(&mut self, size: winit::dpi::PhysicalSize<u32>) {
-        if size.width > 0 && size.height > 0 {
-            (self.configuration.width, self.configuration.height) = (size.width, size.height);
-            self.surface.configure(&self.gpu.device, &self.configuration);
-            self.canvas.resize([size.width, size.height]);
+    /// Takes the size that the window has now.
+    ///
+    /// # Errors
+    /// There is no memory for it: the window goes on in the size that it had, with black beside it, and each paint tries
+    /// again.
+    pub fn resize(&mut self, size: winit::dpi::PhysicalSize<u32>) -> render::Result<()> {
+        if size.width == 0 || size.height == 0 {
+            return Ok(());
         }
+        (self.configuration.width, self.configuration.height) = (size.width, size.height);
+        self.surface.configure(&self.gpu.device, &self.configuration);
+        self.canvas.resize([size.width, size.height])
     }
 
     /// Must be called when the system may have lost what the window showed: the next paint then shows all of it.
@@ -167,7 +173,12 @@ impl Screen {
 
     /// Runs `contents` and shows the result.
     pub fn paint(&mut self, event_loop: &ActiveEventLoop, mut contents: impl FnMut(&mut egui::Ui)) -> Painted {
-        let input = self.input.take_egui_input(&self.window);
+        let mut input = self.input.take_egui_input(&self.window);
+        if self.canvas.resize(self.pixel_size()).is_err() {
+            let scale = egui_winit::pixels_per_point(&self.context, &self.window);
+            let [width, height] = self.canvas.size().map(|side| side as f32 / scale);
+            input.screen_rect = Some(egui::Rect::from_min_size(egui::Pos2::ZERO, egui::vec2(width, height)));
+        }
         let mut passes = passes(input).into_iter();
         let mut output = self.context.run_ui(passes.next().unwrap_or_default(), &mut contents);
         for later in passes {
