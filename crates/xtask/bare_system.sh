@@ -19,7 +19,8 @@ mount --bind /dev "$system/dev"
 mount -t proc proc "$system/proc"
 trap 'umount -l "$system/proc" "$system/dev"' EXIT
 inside apt-get -q -q update
-inside apt-get -q -q -y install /tmp/glint.deb > /dev/null
+# A folder that was there already may have another build of the same version. There is no terminal for a log.
+inside apt-get -q -q -y -o Dpkg::Use-Pty=0 install --reinstall /tmp/glint.deb > /dev/null
 inside dpkg -s glint | grep '^Status'
 inside glint --version
 
