@@ -17,12 +17,18 @@
 // The indirect light of the surface itself.
 @group(1) @binding(7) var indirect_in: texture_2d<f32>;
 @group(1) @binding(8) var color_out: texture_storage_2d<rgba16float, write>;
+// x: how far the mirror's ray goes, in mirror radii.
+@group(1) @binding(9) var left_in: texture_2d<f32>;
 
 override from_camera: bool = true;
 override has_reflection: bool = false;
 override has_indirect: bool = false;
 // Set if `reflected_in` has what arrives at each mirror pixel, the background included (gloss_sum.wgsl).
 override is_received: bool = false;
+// Set if the share that mirrors reflect is the published one of the angle.
+override is_published: bool = false;
+// Set if reflections fade by distance and have not yet.
+override fades: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn blend(@builtin(global_invocation_id) thread: vec3u) {
@@ -44,11 +50,17 @@ fn blend(@builtin(global_invocation_id) thread: vec3u) {
             mirror_point = textureLoad(from_in, id, 0).xyz;
         }
         let to_eye = toward_viewer(frame, textureLoad(position_in, id, 0).xyz, from_camera, mirror_point);
-        let grazing = grazing_share(settings, dot(textureLoad(normal_in, id, 0).xyz, to_eye));
+        let grazing = grazing_share(settings, dot(textureLoad(normal_in, id, 0).xyz, to_eye), is_published);
         let background = linear_from_srgb(unpack4x8unorm(settings.view.background).wzy);
         let found = is_received || textureLoad(seen_in, id, 0).w > 0.0;
         let reflected = select(background, textureLoad(reflected_in, id, 0).rgb, found);
-        color += mirror_share(albedo.a, grazing) * mirror_tint(settings, albedo.rgb, grazing) * reflected;
+        var share = mirror_share(albedo.a, grazing, is_published);
+        if fades {
+            let reach = textureLoad(left_in, id, 0).x;
+            share *= share_left(settings.mirror.fade_distance, settings.mirror.fade_least, reach);
+        }
+        // The published law knows no tint.
+        color += share * mirror_tint(settings, albedo.rgb, select(grazing, 0.0, is_published)) * reflected;
     }
     textureStore(color_out, id, vec4f(color, 1.0));
 }

@@ -2,6 +2,7 @@
 // Fresnel's shares. Where nothing was found it is the background. One thread a pixel.
 #import frame_group
 #import packing
+#import brdf
 
 // w: coverage of the reflected surface.
 @group(1) @binding(0) var seen_in: texture_2d<f32>;
@@ -14,9 +15,13 @@
 @group(1) @binding(4) var beyond_in: texture_2d<f32>;
 @group(1) @binding(5) var transmitted_in: texture_2d<f32>;
 @group(1) @binding(6) var received_out: texture_storage_2d<rgba16float, write>;
+// x: how far the mirror's ray goes, in mirror radii.
+@group(1) @binding(7) var left_in: texture_2d<f32>;
 
 // Set if `reflected_in` has what arrives at each mirror pixel, the background included (gloss_sum.wgsl).
 override is_received: bool = false;
+// Set if reflections fade by distance and have not yet.
+override fades: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn clear_blend(@builtin(global_invocation_id) thread: vec3u) {
@@ -27,6 +32,10 @@ fn clear_blend(@builtin(global_invocation_id) thread: vec3u) {
     let background = linear_from_srgb(unpack4x8unorm(settings.view.background).wzy);
     let found = is_received || textureLoad(seen_in, id, 0).w > 0.0;
     var received = select(background, textureLoad(reflected_in, id, 0).rgb, found);
+    if fades {
+        let reach = textureLoad(left_in, id, 0).x;
+        received *= share_left(settings.mirror.fade_distance, settings.mirror.fade_least, reach);
+    }
     if textureLoad(point_in, id, 0).w > 0.0 {
         let is_beyond = textureLoad(beyond_in, id, 0).w > 0.0;
         let transmitted = select(background, textureLoad(transmitted_in, id, 0).rgb, is_beyond);

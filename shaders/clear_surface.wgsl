@@ -19,7 +19,8 @@
 @group(1) @binding(6) var eye_out: texture_storage_2d<rgba32float, write>;
 // w: the share that is reflected of what is not diffuse; if `is_only`, the specular power of what reflects.
 @group(1) @binding(7) var normal_out: texture_storage_2d<rgba32float, write>;
-// The index of refraction of the surface: below 0 if it bounds no solid, 0 if it is opaque, or if `is_only` reflects.
+// The index of refraction of the surface: below 0 if it bounds no solid, 0 if it is opaque; REFLECTS where `is_only`
+// reflects.
 @group(1) @binding(8) var index_out: texture_storage_2d<r32float, write>;
 
 // Set if light goes through points of the scene.
@@ -32,6 +33,8 @@ override inner_way: u32 = 0u;
 
 // The most total reflections inside a solid.
 const INNER_REFLECTIONS: i32 = 8;
+// Stands for the index of refraction of a clear surface that reflects.
+const REFLECTS: f32 = 1.0;
 // How far a mirror's splats may lie beside its formula, in mirror sizes.
 const SPLAT_OFF: f32 = 0.05;
 
@@ -122,7 +125,7 @@ fn clear_surface(@builtin(global_invocation_id) thread: vec3u) {
     let turned = vec4f(direction, select(share, 0.0, is_only));
     textureStore(normal_out, id, select(turned, facing, is_reflected));
     let index = select(-surface.index, surface.index, is_solid);
-    textureStore(index_out, id, vec4f(select(index, 0.0, is_reflected)));
+    textureStore(index_out, id, vec4f(select(index, REFLECTS, is_reflected && surface.index > 0.0)));
 }
 
 fn surface_at(id: vec2u, point: vec3f) -> ClearSurface {

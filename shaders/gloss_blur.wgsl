@@ -11,6 +11,7 @@
 @group(1) @binding(2) var eye_in: texture_2d<f32>;
 // x: the sum of the distances at which the rays met something, y: that of their weights.
 @group(1) @binding(3) var<storage, read> distances: array<vec2f>;
+// a: the mean share of the reflections that is left.
 @group(1) @binding(4) var received_in: texture_2d<f32>;
 @group(1) @binding(5) var received_out: texture_storage_2d<rgba16float, write>;
 
@@ -48,7 +49,7 @@ fn gloss_blur(@builtin(global_invocation_id) thread: vec3u) {
         half_length = 0.5 * length_of(center, axis, mirror, met.x / met.y);
     }
     let reach = i32(ceil(half_length - 0.5));
-    var sum = received.rgb;
+    var sum = received;
     var weights = 1.0;
     for (var step = 1; step <= 2 * reach; step++) {
         let offset = select(-((step + 1) / 2), (step + 1) / 2, step % 2 == 1);
@@ -56,10 +57,10 @@ fn gloss_blur(@builtin(global_invocation_id) thread: vec3u) {
         let inside = clamp(at, vec2i(0), vec2i(i32(frame.width), i32(frame.height)) - 1);
         let is_same = all(inside == at) && is_same_mirror(mirror, mirror_at(inside));
         let weight = select(0.0, clamp(half_length + 0.5 - f32(abs(offset)), 0.0, 1.0), is_same);
-        sum += weight * textureLoad(received_in, inside, 0).rgb;
+        sum += weight * textureLoad(received_in, inside, 0);
         weights += weight;
     }
-    textureStore(received_out, id, vec4f(sum / weights, 1.0));
+    textureStore(received_out, id, sum / weights);
 }
 
 fn mirror_at(pixel: vec2i) -> GlossyPoint {

@@ -1,6 +1,7 @@
 // Sums what the samples of mirrors receive by their weights, and keeps their mean; a mirror that sees no point
-// receives the background. One thread a pixel.
+// receives the background. Reflections that fade by distance do so ray by ray. One thread a pixel.
 #import frame_group
+#import brdf
 #import gloss_pixel
 #import packing
 
@@ -14,9 +15,14 @@
 @group(1) @binding(4) var<storage, read_write> sums: array<vec4f>;
 // x: the sum of the distances at which the rays met something, y: that of their weights.
 @group(1) @binding(5) var<storage, read_write> distances: array<vec2f>;
+// a: the mean share of the reflections that is left.
 @group(1) @binding(6) var received_out: texture_storage_2d<rgba16float, write>;
 // x: how much the look counts among those of the ray.
 @group(1) @binding(7) var looks_in: texture_2d<f32>;
+// x: how far the ray goes, in mirror radii.
+@group(1) @binding(8) var left_in: texture_2d<f32>;
+// The sum of the shares of the reflections that are left, by their weights.
+@group(1) @binding(9) var<storage, read_write> shares_left: array<f32>;
 
 // Set if rays have weights.
 override is_weighed: bool = false;
@@ -24,6 +30,8 @@ override is_weighed: bool = false;
 override is_blurred: bool = false;
 // Set if several looks of each ray are blended.
 override has_looks: bool = false;
+// Set if reflections fade by distance.
+override fades: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgroups) groups: vec3u) {
@@ -37,6 +45,10 @@ fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgrou
     if has_begun {
         sum = sums[index];
     }
+    var left = 0.0;
+    if fades && has_begun {
+        left = shares_left[index];
+    }
     let point = textureLoad(point_in, id, 0);
     if point.w > 0.0 {
         let background = linear_from_srgb(unpack4x8unorm(settings.view.background).wzy);
@@ -44,12 +56,25 @@ fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgrou
         let found = seen.w > 0.0;
         let of_ray = select(1.0, pixels[place_of_thread(thread, groups)].weight, is_weighed);
         let weight = of_ray * select(1.0, textureLoad(looks_in, id, 0).x, has_looks);
-        sum += weight * vec4f(select(background, textureLoad(reflected_in, id, 0).rgb, found), 1.0);
+        var received = select(background, textureLoad(reflected_in, id, 0).rgb, found);
+        if fades {
+            let reach = textureLoad(left_in, id, 0).x;
+            let share = share_left(settings.mirror.fade_distance, settings.mirror.fade_least, reach);
+            received *= share;
+            left += weight * share;
+        }
+        sum += weight * vec4f(received, 1.0);
         if is_blurred {
             let met = select(vec2f(0.0), weight * vec2f(distance(seen.xyz, point.xyz), 1.0), found);
             distances[index] = select(vec2f(0.0), distances[index], has_begun) + met;
         }
     }
     sums[index] = sum;
-    textureStore(received_out, id, vec4f(sum.rgb / select(1.0, sum.a, sum.a > 0.0), 1.0));
+    let weights = select(1.0, sum.a, sum.a > 0.0);
+    var mean_left = 1.0;
+    if fades {
+        shares_left[index] = left;
+        mean_left = left / weights;
+    }
+    textureStore(received_out, id, vec4f(sum.rgb / weights, mean_left));
 }

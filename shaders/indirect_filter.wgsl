@@ -18,6 +18,8 @@
 @group(1) @binding(6) var radiance_out: texture_storage_2d<rgba16float, write>;
 // See kept_light.wgsl.
 @group(1) @binding(7) var<storage, read_write> kept: array<vec4u>;
+// See shade.wgsl.
+@group(1) @binding(8) var left_in: texture_2d<f32>;
 
 override from_camera: bool = true;
 // The edge of the window in pixels; 1 for no average.
@@ -29,6 +31,10 @@ override is_mixed: bool = false;
 override keeps: bool = false;
 // Set if pixels take the light that indirect_reuse has found.
 override reuses: bool = false;
+// See shade.wgsl.
+override is_published: bool = false;
+override fades: bool = false;
+override is_mean_left: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn indirect_filter(@builtin(global_invocation_id) invocation: vec3u) {
@@ -109,14 +115,20 @@ fn indirect_filter(@builtin(global_invocation_id) invocation: vec3u) {
     }
     let albedo = textureLoad(albedo_in, id, 0);
     let gloss = gloss_of(settings, albedo.a, surface.w);
-    let grazing = grazing_share(settings, dot(surface.xyz, toward_eye));
+    let grazing = grazing_share(settings, dot(surface.xyz, toward_eye), is_published);
     let highlight = glossy * mirror_tint(settings, albedo.rgb, 0.0);
     var radiance = albedo.rgb * diffuse * settings.light.diffuse;
     if albedo.a <= 0.0 {
         radiance = radiance * (1.0 - gloss.share) + highlight;
     } else if is_mixed {
         // A mirror's highlight is already part of its reflection.
-        radiance *= 1.0 - mirror_share(albedo.a, grazing);
+        var reflected = mirror_share(albedo.a, grazing, is_published);
+        if fades {
+            let left = textureLoad(left_in, id, 0);
+            let by_reach = share_left(settings.mirror.fade_distance, settings.mirror.fade_least, left.x);
+            reflected *= select(by_reach, left.a, is_mean_left);
+        }
+        radiance *= 1.0 - reflected;
     } else {
         radiance += highlight;
     }

@@ -18,6 +18,8 @@
 @group(1) @binding(4) var<storage, read> lights: array<LightSource>;
 @group(1) @binding(5) var<storage, read> shadows: array<vec2u>;
 @group(1) @binding(6) var radiance_out: texture_storage_2d<rgba16float, write>;
+// x: how far the mirror's ray goes, in mirror radii; or a: the mean share of its reflections that is left.
+@group(1) @binding(7) var left_in: texture_2d<f32>;
 
 override from_camera: bool = true;
 // LIGHT_BY_*, never auto.
@@ -30,6 +32,11 @@ override is_mixed: bool = false;
 override has_fill: bool = false;
 // Set if some surface shows highlights of lights.
 override has_highlights: bool = false;
+// Set if the share that mirrors reflect is the published one of the angle.
+override is_published: bool = false;
+// Set if reflections fade by distance, and if `left_in` has the mean of several rays.
+override fades: bool = false;
+override is_mean_left: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) invocation: vec3u) {
@@ -58,7 +65,13 @@ fn shade(@builtin(global_invocation_id) invocation: vec3u) {
     // The diffuse share of the albedo.
     var share = 1.0;
     if is_mixed && is_mirror {
-        share -= mirror_share(albedo.a, grazing_share(settings, cosine));
+        var reflected = mirror_share(albedo.a, grazing_share(settings, cosine, is_published), is_published);
+        if fades {
+            let left = textureLoad(left_in, id, 0);
+            let by_reach = share_left(settings.mirror.fade_distance, settings.mirror.fade_least, left.x);
+            reflected *= select(by_reach, left.a, is_mean_left);
+        }
+        share -= reflected;
     }
     var radiance = vec3f(0.0);
     if lighting == LIGHT_BY_COLORS {

@@ -16,15 +16,30 @@ fn highlight(kind: u32, normal: vec3f, to_light: vec3f, to_eye: vec3f, power: f3
     return scale * pow(max(cosine, 0.0), power);
 }
 
-// The share of the light that a mirror does not reflect at normal incidence but reflects at this angle (Schlick 1994);
-// `cosine` is that between its normal and the line of sight.
-fn grazing_share(settings: Settings, cosine: f32) -> f32 {
-    return settings.mirror.fresnel * pow(1.0 - clamp(cosine, 0.0, 1.0), 5.0);
+// The share of the light that a mirror does not reflect at normal incidence but reflects at this angle (Schlick 1994), or,
+// by the published law, that of what it reflects there and not at this angle (Popescu, Sacks and Mei 2006); `cosine` is
+// that between its normal and the line of sight.
+fn grazing_share(settings: Settings, cosine: f32, is_published: bool) -> f32 {
+    let along = clamp(cosine, 0.0, 1.0);
+    if is_published {
+        return settings.mirror.fresnel * (1.0 - along * along);
+    }
+    return settings.mirror.fresnel * pow(1.0 - along, 5.0);
 }
 
 // The share of a mirror's picture that is reflected; its own diffuse light is the remainder.
-fn mirror_share(specular_intensity: f32, grazing: f32) -> f32 {
+fn mirror_share(specular_intensity: f32, grazing: f32, is_published: bool) -> f32 {
+    if is_published {
+        return specular_intensity * (1.0 - grazing);
+    }
     return specular_intensity + (1.0 - specular_intensity) * grazing;
+}
+
+// The share of a reflection that is left where its ray meets something so many mirror radii away (Popescu, Sacks and Mei
+// 2006), by mirror.fade_distance, which is above 0, and mirror.fade_least.
+fn share_left(fade_distance: f32, fade_least: f32, radii: f32) -> f32 {
+    let rest = 1.0 - min(radii / fade_distance, 1.0);
+    return mix(fade_least, 1.0, rest * rest);
 }
 
 // The colour of the light that a surface reflects as a highlight or a mirror.

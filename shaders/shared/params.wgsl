@@ -175,10 +175,15 @@ struct Mirror {
     surface: u32,
     tint: f32,
     fresnel: f32,
+    fresnel_law: u32,
+    fade_distance: f32,
+    fade_least: f32,
 }
 const MIRROR_SURFACE_AUTO: u32 = 0u;
 const MIRROR_SURFACE_EXACT: u32 = 1u;
 const MIRROR_SURFACE_POINTS: u32 = 2u;
+const MIRROR_FRESNEL_LAW_SCHLICK: u32 = 0u;
+const MIRROR_FRESNEL_LAW_PUBLISHED: u32 = 1u;
 
 // Reflections.
 struct Reflection {

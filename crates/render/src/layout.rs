@@ -207,6 +207,7 @@ elements! {
     region_scan.runs: RUN_BYTES = 8;
     gloss_sum.sums: GLOSS_SUM_BYTES = 16;
     gloss_sum.distances: GLOSS_DISTANCE_BYTES = 8;
+    gloss_sum.shares_left: GLOSS_SHARE_BYTES = 4;
     gloss_keep.kept: KEPT_WORD_BYTES = 4;
     mirror_average.nearest: NEAREST_REFLECTION_BYTES = 4;
     shade.shadows: SHADOW_TEXEL_BYTES = 8;

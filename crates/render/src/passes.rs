@@ -192,7 +192,7 @@ passes! {
     gloss_keep: Method over Pixels { point_in: Texture, pixels: Read, kept: ReadWrite, hits: ReadWrite, counters: ReadWrite }
     gloss_sum: Light over Pixels {
         point_in: Texture, seen_in: Texture, reflected_in: Texture, pixels: Read, sums: ReadWrite, distances: ReadWrite,
-        received_out: Write(Rgba16Float), looks_in: Texture,
+        received_out: Write(Rgba16Float), looks_in: Texture, left_in: Texture, shares_left: ReadWrite,
     }
     gloss_blur: Light over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, distances: Read, received_in: Texture,
@@ -213,6 +213,9 @@ passes! {
         point_in: Texture, direction_in: Texture, index_in: Texture, own_albedo_in: Texture, own_normal_in: Texture,
         albedo_in: Texture, normal_in: Texture, position_in: Texture, albedo_out: Write(Rgba16Float),
         normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float), from_out: Write(Rgba32Float),
+    }
+    mirror_reach: Method over Pixels {
+        point_in: Texture, seen_in: Texture, index_in: Texture, mirrors: Read, reach_out: Write(R32Float),
     }
     mirror_doubt: View over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, seen_in: Texture, seen_normal_in: Texture,
@@ -381,19 +384,20 @@ passes! {
     }
     indirect_filter: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, diffuse_in: Texture,
-        glossy_in: Texture, radiance_out: Write(Rgba16Float), kept: ReadWrite,
+        glossy_in: Texture, radiance_out: Write(Rgba16Float), kept: ReadWrite, left_in: Texture,
     }
     shade: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Read, shadows: Read,
-        radiance_out: Write(Rgba16Float),
+        radiance_out: Write(Rgba16Float), left_in: Texture,
     }
     blend: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, radiance_in: Texture,
         seen_in: Texture, reflected_in: Texture, indirect_in: Texture, color_out: Write(Rgba16Float),
+        left_in: Texture,
     }
     clear_blend: Light over Pixels {
         seen_in: Texture, reflected_in: Texture, point_in: Texture, direction_in: Texture, beyond_in: Texture,
-        transmitted_in: Texture, received_out: Write(Rgba16Float),
+        transmitted_in: Texture, received_out: Write(Rgba16Float), left_in: Texture,
     }
     show: View over Pixels {
         color_in: Texture, point_in: Texture, albedo_in: Texture, normal_in: Texture, position_in: Texture,

@@ -17,6 +17,7 @@ use crate::inputs::Inputs;
 use crate::layout::{COUNTERS, PROBE_PIXEL_BYTES, PROBE_VALUE_BYTES};
 use crate::passes;
 use crate::recorder::{Pipelines, Recorder};
+use crate::reflection::fading::ShareLeft;
 use crate::reflection::gather::Gather;
 use crate::reflection::surfel_trace::Rays;
 use crate::reflection::task::{MirrorGBuffer, MirrorSurface, Task};
@@ -277,7 +278,10 @@ impl Renderer {
         };
         let Some(Lit { lights, sky, has_highlights, has_gloss }) = &self.lit else { return Ok(Vec::new()) };
         let surface = targets.surface();
-        let images = [&targets.position, &surface.albedo, &surface.normal, &targets.position];
+        let mean = reflections.mean().filter(|_| self.summed.is_some());
+        let fading = ShareLeft::new(mean, reflections.first().and_then(|bounce| bounce.reach.as_ref()));
+        let left = fading.image().unwrap_or(&targets.position);
+        let images = [&targets.position, &surface.albedo, &surface.normal, left];
         let mut draws = Draws::new(Tiles::of(camera.size), camera.size, seed);
         let mut reader = Reader::new(gpu, pipelines, camera, settings);
         let (chosen, values) = reader.choose(&mut draws, count, 1.0, images, |[position, ..]| position[3] > 0.0)?;
@@ -286,8 +290,8 @@ impl Renderer {
         }
         let size = [ROW, (chosen.len() as u32).div_ceil(ROW)];
         let small = FrameCamera { size, mirror_tiles: Tiles::of(size), ..camera };
-        let [position, albedo, normal] =
-            [0, 1, 2].map(|index| small_image(gpu, size, values.iter().map(|values| values[index])));
+        let [position, albedo, normal, left] =
+            [0, 1, 2, 3].map(|index| small_image(gpu, size, values.iter().map(|values| values[index])));
         let many: &mut GlobalIllumination = &mut self.many_lights;
         let mut recorder = Recorder::new(gpu, pipelines, settings);
         recorder.give_up_when(given_up.as_deref(), *longest_piece);
@@ -300,6 +304,7 @@ impl Renderer {
             is_mixed: reflections.count > 0,
             is_glossy: *has_highlights,
             has_gloss: *has_gloss,
+            fading: fading.in_image(&left),
         };
         let inputs = Inputs::new(gpu, small, settings, &DrawList::default());
         many.shade(&mut recorder, &inputs, settings, &receiver)?;

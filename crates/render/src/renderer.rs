@@ -22,6 +22,7 @@ use crate::method;
 use crate::pass_times::PassTime;
 use crate::passes;
 use crate::recorder::{IsGivenUp, Pipelines, Recorder, Rehearsal};
+use crate::reflection::fading::fades;
 use crate::reflection::gloss::{RaySet, RaySets};
 use crate::reflection::kept_hits::{GlossCache, Scenery};
 use crate::reflection::{self, ReflectionStats, Reflections, Search, SurfaceImages};
@@ -85,7 +86,7 @@ pub struct Renderer {
     splatted_from: Option<PointInputs>,
     kept_shadows: Vec<DrawnMap>,
     /// What the last frame has summed of its samples of mirrors.
-    summed: Option<Summed>,
+    pub(crate) summed: Option<Summed>,
     /// How many samples of mirrors a frame may add.
     samples_at_once: Option<u32>,
     pub(crate) gi: GlobalIllumination,
@@ -152,6 +153,8 @@ struct SurfaceInputs {
     shows_search: bool,
     /// The sets of rays of mirrors.
     rays: RaySets,
+    /// Whether it is measured how far the rays of mirrors go.
+    fades: bool,
 }
 
 /// The light of the samples that are summed so far.
@@ -167,7 +170,7 @@ struct SummedLight {
 }
 
 /// The samples of mirrors that are summed so far for the surfaces of the last frame.
-struct Summed {
+pub(crate) struct Summed {
     light: SummedLight,
     samples: u32,
 }
@@ -193,6 +196,7 @@ impl SurfaceInputs {
             counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
             shows_search: settings.reflection.show == Show::Search,
             rays: RaySets::new(settings, store, objects.mirrors)?,
+            fades: fades(settings),
         })
     }
 }
@@ -357,8 +361,12 @@ impl Renderer {
         let all_samples = if has_mirrors { asks.rays.summed() } else { 0 };
         let is_sampled = all_samples > 0;
         let formulas = reflection::upload(gpu, settings, objects.mirrors, frame_camera.eye);
+        // Where reflections fade, a mirror's own light depends on what its rays meet.
+        let fades = asks.fades && has_mirrors;
+        if !is_kept || is_sampled && fades {
+            self.gi.surfaces_changed(usize::from(surface_is_kept && !fades));
+        }
         if !is_kept {
-            self.gi.surfaces_changed(usize::from(surface_is_kept));
             if !points_are_kept {
                 splat_surface(&mut recorder, &inputs, settings, targets, atomics64)?;
                 if asks.points.with_radii {
@@ -420,11 +428,15 @@ impl Renderer {
             shading,
             camera: camera_surface,
             bounces: if has_mirrors { Reflections::asked(settings) } else { 0 },
+            received: None,
             direct: &targets.direct,
             color: &targets.color,
             first_receiver: 0,
         };
-        light.shade(&mut recorder, &inputs, reflections.found(), 0)?;
+        let knows_rays = !(is_sampled && fades);
+        if knows_rays {
+            light.shade(&mut recorder, &inputs, reflections.found(), 0)?;
+        }
         if has_clear {
             // Receivers of their own, after those of the reflections.
             light.first_receiver = Reflections::asked(settings);
@@ -463,6 +475,10 @@ impl Renderer {
             summed = Some(Summed { light: lit_by, samples: end });
             let glossy = (asks.rays.glossy > 0).then_some(camera_surface.normal);
             let received = reflections.received(&mut recorder, &inputs, settings, glossy)?;
+            if !knows_rays {
+                light.received = received;
+                light.shade(&mut recorder, &inputs, reflections.found(), 0)?;
+            }
             received.map_or(Reflected::Nothing, Reflected::Received)
         } else {
             light.shade_bounces(&mut recorder, &inputs, reflections.found())?;

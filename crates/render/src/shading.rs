@@ -9,6 +9,7 @@ use crate::inputs::Inputs;
 use crate::lighting::Lights;
 use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
+use crate::reflection::fading::{ShareLeft, is_published};
 use crate::reflection::{Bounce, SurfaceImages};
 use crate::store::PointStore;
 use crate::targets::Image;
@@ -48,6 +49,9 @@ pub(crate) struct FrameLight<'a> {
     pub camera: SurfaceImages<'a>,
     /// The number of reflections that are followed, whether or not they have been found yet.
     pub bounces: usize,
+    /// What each mirror pixel of the camera receives by several rays, with the share that is left of them if
+    /// reflections fade; `None` if it has one ray.
+    pub received: Option<&'a Image>,
     /// Gets the direct light of the camera's surface.
     pub direct: &'a Image,
     /// Gets the colours with reflections.
@@ -85,6 +89,8 @@ impl FrameLight<'_> {
             Some(before) => (before.surface(), &before.mirror.point, &before.radiance),
         };
         let (shading, receiver) = (self.shading, self.receiver(index));
+        let reach = bounces.get(index).and_then(|bounce| bounce.reach.as_ref());
+        let fading = ShareLeft::new(self.received.filter(|_| index == 0), reach);
         let switches = [
             ("from_camera", u32::from(index == 0)),
             ("lighting", shading.light.by as u32),
@@ -92,6 +98,9 @@ impl FrameLight<'_> {
             ("is_mixed", u32::from(index < self.bounces)),
             ("has_highlights", u32::from(shading.has_highlights)),
             ("has_fill", u32::from(shading.light.fill > 0.0)),
+            ("is_published", u32::from(is_published(self.settings))),
+            ("fades", u32::from(fading.image().is_some())),
+            ("is_mean_left", u32::from(fading.is_mean())),
         ];
         let bindings = passes::shade {
             albedo_in: surface.albedo.bind(),
@@ -101,6 +110,7 @@ impl FrameLight<'_> {
             lights: self.lights.lights.as_entire_binding(),
             shadows: self.lights.shadows.as_entire_binding(),
             radiance_out: radiance.bind(),
+            left_in: fading.image().unwrap_or(surface.normal).bind(),
         };
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.by_rows(&switches, inputs, bindings, groups)?;
@@ -112,6 +122,7 @@ impl FrameLight<'_> {
                 is_mixed: index < self.bounces,
                 is_glossy: shading.has_highlights,
                 has_gloss: shading.has_gloss,
+                fading,
             };
             gi.shade(recorder, inputs, self.settings, &receiver)?;
         }
@@ -169,6 +180,9 @@ impl FrameLight<'_> {
             Reflected::Found => bounces.get(index).map(|bounce| &bounce.blended),
             Reflected::Received(image) => Some(image),
         };
+        let is_received = matches!(reflected, Reflected::Received(_));
+        // What is received has faded already.
+        let reach = bounces.get(index).and_then(|bounce| bounce.reach.as_ref()).filter(|_| !is_received);
         let bindings = passes::blend {
             albedo_in: surface.albedo.bind(),
             normal_in: surface.normal.bind(),
@@ -179,12 +193,15 @@ impl FrameLight<'_> {
             reflected_in: shown.unwrap_or(radiance).bind(),
             indirect_in: indirect.unwrap_or(radiance).bind(),
             color_out: target.bind(),
+            left_in: reach.unwrap_or(radiance).bind(),
         };
         let switches = [
             ("from_camera", u32::from(index == 0)),
             ("has_reflection", u32::from(shown.is_some())),
             ("has_indirect", u32::from(indirect.is_some())),
-            ("is_received", u32::from(matches!(reflected, Reflected::Received(_)))),
+            ("is_received", u32::from(is_received)),
+            ("is_published", u32::from(is_published(self.settings))),
+            ("fades", u32::from(reach.is_some() && shown.is_some())),
         ];
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.time_as((index > 0).then_some(MIRROR_LIGHT));

@@ -5,6 +5,7 @@ use param::{Bytes, Field, Value, choices, params, settings};
 
 pub use self::cubemap_trace::{CubeCriterion, CubeHit, CubePlacement, CubeRest, CubeSampling};
 pub use self::light_field::{LightField, MapFill, SampleRest, SampleRule, SampleVisibility};
+pub use self::mirror::{FresnelLaw, MirrorSettings, MirrorSurface};
 pub use self::overlay::Overlay;
 pub use self::sample_cameras::{BundleCull, BundleRest, BundleSplat, CameraCells, JudgedBy, SampleCameras};
 pub use self::screen_trace::{ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling};
@@ -12,6 +13,7 @@ use crate::{Method, Projection};
 
 mod cubemap_trace;
 mod light_field;
+mod mirror;
 mod overlay;
 mod sample_cameras;
 mod screen_trace;
@@ -115,10 +117,6 @@ choices! {
         Picture = "picture", Uncertain = "uncertain", Borders = "borders", Curvature = "curvature", Regions = "regions", Search = "search", Steps = "steps",
         Unconverged = "unconverged", Error = "error", Coverage = "coverage", Distance = "distance", Albedo = "albedo", Normal = "normal", Position = "position",
     }
-}
-choices! {
-    /// How mirrors that have a formula come into the camera's G-buffer.
-    pub enum MirrorSurface { Auto = "auto", Exact = "exact", Points = "points" }
 }
 choices! {
     /// How points are shared out among the mirror's regions.
@@ -313,16 +311,6 @@ params! {
         rays: u32 = 1, 1..=4096, "rays";
         /// Seed of the paths; the same seed gives the same picture.
         seed: u32 = 1;
-    }
-
-    /// Mirrors.
-    pub struct MirrorSettings = "mirror" in "Reflections" => affects(shading truth) {
-        /// Mirrors that have a formula: exact casts a ray a pixel, points splats samples of them; auto takes points for the built-in scenes.
-        surface: MirrorSurface = MirrorSurface::Auto => affects(surface found truth);
-        /// Share of a mirror's own colour that its reflections take on, as metals do.
-        tint: f32 = 0.0, 0.0..=1.0, "share";
-        /// Reflect more the flatter the line of sight (Schlick 1994), by this share of the full effect.
-        fresnel: f32 = 0.0, 0.0..=1.0, "share";
     }
 
     /// Reflections.

@@ -165,7 +165,9 @@ impl FiveMirrors {
         let run = |seed| {
             let indirect = Indirect { bounces: gi.bounces, samples: traced.paths.div_ceil(2), seed };
             let bounces = if reflection.method == Method::None { 0 } else { reflection.bounces };
-            let illumination = Illumination { gloss, bounces, indirect, ..Illumination::new(source, mirror) };
+            let mirror_boxes = &self.traced.mirror_boxes;
+            let illumination =
+                Illumination { gloss, bounces, indirect, mirror_boxes, ..Illumination::new(source, mirror) };
             let progress = Progress::default();
             let light = if traced.over_mirrors {
                 indirect_picture(&self.exact, &seen, &illumination, &progress)

@@ -30,6 +30,8 @@ pub struct TracedScene {
     pub origin: DVec3,
     /// The bounds in world coordinates.
     bounds: Bounds,
+    /// The boxes about the points of each mirror, relative to `origin`.
+    pub(crate) mirror_boxes: Vec<Bounds>,
 }
 
 impl TracedScene {
@@ -41,6 +43,12 @@ impl TracedScene {
         let chunks = parts.iter().flat_map(|part| &part.cloud.chunks);
         let bounds = chunks.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
         let origin = if bounds.is_empty() { DVec3::ZERO } else { bounds.center().round() };
+        let mirrors = parts.iter().filter(|part| part.specular_intensity > 0.0).map(|part| &part.cloud.chunks);
+        let box_of = |chunks: &Vec<Chunk>| {
+            let Bounds { min, max } = chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
+            Bounds { min: min - origin, max: max - origin }
+        };
+        let mirror_boxes = mirrors.map(box_of).collect();
         let painted: Vec<Vec<Chunk>> = parts.iter().map(|part| part.painted(origin)).collect();
         let parts = parts.iter().zip(&painted).map(|(part, chunks)| {
             let [red, green, blue, _] = part.plain().map(|value| linear_from_srgb(value) as f32);
@@ -48,7 +56,7 @@ impl TracedScene {
             trace::MaterialPoints { chunks, specular_intensity, specular_power, clear, plain: [red, green, blue] }
         });
         let surfels = Surfels::new(&parts.collect::<Vec<_>>(), splat_size, progress).ok_or(Error::Cancelled)?;
-        Ok(Self { surfels, exact: exact.map(|exact| exact.seen_from(origin)), origin, bounds })
+        Ok(Self { surfels, exact: exact.map(|exact| exact.seen_from(origin)), origin, bounds, mirror_boxes })
     }
 }
 
@@ -334,6 +342,7 @@ impl<'a> Tracer<'a> {
             diffuse: f64::from(light.diffuse),
             fill: Fill { radiance: f64::from(resolved.fill), share: f64::from(light.headlight) },
             bounces: reflection.bounces,
+            mirror_boxes: &self.scene.mirror_boxes,
             lobe: (gloss.samples > 0).then_some(gloss.lobe),
             background: DVec3::new(red, green, blue),
             indirect: Indirect { bounces: gi.bounces, samples: trace.samples, seed: trace.seed },

@@ -16,7 +16,7 @@ use cloud::Progress;
 use glam::DVec3;
 use scene::Highlight;
 
-use crate::light::{Illuminant, Illumination, scattered};
+use crate::light::{Illuminant, Illumination, mean_share_left, scattered};
 use crate::reflectance::{Reflectance, lobe_direction};
 use crate::reflection::{BATCH, in_parallel};
 use crate::refraction::stronger;
@@ -62,8 +62,21 @@ pub fn indirect(
     pixel: usize,
     illumination: &Illumination,
 ) -> DVec3 {
+    let share_left = mean_share_left(geometry, hit, direction, pixel, illumination);
+    indirect_beside(geometry, hit, direction, pixel, share_left, illumination)
+}
+
+/// The same where it is known which share of the mirror's reflection is left.
+pub(crate) fn indirect_beside(
+    geometry: &impl Geometry,
+    hit: &Hit,
+    direction: DVec3,
+    pixel: usize,
+    share_left: f64,
+    illumination: &Illumination,
+) -> DVec3 {
     let Indirect { bounces, samples, seed } = illumination.indirect;
-    let surface = Reflectance::new(hit, direction, illumination.left(), illumination).beside_reflection();
+    let surface = Reflectance::new(hit, direction, illumination.left(), share_left, illumination).beside_reflection();
     let tracer = PathTracer { geometry, illumination };
     if samples == 0 || !surface.scatters() || !tracer.finds_light(bounces) {
         return DVec3::ZERO;
@@ -103,8 +116,17 @@ impl<G: Geometry> PathTracer<'_, G> {
                 let radiance = self.illumination.sky().map_or(0.0, |sky| sky.sky_radiance(ray.direction));
                 return light + throughput * radiance;
             };
-            let mut surface = Reflectance::new(&hit, ray.direction, reflections, self.illumination);
-            if hit.specular_intensity > 0.0 {
+            let is_mirror = hit.specular_intensity > 0.0;
+            let go_on = |ray: &Ray, numbers: &mut Random| {
+                onward(self.geometry, &hit, ray.direction, self.illumination.lobe, numbers)
+            };
+            // What is left of a reflection that fades depends on what its ray meets.
+            let knows_ray = is_mirror && reflections > 0 && self.illumination.fades(&hit);
+            let known = if knows_ray { go_on(&ray, numbers) } else { None };
+            let distance = known.and_then(|ray| Some(self.geometry.nearest(&ray)?.distance));
+            let share_left = if knows_ray { self.illumination.share_left(&hit, distance) } else { 1.0 };
+            let mut surface = Reflectance::new(&hit, ray.direction, reflections, share_left, self.illumination);
+            if is_mirror {
                 surface = surface.without_highlight();
             }
             if bounces > 0 {
@@ -120,10 +142,9 @@ impl<G: Geometry> PathTracer<'_, G> {
             if numbers.next() * either < mirror {
                 throughput *= surface.mirror * (either / mirror);
                 reflections -= 1;
-                let Some(onward) = onward(self.geometry, &hit, ray.direction, self.illumination.lobe, numbers) else {
-                    return light;
-                };
-                ray = onward;
+                let next = if knows_ray { known } else { go_on(&ray, numbers) };
+                let Some(next) = next else { return light };
+                ray = next;
             } else {
                 let Some(sample) = surface.sample([numbers.next(), numbers.next()]) else {
                     return light;
@@ -211,6 +232,7 @@ mod tests {
     use super::*;
     use crate::exact::{Albedo, Object};
     use crate::{Exact, Gloss, MaterialPoints, PixelRays, Sunlight, Surfels, picture, primary, radiance};
+    use cloud::Bounds;
     use cloud::sampling::{Placement, Surface};
     use scene::five_mirrors::{Variant, camera, light, sample, walls};
     use scene::{Highlight, MirrorSettings, SpotLight, ViewSettings};
@@ -365,7 +387,19 @@ mod tests {
             };
             indirect_at(&scene(specular_intensity), DVec3::Z * 0.5, -DVec3::Z, &illumination)
         };
+        // A path takes a mirror whose reflections have faded for a diffuse surface.
+        let faded = {
+            let settings = MirrorSettings { fade_distance: 0.1, ..MirrorSettings::default() };
+            let illumination = Illumination {
+                indirect: Indirect { bounces: 1, samples: 1 << 15, seed: 5 },
+                bounces: 1,
+                mirror_boxes: &[Bounds { min: DVec3::ZERO, max: DVec3::ONE }],
+                ..Illumination::new(Illuminant::Lights(&lights), &settings)
+            };
+            indirect_at(&scene(1.0), DVec3::Z * 0.5, -DVec3::Z, &illumination)
+        };
         let diffuse = with(0.0, 1, 1);
+        assert_near(faded, diffuse, 0.02, "faded");
         assert!(diffuse > 0.0);
         // A perfect mirror passes on none of the lamp's light: that would be a caustic. A half one sends half of it out
         // diffusely.
@@ -445,15 +479,19 @@ mod tests {
     #[test]
     fn a_mirror_keeps_its_highlight_of_indirect_light_until_its_reflection_is_followed() {
         let mirror = floor(0.0, 0.4, 0.9).with_specular_power(100.0);
-        let (geometry, settings) = (Exact::new(vec![mirror]), MirrorSettings::default());
-        let with = |bounces| {
+        let geometry = Exact::new(vec![mirror]);
+        let with = |bounces, fade_distance, fade_least| {
+            let settings = MirrorSettings { fade_distance, fade_least, ..MirrorSettings::default() };
             let indirect = Indirect { bounces: 0, samples: 256, seed: 3 };
             let illumination = Illumination { bounces, indirect, ..Illumination::new(sky(PI), &settings) };
             indirect_at(&geometry, DVec3::Z, -DVec3::Z, &illumination)
         };
         // Along the normal a highlight sends out all the light that it receives.
-        assert_near(with(0), 0.4 + 0.9, 5e-3, "not followed");
-        assert_near(with(1), 0.1 * 0.4, 1e-9, "followed");
+        assert_near(with(0, 0.0, 0.0), 0.4 + 0.9, 5e-3, "not followed");
+        assert_near(with(1, 0.0, 0.0), 0.1 * 0.4, 1e-9, "followed");
+        // Its ray meets nothing, so that the least is left of its reflection.
+        assert_near(with(1, 1.0, 0.5), 0.55 * 0.4, 1e-7, "half is left");
+        assert_near(with(1, 1.0, 0.0), 0.4, 1e-9, "nothing is left, and no highlight");
     }
 
     #[test]

@@ -10,6 +10,7 @@
 
 mod camera;
 pub mod exact;
+mod fading;
 mod indirect;
 mod light;
 mod mesh;

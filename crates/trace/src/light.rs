@@ -6,11 +6,11 @@
 
 use std::f64::consts::FRAC_1_PI;
 
-use cloud::Progress;
+use cloud::{Bounds, Progress};
 use glam::DVec3;
 use scene::{Highlight, MirrorSettings, SpotLight, Sun};
 
-use crate::indirect::{Indirect, Random, glossy_direction, indirect, spread};
+use crate::indirect::{Indirect, Random, glossy_direction, indirect_beside, spread};
 use crate::reflectance::{Gloss, Reflectance};
 use crate::reflection::in_parallel;
 use crate::refraction::{met, stronger, through};
@@ -80,6 +80,8 @@ pub struct Illumination<'a> {
     /// surfaces that they show.
     pub passed: u32,
     pub mirror: &'a MirrorSettings,
+    /// The boxes about the points of the mirrors, whose radii reflections fade by.
+    pub mirror_boxes: &'a [Bounds],
     /// The lobe of the light that mirrors with a specular power reflect; `None` if all mirrors are perfect.
     pub lobe: Option<Highlight>,
     /// The linear colour that mirrors show where their ray hits nothing.
@@ -100,6 +102,7 @@ impl<'a> Illumination<'a> {
             bounces: 0,
             passed: 0,
             mirror,
+            mirror_boxes: &[],
             lobe,
             background,
             indirect,
@@ -143,55 +146,94 @@ pub fn radiance(
     pixel: usize,
     illumination: &Illumination,
 ) -> DVec3 {
-    let surface = Reflectance::new(hit, direction, illumination.left(), illumination);
-    let own = direct(geometry, hit, direction, illumination) + indirect(geometry, hit, direction, pixel, illumination);
-    if surface.mirror == DVec3::ZERO {
-        return own;
+    let own = |share_left: f64| {
+        direct(geometry, hit, direction, share_left, illumination)
+            + indirect_beside(geometry, hit, direction, pixel, share_left, illumination)
+    };
+    let surface = Reflectance::new(hit, direction, illumination.left(), 1.0, illumination);
+    if !surface.is_followed {
+        return own(1.0);
     }
     let beyond = Illumination { passed: illumination.passed + 1, ..*illumination };
     let arriving_by = |ray: Option<Ray>, beyond: &Illumination| {
         let seen = ray.and_then(|ray| Some((met(geometry, hit, &ray)?, ray.direction)));
-        seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, beyond))
+        let left = illumination.share_left(hit, seen.map(|(hit, _)| hit.distance));
+        let light =
+            seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, beyond));
+        Arriving { light: light * left, left }
     };
-    // The mean over the lobe of the first glossy mirror on the way: as many directions as there are paths of indirect
-    // light, and one path, and one direction of each further glossy mirror, for each of them.
-    let over_lobe = |lobe: Highlight| {
-        let Indirect { samples, seed, .. } = illumination.indirect;
-        let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY]);
-        let shift = [numbers.next(), numbers.next()];
-        let count = samples.max(1);
-        let light = |sample: u32| {
-            let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY + 1 + u64::from(sample)]);
-            let drawn = glossy_direction(lobe, hit, direction, spread(shift, sample), &mut numbers);
-            let seed = (numbers.next() * f64::from(u32::MAX)) as u32;
-            let indirect = Indirect { samples: samples.min(1), seed, ..illumination.indirect };
-            arriving_by(Some(Ray::from_surface(hit.position, drawn)), &Illumination { indirect, ..beyond })
-        };
-        (0..count).map(light).sum::<DVec3>() / f64::from(count)
-    };
-    let lobe = illumination.lobe.filter(|_| hit.specular_power > 0.0);
-    if illumination.passed > 0 {
-        let arriving = match lobe.filter(|_| hit.reflected_part(direction) >= 0.5) {
-            Some(lobe) => over_lobe(lobe),
-            None => arriving_by(stronger(geometry, hit, direction), &beyond),
-        };
-        return own + surface.mirror * arriving;
+    let mut sum = Arriving { light: DVec3::ZERO, left: 0.0 };
+    let rays = mirror_rays(geometry, hit, direction, pixel, illumination);
+    let count = rays.len() as f64;
+    for (ray, seed) in rays {
+        // One path of indirect light, and one direction of each further glossy mirror, for each direction of a lobe.
+        let of_lobe = |seed| Indirect { samples: illumination.indirect.samples.min(1), seed, ..illumination.indirect };
+        let indirect = seed.map_or(illumination.indirect, of_lobe);
+        let Arriving { light, left } = arriving_by(ray, &Illumination { indirect, ..beyond });
+        (sum.light, sum.left) = (sum.light + light, sum.left + left);
     }
-    let mut arriving = if let Some(lobe) = lobe {
-        over_lobe(lobe)
-    } else {
-        let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
-        arriving_by(point.reflected(), &beyond)
-    };
-    if let Some(ray) = through(geometry, hit, direction) {
+    let mut arriving = sum.light / count;
+    if illumination.passed == 0
+        && let Some(ray) = through(geometry, hit, direction)
+    {
         let reflected = hit.reflected_part(direction);
-        arriving = arriving * reflected + arriving_by(Some(ray), &beyond) * (1.0 - reflected);
+        arriving = arriving * reflected + arriving_by(Some(ray), &beyond).light * (1.0 - reflected);
     }
-    own + surface.mirror * arriving
+    own(sum.left / count) + surface.mirror * arriving
+}
+
+/// The light that arrives along a mirror's ray, as far as it has not faded, and the share that is left.
+struct Arriving {
+    light: DVec3,
+    left: f64,
 }
 
 /// The name of the random numbers of glossy mirrors, which are not those of paths.
 const GLOSSY: u64 = 1 << 40;
+
+/// The rays over which what a mirror shows is the mean, each of a lobe with a seed of its own: of the first glossy mirror
+/// on the way as many directions as there are paths of indirect light. A ray is `None` if the surface has no normal.
+fn mirror_rays(
+    geometry: &impl Geometry,
+    hit: &Hit,
+    direction: DVec3,
+    pixel: usize,
+    illumination: &Illumination,
+) -> Vec<(Option<Ray>, Option<u32>)> {
+    let is_first = illumination.passed == 0;
+    let is_glossy = hit.specular_power > 0.0 && (is_first || hit.reflected_part(direction) >= 0.5);
+    let Some(lobe) = illumination.lobe.filter(|_| is_glossy) else {
+        let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
+        return vec![(if is_first { point.reflected() } else { stronger(geometry, hit, direction) }, None)];
+    };
+    let Indirect { samples, seed, .. } = illumination.indirect;
+    let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY]);
+    let shift = [numbers.next(), numbers.next()];
+    let ray = |sample: u32| {
+        let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY + 1 + u64::from(sample)]);
+        let drawn = glossy_direction(lobe, hit, direction, spread(shift, sample), &mut numbers);
+        let seed = (numbers.next() * f64::from(u32::MAX)) as u32;
+        (Some(Ray::from_surface(hit.position, drawn)), Some(seed))
+    };
+    (0..samples.max(1)).map(ray).collect()
+}
+
+/// The mean share of what a mirror at `hit` reflects that is left, as [`radiance`] takes it.
+pub(crate) fn mean_share_left(
+    geometry: &impl Geometry,
+    hit: &Hit,
+    direction: DVec3,
+    pixel: usize,
+    illumination: &Illumination,
+) -> f64 {
+    if !illumination.fades(hit) || hit.specular_intensity <= 0.0 || illumination.left() == 0 {
+        return 1.0;
+    }
+    let rays = mirror_rays(geometry, hit, direction, pixel, illumination);
+    let count = rays.len() as f64;
+    let distance = |ray: Option<Ray>| ray.and_then(|ray| Some(met(geometry, hit, &ray)?.distance));
+    rays.into_iter().map(|(ray, _)| illumination.share_left(hit, distance(ray))).sum::<f64>() / count
+}
 
 /// The light that reaches a mirror point along the reflected ray.
 fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, pixel: usize, illumination: &Illumination) -> DVec3 {
@@ -214,9 +256,16 @@ pub fn reflected_picture(
 }
 
 /// The light of the lights, the sun or the lamp that a hit sends back along the ray that arrives in `direction`: by its
-/// diffuse part, by the remainder of it for a mirror whose reflection is followed, and by its highlight.
-pub fn direct(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
-    let surface = Reflectance::new(hit, direction, illumination.left(), illumination);
+/// diffuse part, by the remainder of it for a mirror whose reflection is followed, and by its highlight. `share_left` of
+/// the reflection is left, which is 1 if reflections do not fade.
+pub fn direct(
+    geometry: &impl Geometry,
+    hit: &Hit,
+    direction: DVec3,
+    share_left: f64,
+    illumination: &Illumination,
+) -> DVec3 {
+    let surface = Reflectance::new(hit, direction, illumination.left(), share_left, illumination);
     let facing = |share: f64| 1.0 - share + share * direction.dot(hit.normal).abs().min(1.0);
     match illumination.source {
         Illuminant::Headlight(share) => surface.diffuse * facing(share),
@@ -313,7 +362,7 @@ mod tests {
     /// The direct light of the diffuse part.
     fn direct_of(geometry: &Exact, hit: &Hit, lights: &[SpotLight]) -> DVec3 {
         let settings = MirrorSettings::default();
-        direct(geometry, hit, -hit.normal, &Illumination::new(Illuminant::Lights(lights), &settings))
+        direct(geometry, hit, -hit.normal, 1.0, &Illumination::new(Illuminant::Lights(lights), &settings))
     }
 
     #[test]
@@ -403,7 +452,7 @@ mod tests {
         let illumination = Illumination::new(Illuminant::Sun(Sunlight::new(&sun, DVec3::Z)), &settings);
         let at = |x: f64| {
             let (hit, direction) = seen_at(&geometry, x);
-            direct(&geometry, &hit, direction, &illumination)
+            direct(&geometry, &hit, direction, 1.0, &illumination)
         };
         let expected = DVec3::from(ALBEDO) * 3.0 * 60.0_f64.to_radians().sin() / std::f64::consts::PI;
         // The shadow's edge is 1.5 / tan 60 degrees west of the edge that casts it.
@@ -532,7 +581,7 @@ mod tests {
                 let incoming = rays.ray(pixel).direction;
                 points.push(MirrorPoint { position: hit.position, normal: hit.normal, incoming });
                 // The lamp's highlight is added.
-                expected.push(color.unwrap() - direct(&geometry, &hit, incoming, &illumination));
+                expected.push(color.unwrap() - direct(&geometry, &hit, incoming, 1.0, &illumination));
             }
         }
         let found = reflected_picture(&geometry, &points, &illumination, &none).unwrap();

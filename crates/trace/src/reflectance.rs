@@ -6,14 +6,15 @@
 //! direction halfway (Blinn 1977, scaled by its integral for light along the normal). Neither sends out more than arrives.
 //!
 //! Surfaces that are no mirrors split their light between the two by [`Gloss`], or by a share and a power of their own. A mirror shows its share (the specular
-//! intensity, and more by Fresnel's law as far as `scene::MirrorSettings` asks for it) of what arrives along the reflected ray,
-//! tinted by its albedo as far as asked for, for the rest its diffuse part, and a highlight of lights on top. After the last
+//! intensity, and more or less by a law of the angle as far as `scene::MirrorSettings` asks for it, and less by the distance of
+//! what is reflected, see fading.rs) of what arrives along the reflected ray, tinted by its albedo as far as asked for, for the
+//! rest its diffuse part, and a highlight of lights on top. After the last
 //! reflection that is followed a mirror is a diffuse surface with a highlight. A factor of all diffuse light is 1 unless asked for.
 
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::DVec3;
-use scene::Highlight;
+use scene::{FresnelLaw, Highlight};
 
 use crate::light::{Illuminant, Illumination};
 use crate::{Hit, mirrored};
@@ -44,6 +45,8 @@ pub(crate) struct Reflectance {
     shape: Highlight,
     /// The share of the light that arrives along the reflected ray; 0 where no reflection is followed.
     pub mirror: DVec3,
+    /// Whether a reflection is followed.
+    pub is_followed: bool,
 }
 
 /// A direction from which light may come.
@@ -56,8 +59,9 @@ pub(crate) struct Incoming {
 }
 
 impl Reflectance {
-    /// The reflectance at a hit of a ray that arrives in `direction`, and may continue over `reflections` mirrors.
-    pub fn new(hit: &Hit, direction: DVec3, reflections: u32, illumination: &Illumination) -> Self {
+    /// The reflectance at a hit of a ray that arrives in `direction`, and may continue over `reflections` mirrors. If
+    /// reflections fade, `share_left` of this one is left.
+    pub fn new(hit: &Hit, direction: DVec3, reflections: u32, share_left: f64, illumination: &Illumination) -> Self {
         let settings = illumination.mirror;
         let Gloss { share: gloss, power, shape } = illumination.gloss;
         let tint = |grazing: f64| DVec3::ONE.lerp(hit.albedo, f64::from(settings.tint) * (1.0 - grazing));
@@ -65,10 +69,20 @@ impl Reflectance {
         if hit.specular_intensity > 0.0 {
             (diffuse, gloss, power) = (1.0, hit.specular_intensity, hit.specular_power);
             if reflections > 0 {
-                // Schlick 1994: the flatter the ray, the more is reflected, up to all of it, without a tint.
                 let flatness = (1.0 - direction.dot(hit.normal).abs()).clamp(0.0, 1.0);
-                let grazing = f64::from(settings.fresnel) * flatness.powi(5);
-                let share = hit.specular_intensity + (1.0 - hit.specular_intensity) * grazing;
+                let fresnel = f64::from(settings.fresnel);
+                let (share, grazing) = match settings.fresnel_law {
+                    // Schlick 1994: the flatter the ray, the more is reflected, up to all of it, without a tint.
+                    FresnelLaw::Schlick => {
+                        let grazing = fresnel * flatness.powi(5);
+                        (hit.specular_intensity + (1.0 - hit.specular_intensity) * grazing, grazing)
+                    }
+                    // Popescu, Sacks and Mei 2006: the flatter, the less.
+                    FresnelLaw::Published => {
+                        (hit.specular_intensity * (1.0 - fresnel * (1.0 - (1.0 - flatness).powi(2))), 0.0)
+                    }
+                };
+                let share = share * share_left;
                 diffuse = 1.0 - share;
                 mirror = share * tint(grazing);
             }
@@ -83,12 +97,14 @@ impl Reflectance {
         }
         // A perfect mirror shows no lamp without size.
         let gloss = if power > 0.0 { gloss * tint(0.0) } else { DVec3::ZERO };
-        Self { normal: hit.normal, to_eye: -direction, diffuse: diffuse * hit.albedo, gloss, power, shape, mirror }
+        let is_followed = hit.specular_intensity > 0.0 && reflections > 0;
+        let diffuse = diffuse * hit.albedo;
+        Self { normal: hit.normal, to_eye: -direction, diffuse, gloss, power, shape, mirror, is_followed }
     }
 
     /// The reflectance without the highlight if the reflected ray replaces it.
     pub fn beside_reflection(self) -> Self {
-        if self.mirror == DVec3::ZERO { self } else { self.without_highlight() }
+        if self.is_followed { self.without_highlight() } else { self }
     }
 
     pub fn without_highlight(self) -> Self {
@@ -218,7 +234,7 @@ mod tests {
             gloss: Gloss { share, power, shape },
             ..Illumination::new(Illuminant::Lights(&[]), &settings)
         };
-        Reflectance::new(&hit, -DVec3::new(sin, 0.0, cos), 0, &illumination)
+        Reflectance::new(&hit, -DVec3::new(sin, 0.0, cos), 0, 1.0, &illumination)
     }
 
     /// The share of evenly arriving light that is sent to the eye: by reciprocity, the share of the light from the

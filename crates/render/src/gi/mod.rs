@@ -26,6 +26,7 @@ use crate::lighting::MappedLight;
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::reflection::SurfaceImages;
+use crate::reflection::fading::{ShareLeft, is_published};
 use crate::store::PointStore;
 use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
@@ -159,6 +160,8 @@ pub(crate) struct Receiver<'a> {
     pub is_glossy: bool,
     /// Whether something here that is no mirror may.
     pub has_gloss: bool,
+    /// How much the reflections of mirrors here fade.
+    pub fading: ShareLeft<'a>,
 }
 
 /// The virtual lights in the layout of shaders/shared/vpl.wgsl.
@@ -424,6 +427,9 @@ impl GlobalIllumination {
             ("is_mixed", u32::from(receiver.is_mixed)),
             ("keeps", u32::from(taken.is_some())),
             ("reuses", u32::from(tiles.is_some())),
+            ("is_published", u32::from(is_published(settings))),
+            ("fades", u32::from(receiver.fading.image().is_some())),
+            ("is_mean_left", u32::from(receiver.fading.is_mean())),
         ];
         let bindings = passes::indirect_filter {
             albedo_in: albedo.bind(),
@@ -434,6 +440,7 @@ impl GlobalIllumination {
             glossy_in: target.glossy.bind(),
             radiance_out: target.radiance.bind(),
             kept: taken.as_ref().map_or(&target.nothing, |taken| &taken.light).as_entire_binding(),
+            left_in: receiver.fading.image().unwrap_or(normal).bind(),
         };
         recorder.by_rows(&switches, inputs, bindings, groups)
     }

@@ -14,6 +14,8 @@ pub(crate) struct Bounce {
     /// The radiance of the reflected surfaces, before and after further reflections are added.
     pub radiance: Image,
     pub blended: Image,
+    /// How far the rays go, in radii of their mirrors; `None` until reflections fade (shaders/mirror_reach.wgsl).
+    pub reach: Option<Image>,
 }
 
 impl Bounce {
@@ -24,7 +26,16 @@ impl Bounce {
             seen: MirrorGBuffer::new(device, size),
             radiance: image("mirror radiance", wgpu::TextureFormat::Rgba16Float),
             blended: image("mirror blended", wgpu::TextureFormat::Rgba16Float),
+            reach: None,
         }
+    }
+
+    /// Makes what this bounce needs if reflections fade, or gives it up.
+    pub fn provide(&mut self, device: &wgpu::Device, fades: bool) {
+        let size = self.radiance.size();
+        let kept = self.reach.take().filter(|_| fades);
+        let new = || Image::new(device, size, "mirror reach", wgpu::TextureFormat::R32Float);
+        self.reach = kept.or_else(|| fades.then(new));
     }
 
     pub fn surface(&self) -> SurfaceImages<'_> {
@@ -32,8 +43,9 @@ impl Bounce {
     }
 
     pub fn bytes(&self) -> u64 {
-        let Self { mirror, seen, radiance, blended } = self;
-        seen.bytes() + mirror.bytes() + radiance.bytes() + blended.bytes()
+        let Self { mirror, seen, radiance, blended, reach } = self;
+        let reach = reach.as_ref().map_or(0, Image::bytes);
+        seen.bytes() + mirror.bytes() + radiance.bytes() + blended.bytes() + reach
     }
 }
 

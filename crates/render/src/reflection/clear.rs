@@ -7,6 +7,7 @@
 use scene::{Mirror, Settings, Shape};
 
 use super::bounce::{Bounce, Search};
+use super::fading::Fading;
 use super::formula;
 use super::gather::Gather;
 use super::surfel_trace::Rays;
@@ -161,6 +162,11 @@ impl Clear {
         &self.through.index
     }
 
+    /// The indices of refraction of the surfaces from which the rays of `go_on` leave.
+    pub fn later_index(&self) -> &Image {
+        &self.later.index
+    }
+
     /// Finds what is seen through clear surfaces. `points` has the index of refraction of the points that the camera
     /// sees, if light goes through some.
     ///
@@ -181,6 +187,8 @@ impl Clear {
             bounces.push(Bounce::new(&recorder.gpu.device, self.received.size()));
         }
         bounces.truncate(count);
+        let fading = Fading::new(recorder.gpu, search);
+        bounces.iter_mut().for_each(|bounce| bounce.provide(&recorder.gpu.device, fading.is_some()));
         let eye = search.supply.camera;
         let everything = store.draw_list(&eye, settings, method::supply_of(method));
         let mut supply = Inputs::new(recorder.gpu, eye, settings, &everything);
@@ -227,6 +235,10 @@ impl Clear {
             self.take(recorder, &task, surface, index == 0, bounce)?;
             let points = if index == 0 { points } else { self.known_points() };
             self.look_inside(recorder, methods, search, &task, surface.normal, points, index > 0, bounce)?;
+            // What is seen through the camera's surfaces does not fade.
+            if let Some(fading) = fading.as_ref().filter(|_| index > 0) {
+                fading.measure(recorder, &supply, &onward.rays, Some(&onward.index), bounce)?;
+            }
             self.knows_points = self.learn_points(recorder, methods, &task)?;
         }
         self.bounces = bounces;
@@ -427,6 +439,7 @@ impl Clear {
         received: Option<&Image>,
     ) -> Result<()> {
         let (Some(first), Some(beyond)) = (bounces.first(), self.bounces.first()) else { return Ok(()) };
+        let reach = first.reach.as_ref().filter(|_| received.is_none());
         let bindings = passes::clear_blend {
             seen_in: first.seen.position.bind(),
             reflected_in: received.unwrap_or(&first.blended).bind(),
@@ -435,7 +448,9 @@ impl Clear {
             beyond_in: beyond.seen.position.bind(),
             transmitted_in: beyond.blended.bind(),
             received_out: self.received.bind(),
+            left_in: reach.unwrap_or(&first.blended).bind(),
         };
-        recorder.over_mirrors(&[("is_received", u32::from(received.is_some()))], inputs, bindings)
+        let switches = [("is_received", u32::from(received.is_some())), ("fades", u32::from(reach.is_some()))];
+        recorder.over_mirrors(&switches, inputs, bindings)
     }
 }

@@ -5,11 +5,12 @@
 use scene::{GlossPattern, LightView, Method, Mirror, Settings, Show};
 
 use super::bounce::Bounce;
+use super::fading::fades;
 use super::light_field;
 use super::task::MirrorSurface;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
-use crate::layout::{GLOSS_DISTANCE_BYTES, GLOSS_PIXEL_BYTES, GLOSS_SUM_BYTES};
+use crate::layout::{GLOSS_DISTANCE_BYTES, GLOSS_PIXEL_BYTES, GLOSS_SHARE_BYTES, GLOSS_SUM_BYTES};
 use crate::method;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -99,7 +100,10 @@ pub(crate) struct Gloss {
     /// For each pixel the sum of the distances at which its rays met something, and that of their weights; of one pixel
     /// until a frame is blurred.
     distances: wgpu::Buffer,
-    /// The mean so far of what each mirror pixel receives.
+    /// For each pixel the sum of the shares of its reflections that are left; of one pixel until a frame's reflections
+    /// fade.
+    shares_left: wgpu::Buffer,
+    /// The mean so far of what each mirror pixel receives; a: the share of its reflections that is left.
     pub received: Image,
     /// The same, blurred along rows, and along columns, too, from the first frame on that is blurred.
     blurred: Option<[Image; 2]>,
@@ -147,16 +151,21 @@ impl Gloss {
             pixels: storage(&gpu.device, "glossy pixels", tiles * 64 * GLOSS_PIXEL_BYTES),
             sums: storage(&gpu.device, "sums of glossy samples", width * height * GLOSS_SUM_BYTES),
             distances: storage(&gpu.device, "distances of glossy samples", GLOSS_DISTANCE_BYTES),
+            shares_left: storage(&gpu.device, "shares left of samples", GLOSS_SHARE_BYTES),
             received: Image::new(&gpu.device, size, "received", wgpu::TextureFormat::Rgba16Float),
             blurred: None,
         }
     }
 
-    /// Makes what the blur of these settings needs.
+    /// Makes what the blur and the fading of these settings need.
     pub fn provide(&mut self, gpu: &Gpu, settings: &Settings) {
+        let [width, height] = self.received.size().map(u64::from);
+        let bytes = width * height * GLOSS_SHARE_BYTES;
+        if fades(settings) && self.shares_left.size() < bytes {
+            self.shares_left = storage(&gpu.device, "shares left of samples", bytes);
+        }
         if is_blurred(settings) && self.blurred.is_none() {
             let size = self.received.size();
-            let [width, height] = size.map(u64::from);
             let bytes = width * height * GLOSS_DISTANCE_BYTES;
             self.distances = storage(&gpu.device, "distances of glossy samples", bytes);
             let image = || Image::new(&gpu.device, size, "blurred", wgpu::TextureFormat::Rgba16Float);
@@ -167,7 +176,8 @@ impl Gloss {
     pub fn bytes(&self) -> u64 {
         let images = self.normal.bytes() + self.rays.bytes() + self.received.bytes();
         let blurred: u64 = self.blurred.iter().flatten().map(Image::bytes).sum();
-        images + blurred + self.pixels.size() + self.sums.size() + self.distances.size()
+        let sums = self.sums.size() + self.distances.size() + self.shares_left.size();
+        images + blurred + self.pixels.size() + sums
     }
 
     /// Finds out which pixels draw from the lobe of `gloss.cache_power`, before the first sample.
@@ -251,12 +261,15 @@ impl Gloss {
             received_out: self.received.bind(),
             // Without looks nothing reads them.
             looks_in: looks.unwrap_or(&first.blended).bind(),
+            left_in: first.reach.as_ref().unwrap_or(&first.blended).bind(),
+            shares_left: self.shares_left.as_entire_binding(),
         };
         let is_weighed = is_glossy && settings.gloss.cache_power > 0.0;
         let switches = [
             ("is_weighed", u32::from(is_weighed)),
             ("is_blurred", u32::from(is_glossy && is_blurred(settings))),
             ("has_looks", u32::from(looks.is_some())),
+            ("fades", u32::from(first.reach.is_some())),
         ];
         recorder.over_mirrors(&switches, inputs, bindings)
     }

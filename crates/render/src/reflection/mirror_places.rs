@@ -4,10 +4,13 @@
 use cloud::{Bounds, Chunk, ShownPoints, unpack_normal, unpack_radius};
 use glam::{DVec3, Vec4};
 
+use scene::{Mirror, Settings};
+
 use super::task::Task;
 use crate::gpu::Gpu;
-use crate::identities::CloudId;
+use crate::identities::{ChunkId, CloudId};
 use crate::layout::{MappedMirror, MappedMirrors, NEAREST_BYTES};
+use crate::store::PointStore;
 use crate::targets::storage;
 
 /// The most points that represent a mirror: enough for a mean that is right to a few hundredths of the mirror's size.
@@ -46,6 +49,21 @@ pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
         MirrorPlace { cloud: None, bounds: widened(bounds, f64::from(radius)), samples: samples(&whole(&sampled)) }
     }));
     places
+}
+
+/// The boxes about the points of all mirrors, in the order of `mirror_places`, in world coordinates.
+pub(crate) fn mirror_boxes(store: &PointStore, settings: &Settings, mirrors: &[Mirror]) -> Vec<Bounds> {
+    let of_cloud = |ids: Vec<ChunkId>| {
+        let placed = ids.iter().filter_map(|id| store.placed(*id));
+        placed.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds))
+    };
+    let mut boxes: Vec<Bounds> = store.mirror_clouds(settings).into_values().map(of_cloud).collect();
+    let exact = mirrors.iter().filter(|mirror| mirror.is_exact(settings.mirror.surface));
+    boxes.extend(exact.filter(|mirror| mirror.specular_intensity > 0.0).map(|mirror| {
+        let sampled = mirror.sample(MOST_SAMPLES, 1);
+        sampled.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()))
+    }));
+    boxes
 }
 
 fn widened(bounds: Bounds, by: f64) -> Bounds {

@@ -16,6 +16,7 @@ mod depth_search;
 #[cfg(test)]
 mod depth_walk;
 pub(crate) mod environment_map;
+pub(crate) mod fading;
 mod footprint;
 mod formula;
 pub(crate) mod forward;
@@ -43,6 +44,7 @@ use scene::{MapFill, Method, Settings, Supply};
 pub(crate) use bounce::{Bounce, Search};
 use clear::Clear;
 pub use cubemaps::MapCount;
+use fading::Fading;
 use footprint::Footprint;
 pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet};
@@ -221,6 +223,8 @@ impl Reflections {
             self.bounces.push(Bounce::new(&gpu.device, self.size));
         }
         self.bounces.truncate(self.count);
+        let fading = Fading::new(gpu, search);
+        self.bounces.iter_mut().for_each(|bounce| bounce.provide(&gpu.device, fading.is_some()));
         if rays.sample.is_some() {
             self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size)).provide(gpu, settings);
         }
@@ -316,6 +320,11 @@ impl Reflections {
                 clear.take(recorder, &task, surface, false, bounce)?;
                 let (methods, points) = (&mut self.methods, clear.known_points());
                 clear.look_inside(recorder, methods, search, &task, surface.normal, points, true, bounce)?;
+            }
+            if let Some(fading) = &fading {
+                let of_camera = self.clear.as_ref().filter(|_| self.has_clear).map(Clear::index);
+                let refraction = clear.map_or(of_camera, |clear| Some(clear.later_index()));
+                fading.measure(recorder, supply, mirror, refraction, bounce)?;
             }
             let learnt = match self.clear.as_ref().filter(|_| self.has_clear) {
                 Some(clear) => clear.learn_points(recorder, &self.methods, &task)?,
@@ -447,8 +456,13 @@ impl Reflections {
             (Some(gloss), Some(first), Some(normal)) => {
                 gloss.blurred(recorder, inputs, settings, (&first.mirror, normal)).map(Some)
             }
-            (gloss, _, _) => Ok(gloss.as_ref().map(|gloss| &gloss.received)),
+            _ => Ok(self.mean()),
         }
+    }
+
+    /// The mean so far of what the camera's mirrors receive by several rays.
+    pub fn mean(&self) -> Option<&Image> {
+        self.gloss.as_ref().map(|gloss| &gloss.received)
     }
 
     /// The bounces of the last set of rays.
