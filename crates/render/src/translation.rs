@@ -335,8 +335,7 @@ fn languages() -> String {
         "\n## Passes and backends\n\n\
          A test translates every pass to the languages of Vulkan (SPIR-V), DirectX 12 (HLSL) and Metal (MSL), as wgpu asks\n\
          naga for it, with every combination of constants that the renderer is known to compile it with: each method, each\n\
-         parameter changed alone, each kind of mirror: some 5,000 translations, of which none was
-\
+         parameter changed alone, each kind of mirror: some 5,000 translations, of which none was\n\
          refused. None may be. Where spirv-val is installed, it judges SPIR-V 1.0;\n\
          no compiler of HLSL or MSL has judged the others. Where a cell says `never`, the renderer takes another pass on such\n\
          devices: HLSL and MSL cannot read 64-bit atomics, and older versions lack them.\n\n| pass |",
