@@ -19,6 +19,7 @@
 @group(1) @binding(8) var color_out: texture_storage_2d<rgba16float, write>;
 // x: how far the mirror's ray goes, in mirror radii.
 @group(1) @binding(9) var left_in: texture_2d<f32>;
+@group(1) @binding(10) var reflectance_in: texture_2d<f32>;
 
 override from_camera: bool = true;
 override has_reflection: bool = false;
@@ -29,6 +30,8 @@ override is_received: bool = false;
 override is_published: bool = false;
 // Set if reflections fade by distance and have not yet.
 override fades: bool = false;
+// Set if not all that rays receive is reflected, see gloss_reflectance.wgsl.
+override has_reflectance: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn blend(@builtin(global_invocation_id) thread: vec3u) {
@@ -58,6 +61,9 @@ fn blend(@builtin(global_invocation_id) thread: vec3u) {
         if fades {
             let reach = textureLoad(left_in, id, 0).x;
             share *= share_left(settings.mirror.fade_distance, settings.mirror.fade_least, reach);
+        }
+        if has_reflectance {
+            share *= textureLoad(reflectance_in, id, 0).x;
         }
         // The published law knows no tint.
         color += share * mirror_tint(settings, albedo.rgb, select(grazing, 0.0, is_published)) * reflected;

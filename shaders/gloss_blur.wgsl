@@ -84,9 +84,14 @@ fn is_same_mirror(mirror: GlossyPoint, other: GlossyPoint) -> bool {
 // go, over what the perfect reflection moves from pixel to pixel there.
 fn length_of(center: vec2i, axis: vec2i, mirror: GlossyPoint, far: f32) -> f32 {
     // The median angle of the lobe: half of the rays leave at less. A normal that turns, turns directions twice as far.
-    let height = lobe_height(0.5, mirror.power);
+    var power = mirror.power;
+    if settings.gloss.lobe == GLOSS_LOBE_ASHIKHMIN_SHIRLEY {
+        // The narrower of both directions.
+        power *= max(settings.gloss.across, 1.0);
+    }
+    let height = lobe_height(0.5, power);
     let angle = atan2(sqrt(height * (2.0 - height)), 1.0 - height);
-    let widest = min(select(angle, 2.0 * angle, settings.gloss.lobe == GLOSS_LOBE_BLINN), WIDEST);
+    let widest = min(select(2.0 * angle, angle, settings.gloss.lobe == GLOSS_LOBE_PHONG), WIDEST);
     var moved = vec3f(0.0);
     var steps = 0.0;
     for (var side = -1; side <= 1; side += 2) {

@@ -1,6 +1,6 @@
 // The normals of a glossy sample: reflect(P - E, H) is the direction drawn by the lobe of the surface's specular power.
-// A direction below the surface is drawn again. Perfect mirrors keep their normal. Also tells which rays are to be
-// traced. One thread a pixel.
+// A direction below the surface is drawn again, but for Ashikhmin and Shirley's lobe, whose weight there is 0. Perfect
+// mirrors keep their normal. Also tells which rays are to be traced. One thread a pixel.
 #import frame_group
 #import lobe
 #import gloss_pixel
@@ -25,6 +25,8 @@ override is_shared: bool = true;
 override is_kept: bool = false;
 // Set if pixels may draw from another lobe than their mirror's.
 override is_weighed: bool = false;
+// Set for Ashikhmin and Shirley's lobe.
+override has_half_lobe: bool = false;
 
 // Directions that are drawn before the perfect reflection stands in: half of them lead below the surface at worst.
 const TRIES: u32 = 16u;
@@ -64,7 +66,13 @@ fn gloss_normals(@builtin(global_invocation_id) thread: vec3u, @builtin(num_work
             drawn = weighed.normal;
             weight = weighed.weight;
         }
-        var is_found = weighs;
+        if has_half_lobe {
+            let seed = hash(settings.gloss.seed + hash(of_pixel + hash(bounce * TRIES)));
+            let powers = surface.w * vec2f(1.0, settings.gloss.across);
+            let axes = surface_axes(normal, frame.world_up.xyz);
+            drawn = anisotropic_normal(normal, axes, lobe_numbers(frame.sample, seed), powers);
+        }
+        var is_found = weighs || has_half_lobe;
         for (var tried = 0u; tried < TRIES && !is_found; tried++) {
             let seed = hash(settings.gloss.seed + hash(of_pixel + hash(bounce * TRIES + tried)));
             let candidate =

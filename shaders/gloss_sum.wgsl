@@ -23,6 +23,7 @@
 @group(1) @binding(8) var left_in: texture_2d<f32>;
 // The sum of the shares of the reflections that are left, by their weights.
 @group(1) @binding(9) var<storage, read_write> shares_left: array<f32>;
+@group(1) @binding(10) var reflectance_in: texture_2d<f32>;
 
 // Set if rays have weights.
 override is_weighed: bool = false;
@@ -32,6 +33,8 @@ override is_blurred: bool = false;
 override has_looks: bool = false;
 // Set if reflections fade by distance.
 override fades: bool = false;
+// Set if not all that rays receive is reflected, see gloss_reflectance.wgsl.
+override has_reflectance: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgroups) groups: vec3u) {
@@ -57,9 +60,16 @@ fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgrou
         let of_ray = select(1.0, pixels[place_of_thread(thread, groups)].weight, is_weighed);
         let weight = of_ray * select(1.0, textureLoad(looks_in, id, 0).x, has_looks);
         var received = select(background, textureLoad(reflected_in, id, 0).rgb, found);
+        var reflectance = 1.0;
+        if has_reflectance {
+            reflectance = textureLoad(reflectance_in, id, 0).x;
+            received *= reflectance;
+        }
         if fades {
             let reach = textureLoad(left_in, id, 0).x;
-            let share = share_left(settings.mirror.fade_distance, settings.mirror.fade_least, reach);
+            let by_reach = share_left(settings.mirror.fade_distance, settings.mirror.fade_least, reach);
+            // Rays below the surface tell nothing.
+            let share = select(by_reach, 1.0, reflectance == 0.0);
             received *= share;
             left += weight * share;
         }

@@ -8,6 +8,8 @@ struct Frame {
     // A plane; in passes that test it, only points in front of it are visible. xyz: unit normal. w: its product with a
     // place on the plane, relative to the eye.
     clip: vec4f,
+    // xyz: the unit vector that points up in the world.
+    world_up: vec4f,
     // Perspective: pixels per unit of tangent. Orthographic: pixels per world unit.
     focal_pixels: f32,
     orthographic: u32,

@@ -60,6 +60,26 @@ fn lobe_normal(is_blinn: bool, incoming: vec3f, normal: vec3f, across: mat2x3f, 
     return normalize(reflect(lobe_direction(incoming, across, numbers, power), normal) - incoming);
 }
 
+// The level direction along a surface, and that across it. Surfaces that lie level themselves, to three degrees, have the
+// world's x axis along them, or y where they face along x.
+fn surface_axes(normal: vec3f, world_up: vec3f) -> mat2x3f {
+    let level = cross(world_up, normal);
+    let axis = select(vec3f(1.0, 0.0, 0.0), vec3f(0.0, 1.0, 0.0), abs(normal.x) > 0.9);
+    let lies_level = dot(level, level) < LEVEL_SINE * LEVEL_SINE;
+    let along = normalize(select(level, axis - normal * dot(axis, normal), lies_level));
+    return mat2x3f(along, cross(normal, along));
+}
+const LEVEL_SINE: f32 = 0.05233596;
+
+// The normal halfway between two directions, drawn by the lobe of two exponents, along each of the axes across the
+// surface's normal (Ashikhmin and Shirley 2000).
+fn anisotropic_normal(normal: vec3f, across: mat2x3f, numbers: vec2f, powers: vec2f) -> vec3f {
+    let turn = 6.2831853 * numbers.y;
+    let side = normalize(vec2f(cos(turn), sin(turn)) * sqrt(powers.yx + 1.0));
+    let height = lobe_height(numbers.x, dot(powers, side * side));
+    return normalize(normal * (1.0 - height) + across * side * sqrt(height * (2.0 - height)));
+}
+
 // A normal drawn from another lobe than the surface's, and how much the ray counts.
 struct WeighedNormal {
     normal: vec3f,

@@ -223,6 +223,7 @@ const REFLECTION_SHOW_POSITION: u32 = 13u;
 struct Gloss {
     samples: u32,
     lobe: u32,
+    across: f32,
     pattern: u32,
     seed: u32,
     cache: u32,
@@ -234,6 +235,7 @@ struct Gloss {
 }
 const GLOSS_LOBE_PHONG: u32 = 0u;
 const GLOSS_LOBE_BLINN: u32 = 1u;
+const GLOSS_LOBE_ASHIKHMIN_SHIRLEY: u32 = 2u;
 const GLOSS_PATTERN_SHARED: u32 = 0u;
 const GLOSS_PATTERN_PIXEL: u32 = 1u;
 

@@ -21,6 +21,8 @@ pub struct Objects<'a> {
 pub struct FrameCamera {
     pub eye: DVec3,
     pub view_from_world: DMat3,
+    /// The unit vector that points up in the world.
+    pub world_up: DVec3,
     pub focal_pixels: f64,
     pub orthographic: bool,
     pub size: [u32; 2],
@@ -90,6 +92,7 @@ impl FrameCamera {
         Self {
             eye,
             view_from_world,
+            world_up: camera.up.normalize_or(DVec3::Z),
             focal_pixels,
             orthographic,
             size,
@@ -110,6 +113,7 @@ impl FrameCamera {
         Self {
             eye,
             view_from_world: DMat3::from_cols(right, right.cross(forward), forward).transpose(),
+            world_up: DVec3::Z,
             focal_pixels,
             orthographic: false,
             size,
@@ -151,6 +155,7 @@ impl FrameCamera {
             clip: self.clip.map_or(Vec4::ZERO, |plane| {
                 plane.normal.as_vec3().extend((plane.offset - plane.normal.dot(self.eye)) as f32)
             }),
+            world_up: self.world_up.as_vec3().extend(0.0),
             focal_pixels: self.focal_pixels as f32,
             orthographic: u32::from(self.orthographic),
             width: self.size[0],

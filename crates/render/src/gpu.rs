@@ -132,7 +132,7 @@ pub(crate) const NEEDS: [Need; 8] = [
     },
     Need {
         what: "sampled textures in a shader",
-        least: 9,
+        least: 10,
         of: |limits| limits.max_sampled_textures_per_shader_stage.into(),
     },
     Need {

@@ -33,7 +33,7 @@ macro_rules! structs {
 structs! {
     /// The camera and the screen, of shaders/shared/frame.wgsl.
     Frame {
-        right: Vec4, up: Vec4, forward: Vec4, clip: Vec4,
+        right: Vec4, up: Vec4, forward: Vec4, clip: Vec4, world_up: Vec4,
         focal_pixels: f32, orthographic: u32, width: u32, height: u32,
         near: f32, reference_depth: f32, scene_radius: f32, mirror_tile: u32,
         first_row: u32, sample: u32, samples: u32, look: u32,

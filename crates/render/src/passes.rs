@@ -189,10 +189,14 @@ passes! {
         point_in: Texture, normal_in: Texture, eye_in: Texture, kept: Read, pixels: ReadWrite,
         normal_out: Write(Rgba32Float), rays_out: Write(Rgba32Float),
     }
+    gloss_reflectance: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, drawn_in: Texture, reflectance_out: Write(R32Float),
+    }
     gloss_keep: Method over Pixels { point_in: Texture, pixels: Read, kept: ReadWrite, hits: ReadWrite, counters: ReadWrite }
     gloss_sum: Light over Pixels {
         point_in: Texture, seen_in: Texture, reflected_in: Texture, pixels: Read, sums: ReadWrite, distances: ReadWrite,
         received_out: Write(Rgba16Float), looks_in: Texture, left_in: Texture, shares_left: ReadWrite,
+        reflectance_in: Texture,
     }
     gloss_blur: Light over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, distances: Read, received_in: Texture,
@@ -393,7 +397,7 @@ passes! {
     blend: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, radiance_in: Texture,
         seen_in: Texture, reflected_in: Texture, indirect_in: Texture, color_out: Write(Rgba16Float),
-        left_in: Texture,
+        left_in: Texture, reflectance_in: Texture,
     }
     clear_blend: Light over Pixels {
         seen_in: Texture, reflected_in: Texture, point_in: Texture, direction_in: Texture, beyond_in: Texture,

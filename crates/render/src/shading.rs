@@ -181,8 +181,10 @@ impl FrameLight<'_> {
             Reflected::Received(image) => Some(image),
         };
         let is_received = matches!(reflected, Reflected::Received(_));
-        // What is received has faded already.
-        let reach = bounces.get(index).and_then(|bounce| bounce.reach.as_ref()).filter(|_| !is_received);
+        // What is received has faded already, and is what is reflected.
+        let bounce = bounces.get(index).filter(|_| !is_received && shown.is_some());
+        let reach = bounce.and_then(|bounce| bounce.reach.as_ref());
+        let reflectance = bounce.and_then(|bounce| bounce.reflectance.as_ref());
         let bindings = passes::blend {
             albedo_in: surface.albedo.bind(),
             normal_in: surface.normal.bind(),
@@ -194,6 +196,7 @@ impl FrameLight<'_> {
             indirect_in: indirect.unwrap_or(radiance).bind(),
             color_out: target.bind(),
             left_in: reach.unwrap_or(radiance).bind(),
+            reflectance_in: reflectance.unwrap_or(radiance).bind(),
         };
         let switches = [
             ("from_camera", u32::from(index == 0)),
@@ -201,7 +204,8 @@ impl FrameLight<'_> {
             ("has_indirect", u32::from(indirect.is_some())),
             ("is_received", u32::from(is_received)),
             ("is_published", u32::from(is_published(self.settings))),
-            ("fades", u32::from(reach.is_some() && shown.is_some())),
+            ("fades", u32::from(reach.is_some())),
+            ("has_reflectance", u32::from(reflectance.is_some())),
         ];
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.time_as((index > 0).then_some(MIRROR_LIGHT));

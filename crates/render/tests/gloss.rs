@@ -118,6 +118,51 @@ fn mirror_pixels(stage: &Stage) -> Vec<usize> {
     (0..mirror.len()).filter(|pixel| mirror[*pixel] > 0.0).collect()
 }
 
+/// The share of an even light that Ashikhmin and Shirley's lobe of one exponent reflects, seen at this cosine: the mean
+/// of min(1, n.l / n.v) over the drawn normals, by a grid.
+fn reflected_of_even_light(power: f64, from_view: f64) -> f64 {
+    let view = DVec3::new((1.0 - from_view * from_view).sqrt(), 0.0, from_view);
+    let (rings, turns) = (100, 100);
+    let drawn = (0..rings * turns).map(|cell| {
+        let [ring, turn] = [cell % rings, cell / rings].map(|step| (f64::from(step) + 0.5) / f64::from(rings));
+        let cosine = ring.powf(1.0 / (power + 1.0));
+        let (sin, cos) = (std::f64::consts::TAU * turn).sin_cos();
+        let half = (DVec3::new(cos, sin, 0.0) * (1.0 - cosine * cosine).sqrt()).with_z(cosine);
+        let light = 2.0 * half.dot(view) * half - view;
+        (light.z / from_view).clamp(0.0, 1.0)
+    });
+    drawn.sum::<f64>() / f64::from(rings * turns)
+}
+
+#[test]
+fn ashikhmin_and_shirleys_lobe_darkens_as_its_closed_form_says_by_every_method() {
+    let mut stage = stage_or_skip!();
+    for power in [10.0, 100.0] {
+        let scene = Scene::new(&stage, [WHITE, WHITE], power);
+        for method in methods() {
+            let pairs = [("gloss.lobe", "ashikhmin_shirley"), ("gloss.across", "1"), ("gloss.cache_power", "500")];
+            scene.render(&mut stage, &settings(method, 64, &pairs));
+            let shown = colors(&stage);
+            let [position, normal] = [Aov::Position, Aov::Normal]
+                .map(|aov| stage.renderer.read_aov(aov).unwrap().data.as_chunks::<3>().0.to_vec());
+            let (mut sum, mut expected, mut squares) = (0.0, 0.0, 0.0);
+            let pixels = mirror_pixels(&stage);
+            for pixel in &pixels {
+                let [position, normal] = [position[*pixel], normal[*pixel]].map(|v| DVec3::from(v.map(f64::from)));
+                let cosine = (scene.camera.eye - position).normalize().dot(normal.normalize());
+                let share = reflected_of_even_light(f64::from(power), cosine.max(0.01));
+                let found = f64::from(shown[*pixel][0]);
+                (sum, expected, squares) = (sum + found, expected + share, squares + (found - share).powi(2));
+            }
+            let (mean, rmse) = (sum / expected, (squares / pixels.len() as f64).sqrt());
+            let what = format!("{}, power {power}: {mean:.4} of it, off by {rmse:.4}", method.row().name);
+            println!("{what}");
+            assert!(expected < 0.95 * pixels.len() as f64, "the lobe darkens");
+            assert!((mean - 1.0).abs() < 0.005 && rmse < 0.015, "{what}");
+        }
+    }
+}
+
 #[test]
 fn an_even_surrounding_is_reflected_evenly() {
     let mut stage = stage_or_skip!();

@@ -100,6 +100,10 @@ choices! {
     pub enum ExposureFit { Auto = "auto", Always = "always", Locked = "locked" }
 }
 choices! {
+    /// Lobe of the directions that a glossy mirror reflects.
+    pub enum GlossLobe { Phong = "phong", Blinn = "blinn", AshikhminShirley = "ashikhmin_shirley" }
+}
+choices! {
     /// Whether all pixels of a glossy mirror draw the same directions.
     pub enum GlossPattern { Shared = "shared", Pixel = "pixel" }
 }
@@ -333,8 +337,10 @@ params! {
     pub struct GlossSettings = "gloss" in "Reflections" => affects(found) {
         /// Rays of a mirror pixel whose surface has a specular power; at 0 all mirrors are perfect. Noise falls with the root of their number.
         samples: u32 = 0, 0..=256, "rays" => affects(found truth);
-        /// Lobe of the directions: about the reflected ray (Phong 1975), or mirrored at normals about the mirror's own (Blinn 1977).
-        lobe: Highlight = Highlight::Phong => affects(found truth);
+        /// Lobe of the directions: about the reflected ray (Phong 1975), or mirrored at normals about the mirror's own (Blinn 1977); or mirrored at normals that may spread more across than along, by a reflectance that loses light towards grazing angles (Ashikhmin and Shirley 2000).
+        lobe: GlossLobe = GlossLobe::Phong => affects(found truth);
+        /// Exponent of ashikhmin_shirley across the level direction of the surface, in times of that along it, which is the mirror's specular power: below 1 for brush strokes that run level, across which light spreads, above 1 for those that run up.
+        across: f32 = 1.0, 0.0001..=10_000.0, "times" => affects(found truth);
         /// Shared takes the same directions for all pixels: smooth, few show as several pictures over each other; pixel draws them anew for each, which is noise. Forward methods always share them.
         pattern: GlossPattern = GlossPattern::Shared;
         /// Seed of the directions; the same seed gives the same picture.

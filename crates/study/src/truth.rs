@@ -11,10 +11,10 @@ use cloud::{Bounds, Chunk, Progress};
 use glam::DVec3;
 use rayon::prelude::*;
 use render::{Aov, AovImage, MOST_LIGHTS, Objects, Renderer};
-use scene::{Camera, Lighting, Method, Settings, SpotLight};
+use scene::{Camera, GlossLobe, Highlight, Lighting, Method, Settings, SpotLight};
 use trace::{
-    Exact, Fill, Geometry, Gloss, Hit, Illuminant, Illumination, Indirect, Medium, MirrorPoint, PixelRays, Side,
-    Sunlight, Surfels, indirect_picture, linear_from_srgb, primary, radiance, reflected,
+    Exact, Fill, Geometry, Gloss, HalfLobe, Hit, Illuminant, Illumination, Indirect, Lobe, Medium, MirrorPoint,
+    PixelRays, Side, Sunlight, Surfels, indirect_picture, linear_from_srgb, primary, radiance, reflected,
 };
 
 use crate::accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
@@ -337,13 +337,20 @@ impl<'a> Tracer<'a> {
         };
         let [red, green, blue, _] = view.background.bytes().map(linear_from_srgb);
         let (share, power) = (f64::from(light.gloss), f64::from(light.gloss_power));
+        let lobe = match gloss.lobe {
+            GlossLobe::Phong => Lobe::Even(Highlight::Phong),
+            GlossLobe::Blinn => Lobe::Even(Highlight::Blinn),
+            GlossLobe::AshikhminShirley => {
+                Lobe::Half(HalfLobe { across: f64::from(gloss.across), up: self.view.camera.up.normalize_or(DVec3::Z) })
+            }
+        };
         Illumination {
             gloss: Gloss { share, power, shape: light.highlight },
             diffuse: f64::from(light.diffuse),
             fill: Fill { radiance: f64::from(resolved.fill), share: f64::from(light.headlight) },
             bounces: reflection.bounces,
             mirror_boxes: &self.scene.mirror_boxes,
-            lobe: (gloss.samples > 0).then_some(gloss.lobe),
+            lobe: (gloss.samples > 0).then_some(lobe),
             background: DVec3::new(red, green, blue),
             indirect: Indirect { bounces: gi.bounces, samples: trace.samples, seed: trace.seed },
             ..Illumination::new(source, mirror)

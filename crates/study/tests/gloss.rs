@@ -69,10 +69,16 @@ fn the_error_falls_with_the_root_of_the_samples() {
     let mut settings = Settings::default();
     (settings.gi.bounces, settings.trace.samples) = (0, 1024);
     settings.set_text("gloss.pattern", "pixel").unwrap();
-    for (variant, power, lobe) in
-        [(Variant::Sphere, 30.0, "phong"), (Variant::Torus, 100.0, "blinn"), (Variant::Sphere, 100.0, "blinn")]
-    {
+    for (variant, power, lobe) in [
+        (Variant::Sphere, 30.0, "phong"),
+        (Variant::Torus, 100.0, "blinn"),
+        (Variant::Sphere, 100.0, "blinn"),
+        (Variant::Torus, 1000.0, "ashikhmin_shirley"),
+        (Variant::Sphere, 10.0, "ashikhmin_shirley"),
+    ] {
         settings.set_text("gloss.lobe", lobe).unwrap();
+        // The exponents of Ashikhmin and Shirley are 1000 and 10, or 10 and 1000.
+        settings.gloss.across = if power < 100.0 { 100.0 } else { 0.01 };
         // Lamps that one glossy mirror shows in another are seen by few rays, each very bright.
         settings.set_text("light.by", if variant == Variant::Torus { "colors" } else { "lights" }).unwrap();
         // The second bounce is glossy, too.

@@ -47,7 +47,7 @@ mod tests {
 
     use super::*;
     use crate::exact::{Albedo, Object};
-    use crate::{Exact, Geometry as _, Illuminant, Indirect, Ray, mirrored, radiance};
+    use crate::{Exact, Geometry as _, Illuminant, Indirect, Lobe, Ray, mirrored, radiance};
 
     const ALBEDO: [f64; 3] = [0.8, 0.4, 0.2];
 
@@ -128,7 +128,7 @@ mod tests {
             let settings = &MirrorSettings { fade_distance, fade_least, ..MirrorSettings::default() };
             let illumination = Illumination {
                 background: DVec3::splat(background),
-                lobe: Some(Highlight::Phong),
+                lobe: Some(Lobe::Even(Highlight::Phong)),
                 indirect: Indirect { bounces: 0, samples: 1024, seed: 3 },
                 ..illumination(settings)
             };

@@ -14,8 +14,9 @@
 
 use cloud::Progress;
 use glam::DVec3;
-use scene::Highlight;
+use scene::MirrorSettings;
 
+use crate::half_lobe::Lobe;
 use crate::light::{Illuminant, Illumination, mean_share_left, scattered};
 use crate::reflectance::{Reflectance, lobe_direction};
 use crate::reflection::{BATCH, in_parallel};
@@ -118,13 +119,20 @@ impl<G: Geometry> PathTracer<'_, G> {
             };
             let is_mirror = hit.specular_intensity > 0.0;
             let go_on = |ray: &Ray, numbers: &mut Random| {
-                onward(self.geometry, &hit, ray.direction, self.illumination.lobe, numbers)
+                onward(self.geometry, &hit, ray.direction, self.illumination, numbers)
             };
             // What is left of a reflection that fades depends on what its ray meets.
             let knows_ray = is_mirror && reflections > 0 && self.illumination.fades(&hit);
             let known = if knows_ray { go_on(&ray, numbers) } else { None };
-            let distance = known.and_then(|ray| Some(self.geometry.nearest(&ray)?.distance));
-            let share_left = if knows_ray { self.illumination.share_left(&hit, distance) } else { 1.0 };
+            let share_left = match known {
+                _ if !knows_ray => 1.0,
+                // Below the surface there is nothing to see.
+                Some((_, 0.0)) => 1.0,
+                known => {
+                    let met = known.and_then(|(ray, _)| self.geometry.nearest(&ray));
+                    self.illumination.share_left(&hit, met.map(|hit| hit.distance))
+                }
+            };
             let mut surface = Reflectance::new(&hit, ray.direction, reflections, share_left, self.illumination);
             if is_mirror {
                 surface = surface.without_highlight();
@@ -143,7 +151,8 @@ impl<G: Geometry> PathTracer<'_, G> {
                 throughput *= surface.mirror * (either / mirror);
                 reflections -= 1;
                 let next = if knows_ray { known } else { go_on(&ray, numbers) };
-                let Some(next) = next else { return light };
+                let Some((next, weight)) = next.filter(|(_, weight)| *weight > 0.0) else { return light };
+                throughput *= weight;
                 ray = next;
             } else {
                 let Some(sample) = surface.sample([numbers.next(), numbers.next()]) else {
@@ -157,40 +166,48 @@ impl<G: Geometry> PathTracer<'_, G> {
     }
 }
 
-/// The ray that goes on after one that arrives in `direction` at a mirror or a clear surface which is not the first; a
-/// glossy mirror draws it. `None` if the surface has no normal.
+/// The ray that goes on after one that arrives in `direction` at a mirror or a clear surface which is not the first, and
+/// how much of its light is reflected; a glossy mirror draws it. `None` if the surface has no normal.
 fn onward(
     geometry: &impl Geometry,
     hit: &Hit,
     direction: DVec3,
-    lobe: Option<Highlight>,
+    illumination: &Illumination,
     numbers: &mut Random,
-) -> Option<Ray> {
-    let Some(lobe) = lobe.filter(|_| hit.specular_power > 0.0 && hit.reflected_part(direction) >= 0.5) else {
-        return stronger(geometry, hit, direction);
+) -> Option<(Ray, f64)> {
+    let is_glossy = hit.specular_power > 0.0 && hit.reflected_part(direction) >= 0.5;
+    let Some(lobe) = illumination.lobe.filter(|_| is_glossy) else {
+        return Some((stronger(geometry, hit, direction)?, 1.0));
     };
     let pair = [numbers.next(), numbers.next()];
-    Some(Ray::from_surface(hit.position, glossy_direction(lobe, hit, direction, pair, numbers)))
+    let (drawn, weight) = glossy_direction(lobe, hit, direction, illumination.mirror, pair, numbers);
+    Some((Ray::from_surface(hit.position, drawn), weight))
 }
 
-/// A direction that the lobe of a glossy mirror sends to the eye's ray, which arrives in `incoming`: drawn until it leads
-/// out of the surface. The perfect reflection stands in after many tries, which only a ray along the surface needs.
+/// A direction that the lobe of a glossy mirror sends to the eye's ray, which arrives in `incoming`, and how much of the
+/// light from there is reflected. Of even lobes it is drawn until it leads out of the surface; the perfect reflection
+/// stands in after many tries, which only a ray along the surface needs.
 pub(crate) fn glossy_direction(
-    lobe: Highlight,
+    lobe: Lobe,
     hit: &Hit,
     incoming: DVec3,
+    settings: &MirrorSettings,
     first: [f64; 2],
     numbers: &mut Random,
-) -> DVec3 {
+) -> (DVec3, f64) {
+    let shape = match lobe {
+        Lobe::Even(shape) => shape,
+        Lobe::Half(lobe) => return lobe.drawn(hit, incoming, settings, first),
+    };
     let mut pair = first;
     for _ in 0..64 {
-        let drawn = lobe_direction(lobe, hit.specular_power, hit.normal, -incoming, pair);
+        let drawn = lobe_direction(shape, hit.specular_power, hit.normal, -incoming, pair);
         if let Some(direction) = drawn.filter(|direction| direction.dot(hit.normal) > 0.0) {
-            return direction;
+            return (direction, 1.0);
         }
         pair = [numbers.next(), numbers.next()];
     }
-    mirrored(incoming, hit.normal).normalize_or_zero()
+    (mirrored(incoming, hit.normal).normalize_or_zero(), 1.0)
 }
 
 /// Point `index` of the R2 sequence in [0, 1) in both dimensions, shifted.

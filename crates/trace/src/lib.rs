@@ -11,6 +11,7 @@
 mod camera;
 pub mod exact;
 mod fading;
+mod half_lobe;
 mod indirect;
 mod light;
 mod mesh;
@@ -18,11 +19,13 @@ mod ray;
 mod reflectance;
 mod reflection;
 mod refraction;
+mod share;
 mod surfels;
 mod tree;
 
 pub use camera::{PixelRays, Viewpoint};
 pub use exact::Exact;
+pub use half_lobe::{HalfLobe, Lobe};
 pub use indirect::{Indirect, indirect, indirect_picture};
 pub use light::{Fill, Illuminant, Illumination, Sunlight, direct, picture, radiance, reflected_picture};
 pub use mesh::{Mesh, Vertex};

@@ -8,8 +8,9 @@ use std::f64::consts::FRAC_1_PI;
 
 use cloud::{Bounds, Progress};
 use glam::DVec3;
-use scene::{Highlight, MirrorSettings, SpotLight, Sun};
+use scene::{MirrorSettings, SpotLight, Sun};
 
+use crate::half_lobe::Lobe;
 use crate::indirect::{Indirect, Random, glossy_direction, indirect_beside, spread};
 use crate::reflectance::{Gloss, Reflectance};
 use crate::reflection::in_parallel;
@@ -83,7 +84,7 @@ pub struct Illumination<'a> {
     /// The boxes about the points of the mirrors, whose radii reflections fade by.
     pub mirror_boxes: &'a [Bounds],
     /// The lobe of the light that mirrors with a specular power reflect; `None` if all mirrors are perfect.
-    pub lobe: Option<Highlight>,
+    pub lobe: Option<Lobe>,
     /// The linear colour that mirrors show where their ray hits nothing.
     pub background: DVec3,
     pub indirect: Indirect,
@@ -165,12 +166,17 @@ pub fn radiance(
     let mut sum = Arriving { light: DVec3::ZERO, left: 0.0 };
     let rays = mirror_rays(geometry, hit, direction, pixel, illumination);
     let count = rays.len() as f64;
-    for (ray, seed) in rays {
+    for MirrorRay { ray, seed, weight } in rays {
+        if weight == 0.0 {
+            // Below the surface there is nothing to see.
+            sum.left += 1.0;
+            continue;
+        }
         // One path of indirect light, and one direction of each further glossy mirror, for each direction of a lobe.
         let of_lobe = |seed| Indirect { samples: illumination.indirect.samples.min(1), seed, ..illumination.indirect };
         let indirect = seed.map_or(illumination.indirect, of_lobe);
         let Arriving { light, left } = arriving_by(ray, &Illumination { indirect, ..beyond });
-        (sum.light, sum.left) = (sum.light + light, sum.left + left);
+        (sum.light, sum.left) = (sum.light + light * weight, sum.left + left);
     }
     let mut arriving = sum.light / count;
     if illumination.passed == 0
@@ -191,29 +197,41 @@ struct Arriving {
 /// The name of the random numbers of glossy mirrors, which are not those of paths.
 const GLOSSY: u64 = 1 << 40;
 
-/// The rays over which what a mirror shows is the mean, each of a lobe with a seed of its own: of the first glossy mirror
-/// on the way as many directions as there are paths of indirect light. A ray is `None` if the surface has no normal.
+/// A ray of a mirror.
+struct MirrorRay {
+    /// `None` if the surface has no normal.
+    ray: Option<Ray>,
+    /// A seed of its own, if it is drawn by a lobe.
+    seed: Option<u32>,
+    /// How much of its light is reflected.
+    weight: f64,
+}
+
+/// The rays over which what a mirror shows is the mean: of the first glossy mirror on the way as many directions as there
+/// are paths of indirect light.
 fn mirror_rays(
     geometry: &impl Geometry,
     hit: &Hit,
     direction: DVec3,
     pixel: usize,
     illumination: &Illumination,
-) -> Vec<(Option<Ray>, Option<u32>)> {
+) -> Vec<MirrorRay> {
     let is_first = illumination.passed == 0;
     let is_glossy = hit.specular_power > 0.0 && (is_first || hit.reflected_part(direction) >= 0.5);
     let Some(lobe) = illumination.lobe.filter(|_| is_glossy) else {
         let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
-        return vec![(if is_first { point.reflected() } else { stronger(geometry, hit, direction) }, None)];
+        let ray = if is_first { point.reflected() } else { stronger(geometry, hit, direction) };
+        return vec![MirrorRay { ray, seed: None, weight: 1.0 }];
     };
     let Indirect { samples, seed, .. } = illumination.indirect;
     let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY]);
     let shift = [numbers.next(), numbers.next()];
     let ray = |sample: u32| {
         let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY + 1 + u64::from(sample)]);
-        let drawn = glossy_direction(lobe, hit, direction, spread(shift, sample), &mut numbers);
+        let first = spread(shift, sample);
+        let (drawn, weight) = glossy_direction(lobe, hit, direction, illumination.mirror, first, &mut numbers);
         let seed = (numbers.next() * f64::from(u32::MAX)) as u32;
-        (Some(Ray::from_surface(hit.position, drawn)), Some(seed))
+        MirrorRay { ray: Some(Ray::from_surface(hit.position, drawn)), seed: Some(seed), weight }
     };
     (0..samples.max(1)).map(ray).collect()
 }
@@ -231,8 +249,11 @@ pub(crate) fn mean_share_left(
     }
     let rays = mirror_rays(geometry, hit, direction, pixel, illumination);
     let count = rays.len() as f64;
-    let distance = |ray: Option<Ray>| ray.and_then(|ray| Some(met(geometry, hit, &ray)?.distance));
-    rays.into_iter().map(|(ray, _)| illumination.share_left(hit, distance(ray))).sum::<f64>() / count
+    let left = |MirrorRay { ray, weight, .. }: MirrorRay| {
+        let met = ray.filter(|_| weight > 0.0).and_then(|ray| met(geometry, hit, &ray));
+        if weight > 0.0 { illumination.share_left(hit, met.map(|hit| hit.distance)) } else { 1.0 }
+    };
+    rays.into_iter().map(left).sum::<f64>() / count
 }
 
 /// The light that reaches a mirror point along the reflected ray.
@@ -526,7 +547,7 @@ mod tests {
             radiance(&geometry, &hit, direction, 5, &illumination).x
         };
         for shape in [Highlight::Phong, Highlight::Blinn] {
-            let lobe = Some(shape);
+            let lobe = Some(Lobe::Even(shape));
             for power in [5.0, 50.0, 1000.0] {
                 // An even surrounding is reflected evenly; half of the rays see the bright half.
                 assert!((seen(power, 0.3, lobe, 9, 1.0) - 1.0).abs() < 1e-12);
@@ -546,7 +567,7 @@ mod tests {
         let indirect = Indirect { bounces: 0, samples: 1 << 14, seed: 3 };
         let illumination = Illumination {
             bounces: 1,
-            lobe: Some(Highlight::Phong),
+            lobe: Some(Lobe::Even(Highlight::Phong)),
             indirect,
             ..Illumination::new(Illuminant::Headlight(0.0), &settings)
         };

@@ -14,9 +14,10 @@
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::DVec3;
-use scene::{FresnelLaw, Highlight};
+use scene::Highlight;
 
 use crate::light::{Illuminant, Illumination};
+use crate::share::mirror_share;
 use crate::{Hit, mirrored};
 
 /// The highlights of surfaces that are no mirrors, and the shape of all highlights.
@@ -69,19 +70,7 @@ impl Reflectance {
         if hit.specular_intensity > 0.0 {
             (diffuse, gloss, power) = (1.0, hit.specular_intensity, hit.specular_power);
             if reflections > 0 {
-                let flatness = (1.0 - direction.dot(hit.normal).abs()).clamp(0.0, 1.0);
-                let fresnel = f64::from(settings.fresnel);
-                let (share, grazing) = match settings.fresnel_law {
-                    // Schlick 1994: the flatter the ray, the more is reflected, up to all of it, without a tint.
-                    FresnelLaw::Schlick => {
-                        let grazing = fresnel * flatness.powi(5);
-                        (hit.specular_intensity + (1.0 - hit.specular_intensity) * grazing, grazing)
-                    }
-                    // Popescu, Sacks and Mei 2006: the flatter, the less.
-                    FresnelLaw::Published => {
-                        (hit.specular_intensity * (1.0 - fresnel * (1.0 - (1.0 - flatness).powi(2))), 0.0)
-                    }
-                };
+                let (share, grazing) = mirror_share(hit.specular_intensity, direction.dot(hit.normal).abs(), settings);
                 let share = share * share_left;
                 diffuse = 1.0 - share;
                 mirror = share * tint(grazing);

@@ -16,6 +16,8 @@ pub(crate) struct Bounce {
     pub blended: Image,
     /// How far the rays go, in radii of their mirrors; `None` until reflections fade (shaders/mirror_reach.wgsl).
     pub reach: Option<Image>,
+    /// How much of what the rays receive is reflected; `None` until a lobe says so (shaders/gloss_reflectance.wgsl).
+    pub reflectance: Option<Image>,
 }
 
 impl Bounce {
@@ -27,15 +29,20 @@ impl Bounce {
             radiance: image("mirror radiance", wgpu::TextureFormat::Rgba16Float),
             blended: image("mirror blended", wgpu::TextureFormat::Rgba16Float),
             reach: None,
+            reflectance: None,
         }
     }
 
-    /// Makes what this bounce needs if reflections fade, or gives it up.
-    pub fn provide(&mut self, device: &wgpu::Device, fades: bool) {
+    /// Makes what this bounce needs if reflections fade, and if a lobe does not reflect all that rays receive, or gives
+    /// it up.
+    pub fn provide(&mut self, device: &wgpu::Device, fades: bool, has_reflectance: bool) {
         let size = self.radiance.size();
-        let kept = self.reach.take().filter(|_| fades);
-        let new = || Image::new(device, size, "mirror reach", wgpu::TextureFormat::R32Float);
-        self.reach = kept.or_else(|| fades.then(new));
+        let provide = |image: &mut Option<Image>, label, is_asked: bool| {
+            let new = || Image::new(device, size, label, wgpu::TextureFormat::R32Float);
+            *image = image.take().filter(|_| is_asked).or_else(|| is_asked.then(new));
+        };
+        provide(&mut self.reach, "mirror reach", fades);
+        provide(&mut self.reflectance, "mirror reflectance", has_reflectance);
     }
 
     pub fn surface(&self) -> SurfaceImages<'_> {
@@ -43,9 +50,9 @@ impl Bounce {
     }
 
     pub fn bytes(&self) -> u64 {
-        let Self { mirror, seen, radiance, blended, reach } = self;
-        let reach = reach.as_ref().map_or(0, Image::bytes);
-        seen.bytes() + mirror.bytes() + radiance.bytes() + blended.bytes() + reach
+        let Self { mirror, seen, radiance, blended, reach, reflectance } = self;
+        let asked: u64 = [reach, reflectance].into_iter().flatten().map(Image::bytes).sum();
+        seen.bytes() + mirror.bytes() + radiance.bytes() + blended.bytes() + asked
     }
 }
 

@@ -188,7 +188,7 @@ impl Clear {
         }
         bounces.truncate(count);
         let fading = Fading::new(recorder.gpu, search);
-        bounces.iter_mut().for_each(|bounce| bounce.provide(&recorder.gpu.device, fading.is_some()));
+        bounces.iter_mut().for_each(|bounce| bounce.provide(&recorder.gpu.device, fading.is_some(), false));
         let eye = search.supply.camera;
         let everything = store.draw_list(&eye, settings, method::supply_of(method));
         let mut supply = Inputs::new(recorder.gpu, eye, settings, &everything);

@@ -2,7 +2,7 @@
 //! another mirror normal for each pixel, so that every method that traces a mirror pixel's ray finds it as it finds
 //! that of a perfect mirror. Samples are found, shaded and summed one after the other (docs/methods/gloss.md).
 
-use scene::{GlossPattern, LightView, Method, Mirror, Settings, Show};
+use scene::{GlossLobe, GlossPattern, LightView, Method, Mirror, Settings, Show};
 
 use super::bounce::Bounce;
 use super::fading::fades;
@@ -136,6 +136,16 @@ fn is_shared(settings: &Settings) -> bool {
     method::is_forward(settings) || settings.gloss.pattern == GlossPattern::Shared
 }
 
+/// Whether glossy mirrors reflect less than what their rays receive.
+pub(crate) fn has_reflectance(settings: &Settings) -> bool {
+    settings.gloss.samples > 0 && settings.gloss.lobe == GlossLobe::AshikhminShirley
+}
+
+/// Whether glossy mirrors may draw from another lobe than their own. That of Ashikhmin and Shirley draws from its own.
+pub(crate) fn is_weighed(settings: &Settings) -> bool {
+    settings.gloss.cache_power > 0.0 && settings.gloss.lobe != GlossLobe::AshikhminShirley
+}
+
 /// Whether what glossy mirrors receive is blurred.
 fn is_blurred(settings: &Settings) -> bool {
     settings.gloss.blur > 0.0
@@ -227,7 +237,8 @@ impl Gloss {
             ("bounce", bounce as u32),
             ("is_shared", u32::from(is_shared(settings))),
             ("is_kept", u32::from(kept.is_some())),
-            ("is_weighed", u32::from(bounce == 0 && settings.gloss.cache_power > 0.0)),
+            ("is_weighed", u32::from(bounce == 0 && is_weighed(settings))),
+            ("has_half_lobe", u32::from(settings.gloss.lobe == GlossLobe::AshikhminShirley)),
         ];
         recorder.over_mirrors(&switches, inputs, bindings)
     }
@@ -263,13 +274,15 @@ impl Gloss {
             looks_in: looks.unwrap_or(&first.blended).bind(),
             left_in: first.reach.as_ref().unwrap_or(&first.blended).bind(),
             shares_left: self.shares_left.as_entire_binding(),
+            reflectance_in: first.reflectance.as_ref().unwrap_or(&first.blended).bind(),
         };
-        let is_weighed = is_glossy && settings.gloss.cache_power > 0.0;
+        let is_weighed = is_glossy && is_weighed(settings);
         let switches = [
             ("is_weighed", u32::from(is_weighed)),
             ("is_blurred", u32::from(is_glossy && is_blurred(settings))),
             ("has_looks", u32::from(looks.is_some())),
             ("fades", u32::from(first.reach.is_some())),
+            ("has_reflectance", u32::from(first.reflectance.is_some())),
         ];
         recorder.over_mirrors(&switches, inputs, bindings)
     }

@@ -68,6 +68,24 @@ pub fn lobe_normal(lobe: Highlight, incoming: Vec3, normal: Vec3, view: [Vec3; 3
     }
 }
 
+/// The level direction along a surface, and that across it.
+fn surface_axes(normal: Vec3, world_up: Vec3) -> [Vec3; 2] {
+    let level = world_up.cross(normal);
+    let axis = if normal.x.abs() > 0.9 { Vec3::Y } else { Vec3::X };
+    let lies_level = level.length() < 3.0_f32.to_radians().sin();
+    let along = if lies_level { axis - normal * axis.dot(normal) } else { level }.normalize();
+    [along, normal.cross(along)]
+}
+
+/// The normal that Ashikhmin and Shirley's lobe draws, by its exponents along and across the surface's axes.
+pub fn anisotropic_normal(normal: Vec3, axes: [Vec3; 2], numbers: Vec2, powers: Vec2) -> Vec3 {
+    let (sin, cos) = (std::f32::consts::TAU * numbers.y).sin_cos();
+    let side = (Vec2::new(cos, sin) * Vec2::new(powers.y + 1.0, powers.x + 1.0).powf(0.5)).normalize();
+    let height = height(numbers.x, powers.dot(side * side));
+    let sideways = axes[0] * side.x + axes[1] * side.y;
+    (normal * (1.0 - height) + sideways * (height * (2.0 - height)).sqrt()).normalize()
+}
+
 /// The normal of a sample, as `gloss_normals` draws it for the first bounce; the axes are the camera's.
 pub fn sampled_normal(
     lobe: Highlight,
@@ -223,6 +241,34 @@ mod tests {
                 // What the weight takes away is light that the lobe does not reflect at all.
                 assert!(reflected < 1.0, "{what}: {reflected}");
                 println!("{what}: {reflected:.3} is reflected");
+            }
+        }
+    }
+
+    #[test]
+    fn normals_of_two_exponents_spread_as_their_density_says() {
+        let normal = Vec3::new(0.5, -0.3, 0.4).normalize();
+        let axes = surface_axes(normal, Vec3::Z);
+        assert!(axes[0].z.abs() < 1e-6 && axes[0].dot(normal).abs() < 1e-6 && axes[1].z > 0.0, "{axes:?}");
+        assert_eq!(surface_axes(Vec3::Z, Vec3::Z), [Vec3::X, Vec3::Y]);
+        for powers in [[10.0_f32, 10.0], [10.0, 1000.0], [1000.0, 10.0], [100.0, 1.0]] {
+            let (mut sums, mut expected) = ([0.0; 2], [0.0; 2]);
+            for index in 0..COUNT {
+                let half = anisotropic_normal(normal, axes, numbers(index, 5), Vec2::from(powers));
+                sums = [0, 1].map(|axis| sums[axis] + f64::from(half.dot(axes[axis])).powi(2) / f64::from(COUNT));
+            }
+            // The density is sqrt((n_u + 1)(n_v + 1)) / (2 pi) (n.h)^e, e = n_u cos^2 + n_v sin^2; the mean of the squared
+            // sine over the cosine is 2 / ((e + 1)(e + 3)).
+            let [n_u, n_v] = powers.map(f64::from);
+            let steps = 10_000;
+            for step in 0..steps {
+                let (sin, cos) = (std::f64::consts::TAU * (f64::from(step) + 0.5) / f64::from(steps)).sin_cos();
+                let e = n_u * cos * cos + n_v * sin * sin;
+                let part = ((n_u + 1.0) * (n_v + 1.0)).sqrt() * 2.0 / ((e + 1.0) * (e + 3.0)) / f64::from(steps);
+                expected = [expected[0] + part * cos * cos, expected[1] + part * sin * sin];
+            }
+            for (sum, expected) in sums.into_iter().zip(expected) {
+                assert!((sum / expected - 1.0).abs() < 0.01, "{powers:?}: {sum} of {expected}");
             }
         }
     }

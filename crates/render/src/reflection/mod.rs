@@ -44,10 +44,10 @@ use scene::{MapFill, Method, Settings, Supply};
 pub(crate) use bounce::{Bounce, Search};
 use clear::Clear;
 pub use cubemaps::MapCount;
-use fading::Fading;
+use fading::{Fading, is_published};
 use footprint::Footprint;
 pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
-use gloss::{Gloss, RaySet};
+use gloss::{Gloss, RaySet, has_reflectance, is_weighed};
 use kept_hits::{GlossCache, KeptHits, KnownRays, Scenery};
 pub use light_field::{MapLimit, MapUse};
 pub use sample_cameras::CameraCount;
@@ -224,7 +224,8 @@ impl Reflections {
         }
         self.bounces.truncate(self.count);
         let fading = Fading::new(gpu, search);
-        self.bounces.iter_mut().for_each(|bounce| bounce.provide(&gpu.device, fading.is_some()));
+        let weighs = has_reflectance(settings);
+        self.bounces.iter_mut().for_each(|bounce| bounce.provide(&gpu.device, fading.is_some(), weighs));
         if rays.sample.is_some() {
             self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size)).provide(gpu, settings);
         }
@@ -281,9 +282,10 @@ impl Reflections {
                 }
             };
             let kept = rays.kept_as.and_then(|set| self.kept.of_bounce(gpu, set, index, places));
+            let own_normal = normal;
             let normal = match drawn {
                 Some(gloss) => {
-                    if index == 0 && settings.gloss.cache_power > 0.0 && self.weights_are_new {
+                    if index == 0 && is_weighed(settings) && self.weights_are_new {
                         gloss.judge_weights(recorder, supply, settings, (mirror, normal))?;
                         self.weights_are_new = false;
                     }
@@ -292,6 +294,17 @@ impl Reflections {
                 }
                 None => normal,
             };
+            if let Some(reflectance) = &bounce.reflectance {
+                let bindings = passes::gloss_reflectance {
+                    point_in: mirror.point.bind(),
+                    normal_in: own_normal.bind(),
+                    eye_in: mirror.eye.bind(),
+                    drawn_in: normal.bind(),
+                    reflectance_out: reflectance.bind(),
+                };
+                let switches = [("is_published", u32::from(is_published(settings)))];
+                recorder.over_mirrors(&switches, supply, bindings)?;
+            }
             let task = Task {
                 supply,
                 settings,
