@@ -2,7 +2,7 @@
 //! mirrors.
 //!
 //! The definition is the renderer's; reflectance.rs has that of surfaces. Light that was reflected before it reaches a
-//! surface, and that of the sky, comes from [`indirect`]. A mirror whose ray hits nothing shows the background.
+//! surface, and that of the sky, comes from [`mod@crate::indirect`]. A mirror whose ray hits nothing shows the background.
 
 use std::f64::consts::FRAC_1_PI;
 
