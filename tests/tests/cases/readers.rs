@@ -1,0 +1,1 @@
+//! Colours, origins and names of files that other programs wrote.

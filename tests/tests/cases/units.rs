@@ -1,0 +1,1 @@
+//! Units and coordinate systems, and clouds that lie far apart.
