@@ -15,40 +15,24 @@ use tempfile::TempDir;
 /// program that needs longer than this hangs.
 const TIME_LIMIT: Duration = Duration::from_secs(180);
 
-/// The program in the folder that this test was built into. A build of the whole workspace has made it already. If this
-/// package is built alone, the program may be old or missing; then it is built here.
+/// The program: the one that `GLINT_TEST_PROGRAM` names (`cargo xtask test` sets it), else the one that cargo builds for
+/// these tests, which it has built already where the whole workspace was tested.
 pub(crate) fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    BINARY.get_or_init(|| {
-        // This test is TARGET/release/deps/NAME-HASH.
-        let own = std::env::current_exe().expect("the path of this test");
-        let release = own.ancestors().nth(2).expect("a test lies in TARGET/release/deps");
-        let program = release.join("glint");
-        if !is_newer_than_its_sources(&program) {
-            build(release.parent().expect("TARGET"));
-        }
-        program
-    })
+    BINARY.get_or_init(|| std::env::var_os("GLINT_TEST_PROGRAM").map_or_else(build, PathBuf::from))
 }
 
-/// Judges by the list of sources that cargo writes beside a program (`glint.d`: `PROGRAM: SOURCE SOURCE ...`), and by
-/// the lock file.
-fn is_newer_than_its_sources(program: &Path) -> bool {
-    let changed = |path: &Path| std::fs::metadata(path).and_then(|metadata| metadata.modified()).ok();
-    let sources = std::fs::read_to_string(program.with_extension("d")).unwrap_or_default();
-    let (Some(built), Some((_, sources))) = (changed(program), sources.split_once(": ")) else { return false };
-    // A path with a space is escaped in the list. It is split here and not found, and the program is built again.
-    let sources = sources.split_whitespace().map(PathBuf::from);
-    let lock = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.lock");
-    sources.chain([lock]).all(|source| changed(&source).is_some_and(|changed| changed <= built))
-}
-
-fn build(target: &Path) {
+/// Builds the program with the features that tests of the whole workspace have, so that nothing is compiled twice.
+fn build() -> PathBuf {
+    let own = std::env::current_exe().expect("the path of this test");
+    let release = own.ancestors().nth(2).expect("a test lies in TARGET/release/deps");
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);
-    command.args(["build", "--quiet", "--release", "--locked", "--package", "glint", "--bin", "glint", "--target-dir"]);
-    command.arg(target).current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
+    command.args(["test", "--quiet", "--release", "--locked", "--workspace", "--no-run", "--test", "program"]);
+    command.arg("--target-dir").arg(release.parent().expect("TARGET"));
+    command.current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
     assert!(command.status().expect("cargo starts").success(), "the program does not build");
+    release.join("glint")
 }
 
 /// How a run ended.
@@ -179,25 +163,4 @@ fn peak_memory_of(process: u32) -> u64 {
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kibibytes = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok());
     kibibytes.unwrap_or(0) * 1024
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_program_older_than_a_source_or_without_a_list_of_them_is_not_taken() {
-        let folder = Folder::new();
-        let (program, source) = (folder.write("glint", ""), folder.write("main.rs", ""));
-        assert!(!is_newer_than_its_sources(&program));
-        folder.write("glint.d", format!("{}: {}\n", program.display(), source.display()));
-        assert!(is_newer_than_its_sources(&program));
-        let later = std::time::SystemTime::now() + Duration::from_secs(60);
-        std::fs::File::options()
-            .append(true)
-            .open(&source)
-            .and_then(|file| file.set_modified(later))
-            .expect("its time");
-        assert!(!is_newer_than_its_sources(&program));
-    }
 }

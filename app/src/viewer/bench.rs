@@ -22,6 +22,8 @@ pub struct Bench {
     pub swept: Option<Box<SweepResult>>,
     thread: RenderThread,
     reports: Receiver<Report>,
+    /// How far the session's clock is ahead of the real one.
+    ahead: Duration,
 }
 
 /// The longest wait for a report. Software Vulkan compiles for a minute on a busy machine.
@@ -47,7 +49,7 @@ impl Bench {
         (session.scene.settings.gi.vpls, session.scene.settings.gi.bounces) = (4, 1);
         session.set_view_size([64, 48]);
         assert!(session.open(&["five-mirrors/sphere"]));
-        let mut bench = Self { session, swept: None, thread, reports };
+        let mut bench = Self { session, swept: None, thread, reports, ahead: Duration::ZERO };
         let Report::Ready { adapter } = bench.report() else { panic!("no renderer") };
         bench.session.on_report(Report::Ready { adapter });
         Some(bench)
@@ -64,12 +66,24 @@ impl Bench {
         self.session.act_all(actions);
     }
 
+    /// Steps the session once, at a time that is `time` later than it would be without this call.
+    pub fn skip(&mut self, time: Duration) {
+        self.ahead += time;
+        self.session.step(Instant::now() + self.ahead, false);
+    }
+
     /// Steps the session and does what it asks for until nothing is left to do.
     pub fn settle(&mut self) {
         let started = Instant::now();
         loop {
-            let mut is_done = self.session.step(Instant::now(), false).is_none();
-            for effect in std::mem::take(&mut self.session.outside.effects) {
+            let wait = self.session.step(Instant::now() + self.ahead, false);
+            let effects = std::mem::take(&mut self.session.outside.effects);
+            if let (Some(wait), true) = (wait, effects.is_empty()) {
+                // Other threads work meanwhile, and may be done sooner than the session expects.
+                std::thread::sleep(wait.min(Duration::from_millis(1)));
+            }
+            let mut is_done = wait.is_none();
+            for effect in effects {
                 is_done &= matches!(effect, Effect::Log(_));
                 self.work(effect);
             }

@@ -388,8 +388,8 @@ mod tests {
             assert_eq!(asked.camera, session.scene.camera);
             session.frames.under_way = 0;
         }
-        session.step(start + Duration::from_secs(60), false);
-        assert!(!session.filming.timeline.is_playing());
+        bench.skip(Duration::from_secs(60));
+        assert!(!bench.session.filming.timeline.is_playing());
         bench.settle();
         let shown = &bench.session.frames.shown.as_ref().unwrap().request;
         assert!(!shown.hurried && shown.spared.is_none());

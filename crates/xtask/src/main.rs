@@ -11,16 +11,18 @@ mod fuzz;
 mod needs;
 mod notices;
 mod package;
+mod suite;
 mod systems;
+mod testing;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, ExitStatus, Stdio};
-use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 
 use fuzz::Fuzzing;
 use needs::{Display, Machine, Need, Remedy};
+use testing::Selection;
 
 const HELP: &str = "\
 cargo xtask run [INPUT...]   Open the viewer on point clouds (.las, .laz, .ply), scene files (.toml) or built-in scenes.
@@ -42,7 +44,10 @@ cargo xtask test --modes     Run the renderer's tests while the adapter acts lik
                              reading them (Metal, DirectX), timed by its own clock in one submit, with the limits that
                              WebGPU promises, and without timestamps.
 cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed) and the links in comments, build
-                             and run all tests.
+                             and run all tests. Keeps the seconds of each test in target/test-times.csv, and the commit that
+                             passed in target/tested. Changes that are not committed leave that file as it was.
+cargo xtask test --times     Do the same, and print the tests and the test programs that took longest.
+cargo xtask test --changed   Run only the tests that the changes since the commit in target/tested can touch.
 
 run, test and baseline look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool,
 ImageMagick and spirv-val) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
@@ -69,9 +74,11 @@ fn main() -> ExitCode {
             Ok(ExitCode::SUCCESS)
         }
         ["run", inputs @ ..] if inputs.iter().all(|input| !input.starts_with('-')) => run(inputs),
-        ["test"] => test(),
-        ["test", "--modes"] => test_modes(),
-        ["baseline"] => baseline(),
+        ["test"] => testing::test(Selection::All, false),
+        ["test", "--times"] => testing::test(Selection::All, true),
+        ["test", "--changed"] => testing::test(Selection::Changed, false),
+        ["test", "--modes"] => testing::test_modes(),
+        ["baseline"] => testing::baseline(),
         ["package"] => package(false),
         ["package", "--try"] => package(true),
         ["systems"] => systems(),
@@ -109,134 +116,6 @@ fn run(inputs: &[&str]) -> Result<ExitCode> {
     } else {
         command.args(inputs);
     }
-    Ok(exit_code(status(&mut command)?))
-}
-
-/// One command of `cargo xtask test`.
-struct Step {
-    name: &'static str,
-    arguments: &'static [&'static str],
-    /// Whether the step is left out if its tool is missing: rustup's minimal profile comes without it.
-    optional: bool,
-}
-
-const STEPS: [Step; 4] = [
-    Step { name: "format", arguments: &["fmt", "--all", "--check"], optional: true },
-    Step {
-        name: "lint",
-        arguments: &["clippy", "--release", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"],
-        optional: true,
-    },
-    Step {
-        name: "links between comments",
-        arguments: &[
-            "doc",
-            "--release",
-            "--workspace",
-            "--no-deps",
-            "--document-private-items",
-            "--locked",
-            "--config",
-            "build.rustdocflags=[\"-Dwarnings\"]",
-        ],
-        optional: false,
-    },
-    Step {
-        name: "test",
-        arguments: &["test", "--release", "--workspace", "--locked", "--no-fail-fast"],
-        optional: false,
-    },
-];
-
-fn test() -> Result<ExitCode> {
-    provide(needs::needs_to_test())?;
-    if let Err(problem) = provide(needs::needs_to_decode()) {
-        eprintln!("xtask: {problem:#}\nxtask: going on; no test decodes films.");
-    }
-    let root = root()?;
-    let runtime = runtime_folder()?;
-    let mut times = Vec::new();
-    for Step { name, arguments, optional } in STEPS {
-        let line = format!("cargo {}", arguments.join(" "));
-        if optional && !installed(arguments[0]) {
-            println!("== {name}: skipped, cargo {} is not installed", arguments[0]);
-            continue;
-        }
-        println!("== {name}: {line}");
-        let mut command = cargo();
-        command.args(arguments).current_dir(&root);
-        if let Some(folder) = &runtime {
-            command.env("XDG_RUNTIME_DIR", folder);
-        }
-        if std::env::var_os("CI").is_some() {
-            command.env("GLINT_REQUIRE_GPU", "1");
-            if std::env::var_os("GLINT_TEST_DATA").is_some() || root.join("../shared/data").is_dir() {
-                command.env("GLINT_REQUIRE_DATA", "1");
-            }
-        }
-        let start = Instant::now();
-        let status = status(&mut command)?;
-        times.push(format!("{name} {:.0} s", start.elapsed().as_secs_f64()));
-        if !status.success() {
-            println!("== {name} failed ({}): {line}", times.join(", "));
-            return Ok(exit_code(status));
-        }
-    }
-    println!("== passed ({})", times.join(", "));
-    Ok(ExitCode::SUCCESS)
-}
-
-/// What an adapter can act like: words of the variable GLINT_ACT_LIKE (crates/render/src/gpu.rs).
-const MODES: [&str; 6] = [
-    "narrow-atomics",
-    "blind-atomics",
-    "gpu-clock",
-    "low-limits",
-    "no-timestamps,gpu-clock",
-    "narrow-atomics,gpu-clock,low-limits",
-];
-
-fn test_modes() -> Result<ExitCode> {
-    provide(needs::needs_to_test())?;
-    let root = root()?;
-    let runtime = runtime_folder()?;
-    let mut failed = Vec::new();
-    for mode in MODES {
-        println!("== {mode}");
-        let mut command = cargo();
-        // The whole workspace is selected, so that dependencies are compiled with the features they always have.
-        command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]);
-        for test in render_tests(&root)? {
-            command.args(["--test", &test]);
-        }
-        command.current_dir(&root).env("GLINT_ACT_LIKE", mode).env("GLINT_REQUIRE_GPU", "1");
-        command.envs(runtime.as_ref().map(|folder| ("XDG_RUNTIME_DIR", folder)));
-        if !status(&mut command)?.success() {
-            failed.push(mode);
-        }
-    }
-    println!("== {} modes, failed: {}", MODES.len(), if failed.is_empty() { "none".into() } else { failed.join("; ") });
-    Ok(if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-}
-
-/// The names of the renderer's tests.
-fn render_tests(root: &Path) -> Result<Vec<String>> {
-    let mut names = Vec::new();
-    for entry in std::fs::read_dir(root.join("crates/render/tests"))? {
-        let path = entry?.path();
-        if path.extension().is_some_and(|extension| extension == "rs") {
-            names.extend(path.file_stem().and_then(|name| name.to_str()).map(str::to_owned));
-        }
-    }
-    names.sort();
-    Ok(names)
-}
-
-fn baseline() -> Result<ExitCode> {
-    provide(needs::needs_to_test())?;
-    let mut command = cargo();
-    command.args(["test", "--release", "--workspace", "--locked", "--test", "baseline"]);
-    command.current_dir(root()?).env("UPDATE", "1").env("GLINT_REQUIRE_GPU", "1");
     Ok(exit_code(status(&mut command)?))
 }
 
@@ -345,19 +224,4 @@ fn status(command: &mut Command) -> Result<ExitStatus> {
 /// The exit status of a child as this program's own; a signal counts as failure.
 fn exit_code(status: ExitStatus) -> ExitCode {
     status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from)
-}
-
-/// A private folder for `XDG_RUNTIME_DIR` where the system gives none (containers, CI): without it Mesa and the Wayland
-/// libraries complain on standard error in every test. One per checkout, so nothing piles up.
-fn runtime_folder() -> Result<Option<PathBuf>> {
-    if std::env::var_os("XDG_RUNTIME_DIR").is_some() {
-        return Ok(None);
-    }
-    let folder = root()?.join("target/runtime");
-    let mut builder = std::fs::DirBuilder::new();
-    // The specification asks for access by its owner alone. It is one of Unix.
-    #[cfg(unix)]
-    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.recursive(true).create(&folder)?;
-    Ok(Some(folder))
 }
