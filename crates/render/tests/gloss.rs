@@ -109,6 +109,11 @@ fn methods() -> impl Iterator<Item = Method> {
     known.map(|row| row.method).filter(|method| *method != Method::MirroredViewpoint)
 }
 
+/// Samples that show the shape of a lobe. Methods that search for each ray anew take as long for it as others for many.
+fn many(method: Method) -> u32 {
+    if matches!(method, Method::Sscr | Method::SampleCameras) { 16 } else { 64 }
+}
+
 fn colors(stage: &Stage) -> Vec<[f32; 3]> {
     stage.renderer.read_aov(Aov::Color).unwrap().data.as_chunks::<3>().0.to_vec()
 }
@@ -141,7 +146,7 @@ fn ashikhmin_and_shirleys_lobe_darkens_as_its_closed_form_says_by_every_method()
         let scene = Scene::new(&stage, [WHITE, WHITE], power);
         for method in methods() {
             let pairs = [("gloss.lobe", "ashikhmin_shirley"), ("gloss.across", "1"), ("gloss.cache_power", "500")];
-            scene.render(&mut stage, &settings(method, 64, &pairs));
+            scene.render(&mut stage, &settings(method, many(method), &pairs));
             let shown = colors(&stage);
             let [position, normal] = [Aov::Position, Aov::Normal]
                 .map(|aov| stage.renderer.read_aov(aov).unwrap().data.as_chunks::<3>().0.to_vec());
@@ -158,7 +163,9 @@ fn ashikhmin_and_shirleys_lobe_darkens_as_its_closed_form_says_by_every_method()
             let what = format!("{}, power {power}: {mean:.4} of it, off by {rmse:.4}", method.row().name);
             println!("{what}");
             assert!(expected < 0.95 * pixels.len() as f64, "the lobe darkens");
-            assert!((mean - 1.0).abs() < 0.005 && rmse < 0.015, "{what}");
+            // The noise of a mean falls with the root of its samples.
+            let most = 0.12 / f64::from(many(method)).sqrt();
+            assert!((mean - 1.0).abs() < 0.005 && rmse < most, "{what}, at most {most:.4}");
         }
     }
 }
@@ -211,7 +218,7 @@ fn half_of_the_rays_see_the_bright_half() {
         let scene = Scene::new(&stage, [WHITE, BLACK], power);
         for method in methods() {
             for (lobe, pattern) in [("phong", "shared"), ("blinn", "pixel")] {
-                let settings = settings(method, 64, &[("gloss.lobe", lobe), ("gloss.pattern", pattern)]);
+                let settings = settings(method, many(method), &[("gloss.lobe", lobe), ("gloss.pattern", pattern)]);
                 scene.render(&mut stage, &settings);
                 let shown = colors(&stage);
                 // The columns beside the plane between the halves, in the middle of the sphere.
