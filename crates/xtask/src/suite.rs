@@ -18,7 +18,19 @@ use anyhow::{Context as _, Result, ensure};
 use cargo_metadata::{Message, Metadata, MetadataCommand, Package, TargetKind};
 
 /// The test programs that take longest, longest first. They start first, so that none of them runs alone at the end.
-const LONGEST: [&str; 0] = [];
+const LONGEST: [&str; 11] = [
+    "render::laws",
+    "render",
+    "app",
+    "render::gloss",
+    "tests::window",
+    "render::baselines",
+    "study::stability",
+    "fuzz::minute",
+    "tests::baseline",
+    "tests::auto",
+    "render::reflections",
+];
 
 /// A program that cargo built from tests.
 #[derive(Clone, Debug)]
