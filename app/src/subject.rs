@@ -218,8 +218,10 @@ fn own_settings<'a>(all: &'a [CloudSettings], loaded: &Assembly) -> Option<&'a C
 fn shown_classes(cloud: &Cloud, visibility: &Visibility) -> impl Iterator<Item = u8> {
     let column = cloud.class_column();
     let mut occurs = [false; 256];
-    for class in cloud.chunks.iter().filter_map(|chunk| chunk.classes(column)).flatten() {
-        occurs[usize::from(*class)] = !visibility.hidden_classes.contains(class);
+    for classes in cloud.chunks.iter().filter_map(|chunk| chunk.classes(column)) {
+        for class in classes.iter() {
+            occurs[usize::from(*class)] = !visibility.hidden_classes.contains(class);
+        }
     }
     (0..=255).zip(occurs).filter(|(_, occurs)| *occurs).map(|(class, _)| class)
 }

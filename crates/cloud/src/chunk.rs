@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use crate::{Attribute, Bounds, Column, Placement, resized_radius};
+use crate::origin::offsets;
+use crate::{Attribute, Bounds, Column, Placement, attribute_named, resized_radius};
 
 /// Up to some 65 thousand points. The vectors are behind `Arc`, so a chunk is cheap to clone and one column can be
 /// added or replaced (normals that were estimated later) while the others are shared.
@@ -15,12 +16,12 @@ use crate::{Attribute, Bounds, Column, Placement, resized_radius};
 pub struct Chunk {
     /// The index in the file of the chunk's first point; the others follow in file order.
     pub first_point: u64,
-    /// The world position that `positions` are relative to.
+    /// The world position that `positions` are relative to; it lies amid the points (`amid`).
     pub origin: DVec3,
     /// The offsets from `origin` in world units.
     pub positions: Arc<Vec<[f32; 3]>>,
     /// The file's own coordinates, where f32 offsets cannot represent them (PLY doubles, LAS points millions of steps
-    /// apart).
+    /// apart, strays among floats of maps).
     pub exact_positions: Option<Arc<Vec<[f64; 3]>>>,
     /// sRGB red, green, blue; the fourth byte is opacity (255 where the file has none).
     pub colors: Option<Arc<Vec<[u8; 4]>>>,
@@ -49,6 +50,12 @@ impl Chunk {
             corners: None,
             columns: Vec::new(),
         }
+    }
+
+    /// A chunk of points at these places, with an origin amid them.
+    pub fn of_places(first_point: u64, places: &[DVec3]) -> Self {
+        let (origin, offsets) = offsets(places);
+        Self::new(first_point, origin, offsets)
     }
 
     pub fn len(&self) -> usize {
@@ -199,9 +206,9 @@ impl Cloud {
         self.chunks.iter().all(Chunk::is_empty)
     }
 
-    /// The index of an attribute's column.
+    /// The index of an attribute's column, under its own name or another name of the same.
     pub fn column_of(&self, attribute: &str) -> Option<usize> {
-        self.attributes.iter().position(|known| known.name == attribute)
+        attribute_named(&self.attributes, attribute)
     }
 
     pub fn bounds(&self) -> Bounds {

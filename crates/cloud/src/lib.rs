@@ -10,8 +10,10 @@ mod cells;
 mod chunk;
 mod column;
 mod mesh_points;
+mod names;
 mod neighbours;
 mod noise;
+mod origin;
 mod packing;
 mod placement;
 mod progress;
@@ -31,14 +33,18 @@ pub use carve::is_depth_image;
 pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
 pub use mesh_points::MeshPoints;
+pub use names::{attribute_named, attributes_named, standard_name};
 pub use noise::{Neighbourhoods, neighbourhoods};
+pub use origin::{Amid, amid, offset_from};
 pub use packing::{
     NO_NORMAL, NO_RADIUS, STRAY_RADIUS, pack_normal, pack_radius, resized_radius, unpack_normal, unpack_radius,
 };
 pub use placement::Placement;
 pub use progress::Progress;
 pub use random::{Random, hash};
-pub use robust::{Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
+pub use robust::{
+    Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, robust_range, spread_sample,
+};
 pub use shown_radii::radii_among;
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use crate::origin::offsets;
 use crate::{
     CHUNK_POINTS, Chunk, Column, Surfels, TriangleMesh, normals_from_triangles, pack_normal, pack_radius, unpack_normal,
 };
@@ -28,7 +29,7 @@ pub struct MeshPoints {
 }
 
 /// The place, the packed normal and the colour of a point, and the corner that it is nearest to.
-type Spread = ([f32; 3], u32, Option<[u8; 4]>, u32);
+type Spread = (DVec3, u32, Option<[u8; 4]>, u32);
 
 impl MeshPoints {
     /// Spreads `count` points over the triangles, evenly by area; the same seed gives the same points. `vertices` are
@@ -64,7 +65,6 @@ impl MeshPoints {
             .collect();
         let linear: Vec<f32> = (0..=255_u16).map(|value| linear_from_srgb(f32::from(value) / 255.0)).collect();
         let columns = joined_columns(vertices);
-        let origin = vertices.first().map_or(DVec3::ZERO, |chunk| chunk.origin);
 
         let point = |(triangle, shares): (usize, [f64; 3])| {
             let corners = mesh.triangles()[triangle].map(|corner| corner as usize);
@@ -84,23 +84,20 @@ impl MeshPoints {
                 };
                 [mixed(0), mixed(1), mixed(2), colors[corners[nearest]][3]]
             });
-            let place = (position - origin).as_vec3().to_array();
-            (place, pack_normal(normal.as_vec3()), color, corners[nearest] as u32)
+            (position, pack_normal(normal.as_vec3()), color, corners[nearest] as u32)
         };
         let first = positions.len() as u64;
         let chunk = |(number, points): (usize, Vec<Spread>)| {
             let corners: Vec<u32> = points.iter().map(|(_, _, _, corner)| *corner).collect();
+            let places: Vec<DVec3> = points.iter().map(|(place, ..)| *place).collect();
+            let (origin, offsets) = offsets(&places);
             Chunk {
                 normals: Some(Arc::new(points.iter().map(|(_, normal, _, _)| *normal).collect())),
                 radii: Some(Arc::new(vec![radius; points.len()])),
                 colors: points.iter().map(|(_, _, color, _)| *color).collect::<Option<Vec<_>>>().map(Arc::new),
                 columns: columns.iter().map(|column| Some(Arc::new(column.as_ref()?.select(&corners)))).collect(),
                 corners: Some(Arc::new(corners)),
-                ..Chunk::new(
-                    first + (number * CHUNK_POINTS) as u64,
-                    origin,
-                    points.iter().map(|(place, _, _, _)| *place).collect(),
-                )
+                ..Chunk::new(first + (number * CHUNK_POINTS) as u64, origin, offsets)
             }
         };
         let chunks = mesh.places(count, seed).map(point).chunks(CHUNK_POINTS).enumerate().map(chunk).collect();

@@ -112,6 +112,22 @@ pub fn robust_bounds(chunks: &[Chunk]) -> Bounds {
     inside.reduce(|| Bounds::EMPTY, Bounds::union)
 }
 
+/// The least and greatest of some values without stray ones, for an axis of a chart. A value is stray if it lies beyond
+/// the middle 98 % of the values by more than their width and `margin`. `None` if no value is finite.
+pub fn robust_range(values: impl Iterator<Item = f64>, margin: f64) -> Option<(f64, f64)> {
+    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let full = (*values.first()?, *values.last()?);
+    if values.len() < FEWEST {
+        return Some(full);
+    }
+    let trimmed = ((values.len() as f64 * STRAY) as usize).max(1);
+    let (low, high) = (values[trimmed], values[values.len() - 1 - trimmed]);
+    let margin = margin + (high - low);
+    let inside = || values.iter().copied().filter(|value| (low - margin..=high + margin).contains(value));
+    inside().next().zip(inside().next_back())
+}
+
 /// The number of directions of an outline: a point that sticks out between two of them is missed by a hundredth of the
 /// size.
 const OUTLINE_DIRECTIONS: u64 = 256;
@@ -183,6 +199,18 @@ pub fn histogram(chunks: &[Chunk], scalar: Scalar, (low, high): (f64, f64), bins
 #[cfg(test)]
 mod outline_tests {
     use super::*;
+
+    #[test]
+    fn a_range_holds_what_sticks_out_and_not_what_is_stray() {
+        let slope = || (0..500).map(|at| f64::from(at) * 0.01);
+        let heights = |more: &[f64]| robust_range(slope().chain(more.iter().copied()), 20.0);
+        assert_eq!(heights(&[]), Some((0.0, 4.99)));
+        assert_eq!(heights(&[19.0]), Some((0.0, 19.0)));
+        assert_eq!(heights(&[-5e6, f64::NAN, f64::INFINITY, 1e9]), Some((0.0, 4.99)));
+        assert_eq!(robust_range([3.0, 1.0, 900.0].into_iter(), 0.0), Some((1.0, 900.0)));
+        assert_eq!(robust_range(std::iter::repeat_n(4.0, 500).chain([5.0, 700.0]), 20.0), Some((4.0, 5.0)));
+        assert_eq!(robust_range(std::iter::once(f64::NAN), 1.0), None);
+    }
 
     #[test]
     fn an_outline_holds_what_sticks_out_and_not_what_is_stray() {

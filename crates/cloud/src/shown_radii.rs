@@ -79,7 +79,7 @@ mod tests {
     fn median(cloud: &Cloud, radii: &[Arc<Vec<u16>>], class: u8) -> f32 {
         let of_chunk = |(chunk, radii): (&Chunk, &Arc<Vec<u16>>)| -> Vec<u16> {
             let classes = chunk.classes(Some(0)).unwrap();
-            radii.iter().zip(classes).filter(|(_, own)| **own == class).map(|(radius, _)| *radius).collect()
+            radii.iter().zip(classes.iter()).filter(|(_, own)| **own == class).map(|(radius, _)| *radius).collect()
         };
         let mut all: Vec<u16> = cloud.chunks.iter().zip(radii).flat_map(of_chunk).collect();
         all.sort_unstable();

@@ -2,13 +2,14 @@
 //! `scene::Clip` keep and save what is hidden. The GPU reads one bit a point, which is made here
 //! (shaders/shared/visibility.wgsl).
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use glam::DVec3;
 
 use crate::cells::Cells;
-use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, STRAY_RADIUS, Volume};
+use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, STRAY_RADIUS, Volume, attribute_named};
 
 /// Decides which points are shown: those that are in no hidden class, whose attributes are in the ranges of all
 /// filters, and whose positions the clip volumes keep.
@@ -168,7 +169,7 @@ impl PointTest {
     /// The test of the chunks of a cloud.
     pub fn of(&self, layout: &CloudLayout) -> ChunkTest {
         let filter = |filter: &Filter| {
-            let column = layout.attributes.iter().position(|known| known.name == filter.attribute)?;
+            let column = attribute_named(&layout.attributes, &filter.attribute)?;
             Some((column, filter.low, filter.high))
         };
         let classes = layout.class_column().filter(|_| self.rule.class_words != [u32::MAX; 8]);
@@ -189,7 +190,7 @@ pub struct CloudLayout {
 impl CloudLayout {
     /// The index of the column that holds the classes of the points.
     pub fn class_column(&self) -> Option<usize> {
-        self.attributes.iter().position(|attribute| attribute.name == "classification")
+        attribute_named(&self.attributes, "classification")
     }
 }
 
@@ -219,7 +220,7 @@ impl ChunkTest {
     fn passes(&self, chunk: &Chunk, index: usize) -> bool {
         let column = |column: usize| chunk.columns.get(column)?.as_deref();
         let is_stray = |radii: &Arc<Vec<u16>>| radii[index] == STRAY_RADIUS;
-        chunk.classes(self.classes).is_none_or(|classes| self.test.shows_class(classes[index]))
+        chunk.class(self.classes, index).is_none_or(|class| self.test.shows_class(class))
             && !(self.test.rule.hides_strays && chunk.radii.as_ref().is_some_and(is_stray))
             && self.filters.iter().all(|(filtered, low, high)| {
                 column(*filtered).is_none_or(|column| (*low..=*high).contains(&column.value(index)))
@@ -228,7 +229,7 @@ impl ChunkTest {
 
     /// Which points of a chunk are shown; `bounds` are those of its points.
     pub fn shown(&self, chunk: &Chunk, bounds: Bounds) -> ShownPoints {
-        let tests_columns = chunk.classes(self.classes).is_some()
+        let tests_columns = self.classes.is_some_and(|column| chunk.columns.get(column).is_some_and(Option::is_some))
             || self.filters.iter().any(|(column, ..)| chunk.columns.get(*column).is_some_and(Option::is_some))
             || self.test.rule.hides_strays && chunk.radii.is_some();
         let cover = if !self.test.has_volumes() { Cover::Inside } else { self.test.cover(self.widened(chunk, bounds)) };
@@ -306,11 +307,20 @@ impl ShownPoints {
 }
 
 impl Chunk {
-    /// The classes of the points, if column `index` contains classes.
-    pub fn classes(&self, index: Option<usize>) -> Option<&[u8]> {
-        match self.columns.get(index?)?.as_deref()? {
-            Column::U8(classes) => Some(classes),
-            _ => None,
+    /// The classes of the points, if column `index` has been read. Files of other programs have them as floats or wider
+    /// integers; what is no class there counts as class 0.
+    pub fn classes(&self, index: Option<usize>) -> Option<Cow<'_, [u8]>> {
+        Some(match self.columns.get(index?)?.as_deref()? {
+            Column::U8(classes) => Cow::Borrowed(classes.as_slice()),
+            column => Cow::Owned((0..column.len()).map(|index| class_of(column.value(index)).unwrap_or(0)).collect()),
+        })
+    }
+
+    /// The class of one point, if it has one.
+    fn class(&self, column: Option<usize>, index: usize) -> Option<u8> {
+        match self.columns.get(column?)?.as_deref()? {
+            Column::U8(classes) => Some(classes[index]),
+            column => class_of(column.value(index)),
         }
     }
 
@@ -321,6 +331,11 @@ impl Chunk {
             shown => self.select(&shown.indices(self.len()).map(|index| index as u32).collect::<Vec<_>>()),
         }
     }
+}
+
+/// The class that a number stands for.
+fn class_of(value: f64) -> Option<u8> {
+    (value.fract() == 0.0 && (0.0..256.0).contains(&value)).then_some(value as u8)
 }
 
 impl Cloud {
@@ -370,6 +385,17 @@ mod tests {
 
     use super::*;
     use crate::{ColumnType, VolumeShape};
+
+    #[test]
+    fn classes_are_hidden_where_other_programs_have_them_as_floats() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 5]);
+        chunk.columns = vec![Some(Arc::new(Column::F32(vec![2.0, 7.0, 7.5, 300.0, f32::NAN])))];
+        let attributes = vec![Attribute { name: "scalar_Classification".into(), column_type: ColumnType::F32 }];
+        let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+        assert_eq!(cloud.chunks[0].classes(cloud.class_column()).as_deref(), Some(&[2, 7, 0, 0, 0][..]));
+        assert_eq!(cloud.shown(&PointTest::hiding([7])).len(), 4);
+        assert_eq!(cloud.shown(&PointTest::hiding([0, 7])).len(), 4, "what is no class is not hidden");
+    }
 
     #[test]
     fn strays_are_counted_and_hidden_where_they_are_known() {
@@ -430,7 +456,7 @@ mod tests {
         };
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
         let chunks =
-            vec![chunk(Column::U8(vec![2, 6, 2, 7])), chunk(Column::U8(vec![7; 4])), chunk(Column::I8(vec![7; 4]))];
+            vec![chunk(Column::U8(vec![2, 6, 2, 7])), chunk(Column::U8(vec![7; 4])), chunk(Column::F32(vec![7.5; 4]))];
         let cloud = Cloud { attributes, chunks, ..Cloud::default() };
         let shown = cloud.shown(&PointTest::hiding([6, 7]));
         assert_eq!(shown.chunks.iter().map(Chunk::len).collect::<Vec<_>>(), [2, 4], "none is empty");

@@ -410,6 +410,21 @@ mod tests {
     }
 
     #[test]
+    fn scalars_of_cloudcompare_are_the_attributes_that_they_mean() {
+        let mut cloud = cloud((0..1000).collect());
+        cloud.attributes[0].name = "scalar_Intensity".into();
+        let intensity = Color { by: ColorBy::Intensity, ..Color::default() };
+        let own = Color { by: ColorBy::Attribute, attribute: "scalar_Intensity".into(), ..Color::default() };
+        for color in [intensity, own] {
+            let (plan, warning) = ColorPlan::new(&cloud, &color, DVec3::Z);
+            assert_eq!((plan.source, plan.label.as_str(), warning), (ColorSource::Column(0), "scalar_Intensity", None));
+        }
+        cloud.attributes[0].name = "scalar_Classification".into();
+        let (plan, _) = ColorPlan::new(&cloud, &Color { by: ColorBy::Class, ..Color::default() }, DVec3::Z);
+        assert_eq!(plan.source, ColorSource::Class);
+    }
+
+    #[test]
     fn an_attribute_that_is_the_same_everywhere_is_said_and_not_shown() {
         let color = Color { by: ColorBy::Intensity, ..Color::default() };
         let (plan, warning) = ColorPlan::new(&cloud(vec![7; 100]), &color, DVec3::Z);

@@ -273,7 +273,7 @@ impl PointStore {
         let points: Vec<[u32; 4]> = (0..chunk.len())
             .map(|i| {
                 let radius = chunk.radii.as_ref().map_or(0, |radii| u32::from(radii[i]));
-                let class = classes.map_or(0, |classes| u32::from(classes[i]));
+                let class = classes.as_ref().map_or(0, |classes| u32::from(classes[i]));
                 let [x, y, z] = chunk.positions[i].map(f32::to_bits);
                 [x, y, z, radius | class << 16]
             })

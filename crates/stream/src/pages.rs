@@ -12,7 +12,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use cloud::{Attribute, Bounds, Chunk, ColumnType, Grid, SurfelOptions, Surfels};
+use cloud::{Attribute, Bounds, Chunk, ColumnType, Grid, SurfelOptions, Surfels, attribute_named};
 use codec::Source;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -170,7 +170,7 @@ impl Pages {
         let grid = info.grid?;
         let octree = copc::octree(copc, &grid, info.bounds);
         let attributes = plan::index_attributes(std::slice::from_ref(source), also);
-        let column = |kept: &Attribute| info.attributes.iter().position(|attribute| attribute.name == kept.name);
+        let column = |kept: &Attribute| attribute_named(&info.attributes, &kept.name);
         let columns = attributes.iter().filter_map(column).collect();
         let color_bytes = if info.has_colors { 3 } else { 0 };
         let lattice = Lattice { grid, corner: octree.corner, width: octree.width };

@@ -4,7 +4,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use cloud::{Attribute, Bounds, Chunk, Cloud, CloudLayout, Column, Grid, Placement, PointTest, Surfels};
+use cloud::{
+    Attribute, Bounds, Chunk, Cloud, CloudLayout, Column, Grid, Placement, PointTest, Surfels, attribute_named,
+};
 use glam::DVec3;
 use rayon::prelude::*;
 use stream::Octree;
@@ -182,7 +184,8 @@ impl Assembly {
 
     /// The attributes that the cloud has, and then those that it would have if it was asked for them.
     pub fn offered(&self) -> impl Iterator<Item = &Attribute> {
-        let further = self.offered.iter().filter(|attribute| self.cloud.column_of(&attribute.name).is_none());
+        let is_had = |attribute: &Attribute| self.cloud.attributes.iter().any(|known| known.name == attribute.name);
+        let further = self.offered.iter().filter(move |attribute| !is_had(attribute));
         self.cloud.attributes.iter().chain(further)
     }
 
@@ -320,7 +323,8 @@ impl Assembly {
     /// Warnings about the filters of a test that hide nothing here, because the cloud lacks their attribute.
     pub fn idle_filters(&self, test: &PointTest) -> Vec<String> {
         let name = &self.cloud.name;
-        let is_offered = |filtered: &str| self.offered().any(|attribute| attribute.name == filtered);
+        let offered: Vec<Attribute> = self.offered().cloned().collect();
+        let is_offered = |filtered: &str| attribute_named(&offered, filtered).is_some();
         let idle = test.filtered().filter(|filtered| !is_offered(filtered));
         idle.map(|filtered| format!("{name}: no attribute `{filtered}`, so its filter hides nothing there")).collect()
     }

@@ -149,8 +149,7 @@ pub fn mark(
 ) -> Result<Option<Marked>> {
     let mut cloud = cloud.clone();
     if let Some(name) = wanted.points.attribute() {
-        let index = cloud.attributes.iter().position(|attribute| attribute.name == name);
-        let Some(index) = index else {
+        let Some(index) = cloud.column_of(name) else {
             return Err(Error::NoAttribute { cloud: cloud.name, attribute: name.to_owned() });
         };
         let is_loaded = |chunk: &Chunk| chunk.columns.get(index).is_some_and(Option::is_some);

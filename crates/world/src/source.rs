@@ -4,7 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Bounds, Chunk, Cloud, Column, Orientation, Placement, PointTest, Progress, RadiusRule, SurfelOptions};
+use cloud::{
+    Bounds, Chunk, Cloud, Column, Orientation, Placement, PointTest, Progress, RadiusRule, SurfelOptions,
+    attributes_named,
+};
 use glam::DVec3;
 use scene::{CloudSettings, Settings, SurfaceOrientation, SurfaceRadii, UpAxis, Visibility};
 use stream::Pages;
@@ -96,9 +99,8 @@ pub fn read_cloud(
 ) -> codec::Result<(Cloud, Vec<String>)> {
     let info = source.info();
     let mut selection = selection(info, settings);
-    for (attribute, is_read) in info.attributes.iter().zip(&mut selection.attributes) {
-        *is_read |= also.contains(&attribute.name.as_str());
-    }
+    let asked = attributes_named(&info.attributes, also.iter().copied());
+    selection.attributes.iter_mut().zip(asked).for_each(|(is_read, is_asked)| *is_read |= is_asked);
     let chunks = Mutex::new(Vec::new());
     let emit = |chunk: Chunk| chunks.lock().unwrap_or_else(PoisonError::into_inner).push(chunk);
     let summary = source.read(&selection, progress, &emit)?;
@@ -210,8 +212,7 @@ pub(crate) fn file_name(path: &Path) -> String {
 /// The columns that are read at once: all that most pictures need, and the attribute that `color.by` asks for. Others
 /// are read on demand (`read_column`).
 pub(crate) fn selection(info: &codec::Info, settings: &Settings) -> codec::Selection {
-    let asked = settings.color.asked_attribute();
-    let wanted = |name: &str| matches!(name, "intensity" | "classification" | "return_number") || asked == Some(name);
-    let attributes = info.attributes.iter().map(|attribute| wanted(&attribute.name)).collect();
+    let wanted = ["intensity", "classification", "return_number"].into_iter().chain(settings.color.asked_attribute());
+    let attributes = attributes_named(&info.attributes, wanted);
     codec::Selection { positions: true, colors: true, normals: true, attributes }
 }

@@ -72,8 +72,10 @@ impl Figures {
 fn classes(cloud: &Cloud) -> Vec<(u8, u64)> {
     let column = cloud.class_column();
     let mut counts = [0_u64; 256];
-    for class in cloud.chunks.iter().filter_map(|chunk| chunk.classes(column)).flatten() {
-        counts[usize::from(*class)] += 1;
+    for classes in cloud.chunks.iter().filter_map(|chunk| chunk.classes(column)) {
+        for class in classes.iter() {
+            counts[usize::from(*class)] += 1;
+        }
     }
     (0..=255).zip(counts).filter(|(_, count)| *count > 0).collect()
 }

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use cloud::{Attribute, Bounds, Placement};
+use cloud::{Attribute, Bounds, Placement, attribute_named};
 use scene::Settings;
 use serde_json::json;
 use world::{Change, CloudKey, IndexState, Part, StreamStats, StreamView, most_points};
@@ -153,8 +153,8 @@ impl Loaded {
     fn await_attributes(&mut self, asked: &BTreeSet<String>, beside: &mut Beside<'_>) {
         for entry in self.clouds.iter_mut().filter(|entry| entry.is_indexed()) {
             let is_awaited = |name: &&String| {
-                let is_it = |attribute: &Attribute| attribute.name == **name;
-                !entry.cloud.attributes.iter().any(is_it) && entry.offered().any(is_it)
+                let offered: Vec<Attribute> = entry.offered().cloned().collect();
+                entry.cloud.column_of(name).is_none() && attribute_named(&offered, name).is_some()
             };
             let awaited: Vec<String> = asked.iter().filter(is_awaited).cloned().collect();
             let is_more = awaited.iter().any(|name| !entry.awaited.contains(name));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{ChunkTest, CloudLayout, Placement, PointTest, Progress, ShownPoints};
+use cloud::{ChunkTest, CloudLayout, Placement, PointTest, Progress, ShownPoints, attributes_named};
 use laz::DecompressionSelection;
 use param::shown;
 
@@ -61,8 +61,7 @@ impl LasSource {
             return None;
         }
         let layout = CloudLayout { attributes: self.info.attributes.clone(), grid: self.info.grid };
-        let is_read = |name: &str| name == "classification" || test.filtered().any(|filtered| filtered == name);
-        let attributes = layout.attributes.iter().map(|attribute| is_read(&attribute.name)).collect();
+        let attributes = attributes_named(&layout.attributes, test.filtered().chain(["classification"]));
         let plan = ReadPlan { layout: &self.layout, grid: self.grid, positions: true, colors: None, attributes };
         Some(RecordTest { plan, test: test.of(&layout), placement: self.info.placement })
     }
