@@ -32,6 +32,7 @@ use laz::DecompressionSelection;
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
 use crate::bytes::Bytes;
+use crate::color_range::ColorSample;
 use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, ColorDepth, ReadPlan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
@@ -192,14 +193,14 @@ impl LasSource {
         if let Some(red) = source.layout.red
             && points > 0
         {
-            source.colors = match source.brightest(red) {
-                0 => None,
-                1..256 => Some(ColorDepth::Eight),
-                256.. => Some(ColorDepth::Sixteen),
-            };
-            source.info.has_colors = source.colors.is_some();
-            if source.colors.is_none() {
+            let sample = source.color_sample(red);
+            source.info.has_colors = !sample.is_black();
+            if sample.is_black() {
                 source.info.warnings.push("all colours are zero: shown as a cloud without colours".into());
+            } else {
+                let range = sample.of_integers();
+                source.colors = Some(ColorDepth::of(range.full));
+                source.info.warnings.extend(range.warning);
             }
         }
         Ok(source)
@@ -213,9 +214,9 @@ impl LasSource {
         &self.file
     }
 
-    /// Whether its colours have 16 bits.
+    /// Whether its colours have more than 8 bits.
     pub fn has_wide_colors(&self) -> bool {
-        self.colors == Some(ColorDepth::Sixteen)
+        self.colors.is_some_and(|depth| depth != ColorDepth::Eight)
     }
 
     pub fn copc(&self) -> Option<&Copc> {
@@ -440,36 +441,37 @@ impl LasSource {
         }
     }
 
-    /// The largest of the colour fields in a sample that spreads over the file.
-    fn brightest(&self, red: usize) -> u16 {
+    /// The colours of a sample that spreads over the file.
+    fn color_sample(&self, red: usize) -> ColorSample {
         let length = self.layout.record_length;
-        let brightest = |records: &[u8]| {
+        let add = |sample: &mut ColorSample, records: &[u8]| {
             let fields = records.chunks_exact(length).flat_map(|record| record[red..red + 6].chunks_exact(2));
-            fields.map(|field| u16::from_le_bytes([field[0], field[1]])).max().unwrap_or(0)
+            fields.for_each(|field| sample.add(f64::from(u16::from_le_bytes([field[0], field[1]]))));
         };
         match &self.compressed {
             None => {
                 let (places, records) = COLOR_SAMPLES;
                 let mut buffer = vec![0; records * length];
+                let mut sample = ColorSample::default();
                 let last = self.info.points.saturating_sub(records as u64);
-                let sample = |place: u64| {
+                for place in 0..places {
                     let point = (u128::from(last) * u128::from(place) / u128::from(places - 1)) as u64;
                     // Failures are ignored here: the read of the points reports them.
                     let read = self.file.read_at(self.data_start + point * length as u64, &mut buffer).unwrap_or(0);
-                    brightest(&buffer[..read])
-                };
-                (0..places).map(sample).max().unwrap_or(0)
+                    add(&mut sample, &buffer[..read]);
+                }
+                sample
             }
             Some(compressed) => {
                 // A chunk can only be decoded from its start, so fewer chunks mean more points of each.
                 let layers = DecompressionSelection(DecompressionSelection::RGB);
                 let (most_chunks, points) = COMPRESSED_COLOR_SAMPLES;
                 let last = compressed.chunks.len().saturating_sub(1);
-                let mut samples: Vec<usize> = (0..most_chunks).map(|place| last * place / (most_chunks - 1)).collect();
-                samples.dedup();
-                let points_each = points / samples.len() as u64;
-                let sample = |index: usize| {
-                    let mut most = 0;
+                let mut chunks: Vec<usize> = (0..most_chunks).map(|place| last * place / (most_chunks - 1)).collect();
+                chunks.dedup();
+                let points_each = points / chunks.len() as u64;
+                let sample_of = |index: usize| {
+                    let mut sample = ColorSample::default();
                     let chunk = compressed.chunks.get(index)?;
                     let mut stream = compressed.stream(&self.file, chunk, layers).ok()?;
                     let mut buffer = vec![0; tile_records(length) * length];
@@ -477,13 +479,14 @@ impl LasSource {
                     while left > 0 {
                         let wanted = left.min(tile_records(length) as u64);
                         let (decoded, outcome) = stream.decode(&mut buffer[..wanted as usize * length]);
-                        most = most.max(brightest(&buffer[..decoded * length]));
+                        add(&mut sample, &buffer[..decoded * length]);
                         left = if outcome.is_ok() { left - wanted } else { 0 };
                     }
-                    Some(most)
+                    Some(sample)
                 };
-                let each = samples.len().div_ceil(compressed.decoders(layers));
-                samples.into_par_iter().with_min_len(each).filter_map(sample).max().unwrap_or(0)
+                let each = chunks.len().div_ceil(compressed.decoders(layers));
+                let samples = chunks.into_par_iter().with_min_len(each).filter_map(sample_of);
+                samples.reduce(ColorSample::default, ColorSample::merge)
             }
         }
     }

@@ -6,6 +6,7 @@
 
 mod brief;
 mod bytes;
+mod color_range;
 mod error;
 mod export;
 mod in_order;
@@ -118,11 +119,11 @@ pub fn open(path: &Path) -> Result<Source> {
 /// Those of `open`; if a single decoder would take more.
 pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
     let bytes = Bytes::open(path)?;
-    let mut start = [0; 4];
+    let mut start = [0; 64];
     let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
     match &start[..count] {
-        b"LASF" => las::LasSource::open(bytes, memory).map(Source::Las),
-        [b'p', b'l', b'y', b'\n' | b'\r'] => ply::PlySource::open(bytes).map(Source::Ply),
+        start if start.starts_with(b"LASF") => las::LasSource::open(bytes, memory).map(Source::Las),
+        start if ply::is_ply(start) => ply::PlySource::open(bytes).map(Source::Ply),
         start => Err(Error::UnknownFormat { path: path.to_owned(), hint: hint(start) }),
     }
 }
@@ -131,9 +132,13 @@ pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
 fn hint(start: &[u8]) -> String {
     match start {
         [] => "the file is empty".into(),
-        [b'A', b'S', b'T', b'M'] => "this is an E57 file; convert it to LAZ or PLY first".into(),
+        [b'A', b'S', b'T', b'M', ..] => "this is an E57 file; convert it to LAZ or PLY first".into(),
         [b'~', ..] => {
             "this is a well log (Log ASCII Standard), which shares only the name with LAS point clouds".into()
+        }
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "this is text of 16 bits (UTF-16); write it as ASCII or UTF-8".into(),
+        [0x00, 0x05, 0x16, 0x07, ..] => {
+            "this is what macOS keeps beside a file of the same name without `._` (AppleDouble)".into()
         }
         _ => "it starts with none of their signatures (\"LASF\", \"ply\")".into(),
     }

@@ -14,7 +14,9 @@
 mod columns;
 mod faces;
 mod header;
+mod lines;
 mod number;
+mod packed_splats;
 mod reader;
 mod row_columns;
 mod rows;
@@ -27,9 +29,12 @@ use rayon::prelude::*;
 
 use crate::brief::brief;
 use crate::bytes::Bytes;
+use crate::color_range::ColorSample;
 use crate::{Error, Format, Info, Result, Selection, Summary, Units};
 use columns::{ChunkBuilder, Roles, RowDecoder, Scalar};
+pub use header::is_ply;
 use header::{Element, Encoding, Header, Kind, MAX_HEADER_BYTES};
+use packed_splats::PackedSplats;
 use reader::Reader;
 use rows::{Block, Packing, Rows};
 
@@ -47,6 +52,8 @@ pub struct PlySource {
     /// The index of the vertex element.
     vertex: usize,
     rows: Rows,
+    /// What unpacks compressed splats.
+    splats: Option<PackedSplats>,
     scalars: Vec<Scalar>,
     roles: Roles,
 }
@@ -63,7 +70,8 @@ impl PlySource {
 
         let header_error = |problem: String| Error::malformed(path, "header", problem);
         let vertex = header.points_element().ok_or_else(|| header_error("no element vertex".into()))?;
-        let element = &header.elements[vertex];
+        let splats = PackedSplats::open(&file, &header, vertex).map_err(io_error)?.map_err(header_error)?;
+        let element = splats.as_ref().map_or(&header.elements[vertex], |splats| &splats.element);
         let scalars = scalars(element);
         let mut roles = Roles::find(&scalars).ok_or_else(|| {
             header_error(format!("element {} has no scalar properties x, y and z", brief(&element.name)))
@@ -81,9 +89,16 @@ impl PlySource {
         }
         warnings.extend(list_warning(element));
         if header.encoding == Encoding::Ascii {
-            warnings.extend(rows::check_lines(&file, &rows, &header, element).map_err(io_error)?);
+            let position = roles.position.map(|index| scalars[index].property);
+            if let Some((line, problem)) =
+                lines::unreadable_line(&file, &rows, &header, element, position).map_err(io_error)?
+            {
+                return Err(Error::malformed(path, format!("line {line}"), problem));
+            }
+            warnings.extend(lines::check_lines(&file, &rows, &header, element).map_err(io_error)?);
         }
-        decide_conventions(&file, &header, element, &rows, &scalars, &mut roles, &mut warnings).map_err(io_error)?;
+        let packing = Packing::new(&header, element, splats.as_ref(), vec![true; element.properties.len()]);
+        decide_conventions(&file, &packing, &rows, &scalars, &mut roles, &mut warnings).map_err(io_error)?;
         warnings.extend(face_warnings(&file, &header, vertex, &rows).map_err(io_error)?);
 
         let attribute = |scalar: &Scalar| Attribute { name: scalar.name.clone(), column_type: scalar.scalar };
@@ -106,7 +121,7 @@ impl PlySource {
             units: Units::default(),
             warnings,
         };
-        Ok(Self { info, file, header, vertex, rows, scalars, roles })
+        Ok(Self { info, file, header, vertex, rows, splats, scalars, roles })
     }
 
     pub fn info(&self) -> &Info {
@@ -117,8 +132,14 @@ impl PlySource {
         &self.file
     }
 
+    /// The element whose rows are the points, as they are when they are unpacked.
     fn element(&self) -> &Element {
-        &self.header.elements[self.vertex]
+        self.splats.as_ref().map_or(&self.header.elements[self.vertex], |splats| &splats.element)
+    }
+
+    /// How rows of the file become packed rows with the properties that `keep` names.
+    fn packing(&self, keep: Vec<bool>) -> Packing<'_> {
+        Packing::new(&self.header, self.element(), self.splats.as_ref(), keep)
     }
 
     pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
@@ -131,7 +152,7 @@ impl PlySource {
             // Only the number of points is needed: one scalar per point gives it.
             keep[self.scalars[self.roles.position[0]].property] = true;
         }
-        let packing = Packing::new(&self.header, self.element(), keep);
+        let packing = self.packing(keep);
         let plan = RowDecoder::new(&self.scalars, &self.roles, selection, &packing);
 
         let most = rows::chunk_points(self.element());
@@ -192,7 +213,11 @@ impl PlySource {
         }
         let io_error = |error| Error::io(path, error);
         let block = self.rows.blocks.partition_point(|block| block.first_row <= point) - 1;
-        let record = rows::record(&self.file, &self.header, self.element(), self.rows.blocks[block], point);
+        let block = self.rows.blocks[block];
+        let record = match &self.splats {
+            Some(splats) => splats.record(&self.file, block, point),
+            None => rows::record(&self.file, &self.header, self.element(), block, point),
+        };
         record.map_err(io_error)?.ok_or_else(|| fail("the file was changed since it was opened".into()))
     }
 
@@ -292,8 +317,7 @@ fn list_warning(element: &Element) -> Option<String> {
 /// zero.
 fn decide_conventions(
     file: &Bytes,
-    header: &Header,
-    element: &Element,
+    packing: &Packing,
     rows: &Rows,
     scalars: &[Scalar],
     roles: &mut Roles,
@@ -305,26 +329,34 @@ fn decide_conventions(
     if rows.count == 0 {
         return Ok(());
     }
-    let packing = Packing::new(header, element, vec![true; element.properties.len()]);
-    let sample = rows::sample(file, rows, &packing)?;
-    let greatest = |index: usize| columns::greatest(&sample, &scalars[index], &packing);
+    let sample = rows::sample(file, rows, packing)?;
+    let values = |index: usize, give: &mut dyn FnMut(f64)| columns::sampled(&sample, &scalars[index], packing, give);
+    let is_zero = |index: usize| {
+        let mut is_zero = true;
+        values(index, &mut |value| is_zero &= value == 0.0 || !value.is_finite());
+        is_zero
+    };
     if let Some(colors) = roles.colors
         && roles.color_scale.is_none()
     {
-        let most = colors.iter().map(|&index| greatest(index)).fold(0.0, f64::max);
-        roles.color_scale = Some(colors.map(|index| columns::color_scale(scalars[index].scalar, most)));
+        let mut sample = ColorSample::default();
+        colors.iter().for_each(|&index| values(index, &mut |value| sample.add(value)));
+        let scales = colors.map(|index| columns::color_scale(scalars[index].scalar, &sample));
+        roles.color_scale = Some([0, 1, 2].map(|channel| scales[channel].0));
+        warnings.extend(scales.into_iter().find_map(|(_, warning)| warning));
     }
     if let Some((alpha, scale @ None)) = &mut roles.alpha {
-        let most = greatest(*alpha);
-        *scale = Some(columns::color_scale(scalars[*alpha].scalar, most));
-        if most == 0.0 {
+        let mut sample = ColorSample::default();
+        values(*alpha, &mut |value| sample.add(value));
+        *scale = Some(columns::color_scale(scalars[*alpha].scalar, &sample).0);
+        if sample.is_black() {
             // Depth cameras leave it unset; nobody saves an invisible cloud.
             warnings.push("opacity is zero everywhere and ignored".into());
             roles.alpha = None;
         }
     }
     if let Some(normals) = roles.normals
-        && normals.iter().all(|&index| greatest(index) == 0.0)
+        && normals.iter().all(|&index| is_zero(index))
     {
         warnings.push("normals are zero everywhere and count as missing".into());
         roles.normals = None;

@@ -314,10 +314,23 @@ fn colors_are_8_or_16_bit_for_a_whole_file() {
         let (_, cloud, _) = read_bytes(&bytes);
         assert!(colors(&cloud).iter().enumerate().all(|(i, color)| *color == [i as u8, 0, 1, 255]));
     }
-    // One bright strip makes all dark points 16 bit.
-    for bytes in both(with_colors(&|index| if index > 1_900 { 0xff00 } else { 200 })) {
+    // A bright part makes all dark points 16 bit; a few bright values do not.
+    for bytes in both(with_colors(&|index| if index > 1_700 { 0xff00 } else { 200 })) {
         let (_, cloud, _) = read_bytes(&bytes);
         assert_eq!((colors(&cloud)[0], colors(&cloud)[1_999]), ([0, 0, 0, 255], [255, 0, 0, 255]));
+    }
+    for bytes in both(with_colors(&|index| if index % 50 == 49 { 0x0100 } else { 200 })) {
+        let (source, cloud, _) = read_bytes(&bytes);
+        assert_eq!((colors(&cloud)[0], colors(&cloud)[49]), ([200, 0, 1, 255], [255, 0, 1, 255]));
+        assert!(source.info().warnings.is_empty(), "{:?}", source.info().warnings);
+    }
+    for (bits, full) in [(10, 1023), (12, 4095)] {
+        for bytes in both(with_colors(&|index| (index * 37 % (full + 1)) as u16)) {
+            let (source, cloud, _) = read_bytes(&bytes);
+            let expected = |index: usize| index * 37 % (full + 1) * 256 / (full + 1);
+            assert!(colors(&cloud).iter().enumerate().all(|(index, color)| usize::from(color[0]) == expected(index)));
+            assert!(source.info().warnings[0].contains(&format!("{bits} bits")), "{:?}", source.info().warnings);
+        }
     }
     let mut black = points(2, 500);
     black.iter_mut().for_each(|point| point.color = Some(las::Color::new(0, 0, 0)));

@@ -249,7 +249,7 @@ fn doubles_are_kept_where_offsets_lose_digits() {
     let header = "element vertex 2\nproperty double x\nproperty double y\nproperty double z";
     let read = read_bytes(&ascii(header, "394554.123456789 6403831.1 790.74\n394555.2 6403832.3 791.5\n"));
     assert_eq!(read.positions[0], DVec3::new(394_554.123456789, 6_403_831.1, 790.74));
-    assert_eq!(read.chunks[0].origin, DVec3::new(394_554.0, 6_403_831.0, 791.0));
+    assert_eq!(read.chunks[0].origin, DVec3::new(394_555.0, 6_403_832.0, 792.0));
     assert!(read.chunks[0].exact_positions.is_some());
     let read = read_bytes(&ascii(header, "394554.125 6403831.5 790.75\n394555.25 6403832 791.5\n"));
     assert!(read.chunks[0].exact_positions.is_none(), "offsets give these back");
@@ -260,13 +260,16 @@ fn doubles_are_kept_where_offsets_lose_digits() {
 fn floats_far_from_zero_move_to_an_origin_and_stay_exact() {
     let header = format!("element vertex 2\n{XYZ}");
     let read = read_bytes(&ascii(&header, "394554.13 6403831.5 790.74\n394555.2 6403832.5 791.5\n"));
-    assert_eq!(read.chunks[0].origin, DVec3::new(394_554.0, 6_403_832.0, 791.0));
+    assert_eq!(read.chunks[0].origin, DVec3::new(394_555.0, 6_403_833.0, 792.0));
     let expected = DVec3::new(394_554.13_f32.into(), 6_403_831.5_f32.into(), 790.74_f32.into());
     assert_eq!(read.chunks[0].position(0), expected);
-    // Around zero they are unchanged, as they are where a common origin would cost digits, too.
-    for body in ["-1.1 0 0\n1.1 0 1e-7\n", "100000.5 1 0\n100001.5 0.001 1\n"] {
+    // Around zero they are unchanged, along each axis.
+    for (body, origin) in
+        [("-1.1 0 0\n1.1 0 1e-7\n", DVec3::ZERO), ("100000.5 1 0\n100001.5 0.001 1\n", DVec3::new(100_002.0, 0.0, 0.0))]
+    {
         let read = read_bytes(&ascii(&header, body));
-        assert_eq!(read.chunks[0].origin, DVec3::ZERO, "{body}");
+        assert_eq!(read.chunks[0].origin, origin, "{body}");
+        assert!(read.chunks[0].exact_positions.is_none(), "{body}");
     }
 }
 
@@ -904,5 +907,135 @@ proptest! {
                 prop_assert_eq!(found, expected, "{} of point {}", name, point);
             }
         }
+    }
+}
+
+#[test]
+fn colours_do_not_depend_on_a_few_values_beyond_their_range() {
+    let header = format!("element vertex 1000\n{XYZ}\n");
+    let file = |kind: &str, value: &dyn Fn(usize) -> String| {
+        let colors = ["red", "green", "blue"].map(|name| format!("property {kind} {name}")).join("\n");
+        let line = |index: usize| format!("{index} 0 0 {0} {0} {0}\n", value(index));
+        read_bytes(&ascii(&format!("{header}{colors}"), &(0..1000).map(line).collect::<String>()))
+    };
+    for (kind, full, others) in [
+        ("float", 1.0, &["1.0000001", "1.5", "255", "nan", "1e30"][..]),
+        ("double", 255.0, &["255.001", "300", "65535", "nan"]),
+        ("ushort", 255.0, &["256", "1000", "65535"]),
+        ("ushort", 1023.0, &["1024", "65535"]),
+        ("ushort", 4095.0, &["4096", "65535"]),
+        ("ushort", 65_535.0, &["65535"]),
+    ] {
+        for other in others {
+            let shade = |index: usize| full * ((index * 7 % 250) as f64 / 249.0);
+            let text = |index: usize| match (index % 200, kind) {
+                (199, _) => (*other).to_owned(),
+                (_, "ushort") => shade(index).floor().to_string(),
+                _ => shade(index).to_string(),
+            };
+            let read = file(kind, &text);
+            let what = format!("{kind} to {full} with {other}");
+            for (index, color) in read.colors.iter().enumerate().filter(|(index, _)| index % 200 != 199) {
+                let expected = shade(index) / full * 255.0;
+                assert!((f64::from(color[0]) - expected).abs() <= 1.0, "{what}: {} for {expected}", color[0]);
+            }
+            let clamped = if *other == "nan" { 0 } else { 255 };
+            assert_eq!(read.colors[199], [clamped, clamped, clamped, 255], "{what}");
+            let is_told = read.info.warnings.iter().any(|warning| warning.contains("bits"));
+            assert_eq!(is_told, matches!(full, 1023.0 | 4095.0), "{what}: {:?}", read.info.warnings);
+        }
+    }
+}
+
+#[test]
+fn decimal_commas_and_coordinates_that_are_no_numbers_are_refused_by_their_line() {
+    let header = format!("element vertex 3\n{XYZ}\nproperty float wet");
+    for (body, words) in [
+        ("25,003819 32,5 0,2 1\n1,5 2 3 1\n1 2 3 1\n", "line 9: `25,003819` has a decimal comma"),
+        ("\n1 2 3 4\n1 2 -3,25 4\n1 2 3 4\n", "line 11: `-3,25` has a decimal comma"),
+        ("1 2 3 0,5\n1 2 3 0,25\n1 2 3 1\n", "line 9: `0,5` has a decimal comma"),
+        ("1;2;3;4\n1;2;3;4\n1;2;3;4\n", "line 9: `1;2;3;4` is no number"),
+    ] {
+        let error = error_of(&ascii(&header, body));
+        assert!(error.contains(words), "{error}");
+    }
+    let read = read_bytes(&ascii(&header, "1 2 3 4\n1, 2 3 4\n1 2 3 4\n"));
+    assert!(read.positions[1].is_nan() && read.summary.warnings.len() == 1, "one line alone is damage");
+}
+
+#[test]
+fn marks_and_blanks_before_the_signature_are_passed_over() {
+    let plain = ascii(&format!("element vertex 1\n{XYZ}"), "1 2 3\n");
+    for before in ["\u{feff}", " ", "\n", "\u{feff}\r\n"] {
+        let read = read_bytes(&[before.as_bytes(), &plain].concat());
+        assert_eq!(read.positions, [DVec3::new(1.0, 2.0, 3.0)], "{before:?}");
+    }
+    let blank = String::from_utf8(plain.clone()).unwrap().replacen("ply\n", "ply \r\n", 1);
+    assert_eq!(read_bytes(blank.as_bytes()).positions.len(), 1);
+    let wide: Vec<u8> = [0xff, 0xfe].into_iter().chain(plain.iter().flat_map(|byte| [*byte, 0])).collect();
+    assert!(error_of(&wide).contains("UTF-16"));
+}
+
+#[test]
+fn compressed_splats_are_read_as_those_that_are_not() {
+    let scalars =
+        |kind: &str, names: &[&str]| names.iter().map(|name| format!("property {kind} {name}\n")).collect::<String>();
+    let ranges = ["min_x", "min_y", "min_z", "max_x", "max_y", "max_z", "min_scale_x", "min_scale_y", "min_scale_z"];
+    let more = ["max_scale_x", "max_scale_y", "max_scale_z"];
+    let colors = ["min_r", "min_g", "min_b", "max_r", "max_g", "max_b"];
+    let words = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
+    for (has_colors, encoding) in
+        [(false, "binary_little_endian"), (true, "binary_little_endian"), (true, "binary_big_endian")]
+    {
+        let is_big = encoding == "binary_big_endian";
+        let mut file = format!("ply\nformat {encoding} 1.0\nelement chunk 2\n{}", scalars("float", &ranges));
+        file += &scalars("float", &more);
+        file += &scalars("float", if has_colors { &colors } else { &[] });
+        file += &format!("element vertex 300\n{}end_header\n", scalars("uint", &words));
+        let mut file = file.into_bytes();
+        let mut put = |word: u32| file.extend(if is_big { word.to_be_bytes() } else { word.to_le_bytes() });
+        for chunk in 0..2 {
+            let start = 100.0 * chunk as f32;
+            let values = [start, 0.0, -4.0, start + 20.47, 10.23, 16.47, -8.0, -8.0, -8.0, -2.0, -2.0, -2.0];
+            values.into_iter().for_each(|value| put(value.to_bits()));
+            [0.25_f32, 0.0, 0.0, 0.75, 1.0, 2.0]
+                .into_iter()
+                .take(if has_colors { 6 } else { 0 })
+                .for_each(|v| put(v.to_bits()));
+        }
+        for vertex in 0..300_u32 {
+            put((2 * vertex) << 21 | vertex << 11 | 3 * vertex);
+            // The largest component is the second; the others are 0.
+            put(1 << 30 | 511 << 20 | 512 << 10 | 511);
+            put(2047 << 21 | 1023);
+            put(255 << 24 | 51 << 16 | 128);
+        }
+        let read = read_bytes(&file);
+        assert_eq!((read.positions.len(), read.info.has_colors), (300, true));
+        assert!(
+            read.info.warnings.iter().any(|warning| warning.contains("Gaussian splats")),
+            "{:?}",
+            read.info.warnings
+        );
+        for (vertex, place) in read.positions.iter().enumerate() {
+            let number = vertex as f64;
+            let start = if vertex < 256 { 0.0 } else { 100.0 };
+            let expected = DVec3::new(start + 0.02 * number, 0.01 * number, -4.0 + 20.47 / 2047.0 * 3.0 * number);
+            assert!((*place - expected).abs().max_element() < 1e-4, "{vertex}: {place} for {expected}");
+        }
+        // From 0.25 to 0.75, 0 to 1 and 0 to 2, where the file says so.
+        assert_eq!(read.colors[7], if has_colors { [191, 51, 0, 128] } else { [255, 51, 0, 128] });
+        let value = |name: &str| read.attributes[name][299];
+        assert!((value("scale_0") + 2.0).abs() < 1e-6 && (value("scale_1") + 8.0).abs() < 1e-6);
+        assert!((value("rot_1") - 1.0).abs() < 1e-5 && value("rot_0").abs() < 1e-3 && value("rot_3").abs() < 1e-3);
+        let record = read.source.record(299).unwrap();
+        assert!(record[0].0 == "x" && (record[0].1.parse::<f64>().unwrap() - 105.98).abs() < 1e-4, "{record:?}");
+        // Fewer ranges than splats need, and no ranges at all.
+        let text = String::from_utf8_lossy(&file[..file.iter().rposition(|b| *b == b'_').unwrap()]).into_owned();
+        let header = text.find("end_header").unwrap();
+        let few = [text[..header].replace("vertex 300", "vertex 600").as_bytes(), &file[header..]].concat();
+        assert!(error_of(&few).contains("compressed Gaussian splats"));
+        let none = [text[..header].replace("element chunk", "element lump").as_bytes(), &file[header..]].concat();
+        assert!(error_of(&none).contains("no element chunk"));
     }
 }

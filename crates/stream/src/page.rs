@@ -5,14 +5,13 @@
 
 use std::sync::Arc;
 
-use cloud::{Chunk, Column, Grid};
+use cloud::{Chunk, Column, Grid, amid};
+use glam::DVec3;
 
 use crate::batches;
 use crate::lattice::Lattice;
 use crate::records::{Layout, each_type};
 
-/// The number of points whose median is the origin of a page that is too large for f32 offsets from its middle.
-const MEDIAN_POINTS: usize = 99;
 /// The size in bytes of a position of more than 128 bits: it is written as three 64-bit integers.
 const WIDE: usize = 24;
 
@@ -114,24 +113,15 @@ impl Place {
     }
 
     /// The lattice integers that offsets are relative to: the middle, which keeps offsets short; in a page too large
-    /// for that, the place where most points are.
+    /// for that, a place amid most points.
     fn origin(&self, points: usize, bytes: &[u8]) -> [i64; 3] {
         if self.fits_f32() {
             return self.at_steps([0, 1, 2].map(|axis| self.extent(axis) / 2));
         }
-        let (mut some, mut index) = (Vec::new(), 0);
-        let step = points.div_ceil(MEDIAN_POINTS).max(1);
-        self.read(points, bytes, |at| {
-            if index % step == 0 {
-                some.push(at);
-            }
-            index += 1;
-        });
-        std::array::from_fn(|axis| {
-            let mut values: Vec<i64> = some.iter().map(|at| at[axis]).collect();
-            values.sort_unstable();
-            values.get(values.len() / 2).copied().unwrap_or_default()
-        })
+        let mut all = Vec::with_capacity(points);
+        self.read(points, bytes, |at| all.push(at));
+        let place = |index: usize| DVec3::from(all[index].map(|value| value as f64));
+        amid(points, place).map_or(self.corner, |amid| all[amid.index])
     }
 
     /// Whether f32 offsets from the middle are exact.

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Attribute, Bounds, Chunk, Cloud, Grid, Progress};
+use cloud::{Attribute, Bounds, Chunk, Cloud, Grid, Progress, attribute_named};
 use codec::{Format, Selection, Source};
 use glam::DVec3;
 
@@ -16,9 +16,9 @@ const KEPT: [&str; 3] = ["intensity", "classification", "return_number"];
 /// The attributes that a comparison of two clouds adds to the points of a file. An index keeps these, too; where a file
 /// has several, as `distance` and `distance_2`, the last of each.
 pub const COMPARED: [&str; 2] = ["distance", "level_of_detection"];
-/// The number of lattice steps across the bulk of the points, for files without a grid. The steps are finer than the
+/// The number of lattice steps across the middle half of the points, for files without a grid. The steps are finer than the
 /// differences that f32 coordinates can hold there.
-const STEPS: f64 = (1_u64 << 30) as f64;
+const STEPS: f64 = (1_u64 << 29) as f64;
 /// The margin around the bounds as a fraction of their size: headers round.
 const MARGIN: f64 = 1e-3;
 /// The least width of the cube in world units; below it numbers lose their precision.
@@ -45,7 +45,7 @@ pub struct IndexPlan {
 /// The extent of the points, found by reading all positions.
 pub struct Extent {
     pub bounds: Bounds,
-    /// The bounds without the points that lie farthest out.
+    /// The bounds of the middle of the points, which strays do not widen.
     pub bulk: Bounds,
 }
 
@@ -145,17 +145,21 @@ pub fn index_attributes(inputs: &[Arc<Source>], also: &BTreeSet<String>) -> Vec<
     let offered = infos.map(|info| info.attributes.as_slice());
     let mut kept = usual_attributes(offered.clone());
     for name in also {
-        let is_it = |attribute: &&Attribute| attribute.name == *name;
-        if !kept.iter().any(|attribute| is_it(&attribute)) {
-            kept.extend(offered.clone().flatten().find(is_it).cloned());
+        if attribute_named(&kept, name).is_none() {
+            kept.extend(first_named(offered.clone(), name));
         }
     }
     kept
 }
 
+/// The attribute of the first file that has one of this name, or of another name of the same.
+fn first_named<'a>(mut offered: impl Iterator<Item = &'a [Attribute]>, name: &str) -> Option<Attribute> {
+    offered.find_map(|attributes| Some(attributes[attribute_named(attributes, name)?].clone()))
+}
+
 /// Those of the attributes offered by some files that every index keeps.
 fn usual_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
-    let find = |name: &&str| offered.clone().flatten().find(|attribute| attribute.name == **name).cloned();
+    let find = |name: &&str| first_named(offered.clone(), name);
     let is_of = |name: &str, attribute: &Attribute| {
         let rest = attribute.name.strip_prefix(name);
         let number = rest.and_then(|rest| rest.strip_prefix('_'));
@@ -168,7 +172,7 @@ fn usual_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) 
 /// The selection to read of a file, and for each attribute of the layout its column in the file.
 pub fn selection(input: &Source, layout: &Layout) -> (Selection, Vec<Option<usize>>) {
     let offered = &input.info().attributes;
-    let column = |kept: &Attribute| offered.iter().position(|attribute| attribute.name == kept.name);
+    let column = |kept: &Attribute| attribute_named(offered, &kept.name);
     let columns: Vec<Option<usize>> = layout.attributes.iter().map(column).collect();
     let attributes = (0..offered.len()).map(|index| columns.contains(&Some(index))).collect();
     let selection = Selection { positions: true, colors: layout.color_bytes > 0, normals: layout.normals, attributes };
@@ -241,12 +245,14 @@ pub fn spread(count: usize, most: usize) -> Vec<u32> {
     (0..most).map(|index| (index * count / most) as u32).collect()
 }
 
-/// The bounds without the outermost hundredth of the points at either end of each axis.
+/// The bounds without the outermost quarter of the points at either end of each axis; points at one coordinate, such as
+/// pulses without an echo at 0, 0, 0, count once.
 fn bulk(sample: &[DVec3]) -> Bounds {
-    let stray = if sample.len() < FEWEST_SAMPLES { 0 } else { (sample.len() / 100).max(1) };
     let axis = |axis: usize| {
         let mut values: Vec<f64> = sample.iter().map(|place| place[axis]).collect();
         values.sort_unstable_by(f64::total_cmp);
+        values.dedup();
+        let stray = if values.len() < FEWEST_SAMPLES { 0 } else { values.len() / 4 };
         match values.as_slice() {
             [] => (0.0, 0.0),
             values => (values[stray], values[values.len() - 1 - stray]),

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::{Chunk, Column};
+use glam::DVec3;
 
 use crate::plan::spread;
 use crate::records::{Layout, joined};
@@ -81,11 +82,9 @@ fn one_of(layout: &Layout, chunks: &[Chunk]) -> Chunk {
         let parts = parts.collect::<Option<Vec<_>>>()?;
         Some(Arc::new(parts.into_iter().flat_map(|part| part.iter().copied()).collect()))
     }
-    let origin = chunks[0].origin;
-    let places = |chunk: &Chunk| -> Vec<[f32; 3]> {
-        (0..chunk.len()).map(|index| (chunk.position(index) - origin).as_vec3().to_array()).collect()
-    };
-    let mut one = Chunk::new(chunks[0].first_point, origin, chunks.iter().flat_map(places).collect());
+    let places: Vec<DVec3> =
+        chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|index| chunk.position(index))).collect();
+    let mut one = Chunk::of_places(chunks[0].first_point, &places);
     one.exact_positions = all(chunks.iter().map(|chunk| chunk.exact_positions.as_ref()));
     one.normals = all(chunks.iter().map(|chunk| chunk.normals.as_ref()));
     if chunks.iter().any(|chunk| chunk.colors.is_some()) {

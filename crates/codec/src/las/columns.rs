@@ -3,23 +3,59 @@
 
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk, Column, Grid};
-use glam::{DVec3, Vec3};
+use cloud::{Bounds, Chunk, Column, Grid, amid};
+use glam::DVec3;
 
 use super::layout::{Layout, bytes};
 
 /// The number of records per tile: 36 KiB of point format 7, and enough that a decoder's calls per tile cost nothing.
 pub const TILE_RECORDS: usize = 1024;
 const F32_STEPS: f64 = Grid::F32_STEPS as f64;
-/// The number of records whose median is the origin if the first point is far from most points.
-const MEDIAN_RECORDS: usize = 99;
 
 /// The conversion of 16-bit colour fields to 8 bits, one rule for a whole file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColorDepth {
     /// The fields hold 0 to 255.
     Eight,
+    /// 0 to 1023.
+    Ten,
+    /// 0 to 4095.
+    Twelve,
     Sixteen,
+}
+
+impl ColorDepth {
+    /// The depth of colours of which this is full brightness.
+    pub fn of(full: f64) -> Self {
+        match full {
+            ..256.0 => Self::Eight,
+            ..1024.0 => Self::Ten,
+            ..4096.0 => Self::Twelve,
+            _ => Self::Sixteen,
+        }
+    }
+
+    /// The value of a field with 8 bits.
+    #[inline(always)]
+    pub fn narrow(self, value: u16) -> u8 {
+        match self {
+            Self::Eight => value.min(255) as u8,
+            Self::Ten => (value >> 2).min(255) as u8,
+            Self::Twelve => (value >> 4).min(255) as u8,
+            Self::Sixteen => (value >> 8) as u8,
+        }
+    }
+
+    /// The value of a field with 16 bits.
+    pub fn widen(self, value: u16) -> u16 {
+        // The upper bits again fill the lower ones, so that full brightness stays full.
+        match self {
+            Self::Eight => value.min(255) * 257,
+            Self::Ten => value.min(1023) << 6 | value.min(1023) >> 4,
+            Self::Twelve => value.min(4095) << 4 | value.min(4095) >> 8,
+            Self::Sixteen => value,
+        }
+    }
 }
 
 /// The columns to decode of each chunk of one read.
@@ -38,42 +74,32 @@ pub struct ChunkBuilder<'a> {
     plan: &'a ReadPlan<'a>,
     first_point: u64,
     points: usize,
-    anchor: Option<Anchor>,
     lowest: [i32; 3],
     highest: [i32; 3],
-    positions: Vec<[f32; 3]>,
-    /// The exact coordinates; from the first point on that is too far from the others for f32 offsets to hold its grid
-    /// step.
-    exact_positions: Option<Vec<[f64; 3]>>,
+    /// The coordinates as the file has them: where the origin lies is known when all have been read.
+    raw: Vec<[i32; 3]>,
     colors: Vec<[u8; 4]>,
     columns: Vec<Option<Column>>,
 }
 
-/// The origin of offsets. Per axis, `offset = (raw - first_raw) * scale + rest`: the difference of two 32-bit integers
-/// is exact in f64, and `rest` is the offset of the first point from the origin.
-#[derive(Clone, Copy)]
+/// The origin of offsets. Per axis, `offset = (raw - own_raw) * scale + rest`: the difference of two 32-bit integers is
+/// exact in f64, and `rest` is the offset from the origin of the point that the origin is at.
 struct Anchor {
     origin: DVec3,
-    first_raw: DVec3,
+    own_raw: DVec3,
     rest: DVec3,
 }
 
 impl Anchor {
-    fn new(records: impl Iterator<Item = [i32; 3]> + Clone, grid: &Grid) -> Option<Self> {
-        let first = records.clone().next()?;
-        let usual: [i32; 3] = std::array::from_fn(|axis| {
-            let mut values: Vec<i32> = records.clone().take(MEDIAN_RECORDS).map(|raw| raw[axis]).collect();
-            values.sort_unstable();
-            values[values.len() / 2]
-        });
-        let [first, usual] = [first, usual].map(|raw| DVec3::from(raw.map(f64::from)));
-        // A first point far away would cost all others their precision.
-        let first_raw = if (first - usual).abs().max_element() < F32_STEPS { first } else { usual };
-        let world = first_raw * grid.scale + grid.offset;
+    /// `None` without points.
+    fn new(raw: &[[i32; 3]], grid: &Grid) -> Option<Self> {
+        let place = |index: usize| DVec3::from(raw[index].map(f64::from));
+        let own_raw = place(amid(raw.len(), place)?.index);
+        let world = own_raw * grid.scale + grid.offset;
         // Whole units keep origins short; where a unit has more than a million grid steps (degrees), that would use up
         // the 24 bits of an f32 offset, and the origin is the point itself.
         let origin = DVec3::select(grid.scale.abs().cmpge(DVec3::splat(1e-6)), world.round(), world);
-        Some(Self { origin, first_raw, rest: world - origin })
+        Some(Self { origin, own_raw, rest: world - origin })
     }
 }
 
@@ -86,11 +112,9 @@ impl<'a> ChunkBuilder<'a> {
             plan,
             first_point,
             points: 0,
-            anchor: None,
             lowest: [i32::MAX; 3],
             highest: [i32::MIN; 3],
-            positions: Vec::with_capacity(if plan.positions { capacity } else { 0 }),
-            exact_positions: None,
+            raw: Vec::with_capacity(if plan.positions { capacity } else { 0 }),
             colors: Vec::with_capacity(if plan.colors.is_some() { capacity } else { 0 }),
             columns: plan.attributes.iter().zip(&plan.layout.attributes).map(column).collect(),
         }
@@ -118,14 +142,20 @@ impl<'a> ChunkBuilder<'a> {
                     let field: [u8; 6] = bytes(record, red);
                     [0, 2, 4].map(|at| u16::from_le_bytes([field[at], field[at + 1]]))
                 });
+                macro_rules! extend {
+                    ($depth:expr) => {
+                        self.colors.extend(fields.map(|color| {
+                            let [r, g, b] = color.map(|value| $depth.narrow(value));
+                            [r, g, b, 255]
+                        }))
+                    };
+                }
+                // A loop for each depth, which the compiler can turn into vectors.
                 match depth {
-                    ColorDepth::Eight => self.colors.extend(fields.map(|[r, g, b]| {
-                        let clamp = |value: u16| value.min(255) as u8;
-                        [clamp(r), clamp(g), clamp(b), 255]
-                    })),
-                    ColorDepth::Sixteen => self
-                        .colors
-                        .extend(fields.map(|[r, g, b]| [(r >> 8) as u8, (g >> 8) as u8, (b >> 8) as u8, 255])),
+                    ColorDepth::Eight => extend!(ColorDepth::Eight),
+                    ColorDepth::Ten => extend!(ColorDepth::Ten),
+                    ColorDepth::Twelve => extend!(ColorDepth::Twelve),
+                    ColorDepth::Sixteen => extend!(ColorDepth::Sixteen),
                 }
             }
             for (column, property) in self.columns.iter_mut().zip(&plan.layout.attributes) {
@@ -143,49 +173,64 @@ impl<'a> ChunkBuilder<'a> {
             [0, 4, 8].map(|at| i32::from_le_bytes([field[at], field[at + 1], field[at + 2], field[at + 3]]))
         };
         let records = tile.chunks_exact(self.plan.layout.record_length).map(raw);
-        let grid = &self.plan.grid;
-        let Some(anchor) = self.anchor.or_else(|| Anchor::new(records.clone(), grid)) else { return };
-        self.anchor = Some(anchor);
-        let (first_raw, scale, rest) = (anchor.first_raw.to_array(), grid.scale.to_array(), anchor.rest.to_array());
         let (mut lowest, mut highest) = (self.lowest, self.highest);
-        let before = self.positions.len();
-        self.positions.extend(records.clone().map(|raw| {
-            let mut position = [0.0; 3];
+        self.raw.extend(records.inspect(|raw| {
             for axis in 0..3 {
                 lowest[axis] = lowest[axis].min(raw[axis]);
                 highest[axis] = highest[axis].max(raw[axis]);
-                position[axis] = ((f64::from(raw[axis]) - first_raw[axis]) * scale[axis] + rest[axis]) as f32;
             }
-            position
         }));
         (self.lowest, self.highest) = (lowest, highest);
-        let world = |raw: DVec3| (raw * grid.scale + grid.offset).to_array();
-        let reach = |corner: [i32; 3]| (DVec3::from(corner.map(f64::from)) - anchor.first_raw).abs().max_element();
-        if self.exact_positions.is_none() && reach(lowest).max(reach(highest)) >= F32_STEPS {
-            let raw = |offset: &[f32; 3]| {
-                ((Vec3::from(*offset).as_dvec3() - anchor.rest) / grid.scale).round() + anchor.first_raw
-            };
-            self.exact_positions = Some(self.positions[..before].iter().map(|offset| world(raw(offset))).collect());
-        }
-        if let Some(exact) = &mut self.exact_positions {
-            exact.extend(records.map(|raw| world(DVec3::from(raw.map(f64::from)))));
-        }
     }
 
     /// The chunk, its number of points (which a chunk without positions does not have), and its bounds in the file's
     /// own coordinates.
     pub fn finish(self) -> (Chunk, u64, Bounds) {
+        let grid = &self.plan.grid;
+        let world = |raw: [i32; 3]| DVec3::from(raw.map(f64::from)) * grid.scale + grid.offset;
         let mut bounds = Bounds::EMPTY;
-        if self.anchor.is_some() {
-            for corner in [self.lowest, self.highest] {
-                bounds.include(DVec3::from(corner.map(f64::from)) * self.plan.grid.scale + self.plan.grid.offset);
+        let mut chunk = match Anchor::new(&self.raw, grid) {
+            None => Chunk::new(self.first_point, DVec3::ZERO, Vec::new()),
+            Some(anchor) => {
+                let (lowest, highest) = (self.lowest, self.highest);
+                [lowest, highest].into_iter().for_each(|corner| bounds.include(world(corner)));
+                let reach =
+                    |corner: [i32; 3]| (DVec3::from(corner.map(f64::from)) - anchor.own_raw).abs().max_element();
+                let is_wide = reach(lowest).max(reach(highest)) >= F32_STEPS;
+                let exact = is_wide.then(|| Arc::new(self.raw.iter().map(|raw| world(*raw).to_array()).collect()));
+                let (own, scale, rest) = (anchor.own_raw.to_array(), grid.scale.to_array(), anchor.rest.to_array());
+                // In place: an offset takes the room of its integers.
+                let offset = |raw: [i32; 3]| -> [f32; 3] {
+                    std::array::from_fn(|axis| ((f64::from(raw[axis]) - own[axis]) * scale[axis] + rest[axis]) as f32)
+                };
+                let offsets = self.raw.into_iter().map(offset).collect();
+                Chunk { exact_positions: exact, ..Chunk::new(self.first_point, anchor.origin, offsets) }
             }
-        }
-        let origin = self.anchor.map_or(DVec3::ZERO, |anchor| anchor.origin);
-        let mut chunk = Chunk::new(self.first_point, origin, self.positions);
-        chunk.exact_positions = self.exact_positions.map(Arc::new);
+        };
         chunk.colors = self.plan.colors.map(|_| Arc::new(self.colors));
         chunk.columns = self.columns.into_iter().map(|column| column.map(Arc::new)).collect();
         (chunk, self.points as u64, bounds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_of_every_depth_get_narrower_and_wider_and_stay_full() {
+        for (depth, full) in [
+            (ColorDepth::Eight, 255),
+            (ColorDepth::Ten, 1023),
+            (ColorDepth::Twelve, 4095),
+            (ColorDepth::Sixteen, 65_535),
+        ] {
+            assert_eq!(ColorDepth::of(f64::from(full)), depth);
+            assert_eq!([0, full / 2, full].map(|value| depth.narrow(value)), [0, 127, 255]);
+            assert_eq!([0, full].map(|value| depth.widen(value)), [0, 65_535]);
+            assert!((0..full).all(|value| depth.widen(value) < depth.widen(value + 1)));
+            // What lies above is clamped.
+            assert_eq!((depth.narrow(65_535), depth.widen(65_535)), (255, 65_535));
+        }
     }
 }

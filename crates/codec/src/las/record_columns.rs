@@ -38,10 +38,7 @@ impl LasSource {
     ) -> Vec<String> {
         let test = self.record_test(test);
         let (length, grid) = (self.layout.record_length, self.grid);
-        let narrow = |value: u16| match self.colors {
-            Some(ColorDepth::Sixteen) => (value >> 8) as u8,
-            _ => value.min(255) as u8,
-        };
+        let depth = self.colors.unwrap_or(ColorDepth::Sixteen);
         self.read_records_in_order(progress, order, |first_point, records| {
             let points = records.len() / length;
             let kept: Vec<u32> = match test.as_ref().map(|test| test.shown(records)) {
@@ -55,12 +52,9 @@ impl LasSource {
                 let mut column = Column::with_capacity(property.reading.column_type(), points);
                 property.reading.append(&mut column, records, length, &grid);
                 match column {
-                    Column::U16(values) if COLORS.contains(&property.name.as_str()) => match (wide, self.colors) {
-                        (false, _) => Column::U8(values.into_iter().map(narrow).collect()),
-                        (true, Some(ColorDepth::Eight)) => {
-                            Column::U16(values.into_iter().map(|value| u16::from(narrow(value)) * 257).collect())
-                        }
-                        (true, _) => Column::U16(values),
+                    Column::U16(values) if COLORS.contains(&property.name.as_str()) => match wide {
+                        false => Column::U8(values.into_iter().map(|value| depth.narrow(value)).collect()),
+                        true => Column::U16(values.into_iter().map(|value| depth.widen(value)).collect()),
                     },
                     column => column,
                 }

@@ -2,15 +2,13 @@
 
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk, Column, ColumnType, NO_NORMAL, pack_normal};
+use cloud::{Bounds, Chunk, Column, ColumnType, NO_NORMAL, amid, offset_from, pack_normal};
 use glam::{DVec3, Vec3};
 
+use super::packed_splats::SH_C0;
 use super::rows::Packing;
 use crate::Selection;
-
-/// The zeroth spherical harmonic, 1 / (2 sqrt(pi)): it scales `f_dc_*` of a Gaussian splat to a colour (Kerbl et al.
-/// 2023).
-const SH_C0: f32 = 0.282_094_79;
+use crate::color_range::ColorSample;
 
 /// A scalar property of the vertex: its index among the properties of the element, name and type.
 #[derive(Clone, Debug)]
@@ -99,20 +97,22 @@ impl Roles {
     }
 }
 
-/// The scale of colours of type `scalar` whose greatest sampled value is `greatest`: bytes are unchanged; of wider
-/// integers the upper eight bits are taken, unless all fit a byte; floats are 0 to 1, unless some exceed 1.
-pub fn color_scale(scalar: ColumnType, greatest: f64) -> Scale {
-    let (factor, bias) = match scalar {
-        ColumnType::U8 | ColumnType::I8 => (1.0, 0.0),
-        ColumnType::F32 | ColumnType::F64 if greatest <= 1.0 => (255.0, 0.5),
-        // 0.5 rounds to the nearest byte; 65535 / 257 = 255.
-        ColumnType::F32 | ColumnType::F64 if greatest <= 255.0 => (1.0, 0.5),
-        ColumnType::F32 | ColumnType::F64 => (1.0 / 257.0, 0.5),
-        _ if greatest <= 255.0 => (1.0, 0.0),
-        _ if greatest <= 65535.0 => (1.0 / 256.0, 0.0),
-        _ => (1.0 / (1 << 24) as f32, 0.0),
-    };
-    Scale::Linear { factor, bias }
+/// The scale of colours of type `scalar`, and what is worth a word about it: bytes are unchanged; of wider integers the
+/// upper eight bits of their range are taken.
+pub fn color_scale(scalar: ColumnType, sample: &ColorSample) -> (Scale, Option<String>) {
+    let linear = |factor: f64, bias: f32| Scale::Linear { factor: factor as f32, bias };
+    match scalar {
+        ColumnType::U8 | ColumnType::I8 => (linear(1.0, 0.0), None),
+        ColumnType::F32 | ColumnType::F64 => {
+            let range = sample.of_floats();
+            // 0.5 rounds to the nearest byte; 65535 / 257 = 255.
+            (linear(255.0 / range.full, 0.5), range.warning)
+        }
+        _ => {
+            let range = sample.of_integers();
+            (linear(256.0 / (range.full + 1.0), 0.0), range.warning)
+        }
+    }
 }
 
 impl Scale {
@@ -122,6 +122,16 @@ impl Scale {
         match self {
             Self::Linear { factor, bias } => (value as f32 * factor + bias) as u8,
             Self::Logistic => (255.0 / (1.0 + (-value as f32).exp()) + 0.5) as u8,
+        }
+    }
+
+    /// The same with 16 bits.
+    fn apply_wide(self, value: f64) -> u16 {
+        match self {
+            // Floats are rounded; of integers, full brightness stays full.
+            Self::Linear { factor, bias: 0.0 } => (value * f64::from(factor) * (65_535.0 / 255.0)) as u16,
+            Self::Linear { factor, .. } => (value * f64::from(factor) * 257.0 + 0.5) as u16,
+            Self::Logistic => u16::from(self.apply(value)) * 257,
         }
     }
 }
@@ -252,22 +262,15 @@ fn each_value<const BIG: bool>(rows: &[u8], stride: usize, field: Field, mut giv
     });
 }
 
-/// The greatest finite magnitude of a scalar among packed rows that hold all scalars; 0 if there is none.
-pub fn greatest(rows: &[u8], scalar: &Scalar, packing: &Packing) -> f64 {
-    let Some(offset) = packing.offsets[scalar.property] else { return 0.0 };
+/// Calls `give` with every value of a scalar among packed rows that hold all scalars.
+pub fn sampled(rows: &[u8], scalar: &Scalar, packing: &Packing, mut give: impl FnMut(f64)) {
+    let Some(offset) = packing.offsets[scalar.property] else { return };
     let field = Field { offset, scalar: scalar.scalar };
-    let mut greatest = 0.0_f64;
-    let give = |_, value: f64| {
-        if value.is_finite() {
-            greatest = greatest.max(value.abs());
-        }
-    };
     if packing.big_endian {
-        each_value::<true>(rows, packing.stride, field, give);
+        each_value::<true>(rows, packing.stride, field, |_, value| give(value));
     } else {
-        each_value::<false>(rows, packing.stride, field, give);
+        each_value::<false>(rows, packing.stride, field, |_, value| give(value));
     }
-    greatest
 }
 
 /// Appends triples of numbers as f32.
@@ -427,12 +430,6 @@ fn extend_column<const BIG: bool>(column: &mut Column, rows: &[u8], stride: usiz
     }
 }
 
-/// The offset from `origin`; NaN for a point that is not finite or too far for f32.
-fn offset_from(origin: DVec3, position: DVec3) -> [f32; 3] {
-    let offset = (position - origin).as_vec3();
-    if offset.is_finite() { offset.to_array() } else { [f32::NAN; 3] }
-}
-
 /// The least and greatest coordinates in f32.
 #[derive(Clone, Copy)]
 struct Extent {
@@ -469,8 +466,12 @@ impl Extent {
 /// Makes a chunk of coordinates wider than f32, and its bounds. It keeps the doubles only if offsets cannot represent
 /// them.
 fn doubles_to_chunk(first_point: u64, doubles: Vec<[f64; 3]>) -> (Chunk, Bounds) {
-    let finite = doubles.iter().map(|&exact| DVec3::from(exact)).find(|exact| exact.is_finite());
-    let origin = finite.unwrap_or(DVec3::ZERO).round();
+    let amid = amid(doubles.len(), |index| DVec3::from(doubles[index]));
+    let origin = amid.map_or(DVec3::ZERO, |amid| {
+        let own = DVec3::from(doubles[amid.index]);
+        // Whole units keep origins short; in a cloud smaller than a unit they would use up the digits of offsets.
+        if amid.reach >= 1.0 { own.round() } else { own }
+    });
     let mut positions = Vec::with_capacity(doubles.len());
     let (mut bounds, mut is_exact) = (Bounds::EMPTY, true);
     for &exact in &doubles {
@@ -487,22 +488,36 @@ fn doubles_to_chunk(first_point: u64, doubles: Vec<[f64; 3]>) -> (Chunk, Bounds)
     (chunk, bounds)
 }
 
-/// Makes a chunk of f32 coordinates. Its origin is 0, which is exact; or its first point if that is far away (map
-/// coordinates) and also exact: then the renderer works with small numbers.
+/// How many times as far as the points of a chunk reach they are from 0 where some bits of their f32 are equal in most
+/// of them.
+const FAR: f64 = 16.0;
+/// The least number of points among which one may be a stray that offsets cannot represent.
+const FEW: usize = 10;
+
+/// Makes a chunk of f32 coordinates. Along each axis its origin is 0, which is exact; or amid the points, if those are
+/// far away (map coordinates) and stay exact: then the renderer works with small numbers. If only strays do not stay
+/// exact, the chunk keeps the file's coordinates for them.
 fn floats_to_chunk(first_point: u64, floats: Vec<[f32; 3]>, extent: Extent) -> (Chunk, Bounds) {
     let bounds = extent.bounds();
-    // Far away: more than eight times its width, so three bits of the f32 are equal in all points.
-    let is_far = bounds.min.abs().max(bounds.max.abs()).max_element() > 8.0 * bounds.size().max_element();
-    if is_far && let Some(&first) = floats.iter().find(|position| !position[0].is_nan()) {
-        let origin = Vec3::from(first).as_dvec3().round();
-        let offsets: Vec<_> =
-            floats.iter().map(|&position| offset_from(origin, Vec3::from(position).as_dvec3())).collect();
-        let is_exact = std::iter::zip(&offsets, &floats).all(|(&offset, &position)| {
-            let back = origin + Vec3::from(offset).as_dvec3();
-            position[0].is_nan() || back == Vec3::from(position).as_dvec3()
-        });
-        if is_exact {
-            return (Chunk::new(first_point, origin, offsets), bounds);
+    let place = |index: usize| Vec3::from(floats[index]).as_dvec3();
+    let origin = amid(floats.len(), place).map_or(DVec3::ZERO, |amid| {
+        let own = place(amid.index);
+        DVec3::select(own.abs().cmpgt(DVec3::splat(FAR * amid.reach)), own.round(), DVec3::ZERO)
+    });
+    if origin != DVec3::ZERO {
+        let mut rounded = 0;
+        let offset = |position: &[f32; 3]| {
+            let place = Vec3::from(*position).as_dvec3();
+            let offset = offset_from(origin, place);
+            rounded += usize::from(!position[0].is_nan() && origin + Vec3::from(offset).as_dvec3() != place);
+            offset
+        };
+        let offsets: Vec<_> = floats.iter().map(offset).collect();
+        if rounded * FEW <= floats.len() {
+            let mut chunk = Chunk::new(first_point, origin, offsets);
+            let exact = || Arc::new(floats.iter().map(|position| position.map(f64::from)).collect());
+            chunk.exact_positions = (rounded > 0).then(exact);
+            return (chunk, bounds);
         }
     }
     (Chunk::new(first_point, DVec3::ZERO, floats), bounds)
@@ -529,7 +544,7 @@ pub fn color_column(rows: &[u8], scalar: &Scalar, packing: &Packing, scale: Scal
     let wide = |index| match &values {
         Column::U16(values) if is_wide => values[index],
         Column::U8(values) => u16::from(values[index]) * 257,
-        values => u16::from(scale.apply(values.value(index))) * 257,
+        values => scale.apply_wide(values.value(index)),
     };
     Column::U16((0..values.len()).map(wide).collect())
 }

@@ -57,6 +57,18 @@ pub struct HeaderError {
     pub problem: String,
 }
 
+/// The bytes before `ply`, which editors leave there: a byte order mark and blanks.
+fn before_ply(start: &[u8]) -> usize {
+    let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
+    start.len() - text.trim_ascii_start().len()
+}
+
+/// Whether a file that starts so is PLY.
+pub fn is_ply(start: &[u8]) -> bool {
+    let signature = &start[before_ply(start)..];
+    signature.starts_with(b"ply") && signature.get(3).is_some_and(u8::is_ascii_whitespace)
+}
+
 impl Element {
     /// The size of a row in a binary file in bytes; `None` if a list makes rows differ.
     pub fn stride(&self) -> Option<u64> {
@@ -89,10 +101,12 @@ impl Header {
     /// brackets, dots and spaces into names; comments may hold any bytes.
     pub fn parse(start: &[u8]) -> Result<Self, HeaderError> {
         // A lone CR (old Mac writers) shows in the first line: `ply`, CR, no LF.
-        let newline = if start.get(3) == Some(&b'\r') && start.get(4) != Some(&b'\n') { b'\r' } else { b'\n' };
+        let own = &start[before_ply(start)..];
+        let end = own.iter().position(|byte| matches!(byte, b'\r' | b'\n')).unwrap_or(own.len());
+        let newline = if own.get(end) == Some(&b'\r') && own.get(end + 1) != Some(&b'\n') { b'\r' } else { b'\n' };
         let mut format: Option<(Encoding, String)> = None;
         let mut elements: Vec<Element> = Vec::new();
-        let mut rest = start;
+        let mut rest = own;
         let mut line_number = 0;
         while let Some(length) = rest.iter().position(|&byte| byte == newline) {
             line_number += 1;

@@ -2,13 +2,12 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Attribute, Column, ColumnType, PointTest, Progress};
+use cloud::{Attribute, Column, ColumnType, PointTest, Progress, attributes_named};
 use glam::Vec3;
 use param::shown;
 
 use super::PlySource;
 use super::columns::{ChunkBuilder, RowDecoder, color_column, column};
-use super::rows::Packing;
 use crate::Selection;
 use crate::export::columns::{Piece, place};
 use crate::in_order::InOrder;
@@ -44,10 +43,9 @@ impl PlySource {
         order: &InOrder<'_>,
         rows_of: &(dyn Fn(Piece) -> Vec<u8> + Sync),
     ) -> Vec<String> {
-        let packing = Packing::new(&self.header, self.element(), vec![true; self.element().properties.len()]);
+        let packing = self.packing(vec![true; self.element().properties.len()]);
         let layout = cloud::CloudLayout { attributes: self.info.attributes.clone(), grid: None };
-        let is_read = |name: &str| name == "classification" || test.filtered().any(|filtered| filtered == name);
-        let attributes = layout.attributes.iter().map(|attribute| is_read(&attribute.name)).collect();
+        let attributes = attributes_named(&layout.attributes, test.filtered().chain(["classification"]));
         let selection = Selection { positions: true, colors: false, normals: false, attributes };
         let plan = RowDecoder::new(&self.scalars, &self.roles, &selection, &packing);
         let test = test.of(&layout);

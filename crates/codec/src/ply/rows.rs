@@ -12,7 +12,8 @@ use rayon::prelude::*;
 
 use super::header::{Element, Encoding, Header, Kind, Property};
 use super::number;
-use super::reader::{PIECE_BYTES, Reader, count_lines, is_blank};
+use super::packed_splats::PackedSplats;
+use super::reader::{PIECE_BYTES, Reader, count_lines};
 use crate::brief::brief;
 use crate::bytes::Bytes;
 
@@ -235,9 +236,9 @@ fn skip_list_rows(
 pub fn sample(file: &Bytes, rows: &Rows, packing: &Packing) -> io::Result<Vec<u8>> {
     let mut sample = Vec::new();
     let stride = packing.stride.max(1) as u64;
-    for mut block in sample_blocks(file, rows, packing.header, packing.is_strided.then_some(stride))? {
+    for mut block in sample_blocks(file, rows, packing.header, packing.file_stride())? {
         block.rows = block.rows.min((SAMPLE_BYTES / stride).max(1));
-        if packing.is_strided {
+        if let Some(stride) = packing.file_stride() {
             block.end = block.offset + block.rows * stride;
         }
         packing.read(file, block, |piece| sample.extend_from_slice(piece))?;
@@ -250,7 +251,8 @@ const SAMPLE_PLACES: u64 = 64;
 const SAMPLE_ROWS: u64 = 16;
 const SAMPLE_BYTES: u64 = 64 << 10;
 
-fn sample_blocks(file: &Bytes, rows: &Rows, header: &Header, stride: Option<u64>) -> io::Result<Vec<Block>> {
+/// The places from which a sample is taken. `stride` is the size of a row of the file in bytes, if all have the same.
+pub fn sample_blocks(file: &Bytes, rows: &Rows, header: &Header, stride: Option<u64>) -> io::Result<Vec<Block>> {
     let Some(start) = rows.blocks.first().map(|block| block.offset) else { return Ok(Vec::new()) };
     let mut sample = Vec::new();
     for place in 0..SAMPLE_PLACES {
@@ -272,31 +274,6 @@ fn sample_blocks(file: &Bytes, rows: &Rows, header: &Header, stride: Option<u64>
         }
     }
     Ok(sample)
-}
-
-/// What is wrong with the first sampled line whose number of values differs from the header's.
-pub fn check_lines(file: &Bytes, rows: &Rows, header: &Header, element: &Element) -> io::Result<Option<String>> {
-    let name = brief(&element.name);
-    for block in sample_blocks(file, rows, header, None)? {
-        let mut reader = Reader::new(file, block.offset, block.end);
-        let run = reader.lines(header.newline)?;
-        let Some(line) = run.split(|&byte| byte == header.newline).find(|line| !is_blank(line)) else { continue };
-        let mut tokens = line.split(|&byte| byte <= b' ').filter(|token| !token.is_empty());
-        for property in &element.properties {
-            let needed = match (tokens.next(), property.kind) {
-                (Some(_), Kind::Scalar(_)) => 0,
-                (Some(length), Kind::List { .. }) => number::parse_integer(length).0.unwrap_or(0).max(0),
-                (None, _) => 1,
-            };
-            if needed > 0 && (tokens.by_ref().take(line.len().min(needed as usize)).count() as i128) < needed {
-                return Ok(Some(format!("lines of {name} end before its property {}", brief(&property.name))));
-            }
-        }
-        if tokens.next().is_some() {
-            return Ok(Some(format!("lines of {name} have more numbers than the header declares properties")));
-        }
-    }
-    Ok(None)
 }
 
 /// A binary list's length, or the negative number that stands in its place.
@@ -412,12 +389,20 @@ pub struct Packing<'a> {
     /// Whether packed rows are big-endian. Text is packed little-endian; binary rows keep their order.
     pub big_endian: bool,
     is_strided: bool,
+    /// What unpacks the rows, if they are those of compressed splats.
+    splats: Option<&'a PackedSplats>,
 }
 
 impl<'a> Packing<'a> {
-    /// `keep` has one entry per property. Rows that are packed already keep everything.
-    pub fn new(header: &'a Header, element: &'a Element, mut keep: Vec<bool>) -> Self {
-        let is_strided = header.encoding != Encoding::Ascii && element.stride().is_some();
+    /// `keep` has one entry per property. Rows that are packed already keep everything. `element` is that of `splats`,
+    /// if these are given.
+    pub fn new(
+        header: &'a Header,
+        element: &'a Element,
+        splats: Option<&'a PackedSplats>,
+        mut keep: Vec<bool>,
+    ) -> Self {
+        let is_strided = splats.is_none() && header.encoding != Encoding::Ascii && element.stride().is_some();
         let mut stride = 0;
         let offsets = std::iter::zip(&element.properties, &mut keep)
             .map(|(property, keep)| match property.kind {
@@ -437,9 +422,15 @@ impl<'a> Packing<'a> {
             Encoding::Ascii => keep.iter().rposition(|&keep| keep).map_or(0, |last| last + 1),
             _ => keep.len(),
         };
-        let big_endian = header.encoding == Encoding::BigEndian;
+        let big_endian = splats.is_none() && header.encoding == Encoding::BigEndian;
         let properties = &element.properties[..used];
-        Self { header, properties, keep, stride, offsets, big_endian, is_strided }
+        Self { header, properties, keep, stride, offsets, big_endian, is_strided, splats }
+    }
+
+    /// The size of a row of the file in bytes, if all have the same.
+    fn file_stride(&self) -> Option<u64> {
+        let own = self.is_strided.then_some(self.stride);
+        self.splats.map(|splats| splats.stride).or(own).map(|stride| stride as u64)
     }
 
     /// Reads `block` and passes its packed rows to `give` in pieces. Returns how many rows were read and how many of
@@ -460,7 +451,18 @@ impl<'a> Packing<'a> {
                 continue;
             }
             packed.clear();
-            if self.header.encoding == Encoding::Ascii {
+            if let Some(splats) = self.splats {
+                let piece = reader.rows(splats.stride)?;
+                if piece.is_empty() {
+                    break;
+                }
+                for row in piece.chunks_exact(splats.stride) {
+                    let values = splats.unpack(block.first_row + rows, row);
+                    let kept = std::iter::zip(values, &self.keep).filter(|(_, keep)| **keep);
+                    kept.for_each(|(value, _)| packed.extend_from_slice(&value.to_le_bytes()));
+                    rows += 1;
+                }
+            } else if self.header.encoding == Encoding::Ascii {
                 let newline = self.header.newline;
                 let run = reader.lines(newline)?;
                 if run.is_empty() {
