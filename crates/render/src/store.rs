@@ -647,12 +647,19 @@ impl PointStore {
         self.uploaded_bytes
     }
 
-    /// The world bounds of the shown points of visible clouds, and of those that are still to come.
+    /// The world bounds of the shown points of visible clouds, and of those that are still to come. Strays do not count
+    /// where they would make the scene dozens of times as wide: depths, shadow maps and indirect light are as fine as
+    /// the bounds are narrow.
     pub fn bounds(&self) -> Bounds {
-        let shown =
-            self.chunks.values().filter(|chunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible));
+        let is_visible = |chunk: &&StoredChunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible);
         let told = self.clouds.values().filter(|cloud| cloud.visible).map(|cloud| cloud.bounds);
-        told.chain(shown.map(|chunk| chunk.shown.bounds)).fold(Bounds::EMPTY, Bounds::union)
+        let told = told.fold(Bounds::EMPTY, Bounds::union);
+        let all = |bounds: fn(&StoredChunk) -> Bounds| {
+            self.chunks.values().filter(is_visible).map(bounds).fold(told, Bounds::union)
+        };
+        let (full, core) = (all(|chunk| chunk.shown.bounds), all(|chunk| chunk.shown.core));
+        let [width, own] = [full, core].map(|bounds| bounds.size().max_element());
+        if own > 0.0 && width > f64::from(shown::FAR) * own { core } else { full }
     }
 
     /// The cloud, the chunk and the index in it of the point that has this identity in the `nearest` buffer of a frame;

@@ -6,7 +6,7 @@
 //! the leaf's box, octahedral normal in 11 + 11 bits, radius in steps of 2 % relative to the box. On a leaf some four
 //! discs wide, a step is a hundredth of a disc's radius.
 
-use cloud::{Chunk, NO_RADIUS, unpack_normal, unpack_radius};
+use cloud::{Chunk, NO_RADIUS, STRAY_RADIUS, unpack_normal, unpack_radius};
 use glam::Vec3;
 
 use crate::layout::{INNER, Node};
@@ -22,7 +22,8 @@ const COUNT_BITS: u32 = 8;
 pub(crate) struct SurfelTree {
     pub nodes: Vec<Node>,
     pub surfels: Vec<[u32; 2]>,
-    /// The index in the chunk of each disc.
+    /// The index in the chunk of each disc. Points that are nowhere have none, nor have those that would cost the others
+    /// of their leaf their places (`APART`).
     pub order: Vec<u32>,
 }
 
@@ -47,11 +48,11 @@ impl SurfelTree {
             normal: chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[index])),
         };
         let discs: Vec<Disc> = (0..chunk.len()).map(disc).collect();
-        let mut tree = Self { nodes: Vec::new(), surfels: Vec::with_capacity(order.len()), order: Vec::new() };
+        let room = order.len();
+        let mut tree = Self { nodes: Vec::new(), surfels: Vec::with_capacity(room), order: Vec::with_capacity(room) };
         if !order.is_empty() {
             tree.build(&mut order, &discs);
         }
-        tree.order = order;
         tree
     }
 
@@ -60,6 +61,7 @@ impl SurfelTree {
         let node = self.nodes.len();
         self.nodes.push(Node { low: Vec3::ZERO, skip: 0, high: Vec3::ZERO, leaf: INNER });
         let (low, high) = if order.len() <= LEAF {
+            let order = near_one_another(order, discs);
             let join = |(low, high): (Vec3, Vec3), index: &u32| {
                 let Disc { position, radius, normal } = &discs[*index as usize];
                 // A disc reaches r sqrt(1 - n^2) along each axis.
@@ -72,6 +74,7 @@ impl SurfelTree {
             let (low, high) = (low - margin, high + margin);
             self.nodes[node].leaf = (self.surfels.len() as u32) << COUNT_BITS | order.len() as u32;
             self.surfels.extend(order.iter().map(|&index| pack(&discs[index as usize], low, high)));
+            self.order.extend_from_slice(order);
             (low, high)
         } else {
             let spread = |(least, most): (Vec3, Vec3), index: &u32| {
@@ -94,6 +97,32 @@ impl SurfelTree {
     }
 }
 
+/// The discs of a leaf without those that are too far away from the one in their middle.
+fn near_one_another<'a>(order: &'a mut [u32], discs: &[Disc]) -> &'a [u32] {
+    let disc = |index: &u32| &discs[*index as usize];
+    let largest = order.iter().map(|index| disc(index).radius).fold(0.0, f32::max);
+    let median = |axis: usize| {
+        let mut values: Vec<f32> = order.iter().map(|index| disc(index).position[axis]).collect();
+        values.sort_unstable_by(f32::total_cmp);
+        values[values.len() / 2]
+    };
+    let apart = |index: &u32, place: Vec3| (disc(index).position - place).abs().max_element();
+    let reach = order.iter().map(|index| apart(index, disc(&order[0]).position)).fold(0.0, f32::max);
+    let stray = unpack_radius(STRAY_RADIUS).unwrap_or(0.0);
+    if largest <= stray || reach <= APART * largest {
+        return order;
+    }
+    let median = Vec3::new(median(0), median(1), median(2));
+    let middle = order.iter().min_by(|a, b| apart(a, median).total_cmp(&apart(b, median)));
+    let middle = middle.map_or(median, |index| disc(index).position);
+    order.sort_by_key(|index| apart(index, middle) > APART * largest);
+    let kept = order.partition_point(|index| apart(index, middle) <= APART * largest);
+    &order[..kept]
+}
+
+/// How many times as far as the largest disc of a leaf is wide another one may be: beyond this, the steps of positions
+/// in the leaf would be 32 times as wide as its discs, and all of these hundreds of times too large.
+const APART: f32 = 32.0 * STEPS;
 /// The number of steps of a position along each axis of its leaf's box.
 const STEPS: f32 = 1023.0;
 /// Radius = diagonal of the leaf's box x 2^(-k / 32): k is a byte, a step 2 %.
@@ -284,9 +313,9 @@ mod tests {
         #[test]
         fn every_point_is_in_one_leaf_that_holds_its_disc(points in points()) {
             let chunk = chunk(&points);
-            let tree = SurfelTree::new(&chunk, 0.05);
+            let tree = SurfelTree::new(&chunk, 1.0);
             check_layout(&tree, &chunk)?;
-            check_discs(&tree, &chunk, 0.05)?;
+            check_discs(&tree, &chunk, 1.0)?;
         }
     }
 
@@ -304,6 +333,19 @@ mod tests {
         assert_eq!(tree.surfels.len(), 17);
         check_layout(&tree, &chunk).unwrap();
         check_discs(&tree, &chunk, 0.0).unwrap();
+    }
+
+    #[test]
+    fn a_stray_five_thousand_kilometres_away_costs_the_discs_of_its_leaf_nothing() {
+        let mut points: Vec<_> = (0..20).map(|index| (Vec3::X * (index as f32 * 0.1), Vec3::Z, 0.1)).collect();
+        points[3].0 = Vec3::new(-455_000.0, -5_482_000.0, -110.0);
+        points[11].0 = Vec3::new(5e6, 0.0, 0.0);
+        let chunk = chunk(&points);
+        let tree = SurfelTree::new(&chunk, 0.0);
+        assert_eq!(tree.order.len(), 18);
+        check_discs(&tree, &chunk, 0.0).unwrap();
+        let (low, high) = (tree.nodes[0].low, tree.nodes[0].high);
+        assert!(low.cmpge(Vec3::splat(-1.0)).all() && high.cmple(Vec3::splat(3.0)).all(), "{low} {high}");
     }
 
     #[test]
