@@ -98,10 +98,8 @@ fn names(series: &[Series]) -> (Vec<Shape>, f64) {
 fn chart(series: &[Series], unit: Option<&str>, most: usize) -> (Vec<Shape>, [u32; 2]) {
     let all = || series.iter().flat_map(|one| &one.dots);
     let (count, total) = (all().count(), series.iter().map(|one| one.total).sum());
-    let range = |of: fn(&Dot) -> f64| {
-        let (low, high) = all()
-            .map(of)
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    let range = |of: fn(&Dot) -> f64, margin: f64| {
+        let (low, high) = cloud::robust_range(all().map(of), margin).unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
         if high > low {
             (low, high)
         } else if high == low {
@@ -110,7 +108,9 @@ fn chart(series: &[Series], unit: Option<&str>, most: usize) -> (Vec<Shape>, [u3
             (0.0, 1.0)
         }
     };
-    let (along, height) = (range(|dot| dot.along), range(|dot| dot.height));
+    let along = range(|dot| dot.along, f64::INFINITY);
+    // Masts and wires of a flat country are no strays.
+    let height = range(|dot| dot.height, along.1 - along.0);
     let [left, right, title, below] = MARGINS;
     let (listed, listed_height) = if series.len() > 1 { names(series) } else { (Vec::new(), 0.0) };
     let above = title + listed_height;
@@ -140,11 +140,14 @@ fn chart(series: &[Series], unit: Option<&str>, most: usize) -> (Vec<Shape>, [u3
     let mut shown = 0;
     for (index, Series { dots, .. }) in series.iter().enumerate().rev() {
         let own = index.checked_sub(1).map(|index| color_behind(index, series.len() - 1));
-        drawn.extend(dots.iter().step_by(step).map(|dot| {
+        // Strays beyond the axes are not drawn, and the title counts without them.
+        let is_on =
+            |dot: &&Dot| (along.0..=along.1).contains(&dot.along) && (height.0..=height.1).contains(&dot.height);
+        for dot in dots.iter().step_by(step).filter(is_on) {
             let center = place(dot.along, dot.height);
-            Shape::Disc { center, radius: 1.0, color: own.unwrap_or(dot.color), is_filled: true }
-        }));
-        shown += dots.len().div_ceil(step) as u64;
+            drawn.push(Shape::Disc { center, radius: 1.0, color: own.unwrap_or(dot.color), is_filled: true });
+            shown += 1;
+        }
     }
     let corners =
         [(along.0, height.0), (along.1, height.0), (along.1, height.1), (along.0, height.1), (along.0, height.0)];

@@ -225,8 +225,7 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
     let others = &session.tools.profiles.others;
     let behind = others.iter().flat_map(|(_, other)| &other.points);
     let heights = slice.points.iter().chain(behind).map(|point| point.dot.height);
-    let (low, high) =
-        heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), height| (low.min(height), high.max(height)));
+    let heights = cloud::robust_range(heights, slice.length);
     let mut plot = Plot::new("profile")
         .height(ui.available_height().max(140.0))
         .custom_x_axes(vec![AxisHints::new_x().label(format!("along{unit}")).label_spacing(X_LABELS)])
@@ -236,7 +235,7 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
         .allow_boxed_zoom(false)
         .include_x(0.0)
         .include_x(others.iter().map(|(_, other)| other.length).fold(slice.length, f64::max));
-    if low <= high {
+    if let Some((low, high)) = heights {
         plot = plot.include_y(low).include_y(high);
     }
     if is_even {
