@@ -299,6 +299,9 @@ fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
     if path.exists() {
         return Ok(Input::File(path.to_owned()));
     }
+    if let Ok(target) = path.read_link() {
+        return Err(format!("{name}: a link to {}, where nothing is", shown(&target)));
+    }
     let hint = if has_hint { hint(path) } else { String::new() };
     Err(format!("{name}: no such file or built-in scene{hint}"))
 }
@@ -316,11 +319,14 @@ fn hint(path: &Path) -> String {
     }
 }
 
-/// The clouds in a folder, or what is wrong with it.
+/// The clouds in a folder, or what is wrong with it. Names that begin with a dot are hidden files, such as those that
+/// macOS keeps beside others. A link to nothing stays in the list, so that its tile is missed.
 fn tiles(folder: &Path) -> Result<Input, String> {
     let is_cloud = |path: &PathBuf| {
+        let is_hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
-        ["las", "laz", "ply"].iter().any(|known| extension.eq_ignore_ascii_case(known)) && path.is_file()
+        let is_named_so = ["las", "laz", "ply"].iter().any(|known| extension.eq_ignore_ascii_case(known));
+        is_named_so && !is_hidden && (path.is_file() || path.is_symlink() && !path.exists())
     };
     let entries = std::fs::read_dir(folder).map_err(|error| error.to_string())?;
     let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_cloud).collect();
