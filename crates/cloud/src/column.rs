@@ -1,4 +1,5 @@
-//! One scalar attribute of every point of a chunk, in the type that the file has.
+//! One scalar attribute of every point of a chunk, in the type that the file has. A point without a value has NaN, so an
+//! attribute that some points lack has a type of floats (`ColumnType::with_none`).
 
 /// The scalar types of columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,6 +36,19 @@ impl ColumnType {
     /// Whether all values are whole numbers.
     pub fn is_whole(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The smallest type of floats that holds its numbers and "no value"; whole numbers beyond 2^53 are rounded.
+    pub fn with_none(self) -> Self {
+        match self {
+            Self::U8 | Self::I8 | Self::U16 | Self::I16 | Self::F32 => Self::F32,
+            Self::U32 | Self::I32 | Self::U64 | Self::I64 | Self::F64 => Self::F64,
+        }
+    }
+
+    /// The type that holds the numbers of both.
+    pub fn with(self, other: Self) -> Self {
+        if self == other { self } else { Self::F64 }
     }
 
     /// The size of one value in bytes.
@@ -128,14 +142,18 @@ impl Column {
     }
 
     #[allow(clippy::unnecessary_cast, reason = "one of the ten types is f64 already")]
-    /// The value of point `index` as f64 (64-bit integers above 2^53 lose digits; `text` does not).
+    /// The value of point `index` as f64, NaN if it has none (64-bit integers above 2^53 lose digits; `text` does not).
     pub fn value(&self, index: usize) -> f64 {
         each_type!(self, values => values[index] as f64)
     }
 
-    /// The value of point `index` as a person reads it, in full precision.
+    /// The value of point `index` as a person reads it, in full precision; nothing if it has none.
     pub fn text(&self, index: usize) -> String {
-        each_type!(self, values => values[index].to_string())
+        match self {
+            Self::F32(values) if values[index].is_nan() => String::new(),
+            Self::F64(values) if values[index].is_nan() => String::new(),
+            column => each_type!(column, values => values[index].to_string()),
+        }
     }
 
     /// The values of some points, in the order of `indices`.
@@ -171,5 +189,20 @@ impl Column {
 
     pub fn size_in_bytes(&self) -> usize {
         self.len() * self.column_type().size()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_without_a_value_has_no_text_and_its_type_is_one_of_floats() {
+        let columns = [Column::F32(vec![0.5, f32::NAN, -0.0]), Column::F64(vec![0.5, -f64::NAN, f64::INFINITY])];
+        let texts = columns.map(|column| [0, 1, 2].map(|index| column.text(index)));
+        assert_eq!(texts, [["0.5", "", "-0"], ["0.5", "", "inf"]]);
+        use ColumnType::{F32, F64, I16, I32, U8, U64};
+        assert_eq!([U8, I16, F32, I32, U64, F64].map(ColumnType::with_none), [F32, F32, F32, F64, F64, F64]);
+        assert_eq!((U8.with(U8), U8.with(I16), F32.with(F64)), (U8, F64, F64));
     }
 }

@@ -11,11 +11,14 @@ use glam::DVec3;
 use crate::cells::Cells;
 use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, STRAY_RADIUS, Volume, attribute_named};
 
+/// The name of the attribute that classes are.
+const CLASSES: &str = "classification";
+
 /// Decides which points are shown: those that are in no hidden class, whose attributes are in the ranges of all
 /// filters, and whose positions the clip volumes keep.
 ///
-/// - A point without a class is never hidden by class, and a cloud without an attribute is not filtered by it. A value
-///   that is not a number is in no range.
+/// - A point without a class is never hidden by class, and a cloud without an attribute is not filtered by it. A point
+///   without a value (NaN) is in no range, not even in an endless one.
 /// - Points are kept that are in at least one of the volumes that keep their inside, if there is any, and in none of
 ///   those that keep their outside. `within` narrows that down to a part of space.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -110,6 +113,29 @@ impl PointTest {
         self.rule.class_words[usize::from(class >> 5)] & (1 << (class & 31)) != 0
     }
 
+    pub fn hides_classes(&self) -> bool {
+        self.rule.class_words != [u32::MAX; 8]
+    }
+
+    /// Whether classes or filters may hide points.
+    pub fn tests_attributes(&self) -> bool {
+        self.hides_classes() || !self.rule.filters.is_empty()
+    }
+
+    /// For each of a cloud's attributes, whether it is tested.
+    pub fn reads(&self, attributes: &[Attribute]) -> Vec<bool> {
+        let mut reads = vec![false; attributes.len()];
+        let classes = self.hides_classes().then_some(CLASSES);
+        let columns = self.filtered().chain(classes).filter_map(|name| attribute_named(attributes, name));
+        columns.for_each(|column| reads[column] = true);
+        reads
+    }
+
+    /// The names in its filters of what a cloud with these attributes lacks.
+    pub fn idle_filters<'a>(&'a self, attributes: &[Attribute]) -> impl Iterator<Item = &'a str> {
+        self.filtered().filter(|name| attribute_named(attributes, name).is_none())
+    }
+
     /// The names of the attributes that the filters test.
     pub fn filtered(&self) -> impl Iterator<Item = &str> {
         self.rule.filters.iter().map(|filter| filter.attribute.as_str())
@@ -172,7 +198,7 @@ impl PointTest {
             let column = attribute_named(&layout.attributes, &filter.attribute)?;
             Some((column, filter.low, filter.high))
         };
-        let classes = layout.class_column().filter(|_| self.rule.class_words != [u32::MAX; 8]);
+        let classes = layout.class_column().filter(|_| self.hides_classes());
         let filters = self.rule.filters.iter().filter_map(filter).collect();
         ChunkTest { test: self.clone(), classes, filters, grid: layout.grid }
     }
@@ -190,7 +216,7 @@ pub struct CloudLayout {
 impl CloudLayout {
     /// The index of the column that holds the classes of the points.
     pub fn class_column(&self) -> Option<usize> {
-        attribute_named(&self.attributes, "classification")
+        attribute_named(&self.attributes, CLASSES)
     }
 }
 
@@ -407,6 +433,24 @@ mod tests {
         chunk.radii = Some(Arc::new(vec![500, STRAY_RADIUS, crate::NO_RADIUS]));
         assert_eq!((cloud(&chunk).strays(), cloud(&chunk).shown(&PointTest::default()).len()), (Some(1), 3));
         assert_eq!(cloud(&chunk).shown(&hiding).chunks[0].positions[..], [[0.0; 3], [2.0; 3]]);
+    }
+
+    #[test]
+    fn a_point_without_a_value_is_in_no_range() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 4]);
+        chunk.columns = vec![Some(Arc::new(Column::F32(vec![-1.0, f32::NAN, 5.0, f32::INFINITY])))];
+        let attributes = vec![Attribute { name: "height".into(), column_type: ColumnType::F32 }];
+        let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+        let shown = |low: f64, high: f64| {
+            let filter = Filter { attribute: "height".into(), low, high };
+            let test = PointTest::new([], vec![filter], Vec::new());
+            assert!(test.tests_attributes() && test.idle_filters(&cloud.attributes).next().is_none());
+            assert_eq!((test.reads(&cloud.attributes), test.idle_filters(&[]).collect()), (vec![true], vec!["height"]));
+            cloud.shown(&test).len()
+        };
+        assert_eq!((shown(f64::NEG_INFINITY, f64::INFINITY), shown(-2.0, f64::INFINITY), shown(0.0, 9.0)), (3, 3, 1));
+        assert!(PointTest::hiding([7]).tests_attributes() && !PointTest::default().tests_attributes());
+        assert_eq!(PointTest::hiding([7]).reads(&cloud.attributes), [false]);
     }
 
     #[test]

@@ -120,8 +120,21 @@ fn picture(_: &Source) -> Selection {
     Selection { positions: true, colors: true, ..Selection::default() }
 }
 
+/// All that a record has, each once: coordinates, colours and flags are among the attributes, too.
 fn everything(source: &Source) -> Selection {
-    Selection { attributes: vec![true; source.info().attributes.len()], ..picture(source) }
+    let again = ["x", "y", "z", "red", "green", "blue"];
+    let flags = [
+        "synthetic",
+        "key_point",
+        "withheld",
+        "overlap",
+        "scanner_channel",
+        "scan_direction_flag",
+        "edge_of_flight_line",
+    ];
+    let is_read = |name: &str| !again.contains(&name) && !flags.contains(&name);
+    let attributes = source.info().attributes.iter().map(|attribute| is_read(&attribute.name)).collect();
+    Selection { attributes, ..picture(source) }
 }
 
 fn picture_layers() -> DecompressionSelection {

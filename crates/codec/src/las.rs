@@ -433,6 +433,10 @@ impl LasSource {
                 let hexadecimal = record[at..at + length].iter().map(|byte| format!("{byte:02x}"));
                 format!("0x{}", hexadecimal.collect::<String>())
             }
+            // A float may round it.
+            Reading::Sparse { at, file_type, no_data, scaling: None } if !no_data.is_at(record, at, file_type) => {
+                self.text(&Reading::Value { at, file_type }, record)
+            }
             _ => {
                 let mut column = Column::with_capacity(reading.column_type(), 1);
                 reading.append(&mut column, record, record.len(), &self.grid);

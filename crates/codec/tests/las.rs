@@ -125,6 +125,25 @@ fn every_point_format_comes_back_as_it_was_written_in_las_and_laz() {
                     | u8::from(p.is_overlap) << 3,
             )
         });
+        expect("synthetic", &|p| p.is_synthetic.into());
+        expect("key_point", &|p| p.is_key_point.into());
+        expect("withheld", &|p| p.is_withheld.into());
+        expect("scan_direction_flag", &|p| (p.scan_direction == las::point::ScanDirection::LeftToRight).into());
+        expect("edge_of_flight_line", &|p| p.is_edge_of_flight_line.into());
+        if format >= 6 {
+            expect("overlap", &|p| p.is_overlap.into());
+            expect("scanner_channel", &|p| p.scanner_channel.into());
+        }
+        if points[0].color.is_some() {
+            expect("red", &|p| p.color.unwrap().red.into());
+            expect("blue", &|p| p.color.unwrap().blue.into());
+        }
+        if points[0].waveform.is_some() {
+            expect("wavepacket_offset", &|p| p.waveform.unwrap().byte_offset_to_waveform_data as f64);
+            expect("y_t", &|p| p.waveform.unwrap().y_t.into());
+        }
+        // Whatever is listed can be selected.
+        assert!(info.properties.iter().all(|own| info.attributes.iter().any(|other| other.name == own.name)), "{name}");
         // The writer rounds angles down to steps of 0.006 degrees.
         for (found, point) in values(&cloud, "scan_angle").into_iter().zip(&points) {
             assert!((found - f64::from(point.scan_angle)).abs() < 0.0061, "{name}: {found} for {}", point.scan_angle);
@@ -259,6 +278,104 @@ fn extra_bytes_of_all_types_are_columns_in_their_own_type() {
     }
 }
 
+/// The bytes of a number of a data type (1 to 10) in a record, and in the 64 bits of a descriptor.
+fn number_bytes(data_type: u8, value: i8) -> (Vec<u8>, [u8; 8]) {
+    let (whole, float) = (i64::from(value).to_le_bytes(), f64::from(value).to_le_bytes());
+    match data_type {
+        9 => (f32::from(value).to_le_bytes().to_vec(), float),
+        10 => (float.to_vec(), float),
+        _ => (whole[..1 << ((data_type - 1) / 2)].to_vec(), whole),
+    }
+}
+
+#[test]
+fn the_no_data_of_extra_bytes_is_no_value_in_every_type() {
+    // Each type has a dimension as it is, one with a scale, and one without a number for "no value".
+    let (mut all, mut descriptors, mut expected) = (points(6, 200), Vec::new(), Vec::new());
+    for data_type in 1..=10 {
+        let is_signed = data_type % 2 == 0 || data_type > 8;
+        let none = if is_signed { -7 } else { 7 };
+        for (kind, scale) in [("plain", None), ("scaled", Some((0.5, 10.0))), ("whole", None)] {
+            let mut own = descriptor(&format!("{kind} {data_type}"), data_type, scale);
+            if kind != "whole" {
+                own[3] |= 1;
+                own[40..48].copy_from_slice(&number_bytes(data_type, none).1);
+            }
+            descriptors.extend(own);
+            let value = |index: usize| if index.is_multiple_of(4) { none } else { (index % 100) as i8 + 20 };
+            for (index, point) in all.iter_mut().enumerate() {
+                point.extra_bytes.extend(number_bytes(data_type, value(index)).0);
+            }
+            let of = |index: usize| match (index.is_multiple_of(4), kind) {
+                (true, "plain" | "scaled") => None,
+                (_, "scaled") => Some(f64::from(value(index)) * 0.5 + 10.0),
+                _ => Some(f64::from(value(index))),
+            };
+            expected.push((format!("{kind} {data_type}"), (0..200).map(of).collect::<Vec<_>>()));
+        }
+    }
+    let las = las_file((1, 4), 6, &all, &[("LASF_Spec", 4, descriptors)]);
+    for bytes in [las.clone(), compress(&las, &Chunks::Fixed(100))] {
+        let file = file(&bytes);
+        let source = codec::open(file.path()).unwrap();
+        let (cloud, _) = read(&source, &everything(&source));
+        for (name, expected) in &expected {
+            let found: Vec<Option<f64>> =
+                values(&cloud, name).into_iter().map(|value| Some(value).filter(|value| !value.is_nan())).collect();
+            assert!(found == *expected, "{name}: {found:?}");
+            // A record has the same, with no text where there is no value.
+            let column = cloud.attributes.iter().position(|own| own.name == *name).unwrap();
+            for point in [0, 1, 120, 199] {
+                let record = source.record(point).unwrap();
+                let said = &record.iter().find(|own| own.0 == *name).unwrap().1;
+                let (chunk, index) = (&cloud.chunks[point as usize / 100 % cloud.chunks.len()], point as usize);
+                let text = chunk.columns[column].as_ref().unwrap().text(index - chunk.first_point as usize);
+                assert_eq!((said, said.is_empty()), (&text, expected[index].is_none()), "{name}: point {point}");
+            }
+        }
+        // Whole numbers of 64 bits may be too large for floats, which is said.
+        let warnings = source.info().warnings.join("\n");
+        assert!(warnings.contains("\"plain 7\" is u64") && warnings.contains("\"plain 8\" is i64"), "{warnings}");
+        assert_eq!(source.info().warnings.len(), 2, "{warnings}");
+    }
+}
+
+#[test]
+fn no_data_is_found_in_arrays_and_where_writers_leave_its_upper_bytes_empty() {
+    let mut all = points(6, 4);
+    let mut triple = descriptor("triple", 24, Some((0.1, 0.0)));
+    triple[3] |= 1;
+    for (element, none) in [-1_i64, -2, -3].into_iter().enumerate() {
+        triple[40 + 8 * element..48 + 8 * element].copy_from_slice(&none.to_le_bytes());
+    }
+    let mut short = descriptor("short", 4, None);
+    short[3] = 1;
+    short[40..42].copy_from_slice(&(-32768_i16).to_le_bytes());
+    let mut float = descriptor("float", 9, None);
+    float[3] = 1;
+    float[40..44].copy_from_slice(&(-9999.9_f32).to_le_bytes());
+    let mut rounded = descriptor("rounded", 9, None);
+    rounded[3] = 1;
+    rounded[40..48].copy_from_slice(&(-9999.9_f64).to_le_bytes());
+    for (index, point) in all.iter_mut().enumerate() {
+        for element in 0..3 {
+            point.extra_bytes.extend((if index == element { -1 - index as i16 } else { -2 }).to_le_bytes());
+        }
+        point.extra_bytes.extend((if index == 1 { i16::MIN } else { 5 }).to_le_bytes());
+        point.extra_bytes.extend((if index == 2 { -9999.9_f32 } else { 0.0 }).to_le_bytes());
+        point.extra_bytes.extend((if index == 3 { -9999.9_f32 } else { 0.0 }).to_le_bytes());
+    }
+    let vlr = [triple, short, float, rounded].concat();
+    let (_, cloud, _) = read_bytes(&las_file((1, 4), 6, &all, &[("LASF_Spec", 4, vlr)]));
+    let none = |name: &str| -> Vec<usize> {
+        let values = values(&cloud, name).into_iter().enumerate();
+        values.filter(|(_, value)| value.is_nan()).map(|(index, _)| index).collect()
+    };
+    assert_eq!([none("triple[0]"), none("triple[2]")], [vec![0], vec![2]]);
+    assert_eq!(none("triple[1]"), [0, 1, 2, 3], "-2 is the none of the second alone");
+    assert_eq!([none("short"), none("float"), none("rounded")], [vec![1], vec![2], vec![3]]);
+}
+
 #[test]
 fn extra_bytes_that_make_no_sense_are_warnings() {
     let mut all = points(1, 10);
@@ -273,8 +390,8 @@ fn extra_bytes_that_make_no_sense_are_warnings() {
 
 #[test]
 fn only_what_is_selected_comes_and_it_is_what_a_full_read_gives() {
-    let las = las_file((1, 4), 8, &points(8, 3_000), &[]);
-    for bytes in [las.clone(), compress(&las, &Chunks::Fixed(1_000))] {
+    let files = [8, 10].map(|format| las_file((1, 4), format, &points(format, 3_000), &[]));
+    for bytes in files.iter().flat_map(|las| [las.clone(), compress(las, &Chunks::Fixed(1_000))]) {
         let file = file(&bytes);
         let source = codec::open(file.path()).unwrap();
         let (full, _) = read(&source, &everything(&source));

@@ -18,6 +18,8 @@ const RED: [Option<usize>; 11] =
 const NEAR_INFRARED: [Option<usize>; 11] = [None, None, None, None, None, None, None, None, Some(36), None, Some(36)];
 const WAVE_PACKET: [Option<usize>; 11] =
     [None, None, None, None, Some(28), Some(34), None, None, None, Some(30), Some(38)];
+/// The size in bytes of a wave packet in a record.
+const WAVE_PACKET_LENGTH: usize = 29;
 /// The size in bytes of one descriptor in an Extra Bytes record.
 const DESCRIPTOR_LENGTH: usize = 192;
 
@@ -53,11 +55,63 @@ pub enum Reading {
         scale: f64,
         offset: f64,
     },
+    /// An extra dimension of which one number means that a point has no value. Its column has NaN there. `scaling` is
+    /// its scale and its offset, if it has any.
+    Sparse {
+        at: usize,
+        file_type: ColumnType,
+        no_data: NoData,
+        scaling: Option<(f64, f64)>,
+    },
     /// Bytes that no record describes.
     Opaque {
         at: usize,
         length: usize,
     },
+}
+
+/// The number that means "no value" in an extra dimension, as the file has it: before scale and offset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NoData {
+    /// The bytes of a whole number; those beyond its type's size do not count.
+    Whole([u8; 8]),
+    Float(f64),
+}
+
+impl NoData {
+    /// Reads the field of a descriptor (LAS 1.4 R15, table 24: a 64-bit number of the kind of the type). Some writers
+    /// put the number in its own type there, and zeros behind it. `None` if the type has no such number.
+    fn new(field: [u8; 8], file_type: ColumnType) -> Option<Self> {
+        let size = file_type.size();
+        let (own, rest) = field.split_at(size);
+        match file_type {
+            ColumnType::F64 => Some(Self::Float(f64::from_le_bytes(field))),
+            ColumnType::F32 if rest == [0; 4] => Some(Self::Float(f32::from_le_bytes(bytes(own, 0)).into())),
+            ColumnType::F32 => Some(Self::Float(f64::from_le_bytes(field))),
+            _ => {
+                let is_signed = matches!(file_type, ColumnType::I8 | ColumnType::I16 | ColumnType::I32);
+                let is_negative = is_signed && own[size - 1] & 0x80 != 0;
+                let is_extended =
+                    rest.iter().all(|byte| *byte == 0) || is_negative && rest.iter().all(|byte| *byte == 255);
+                is_extended.then_some(Self::Whole(field))
+            }
+        }
+    }
+
+    /// Whether the number at byte `at` of a record is this one.
+    pub fn is_at(&self, record: &[u8], at: usize, file_type: ColumnType) -> bool {
+        match *self {
+            Self::Whole(number) => {
+                let size = file_type.size();
+                record[at..at + size] == number[..size]
+            }
+            // The file may have rounded its own number to 32 bits.
+            Self::Float(number) if file_type == ColumnType::F32 => {
+                f32::from_le_bytes(bytes(record, at)) == number as f32
+            }
+            Self::Float(number) => f64::from_le_bytes(bytes(record, at)) == number,
+        }
+    }
 }
 
 impl Reading {
@@ -68,6 +122,7 @@ impl Reading {
             | Self::Value { at, .. }
             | Self::Degrees { at, .. }
             | Self::Scaled { at, .. }
+            | Self::Sparse { at, .. }
             | Self::Opaque { at, .. } => at,
         }
     }
@@ -77,9 +132,10 @@ impl Reading {
         match *self {
             Self::Coordinate { .. } => ColumnType::I32,
             Self::Bits { .. } | Self::Opaque { .. } => ColumnType::U8,
-            Self::Value { file_type, .. } | Self::Degrees { file_type, .. } | Self::Scaled { file_type, .. } => {
-                file_type
-            }
+            Self::Value { file_type, .. }
+            | Self::Degrees { file_type, .. }
+            | Self::Scaled { file_type, .. }
+            | Self::Sparse { file_type, .. } => file_type,
         }
     }
 
@@ -87,7 +143,8 @@ impl Reading {
     pub fn column_type(&self) -> ColumnType {
         match self {
             Self::Degrees { .. } => ColumnType::F32,
-            Self::Coordinate { .. } | Self::Scaled { .. } => ColumnType::F64,
+            Self::Coordinate { .. } | Self::Scaled { .. } | Self::Sparse { scaling: Some(_), .. } => ColumnType::F64,
+            Self::Sparse { file_type, .. } => file_type.with_none(),
             _ => self.file_type(),
         }
     }
@@ -104,6 +161,19 @@ impl Reading {
             }
             (&Self::Scaled { at, file_type, scale, offset }, Column::F64(values)) => {
                 values.extend(records.map(|record| number(record, at, file_type) * scale + offset));
+            }
+            (&Self::Sparse { at, file_type, no_data, scaling }, Column::F64(values)) => {
+                let (scale, offset) = scaling.unwrap_or((1.0, 0.0));
+                values.extend(records.map(|record| match no_data.is_at(record, at, file_type) {
+                    true => f64::NAN,
+                    false => number(record, at, file_type) * scale + offset,
+                }));
+            }
+            (&Self::Sparse { at, file_type, no_data, .. }, Column::F32(values)) => {
+                values.extend(records.map(|record| match no_data.is_at(record, at, file_type) {
+                    true => f32::NAN,
+                    false => number(record, at, file_type) as f32,
+                }));
             }
             (&Self::Coordinate { axis }, Column::F64(values)) => values.extend(records.map(|record| {
                 f64::from(i32::from_le_bytes(bytes(record, axis * 4))) * grid.scale[axis] + grid.offset[axis]
@@ -168,6 +238,8 @@ pub struct Layout {
     /// The offset of the 16-bit red, green and blue.
     pub red: Option<usize>,
     near_infrared: Option<usize>,
+    /// The offset of the wave packet.
+    wave_packet: Option<usize>,
     /// Whether the point format is 6 to 10, which LAZ stores in layers.
     extended: bool,
 }
@@ -260,7 +332,8 @@ impl Layout {
             }
         }
 
-        let selectable = [
+        // Those that are asked for most come first.
+        let first = [
             "intensity",
             "return_number",
             "number_of_returns",
@@ -271,7 +344,7 @@ impl Layout {
             "gps_time",
             "nir",
         ];
-        let mut attributes: Vec<Property> = selectable
+        let mut attributes: Vec<Property> = first
             .iter()
             .filter_map(|name| properties.iter().find(|property| property.name == *name).cloned())
             .collect();
@@ -279,6 +352,8 @@ impl Layout {
         let (shift, mask) = if extended { (0, 15) } else { (5, 7) };
         attributes
             .push(Property { name: "classification_flags".into(), reading: Reading::Bits { at: 15, shift, mask } });
+        let further = properties.iter().filter(|property| !first.contains(&property.name.as_str()));
+        attributes.extend(further.cloned());
 
         // The number of dimensions that have this name, or had it before a number was added.
         let mut names: HashMap<String, usize> = HashMap::new();
@@ -299,7 +374,8 @@ impl Layout {
             }
             properties.push(property);
         }
-        Self { record_length, properties, attributes, red, near_infrared: NEAR_INFRARED[format], extended }
+        let (near_infrared, wave_packet) = (NEAR_INFRARED[format], WAVE_PACKET[format]);
+        Self { record_length, properties, attributes, red, near_infrared, wave_packet, extended }
     }
 
     /// The number of bytes at the end of a record that no descriptor describes.
@@ -354,7 +430,11 @@ impl Layout {
             18 | 19 => DecompressionSelection::SCAN_ANGLE,
             20 | 21 => DecompressionSelection::POINT_SOURCE_ID,
             22..30 => DecompressionSelection::GPS_TIME,
+            _ if self.red.is_some_and(|red| (red..red + 6).contains(&at)) => DecompressionSelection::RGB,
             _ if self.near_infrared == Some(at) => DecompressionSelection::NIR,
+            _ if self.wave_packet.is_some_and(|first| (first..first + WAVE_PACKET_LENGTH).contains(&at)) => {
+                DecompressionSelection::WAVEPACKET
+            }
             _ => DecompressionSelection::ALL_EXTRA_BYTES,
         }
     }
@@ -415,11 +495,22 @@ fn extra_dimensions(
                     let number = |base: usize| f64::from_le_bytes(bytes(descriptor, base + 8 * element));
                     let scale = if options & 8 != 0 { number(112) } else { 1.0 };
                     let offset = if options & 16 != 0 { number(136) } else { 0.0 };
-                    let reading = if options & 24 != 0 {
-                        Reading::Scaled { at, file_type, scale, offset }
-                    } else {
-                        Reading::Value { at, file_type }
+                    let scaling = (options & 24 != 0).then_some((scale, offset));
+                    let field = bytes(descriptor, 40 + 8 * element);
+                    let no_data = if options & 1 != 0 { NoData::new(field, file_type) } else { None };
+                    let reading = match (no_data, scaling) {
+                        (Some(no_data), _) => Reading::Sparse { at, file_type, no_data, scaling },
+                        (None, Some((scale, offset))) => Reading::Scaled { at, file_type, scale, offset },
+                        (None, None) => Reading::Value { at, file_type },
                     };
+                    let is_wide = matches!(file_type, ColumnType::U64 | ColumnType::I64);
+                    if no_data.is_some() && scaling.is_none() && is_wide {
+                        warnings.push(format!(
+                            "extra dimension \"{name}\" is {} and has a number for \"no value\": it is read as f64, and numbers \
+                             beyond 9,007,199,254,740,992 are rounded",
+                            file_type.name()
+                        ));
+                    }
                     dimensions.push(Property { name, reading });
                 }
             }

@@ -61,7 +61,7 @@ impl LasSource {
             return None;
         }
         let layout = CloudLayout { attributes: self.info.attributes.clone(), grid: self.info.grid };
-        let attributes = attributes_named(&layout.attributes, test.filtered().chain(["classification"]));
+        let attributes = test.reads(&layout.attributes);
         let plan = ReadPlan { layout: &self.layout, grid: self.grid, positions: true, colors: None, attributes };
         Some(RecordTest { plan, test: test.of(&layout), placement: self.info.placement })
     }

@@ -36,7 +36,7 @@ pub struct Roles {
     pub color_scale: Option<[Scale; 3]>,
     pub alpha: Option<(usize, Option<Scale>)>,
     pub normals: Option<[usize; 3]>,
-    /// All other scalars.
+    /// All scalars: first those without another meaning.
     pub attributes: Vec<usize>,
     pub is_splats: bool,
 }
@@ -74,7 +74,8 @@ impl Roles {
         let mut taken = roles.position.to_vec();
         taken.extend(roles.colors.into_iter().chain(roles.normals).flatten());
         taken.extend(roles.alpha.map(|(alpha, _)| alpha));
-        roles.attributes = (0..scalars.len()).filter(|index| !taken.contains(index)).collect();
+        let (others, taken): (Vec<usize>, _) = (0..scalars.len()).partition(|index| !taken.contains(index));
+        roles.attributes = [others, taken].concat();
         Some(roles)
     }
 

@@ -45,7 +45,7 @@ impl PlySource {
     ) -> Vec<String> {
         let packing = self.packing(vec![true; self.element().properties.len()]);
         let layout = cloud::CloudLayout { attributes: self.info.attributes.clone(), grid: None };
-        let attributes = attributes_named(&layout.attributes, test.filtered().chain(["classification"]));
+        let attributes = test.reads(&layout.attributes);
         let selection = Selection { positions: true, colors: false, normals: false, attributes };
         let plan = RowDecoder::new(&self.scalars, &self.roles, &selection, &packing);
         let test = test.of(&layout);

@@ -324,7 +324,7 @@ pub fn record(
             let first = tokens.next();
             let value = match (first, property.kind) {
                 (None, _) => "missing".into(),
-                (Some(token), Kind::Scalar(_)) => text(token),
+                (Some(token), Kind::Scalar(_)) => Some(text(token)).filter(|text| !is_nan(text)).unwrap_or_default(),
                 (Some(length), Kind::List { .. }) => {
                     let items = number::parse_integer(length).0.unwrap_or(0).clamp(0, line.len() as i128) as usize;
                     let shown: Vec<_> = tokens.by_ref().take(items).take(RECORD_ITEMS).map(text).collect();
@@ -344,7 +344,7 @@ pub fn record(
         let value = match property.kind {
             Kind::Scalar(scalar) => {
                 let Some(bytes) = reader.take(scalar.size())? else { return Ok(None) };
-                scalar_text(bytes, scalar, header.encoding)
+                Some(scalar_text(bytes, scalar, header.encoding)).filter(|text| !is_nan(text)).unwrap_or_default()
             }
             Kind::List { length, item } => {
                 let Some(bytes) = reader.take(length.size())? else { return Ok(None) };
@@ -361,6 +361,11 @@ pub fn record(
         record.push((property.name.clone(), value));
     }
     Ok(Some(record))
+}
+
+/// Whether this is the text of no number, which stands for "no value".
+fn is_nan(text: &str) -> bool {
+    text.parse::<f64>().is_ok_and(f64::is_nan)
 }
 
 fn list_text(shown: &[String], items: usize) -> String {
