@@ -31,7 +31,7 @@ pub(crate) const PAGES: &str = "pages";
 /// The name of `nodes` while it is being written.
 pub(crate) const UNFINISHED: &str = "nodes.unfinished";
 /// Indexes of another version are made again.
-pub(crate) const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 2;
 pub(crate) const MAGIC: [u8; 8] = *b"glintidx";
 /// Bytes before the body: magic, version, checksum of the body.
 const HEAD_BYTES: usize = 16;

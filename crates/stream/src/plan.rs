@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Attribute, Bounds, Chunk, Cloud, Grid, Progress, attribute_named};
+use cloud::{Attribute, Bounds, Chunk, Cloud, ColumnType, Grid, Progress, attribute_named};
 use codec::{Format, Selection, Source};
 use glam::DVec3;
 
@@ -139,7 +139,8 @@ fn lattice_for(extent: &Extent) -> Grid {
 }
 
 /// The attributes that the index of some files has, in the order of its chunks' columns: the usual ones, and those of
-/// `also` that a file has.
+/// `also` that a file has. Their types hold the numbers of all files, and NaN where one of the files lacks the
+/// attribute; classes have their own number for that.
 pub fn index_attributes(inputs: &[Arc<Source>], also: &BTreeSet<String>) -> Vec<Attribute> {
     let infos = inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
     let offered = infos.map(|info| info.attributes.as_slice());
@@ -147,6 +148,13 @@ pub fn index_attributes(inputs: &[Arc<Source>], also: &BTreeSet<String>) -> Vec<
     for name in also {
         if attribute_named(&kept, name).is_none() {
             kept.extend(first_named(offered.clone(), name));
+        }
+    }
+    for Attribute { name, column_type } in kept.iter_mut().filter(|attribute| attribute.name != "classification") {
+        let own = |file: &[Attribute]| attribute_named(file, name).map(|index| file[index].column_type);
+        *column_type = offered.clone().filter_map(own).fold(*column_type, ColumnType::with);
+        if offered.clone().any(|file| own(file).is_none()) {
+            *column_type = column_type.with_none();
         }
     }
     kept

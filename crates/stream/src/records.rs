@@ -126,6 +126,20 @@ impl Layout {
         for (attribute, column) in self.attributes.iter().zip(columns) {
             let size = attribute.column_type.size();
             let column = column.and_then(|column| chunk.columns.get(column)?.as_deref());
+            let none;
+            // Only files that lack it make its type one of floats, so others have it in every chunk.
+            let column = match (column, attribute.column_type) {
+                (Some(column), _) => Some(column),
+                (None, ColumnType::F32) => {
+                    none = Column::F32(vec![f32::NAN; chunk.len()]);
+                    Some(&none)
+                }
+                (None, ColumnType::F64) => {
+                    none = Column::F64(vec![f64::NAN; chunk.len()]);
+                    Some(&none)
+                }
+                (None, _) => None,
+            };
             if let Some(column) = column {
                 let converted;
                 let column = if column.column_type() == attribute.column_type {

@@ -299,6 +299,43 @@ fn an_index_keeps_the_last_distances_that_were_added_to_a_file() {
     assert_eq!(seen, 2000);
 }
 
+#[test]
+fn an_attribute_that_one_of_several_files_lacks_has_no_value_there() {
+    let folder = tempfile::tempdir().unwrap();
+    // Each file has a row of points of its own.
+    let write = |row: u32, more: &str, values: &str| {
+        let path = folder.path().join(format!("{row}.ply"));
+        let rows: String = (0..1000).map(|x| format!("{x} {row} 0 {values}\n")).collect();
+        let place = "property float x\nproperty float y\nproperty float z\n";
+        let header = format!("ply\nformat ascii 1.0\nelement vertex 1000\n{place}{more}end_header\n");
+        std::fs::write(&path, header + &rows).unwrap();
+        open(&path)
+    };
+    let inputs = [
+        write(0, "", ""),
+        write(1, "property uchar quality\nproperty short height\nproperty uchar classification\n", "9 -7 2"),
+        write(2, "property uchar quality\nproperty float height\n", "8 0.5"),
+    ];
+    let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+    let asked = cache.keeping(["quality", "height"].map(String::from).into());
+    let pages = build(&inputs, &asked, &BuildOptions::default(), &Progress::default(), &|_| ()).unwrap();
+    let kept: Vec<(&str, &str)> =
+        pages.attributes().iter().map(|own| (own.name.as_str(), own.column_type.name())).collect();
+    assert_eq!(kept, [("classification", "u8"), ("height", "f64"), ("quality", "f32")]);
+    let mut seen = 0;
+    for (id, _) in pages.octree().ids() {
+        let chunk = pages.read(id).unwrap();
+        for index in 0..chunk.len() {
+            let value = |column: usize| chunk.columns[column].as_ref().unwrap().text(index);
+            let expected =
+                [["0", "", ""], ["2", "-7", "9"], ["0", "0.5", "8"]][chunk.position(index).y.round() as usize];
+            assert_eq!([value(0), value(1), value(2)], expected);
+            seen += 1;
+        }
+    }
+    assert_eq!(seen, 3000);
+}
+
 /// The cubes of all nodes: lower corner and width.
 fn cubes(pages: &Pages) -> Vec<(DVec3, f64)> {
     let octree = pages.octree();

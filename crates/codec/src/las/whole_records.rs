@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{ChunkTest, CloudLayout, Placement, PointTest, Progress, ShownPoints, attributes_named};
+use cloud::{ChunkTest, CloudLayout, Placement, PointTest, Progress, ShownPoints};
 use laz::DecompressionSelection;
 use param::shown;
 

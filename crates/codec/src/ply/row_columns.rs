@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Attribute, Column, ColumnType, PointTest, Progress, attributes_named};
+use cloud::{Attribute, Column, ColumnType, PointTest, Progress};
 use glam::Vec3;
 use param::shown;
 
