@@ -1,5 +1,6 @@
 // The colour of a point, according to the source of the cloud's colours. The values of COLOR_* are those of
 // crates/render/src/coloring.rs.
+#import finite
 #import packing
 #import page_group
 
@@ -13,7 +14,7 @@ const COLOR_RGB_OR_PLAIN: u32 = 6u;
 const COLOR_RGB_OR_GREY: u32 = 7u;
 
 // The entry of the palette (256 colours of each ramp, then 256 of the classes), or PALETTE_NONE for a colour of its
-// own.
+// own. A point without a value (NaN) has no entry: it is plain.
 const PALETTE_NONE: u32 = 0xffffffffu;
 
 fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
@@ -23,7 +24,7 @@ fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
     var value = scalar;
     if item.color_source == COLOR_HEIGHT {
         value = item.height + dot(item.height_axis.xyz, bitcast<vec3f>(point.xyz));
-    } else if item.color_source != COLOR_SCALAR {
+    } else if item.color_source != COLOR_SCALAR || is_nan(scalar) {
         return PALETTE_NONE;
     }
     return item.palette + u32(clamp((value - item.low) * item.inverse_range, 0.0, 1.0) * 255.0 + 0.5);
@@ -44,7 +45,7 @@ fn albedo_of_point(item: Item, index: u32, point: vec4u, attributes: vec2u) -> v
     let has_rgb = item.color_source == COLOR_RGB || item.color_source >= COLOR_RGB_OR_PLAIN;
     let own = select(item.plain, attributes.x, has_rgb && !is_blank);
     var srgb = unpack4x8unorm(select(palette_color, own, entry == PALETTE_NONE)).rgb;
-    if is_blank && item.color_source == COLOR_RGB_OR_GREY {
+    if is_blank && item.color_source == COLOR_RGB_OR_GREY && !is_nan(scalar) {
         let grey = clamp((scalar - item.low) * item.inverse_range, 0.0, 1.0);
         srgb = vec3f(floor(grey * 255.0 + 0.5) / 255.0);
     }

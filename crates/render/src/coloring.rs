@@ -1,6 +1,8 @@
 //! Interprets the `color.*` parameters for a cloud: the source of the colour, the range of values, and the ramps.
 
-use cloud::{Cloud, ColorCount, Scalar, constant, histogram, percentile_range};
+use std::sync::Arc;
+
+use cloud::{Chunk, Cloud, ColorCount, Column, Scalar, constant, histogram, percentile_range};
 use glam::DVec3;
 use param::Choice as _;
 
@@ -84,7 +86,11 @@ impl ColorPlan {
                 cloud.class_column().map_or_else(|| lacks("classification".into()), |_| Some(ColorSource::Class))
             }
             ColorBy::Attribute => cloud.column_of(&color.attribute).map_or_else(
-                || lacks(format!("attribute `{}`", color.attribute)),
+                || {
+                    let known = cloud.attributes.iter().map(|attribute| attribute.name.as_str());
+                    let hint = param::nearest(&color.attribute, known).map(|near| format!(" (did you mean `{near}`?)"));
+                    lacks(format!("attribute `{}`{}", color.attribute, hint.unwrap_or_default()))
+                },
                 |index| Some(ColorSource::Column(index)),
             ),
             ColorBy::Intensity | ColorBy::ReturnNumber | ColorBy::GpsTime => {
@@ -97,7 +103,12 @@ impl ColorPlan {
             if let Some((what, value)) = constant {
                 warning = Some(format!("{}: {what} is {value} everywhere; colouring is automatic", cloud.name));
             }
-            constant.is_none()
+            let is_empty = is_empty(cloud, *source);
+            if is_empty {
+                let name = source.column().map_or("", |index| cloud.attributes[index].name.as_str());
+                warning = Some(format!("{}: no point has a value of {name}; colouring is automatic", cloud.name));
+            }
+            constant.is_none() && !is_empty
         });
         let intensity = cloud.column_of("intensity");
         let source = match wanted.unwrap_or_else(|| automatic(cloud, has_colors, intensity, up)) {
@@ -165,6 +176,15 @@ fn constant_of(cloud: &Cloud, source: ColorSource, up: DVec3) -> Option<(&str, f
         _ => return None,
     };
     Some((name, constant(&cloud.chunks, scalar)?))
+}
+
+/// Whether a column is loaded and none of the points has a value in it.
+fn is_empty(cloud: &Cloud, source: ColorSource) -> bool {
+    let ColorSource::Column(index) = source else { return false };
+    let column = |chunk: &Chunk| chunk.columns.get(index).cloned().flatten();
+    let mut chunks = cloud.chunks.iter().filter(|chunk| !chunk.is_empty()).peekable();
+    let has_none = |column: Arc<Column>| (0..column.len()).all(|point| column.value(point).is_nan());
+    chunks.peek().is_some() && chunks.all(|chunk| column(chunk).is_some_and(has_none))
 }
 
 /// RGB if the cloud has it. A survey (scaled integer coordinates) without RGB shows its height if it is a landscape,
@@ -422,6 +442,23 @@ mod tests {
         cloud.attributes[0].name = "scalar_Classification".into();
         let (plan, _) = ColorPlan::new(&cloud, &Color { by: ColorBy::Class, ..Color::default() }, DVec3::Z);
         assert_eq!(plan.source, ColorSource::Class);
+    }
+
+    #[test]
+    fn values_that_are_none_are_out_of_the_range_and_an_attribute_of_nothing_else_is_said() {
+        let mut cloud = cloud(vec![0; 100]);
+        let mut of = |values: Vec<f32>| {
+            cloud.attributes[0] = Attribute { name: "height".into(), column_type: ColumnType::F32 };
+            cloud.chunks[0].columns[0] = Some(Arc::new(Column::F32(values)));
+            let color = Color { by: ColorBy::Attribute, attribute: "height".into(), ..Color::default() };
+            let (plan, warning) = ColorPlan::new(&cloud, &color, DVec3::Z);
+            let counted: u32 = plan.histogram(&cloud, DVec3::Z, 10).0.iter().sum();
+            (plan.label, plan.full_range, counted, warning)
+        };
+        let some = |i: usize| if i.is_multiple_of(4) { f32::NAN } else { i as f32 };
+        assert_eq!(of((0..100).map(some).collect()), ("height".into(), (1.0, 99.0), 75, None));
+        let (_, _, _, warning) = of(vec![f32::NAN; 100]);
+        assert_eq!(warning.unwrap(), "test: no point has a value of height; colouring is automatic");
     }
 
     #[test]

@@ -367,6 +367,50 @@ fn an_attribute_of_large_values_is_coloured_across_its_whole_ramp() {
 }
 
 #[test]
+fn points_without_a_value_are_plain_among_those_on_a_ramp() {
+    let mut stage = stage_or_skip!();
+    // The left half has values, and the right half none.
+    let point = |i: i32| {
+        let position = DVec3::new(f64::from(i) / 128.0 - 1.0, 0.0, 0.0);
+        Point { position, normal: Vec3::ZERO, color: [0; 3], radius: 0.01 }
+    };
+    let points: Vec<Point> = (0..256).map(point).collect();
+    let mut chunk = chunk(&points, DVec3::ZERO);
+    let heights = (0..256).map(|i| if i < 128 { i as f32 } else { f32::NAN }).collect();
+    chunk.columns = vec![Some(Arc::new(Column::F32(heights)))];
+    let attributes = vec![Attribute { name: "height_above".into(), column_type: ColumnType::F32 }];
+    let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+    let mut settings = settings(&[
+        ("color.by", "attribute"),
+        ("color.attribute", "height_above"),
+        ("color.ramp", "gray"),
+        ("color.plain", "#ff0000"),
+    ]);
+    settings.light.headlight = 0.0;
+    settings.edl.strength = 0.0;
+    let mut store = PointStore::new(stage.gpu.clone());
+    let id = store.add_cloud(Material::default());
+    let ids = [store.add_chunk(id, &cloud.chunks[0], None).unwrap()];
+    let (plan, warning) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
+    assert_eq!((plan.full_range, warning), ((0.0, 127.0), None));
+    assert_eq!(plan.histogram(&cloud, DVec3::Z, 4).0.iter().sum::<u32>(), 128);
+    store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
+    for quality in ["nearest", "high"] {
+        settings.set_text("splat.quality", quality).unwrap();
+        stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+        let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
+        let row = (0..SIZE[0] as usize).map(|x| (60 * SIZE[0] as usize + x) * 3);
+        let shown: Vec<&[f32]> = row.map(|at| &albedo[at..at + 3]).filter(|albedo| !albedo[0].is_nan()).collect();
+        let is_red = |albedo: &&&[f32]| albedo[0] > 0.99 && albedo[1] < 0.01;
+        let red = shown.iter().rev().take_while(is_red).count();
+        assert!(shown.len() > 90 && red.abs_diff(shown.len() / 2) < 3, "{quality}: {red} of {}", shown.len());
+        let grey = &shown[..shown.len() - red - 2];
+        assert!(grey.iter().all(|albedo| (albedo[0] - albedo[1]).abs() < 0.01), "{quality}: {grey:?}");
+    }
+}
+
+#[test]
 fn raw_colours_come_back_exactly_when_light_is_off() {
     let mut stage = stage_or_skip!();
     // A board of every grey level, and its opposite, squares apart.

@@ -187,9 +187,10 @@ impl SubjectPart {
         let place = |value: f64| {
             let range = self.plan.high - self.plan.low;
             let share = if range > 0.0 { (value - self.plan.low) / range } else { 0.0 };
-            (share.clamp(0.0, 1.0) * 255.0).round() as u8
+            // A point without a value has no place on the ramp.
+            (!value.is_nan()).then_some((share.clamp(0.0, 1.0) * 255.0).round() as u8)
         };
-        let on_ramp = |value: f64| ramp[usize::from(place(value))];
+        let on_ramp = |value: f64| place(value).map_or(self.plan.plain, |place| ramp[usize::from(place)]);
         let paint = |chunk: &Chunk| -> Option<Vec<[u8; 4]>> {
             let each = |color: &dyn Fn(usize) -> [u8; 4]| Some((0..chunk.len()).map(color).collect());
             let column = |index: usize| chunk.columns.get(index)?.as_deref();
@@ -197,7 +198,7 @@ impl SubjectPart {
                 ColorSource::Rgb => chunk.colors.as_ref().map(|colors| colors.to_vec()),
                 ColorSource::RgbOr(grey) => {
                     let (colors, greys) = (chunk.colors.as_ref()?, grey.and_then(column));
-                    each(&|point| match greys.map(|greys| place(greys.value(point))) {
+                    each(&|point| match greys.and_then(|greys| place(greys.value(point))) {
                         _ if !cloud::is_black(colors[point]) => colors[point],
                         Some(grey) => [grey, grey, grey, u8::MAX],
                         None => self.plan.plain,
