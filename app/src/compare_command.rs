@@ -67,8 +67,10 @@ fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     terminal::warn(&request.warnings);
+    let memory = half_of(settings.stream.host_bytes);
+    terminal::warn(request.check_filters(memory)?);
     let mut failed = Few::of("that cannot be read");
-    let inputs = export_command::open(&request, half_of(settings.stream.host_bytes), &mut failed);
+    let inputs = export_command::open(&request, memory, &mut failed);
     let is_whole = failed.count() == 0 && inputs.iter().any(|sources| !sources.is_empty());
     failed.end();
     if !is_whole {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
-use cloud::{Chunk, Cloud, PointTest, Progress, ShownPoints, attributes_named};
+use cloud::{Chunk, Cloud, PointTest, Progress, ShownPoints};
 use codec::{Runs, Selection, Source, Wanted};
 use glam::{DVec3, I64Vec3};
 use measure::{Change, DistanceFigures, M3c2, PointTree, nearest_distances};
@@ -144,7 +144,7 @@ impl Side {
         for (number, source) in sources.iter().enumerate() {
             let info = source.info();
             let (name, attributes) = (shown(&info.path), info.attributes.clone());
-            let selected = attributes_named(&attributes, self.test.filtered().chain(["classification"]));
+            let selected = self.test.reads(&attributes);
             let cloud = Cloud { name, attributes, grid: info.grid, chunks: Vec::new() };
             let test = cloud.test(&self.test);
             let selection = Selection { positions: true, attributes: selected, ..Selection::default() };

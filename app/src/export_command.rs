@@ -52,6 +52,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     }
     terminal::warn(&request.warnings);
     let memory = half_of(settings.stream.host_bytes);
+    terminal::warn(request.check_filters(memory)?);
     let mut failed = Few::of("that cannot be read");
     let inputs = open(&request, memory, &mut failed);
     let status = if failed.count() > 0 { UNUSABLE } else { 0 };

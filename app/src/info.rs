@@ -90,6 +90,14 @@ pub struct AttributeReport {
     /// The value that all points have, if all were read and it is the same.
     #[serde(skip_serializing_if = "Option::is_none")]
     constant: Option<f64>,
+    /// The smallest and the largest value, if all points were read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    min: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    max: Option<f64>,
+    /// The number of points without a value, if all were read and there are some.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    without_value: Option<u64>,
 }
 
 /// Reports all inputs. Returns exit status 2 if one of them cannot be read, and says so on standard error, too.
@@ -169,7 +177,9 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     };
     let small = std::fs::metadata(path).is_ok_and(|metadata| metadata.len() <= READ_WITHOUT_ASKING);
     if scan || small {
-        let attributes = vec![true; info.attributes.len()];
+        // The bounds tell of coordinates.
+        let is_place = |name: &str| ["x", "y", "z"].iter().any(|axis| name.eq_ignore_ascii_case(axis));
+        let attributes = info.attributes.iter().map(|attribute| !is_place(&attribute.name)).collect();
         let selection = codec::Selection { positions: true, colors: true, attributes, ..Default::default() };
         let progress = Progress::default();
         let ranges = Mutex::new(vec![Range::NONE; info.attributes.len()]);
@@ -184,7 +194,7 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
                 places.lock().unwrap_or_else(PoisonError::into_inner).push(place);
             }
             for (index, column) in chunk.columns.iter().enumerate() {
-                let range = column.as_ref().map_or(Range::NONE, |column| Range::of(column));
+                let Some(range) = column.as_ref().map(|column| Range::of(column)) else { continue };
                 if let Some(known) = ranges.lock().unwrap_or_else(PoisonError::into_inner).get_mut(index) {
                     *known = known.with(range);
                 }
@@ -196,7 +206,7 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
         for (attribute, range) in info.attributes.iter().zip(ranges).filter(|_| summary.points > 1) {
             let reported = report.attributes.iter_mut().find(|reported| reported.name == attribute.name);
             if let Some(reported) = reported {
-                reported.constant = range.constant();
+                range.report(reported);
             }
         }
         let colors = colors.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -225,29 +235,36 @@ fn neighbourhoods(chunks: &[Chunk]) -> Option<NeighbourhoodReport> {
     (found.points > 0).then_some(NeighbourhoodReport { points: found.points, strays: share, noise: found.noise })
 }
 
-/// The smallest and the largest value; the first is larger if there is none.
+/// The smallest and the largest value, of which the first is larger if there is none, and the number of points without
+/// a value.
 #[derive(Clone, Copy)]
-struct Range([f64; 2]);
+struct Range {
+    low: f64,
+    high: f64,
+    without: u64,
+}
 
 impl Range {
-    const NONE: Self = Self([f64::INFINITY, f64::NEG_INFINITY]);
+    const NONE: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY, without: 0 };
 
     fn of(column: &Column) -> Self {
-        (0..column.len()).map(|index| column.value(index)).fold(Self::NONE, |range, value| range.with(Self([value; 2])))
+        let add = |range: Self, value: f64| match value.is_nan() {
+            true => Self { without: range.without + 1, ..range },
+            false => Self { low: range.low.min(value), high: range.high.max(value), ..range },
+        };
+        (0..column.len()).map(|index| column.value(index)).fold(Self::NONE, add)
     }
 
     fn with(self, other: Self) -> Self {
-        let ([low, high], [other_low, other_high]) = (self.0, other.0);
-        // A NaN beside other values is none of them.
-        if other_low.is_nan() {
-            Self([f64::NEG_INFINITY, f64::INFINITY])
-        } else {
-            Self([low.min(other_low), high.max(other_high)])
-        }
+        Self { low: self.low.min(other.low), high: self.high.max(other.high), without: self.without + other.without }
     }
 
-    fn constant(self) -> Option<f64> {
-        (self.0[0] == self.0[1]).then_some(self.0[0])
+    fn report(self, report: &mut AttributeReport) {
+        let is_any = self.low <= self.high;
+        report.constant = (self.low == self.high && self.without == 0).then_some(self.low);
+        report.min = is_any.then_some(self.low);
+        report.max = is_any.then_some(self.high);
+        report.without_value = (self.without > 0).then_some(self.without);
     }
 }
 
@@ -264,6 +281,9 @@ pub fn attributes_report(attributes: &[Attribute]) -> Vec<AttributeReport> {
         name: attribute.name.clone(),
         type_name: attribute.column_type.name(),
         constant: None,
+        min: None,
+        max: None,
+        without_value: None,
     };
     attributes.iter().map(report).collect()
 }
@@ -322,7 +342,10 @@ fn lines(report: &FileReport) -> Vec<String> {
         .iter()
         .map(|attribute| {
             let always = attribute.constant.map_or(String::new(), |value| format!(" ({value} everywhere)"));
-            format!("{} {}{always}", attribute.name, attribute.type_name)
+            let without = attribute
+                .without_value
+                .map_or(String::new(), |count| format!(" ({} points without a value)", grouped(count)));
+            format!("{} {}{always}{without}", attribute.name, attribute.type_name)
         })
         .collect();
     for (index, some) in wrapped(&attributes, 90).iter().enumerate() {

@@ -56,6 +56,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     }
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let memory = world::half_of(settings.stream.host_bytes);
+    terminal::warn(request.check_filters(memory)?);
     let files = request.placed_files();
     let failed = Few::of("that cannot be measured");
     let (read, test) = (Vec::new(), request.test());
@@ -197,8 +198,7 @@ impl Job {
                 }
             }
         };
-        // The test reads attributes.
-        let attributes = vec![!self.test.shows_all(); info.attributes.len()];
+        let attributes = self.test.reads(&info.attributes);
         let selection = Selection { positions: true, colors: false, normals: false, attributes };
         let progress = Progress::default();
         let summary = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &gather));

@@ -20,6 +20,14 @@ use crate::profile_chart::{self, Dot, Series, colors_of};
 use crate::terminal::{self, Few};
 use crate::{export_command, interrupt, picture_file, progress_bar};
 
+/// The columns that every table has.
+const FIXED: [&str; 9] = ["along", "height", "across", "x", "y", "z", "red", "green", "blue"];
+
+/// Whether an attribute of a file is a column that every table has: its coordinates and its colours.
+fn is_fixed(name: &str) -> bool {
+    FIXED[3..].iter().any(|fixed| fixed.eq_ignore_ascii_case(name))
+}
+
 /// Points of a chunk that are in a section, in the order of the file.
 struct Piece {
     /// The number of the section.
@@ -32,8 +40,8 @@ struct Piece {
 struct Part {
     cloud: Cloud,
     pieces: Vec<Piece>,
-    /// The columns of its attributes in the table.
-    columns: Vec<usize>,
+    /// The columns of its attributes in the table, but for those that every table has.
+    columns: Vec<Option<usize>>,
     up: DVec3,
     units: Units,
 }
@@ -121,6 +129,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     }
     let test = request.test();
     terminal::warn(&request.warnings);
+    terminal::warn(request.check_filters(world::half_of(settings.stream.host_bytes))?);
     let stack = (arguments.copies, arguments.spacing.unwrap_or_default());
     if !stack.1.is_finite() {
         return Err(usage(format!("--spacing {}: expected a finite distance", stack.1)));
@@ -325,7 +334,8 @@ fn read(source: &Source, left_out: &[Vec<u64>], asked: &Asked, table: &mut Table
         }
     };
     let progress = Progress::default();
-    let attributes = vec![true; info.attributes.len()];
+    let tested = info.attributes.iter().zip(asked.test.reads(&info.attributes));
+    let attributes = tested.map(|(attribute, is_tested)| is_tested || !is_fixed(&attribute.name)).collect();
     let selection = Selection { positions: true, colors: true, normals: false, attributes };
     let read = || source.read(&selection, &progress, &keep);
     let summary = if asked.is_watched { progress_bar::watch("reading", &progress, read) } else { read() };
@@ -392,8 +402,9 @@ impl Table {
         let mut columns = Vec::new();
         for attribute in &cloud.attributes {
             let known = self.attributes.iter().position(|known| *known == attribute.name);
-            columns.push(known.unwrap_or(self.attributes.len()));
-            if known.is_none() {
+            let is_fixed = is_fixed(&attribute.name);
+            columns.push((!is_fixed).then(|| known.unwrap_or(self.attributes.len())));
+            if known.is_none() && !is_fixed {
                 self.attributes.push(attribute.name.clone());
             }
         }
@@ -440,9 +451,8 @@ impl Table {
         order.sort_by(|a, b| place(a).0.cmp(&place(b).0).then(place(a).1.total_cmp(&place(b).1)));
         let mut writer = csv::Writer::from_writer(Vec::new());
         let has_names = self.sections.len() > 1;
-        let fixed = ["along", "height", "across", "x", "y", "z", "red", "green", "blue"];
         let first = has_names.then_some("profile");
-        writer.write_record(first.into_iter().chain(fixed).chain(self.attributes.iter().map(String::as_str)))?;
+        writer.write_record(first.into_iter().chain(FIXED).chain(self.attributes.iter().map(String::as_str)))?;
         for (part, piece, index) in order {
             let Part { cloud, pieces, columns, .. } = &self.parts[part];
             let Piece { section, chunk, places } = &pieces[piece];
@@ -452,7 +462,9 @@ impl Table {
             let colors = (0..3).map(|channel| color.map_or(String::new(), |color| color[channel].to_string()));
             let mut own = vec![String::new(); self.attributes.len()];
             for (column, values) in columns.iter().zip(&chunk.columns) {
-                own[*column] = values.as_ref().map_or(String::new(), |values| values.text(index));
+                if let (Some(column), Some(values)) = (column, values) {
+                    own[*column] = values.text(index);
+                }
             }
             let name = has_names.then(|| self.sections[*section].clone());
             let lengths = lengths.map(|length| length.to_string());

@@ -45,6 +45,9 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     let of_shard = |frame: &u32| arguments.shard.is_none_or(|shard| shard.has(*frame as usize));
     let frames = all.iter().copied().filter(of_shard).collect();
     set(&mut request, arguments)?;
+    // The session warns of what some clouds lack.
+    let host_bytes = recording::settings(&mut request).stream.host_bytes;
+    request.check_filters(world::half_of(host_bytes))?;
     let averaging = Averaging::new(arguments.subframes, arguments.shutter, arguments.supersample);
     let images = images(arguments, recording::settings(&mut request))?;
     path.check_images(images.len())?;

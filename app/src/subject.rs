@@ -74,6 +74,7 @@ pub fn open(
 ) -> anyhow::Result<Result<LoadedSubject, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
     request.leave_out_hidden()?;
+    terminal::warn(request.check_filters(world::half_of(settings.stream.host_bytes))?);
     let exact = request.built_in().map(Exact::five_mirrors);
     request.lights.extend(request.built_in_light());
     if request.lights.len() > MOST_LIGHTS {
@@ -243,7 +244,7 @@ fn marks(request: &Request, clouds: &[Assembly], up: DVec3, test: &PointTest, un
     measured.into_iter().map(mark).chain(notes).chain(profiles).collect()
 }
 
-/// Reads the columns that filters test and that are not in memory, and says which filters have nothing to test.
+/// Reads the columns that filters test and that are not in memory.
 fn read_filtered(loaded: &mut Assembly, test: &PointTest) -> anyhow::Result<()> {
     if let Some(source) = loaded.source.clone() {
         for column in loaded.cloud.lacks(test) {
@@ -253,7 +254,6 @@ fn read_filtered(loaded: &mut Assembly, test: &PointTest) -> anyhow::Result<()> 
             drop(loaded.put_late_column(column, columns));
         }
     }
-    terminal::warn(loaded.idle_filters(test));
     Ok(())
 }
 

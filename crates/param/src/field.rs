@@ -327,6 +327,19 @@ pub fn few(mut messages: Vec<String>, what: &str) -> Vec<String> {
     messages
 }
 
+/// What may stand in place of a word that is none of the known ones: the nearest, if one is near, and those that there
+/// are, as far as a message has room for them.
+pub fn instead<'a>(word: &str, known: impl Iterator<Item = &'a str> + Clone) -> String {
+    const MOST: usize = 48;
+    let hint = nearest(word, known.clone()).map_or(String::new(), |near| format!("did you mean `{near}`? "));
+    let names: Vec<&str> = known.clone().take(MOST).collect();
+    let more = match known.count() - names.len() {
+        0 => String::new(),
+        more => format!(", and {more} more"),
+    };
+    if names.is_empty() { "there is none".into() } else { format!("{hint}Known: {}{more}", names.join(", ")) }
+}
+
 /// The candidate that a person most likely meant, if one is within a third of the word's letters (edit distance).
 pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let distance = |other: &str| {

@@ -8,7 +8,9 @@ mod field;
 mod path_text;
 mod value;
 
-pub use field::{Affects, Error, Field, Group, Kind, MOST_QUOTED, Params, Uses, differing, few, nearest, shortened};
+pub use field::{
+    Affects, Error, Field, Group, Kind, MOST_QUOTED, Params, Uses, differing, few, instead, nearest, shortened,
+};
 pub use path_text::shown;
 pub use value::{Bytes, Choice, Color, Type, Value};
 

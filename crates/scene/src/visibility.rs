@@ -22,8 +22,8 @@ pub struct Visibility {
     pub filters: Vec<Filter>,
 }
 
-/// Hides the points whose attribute is outside of a range; its ends are inside. A value that is not a number is in no
-/// range. Clouds without the attribute are shown.
+/// Hides the points whose attribute is outside of a range; its ends are inside. A point without a value is in no range.
+/// Clouds without the attribute are shown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Filter {

@@ -4,9 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use cloud::{
-    Attribute, Bounds, Chunk, Cloud, CloudLayout, Column, Grid, Placement, PointTest, Surfels, attribute_named,
-};
+use cloud::{Attribute, Bounds, Chunk, Cloud, CloudLayout, Column, Grid, Placement, Surfels};
 use glam::DVec3;
 use rayon::prelude::*;
 use stream::Octree;
@@ -15,6 +13,7 @@ use crate::apart::Place;
 use crate::change::Change;
 use crate::chunk_key::{CloudKey, Part};
 use crate::event::{IndexState, Opened};
+use crate::filters::Offer;
 use crate::source::column_of;
 use crate::task::CloudTask;
 
@@ -320,13 +319,9 @@ impl Assembly {
         Place { name: &self.cloud.name, bounds, points: self.points, system: self.crs.as_deref() }
     }
 
-    /// Warnings about the filters of a test that hide nothing here, because the cloud lacks their attribute.
-    pub fn idle_filters(&self, test: &PointTest) -> Vec<String> {
-        let name = &self.cloud.name;
-        let offered: Vec<Attribute> = self.offered().cloned().collect();
-        let is_offered = |filtered: &str| attribute_named(&offered, filtered).is_some();
-        let idle = test.filtered().filter(|filtered| !is_offered(filtered));
-        idle.map(|filtered| format!("{name}: no attribute `{filtered}`, so its filter hides nothing there")).collect()
+    /// What filters may test of it.
+    pub fn offer(&self) -> Offer {
+        Offer { cloud: self.cloud.name.clone(), attributes: self.offered().cloned().collect() }
     }
 
     pub fn chunks(&self) -> Vec<(Part, Chunk)> {
@@ -435,7 +430,7 @@ fn put_column(chunk: &mut Chunk, attribute: usize, columns: &BTreeMap<u64, Arc<C
 
 #[cfg(test)]
 mod tests {
-    use cloud::{Attribute, ColumnType};
+    use cloud::{Attribute, ColumnType, PointTest};
     use stream::NodeId;
 
     use super::*;
@@ -537,7 +532,9 @@ mod tests {
         assert_eq!(names(&cloud), ["classification", "gps_time", "angle"]);
         let filter = |name: &str| cloud::Filter { attribute: name.into(), low: 0.0, high: 1.0 };
         let test = PointTest::new([], ["gps_time", "of_no_file"].map(filter).into(), Vec::new());
-        assert_eq!(cloud.idle_filters(&test).len(), 1, "what the file has may come");
+        let offer = cloud.offer();
+        let idle: Vec<&str> = test.idle_filters(&offer.attributes).collect();
+        assert_eq!(idle, ["of_no_file"], "what the file has may come");
         let octree = Arc::new(Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
         let attributes = ["angle", "classification"].map(attribute).to_vec();
         let (grid, entry) = (None, None);

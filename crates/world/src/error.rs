@@ -15,6 +15,9 @@ pub enum Error {
     /// Points are to be chosen by an attribute that their cloud does not have.
     #[error("{cloud}: has no attribute `{attribute}`")]
     NoAttribute { cloud: String, attribute: String },
+    /// A filter, or hidden classes, of which no cloud has the attribute.
+    #[error("{0}")]
+    NoFilter(String),
     /// A mirror is to be made of a file that holds no mesh.
     #[error("{path}: {problem}")]
     NoMesh { path: String, problem: &'static str },
@@ -32,7 +35,11 @@ impl Error {
     /// Whether the person named something wrong or a file cannot be read, so that the program is not at fault.
     pub fn is_usage(&self) -> bool {
         match self {
-            Self::NothingNamed(_) | Self::AllHidden(_) | Self::NoAttribute { .. } | Self::NoMesh { .. } => true,
+            Self::NothingNamed(_)
+            | Self::AllHidden(_)
+            | Self::NoAttribute { .. }
+            | Self::NoFilter(_)
+            | Self::NoMesh { .. } => true,
             Self::File(error) => is_of_input(error),
             Self::Pages(error) => is_of_inputs(error),
             Self::NoCacheFolder | Self::IndexInUse { .. } => false,

@@ -117,6 +117,7 @@ impl Loaded {
             beside.frames.points_changed();
         }
         self.tell_lacking(beside);
+        self.tell_idle_filters(beside);
         if outline_changed && same_visibility {
             beside.scene.frame_while_unplaced(beside.scene.bounds(&self.clouds), &self.clouds);
         }

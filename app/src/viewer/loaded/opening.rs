@@ -189,18 +189,29 @@ impl Loaded {
         self.end_awaiting();
         self.ask_surroundings(beside);
         let visible: Vec<&CloudEntry> = self.clouds.iter().filter(|entry| entry.is_visible).collect();
-        let test = beside.scene.objects.test();
-        let idle = visible.iter().flat_map(|entry| entry.idle_filters(&test)).collect();
-        let warnings =
-            [(apart(&visible).warnings, "clouds that lie elsewhere"), (idle, "filters that hide nothing of a cloud")];
-        let unsaid = |warning: &String| !self.warned.contains(warning);
-        let few = |(warnings, what): (Vec<String>, _)| param::few(warnings.into_iter().filter(unsaid).collect(), what);
-        for warning in warnings.map(few).into_iter().flatten() {
-            beside.outside.say(Level::Warning, warning.clone());
-            self.warned.push(warning);
-        }
+        let elsewhere = apart(&visible).warnings;
+        self.warn_once(elsewhere, "clouds that lie elsewhere", beside);
+        self.tell_idle_filters(beside);
         let points = self.points();
         beside.outside.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
+    }
+
+    /// Says which filters, and hidden classes, hide nothing because clouds that are shown lack their attributes.
+    pub fn tell_idle_filters(&mut self, beside: &mut Beside<'_>) {
+        let test = beside.scene.objects.test();
+        if test.tests_attributes() && !self.is_loading() {
+            let visible = self.clouds.iter().filter(|entry| entry.is_visible);
+            let offers: Vec<_> = visible.map(|entry| entry.offer()).collect();
+            let idle = world::check_filters(&test, &offers).unwrap_or_else(|error| vec![error.to_string()]);
+            self.warn_once(idle, "filters that hide nothing of a cloud", beside);
+        }
+    }
+
+    /// Says what has not been said yet; `what` names the kind of these warnings.
+    fn warn_once(&mut self, warnings: Vec<String>, what: &str, beside: &mut Beside<'_>) {
+        let unsaid = warnings.into_iter().filter(|warning| !self.warned.contains(warning)).collect::<Vec<_>>();
+        self.warned.extend(unsaid.iter().cloned());
+        param::few(unsaid, what).into_iter().for_each(|warning| beside.outside.say(Level::Warning, warning));
     }
 
     /// Whether points are still being loaded, regardless of the view.

@@ -52,6 +52,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             egui::ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
                 egui::Grid::new("record").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
                     for (name, value) in pick.attributes() {
+                        let value = if value.is_empty() { "no value" } else { value };
                         ui.label(RichText::new(name).size(12.0));
                         ui.add(egui::Label::new(RichText::new(value).monospace().size(11.5)).selectable(true));
                         ui.end_row();
