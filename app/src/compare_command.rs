@@ -52,6 +52,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
         let memory = half_of(first.settings.stream.host_bytes);
         let write = || codec::export(first.sources(), first.wanted(), &added, output, memory, &progress);
         let exported = progress_bar::watch("writing", &progress, write)?.ok_or(stream::Error::Cancelled)?;
+        terminal::warn(exported.changes);
         terminal::warn(param::few(exported.warnings, "warnings"));
     }
     Ok(0)

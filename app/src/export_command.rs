@@ -71,7 +71,8 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     let (wanted, progress) = (Wanted { test: &test, left_out: &left_out }, Progress::default());
     let write = || codec::export(&sources, wanted, &[], output, memory, &progress);
     let written = progress_bar::watch("exporting", &progress, write)?;
-    let Exported { points, bounds, attributes, warnings } = written.ok_or(stream::Error::Cancelled)?;
+    let Exported { points, bounds, attributes, changes, warnings } = written.ok_or(stream::Error::Cancelled)?;
+    terminal::warn(changes);
     terminal::warn(param::few(warnings, "warnings"));
     let all: u64 = sources.iter().map(|source| source.info().points).sum();
     if arguments.json {

@@ -188,9 +188,10 @@ fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path) -> 
     let progress = Progress::default();
     let write = || codec::write_copc(&paths, output, memory, &progress);
     let (effort, written) = Effort::of(|| progress_bar::watch("writing", &progress, write));
-    let codec::CopcSummary { points, nodes, warnings } = written?.ok_or(stream::Error::Cancelled)?;
+    let codec::CopcSummary { points, nodes, changes, warnings } = written?.ok_or(stream::Error::Cancelled)?;
     let name = scene::shown(output);
-    terminal::warn(param::few(warnings, "warnings").iter().map(|warning| format!("{name}: {warning}")));
+    let lines = changes.into_iter().chain(param::few(warnings, "warnings"));
+    terminal::warn(lines.map(|warning| format!("{name}: {warning}")));
     let bytes = std::fs::metadata(output).map_or(0, |metadata| metadata.len());
     print([format!("{}, {}", summary(&name, points, nodes, bytes), effort.text(points))])
 }

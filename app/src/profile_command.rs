@@ -222,7 +222,8 @@ fn export(request: &Request, asked: &Asked, output: &Path, is_json: bool) -> any
     let (wanted, progress) = (Wanted { test: &test, left_out: &left_out }, Progress::default());
     let write = || codec::export(&sources, wanted, &[], output, memory, &progress);
     let written = progress_bar::watch("exporting", &progress, write)?;
-    let Exported { points, warnings, .. } = written.ok_or(stream::Error::Cancelled)?;
+    let Exported { points, changes, warnings, .. } = written.ok_or(stream::Error::Cancelled)?;
+    terminal::warn(changes);
     terminal::warn(param::few(warnings, "warnings"));
     if is_json {
         // The files are read once more: the new one no longer tells which points are in which section.

@@ -63,7 +63,9 @@ fn what_a_scene_shows_of_a_scan_is_exported_point_by_point() {
         assert_eq!(outcome.status, Some(0), "{outcome}");
         let found = information(&folder, name);
         assert_eq!(outcome.text(), format!("{name}: {} of {} points\n", found["points"], before["points"]));
-        assert_eq!(found["crs"], before["crs"]);
+        // Later point formats have the system as WKT.
+        let crs = found["crs"].as_str().expect("text");
+        assert!(name == "some.copc.laz" && crs.contains("CS[") || found["crs"] == before["crs"], "{crs}");
         if name != "some.copc.laz" {
             assert_eq!(kinds(&found), kinds(&before));
             assert_eq!(found["point_format"], before["point_format"]);

@@ -2,14 +2,20 @@
 //! each of them. Files are streamed through, so they may be larger than memory.
 
 pub(crate) mod columns;
+pub(crate) mod grid;
+pub(crate) mod merging;
+pub(crate) mod names;
 mod ply_file;
+pub(crate) mod standard;
+mod survey;
+pub(crate) mod words;
 
 use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Attribute, Bounds, Column, Grid, Progress};
+use cloud::{Attribute, Bounds, Column, ColumnType, Progress};
 use glam::DVec3;
 use param::shown;
 use tempfile::NamedTempFile;
@@ -17,15 +23,19 @@ use tempfile::NamedTempFile;
 use crate::error::{Error, Result};
 use crate::in_order::InOrder;
 use crate::las::column_records::RecordFormat;
-use crate::las::output_records::check_items;
+use crate::las::output_records::{check_items, check_times, have_same_extra_dimensions};
 use crate::las::plain_writer::Head;
 use crate::las::record_export::{Written, export_records, write_rows_to};
+use crate::las::systems::System;
 use crate::las::{LasSource, coordinate_decimals, write_copc};
 use crate::ply::PlySource;
-use crate::{Selection, Source};
+use crate::{Source, brief};
 pub use columns::{Added, Runs, Wanted};
-use columns::{Piece, all_fields, columns_of};
+use columns::{Colors, Field, HAS_COLOR, Meaning, Piece, Reading};
+use merging::{Merged, Origin};
+use names::{Names, short_file_name};
 use ply_file::{PIECE_POINTS, PlyFile, RowFormat};
+use words::{Words, few_names};
 
 /// The number of bytes of a table that are written at once.
 const TABLE_BYTES: usize = 1 << 20;
@@ -48,6 +58,8 @@ pub struct Exported {
     pub bounds: Bounds,
     /// Everything that the new file holds of each point, in its order.
     pub attributes: Vec<Attribute>,
+    /// What the new file has otherwise than its files: a few lines.
+    pub changes: Vec<String>,
     /// What was wrong with the files, and what the new one lacks of them.
     pub warnings: Vec<String>,
 }
@@ -98,7 +110,11 @@ pub fn export<'a>(
         let mut builder = tempfile::Builder::new();
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        builder.prefix(&format!(".{name}.")).suffix(".unfinished").tempfile_in(folder).map_err(unwritten)
+        builder
+            .prefix(&format!(".{}.", short_file_name(&name)))
+            .suffix(".unfinished")
+            .tempfile_in(folder)
+            .map_err(unwritten)
     };
     let all: u64 = sources.iter().map(|source| source.info().points).sum();
     progress.set_total(progress.done() + all);
@@ -108,12 +124,12 @@ pub fn export<'a>(
     let written = match (format, &all) {
         (ExportFormat::Ply, _) => job.write_ply(file)?,
         (ExportFormat::Csv, _) => job.write_csv(file)?,
-        (_, Some(all)) if !all.is_empty() => {
+        (_, Some(all)) if !all.is_empty() && have_same_extra_dimensions(all) => {
             export_records(all, wanted, added, (file, output), format != ExportFormat::Las, memory, progress)?
         }
         _ => job.write_las(file, format != ExportFormat::Las)?,
     };
-    let Some(Written { file, points, mut warnings }) = written else { return Ok(None) };
+    let Some(Written { file, points, mut changes, mut warnings }) = written else { return Ok(None) };
     if points == 0 {
         return Err(Error::unsuitable(output, "not written: no point is shown"));
     }
@@ -128,6 +144,7 @@ pub fn export<'a>(
             Some(rest) => format!("{}: {rest}", shown(output)),
             None => warning,
         };
+        changes.extend(made.changes.into_iter().map(told));
         warnings.extend(made.warnings.into_iter().map(told));
         drop(file);
         whole.persist_noclobber(output).map_err(|error| unwritten(error.error))?;
@@ -135,7 +152,7 @@ pub fn export<'a>(
         file.persist_noclobber(output).map_err(|error| unwritten(error.error))?;
     }
     let attributes = match format {
-        ExportFormat::Csv => all_fields(&job.fields(false)),
+        ExportFormat::Csv => job.table().0.fields.into_iter().map(|field| field.attribute).collect(),
         _ => {
             let written = crate::open(output)?;
             // A header of a LAS file tells them.
@@ -146,7 +163,7 @@ pub fn export<'a>(
         }
     };
     let bounds = job.bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(Some(Exported { points, bounds, attributes, warnings }))
+    Ok(Some(Exported { points, bounds, attributes, changes, warnings }))
 }
 
 fn las(source: &Source) -> Option<&LasSource> {
@@ -181,55 +198,86 @@ impl Job<'_> {
         *bounds = bounds.union(more);
     }
 
-    fn fields(&self, wide: bool) -> Vec<Vec<Attribute>> {
+    /// The columns of each file, with those that are added. If colours are `marked` and some files have none, a column
+    /// says which have.
+    fn fields(&self, colors: Colors, is_marked: bool) -> Vec<OwnFields> {
         let fields = |source: &Arc<Source>| {
             let mut fields = match &**source {
-                Source::Las(source) => source.column_fields(wide),
-                Source::Ply(source) => source.column_fields(wide),
+                Source::Las(source) => source.column_fields(colors),
+                Source::Ply(source) => source.column_fields(colors),
             };
-            fields.extend(self.added.iter().map(Added::field));
-            fields
+            let mut names = Names::with_case();
+            fields.iter_mut().for_each(|field| field.attribute.name = names.take(field.name(), usize::MAX));
+            let added = self.added.iter().map(|added| Field { attribute: added.field(), meaning: Meaning::Other });
+            fields.extend(added);
+            OwnFields { fields, mark: None }
         };
-        self.sources.iter().map(fields).collect()
+        let mut all: Vec<OwnFields> = self.sources.iter().map(fields).collect();
+        let colored = self.sources.iter().filter(|source| has_colors(source)).count();
+        if is_marked && colored > 0 && colored < self.sources.len() {
+            for (own, source) in all.iter_mut().zip(self.sources) {
+                if own.fields.iter().all(|field| field.name() != HAS_COLOR) {
+                    own.fields.push(Field::new(HAS_COLOR, ColumnType::U8, Meaning::Other));
+                    own.mark = Some(has_colors(source));
+                }
+            }
+        }
+        all
     }
 
-    /// Gives the rows of all files to `order`. `rows_of` makes them of a piece of a file, by the columns that the file has
-    /// of `fields`.
+    /// Gives the rows of all files to `order`. `rows_of` makes them of a piece of a file by the file's number. Returns
+    /// what could not be read.
     fn read(
         &self,
-        fields: &[Attribute],
-        wide: bool,
+        own: &[OwnFields],
+        colors: Colors,
         order: &InOrder<'_>,
-        rows_of: impl Fn(&Source, &Piece, &[Option<usize>]) -> Vec<u8> + Sync,
+        rows_of: &(dyn Fn(usize, &Piece) -> Vec<u8> + Sync),
     ) -> Vec<String> {
         let mut problems = Vec::new();
-        for (number, (source, own)) in self.sources.iter().zip(self.fields(wide)).enumerate() {
-            let columns = columns_of(fields, &own);
-            let coordinates = ["x", "y", "z"].map(|axis| own.iter().position(|field| field.name == axis));
-            let rows_of = |mut piece: Piece| {
-                let left_out = self.wanted.left_out(number, piece.first_point, piece.points);
-                piece.kept.retain(|index| !left_out.has(*index as usize));
-                let added = |added: &Added| Column::F32(added.of(number, piece.first_point, piece.points));
-                let added: Vec<Column> = self.added.iter().map(added).collect();
-                piece.columns.extend(added);
+        for (number, own) in own.iter().enumerate() {
+            let axis = |axis: &str| {
+                own.fields.iter().position(|field| field.meaning == Meaning::Coordinate && field.name() == axis)
+            };
+            let coordinates = ["x", "y", "z"].map(axis);
+            let rows_of = |piece: &Piece| {
                 if let [Some(x), Some(y), Some(z)] = coordinates {
                     let mut bounds = Bounds::EMPTY;
                     let place = |index: &u32| [x, y, z].map(|axis| piece.columns[axis].value(*index as usize));
                     piece.kept.iter().for_each(|index| bounds.include(DVec3::from(place(index))));
                     self.widen(bounds);
                 }
-                rows_of(source, &piece, &columns)
+                rows_of(number, piece)
             };
-            problems.append(&mut match &**source {
-                Source::Las(source) => {
-                    source.read_columns_in_order(self.wanted.test, wide, self.progress, order, &rows_of)
-                }
-                Source::Ply(source) => {
-                    source.read_columns_in_order(self.wanted.test, wide, self.progress, order, &rows_of)
-                }
-            });
+            problems.append(&mut self.read_one(number, own, colors, None, order, &rows_of));
         }
         problems
+    }
+
+    /// The same of one file, of which some columns may not be needed.
+    fn read_one(
+        &self,
+        number: usize,
+        own: &OwnFields,
+        colors: Colors,
+        needed: Option<&[bool]>,
+        order: &InOrder<'_>,
+        rows_of: &(dyn Fn(&Piece) -> Vec<u8> + Sync),
+    ) -> Vec<String> {
+        let rows_of = |mut piece: Piece| {
+            let left_out = self.wanted.left_out(number, piece.first_point, piece.points);
+            piece.kept.retain(|index| !left_out.has(*index as usize));
+            let added = |added: &Added| Column::F32(added.of(number, piece.first_point, piece.points));
+            let added: Vec<Column> = self.added.iter().map(added).collect();
+            piece.columns.extend(added);
+            piece.columns.extend(own.mark.map(|mark| Column::U8(vec![u8::from(mark); piece.points])));
+            rows_of(&piece)
+        };
+        let reading = Reading { test: self.wanted.test, colors, needed };
+        match &*self.sources[number] {
+            Source::Las(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
+            Source::Ply(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
+        }
     }
 
     /// What is wrong with the files, and what no column has of them.
@@ -239,11 +287,52 @@ impl Job<'_> {
             let info = source.info();
             let path = shown(&info.path);
             warnings.extend(info.warnings.iter().map(|warning| format!("{path}: {warning}")));
-            if source.is_mesh() {
-                warnings.push(format!("{path}: its {} faces are left out: points are exported", info.faces));
-            }
         }
         warnings
+    }
+
+    /// What no column has of the files.
+    fn say_left_out(&self, words: &mut Words) {
+        for source in self.sources {
+            let info = source.info();
+            if source.is_mesh() {
+                words.say(&info.path, format!("its {} faces are left out: points are exported", info.faces));
+            }
+            if ply(source).is_some_and(PlySource::has_lists) {
+                words.say(&info.path, "lists of a vertex are left out");
+            }
+            let opaque = las(source).map_or(0, LasSource::opaque_bytes);
+            if opaque > 0 {
+                words.say(&info.path, format!("{opaque} bytes of each point, which have no type, are left out"));
+            }
+        }
+    }
+
+    /// Says which fields files lack that others have, where `none` stands in the new file for them.
+    fn say_missing(&self, merged: &Merged, none: &dyn Fn(&Field) -> &'static str, words: &mut Words) {
+        for (number, source) in self.sources.iter().enumerate() {
+            for meant in ["NaN", "0", "nothing"] {
+                // Formats 0 to 5 cannot have what only later ones have.
+                let is_meant = |field: &Field| {
+                    let is_new = matches!(field.name(), "overlap" | "scanner_channel") && las(source).is_some();
+                    none(field) == meant && field.name() != HAS_COLOR && !is_new
+                };
+                let names = merged.missing(number, is_meant);
+                if !names.is_empty() {
+                    words.say(&source.info().path, format!("has no {}: {meant} in the new file", few_names(&names)));
+                }
+            }
+        }
+    }
+
+    /// Says which files have no colours, where others have.
+    fn say_black(&self, words: &mut Words) {
+        if self.sources.iter().any(has_colors) {
+            for source in self.sources.iter().filter(|source| !has_colors(source)) {
+                let word = format!("has no colours: its points are black in the new file, where {HAS_COLOR} is 0");
+                words.say(&source.info().path, word);
+            }
+        }
     }
 
     /// The coordinate system of all files that have one.
@@ -266,20 +355,43 @@ impl Job<'_> {
         self.sources.iter().map(|source| source.info().points).sum()
     }
 
+    /// Whether the colours of all files that have some are of one kind.
+    fn has_one_kind_of_colors(&self) -> bool {
+        let mut colored = self.sources.iter().filter(|source| has_colors(source));
+        let Some(first) = colored.next() else { return true };
+        colored.all(|other| match (&**first, &**other) {
+            (Source::Las(first), Source::Las(other)) => first.color_depth() == other.color_depth(),
+            (Source::Ply(first), Source::Ply(other)) => first.has_colors_like(other),
+            _ => false,
+        })
+    }
+
     fn write_ply(&self, file: NamedTempFile) -> Result<Option<Written>> {
         let unwritten = |error| Error::not_written(self.output, error);
-        let format = RowFormat::new(all_fields(&self.fields(false)));
+        let is_ply = self.sources.iter().all(|source| ply(source).is_some());
+        let colors = if is_ply && self.has_one_kind_of_colors() { Colors::Own } else { Colors::Bytes };
+        let own = self.fields(colors, true);
+        let mut merged = merged_by_name(&own);
+        merged.leave_room_for_none();
+        let format = RowFormat::new(&merged.fields);
         let crs = self.crs()?;
-        let mut warnings = self.warnings();
-        if crs.is_some() {
-            warnings
-                .push("PLY has no place for a coordinate system: it is in a comment, which few programs read".into());
+        let mut words = Words::default();
+        self.say_left_out(&mut words);
+        self.say_missing(&merged, &|field| if field.column_type().is_whole() { "0" } else { "NaN" }, &mut words);
+        self.say_black(&mut words);
+        for source in self.sources.iter().filter(|_| colors == Colors::Bytes) {
+            let is_wide = match &**source {
+                Source::Las(source) => source.has_wide_colors(),
+                Source::Ply(source) => source.has_wide_colors(),
+            };
+            if is_wide {
+                let word = "of the bits of a colour, PLY keeps the upper 8, which programs expect there";
+                words.say(&source.info().path, word);
+            }
         }
-        let is_wide = |source: &&LasSource| source.has_wide_colors();
-        if let Some(source) = self.sources.iter().filter_map(|source| las(source)).find(is_wide) {
-            let path = shown(&source.info().path);
-            warnings
-                .push(format!("{path}: of 16 bits of a colour, PLY keeps the upper 8, which programs expect there"));
+        if crs.is_some() {
+            let word = "PLY has no place for a coordinate system: it is in a comment, which few programs read";
+            words.say(self.output, word);
         }
         let mut out = PlyFile::start(file, &format, crs, self.most_points()).map_err(unwritten)?;
         let points = Mutex::new(0);
@@ -290,46 +402,70 @@ impl Job<'_> {
         let mut write = |rows: Vec<u8>| out.push(&rows);
         let is_cancelled = || self.progress.is_cancelled();
         let order = InOrder::new(PIECE_POINTS * format.length, &encode, &mut write, &is_cancelled);
-        warnings.append(&mut self.read(&format.fields, false, &order, |_, piece, columns| format.rows(piece, columns)));
+        let rows_of = |file: usize, piece: &Piece| format.rows(piece, &merged.origins[file]);
+        let mut warnings = self.warnings();
+        warnings.append(&mut self.read(&own, colors, &order, &rows_of));
         order.finish().map_err(unwritten)?;
         if self.progress.is_cancelled() {
             return Ok(None);
         }
+        self.say_lost_digits(&format.lost_digits(), &mut words);
         let points = points.into_inner().unwrap_or_else(PoisonError::into_inner);
-        Ok(Some(Written { file: out.finish(points).map_err(unwritten)?, points, warnings }))
+        let file = out.finish(points).map_err(unwritten)?;
+        Ok(Some(Written { file, points, changes: words.lines(), warnings }))
+    }
+
+    fn say_lost_digits(&self, names: &[String], words: &mut Words) {
+        if !names.is_empty() {
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            let word = format!("{}: whole numbers beyond 2^53 lost digits as doubles", few_names(&names));
+            words.say(self.output, word);
+        }
+    }
+
+    /// The columns of a table, the columns of each file, and the scale of the colours: the file's own, or one for all.
+    fn table(&self) -> (Merged, Vec<OwnFields>, Colors) {
+        let colors = if self.has_one_kind_of_colors() { Colors::Own } else { Colors::Words };
+        let own = self.fields(colors, false);
+        (merged_by_name(&own), own, colors)
     }
 
     /// A table with a row for each point, and the names of the columns above it.
     fn write_csv(&self, file: NamedTempFile) -> Result<Option<Written>> {
         let unwritten = |error| Error::not_written(self.output, error);
-        let fields = all_fields(&self.fields(false));
-        let mut warnings = self.warnings();
+        let (merged, own, colors) = self.table();
+        let mut words = Words::default();
+        self.say_left_out(&mut words);
+        self.say_missing(&merged, &|_| "nothing", &mut words);
+        if colors == Colors::Words {
+            words.say(self.output, "colours of different scales became numbers from 0 to 65535");
+        }
         let mut out = BufWriter::with_capacity(TABLE_BYTES, file);
         let quoted = |name: &str| match name.contains([',', '"', '\n', '\r']) {
             true => format!("\"{}\"", name.replace('"', "\"\"")),
             false => name.to_owned(),
         };
-        let names: Vec<String> = fields.iter().map(|field| quoted(&field.name)).collect();
+        let names: Vec<String> = merged.fields.iter().map(|field| quoted(field.name())).collect();
         writeln!(out, "{}", names.join(",")).map_err(unwritten)?;
         let points = AtomicU64::new(0);
         let encode = |text: Vec<u8>| Ok(text);
         let mut write = |text: Vec<u8>| out.write_all(&text);
         let is_cancelled = || self.progress.is_cancelled();
         let order = InOrder::new(TABLE_BYTES, &encode, &mut write, &is_cancelled);
-        let axes: Vec<Option<usize>> =
-            fields.iter().map(|field| ["x", "y", "z"].iter().position(|axis| *axis == field.name)).collect();
-        let rows_of = |source: &Source, piece: &Piece, columns: &[Option<usize>]| {
+        let axis = |field: &Field| ["x", "y", "z"].iter().position(|axis| *axis == field.name());
+        let axes: Vec<Option<usize>> = merged.fields.iter().map(axis).collect();
+        let rows_of = |file: usize, piece: &Piece| {
             points.fetch_add(piece.kept.len() as u64, Ordering::Relaxed);
             // The rounding of a multiple of a grid's steps is no digit of the file.
-            let decimals = source.info().grid.as_ref().map(coordinate_decimals);
+            let decimals = self.sources[file].info().grid.as_ref().map(coordinate_decimals);
             let text_of = |column: &Column, axis: Option<usize>, index: usize| match decimals.zip(axis) {
                 Some((decimals, axis)) => format!("{:.*}", decimals[axis], column.value(index)),
                 None => column.text(index),
             };
             let mut text = String::new();
             for index in &piece.kept {
-                for (place, (column, axis)) in columns.iter().zip(&axes).enumerate() {
-                    let value = column.and_then(|column| piece.columns.get(column));
+                for (place, (origin, axis)) in merged.origins[file].iter().zip(&axes).enumerate() {
+                    let value = origin.and_then(|Origin { column, .. }| piece.columns.get(column));
                     let value = value.map_or(String::new(), |column| text_of(column, *axis, *index as usize));
                     text += if place == 0 { "" } else { "," };
                     text += &value;
@@ -338,22 +474,45 @@ impl Job<'_> {
             }
             text.into_bytes()
         };
-        warnings.append(&mut self.read(&fields, false, &order, rows_of));
+        let mut warnings = self.warnings();
+        warnings.append(&mut self.read(&own, colors, &order, &rows_of));
         order.finish().map_err(unwritten)?;
         if self.progress.is_cancelled() {
             return Ok(None);
         }
         let file = out.into_inner().map_err(|error| unwritten(error.into_error()))?;
         file.as_file().sync_data().map_err(unwritten)?;
-        Ok(Some(Written { file, points: points.into_inner(), warnings }))
+        Ok(Some(Written { file, points: points.into_inner(), changes: words.lines(), warnings }))
     }
 
     fn write_las(&self, file: NamedTempFile, is_compressed: bool) -> Result<Option<Written>> {
-        let mut warnings = self.warnings();
-        self.crs()?;
-        let format = RecordFormat::new(all_fields(&self.fields(true)), self.grid()?);
+        let crs = self.crs()?;
+        let all: Vec<&LasSource> = self.sources.iter().filter_map(|source| las(source)).collect();
+        check_times(&all)?;
+        let own = self.fields(Colors::Words, true);
+        let Some(survey) = self.survey(&own)? else { return Ok(None) };
+        let mut words = Words::default();
+        self.say_left_out(&mut words);
+        let columns: Vec<Vec<Field>> = own.iter().map(|own| own.fields.clone()).collect();
+        let mut say = |file: usize, word: String| words.say(&self.sources[file].info().path, word);
+        let mut merged = Merged::for_las(&columns, &survey.values, &mut say);
+        merged.leave_room_for_none();
+        for source in all.iter().filter(|source| source.has_waves()) {
+            words.say(&source.info().path, "wave packets of several files cannot be in one file: left out");
+        }
+        if self.sources.len() > 1 {
+            let none = |field: &Field| if field.meaning == Meaning::Other { "NaN" } else { "0" };
+            self.say_missing(&merged, &none, &mut words);
+            self.say_black(&mut words);
+            if !self.has_one_kind_of_colors() {
+                words.say(self.output, "colours of different scales became numbers from 0 to 65535");
+            }
+        }
+        if all.is_empty() && survey.has_standard_time {
+            words.say(self.output, "gps_time is beyond the seconds of a week: marked as standard time");
+        }
+        let format = RecordFormat::new(merged.fields.clone(), survey.grid);
         let length = format.target.record_length();
-        let first = self.sources.iter().find_map(|source| las(source));
         let items = match is_compressed {
             true => Some(check_items(self.output, format.target, self.memory)?),
             false if length > usize::from(u16::MAX) => {
@@ -362,6 +521,12 @@ impl Job<'_> {
             }
             false => None,
         };
+        // The records of a file that has the coordinate system, if one has.
+        let first = all.iter().copied().find(|source| crs.is_none() || source.info().crs.as_deref() == crs);
+        let unwritten = |error| Error::not_written(self.output, error);
+        let system = System::new(first, format.target.format).map_err(unwritten)?;
+        system.word.iter().for_each(|word| words.say(self.output, word));
+        let mut timed = all.iter().filter(|source| source.has_time());
         let head = Head {
             first,
             target: format.target,
@@ -369,61 +534,45 @@ impl Job<'_> {
             items,
             descriptors: format.descriptors.clone(),
             most_points: self.most_points(),
+            has_standard_time: Some(timed.next().map_or(survey.has_standard_time, |source| source.has_standard_time())),
+            system,
         };
+        let mut warnings = self.warnings();
         let mut write_rows = |order: &InOrder<'_>| {
-            warnings.append(&mut self.read(&format.fields, true, order, |_, piece, columns| {
-                format.rows(piece, columns).unwrap_or_else(|error| {
+            warnings.append(&mut self.read(&own, Colors::Words, order, &|file, piece| {
+                format.rows(piece, &merged.origins[file]).unwrap_or_else(|error| {
                     order.fail(error);
                     Vec::new()
                 })
             }));
         };
         let output = (file, self.output);
-        let written = write_rows_to(head, output, self.memory, self.progress, &mut write_rows)?;
-        Ok(written.map(|(file, points)| Written { file, points, warnings }))
-    }
-
-    /// The grid of the first LAS file with the finest steps of any; without one, a grid of powers of ten, finer than
-    /// the numbers of 32 bits of PLY files.
-    fn grid(&self) -> Result<Grid> {
-        const STEPS: f64 = 1e9;
-        let bounds = self.bounds()?;
-        let grids: Vec<Grid> = self.sources.iter().filter_map(|source| source.info().grid).collect();
-        let decimal = |extent: f64| 10_f64.powf((extent.max(1e-3) / STEPS).log10().ceil());
-        let scale = grids.iter().map(|grid| grid.scale.abs()).reduce(DVec3::min);
-        let scale = scale.unwrap_or_else(|| DVec3::splat(decimal(bounds.size().max_element())));
-        let reach = |offset: DVec3| {
-            ((bounds.min - offset) / scale).abs().max(((bounds.max - offset) / scale).abs()).max_element()
+        let Some((file, points)) = write_rows_to(head, output, self.memory, self.progress, &mut write_rows)? else {
+            return Ok(None);
         };
-        let center = ((bounds.center() / scale).round() * scale).round();
-        let offsets = grids.first().map(|grid| grid.offset).into_iter().chain([center]);
-        let mut offsets = offsets.filter(|offset| reach(*offset) < f64::from(i32::MAX));
-        offsets.next().map(|offset| Grid::new(scale, offset)).ok_or_else(|| {
-            Error::unsuitable(
-                self.output,
-                format!("not written: the inputs are too far apart for steps of {}", scale.x),
-            )
-        })
-    }
-
-    /// The bounds of all points; those of PLY files are read from the points.
-    fn bounds(&self) -> Result<Bounds> {
-        let mut bounds = Bounds::EMPTY;
-        for source in self.sources {
-            let own = match (source.info().bounds, ply(source)) {
-                (Some(own), None) => Some(own),
-                _ => {
-                    let own = Progress::default();
-                    let pass_on = |_| {
-                        if self.progress.is_cancelled() {
-                            own.cancel();
-                        }
-                    };
-                    source.read(&Selection { positions: true, ..Selection::default() }, &own, &pass_on)?.bounds
-                }
-            };
-            bounds = bounds.union(own.unwrap_or(Bounds::EMPTY));
+        let losses = format.losses();
+        self.say_lost_digits(&losses.digits, &mut words);
+        if survey.is_seen(losses.moved) {
+            let (steps, moved) = (brief::vector(survey.grid.scale), brief::number(losses.moved.max_element()));
+            let word = format!("coordinates are rounded to steps of {steps}, by up to {moved}");
+            words.say(self.output, word);
         }
-        Ok(if bounds.is_empty() { Bounds { min: DVec3::ZERO, max: DVec3::ZERO } } else { bounds })
+        Ok(Some(Written { file, points, changes: words.lines(), warnings }))
     }
+}
+
+/// The columns of a file.
+#[derive(Clone)]
+struct OwnFields {
+    fields: Vec<Field>,
+    /// Whether its points have colours, if a column at the end says so.
+    mark: Option<bool>,
+}
+
+fn merged_by_name(own: &[OwnFields]) -> Merged {
+    Merged::by_name(&own.iter().map(|own| own.fields.clone()).collect::<Vec<_>>())
+}
+
+fn has_colors(source: &Arc<Source>) -> bool {
+    source.info().has_colors
 }

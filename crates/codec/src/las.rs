@@ -22,6 +22,7 @@ pub mod plain_writer;
 mod point_layers;
 mod record_columns;
 pub mod record_export;
+pub mod systems;
 mod whole_records;
 
 use std::ops::Range;

@@ -7,13 +7,14 @@ use std::path::{Path, PathBuf};
 use cargo_metadata::semver::{Version, VersionReq};
 use cargo_metadata::{Metadata, MetadataCommand};
 
-/// Licences that ask for no more than their own text in a distribution, and the MPL, which asks for the sources of changed
+/// Licences that ask for no more than their own text in a distribution, or for nothing, and the MPL, which asks for the sources of changed
 /// files only.
-const ALLOWED_LICENCES: [&str; 11] = [
+const ALLOWED_LICENCES: [&str; 12] = [
     "Apache-2.0",
     "BSD-2-Clause",
     "BSD-3-Clause",
     "BSL-1.0",
+    "CC0-1.0",
     "ISC",
     "MIT",
     "MPL-2.0",

@@ -55,10 +55,11 @@ impl Loaded {
     pub fn on_exported(&mut self, path: &Path, result: Result<Option<Exported>, String>, outside: &mut Outside) {
         self.writing = None;
         match result {
-            Ok(Some(Exported { points, warnings, .. })) => {
+            Ok(Some(Exported { points, changes, warnings, .. })) => {
                 outside.log(json!({ "event": "exported", "path": path, "points": points }));
                 outside.note(format!("{points} points saved: {}", path.display()));
-                param::few(warnings, "warnings").into_iter().for_each(|warning| outside.warning(warning));
+                let lines = changes.into_iter().chain(param::few(warnings, "warnings"));
+                lines.for_each(|warning| outside.warning(warning));
             }
             Ok(None) => outside.note(format!("Not saved: {}", path.display())),
             Err(error) => outside.say(Level::Error, error),

@@ -1,6 +1,6 @@
 //! Points of files of any kind as columns, and rows of a file of another kind that are made of them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use cloud::{Attribute, Column, ColumnType, Placement, PointTest};
 use glam::DVec3;
@@ -79,12 +79,76 @@ impl Added {
     }
 }
 
+/// A property of points of several files, some without colours: 1 for those with one, 0 for those that are black because
+/// they have none.
+pub const HAS_COLOR: &str = "has_color";
+
+/// The scale of the colours among the columns of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Colors {
+    /// The numbers of the file.
+    Own,
+    /// 0 to 255.
+    Bytes,
+    /// 0 to 65535.
+    Words,
+}
+
+/// What a column of a file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meaning {
+    Coordinate,
+    /// One of the three channels of colour.
+    Color,
+    /// A field that records of LAS have in each point format, or a time, or near infrared, by its name in LAS.
+    Standard,
+    /// A part of a wave packet.
+    Wave,
+    /// Anything else, by the name that the file gives it.
+    Other,
+}
+
+/// A column of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Field {
+    pub attribute: Attribute,
+    pub meaning: Meaning,
+}
+
+impl Field {
+    pub fn new(name: impl Into<String>, column_type: ColumnType, meaning: Meaning) -> Self {
+        Self { attribute: Attribute { name: name.into(), column_type }, meaning }
+    }
+
+    pub fn name(&self) -> &str {
+        &self.attribute.name
+    }
+
+    pub fn column_type(&self) -> ColumnType {
+        self.attribute.column_type
+    }
+}
+
+/// How the columns of a file are read.
+pub struct Reading<'a> {
+    pub test: &'a PointTest,
+    pub colors: Colors,
+    /// Whether each column is read; those that are not are empty. `None` for all columns.
+    pub needed: Option<&'a [bool]>,
+}
+
+impl Reading<'_> {
+    pub fn needs(&self, column: usize) -> bool {
+        self.needed.is_none_or(|needed| needed.get(column) == Some(&true))
+    }
+}
+
 /// Some points of a file, in its order.
 pub struct Piece {
     /// The index in the file of the first point.
     pub first_point: u64,
     pub points: usize,
-    /// One for each field of the file, with the values of all points.
+    /// One for each field of the file, with the values of all points, or empty if it is not needed.
     pub columns: Vec<Column>,
     /// The indices of the points that are shown.
     pub kept: Vec<u32>,
@@ -116,12 +180,16 @@ pub fn place(columns: &mut [Column], coordinates: [usize; 3], normals: Option<[u
 
 /// The fields of all files, each once, in the order in which they come. Where files have a field in different types, it
 /// is a double.
-pub fn all_fields(files: &[Vec<Attribute>]) -> Vec<Attribute> {
-    let mut all: Vec<Attribute> = Vec::new();
+pub fn all_fields(files: &[Vec<Field>]) -> Vec<Field> {
+    let mut all: Vec<Field> = Vec::new();
+    let mut places: HashMap<&str, usize> = HashMap::new();
     for field in files.iter().flatten() {
-        match all.iter_mut().find(|known| known.name == field.name) {
-            None => all.push(field.clone()),
-            Some(known) if known.column_type != field.column_type => known.column_type = ColumnType::F64,
+        match places.get(field.name()).map(|place| &mut all[*place]) {
+            None => {
+                places.insert(field.name(), all.len());
+                all.push(field.clone());
+            }
+            Some(known) if known.column_type() != field.column_type() => known.attribute.column_type = ColumnType::F64,
             Some(_) => {}
         }
     }
@@ -129,8 +197,38 @@ pub fn all_fields(files: &[Vec<Attribute>]) -> Vec<Attribute> {
 }
 
 /// For each of `fields`, the column of a file that has it.
-pub fn columns_of(fields: &[Attribute], file: &[Attribute]) -> Vec<Option<usize>> {
-    fields.iter().map(|field| file.iter().position(|own| own.name == field.name)).collect()
+pub fn columns_of(fields: &[Field], file: &[Field]) -> Vec<Option<usize>> {
+    let places: HashMap<&str, usize> = file.iter().enumerate().map(|(place, own)| (own.name(), place)).collect();
+    fields.iter().map(|field| places.get(field.name()).copied()).collect()
+}
+
+/// The type that holds all values of another one, and NaN.
+pub fn with_none(column_type: ColumnType) -> ColumnType {
+    use ColumnType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
+    match column_type {
+        U8 | I8 | U16 | I16 | F32 => F32,
+        U32 | I32 | U64 | I64 | F64 => F64,
+    }
+}
+
+/// Fills the places of a field that a file does not have: NaN where the type has it, else 0.
+pub fn put_none(rows: &mut [u8], length: usize, at: usize, column_type: ColumnType) {
+    let none: &[u8] = match column_type {
+        ColumnType::F32 => &f32::NAN.to_le_bytes(),
+        ColumnType::F64 => &f64::NAN.to_le_bytes(),
+        _ => return,
+    };
+    rows.chunks_exact_mut(length).for_each(|row| row[at..at + none.len()].copy_from_slice(none));
+}
+
+/// Whether doubles do not hold all kept values of a column.
+pub fn loses_digits(column: &Column, kept: &[u32]) -> bool {
+    let mut kept = kept.iter().map(|index| *index as usize);
+    match column {
+        Column::U64(values) => kept.any(|index| values[index] as f64 as u128 != u128::from(values[index])),
+        Column::I64(values) => kept.any(|index| values[index] as f64 as i128 != i128::from(values[index])),
+        _ => false,
+    }
 }
 
 /// Writes the kept values of a column to rows of `length` bytes, at byte `at`, as numbers of `column_type`, the least
@@ -219,7 +317,7 @@ mod tests {
 
     #[test]
     fn files_share_their_fields_by_name() {
-        let field = |name: &str, column_type| Attribute { name: name.into(), column_type };
+        let field = |name: &str, column_type| Field::new(name, column_type, Meaning::Other);
         let files = [
             vec![field("x", ColumnType::F32), field("class", ColumnType::U8)],
             vec![field("class", ColumnType::U8), field("x", ColumnType::F64), field("time", ColumnType::F64)],
@@ -228,5 +326,20 @@ mod tests {
         assert_eq!(all, [field("x", ColumnType::F64), field("class", ColumnType::U8), field("time", ColumnType::F64)]);
         assert_eq!(columns_of(&all, &files[0]), [Some(0), Some(1), None]);
         assert_eq!(columns_of(&all, &files[1]), [Some(1), Some(0), Some(2)]);
+    }
+
+    #[test]
+    fn integers_that_a_double_does_not_hold_are_found() {
+        let column = Column::U64(vec![1 << 53, (1 << 53) + 1, u64::MAX]);
+        assert!(!loses_digits(&column, &[0]) && loses_digits(&column, &[1]) && loses_digits(&column, &[2]));
+        let column = Column::I64(vec![-(1 << 53), i64::MAX, i64::MIN]);
+        assert!(!loses_digits(&column, &[0, 2]) && loses_digits(&column, &[0, 1]));
+    }
+
+    #[test]
+    fn a_missing_value_is_no_number() {
+        let mut rows = vec![0; 10];
+        put_none(&mut rows, 5, 1, with_none(ColumnType::U16));
+        assert!(rows.chunks_exact(5).all(|row| f32::from_le_bytes([row[1], row[2], row[3], row[4]]).is_nan()));
     }
 }

@@ -1,39 +1,71 @@
 //! Writes PLY files: binary, the points as vertices.
 
 use std::io::{self, BufWriter, Seek as _, SeekFrom, Write as _};
+use std::sync::{Mutex, PoisonError};
 
 use cloud::{Attribute, ColumnType};
 use tempfile::NamedTempFile;
 
-use super::columns::{Piece, put};
+use super::columns::{Field, Piece, loses_digits, put, put_none};
+use super::merging::Origin;
+use super::names::Names;
 
 /// The number of points that are written at once.
 pub const PIECE_POINTS: usize = 65_536;
 
 /// The fields of a file and their places in a row.
 pub struct RowFormat {
+    /// Their names and types in the file.
     pub fields: Vec<Attribute>,
     /// The length of a row in bytes.
     pub length: usize,
+    lost_digits: Mutex<Vec<String>>,
 }
 
 impl RowFormat {
-    pub fn new(fields: Vec<Attribute>) -> Self {
+    /// Few programs know whole numbers of 64 bits in PLY files, so they become doubles.
+    pub fn new(fields: &[Field]) -> Self {
+        let mut names = Names::with_case();
+        let attribute = |field: &Field| {
+            let name: String =
+                field.name().chars().map(|c| if c.is_control() || c.is_whitespace() { '_' } else { c }).collect();
+            let column_type = match field.column_type() {
+                ColumnType::U64 | ColumnType::I64 => ColumnType::F64,
+                own => own,
+            };
+            Attribute { name: names.take(&name, usize::MAX), column_type }
+        };
+        let fields: Vec<Attribute> = fields.iter().map(attribute).collect();
         let length = fields.iter().map(|field| field.column_type.size()).sum();
-        Self { fields, length }
+        Self { fields, length, lost_digits: Mutex::default() }
     }
 
-    /// The rows of the kept points. `columns` says which column of the piece each field is.
-    pub fn rows(&self, piece: &Piece, columns: &[Option<usize>]) -> Vec<u8> {
+    /// The rows of the kept points. `origins` says where in the piece the values of each field are.
+    pub fn rows(&self, piece: &Piece, origins: &[Option<Origin>]) -> Vec<u8> {
         let mut rows = vec![0; piece.kept.len() * self.length];
         let mut at = 0;
-        for (field, column) in self.fields.iter().zip(columns) {
-            if let Some(column) = column.and_then(|column| piece.columns.get(column)) {
-                put(&mut rows, self.length, at, column, &piece.kept, field.column_type);
+        for (field, origin) in self.fields.iter().zip(origins) {
+            let mut own = None;
+            match origin.as_ref().and_then(|origin| origin.values(&piece.columns, &mut own)) {
+                Some(column) => {
+                    put(&mut rows, self.length, at, column, &piece.kept, field.column_type);
+                    if field.column_type == ColumnType::F64 && loses_digits(column, &piece.kept) {
+                        let mut lost = self.lost_digits.lock().unwrap_or_else(PoisonError::into_inner);
+                        if !lost.contains(&field.name) {
+                            lost.push(field.name.clone());
+                        }
+                    }
+                }
+                None => put_none(&mut rows, self.length, at, field.column_type),
             }
             at += field.column_type.size();
         }
         rows
+    }
+
+    /// The names of fields of whole numbers that lost digits.
+    pub fn lost_digits(&self) -> Vec<String> {
+        self.lost_digits.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -55,10 +87,7 @@ impl PlyFile {
             before += &format!("comment crs {line}\n");
         }
         before += "element vertex ";
-        let property = |field: &Attribute| {
-            let name: String = field.name.chars().map(|c| if c.is_control() || c == ' ' { '_' } else { c }).collect();
-            format!("property {} {name}\n", type_name(field.column_type))
-        };
+        let property = |field: &Attribute| format!("property {} {}\n", type_name(field.column_type), field.name);
         let after = format!("\n{}", format.fields.iter().map(property).collect::<String>());
         let header = [before, after];
         let length = Self::text(&header, most_points, 0).len();
@@ -86,7 +115,7 @@ impl PlyFile {
     }
 }
 
-/// The name of 1994, which every program reads; the 64-bit integers had none then.
+/// The name of 1994, which every program reads. The 64-bit integers have none, and are no columns of PLY files.
 fn type_name(column_type: ColumnType) -> &'static str {
     match column_type {
         ColumnType::U8 => "uchar",
@@ -95,9 +124,7 @@ fn type_name(column_type: ColumnType) -> &'static str {
         ColumnType::I16 => "short",
         ColumnType::U32 => "uint",
         ColumnType::I32 => "int",
-        ColumnType::U64 => "uint64",
-        ColumnType::I64 => "int64",
         ColumnType::F32 => "float",
-        ColumnType::F64 => "double",
+        ColumnType::F64 | ColumnType::U64 | ColumnType::I64 => "double",
     }
 }

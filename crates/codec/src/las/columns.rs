@@ -35,6 +35,16 @@ impl ColorDepth {
         }
     }
 
+    /// The value of full brightness.
+    pub fn most(self) -> u16 {
+        match self {
+            Self::Eight => 255,
+            Self::Ten => 1023,
+            Self::Twelve => 4095,
+            Self::Sixteen => u16::MAX,
+        }
+    }
+
     /// The value of a field with 8 bits.
     #[inline(always)]
     pub fn narrow(self, value: u16) -> u8 {

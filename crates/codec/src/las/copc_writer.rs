@@ -25,11 +25,14 @@ use rayon::iter::{
 
 use super::layout::bytes;
 use super::output_records::{
-    Statistics, Target, Upgrade, check_alike, check_items, common_grid, far_outside, leave_out_waves, one_at_a_time,
-    time, upgrades, warn_of,
+    Statistics, Target, Upgrade, check_alike, check_items, common_grid, far_outside, leading, leave_out_waves,
+    one_at_a_time, say_black, say_rounded_angles, time, upgrades, warn_of,
 };
+use super::systems::System;
 use super::{Copc, LasSource};
 use crate::brief::vector;
+use crate::export::names::short_file_name;
+use crate::export::words::Words;
 use crate::{Error, Result, Selection, Source};
 use buckets::{Buckets, Spill};
 use file::CopcFile;
@@ -49,7 +52,9 @@ const LEAST_BUCKET_BYTES: u64 = 8 << 20;
 pub struct CopcSummary {
     pub points: u64,
     pub nodes: usize,
-    /// What the file lacks of the inputs, and what was wrong with them.
+    /// What the file has otherwise than the inputs.
+    pub changes: Vec<String>,
+    /// What was wrong with the inputs.
     pub warnings: Vec<String>,
 }
 
@@ -66,8 +71,11 @@ pub struct CopcSummary {
 /// Inputs that cannot be read or cannot be in one file; an output that is an input or cannot be written.
 pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Progress) -> Result<Option<CopcSummary>> {
     let sources = open(inputs, output, memory / 2)?;
+    let sources = leading(&sources.iter().collect::<Vec<_>>());
+    let mut words = Words::default();
+    let plan = OutputFormat::new(&sources, memory / 2, &mut words)?;
     let mut warnings = Vec::new();
-    let plan = OutputFormat::new(&sources.iter().collect::<Vec<_>>(), memory / 2, &mut warnings)?;
+    warn_of(&sources, &mut warnings);
     let points: u64 = sources.iter().map(|source| source.info.points).sum();
     let before = progress.done();
     progress.set_total(before + 2 * points);
@@ -112,15 +120,20 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let name = output.file_name().unwrap_or_default().to_string_lossy();
-    let file = builder.prefix(&format!(".{name}.")).suffix(".unfinished").tempfile_in(folder).map_err(io)?;
+    let file = builder
+        .prefix(&format!(".{}.", short_file_name(&name)))
+        .suffix(".unfinished")
+        .tempfile_in(folder)
+        .map_err(io)?;
     let mut writer = CopcFile::start(file, &job.plan, &sources).map_err(io)?;
     if !job.build(level, &buckets, &mut writer).map_err(io)? {
         return Ok(None);
     }
     let nodes = writer.nodes();
-    let file = writer.finish(&job.plan, &sources[0], &job.cube, &statistics).map_err(io)?;
+    let file = writer.finish(&job.plan, sources[0], &job.cube, &statistics).map_err(io)?;
     file.persist(output).map_err(|error| io(error.error))?;
-    Ok(Some(CopcSummary { points: statistics.points, nodes, warnings }))
+    say_rounded_angles(&sources, &job.plan.upgrades, &mut words);
+    Ok(Some(CopcSummary { points: statistics.points, nodes, changes: words.lines(), warnings }))
 }
 
 const NO_GRID: Grid = Grid::new(DVec3::ONE, DVec3::ZERO);
@@ -147,7 +160,7 @@ fn open(inputs: &[PathBuf], output: &Path, memory: u64) -> Result<Vec<LasSource>
 }
 
 /// The bounds from the headers, or from the points where a header has none.
-fn header_bounds(sources: &[LasSource], progress: &Progress) -> Result<Bounds> {
+fn header_bounds(sources: &[&LasSource], progress: &Progress) -> Result<Bounds> {
     let mut bounds = Bounds::EMPTY;
     for source in sources.iter().filter(|source| source.info.points > 0) {
         let own = match source.info.bounds {
@@ -183,23 +196,26 @@ struct OutputFormat {
     vlr: LazVlr,
     /// A lock for threads that compress one after the other because several at a time would take too much memory.
     turn: Option<Mutex<()>>,
+    system: System,
 }
 
 impl OutputFormat {
     /// Chooses the format. `memory` bounds what compressing takes, in bytes.
-    fn new(sources: &[&LasSource], memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
+    fn new(sources: &[&LasSource], memory: u64, words: &mut Words) -> Result<Self> {
         let first = sources[0];
-        check_alike(sources)?;
-        warn_of(sources, warnings);
-        leave_out_waves(sources, "COPC cannot have wave packets", warnings);
+        check_alike(sources, words)?;
+        leave_out_waves(sources, "COPC cannot have wave packets", words);
+        say_black(sources, "", words);
         let formats = sources.iter().filter_map(|source| source.info.point_format);
         let target = Target::new(formats, first.layout.record_length - first.base_length());
-        let grid = common_grid(sources)?;
-        let upgrades = upgrades(sources, target, grid, warnings);
+        let grid = common_grid(sources);
+        let upgrades = upgrades(sources, target, grid, words);
         let items = check_items(&first.info.path, target, memory)?;
         let turn = one_at_a_time(&items, memory);
         let vlr = LazVlrBuilder::new(items).with_variable_chunk_size().build();
-        Ok(Self { target, grid, upgrades, vlr, turn })
+        let system = System::new(Some(first), target.format).map_err(|error| Error::io(&first.info.path, error))?;
+        system.word.iter().for_each(|word| words.say(&first.info.path, word));
+        Ok(Self { target, grid, upgrades, vlr, turn, system })
     }
 }
 
@@ -220,7 +236,7 @@ impl Job<'_> {
     /// Puts the records of all inputs into `buckets`, cells of `level`; returns `None` if it was cancelled.
     fn distribute(
         &self,
-        sources: &[LasSource],
+        sources: &[&LasSource],
         level: u32,
         buckets: &Buckets<'_>,
         warnings: &mut Vec<String>,

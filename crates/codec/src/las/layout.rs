@@ -115,7 +115,7 @@ impl NoData {
 }
 
 impl Reading {
-    fn at(&self) -> usize {
+    pub fn at(&self) -> usize {
         match *self {
             Self::Coordinate { axis } => axis * 4,
             Self::Bits { at, .. }

@@ -5,23 +5,30 @@ use std::ops::Range;
 
 use super::LasSource;
 use super::layout::{bytes, text};
+use super::systems::System;
 
 /// The size in bytes of a record's head.
 pub const HEAD_LENGTH: usize = 54;
-/// The header's bits that say where wave packets are, and that the coordinate system is WKT.
+/// The header's bits that say where wave packets are.
 pub const WAVE_PACKETS: u16 = 2 | 4;
-pub const WKT: u16 = 16;
 
-/// Whether the record at byte `start` goes on to the file, and whether it is a coordinate system as WKT. Not kept is
-/// what describes how points were stored: compression, wave packets, indices of their order.
-pub fn is_kept(source: &LasSource, start: u64) -> io::Result<(bool, bool)> {
+/// Whether the record at byte `start` goes on to the file. Not kept is what describes how points were stored:
+/// compression, wave packets, indices of their order; and coordinate systems that the file has otherwise.
+pub fn is_kept(source: &LasSource, start: u64, system: &System) -> io::Result<bool> {
     let head: [u8; 20] = source.file.bytes_at(start)?.unwrap_or([0; 20]);
     let (user, identifier) = (text(&head[2..18]), u16::from_le_bytes(bytes(&head, 18)));
     let dropped = matches!(
         (user.as_str(), identifier),
         ("copc", _) | ("laszip encoded", _) | ("LASF_Spec", 100..=354 | 65535) | ("LAStools", 10 | 30)
     );
-    Ok((!dropped, (user.as_str(), identifier) == ("LASF_Projection", 2112)))
+    Ok(!dropped && system.keeps(&user, identifier))
+}
+
+/// Writes the record of a system that the other file does not have; returns the number of records.
+pub fn write_system(out: &mut Vec<u8>, system: &System) -> u32 {
+    let Some(text) = &system.added else { return 0 };
+    write_record(out, ("LASF_Projection", 2112, "coordinate system"), &[text.as_bytes(), &[0]].concat());
+    1
 }
 
 /// Copies a record of another file as it is; returns its length in bytes.

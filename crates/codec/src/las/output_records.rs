@@ -4,6 +4,7 @@
 use std::io;
 use std::path::Path;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use cloud::{Bounds, Grid, Placement};
 use glam::DVec3;
@@ -11,15 +12,20 @@ use laz::LazItem;
 use laz::laszip::LazItemRecordBuilder;
 use param::shown;
 
+use super::columns::ColorDepth;
 use super::layout::{Layout, bytes};
 use super::{LasSource, items};
-use crate::brief::vector;
 use crate::error::{Error, Result};
+use crate::export::grid;
+use crate::export::standard::ANGLE_STEPS;
+use crate::export::words::Words;
 
 /// The size in bytes of a record of formats 6 to 8 before its colours.
 const BASE_LENGTH: usize = 30;
-/// The number of steps of an angle of formats 6 to 10 in a degree.
-const ANGLE_STEPS: f64 = 1.0 / 0.006;
+/// The header's bit that says that GPS time is standard time.
+pub const STANDARD_TIME: u16 = 1;
+/// The angles of formats 0 to 5 that are multiples of a step of later ones, in degrees.
+const WHOLE_ANGLES: i8 = 3;
 /// The class that means "overlap" in formats 0 to 5; later ones have a flag for it.
 const OVERLAP_CLASS: u8 = 12;
 
@@ -61,12 +67,17 @@ pub struct Upgrade {
     gps_time: Option<usize>,
     red: Option<usize>,
     near_infrared: Option<usize>,
+    /// The range of its colours, which become colours of 16 bits.
+    depth: ColorDepth,
+    /// Whether an angle of its records is between the steps of the target.
+    has_rounded_angles: AtomicBool,
     /// The size in bytes of a record of the file.
     pub record_length: usize,
 }
 
 impl Upgrade {
-    pub fn new(source: &LasSource, target: Target, target_grid: Grid) -> Self {
+    /// Colours of `depth` become colours of 16 bits; `ColorDepth::Sixteen` leaves them as they are.
+    pub fn new(source: &LasSource, target: Target, target_grid: Grid, depth: ColorDepth) -> Self {
         let format = source.info.point_format.unwrap_or(0);
         let layout = &source.layout;
         Self {
@@ -81,6 +92,8 @@ impl Upgrade {
             gps_time: Layout::gps_time(format),
             red: layout.red,
             near_infrared: Layout::near_infrared(format),
+            depth,
+            has_rounded_angles: AtomicBool::new(false),
             record_length: layout.record_length,
         }
     }
@@ -99,6 +112,7 @@ impl Upgrade {
 
     /// Appends a record; returns `false` if its coordinates are too far away for the target's grid.
     pub fn push(&self, record: &[u8], out: &mut Vec<u8>) -> bool {
+        let start = out.len();
         if self.same_grid {
             out.extend_from_slice(&record[..12]);
         } else {
@@ -113,6 +127,7 @@ impl Upgrade {
         }
         if self.same_format {
             out.extend_from_slice(&record[12..]);
+            self.scale_colors(&mut out[start..]);
             return true;
         }
         if self.extended {
@@ -128,7 +143,20 @@ impl Upgrade {
             out.extend_from_slice(field(self.near_infrared, 2));
         }
         out.extend_from_slice(&record[self.base_length..]);
+        self.scale_colors(&mut out[start..]);
         true
+    }
+
+    fn scale_colors(&self, record: &mut [u8]) {
+        if self.depth == ColorDepth::Sixteen {
+            return;
+        }
+        if let Some(red) = Layout::red_of(self.target.format) {
+            for field in record[red..red + 6].chunks_exact_mut(2) {
+                let value = self.depth.widen(u16::from_le_bytes(bytes(field, 0)));
+                field.copy_from_slice(&value.to_le_bytes());
+            }
+        }
     }
 
     /// Writes the fields between coordinates and colours of formats 0 to 5. Nothing is lost: a class of 12 (overlap)
@@ -136,7 +164,11 @@ impl Upgrade {
     fn push_old(&self, record: &[u8], out: &mut Vec<u8>) {
         let (returns, class) = (record[14], record[15]);
         let overlap = if class & 0x1f == OVERLAP_CLASS { 8 } else { 0 };
-        let angle = f64::from(record[16] as i8) * ANGLE_STEPS;
+        let degrees = record[16] as i8;
+        let angle = f64::from(degrees) * ANGLE_STEPS;
+        if degrees % WHOLE_ANGLES != 0 && !self.has_rounded_angles.load(Ordering::Relaxed) {
+            self.has_rounded_angles.store(true, Ordering::Relaxed);
+        }
         out.extend_from_slice(&record[12..14]);
         out.push(returns & 7 | (returns >> 3 & 7) << 4);
         out.push(class >> 5 | overlap | returns & 0xc0);
@@ -219,27 +251,54 @@ pub fn time(record: &[u8]) -> f64 {
     f64::from_le_bytes(bytes(record, 22))
 }
 
-/// Checks that the points of all files can be in one file.
-pub fn check_alike(sources: &[&LasSource]) -> Result<()> {
+/// The files of which the first one that has a coordinate system comes first: its header and records go on to the file
+/// that is written.
+pub fn leading<'a>(sources: &[&'a LasSource]) -> Vec<&'a LasSource> {
+    let mut sources = sources.to_vec();
+    if let Some(first) = sources.iter().position(|source| source.info.crs.is_some()) {
+        sources[..=first].rotate_right(1);
+    }
+    sources
+}
+
+/// Checks that the points of all files can be in one file; says which files have no coordinate system where others have.
+pub fn check_alike(sources: &[&LasSource], words: &mut Words) -> Result<()> {
     let first = sources[0];
     for source in sources {
-        let refuse = |problem: &str| {
-            Err(Error::unsuitable(
-                &source.info.path,
-                format!("{problem} than {}; files of one kind can become one file", shown(&first.info.path)),
-            ))
-        };
+        let refuse = |problem: &str| Err(unlike(source, problem, first));
         if extra_dimensions(source) != extra_dimensions(first) {
             return refuse("has other extra dimensions");
         }
-        if source.info.crs != first.info.crs {
-            return refuse("is in another coordinate system");
-        }
-        if source.has_time() && first.has_time() && source.standard_time != first.standard_time {
-            return refuse("counts GPS time in another way (weeks or standard time)");
+        match (&source.info.crs, &first.info.crs) {
+            (Some(own), Some(other)) if own != other => return refuse("is in another coordinate system"),
+            (None, Some(_)) => {
+                let of = shown(&first.info.path);
+                words.say(&source.info.path, format!("has no coordinate system: taken to be in that of {of}"));
+            }
+            _ => {}
         }
     }
-    Ok(())
+    check_times(sources)
+}
+
+fn unlike(source: &LasSource, problem: &str, first: &LasSource) -> Error {
+    let problem = format!("{problem} than {}; files of one kind can become one file", shown(&first.info.path));
+    Error::unsuitable(&source.info.path, problem)
+}
+
+/// Checks that all files count time in one way.
+pub fn check_times(sources: &[&LasSource]) -> Result<()> {
+    let mut timed = sources.iter().filter(|source| source.has_time());
+    let Some(first) = timed.next() else { return Ok(()) };
+    match timed.find(|source| source.standard_time != first.standard_time) {
+        Some(other) => Err(unlike(other, "counts GPS time in another way (weeks or standard time)", first)),
+        None => Ok(()),
+    }
+}
+
+/// Whether records of all files end with the same extra dimensions.
+pub fn have_same_extra_dimensions(sources: &[&LasSource]) -> bool {
+    sources.windows(2).all(|pair| extra_dimensions(pair[0]) == extra_dimensions(pair[1]))
 }
 
 /// Adds the warnings of all files.
@@ -249,24 +308,59 @@ pub fn warn_of(sources: &[&LasSource], warnings: &mut Vec<String>) {
     }
 }
 
-/// Warns of files whose wave packets the file that is written does not have.
-pub fn leave_out_waves(sources: &[&LasSource], reason: &str, warnings: &mut Vec<String>) {
+/// Says which files have wave packets that the file that is written does not have.
+pub fn leave_out_waves(sources: &[&LasSource], reason: &str, words: &mut Words) {
+    for source in sources.iter().filter(|source| source.has_waves()) {
+        words.say(&source.info.path, format!("{reason}: left out"));
+    }
+}
+
+/// Says which files have no colours or times, where others have.
+pub fn say_black(sources: &[&LasSource], mark: &str, words: &mut Words) {
+    let any = |of: fn(&LasSource) -> bool| sources.iter().any(|source| of(source));
     for source in sources {
-        if source.info.point_format.and_then(Layout::wave_packet).is_some() {
-            warnings.push(format!("{}: {reason}: left out", shown(&source.info.path)));
+        if any(LasSource::has_colors) && !source.has_colors() {
+            words.say(&source.info.path, format!("has no colours: its points are black in the new file{mark}"));
+        }
+        if any(LasSource::has_time) && !source.has_time() {
+            words.say(&source.info.path, "has no gps_time: 0 in the new file");
         }
     }
 }
 
-/// The conversion of each file's records; warns where it rounds coordinates.
-pub fn upgrades(sources: &[&LasSource], target: Target, grid: Grid, warnings: &mut Vec<String>) -> Vec<Upgrade> {
-    let upgrades: Vec<Upgrade> = sources.iter().map(|source| Upgrade::new(source, target, grid)).collect();
-    for (source, _) in sources.iter().zip(&upgrades).filter(|(_, upgrade)| !upgrade.is_exact()) {
-        warnings.push(format!(
-            "{}: its coordinates lie on another grid than those of {}: rounded to the nearest step",
-            shown(&source.info.path),
-            shown(&sources[0].info.path)
-        ));
+/// Says which files had angles that were rounded.
+pub fn say_rounded_angles(sources: &[&LasSource], upgrades: &[Upgrade], words: &mut Words) {
+    for (source, upgrade) in sources.iter().zip(upgrades) {
+        if upgrade.has_rounded_angles.load(Ordering::Relaxed) {
+            words.say(&source.info.path, "scan_angle: whole degrees became steps of 0.006 degrees");
+        }
+    }
+}
+
+/// The conversion of each file's records; says where it changes colours or rounds coordinates.
+pub fn upgrades(sources: &[&LasSource], target: Target, grid: Grid, words: &mut Words) -> Vec<Upgrade> {
+    let mut depths = sources.iter().filter_map(|source| source.color_depth());
+    let first = depths.next();
+    let are_alike = depths.all(|depth| Some(depth) == first);
+    let mut upgrades = Vec::new();
+    for source in sources {
+        let depth = source.color_depth().filter(|_| !are_alike).unwrap_or(ColorDepth::Sixteen);
+        if depth != ColorDepth::Sixteen {
+            let most = depth.most();
+            words.say(&source.info.path, format!("colours from 0 to {most} became colours from 0 to 65535, for one scale"));
+        }
+        let upgrade = Upgrade::new(source, target, grid, depth);
+        if !upgrade.is_exact() {
+            let of = shown(&sources[0].info.path);
+            let steps = crate::brief::vector(grid.scale);
+            words.say(
+                &source.info.path,
+                format!(
+                    "its coordinates lie on another grid than those of {of}: rounded to the nearest step of {steps}"
+                ),
+            );
+        }
+        upgrades.push(upgrade);
     }
     upgrades
 }
@@ -314,33 +408,10 @@ fn extra_dimensions(source: &LasSource) -> (usize, Vec<Vec<u8>>) {
 /// The options of a descriptor that say that it contains the smallest and the largest value.
 pub const RANGE_OPTIONS: u8 = 2 | 4;
 
-/// The first file's grid with the finest steps of any; moved if points would not fit it.
-pub fn common_grid(sources: &[&LasSource]) -> Result<Grid> {
-    let first = sources[0];
-    let mut grid = first.grid;
-    let mut bounds = Bounds::EMPTY;
-    for source in sources {
-        let finer = source.grid.scale.abs().cmplt(grid.scale.abs());
-        grid.scale = DVec3::select(finer, source.grid.scale, grid.scale);
-        bounds = bounds.union(source.info.bounds.unwrap_or(Bounds::EMPTY));
-    }
-    if bounds.is_empty() {
-        return Ok(grid);
-    }
-    let fits = |offset: DVec3| {
-        let reach = |corner: DVec3| ((corner - offset) / grid.scale).abs().max_element();
-        reach(bounds.min).max(reach(bounds.max)) < f64::from(i32::MAX)
-    };
-    if !fits(grid.offset) {
-        grid.offset = bounds.center().round();
-        if !fits(grid.offset) {
-            return Err(Error::unsuitable(
-                &first.info.path,
-                format!("the inputs are too far apart for steps of {} in 32 bits", vector(grid.scale)),
-            ));
-        }
-    }
-    Ok(grid)
+/// The first file's grid with the finest steps of any; with coarser ones where 32 bits do not reach all points.
+pub fn common_grid(sources: &[&LasSource]) -> Grid {
+    let bounds = sources.iter().filter_map(|source| source.info.bounds).fold(Bounds::EMPTY, Bounds::union);
+    grid::common_grid(sources.iter().map(|source| source.grid), bounds).unwrap_or(sources[0].grid)
 }
 
 /// The failure of a point beyond the grid, which was chosen by the bounds that files tell.
@@ -354,7 +425,15 @@ impl LasSource {
         base.unwrap_or(self.layout.record_length)
     }
 
-    fn has_time(&self) -> bool {
+    pub fn has_time(&self) -> bool {
         self.info.point_format.and_then(Layout::gps_time).is_some()
+    }
+
+    pub fn has_waves(&self) -> bool {
+        self.info.point_format.and_then(Layout::wave_packet).is_some()
+    }
+
+    pub fn has_standard_time(&self) -> bool {
+        self.standard_time
     }
 }

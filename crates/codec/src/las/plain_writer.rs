@@ -12,8 +12,9 @@ use tempfile::NamedTempFile;
 
 use super::LasSource;
 use super::layout::Layout;
-use super::output_head::{WAVE_PACKETS, WKT, copy_record, is_extra_bytes, is_kept, padded, write_record};
-use super::output_records::{RANGE_OPTIONS, Statistics, Target};
+use super::output_head::{WAVE_PACKETS, copy_record, is_extra_bytes, is_kept, padded, write_record, write_system};
+use super::output_records::{RANGE_OPTIONS, STANDARD_TIME, Statistics, Target};
+use super::systems::{System, WKT};
 
 /// The number of points of a compressed chunk, as LASzip has it.
 pub const CHUNK_POINTS: usize = 50_000;
@@ -34,6 +35,10 @@ pub struct Head<'a> {
     pub descriptors: Vec<u8>,
     /// The most points that it may have.
     pub most_points: u64,
+    /// Whether GPS time is standard time; `None` if it is as in the first file.
+    pub has_standard_time: Option<bool>,
+    /// What it says of the coordinate system.
+    pub system: System,
 }
 
 /// A file that is being written.
@@ -41,7 +46,6 @@ pub struct PlainFile<'a> {
     head: Head<'a>,
     vlr: Option<LazVlr>,
     version: (u8, u8),
-    is_wkt: bool,
     out: BufWriter<NamedTempFile>,
     /// The number of bytes written.
     end: u64,
@@ -75,7 +79,7 @@ impl<'a> PlainFile<'a> {
     pub fn start(file: NamedTempFile, head: Head<'a>) -> io::Result<Self> {
         let version = head.version();
         let mut bytes = vec![0; usize::from(::las::Version::new(version.0, version.1).header_size())];
-        let (mut records, mut is_wkt) = (0, false);
+        let mut records = 0;
         let mut add = |bytes: &mut Vec<u8>, name: (&str, u16, &str), data: &[u8]| {
             write_record(bytes, name, data);
             records += 1;
@@ -95,11 +99,10 @@ impl<'a> PlainFile<'a> {
         for part in descriptors.chunks(192 * MOST_DESCRIPTORS) {
             add(&mut bytes, ("LASF_Spec", 4, "extra dimensions"), part);
         }
+        records += write_system(&mut bytes, &head.system);
         for (extended, place) in head.first.iter().flat_map(|first| &first.records) {
             let Some(first) = head.first else { break };
-            let (kept, is_system) = is_kept(first, place.start)?;
-            is_wkt |= is_system;
-            if *extended || !kept {
+            if *extended || !is_kept(first, place.start, &head.system)? {
                 continue;
             }
             let start = bytes.len();
@@ -118,7 +121,7 @@ impl<'a> PlainFile<'a> {
         let mut out = BufWriter::with_capacity(1 << 20, file);
         out.write_all(&bytes)?;
         let end = bytes.len() as u64;
-        Ok(Self { head, vlr, version, is_wkt, out, end, data_start, records, table: ChunkTable::default() })
+        Ok(Self { head, vlr, version, out, end, data_start, records, table: ChunkTable::default() })
     }
 
     /// Writes encoded points. All but the last of several times have `CHUNK_POINTS`.
@@ -140,7 +143,7 @@ impl<'a> PlainFile<'a> {
         let header = match self.head.first {
             Some(first) => raw::Header::read_from(BufReader::new(first.file.section(0, first.file.length())))
                 .map_err(io::Error::other)?,
-            None => raw::Header { global_encoding: WKT, ..raw::Header::default() },
+            None => raw::Header::default(),
         };
         let (evlr, waves) = self.extended(&header)?;
         let header = self.header(header, statistics, evlr, waves)?;
@@ -173,7 +176,7 @@ impl<'a> PlainFile<'a> {
         let mut count = 0;
         for (_, place) in first.records.iter().filter(|(extended, _)| *extended) {
             let head: [u8; 20] = first.file.bytes_at(place.start)?.unwrap_or([0; 20]);
-            if is_kept(first, place.start)?.0 && !is_extra_bytes(&head) {
+            if is_kept(first, place.start, &self.head.system)? && !is_extra_bytes(&head) {
                 self.end += copy_record(first, place, &mut self.out)?;
                 count += 1;
             }
@@ -198,15 +201,18 @@ impl<'a> PlainFile<'a> {
         evlr: Option<raw::header::Evlr>,
         waves: u64,
     ) -> io::Result<raw::Header> {
-        let Head { first, target, grid, .. } = &self.head;
+        let Head { target, grid, has_standard_time, .. } = &self.head;
         let version = ::las::Version::new(self.version.0, self.version.1);
         let bounds = statistics.bounds(*grid);
         let mut global_encoding = header.global_encoding;
         if Layout::wave_packet(target.format).is_none() {
             global_encoding &= !WAVE_PACKETS;
         }
-        if first.is_some_and(|first| first.info.point_format != Some(target.format)) {
-            global_encoding = global_encoding & !WKT | if self.is_wkt { WKT } else { 0 };
+        if target.format >= 6 {
+            global_encoding |= WKT;
+        }
+        if let Some(is_standard) = has_standard_time {
+            global_encoding = global_encoding & !STANDARD_TIME | if *is_standard { STANDARD_TIME } else { 0 };
         }
         // The old counts are those of the old formats.
         let is_old = target.format < 6;

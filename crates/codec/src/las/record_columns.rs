@@ -1,42 +1,67 @@
 //! The properties of records as columns, for files of another kind.
 
-use cloud::{Attribute, Column, ColumnType, PointTest, Progress};
+use cloud::{Column, ColumnType, Progress};
 
 use super::LasSource;
 use super::columns::ColorDepth;
-use super::layout::{Property, Reading};
-use crate::export::columns::{Piece, place};
+use super::layout::{Layout, Property, Reading};
+use crate::export::columns::{Colors, Field, Meaning, Piece, Reading as Wish, place};
 use crate::in_order::InOrder;
 
-const COLORS: [&str; 3] = ["red", "green", "blue"];
-
 impl LasSource {
-    /// The properties that have a type, with colours of 8 bits or, if they are `wide`, of 16.
-    pub fn column_fields(&self, wide: bool) -> Vec<Attribute> {
+    /// The properties that have a type.
+    pub fn column_fields(&self, colors: Colors) -> Vec<Field> {
         let of = |property: &Property| {
-            let is_color = COLORS.contains(&property.name.as_str());
-            let narrow = is_color && !wide;
-            let column_type = if narrow { ColumnType::U8 } else { property.reading.column_type() };
-            Attribute { name: property.name.clone(), column_type }
+            let meaning = self.meaning(property);
+            let is_byte = meaning == Meaning::Color && colors == Colors::Bytes;
+            let column_type = if is_byte { ColumnType::U8 } else { property.reading.column_type() };
+            Field::new(&property.name, column_type, meaning)
         };
         self.typed().map(of).collect()
     }
 
-    fn typed(&self) -> impl Iterator<Item = &Property> {
-        self.layout.properties.iter().filter(|property| !matches!(property.reading, Reading::Opaque { .. }))
+    /// What a property is. An extra dimension may have the name of a standard one that the point format lacks.
+    fn meaning(&self, property: &Property) -> Meaning {
+        let at = property.reading.at();
+        let waves = self.info.point_format.and_then(Layout::wave_packet);
+        match property.reading {
+            Reading::Coordinate { .. } => Meaning::Coordinate,
+            _ if at >= self.base_length() => Meaning::Other,
+            _ if waves.is_some_and(|waves| at >= waves) => Meaning::Wave,
+            _ if self.layout.red.is_some_and(|red| (red..red + 6).contains(&at)) => Meaning::Color,
+            _ => Meaning::Standard,
+        }
+    }
+
+    /// The range of its colours; `None` if all points are black or have no colour.
+    pub fn color_depth(&self) -> Option<ColorDepth> {
+        self.colors
+    }
+
+    /// Whether some of its points have another colour than black.
+    pub fn has_colors(&self) -> bool {
+        self.colors.is_some()
+    }
+
+    /// The number of bytes of each record that have no type, which no column holds.
+    pub fn opaque_bytes(&self) -> usize {
+        let length = |property: &Property| match property.reading {
+            Reading::Opaque { length, .. } => length,
+            _ => 0,
+        };
+        self.layout.properties.iter().map(length).sum()
     }
 
     /// Passes the columns of `column_fields` to `rows_of`; the rows that it makes of the points that are shown go to
     /// `order`, in the order of the file. Returns what could not be read.
     pub fn read_columns_in_order(
         &self,
-        test: &PointTest,
-        wide: bool,
+        wish: &Wish<'_>,
         progress: &Progress,
         order: &InOrder<'_>,
         rows_of: &(dyn Fn(Piece) -> Vec<u8> + Sync),
     ) -> Vec<String> {
-        let test = self.record_test(test);
+        let test = self.record_test(wish.test);
         let (length, grid) = (self.layout.record_length, self.grid);
         let depth = self.colors.unwrap_or(ColorDepth::Sixteen);
         self.read_records_in_order(progress, order, |first_point, records| {
@@ -48,18 +73,22 @@ impl LasSource {
             if kept.is_empty() {
                 return Ok(Vec::new());
             }
-            let column = |property: &Property| {
+            let column = |(number, property): (usize, &Property)| {
+                if !wish.needs(number) {
+                    return Column::with_capacity(property.reading.column_type(), 0);
+                }
                 let mut column = Column::with_capacity(property.reading.column_type(), points);
                 property.reading.append(&mut column, records, length, &grid);
-                match column {
-                    Column::U16(values) if COLORS.contains(&property.name.as_str()) => match wide {
-                        false => Column::U8(values.into_iter().map(|value| depth.narrow(value)).collect()),
-                        true => Column::U16(values.into_iter().map(|value| depth.widen(value)).collect()),
+                match (column, wish.colors) {
+                    (column, Colors::Own) => column,
+                    (Column::U16(values), colors) if self.meaning(property) == Meaning::Color => match colors {
+                        Colors::Bytes => Column::U8(values.into_iter().map(|value| depth.narrow(value)).collect()),
+                        _ => Column::U16(values.into_iter().map(|value| depth.widen(value)).collect()),
                     },
-                    column => column,
+                    (column, _) => column,
                 }
             };
-            let mut columns: Vec<Column> = self.typed().map(column).collect();
+            let mut columns: Vec<Column> = self.typed().enumerate().map(column).collect();
             if let Some(placement) = &self.info.placement {
                 let is_axis = |axis| move |property: &Property| property.reading == (Reading::Coordinate { axis });
                 let coordinates = [0, 1, 2].map(|axis| self.typed().position(is_axis(axis)).unwrap_or(usize::MAX));
@@ -67,5 +96,9 @@ impl LasSource {
             }
             Ok(rows_of(Piece { first_point, points, columns, kept }))
         })
+    }
+
+    fn typed(&self) -> impl Iterator<Item = &Property> {
+        self.layout.properties.iter().filter(|property| !matches!(property.reading, Reading::Opaque { .. }))
     }
 }

@@ -6,20 +6,23 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use cloud::{Attribute, ColumnType, Progress};
-use param::shown;
 use tempfile::NamedTempFile;
 
 use super::LasSource;
 use super::column_records::descriptor;
 use super::layout::Layout;
 use super::output_records::{
-    Statistics, Target, Upgrade, check_alike, check_items, common_grid, far_outside, leave_out_waves, one_at_a_time,
-    upgrades, warn_of,
+    Statistics, Target, Upgrade, check_alike, check_items, common_grid, far_outside, leading, leave_out_waves,
+    one_at_a_time, say_black, say_rounded_angles, upgrades, warn_of,
 };
 use super::plain_writer::{CHUNK_POINTS, Head, PlainFile, compress};
+use super::systems::System;
 use super::whole_records::RecordTest;
 use crate::error::{Error, Result};
-use crate::export::columns::{Added, LeftOut, Wanted};
+use crate::export::columns::{Added, HAS_COLOR, LeftOut, Wanted};
+use crate::export::names::{EXTRA_LENGTH, Names};
+use crate::export::standard::is_reserved;
+use crate::export::words::Words;
 use crate::in_order::InOrder;
 
 /// The header's bit that says that wave packets are in another file.
@@ -29,6 +32,8 @@ const EXTERNAL_WAVES: u16 = 4;
 pub struct Written {
     pub file: NamedTempFile,
     pub points: u64,
+    /// What it has otherwise than its files.
+    pub changes: Vec<String>,
     pub warnings: Vec<String>,
 }
 
@@ -43,73 +48,94 @@ pub fn export_records(
     memory: u64,
     progress: &Progress,
 ) -> Result<Option<Written>> {
-    let first = sources[0];
-    let mut warnings = Vec::new();
-    check_alike(sources)?;
+    let first = leading(sources)[0];
+    let (mut warnings, mut words) = (Vec::new(), Words::default());
+    check_alike(&leading(sources), &mut words)?;
     warn_of(sources, &mut warnings);
-    let extra = first.layout.record_length - first.base_length() + 4 * added.len();
+    let colored = sources.iter().filter(|source| source.has_colors()).count();
+    let is_known = first.layout.properties.iter().any(|property| property.name == HAS_COLOR);
+    let is_marked = colored > 0 && colored < sources.len() && !is_known;
+    say_black(sources, if is_marked { ", where has_color is 0" } else { "" }, &mut words);
+    let own = first.layout.record_length - first.base_length();
+    let extra = own + 4 * added.len() + usize::from(is_marked);
     let formats = || sources.iter().filter_map(|source| source.info.point_format);
     let is_one_format = formats().all(|format| Some(format) == first.info.point_format);
-    let has_waves = formats().any(|format| Layout::wave_packet(format).is_some());
+    let has_waves = sources.iter().any(|source| source.has_waves());
     let target = match first.info.point_format {
         // Packets of several files would have to be renumbered.
         Some(format) if is_one_format && !(has_waves && sources.len() > 1) => Target { format, extra },
         _ => {
-            leave_out_waves(sources, "wave packets of several files cannot be in one file", &mut warnings);
+            leave_out_waves(sources, "wave packets of several files cannot be in one file", &mut words);
             Target::new(formats(), extra)
         }
     };
     if first.global_encoding & EXTERNAL_WAVES != 0 && Layout::wave_packet(target.format).is_some() {
-        warnings.push(format!(
-            "{}: its wave packets are in a .wdp file of the same name; copy that beside the new file",
-            shown(&first.info.path)
-        ));
+        let word = "its wave packets are in a .wdp file of the same name; copy that beside the new file";
+        words.say(&first.info.path, word);
     }
     let grid = match sources {
         [one] if one.info.placement.is_none() => one.grid,
-        _ => common_grid(sources)?,
+        _ => common_grid(sources),
     };
-    let upgrades = upgrades(sources, target, grid, &mut warnings);
+    let upgrades = upgrades(sources, target, grid, &mut words);
     let items = if is_compressed { Some(check_items(&first.info.path, target, memory)?) } else { None };
     let most_points = sources.iter().map(|source| source.info.points).sum();
+    let system = System::new(Some(first), target.format).map_err(|error| Error::io(&first.info.path, error))?;
+    system.word.iter().for_each(|word| words.say(&first.info.path, word));
     let head = Head {
         first: Some(first),
         target,
         grid,
         items: items.clone(),
-        descriptors: descriptors(first, added),
+        descriptors: descriptors(first, added, is_marked),
         most_points,
+        has_standard_time: None,
+        system,
     };
     let mut write_rows = |order: &InOrder<'_>| {
         for (number, (source, upgrade)) in sources.iter().zip(&upgrades).enumerate() {
             let test = source.record_test(wanted.test);
+            let mark = is_marked.then_some(source.has_colors());
             let rows_of = |first_point: u64, records: &[u8]| {
                 let points = records.len() / upgrade.record_length;
                 let values: Vec<Vec<f32>> = added.iter().map(|added| added.of(number, first_point, points)).collect();
                 let left_out = wanted.left_out(number, first_point, points);
-                converted(records, upgrade, test.as_ref(), left_out, &values)
+                converted(records, upgrade, test.as_ref(), left_out, (&values, mark))
             };
             warnings.append(&mut source.read_records_in_order(progress, order, rows_of));
         }
     };
-    let written = write_rows_to(head, (file, output), memory, progress, &mut write_rows)?;
-    Ok(written.map(|(file, points)| Written { file, points, warnings }))
+    let Some((file, points)) = write_rows_to(head, (file, output), memory, progress, &mut write_rows)? else {
+        return Ok(None);
+    };
+    say_rounded_angles(sources, &upgrades, &mut words);
+    Ok(Some(Written { file, points, changes: words.lines(), warnings }))
 }
 
 /// The descriptors of the extra dimensions of a file and of those that are added. Bytes that none describes get one, so
 /// that those after them are in their places.
-fn descriptors(first: &LasSource, added: &[Added]) -> Vec<u8> {
+fn descriptors(first: &LasSource, added: &[Added], is_marked: bool) -> Vec<u8> {
     let mut descriptors = first.descriptors.clone();
-    if !added.is_empty() {
-        let mut rest = first.layout.undescribed();
-        while rest > 0 {
-            let length = rest.min(usize::from(u8::MAX));
-            let mut bytes = descriptor(&Attribute { name: "undescribed".into(), column_type: ColumnType::U8 });
-            (bytes[2], bytes[3]) = (0, length as u8);
-            descriptors.extend(bytes);
-            rest -= length;
-        }
-        descriptors.extend(added.iter().flat_map(|added| descriptor(&added.field())));
+    if added.is_empty() && !is_marked {
+        return descriptors;
+    }
+    let mut rest = first.layout.undescribed();
+    while rest > 0 {
+        let length = rest.min(usize::from(u8::MAX));
+        let mut bytes = descriptor(&Attribute { name: "undescribed".into(), column_type: ColumnType::U8 });
+        (bytes[2], bytes[3]) = (0, length as u8);
+        descriptors.extend(bytes);
+        rest -= length;
+    }
+    let mut names = Names::default();
+    first.layout.properties.iter().for_each(|property| drop(names.take(&property.name, usize::MAX)));
+    for own in added.iter().map(Added::field) {
+        let wanted = if is_reserved(&own.name) { format!("{}_extra", own.name) } else { own.name };
+        let name = names.take(&wanted, EXTRA_LENGTH);
+        descriptors.extend(descriptor(&Attribute { name, column_type: own.column_type }));
+    }
+    if is_marked {
+        descriptors.extend(descriptor(&Attribute { name: HAS_COLOR.into(), column_type: ColumnType::U8 }));
     }
     descriptors
 }
@@ -158,7 +184,7 @@ fn converted(
     upgrade: &Upgrade,
     test: Option<&RecordTest<'_>>,
     left_out: LeftOut<'_>,
-    added: &[Vec<f32>],
+    (added, mark): (&[Vec<f32>], Option<bool>),
 ) -> io::Result<Vec<u8>> {
     let length = upgrade.record_length;
     let shown = test.map(|test| test.shown(records));
@@ -171,6 +197,7 @@ fn converted(
             return Err(far_outside());
         }
         added.iter().for_each(|values| rows.extend(values[index].to_le_bytes()));
+        rows.extend(mark.map(u8::from));
     }
     Ok(rows)
 }

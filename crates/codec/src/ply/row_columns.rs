@@ -2,29 +2,60 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Attribute, Column, ColumnType, PointTest, Progress};
+use cloud::{Column, ColumnType, Progress};
 use glam::Vec3;
 use param::shown;
 
 use super::PlySource;
-use super::columns::{ChunkBuilder, RowDecoder, color_column, column};
+use super::columns::{ChunkBuilder, RowDecoder, Scale, color_column, column};
+use super::header::Kind;
 use crate::Selection;
-use crate::export::columns::{Piece, place};
+use crate::export::columns::{Colors, Field, Meaning, Piece, Reading, place};
 use crate::in_order::InOrder;
 
 impl PlySource {
-    /// The scalars of a vertex. If colours are `wide`, they have 16 bits, and the names by which LAS files have them.
-    pub fn column_fields(&self, wide: bool) -> Vec<Attribute> {
-        let field = |(index, scalar): (usize, &super::Scalar)| match self.channel(index).filter(|_| wide) {
-            Some(channel) => Attribute { name: ["red", "green", "blue"][channel].into(), column_type: ColumnType::U16 },
-            None => {
+    /// The scalars of a vertex. Coordinates and normals have the names that most files give them, and colours that are
+    /// not the file's own those of LAS files.
+    pub fn column_fields(&self, colors: Colors) -> Vec<Field> {
+        let field = |(index, scalar): (usize, &super::Scalar)| {
+            let place_in = |places: Option<[usize; 3]>| places?.iter().position(|place| *place == index);
+            let (color, own) = (self.channel(index), scalar.scalar);
+            if let Some(axis) = place_in(Some(self.roles.position)) {
                 // Where points are moved far, a float that held their place in the file does not hold the new one.
-                let is_moved = self.info.placement.is_some() && self.roles.position.contains(&index);
-                let column_type = if is_moved { ColumnType::F64 } else { scalar.scalar };
-                Attribute { name: scalar.name.clone(), column_type }
+                let column_type = if self.info.placement.is_some() { ColumnType::F64 } else { own };
+                return Field::new(["x", "y", "z"][axis], column_type, Meaning::Coordinate);
+            }
+            match (color, place_in(self.roles.normals), colors) {
+                (Some(_), _, Colors::Own) => Field::new(&scalar.name, own, Meaning::Color),
+                (Some(color), _, _) => {
+                    let column_type = if colors == Colors::Bytes { ColumnType::U8 } else { ColumnType::U16 };
+                    Field::new(["red", "green", "blue"][color], column_type, Meaning::Color)
+                }
+                (None, Some(axis), _) => Field::new(["nx", "ny", "nz"][axis], own, Meaning::Other),
+                (None, None, _) => Field::new(&scalar.name, own, Meaning::Other),
             }
         };
         self.scalars.iter().enumerate().map(field).collect()
+    }
+
+    /// Whether its colours and those of another file have the same names, types and scale.
+    pub fn has_colors_like(&self, other: &Self) -> bool {
+        let kind = |source: &Self| {
+            let scalar = |index: usize| (source.scalars[index].name.clone(), source.scalars[index].scalar);
+            (source.roles.colors.map(|colors| colors.map(scalar)), source.roles.color_scale)
+        };
+        kind(self) == kind(other)
+    }
+
+    /// Whether its colours are more than bytes.
+    pub fn has_wide_colors(&self) -> bool {
+        let is_wide = |index: usize| self.channel(index).is_some() && self.scalars[index].scalar.size() > 1;
+        (0..self.scalars.len()).any(is_wide)
+    }
+
+    /// Whether its vertices have lists, which are no columns.
+    pub fn has_lists(&self) -> bool {
+        self.element().properties.iter().any(|property| matches!(property.kind, Kind::List { .. }))
     }
 
     /// The channel of colour that a scalar is. The numbers of Gaussian splats are more than colours.
@@ -37,13 +68,13 @@ impl PlySource {
     /// `order`, in the order of the file. Points without a place are not shown. Returns what could not be read.
     pub fn read_columns_in_order(
         &self,
-        test: &PointTest,
-        wide: bool,
+        wish: &Reading<'_>,
         progress: &Progress,
         order: &InOrder<'_>,
         rows_of: &(dyn Fn(Piece) -> Vec<u8> + Sync),
     ) -> Vec<String> {
         let packing = self.packing(vec![true; self.element().properties.len()]);
+        let test = wish.test;
         let layout = cloud::CloudLayout { attributes: self.info.attributes.clone(), grid: None };
         let attributes = test.reads(&layout.attributes);
         let selection = Selection { positions: true, colors: false, normals: false, attributes };
@@ -62,8 +93,28 @@ impl PlySource {
             let has_place = |index: &usize| Vec3::from(chunk.positions[*index]).is_finite();
             let kept: Vec<u32> = shown.indices(points).filter(has_place).map(|index| index as u32).collect();
             let columns = self.scalars.iter().enumerate().map(|(index, scalar)| {
-                match (self.channel(index).filter(|_| wide), self.roles.color_scale) {
-                    (Some(channel), Some(scales)) => color_column(rows, scalar, &packing, scales[channel]),
+                match (self.channel(index), self.roles.color_scale) {
+                    _ if !wish.needs(index) => Column::with_capacity(scalar.scalar, 0),
+                    (Some(channel), Some(scales)) if wish.colors == Colors::Bytes => {
+                        match color_column(rows, scalar, &packing, scales[channel]) {
+                            Column::U16(values) => {
+                                Column::U8(values.into_iter().map(|value| (value >> 8) as u8).collect())
+                            }
+                            column => column,
+                        }
+                    }
+                    (Some(channel), Some(scales)) if wish.colors == Colors::Words => {
+                        match (column(rows, scalar, &packing), scales[channel]) {
+                            // All 16 bits of a float.
+                            (values @ (Column::F32(_) | Column::F64(_)), Scale::Linear { factor, .. }) => {
+                                let factor = f64::from(factor) * 257.0;
+                                let words =
+                                    (0..values.len()).map(|index| (values.value(index) * factor).round() as u16);
+                                Column::U16(words.collect())
+                            }
+                            (_, scale) => color_column(rows, scalar, &packing, scale),
+                        }
+                    }
                     _ => column(rows, scalar, &packing),
                 }
             });

@@ -12,9 +12,10 @@ use super::tree::{self, Cube};
 use super::{Compressed, OutputFormat};
 use crate::las::LasSource;
 use crate::las::output_head::{
-    HEAD_LENGTH, WAVE_PACKETS, WKT, copy_record, is_extra_bytes, is_kept, padded, write_record,
+    HEAD_LENGTH, WAVE_PACKETS, copy_record, is_extra_bytes, is_kept, padded, write_record, write_system,
 };
 use crate::las::output_records::{RANGE_OPTIONS, Statistics};
+use crate::las::systems::WKT;
 
 const HEADER_LENGTH: u16 = 375;
 const INFO_LENGTH: usize = 160;
@@ -37,7 +38,6 @@ pub struct CopcFile {
     end: u64,
     data_start: u32,
     records: u32,
-    wkt: bool,
     table: ChunkTable,
     nodes: Vec<Entry>,
 }
@@ -61,18 +61,15 @@ impl Entry {
 
 impl CopcFile {
     /// Writes everything before the points. The header and the info record are written last.
-    pub fn start(file: NamedTempFile, plan: &OutputFormat, sources: &[LasSource]) -> io::Result<Self> {
+    pub fn start(file: NamedTempFile, plan: &OutputFormat, sources: &[&LasSource]) -> io::Result<Self> {
         let mut head = vec![0; usize::from(HEADER_LENGTH) + HEAD_LENGTH + INFO_LENGTH];
         let mut laszip = Vec::new();
         plan.vlr.write_to(&mut laszip).map_err(io::Error::other)?;
         write_record(&mut head, ("laszip encoded", 22204, "http://laszip.org"), &laszip);
-        let mut records = 2;
-        let mut wkt = false;
-        let first = &sources[0];
+        let mut records = 2 + write_system(&mut head, &plan.system);
+        let first = sources[0];
         for (extended, place) in &first.records {
-            let (kept, is_wkt) = is_kept(first, place.start)?;
-            wkt |= is_wkt;
-            if *extended || !kept {
+            if *extended || !is_kept(first, place.start, &plan.system)? {
                 continue;
             }
             let start = head.len();
@@ -90,15 +87,7 @@ impl CopcFile {
         head.extend([0; 8]);
         let mut out = BufWriter::with_capacity(1 << 20, file);
         out.write_all(&head)?;
-        Ok(Self {
-            out,
-            end: head.len() as u64,
-            data_start,
-            records,
-            wkt,
-            table: ChunkTable::default(),
-            nodes: Vec::new(),
-        })
+        Ok(Self { out, end: head.len() as u64, data_start, records, table: ChunkTable::default(), nodes: Vec::new() })
     }
 
     /// The number of nodes written.
@@ -142,7 +131,7 @@ impl CopcFile {
         self.out.write_all(&pages)?;
         let mut extended_records = 1;
         for (_, place) in first.records.iter().filter(|(extended, _)| *extended) {
-            if is_kept(first, place.start)?.0 {
+            if is_kept(first, place.start, &plan.system)? {
                 copy_record(first, place, &mut self.out)?;
                 extended_records += 1;
             }
@@ -194,10 +183,9 @@ impl CopcFile {
     ) -> io::Result<raw::Header> {
         let of_first = raw::Header::read_from(BufReader::new(first.file.section(0, first.file.length())));
         let bounds = statistics.bounds(plan.grid);
-        let global_encoding = |old: u16| old & !(WAVE_PACKETS | WKT) | if self.wkt { WKT } else { 0 };
         let header = of_first.map_err(io::Error::other)?;
         Ok(raw::Header {
-            global_encoding: global_encoding(header.global_encoding),
+            global_encoding: header.global_encoding & !WAVE_PACKETS | WKT,
             version: ::las::Version::new(1, 4),
             generating_software: padded(concat!("glint ", env!("CARGO_PKG_VERSION"))),
             header_size: HEADER_LENGTH,
