@@ -376,6 +376,9 @@ impl Job<'_> {
         let format = RowFormat::new(&merged.fields);
         let crs = self.crs()?;
         let mut words = Words::default();
+        for (field, own) in merged.fields.iter().zip(&format.fields).filter(|(field, own)| field.name() != own.name) {
+            words.say(self.output, format!("{} became the property {}", field.name(), own.name));
+        }
         self.say_left_out(&mut words);
         self.say_missing(&merged, &|field| if field.column_type().is_whole() { "0" } else { "NaN" }, &mut words);
         self.say_black(&mut words);
@@ -553,7 +556,7 @@ impl Job<'_> {
         let losses = format.losses();
         self.say_lost_digits(&losses.digits, &mut words);
         if survey.is_seen(losses.moved) {
-            let (steps, moved) = (brief::vector(survey.grid.scale), brief::number(losses.moved.max_element()));
+            let (steps, moved) = (brief::vector(survey.grid.scale), few_digits(losses.moved.max_element()));
             let word = format!("coordinates are rounded to steps of {steps}, by up to {moved}");
             words.say(self.output, word);
         }
@@ -567,6 +570,11 @@ struct OwnFields {
     fields: Vec<Field>,
     /// Whether its points have colours, if a column at the end says so.
     mark: Option<bool>,
+}
+
+/// A number in two digits.
+fn few_digits(value: f64) -> String {
+    brief::number(format!("{value:.1e}").parse().unwrap_or(value))
 }
 
 fn merged_by_name(own: &[OwnFields]) -> Merged {

@@ -23,12 +23,12 @@ pub struct RowFormat {
 }
 
 impl RowFormat {
-    /// Few programs know whole numbers of 64 bits in PLY files, so they become doubles.
+    /// Few programs know whole numbers of 64 bits in PLY files, so they become doubles, and some read no headers but
+    /// those of ASCII.
     pub fn new(fields: &[Field]) -> Self {
         let mut names = Names::with_case();
         let attribute = |field: &Field| {
-            let name: String =
-                field.name().chars().map(|c| if c.is_control() || c.is_whitespace() { '_' } else { c }).collect();
+            let name: String = field.name().chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).collect();
             let column_type = match field.column_type() {
                 ColumnType::U64 | ColumnType::I64 => ColumnType::F64,
                 own => own,
@@ -82,8 +82,8 @@ impl PlyFile {
     pub fn start(file: NamedTempFile, format: &RowFormat, crs: Option<&str>, most_points: u64) -> io::Result<Self> {
         let mut before = format!("ply\nformat binary_little_endian 1.0\ncomment glint {}\n", env!("CARGO_PKG_VERSION"));
         if let Some(crs) = crs {
-            let line: String =
-                crs.chars().map(|character| if character.is_control() { ' ' } else { character }).collect();
+            let ascii = |c: char| if c.is_ascii_graphic() { c } else { ' ' };
+            let line: String = crs.chars().map(ascii).collect();
             before += &format!("comment crs {line}\n");
         }
         before += "element vertex ";
