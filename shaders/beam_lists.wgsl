@@ -11,10 +11,9 @@
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 @group(1) @binding(2) var eye_in: texture_2d<f32>;
 @group(1) @binding(3) var<storage, read> tops: array<Node>;
-@group(1) @binding(4) var<storage, read> places: array<TreePlace>;
-@group(1) @binding(5) var<storage, read> nodes: array<Node>;
+@group(1) @binding(4) var<storage, read> nodes: array<Node>;
 // LIST_WORDS words a tile: the number of runs, then a place and a node for each.
-@group(1) @binding(6) var<storage, read_write> lists: array<u32>;
+@group(1) @binding(5) var<storage, read_write> lists: array<u32>;
 
 @compute @workgroup_size(8, 8)
 fn beam_lists(@builtin(global_invocation_id) id: vec3u) {
@@ -56,7 +55,7 @@ fn beam_lists(@builtin(global_invocation_id) id: vec3u) {
 }
 
 fn list_tree(tile_beam: Beam, place_index: u32, list: u32, so_far: u32) -> u32 {
-    let place = places[place_index];
+    let place = place_of(tops[tops[0].low_skip.w + place_index]);
     var beam = tile_beam;
     beam.origin_low -= place.origin_margin.xyz;
     beam.origin_high -= place.origin_margin.xyz;

@@ -5,16 +5,15 @@
 #import asked_texels
 
 @group(1) @binding(0) var<storage, read> tops: array<Node>;
-@group(1) @binding(1) var<storage, read> places: array<TreePlace>;
-@group(1) @binding(2) var<storage, read> nodes: array<Node>;
-@group(1) @binding(3) var<storage, read> surfels: array<vec2u>;
-@group(1) @binding(4) var<storage, read> order: array<u32>;
-@group(1) @binding(5) var<storage, read> shown: array<u32>;
-@group(1) @binding(6) var<storage, read> maps: AskedMaps;
+@group(1) @binding(1) var<storage, read> nodes: array<Node>;
+@group(1) @binding(2) var<storage, read> surfels: array<vec2u>;
+@group(1) @binding(3) var<storage, read> order: array<u32>;
+@group(1) @binding(4) var<storage, read> shown: array<u32>;
+@group(1) @binding(5) var<storage, read> maps: AskedMaps;
 // See light_field_ask.wgsl.
-@group(1) @binding(7) var<storage, read> asked: array<u32>;
+@group(1) @binding(6) var<storage, read> asked: array<u32>;
 // For each listed texel, x: identity of the nearest point + 1, 0: nothing. y: f32 bits of its linear depth.
-@group(1) @binding(8) var<storage, read_write> found: array<vec2u>;
+@group(1) @binding(7) var<storage, read_write> found: array<vec2u>;
 
 @compute @workgroup_size(8, 8)
 fn light_field_asked_trace(@builtin(global_invocation_id) invocation: vec3u) {

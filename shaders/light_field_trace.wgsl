@@ -4,13 +4,12 @@
 #import surfel_rays
 
 @group(1) @binding(0) var<storage, read> tops: array<Node>;
-@group(1) @binding(1) var<storage, read> places: array<TreePlace>;
-@group(1) @binding(2) var<storage, read> nodes: array<Node>;
-@group(1) @binding(3) var<storage, read> surfels: array<vec2u>;
-@group(1) @binding(4) var<storage, read> order: array<u32>;
-@group(1) @binding(5) var<storage, read> shown: array<u32>;
+@group(1) @binding(1) var<storage, read> nodes: array<Node>;
+@group(1) @binding(2) var<storage, read> surfels: array<vec2u>;
+@group(1) @binding(3) var<storage, read> order: array<u32>;
+@group(1) @binding(4) var<storage, read> shown: array<u32>;
 // x: identity of the texel's nearest point. y: nearness, 0: empty.
-@group(1) @binding(6) var<storage, read_write> nearest_points: array<vec2u>;
+@group(1) @binding(5) var<storage, read_write> nearest_points: array<vec2u>;
 
 @compute @workgroup_size(8, 8)
 fn light_field_trace(@builtin(global_invocation_id) invocation: vec3u) {

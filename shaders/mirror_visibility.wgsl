@@ -10,15 +10,14 @@
 @group(2) @binding(0) var<storage, read> solutions: array<Solution>;
 // xyz: mirror point. w: specular intensity, 0 where there is no mirror.
 @group(2) @binding(1) var point_in: texture_2d<f32>;
-@group(2) @binding(2) var<storage, read> nearest: array<u32>;
 // Four words a pixel each, see mirror_sums.wgsl.
-@group(2) @binding(3) var<storage, read_write> albedo_sums: array<atomic<u32>>;
-@group(2) @binding(4) var<storage, read_write> normal_sums: array<atomic<u32>>;
-@group(2) @binding(5) var<storage, read_write> position_sums: array<atomic<u32>>;
-// Half as many words of carries.
-@group(2) @binding(6) var<storage, read_write> carries: array<atomic<u32>>;
-@group(2) @binding(7) var normal_in: texture_2d<f32>;
-@group(2) @binding(8) var eye_in: texture_2d<f32>;
+@group(2) @binding(2) var<storage, read_write> albedo_sums: array<atomic<u32>>;
+@group(2) @binding(3) var<storage, read_write> normal_sums: array<atomic<u32>>;
+@group(2) @binding(4) var<storage, read_write> position_sums: array<atomic<u32>>;
+// Half as many words of carries, then the nearest points (see MIRROR_CARRIES).
+@group(2) @binding(5) var<storage, read_write> carries: array<atomic<u32>>;
+@group(2) @binding(6) var normal_in: texture_2d<f32>;
+@group(2) @binding(7) var eye_in: texture_2d<f32>;
 
 @compute @workgroup_size(128)
 fn mirror_visibility(
@@ -49,11 +48,14 @@ fn splat_solution(item: Item, index: u32, solution: Solution) {
     let albedo = vec3u(albedo_of_point(item, index, point, color_normal) * 4095.0 + 0.5);
     let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     let own = unpack_normal(color_normal.y);
+    let carry_words = size.x * size.y * MIRROR_CARRIES;
+    let first_nearest = (carry_words + CARRY_ALIGNMENT - 1u) / CARRY_ALIGNMENT * CARRY_ALIGNMENT;
     for (var y = splat.first.y; y <= splat.last.y; y++) {
         for (var x = splat.first.x; x <= splat.last.x; x++) {
             let pixel = u32(y) * frame.width + u32(x);
             // Without a mirror there is no nearest point, and `farthest` is not a number.
-            let farthest = farthest_counted(depth_from_nearness(nearest[pixel]), frame.scene_radius);
+            let front = depth_from_nearness(atomicLoad(&carries[first_nearest + pixel]));
+            let farthest = farthest_counted(front, frame.scene_radius);
             if solution.distance <= farthest {
                 let mirror_point = textureLoad(point_in, vec2i(x, y), 0).xyz;
                 var toward = q - mirror_point;

@@ -48,7 +48,7 @@ fn region_assign(@builtin(global_invocation_id) id: vec3u) {
     if label == 0u {
         return;
     }
-    let region = (label - 1u) * REGION_WORDS;
+    let region = label * REGION_WORDS;
     lower(region + REGION_FIRST, id.x);
     lower(region + REGION_FIRST + 1u, id.y);
     raise(region + REGION_LAST, id.x);

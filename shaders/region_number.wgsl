@@ -32,10 +32,9 @@ fn region_number(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
             if own[i] >= LEAST_REGION {
                 let most = array<u32, 3>(0xffffffffu, 0xffffffffu, 0xffffffffu);
                 let none = array<u32, 3>(0u, 0u, 0u);
-                regions[before.x] = Region(
-                    frame.width, frame.height, 0u, 0u, own[i], before.y + own[i], 0u, 0u, most, none, most, none
-                );
                 before += vec2u(1u, own[i]);
+                regions[before.x] =
+                    Region(frame.width, frame.height, 0u, 0u, own[i], before.y, 0u, 0u, most, none, most, none);
                 sizes[index] = before.x;
             } else {
                 sizes[index] = 0u;

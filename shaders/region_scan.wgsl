@@ -5,7 +5,7 @@
 #import counters
 
 @group(1) @binding(0) var<storage, read_write> runs: array<vec2u>;
-@group(1) @binding(1) var<storage, read_write> totals: RegionTotals;
+@group(1) @binding(1) var<storage, read_write> regions: array<Region>;
 @group(1) @binding(2) var<storage, read_write> counters: array<u32>;
 
 // The statistics report the regions of the first bounce.
@@ -28,7 +28,8 @@ fn region_scan(@builtin(local_invocation_index) lane: u32) {
         before += found.total;
     }
     if lane == 0u {
-        totals = RegionTotals(before.x, before.y);
+        regions[0].regions = before.x;
+        regions[0].pixels = before.y;
         if count_regions {
             counters[REGIONS] = before.x;
         }

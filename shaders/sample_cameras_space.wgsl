@@ -6,18 +6,17 @@
 #import finite
 
 @group(2) @binding(0) var<uniform> trees: CameraTrees;
-@group(2) @binding(1) var<storage, read> nodes: array<CameraNode>;
+// The nodes, two elements each. Then the cells of lists: each the numbers of four rays, by row.
+@group(2) @binding(1) var<storage, read> nodes: array<vec4u>;
 @group(2) @binding(2) var<storage, read> leaves: array<CameraLeaf>;
-// The cells of lists: each the numbers of four rays, by row.
-@group(2) @binding(3) var<storage, read> cells: array<vec4u>;
-@group(2) @binding(4) var<storage, read> rays: array<CameraRay>;
+@group(2) @binding(3) var<storage, read> rays: array<CameraRay>;
 // w: specular intensity, 0 where there is no mirror.
-@group(2) @binding(5) var point_in: texture_2d<f32>;
-@group(2) @binding(6) var normal_in: texture_2d<f32>;
-@group(2) @binding(7) var eye_in: texture_2d<f32>;
+@group(2) @binding(4) var point_in: texture_2d<f32>;
+@group(2) @binding(5) var normal_in: texture_2d<f32>;
+@group(2) @binding(6) var eye_in: texture_2d<f32>;
 // Indexed by point of the page; the roots of a point are a page apart.
-@group(2) @binding(8) var<storage, read_write> solutions: array<Solution>;
-@group(2) @binding(9) var<storage, read_write> counters: array<atomic<u32>>;
+@group(2) @binding(7) var<storage, read_write> solutions: array<Solution>;
+@group(2) @binding(8) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Trees are no deeper than this (`DEEPEST` in tree.rs, and the nodes over them).
 const DEEPEST: u32 = 48u;
@@ -55,8 +54,8 @@ fn splat_point(item: Item, index: u32) {
         for (var tree = 0u; tree < trees.trees; tree++) {
             var at = tree;
             for (var depth = 0u; depth < DEEPEST && (at & CAMERA_LEAF) == 0u; depth++) {
-                let plane = nodes[at].plane;
-                at = select(nodes[at].below, nodes[at].above, dot(plane.xyz, place) > plane.w);
+                let node = node_at(at);
+                at = select(node.below, node.above, dot(node.plane.xyz, place) > node.plane.w);
             }
             let leaf = at & ~CAMERA_LEAF;
             let kind = leaves[leaf].kind;
@@ -68,7 +67,8 @@ fn splat_point(item: Item, index: u32) {
                 for (var number = 0u; number < MOST_PARTS && (number == 0u || part != 0u); number++) {
                     let end = leaves[part].first + leaves[part].count;
                     for (var cell = leaves[part].first; cell < end; cell++) {
-                        found = with_root(given, index, found, root_of_cell(given, place, part, cells[cell]));
+                        let root = root_of_cell(given, place, part, nodes[2u * trees.nodes + cell]);
+                        found = with_root(given, index, found, root);
                     }
                     part = leaves[part].next;
                 }
@@ -80,6 +80,11 @@ fn splat_point(item: Item, index: u32) {
         atomicAdd(&listed, 1u);
     }
     end_roots(index, found, point.is_point);
+}
+
+fn node_at(index: u32) -> CameraNode {
+    let last = nodes[2u * index + 1u];
+    return CameraNode(bitcast<vec4f>(nodes[2u * index]), last.x, last.y, last.z, last.w);
 }
 
 // The frame of a leaf, relative to the eye of now.

@@ -44,7 +44,7 @@ fn is_behind(pixel: u32, depth: f32, identity: u32) -> bool {
     }
     let width = 1.0 / pixels_per_unit(frame, depth);
     let own = unpack_radius(points[index].w & 0xffffu);
-    let radius = select(own, items[item_of_block].origin_radius.w, own == 0.0) * settings.splat.size;
+    let radius = select(own, item_at(item_of_block).origin_radius.w, own == 0.0) * settings.splat.size;
     // Empty pixels have nothing behind them but what formulas hide.
     return front > 0.0 && depth > front + 2.0 * max(radius, width);
 }

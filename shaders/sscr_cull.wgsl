@@ -4,11 +4,10 @@
 #import region
 
 @group(1) @binding(0) var<storage, read> regions: array<Region>;
-@group(1) @binding(1) var<storage, read> totals: RegionTotals;
 // For each item. xyz: the middle of its chunk's points, relative to the eye. w: the radius of a sphere that holds them.
-@group(1) @binding(2) var<storage, read> spheres: array<vec4f>;
+@group(1) @binding(1) var<storage, read> spheres: array<vec4f>;
 // 1 for chunks that a region may reflect.
-@group(1) @binding(3) var<storage, read_write> chunks_reached: array<u32>;
+@group(1) @binding(2) var<storage, read_write> chunks_reached: array<u32>;
 
 @compute @workgroup_size(64)
 fn sscr_cull(@builtin(global_invocation_id) id: vec3u) {
@@ -17,8 +16,8 @@ fn sscr_cull(@builtin(global_invocation_id) id: vec3u) {
     }
     let sphere = spheres[id.x];
     var is_reached = false;
-    for (var region = 0u; region < totals.regions && !is_reached; region++) {
-        is_reached = may_reflect(regions[region], sphere.xyz, sphere.w);
+    for (var label = 1u; label <= regions[0].regions && !is_reached; label++) {
+        is_reached = may_reflect(regions[label], sphere.xyz, sphere.w);
     }
     chunks_reached[id.x] = select(0u, 1u, is_reached);
 }

@@ -11,14 +11,12 @@
 @group(2) @binding(0) var<uniform> round: Round;
 @group(2) @binding(1) var<storage, read> mirror_pixels: array<MirrorPixel>;
 @group(2) @binding(2) var<storage, read> regions: array<Region>;
-@group(2) @binding(3) var<storage, read> totals: RegionTotals;
 // Indexed by point of the page. In: where the point was found last.
-@group(2) @binding(4) var<storage, read_write> solutions: array<Solution>;
-@group(2) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
-// ENDING_WORDS words a pixel.
-@group(2) @binding(6) var<storage, read_write> endings: array<atomic<u32>>;
-// For each item, whether its chunk is searched for, see sscr_cull.wgsl.
-@group(2) @binding(7) var<storage, read> chunks_reached: array<u32>;
+@group(2) @binding(3) var<storage, read_write> solutions: array<Solution>;
+@group(2) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
+// ENDING_WORDS words a pixel. Then, from a multiple of ENDING_ALIGNMENT words on, for each item, whether its chunk is
+// searched for, see sscr_cull.wgsl.
+@group(2) @binding(5) var<storage, read_write> endings: array<atomic<u32>>;
 
 struct Round {
     // The number of this draw among a point's draws of a region.
@@ -62,7 +60,7 @@ fn splat_point(item: Item, walked: u32) {
     var solution = Solution(0u, 0.0);
     let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     let is_point = is_place(point.xyz) && dot(q, q) < 3e38;
-    if totals.regions > 0u && pick.is_searched && is_point && is_shown(index) {
+    if regions[0].regions > 0u && pick.is_searched && is_point && is_shown(index) {
         let identity = identities_from + index;
         var last_at = vec2f(-1.0);
         var label = drawn_label(identity, round.draw);
@@ -74,12 +72,12 @@ fn splat_point(item: Item, walked: u32) {
                 label = last_label;
             }
         }
-        var region = regions[label - 1u];
-        let is_reached = !cull_chunks || chunks_reached[item_of_block] != 0u;
+        var region = regions[label];
+        let is_reached = !cull_chunks || is_chunk_reached();
         var is_searched = is_reached && (!cull || may_reflect(region, q, 0.0));
         for (var draws = 1u; draws <= REDRAWS && is_reached && !is_searched; draws++) {
             label = drawn_label(identity, round.draw + draws * REDRAW);
-            region = regions[label - 1u];
+            region = regions[label];
             is_searched = may_reflect(region, q, 0.0);
         }
         let extent = vec2f(vec2u(region.last_x - region.first_x, region.last_y - region.first_y) + 1u);
@@ -116,6 +114,12 @@ fn splat_point(item: Item, walked: u32) {
     solutions[index] = solution;
 }
 
+fn is_chunk_reached() -> bool {
+    let words = frame.width * frame.height * ENDING_WORDS;
+    let first = (words + ENDING_ALIGNMENT - 1u) / ENDING_ALIGNMENT * ENDING_ALIGNMENT;
+    return atomicLoad(&endings[first + item_of_block]) != 0u;
+}
+
 struct Pick {
     index: u32,
     is_searched: bool,
@@ -144,7 +148,7 @@ fn share_of_points() -> f32 {
     if settings.sscr.point_share >= 1.0 {
         return 1.0;
     }
-    let covered = f32(totals.pixels) / f32(frame.width * frame.height);
+    let covered = f32(regions[0].pixels) / f32(frame.width * frame.height);
     return settings.sscr.point_share * covered / USUAL_COVER;
 }
 
@@ -161,15 +165,15 @@ const REDRAW: u32 = 4099u;
 // any order.
 fn drawn_label(identity: u32, draw: u32) -> u32 {
     if !weighted {
-        return (identity + draw) % totals.regions + 1u;
+        return (identity + draw) % regions[0].regions + 1u;
     }
     // Draws differ by the golden ratio, which spreads any number of them evenly: a product of integers wraps where one
     // of floats would run out of digits.
     let apart = f32((draw * 2654435769u) >> 8u) / 16777216.0;
     let number = fract(halton(identity) + apart);
-    let place = min(u32(number * f32(totals.pixels)), totals.pixels - 1u);
-    var low = 0u;
-    var high = totals.regions - 1u;
+    let place = min(u32(number * f32(regions[0].pixels)), regions[0].pixels - 1u);
+    var low = 1u;
+    var high = regions[0].regions;
     while low < high {
         let middle = (low + high) / 2u;
         if regions[middle].accumulated <= place {
@@ -178,7 +182,7 @@ fn drawn_label(identity: u32, draw: u32) -> u32 {
             high = middle;
         }
     }
-    return low + 1u;
+    return low;
 }
 
 fn label_at(at: vec2f) -> u32 {

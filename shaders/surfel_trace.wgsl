@@ -8,23 +8,21 @@
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 @group(1) @binding(2) var eye_in: texture_2d<f32>;
-// A tree over the boxes of the page's chunks.
+// A tree over the boxes of the page's chunks, then their places (see `place_of`).
 @group(1) @binding(3) var<storage, read> tops: array<Node>;
-@group(1) @binding(4) var<storage, read> places: array<TreePlace>;
-@group(1) @binding(5) var<storage, read> nodes: array<Node>;
-@group(1) @binding(6) var<storage, read> surfels: array<vec2u>;
+@group(1) @binding(4) var<storage, read> nodes: array<Node>;
+@group(1) @binding(5) var<storage, read> surfels: array<vec2u>;
 // The index in the page of each disc's point.
-@group(1) @binding(7) var<storage, read> order: array<u32>;
-// The runs of the trees that the pixel's tile may see, `LIST_WORDS` words a tile (see beam_lists.wgsl).
-@group(1) @binding(8) var<storage, read> lists: array<u32>;
+@group(1) @binding(6) var<storage, read> order: array<u32>;
+// The runs of the trees that the pixel's tile may see, `LIST_WORDS` words a tile (see beam_lists.wgsl). Or the rays
+// that another method has left, if only they are traced; see cubemap_trace.wgsl.
+@group(1) @binding(7) var<storage, read> lists: array<u32>;
 // See hit.wgsl.
-@group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
-@group(1) @binding(10) var<storage, read> shown: array<u32>;
+@group(1) @binding(8) var<storage, read_write> hits: array<vec4u>;
+@group(1) @binding(9) var<storage, read> shown: array<u32>;
 // z: number of nodes and discs against which the ray was tested.
-@group(1) @binding(11) var views_out: texture_storage_2d<rgba32float, write>;
-@group(1) @binding(12) var<storage, read_write> counters: array<atomic<u32>>;
-// The rays that another method has left, if only they are traced; see cubemap_trace.wgsl.
-@group(1) @binding(13) var<storage, read> rest: array<u32>;
+@group(1) @binding(10) var views_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(11) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Set if rays start from the tile's list instead of the top of the tree.
 override use_lists: bool = false;
@@ -40,12 +38,12 @@ fn surfel_trace(@builtin(global_invocation_id) invocation: vec3u) {
     var start = 0.0;
     if use_rest {
         let entry = list_entry(thread, frame.columns);
-        if entry >= rest[0] {
+        if entry >= lists[0] {
             return;
         }
-        let pixel = rest[1u + 2u * entry];
+        let pixel = lists[1u + 2u * entry];
         id = vec2u(pixel % frame.width, pixel / frame.width);
-        start = bitcast<f32>(rest[2u + 2u * entry]);
+        start = bitcast<f32>(lists[2u + 2u * entry]);
     }
     let tile = id / 8u;
     if id.x >= frame.width || id.y >= frame.height {
@@ -72,7 +70,7 @@ fn surfel_trace(@builtin(global_invocation_id) invocation: vec3u) {
     }
     if count != LIST_IS_FULL {
         for (var i = 0u; i < count; i++) {
-            let place = places[lists[list + 1u + i * 2u]];
+            let place = place_of(tops[tops[0].low_skip.w + lists[list + 1u + i * 2u]]);
             let first = lists[list + 2u + i * 2u];
             let end = nodes[place.first_node + first].low_skip.w;
             nearest = through_tree(ray, start, place, first, end, nearest);

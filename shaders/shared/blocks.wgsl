@@ -3,8 +3,6 @@
 #import page_group
 #import visibility
 
-@group(1) @binding(5) var<storage, read> blocks: array<Block>;
-
 // Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
 override pixels_only: bool = false;
 
@@ -32,20 +30,20 @@ fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     // as much as its points. Powers of two divide 128 (blocks_per_workgroup in crates/render/src/inputs.rs).
     let together = 1u << min(firstLeadingBit(max(page.step / 8u, 1u)), 7u);
     let lanes = 128u / together;
-    // The list may be a part of the page's, which begins where bindings may: at or before the first block.
-    let block_index = frame.first_row + (group.x + group.y * groups.x) * together + lane / lanes;
-    if block_index >= min(page.block_count, arrayLength(&blocks)) {
+    let block_index = (group.x + group.y * groups.x) * together + lane / lanes;
+    if block_index >= page.run_count {
         return;
     }
     let block = enter_block(block_index);
-    let item = items[block.item];
+    let item = item_at(block.item);
     for (var i = (lane % lanes) * page.step; i < block.count; i += lanes * page.step) {
         splat_point(item, block.first + i);
     }
 }
 
 fn enter_block(index: u32) -> Block {
-    let block = blocks[index];
+    let words = tables[page.runs_at + index];
+    let block = Block(words.x, words.y, words.z, words.w);
     identities_from = block.first_identity - block.first;
     block_at_hand = index;
     item_of_block = block.item;

@@ -10,8 +10,9 @@ struct CameraTrees {
     // The distance of rays in pixels, and the number of trees: one a mirror.
     stride: u32,
     trees: u32,
-    unused_1: u32,
-    unused_2: u32,
+    // The number of nodes, which the cells follow.
+    nodes: u32,
+    unused: u32,
     // The eye less the one to which the trees are relative.
     shift: vec4f,
 }

@@ -34,17 +34,17 @@ fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
 fn albedo_of_point(item: Item, index: u32, point: vec4u, attributes: vec2u) -> vec3f {
     var scalar = 0.0;
     if item.color_source == COLOR_SCALAR || item.color_source == COLOR_RGB_OR_GREY {
-        scalar = scalars[index];
+        scalar = scalar_of_point(index);
     }
     let entry = palette_index(item, point, scalar);
-    var palette_color = 0u;
+    var from_palette = 0u;
     if entry != PALETTE_NONE {
-        palette_color = palette[entry];
+        from_palette = palette_color(entry);
     }
     let is_blank = item.color_source >= COLOR_RGB_OR_PLAIN && (attributes.x & 0xffffffu) == 0u;
     let has_rgb = item.color_source == COLOR_RGB || item.color_source >= COLOR_RGB_OR_PLAIN;
     let own = select(item.plain, attributes.x, has_rgb && !is_blank);
-    var srgb = unpack4x8unorm(select(palette_color, own, entry == PALETTE_NONE)).rgb;
+    var srgb = unpack4x8unorm(select(from_palette, own, entry == PALETTE_NONE)).rgb;
     if is_blank && item.color_source == COLOR_RGB_OR_GREY && !is_nan(scalar) {
         let grey = clamp((scalar - item.low) * item.inverse_range, 0.0, 1.0);
         srgb = vec3f(floor(grey * 255.0 + 0.5) / 255.0);

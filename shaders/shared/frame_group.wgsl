@@ -3,4 +3,4 @@
 #import params
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(0) @binding(1) var<uniform> settings: Settings;

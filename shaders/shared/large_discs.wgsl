@@ -26,7 +26,7 @@ fn splat_discs(group: vec3u, groups: vec3u, lane: u32) {
     for (var i = 0u; i < count; i++) {
         let large = large_discs[i];
         let block = enter_block(large.y);
-        splat_large(items[block.item], large.x, lane);
+        splat_large(item_at(block.item), large.x, lane);
     }
 }
 

@@ -13,6 +13,8 @@ struct MirrorPixel {
 // The words per pixel for where searches ended: their number, their steps, and the number of those that ran out of
 // steps.
 const ENDING_WORDS: u32 = 3u;
+// What follows these words in their buffer begins at a multiple of so many: where a binding may.
+const ENDING_ALIGNMENT: u32 = 64u;
 
 // Octahedral unit vector in two snorm16 halves: the inverse of unpack_normal.
 fn pack_direction(direction: vec3f) -> u32 {

@@ -10,6 +10,11 @@ const MIRROR_SUMS: u32 = 12u;
 const POSITION_REACH: f32 = 2.0;
 const POSITION_STEPS: f32 = 524287.0;
 
+// The words of a pixel's carries. Behind those of all pixels, from a multiple of CARRY_ALIGNMENT words on, lies the
+// nearness of each pixel's nearest point.
+const MIRROR_CARRIES: u32 = 6u;
+const CARRY_ALIGNMENT: u32 = 64u;
+
 // The largest distance from the mirror at which points count, if the nearest is at `front`; world units.
 fn farthest_counted(front: f32, scene_radius: f32) -> f32 {
     let behind = settings.sscr.mirror_depth_offset * scene_radius;

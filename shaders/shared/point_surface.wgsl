@@ -2,9 +2,6 @@
 #import page_group
 #import color
 
-// The item of each run of BLOCK_POINTS points of the page.
-@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
-
 struct SurfaceOfPoint {
     // a: specular intensity.
     albedo: vec4f,
@@ -12,22 +9,27 @@ struct SurfaceOfPoint {
     normal: vec4f,
 }
 
-// The index in the page of the point with an identity, or a number beyond all pages if it is not in this one. After the
-// items of the page's runs of BLOCK_POINTS points, `items_of_runs` has for each run of identities the run of the page
-// that contains it.
+// A word of the page's runs: for each run of BLOCK_POINTS points, the item; then, for each run of identities, the
+// run of the page that contains it.
+fn run_word(at: u32) -> u32 {
+    return tables[page.runs_at + at / 4u][at & 3u];
+}
+
+// The index in the page of the point with an identity, or a number beyond all pages if it is not in this one.
 fn index_of_identity(identity: u32) -> u32 {
     // Pages have whole runs. The sum of points and identity may have more than 32 bits.
     let at = page.point_count / BLOCK_POINTS + identity / BLOCK_POINTS;
-    if at >= arrayLength(&items_of_runs) || items_of_runs[at] == 0xffffffffu {
+    if at >= page.run_count {
         return 0xffffffffu;
     }
-    return items_of_runs[at] * BLOCK_POINTS + identity % BLOCK_POINTS;
+    let run = run_word(at);
+    return select(run * BLOCK_POINTS + identity % BLOCK_POINTS, 0xffffffffu, run == 0xffffffffu);
 }
 
 // The item of a point of the page. A point of an earlier frame may have none any more; it then gets another, not what
 // lies beyond the list.
 fn item_of_point(index: u32) -> Item {
-    return items[min(items_of_runs[index / BLOCK_POINTS], arrayLength(&items) - 1u)];
+    return item_at(min(run_word(index / BLOCK_POINTS), page.item_count - 1u));
 }
 
 fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {

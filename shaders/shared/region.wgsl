@@ -23,6 +23,7 @@ const LEAST_REGION: u32 = 4u;
 // The number of pixels in which a workgroup numbers the regions.
 const RUN_PIXELS: u32 = 1024u;
 
+// The regions are indexed by label. The one of label 0, which no pixel has, stands for all of them.
 struct Region {
     // The first and last pixel.
     first_x: u32,
@@ -32,8 +33,9 @@ struct Region {
     pixels: u32,
     // The number of pixels of this region and all before it.
     accumulated: u32,
-    unused_0: u32,
-    unused_1: u32,
+    // The number of regions, for all of them.
+    regions: u32,
+    unused: u32,
     // The bounds of its mirror points and of the directions reflected there, as ordered integers.
     point_low: array<u32, 3>,
     point_high: array<u32, 3>,
@@ -51,12 +53,6 @@ const REGION_POINT_LOW: u32 = 8u;
 const REGION_POINT_HIGH: u32 = 11u;
 const REGION_DIRECTION_LOW: u32 = 14u;
 const REGION_DIRECTION_HIGH: u32 = 17u;
-
-// The totals of all regions.
-struct RegionTotals {
-    regions: u32,
-    pixels: u32,
-}
 
 fn from_ordered3(bits: array<u32, 3>) -> vec3f {
     return vec3f(from_ordered(bits[0]), from_ordered(bits[1]), from_ordered(bits[2]));

@@ -41,13 +41,20 @@ struct Block {
 
 // The values of one page of the point store.
 struct Page {
-    block_count: u32,
+    // The number of blocks, or of words of the runs (point_surface.wgsl).
+    run_count: u32,
     // The number of points that it has room for.
     point_count: u32,
     // 1 for the first page of the frame, which writes the empty pixels.
     is_first: u32,
     // One point in so many of a block is splatted.
     step: u32,
+    // Where the blocks or the runs begin in the tables, and the items.
+    runs_at: u32,
+    items_at: u32,
+    // At least 1.
+    item_count: u32,
+    unused: u32,
 }
 
 // A point that covers one pixel: the pixel that contains its centre.

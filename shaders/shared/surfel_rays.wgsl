@@ -1,5 +1,5 @@
-// Follows a ray through the trees of a page to the nearest disc. The importing pass binds `tops`, `places`, `nodes`,
-// `surfels`, `order` and `shown`, as surfel_trace.wgsl does.
+// Follows a ray through the trees of a page to the nearest disc. The importing pass binds `tops`, `nodes`, `surfels`,
+// `order` and `shown`, as surfel_trace.wgsl does.
 #import splat
 #import surfel_tree
 #import mirror_ray
@@ -7,6 +7,10 @@
 
 // Set while the tests are shown.
 override count_tests: bool = false;
+
+fn shown_word(word: u32) -> u32 {
+    return shown[word];
+}
 
 struct Nearest {
     key: f32,
@@ -31,7 +35,7 @@ fn through_trees(ray: MirrorRay, start: f32, so_far: Nearest) -> Nearest {
         let entry = box_entry(low, high, 0.0, ray.origin, ray.inverse, start, nearest.key);
         i = select(top.low_skip.w, i + 1u, entry < nearest.key);
         if entry < nearest.key && top.high_leaf.w != INNER {
-            let place = places[top.high_leaf.w];
+            let place = place_of(tops[top_count + top.high_leaf.w]);
             nearest = through_tree(ray, start, place, 0u, place.end_node, nearest);
         }
     }

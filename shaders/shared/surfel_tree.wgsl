@@ -22,6 +22,13 @@ struct TreePlace {
     first_identity: u32,
 }
 
+// The place that is stored as an element of `tops`: places follow the nodes over the page's chunks, whose number the
+// first node tells.
+fn place_of(words: Node) -> TreePlace {
+    let last = words.high_leaf;
+    return TreePlace(bitcast<vec4f>(words.low_skip), last.x, last.y, last.z, last.w);
+}
+
 // A tile's list of runs of nodes: their number, then a place and a node for each. Longer lists cost more than the upper
 // levels of the trees that they replace.
 const LIST_RUNS: u32 = 48u;

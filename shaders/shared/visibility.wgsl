@@ -1,5 +1,5 @@
 // Tells whether a point is shown. The CPU decides it, chunk by chunk (`ChunkTest` in crates/cloud/src/visibility.rs): a
-// bit for each point of the page, 32 in a word. The importing pass binds `shown`.
+// bit for each point of the page, 32 in a word. The importing module defines `shown_word(word)`.
 
 // Set while some points are hidden; else there are no bits.
 override hides_points: bool = false;
@@ -9,5 +9,5 @@ fn is_shown(index: u32) -> bool {
     if !hides_points {
         return true;
     }
-    return (shown[index >> 5u] & (1u << (index & 31u))) != 0u;
+    return (shown_word(index >> 5u) & (1u << (index & 31u))) != 0u;
 }

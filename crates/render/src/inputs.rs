@@ -1,5 +1,8 @@
 //! The data that a frame uploads: the camera, the parameters, and the points of each page to draw with each kernel.
 
+use std::num::NonZeroU64;
+use std::ops::Range;
+
 use scene::{LargeDiscs, Settings};
 
 use crate::allocation;
@@ -7,8 +10,8 @@ use crate::coloring::palette;
 use crate::frame::FrameCamera;
 use crate::gpu::Gpu;
 use crate::identities::ChunkId;
-use crate::layout::{Block, Frame, Page};
-use crate::store::draw_list::{Cover, DrawList, PageDraw};
+use crate::layout::{Block, Frame, Item, Page};
+use crate::store::draw_list::{Cover, DrawList};
 use crate::targets::uniform_buffer;
 
 /// The data that a frame uploads.
@@ -21,8 +24,8 @@ pub(crate) struct Inputs {
     frame: wgpu::Buffer,
     settings: wgpu::Buffer,
     exposure_at: u64,
-    items: wgpu::Buffer,
-    palette: wgpu::Buffer,
+    /// The palette, the items, and the blocks and runs of all pages, of shaders/shared/page_group.wgsl.
+    tables: wgpu::Buffer,
     /// Whether some points are hidden.
     pub hides_points: bool,
     pub pages: Vec<PageInputs>,
@@ -36,18 +39,24 @@ pub(crate) struct PageInputs {
     pub page: wgpu::Buffer,
     pub points: wgpu::Buffer,
     attributes: wgpu::Buffer,
-    scalars: wgpu::Buffer,
-    /// The bits that say which points are shown, if some are hidden.
-    pub shown: wgpu::Buffer,
-    pub items_of_runs: wgpu::Buffer,
+    /// Where the bits that say which points are shown lie in `attributes`, in bytes.
+    shown: Range<u64>,
     pub lists: Vec<ListInputs>,
+}
+
+impl PageInputs {
+    /// The bits that say which points are shown, for passes that read nothing else of the attributes.
+    pub fn bind_shown(&self) -> wgpu::BindingResource<'_> {
+        let size = NonZeroU64::new(self.shown.end - self.shown.start);
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.attributes, offset: self.shown.start, size })
+    }
 }
 
 /// The blocks of one page that one kernel draws.
 pub(crate) struct ListInputs {
     pub page: wgpu::Buffer,
-    pub blocks: wgpu::Buffer,
-    pub block_count: u32,
+    /// What `page` holds; its runs are the blocks.
+    pub values: Page,
     /// The number of workgroups that draw them.
     pub workgroups: u32,
     pub blocks_per_workgroup: u32,
@@ -58,6 +67,55 @@ pub(crate) struct ListInputs {
 
 /// The least bytes of a buffer that a frame uploads: a list without elements is bound where one with some may be.
 const LEAST_BYTES: usize = 128;
+
+/// What a frame draws, in one buffer; places in it count elements of four words.
+struct Tables {
+    words: Vec<u32>,
+    items_at: u32,
+    item_count: u32,
+}
+
+impl Tables {
+    /// The palette, and the items of a frame.
+    fn new(items: &[Item]) -> Self {
+        // The shaders take another item where a point of an earlier frame has none any more.
+        let another = [Item::default()];
+        let items = if items.is_empty() { &another[..] } else { items };
+        let mut tables = Self { words: Vec::new(), items_at: 0, item_count: items.len() as u32 };
+        tables.add(&palette());
+        tables.items_at = tables.add(bytemuck::cast_slice(items));
+        tables
+    }
+
+    /// Adds words, and returns where they begin.
+    fn add(&mut self, words: &[u32]) -> u32 {
+        let at = self.words.len() / 4;
+        self.words.extend_from_slice(words);
+        self.words.resize(self.words.len().next_multiple_of(4), 0);
+        at as u32
+    }
+
+    /// Adds the runs of a page, or blocks. The count is that of the words.
+    fn page(&mut self, runs: &[u32], point_count: u32, step: u32) -> Page {
+        let Self { items_at, item_count, .. } = *self;
+        let (runs_at, run_count) = (self.add(runs), runs.len() as u32);
+        Page { run_count, point_count, is_first: 0, step, runs_at, items_at, item_count, unused: 0 }
+    }
+}
+
+/// The parameters as the shaders' struct `Settings` has them, each group from a multiple of 16 bytes on, and the byte
+/// at which `tone.exposure` begins.
+pub(crate) fn words_of(settings: &Settings) -> (Vec<u32>, u64) {
+    let (mut words, mut exposure_at) = (Vec::new(), 0);
+    for group in settings.groups() {
+        if group.group().name == "tone" {
+            exposure_at = words.len() as u64 * 4;
+        }
+        words.extend(group.words());
+        words.resize(words.len().next_multiple_of(4), 0);
+    }
+    (words, exposure_at)
+}
 
 /// The number of blocks that a workgroup draws where one point in `step` is drawn (shaders/shared/blocks.wgsl).
 fn blocks_per_workgroup(step: u32) -> u32 {
@@ -87,39 +145,38 @@ impl Inputs {
             buffer
         };
         let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
-        let words: Vec<u32> = settings.groups().iter().flat_map(|group| group.words()).collect();
-        let before_tone = settings.groups().into_iter().take_while(|group| group.group().name != "tone");
-        let exposure_at = before_tone.map(|group| group.words().len() as u64 * 4).sum();
+        let (words, exposure_at) = words_of(settings);
         let step = list.step.max(1);
-        let page = |point_count, is_first, block_count: usize| {
-            let page = Page { block_count: block_count as u32, point_count, is_first: u32::from(is_first), step };
-            upload("page", uniform, bytemuck::bytes_of(&page))
-        };
-        let lists = |draw: &PageDraw| {
-            let list = |(cover, blocks): (Cover, &Vec<Block>)| ListInputs {
-                page: page(draw.capacity, false, blocks.len()),
-                blocks: upload("blocks", storage, bytemuck::cast_slice(blocks)),
-                block_count: blocks.len() as u32,
-                workgroups: (blocks.len() as u32).div_ceil(blocks_per_workgroup(step)),
-                blocks_per_workgroup: blocks_per_workgroup(step),
-                cover,
-                shares: cover == Cover::LargeDiscs && settings.splat.large != LargeDiscs::Alone,
-            };
-            Cover::ALL.into_iter().zip(&draw.blocks).filter(|(_, blocks)| !blocks.is_empty()).map(list).collect()
+        let mut tables = Tables::new(&list.items);
+        let page = |values: &Page| upload("page", uniform, bytemuck::bytes_of(values));
+        let list_of = |values: Page, cover: Cover| ListInputs {
+            page: page(&values),
+            values,
+            workgroups: values.run_count.div_ceil(blocks_per_workgroup(step)),
+            blocks_per_workgroup: blocks_per_workgroup(step),
+            cover,
+            shares: cover == Cover::LargeDiscs && settings.splat.large != LargeDiscs::Alone,
         };
         let mut pages: Vec<PageInputs> = list
             .pages
             .iter()
             .enumerate()
-            .map(|(index, draw)| PageInputs {
-                number: draw.number,
-                page: page(draw.capacity, index == 0, 0),
-                points: draw.points.clone(),
-                attributes: draw.attributes.clone(),
-                scalars: draw.scalars.clone(),
-                shown: draw.shown.clone(),
-                items_of_runs: upload("items of runs", storage, bytemuck::cast_slice(&draw.items_of_runs)),
-                lists: lists(draw),
+            .map(|(index, draw)| {
+                let own =
+                    Page { is_first: u32::from(index == 0), ..tables.page(&draw.items_of_runs, draw.capacity, step) };
+                let drawn = Cover::ALL.into_iter().zip(&draw.blocks).filter(|(_, blocks)| !blocks.is_empty());
+                let lists = drawn.map(|(cover, blocks): (Cover, &Vec<Block>)| {
+                    let values = tables.page(bytemuck::cast_slice(blocks), draw.capacity, step);
+                    list_of(Page { run_count: blocks.len() as u32, ..values }, cover)
+                });
+                PageInputs {
+                    number: draw.number,
+                    lists: lists.collect(),
+                    page: page(&own),
+                    points: draw.points.clone(),
+                    attributes: draw.attributes.clone(),
+                    shown: draw.shown.clone(),
+                }
             })
             .collect();
         if pages.is_empty() {
@@ -127,12 +184,10 @@ impl Inputs {
             let nothing = upload("nothing", storage, &[]);
             pages.push(PageInputs {
                 number: usize::MAX,
-                page: page(0, true, 0),
+                page: page(&Page { is_first: 1, ..tables.page(&[], 0, step) }),
                 points: nothing.clone(),
-                attributes: nothing.clone(),
-                scalars: nothing.clone(),
-                shown: nothing.clone(),
-                items_of_runs: nothing,
+                attributes: nothing,
+                shown: 0..LEAST_BYTES as u64,
                 lists: Vec::new(),
             });
         }
@@ -143,9 +198,8 @@ impl Inputs {
             sample: None,
             frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
             exposure_at,
-            settings: upload("settings", storage, bytemuck::cast_slice(&words)),
-            items: upload("items", storage, bytemuck::cast_slice(&list.items)),
-            palette: upload("palette", storage, bytemuck::cast_slice(&palette())),
+            settings: upload("settings", uniform, bytemuck::cast_slice(&words)),
+            tables: upload("tables", storage, bytemuck::cast_slice(&tables.words)),
             hides_points: list.hides_points,
             pages,
         }
@@ -180,17 +234,13 @@ impl Inputs {
         [self.frame.as_entire_binding(), self.settings.as_entire_binding()]
     }
 
-    /// Group 1 of the passes over points, in slot order; `runs` is the list of blocks, or that of the items of runs.
+    /// Group 1 of the passes over points, in slot order; `uniform` says which blocks or runs of the tables are meant.
     pub fn page_resources<'a>(
         &'a self,
         page: &'a PageInputs,
         uniform: &'a wgpu::Buffer,
-        runs: wgpu::BindingResource<'a>,
-    ) -> [wgpu::BindingResource<'a>; 8] {
-        let [uniform, points, attributes, scalars, items, shown, palette] =
-            [uniform, &page.points, &page.attributes, &page.scalars, &self.items, &page.shown, &self.palette]
-                .map(|buffer| buffer.as_entire_binding());
-        [uniform, points, attributes, scalars, items, runs, shown, palette]
+    ) -> [wgpu::BindingResource<'a>; 4] {
+        [uniform, &page.points, &page.attributes, &self.tables].map(wgpu::Buffer::as_entire_binding)
     }
 
     /// The number of workgroups of a pass over the pixels where mirrors may be seen.

@@ -49,7 +49,10 @@ structs! {
     /// The points that one workgroup splats, of shaders/shared/splat.wgsl.
     Block { item: u32, first: u32, count: u32, first_identity: u32 }
     /// The values of one page of the store, of shaders/shared/splat.wgsl.
-    Page { block_count: u32, point_count: u32, is_first: u32, step: u32 }
+    Page {
+        run_count: u32, point_count: u32, is_first: u32, step: u32,
+        runs_at: u32, items_at: u32, item_count: u32, unused: u32,
+    }
     /// Which of its two runs over the points a pass makes, of shaders/shared/run.wgsl.
     Run { finds_identity: u32, unused_0: u32, unused_1: u32, unused_2: u32 }
     /// A light with a shadow map, of shaders/shared/light.wgsl.
@@ -133,7 +136,7 @@ structs! {
     }
     /// The trees of reflected rays of `sample_cameras` with cells of space, of shaders/shared/camera_tree.wgsl.
     CameraTrees {
-        first_x: u32, first_y: u32, columns: u32, rows: u32, stride: u32, trees: u32, unused_1: u32, unused_2: u32,
+        first_x: u32, first_y: u32, columns: u32, rows: u32, stride: u32, trees: u32, nodes: u32, unused: u32,
         shift: Vec4,
     }
     /// A plane of such a tree, of shaders/shared/camera_tree.wgsl.
@@ -161,7 +164,6 @@ macro_rules! sizes {
 
 sizes! {
     Region: REGION_BYTES = 80;
-    RegionTotals: REGION_TOTALS_BYTES = 8;
     MirrorPixel: MIRROR_PIXEL_BYTES = 32;
     Solution: SOLUTION_BYTES = 8;
     GlossPixel: GLOSS_PIXEL_BYTES = 16;
@@ -181,7 +183,6 @@ macro_rules! elements {
 elements! {
     splat_resolve.points: POINT_BYTES = 16;
     splat_resolve.attributes: ATTRIBUTE_BYTES = 8;
-    splat_resolve.scalars: SCALAR_BYTES = 4;
     splat_resolve.nearest: NEAREST_BYTES = 8;
     splat_average.color_sums: COLOR_SUM_BYTES = 16;
     splat_average.surface_sums: SURFACE_SUM_BYTES = 16;
@@ -267,8 +268,13 @@ constants! {
     RUN_PIXELS: u32 = 1024;
     /// The number of words per pixel for where searches ended.
     ENDING_WORDS: u64 = 3;
-    /// The number of words of the sums of a mirror pixel; their carries take half a word each.
+    /// What follows these words in their buffer begins at a multiple of so many: where a binding may.
+    ENDING_ALIGNMENT: u64 = 64;
+    /// The number of words of the sums of a mirror pixel, and of their carries, which take half a word each.
     MIRROR_SUMS: u64 = 12;
+    MIRROR_CARRIES: u64 = 6;
+    /// What follows the carries in their buffer begins at a multiple of so many words: where a binding may.
+    CARRY_ALIGNMENT: u64 = 64;
     /// The indices of the counters of a frame's reflections.
     MIRROR_PIXELS: usize = 0;
     FOUND_PIXELS: usize = 1;
@@ -307,6 +313,9 @@ constants! {
     BLOB: f32 = 4.0;
     CORAL: f32 = 5.0;
 }
+
+/// The size of a point's scalar in the attributes of a page, of shaders/shared/page_group.wgsl.
+pub const SCALAR_BYTES: u64 = 4;
 
 /// The number of counters that the buffer has room for: an even one, so that what follows them is aligned.
 pub const COUNTERS: usize = 18;

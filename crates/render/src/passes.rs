@@ -39,6 +39,8 @@ pub struct Pass {
     pub stage: PassStage,
     /// The slots of a page of the store, if the pass reads points.
     pub page: Option<Slots>,
+    /// Whether the pass goes through the points of the pages, so that its time grows with their number.
+    pub is_over_points: bool,
     /// The pass's own slots.
     pub slots: Slots,
     /// The source of the shader, without its imports.
@@ -54,11 +56,6 @@ impl Pass {
     /// Whether a workgroup of the pass can share large discs (large_discs.wgsl).
     pub fn has_large_discs(&self) -> bool {
         self.source.contains("splat_discs(")
-    }
-
-    /// Whether the pass goes through the points of the pages, so that its time grows with their number.
-    pub fn is_over_points(&self) -> bool {
-        self.page.is_some_and(|slots| slots == &PAGE_BY_BLOCKS[..])
     }
 }
 
@@ -76,6 +73,7 @@ pub trait Bindings<'r>: Clone {
 pub trait Over {
     /// The slots of group 1, if the pass reads points.
     const PAGE: Option<Slots>;
+    const IS_OVER_POINTS: bool = false;
 }
 
 /// The pass runs over anything but points, mostly over pixels.
@@ -89,31 +87,18 @@ impl Over for Pixels {
     const PAGE: Option<Slots> = None;
 }
 impl Over for Blocks {
-    const PAGE: Option<Slots> = Some(&PAGE_BY_BLOCKS);
+    const PAGE: Option<Slots> = Some(PAGE);
+    const IS_OVER_POINTS: bool = true;
 }
 impl Over for Pages {
-    const PAGE: Option<Slots> = Some(&PAGE_BY_RUNS);
+    const PAGE: Option<Slots> = Some(PAGE);
 }
 
 /// Group 0, declared in shaders/shared/frame_group.wgsl.
-const FRAME: Slots = &[("frame", Uniform), ("settings", Read)];
+const FRAME: Slots = &[("frame", Uniform), ("settings", Uniform)];
 
 /// Group 1 of passes that read points, declared in shaders/shared/page_group.wgsl.
-const PAGE_BY_BLOCKS: [(&str, Slot); 8] = page("blocks");
-const PAGE_BY_RUNS: [(&str, Slot); 8] = page("items_of_runs");
-
-const fn page(runs: &'static str) -> [(&'static str, Slot); 8] {
-    [
-        ("page", Uniform),
-        ("points", Read),
-        ("attributes", Read),
-        ("scalars", Read),
-        ("items", Read),
-        (runs, Read),
-        ("shown", Read),
-        ("palette", Read),
-    ]
-}
+const PAGE: Slots = &[("page", Uniform), ("points", Read), ("attributes", Read), ("tables", Read)];
 
 /// Declares the passes: `name: PassStage over What { slot: kind, ... }`. Generates a type for each, the list of all,
 /// and their shaders.
@@ -129,6 +114,7 @@ macro_rules! passes {
                     name: stringify!($name),
                     stage: PassStage::$stage,
                     page: <$over as Over>::PAGE,
+                    is_over_points: <$over as Over>::IS_OVER_POINTS,
                     slots: &[$((stringify!($slot), $kind)),*],
                     source: include_str!(concat!("../../../shaders/", stringify!($name), ".wgsl")),
                 };
@@ -226,13 +212,11 @@ passes! {
         doubt_out: Write(R32Float), counters: ReadWrite, hits: Read,
     }
     beam_lists: Method over Pixels {
-        point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, places: Read, nodes: Read,
-        lists: ReadWrite,
+        point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, nodes: Read, lists: ReadWrite,
     }
     surfel_trace: Method over Pixels {
-        point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, places: Read, nodes: Read, surfels: Read,
-        order: Read, lists: Read, hits: ReadWrite, shown: Read, views_out: Write(Rgba32Float),
-        counters: ReadWrite, rest: Read,
+        point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, nodes: Read, surfels: Read, order: Read,
+        lists: Read, hits: ReadWrite, shown: Read, views_out: Write(Rgba32Float), counters: ReadWrite,
     }
     gather_resolve: Method over Pages {
         point_in: Texture, normal_in: Texture, eye_in: Texture, hits: Read, albedo_out: Write(Rgba16Float),
@@ -258,15 +242,14 @@ passes! {
         records: Read, predicted: ReadWrite,
     }
     light_field_trace: Method over Pixels {
-        tops: Read, places: Read, nodes: Read, surfels: Read, order: Read, shown: Read, nearest_points: ReadWrite,
+        tops: Read, nodes: Read, surfels: Read, order: Read, shown: Read, nearest_points: ReadWrite,
     }
     light_field_ask: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, fields: Read, index: Read, samples: Read,
         records: Read, listed: ReadWrite, asked: ReadWrite, counters: ReadWrite,
     }
     light_field_asked_trace: Method over Pixels {
-        tops: Read, places: Read, nodes: Read, surfels: Read, order: Read, shown: Read, maps: Read, asked: Read,
-        found: ReadWrite,
+        tops: Read, nodes: Read, surfels: Read, order: Read, shown: Read, maps: Read, asked: Read, found: ReadWrite,
     }
     light_field_asked_planes: Method over Pages { maps: Read, asked: Read, found: Read, records: ReadWrite }
     light_field_look_up: Method over Pixels {
@@ -309,16 +292,16 @@ passes! {
     label_join: Method over Pixels { parents: ReadWrite }
     label_flatten: Method over Pixels { parents: ReadWrite, sizes: ReadWrite }
     region_count: Method over Pixels { parents: Read, sizes: Read, runs: ReadWrite }
-    region_scan: Method over Pixels { runs: ReadWrite, totals: ReadWrite, counters: ReadWrite }
+    region_scan: Method over Pixels { runs: ReadWrite, regions: ReadWrite, counters: ReadWrite }
     region_number: Method over Pixels { parents: Read, sizes: ReadWrite, runs: Read, regions: ReadWrite }
     region_assign: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, parents: Read, sizes: Read, regions: ReadWrite,
         mirror_pixels: ReadWrite,
     }
-    sscr_cull: Method over Pixels { regions: Read, totals: Read, spheres: Read, chunks_reached: ReadWrite }
+    sscr_cull: Method over Pixels { regions: Read, spheres: Read, chunks_reached: ReadWrite }
     sscr_solve: Method over Blocks {
-        round: Uniform, mirror_pixels: Read, regions: Read, totals: Read, solutions: ReadWrite, counters: ReadWrite,
-        endings: ReadWrite, chunks_reached: Read,
+        round: Uniform, mirror_pixels: Read, regions: Read, solutions: ReadWrite, counters: ReadWrite,
+        endings: ReadWrite,
     }
     sscr_views: Method over Pixels {
         curvature_map: Read, mirror_pixels: Read, endings: Read, parents: Read, views_out: Write(Rgba32Float),
@@ -339,14 +322,13 @@ passes! {
         trees: Uniform, standing: Read, point_in: Texture, hits: ReadWrite, rest: ReadWrite, counters: ReadWrite,
     }
     sample_cameras_space: Method over Blocks {
-        trees: Uniform, nodes: Read, leaves: Read, cells: Read, rays: Read, point_in: Texture, normal_in: Texture,
-        eye_in: Texture, solutions: ReadWrite, counters: ReadWrite,
+        trees: Uniform, nodes: Read, leaves: Read, rays: Read, point_in: Texture, normal_in: Texture, eye_in: Texture,
+        solutions: ReadWrite, counters: ReadWrite,
     }
     mirror_depth: Method over Blocks { solutions: Read, point_in: Texture, nearest: ReadWrite }
     mirror_visibility: Method over Blocks {
-        solutions: Read, point_in: Texture, nearest: Read, albedo_sums: ReadWrite, normal_sums: ReadWrite,
-        position_sums: ReadWrite, carries: ReadWrite, normal_in: Texture,
-        eye_in: Texture,
+        solutions: Read, point_in: Texture, albedo_sums: ReadWrite, normal_sums: ReadWrite, position_sums: ReadWrite,
+        carries: ReadWrite, normal_in: Texture, eye_in: Texture,
     }
     mirror_average: Method over Pixels {
         point_in: Texture, nearest: Read, albedo_sums: Read, normal_sums: Read, position_sums: Read, carries: Read,
@@ -469,7 +451,8 @@ pub(crate) fn load_of(pass: &str, settings: &Settings) -> f64 {
         }
         "cubemap_trace" => {
             let by_step = (0.001 / f64::from(cubemap_trace.step)).max(0.25 / f64::from(cubemap_trace.angle)).max(1.0);
-            let texels = ratio(cubemap_trace.size, 256) * by_texels(cubemap_trace.skip);
+            // Rays pass small maps sooner.
+            let texels = (f64::from(cubemap_trace.size) / 256.0).max(0.5) * by_texels(cubemap_trace.skip);
             ratio(cubemap_trace.tries.min(cubemap_trace.maps), 2) * texels * by_step * ratio(cubemap_trace.refine, 1)
         }
         "screen_trace" => by_texels(screen_trace.skip),

@@ -2,7 +2,6 @@
 //! the host's clock around a submit of its own, or together by the host's clock.
 
 use std::collections::{HashMap, VecDeque};
-use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -12,7 +11,7 @@ use scene::Settings;
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
-use crate::layout::{Block, Run};
+use crate::layout::{Page, Run};
 use crate::pass_times::{PassTime, Times, summed};
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels, load_of};
 use crate::pieces::{LONGEST_ON_GPU, MOST_AHEAD, TOO_LONG, UNKNOWN_TOGETHER, piece_of, pieces_of};
@@ -97,8 +96,6 @@ struct Timed {
 
 /// The name and stage for clearing buffers, where the host's clock times it.
 const CLEAR: Name = ("clear", PassStage::Surface);
-
-const BLOCK_BYTES: u32 = size_of::<Block>() as u32;
 
 /// One dispatch: the switches of the pass, its bind groups in order, and the workgroups.
 type Dispatch<'r> = (Vec<(&'static str, u32)>, Vec<Vec<wgpu::BindingResource<'r>>>, [u32; 3]);
@@ -411,30 +408,23 @@ impl<'a> Recorder<'a> {
             }
             switches.push(("hides_points", u32::from(inputs.hides_points)));
             let together = list.blocks_per_workgroup;
-            let alignment = self.gpu.device.limits().min_storage_buffer_offset_alignment.div_ceil(BLOCK_BYTES);
             let pieces = self.pieces(B::PASS, &switches, [list.workgroups, 1, 1]);
             let blocks = list.workgroups.div_ceil(pieces) * together;
-            for first in (0..list.block_count).step_by(blocks as usize) {
-                let count = blocks.min(list.block_count - first);
-                // A part of the list begins where bindings may, and the shader is told how many blocks are not its own.
-                let before = first % alignment;
-                let part = wgpu::BufferBinding {
-                    buffer: &list.blocks,
-                    offset: u64::from(first - before) * u64::from(BLOCK_BYTES),
-                    size: NonZeroU64::new(u64::from(before + count) * u64::from(BLOCK_BYTES)),
-                };
+            let Page { runs_at, run_count, .. } = list.values;
+            for first in (0..run_count).step_by(blocks as usize) {
+                let count = blocks.min(run_count - first);
+                let part = Page { runs_at: runs_at + first, run_count: count, ..list.values };
+                let part = (count < run_count).then(|| uniform_buffer(self.gpu, bytemuck::bytes_of(&part)));
                 let workgroups = count.div_ceil(together);
                 // The limit is 65,535 workgroups per dimension.
                 let x = workgroups.clamp(1, 32_768);
-                let resources = inputs.page_resources(page, &list.page, wgpu::BindingResource::Buffer(part)).to_vec();
-                let frame = (before > 0).then(|| inputs.frame_from(self.gpu, [0, before], 0));
-                parts.push((frame, switches.clone(), resources, bindings.clone(), [x, workgroups.div_ceil(x), 1]));
+                let groups = [x, workgroups.div_ceil(x), 1];
+                parts.push((page, part, &list.page, switches.clone(), bindings.clone(), groups));
             }
         }
-        let [whole, settings] = inputs.frame_resources();
-        let dispatches = parts.iter().map(|(frame, switches, page, bindings, groups)| {
-            let frame = frame.as_ref().map_or(whole.clone(), wgpu::Buffer::as_entire_binding);
-            (switches.clone(), vec![vec![frame, settings.clone()], page.clone(), bindings.clone().resources()], *groups)
+        let dispatches = parts.iter().map(|(page, part, whole, switches, bindings, groups)| {
+            let page = inputs.page_resources(page, part.as_ref().unwrap_or(whole)).to_vec();
+            (switches.clone(), vec![inputs.frame_resources().to_vec(), page, bindings.clone().resources()], *groups)
         });
         let dispatches = dispatches.collect();
         self.dispatch(B::PASS, dispatches)
@@ -466,7 +456,7 @@ impl<'a> Recorder<'a> {
     ) -> Result<()> {
         let resources = bindings.resources();
         let dispatches = inputs.pages.iter().map(|page| {
-            let page = inputs.page_resources(page, &page.page, page.items_of_runs.as_entire_binding()).to_vec();
+            let page = inputs.page_resources(page, &page.page).to_vec();
             (switches.to_vec(), vec![inputs.frame_resources().to_vec(), page, resources.clone()], groups)
         });
         let dispatches = dispatches.collect();
@@ -508,7 +498,7 @@ impl<'a> Recorder<'a> {
             (compiled.pipeline.clone(), bound.iter().enumerate().map(bind).collect::<Vec<_>>(), groups)
         };
         let bound: Vec<_> = dispatches.into_iter().map(bind).collect();
-        let splats = self.timed_as.is_none() && pass.stage == PassStage::Surface && pass.is_over_points();
+        let splats = self.timed_as.is_none() && pass.stage == PassStage::Surface && pass.is_over_points;
         let groups: f64 = bound.iter().map(|(.., groups)| groups.map(f64::from).iter().product::<f64>()).sum();
         let Some(variant) = variant else { return Ok(()) };
         let each = self.estimate(&variant);

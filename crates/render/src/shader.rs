@@ -170,7 +170,10 @@ pub(crate) mod tests {
         let mut wgsl = String::from(
             "// Generated from the parameter table (crates/scene/src/settings.rs); a test keeps it so. Do not edit.\n\n",
         );
-        let mut all = String::from("// All parameters, in the order of Settings::groups.\nstruct Settings {\n");
+        let mut all = String::from(
+            "// All parameters, in the order of Settings::groups. In uniforms, structs begin at every 16th byte.\n\
+             struct Settings {\n",
+        );
         for params in settings.groups() {
             let group = params.group();
             if params.words().is_empty() {
@@ -180,7 +183,7 @@ pub(crate) mod tests {
             wgsl += "\n";
             // The name that the group gives its struct.
             let type_name: String = group.name.split('_').map(|word| word[..1].to_uppercase() + &word[1..]).collect();
-            all += &format!("    {}: {type_name},\n", group.name);
+            all += &format!("    @align(16) {}: {type_name},\n", group.name);
         }
         wgsl + &all + "}\n"
     }
@@ -191,8 +194,8 @@ pub(crate) mod tests {
         let mut layouter = naga::proc::Layouter::default();
         layouter.update(module.to_ctx()).unwrap();
         let (handle, _) = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some("Settings")).unwrap();
-        let words: usize = Settings::default().groups().iter().map(|params| params.words().len()).sum();
-        assert_eq!(layouter[handle].size as usize, words * 4);
+        let (words, _) = crate::inputs::words_of(&Settings::default());
+        assert_eq!(layouter[handle].size as usize, words.len() * 4);
     }
 
     #[test]

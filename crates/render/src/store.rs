@@ -1,8 +1,8 @@
 //! The points on the GPU: pages of buffers, the chunks in them, and what each frame draws of them.
 //!
 //! A point takes 16 bytes that every splatting pass reads (position, radius, class), 8 more that are read only for
-//! visible points (colour, normal), 4 for the attribute shown, while one is shown, and a bit that says whether it is
-//! shown, while some points are hidden.
+//! visible points (colour, normal), a bit that says whether it is shown, and 4 bytes for an attribute, once one was
+//! shown.
 
 pub(crate) mod draw_list;
 mod material;
@@ -15,7 +15,7 @@ use std::sync::{Arc, OnceLock};
 use cloud::{Bounds, Chunk, Cloud, CloudLayout, Column, NO_NORMAL, PointTest, ShownPoints};
 use glam::DVec3;
 pub use material::Material;
-use pages::{PageBuffers, buffer, room_of};
+use pages::{PageBuffers, room_of};
 use rayon::prelude::*;
 use scene::{Ramp, Settings, Splat};
 use shown::{Shown, shown_of};
@@ -23,7 +23,7 @@ use shown::{Shown, shown_of};
 use crate::coloring::{ColorPlan, ColorSource, up_axis};
 use crate::gpu::{Error, Gpu, Result};
 use crate::identities::{ChunkId, CloudId, Identities};
-use crate::layout::{ATTRIBUTE_BYTES, POINT_BYTES, SCALAR_BYTES};
+use crate::layout::{ATTRIBUTE_BYTES, POINT_BYTES};
 
 /// The largest count in a leaf of a chunk's tree (reflection/surfel_tree.rs); loaded chunks are far smaller.
 const MOST_CHUNK_POINTS: usize = 1 << 24;
@@ -124,8 +124,6 @@ pub struct PointStore {
     test: PointTest,
     /// The number of points announced by `reserve`.
     reserved: u32,
-    /// A buffer that takes the place of those that a page does not have.
-    nothing: wgpu::Buffer,
     /// See `revision()`.
     revision: u64,
     /// See `geometry_revision()`.
@@ -138,7 +136,6 @@ pub struct PointStore {
 
 impl PointStore {
     pub fn new(gpu: Arc<Gpu>) -> Self {
-        let nothing = buffer(&gpu, "nothing", 16);
         Self {
             gpu,
             pages: Vec::new(),
@@ -148,7 +145,6 @@ impl PointStore {
             next_chunk: 0,
             test: PointTest::default(),
             reserved: 0,
-            nothing,
             revision: next_revision(),
             geometry_revision: next_revision(),
             uploaded_bytes: 0,
@@ -300,7 +296,6 @@ impl PointStore {
     /// # Errors
     /// No more memory: then chunks are missing, as if they had been removed.
     pub fn move_to(&mut self, gpu: Arc<Gpu>) -> Result<()> {
-        self.nothing = buffer(&gpu, "nothing", 16);
         self.gpu = gpu;
         self.pages.clear();
         let mut ids: Vec<ChunkId> = self.chunks.keys().copied().collect();
@@ -413,13 +408,7 @@ impl PointStore {
         chunk.scalars = held;
         let page = &mut self.pages[chunk.page];
         let scalars: Vec<f32> = (0..column.len()).map(|i| (column.value(i) - origin) as f32).collect();
-        let capacity = u64::from(page.capacity());
-        let buffer = page.scalars.get_or_insert_with(|| buffer(&self.gpu, "scalars", capacity * SCALAR_BYTES));
-        self.gpu.queue.write_buffer(
-            buffer,
-            u64::from(chunk.range.start) * SCALAR_BYTES,
-            bytemuck::cast_slice(&scalars),
-        );
+        page.write_scalars(&self.gpu, chunk.range.start, &scalars);
     }
 
     /// Sets how a cloud reflects. Where that changes only how much and how sharply, the points count as they were.
@@ -465,11 +454,11 @@ impl PointStore {
                 return Some(&*chunk);
             }
             // A page that has no bits yet gets those of all its chunks.
-            Some(&*chunk).filter(|chunk| self.pages[chunk.page].shown.is_none())
+            Some(&*chunk).filter(|chunk| !self.pages[chunk.page].knows_shown)
         });
         let changed: Vec<&StoredChunk> = changed.collect();
         if test.shows_all() {
-            self.pages.iter_mut().for_each(|page| page.shown = None);
+            self.pages.iter_mut().for_each(|page| page.knows_shown = false);
             return;
         }
         for chunk in changed {
@@ -634,12 +623,7 @@ impl PointStore {
 
     /// The GPU memory of the points in bytes, unused room of pages included.
     pub fn gpu_bytes(&self) -> u64 {
-        let bytes = |page: &PageBuffers| {
-            let scalars = if page.scalars.is_some() { SCALAR_BYTES } else { 0 };
-            let shown = page.shown.as_ref().map_or(0, |shown| shown.size());
-            u64::from(page.capacity()) * (POINT_BYTES + ATTRIBUTE_BYTES + scalars) + shown
-        };
-        self.pages.iter().map(bytes).sum()
+        self.pages.iter().map(|page| page.points.size() + page.attributes.size()).sum()
     }
 
     /// The bytes of points that were uploaded so far, without scalars.

@@ -268,6 +268,14 @@ fn what_is_asked_of_adapters_is_what_the_passes_need() {
     }
 }
 
+#[test]
+fn an_adapter_with_no_more_than_webgpu_promises_has_what_every_pass_needs() {
+    let promised = wgpu::Limits::defaults();
+    for need in &NEEDS {
+        assert!(need.least <= need.promised(&promised), "{} {}", need.least, need.what);
+    }
+}
+
 /// The content of docs/gpu.md.
 fn page(gpu: &std::sync::Arc<Gpu>) -> String {
     let mut page = String::from(

@@ -243,11 +243,10 @@ fn trace_face(
         let Some(inputs) = face.pages.iter().find(|inputs| inputs.number == tree.page) else { continue };
         let bindings = passes::light_field_trace {
             tops: tree.tops.as_entire_binding(),
-            places: tree.places.as_entire_binding(),
             nodes: page.nodes.as_entire_binding(),
             surfels: page.surfels.as_entire_binding(),
             order: page.order.as_entire_binding(),
-            shown: inputs.shown.as_entire_binding(),
+            shown: inputs.bind_shown(),
             nearest_points: nearest_points.clone(),
         };
         let switches = [("hides_points", u32::from(face.hides_points))];

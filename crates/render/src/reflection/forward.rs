@@ -11,7 +11,7 @@ use super::task::Task;
 use crate::allocation;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::PageInputs;
-use crate::layout::{MIRROR_SUMS, NEAREST_REFLECTION_BYTES, SOLUTION_BYTES};
+use crate::layout::{CARRY_ALIGNMENT, MIRROR_CARRIES, MIRROR_SUMS, NEAREST_REFLECTION_BYTES, SOLUTION_BYTES};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::storage;
@@ -56,11 +56,10 @@ impl Splats {
 pub(crate) struct Forward {
     size: [u32; 2],
     pub solutions: HashMap<SolutionKey, wgpu::Buffer>,
-    /// The nearness of the nearest reflected point of each pixel.
-    nearest: wgpu::Buffer,
     /// Of albedos, normals and positions, and whether they are lent (`lend`).
     sums: [wgpu::Buffer; 3],
     are_lent: bool,
+    /// The carries of the sums, then the nearness of the nearest reflected point of each pixel.
     carries: wgpu::Buffer,
     /// Albedo, normal and position; level 0 is the Mirror G-Buffer before it is closed.
     pyramids: [Pyramid; 3],
@@ -108,7 +107,7 @@ impl Pyramid {
 impl Forward {
     pub fn bytes(&self) -> u64 {
         let sums = self.sums.iter().filter(|_| !self.are_lent);
-        let buffers = self.solutions.values().chain([&self.nearest, &self.carries]).chain(sums);
+        let buffers = self.solutions.values().chain([&self.carries]).chain(sums);
         let buffers = buffers.map(wgpu::Buffer::size).sum::<u64>();
         buffers + self.pyramids.iter().map(Pyramid::bytes).sum::<u64>()
     }
@@ -130,10 +129,13 @@ impl Forward {
         Ok(Self {
             size,
             solutions: HashMap::new(),
-            nearest: picture_buffer(gpu, "nearest reflections", pixels * NEAREST_REFLECTION_BYTES)?,
             sums: lent.map_or_else(own, Ok)?,
             are_lent,
-            carries: picture_buffer(gpu, "carries of reflections", pixels * MIRROR_SUMS * 2)?,
+            carries: picture_buffer(
+                gpu,
+                "carries of reflections",
+                carry_bytes(size).next_multiple_of(CARRY_ALIGNMENT * 4) + pixels * NEAREST_REFLECTION_BYTES,
+            )?,
             pyramids: [
                 pyramid("found albedo", wgpu::TextureFormat::Rgba16Float),
                 pyramid("found normal", wgpu::TextureFormat::Rgba32Float),
@@ -190,9 +192,15 @@ impl Forward {
         self.solutions.get(&key).map(wgpu::Buffer::as_entire_binding)
     }
 
+    /// The binding of the nearest points, for passes that bind no carries with them.
+    fn bind_nearest(&self) -> wgpu::BindingResource<'_> {
+        let offset = carry_bytes(self.size).next_multiple_of(CARRY_ALIGNMENT * 4);
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.carries, offset, size: None })
+    }
+
     /// Prepares the buffers for the first depth pass of a bounce.
     pub fn clear(&self, recorder: &mut Recorder<'_>) {
-        [&self.nearest, &self.carries].into_iter().chain(&self.sums).for_each(|buffer| recorder.clear(buffer));
+        [&self.carries].into_iter().chain(&self.sums).for_each(|buffer| recorder.clear(buffer));
     }
 
     /// Splats the distances of one round's solutions.
@@ -210,7 +218,7 @@ impl Forward {
             Some(passes::mirror_depth {
                 solutions: self.bind_solutions(page, round as u32, bounce)?,
                 point_in: task.mirror.point.bind(),
-                nearest: self.nearest.as_entire_binding(),
+                nearest: self.bind_nearest(),
             })
         })
     }
@@ -232,7 +240,6 @@ impl Forward {
             Some(passes::mirror_visibility {
                 solutions: self.bind_solutions(page, round as u32, bounce)?,
                 point_in: task.mirror.point.bind(),
-                nearest: self.nearest.as_entire_binding(),
                 albedo_sums,
                 normal_sums,
                 position_sums,
@@ -261,7 +268,7 @@ impl Forward {
         let [albedo_sums, normal_sums, position_sums] = self.sums.each_ref().map(|sums| sums.as_entire_binding());
         let bindings = passes::mirror_average {
             point_in: task.mirror.point.bind(),
-            nearest: self.nearest.as_entire_binding(),
+            nearest: self.bind_nearest(),
             albedo_sums,
             normal_sums,
             position_sums,
@@ -294,6 +301,11 @@ impl Forward {
         };
         recorder.over_pixels(&[], task.supply, bindings)
     }
+}
+
+/// The bytes of the carries of the sums of a picture of `size`.
+fn carry_bytes(size: [u32; 2]) -> u64 {
+    u64::from(size[0]) * u64::from(size[1]) * MIRROR_CARRIES * 4
 }
 
 /// Makes a storage buffer that a method needs for a picture.

@@ -14,6 +14,8 @@ pub(crate) mod threads;
 #[cfg(test)]
 pub(super) mod twin;
 
+use std::num::NonZeroU64;
+
 use cloud::Bounds;
 use glam::Vec4;
 use scene::{Distribution, KeptPoints, Seeds, Show};
@@ -23,8 +25,8 @@ use super::task::Task;
 use crate::gpu::{Gpu, Result};
 use crate::identities::ChunkId;
 use crate::layout::{
-    CURVATURE_BYTES, ENDING_WORDS, LABEL_BYTES, LEAST_REGION, MIRROR_PIXEL_BYTES, PARENT_BYTES, REGION_BYTES,
-    REGION_TOTALS_BYTES, RUN_BYTES, RUN_PIXELS, Round,
+    CURVATURE_BYTES, ENDING_ALIGNMENT, ENDING_WORDS, LABEL_BYTES, LEAST_REGION, MIRROR_PIXEL_BYTES, PARENT_BYTES,
+    REGION_BYTES, RUN_BYTES, RUN_PIXELS, Round,
 };
 use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
@@ -43,12 +45,11 @@ pub(crate) struct Sscr {
     parents: wgpu::Buffer,
     sizes: wgpu::Buffer,
     runs: wgpu::Buffer,
-    totals: wgpu::Buffer,
+    /// By label; the first stands for all of them.
     regions: wgpu::Buffer,
     mirror_pixels: wgpu::Buffer,
+    /// Where searches ended; then, for each chunk of the frame, whether its points are searched for.
     endings: wgpu::Buffer,
-    /// For each chunk of the frame, whether its points are searched for.
-    chunks_reached: wgpu::Buffer,
     /// For the first bounce: the flags of the curvature map, the label, the mean number of steps of the searches that
     /// ended in the pixel, the share of them that ran out of steps. Steps are known while they are shown.
     pub views: Image,
@@ -57,11 +58,15 @@ pub(crate) struct Sscr {
     frames: u32,
 }
 
+/// The bytes of the words for where searches ended, in pictures of `size`.
+fn ending_bytes(size: [u32; 2]) -> u64 {
+    u64::from(size[0]) * u64::from(size[1]) * ENDING_WORDS * 4
+}
+
 impl Sscr {
     pub fn bytes(&self) -> u64 {
-        let Self { curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings, views, .. } = self;
-        let Self { chunks_reached, .. } = self;
-        let buffers = [curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings, chunks_reached];
+        let Self { curvature, parents, sizes, runs, regions, mirror_pixels, endings, views, .. } = self;
+        let buffers = [curvature, parents, sizes, runs, regions, mirror_pixels, endings];
         let images = self.filtered.iter().flatten().chain([views]);
         buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + images.map(Image::bytes).sum::<u64>()
     }
@@ -84,11 +89,9 @@ impl Sscr {
             parents: buffer("parents", pixels * PARENT_BYTES)?,
             sizes: buffer("sizes", pixels * LABEL_BYTES)?,
             runs: buffer("runs of pixels", runs)?,
-            totals: storage(&gpu.device, "totals of regions", REGION_TOTALS_BYTES),
-            regions: buffer("regions", pixels.div_ceil(LEAST_REGION) * REGION_BYTES)?,
+            regions: buffer("regions", (pixels.div_ceil(LEAST_REGION) + 1) * REGION_BYTES)?,
             mirror_pixels: buffer("mirror pixels", pixels * MIRROR_PIXEL_BYTES)?,
-            endings: buffer("ends of searches", pixels * ENDING_WORDS * 4)?,
-            chunks_reached: storage(&gpu.device, "chunks that are searched for", 4),
+            endings: buffer("ends of searches", ending_bytes(size).next_multiple_of(ENDING_ALIGNMENT * 4))?,
             views: Image::new(&gpu.device, size, "views", wgpu::TextureFormat::Rgba32Float),
             frames: 0,
         })
@@ -121,7 +124,7 @@ impl Sscr {
         self.label(recorder, task)?;
         self.cull(recorder, task)?;
         forward.clear(recorder);
-        recorder.clear(&self.endings);
+        recorder.clear_part(&self.endings, 0..ending_bytes(self.size));
         for round in 0..rounds {
             self.solve(recorder, forward, task, round, bounce, task.bounce == 0)?;
             forward.depth(recorder, task, Splats::PUBLISHED, [round as usize, bounce])?;
@@ -176,8 +179,8 @@ impl Sscr {
     fn label(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
         let inputs = task.supply;
         let [point_in, normal_in, eye_in] = [task.mirror.point.bind(), task.normal.bind(), task.mirror.eye.bind()];
-        let [curvature_map, parents, sizes, runs, totals, regions, mirror_pixels] =
-            [&self.curvature, &self.parents, &self.sizes, &self.runs, &self.totals, &self.regions, &self.mirror_pixels]
+        let [curvature_map, parents, sizes, runs, regions, mirror_pixels] =
+            [&self.curvature, &self.parents, &self.sizes, &self.runs, &self.regions, &self.mirror_pixels]
                 .map(wgpu::Buffer::as_entire_binding);
         let bindings = passes::curvature {
             point_in: point_in.clone(),
@@ -201,7 +204,8 @@ impl Sscr {
         let bindings = passes::region_count { parents: parents.clone(), sizes: sizes.clone(), runs: runs.clone() };
         recorder.over(&[], inputs, bindings, groups)?;
         let switches = [("count_regions", u32::from(task.bounce == 0))];
-        let bindings = passes::region_scan { runs: runs.clone(), totals, counters: task.counters.as_entire_binding() };
+        let counters = task.counters.as_entire_binding();
+        let bindings = passes::region_scan { runs: runs.clone(), regions: regions.clone(), counters };
         recorder.over(&switches, inputs, bindings, [1, 1, 1])?;
         let bindings =
             passes::region_number { parents: parents.clone(), sizes: sizes.clone(), runs, regions: regions.clone() };
@@ -229,12 +233,19 @@ impl Sscr {
         let device = &recorder.gpu.device;
         let uploaded = storage(device, "spheres about chunks", size_of_val(&spheres[..]) as u64);
         recorder.gpu.queue.write_buffer(&uploaded, 0, bytemuck::cast_slice(&spheres));
-        self.chunks_reached = storage(device, "chunks that are searched for", 4 * spheres.len() as u64);
+        let chunks = ending_bytes(self.size).next_multiple_of(ENDING_ALIGNMENT * 4);
+        let bytes = 4 * spheres.len() as u64;
+        if self.endings.size() < chunks + bytes {
+            self.endings = picture_buffer(recorder.gpu, "ends of searches", chunks + bytes.next_power_of_two())?;
+        }
         let bindings = passes::sscr_cull {
             regions: self.regions.as_entire_binding(),
-            totals: self.totals.as_entire_binding(),
             spheres: uploaded.as_entire_binding(),
-            chunks_reached: self.chunks_reached.as_entire_binding(),
+            chunks_reached: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: &self.endings,
+                offset: chunks,
+                size: NonZeroU64::new(bytes),
+            }),
         };
         recorder.over(&[], task.supply, bindings, [(spheres.len() as u32).div_ceil(64), 1, 1])
     }
@@ -273,11 +284,9 @@ impl Sscr {
                 round: uniform.as_entire_binding(),
                 mirror_pixels: self.mirror_pixels.as_entire_binding(),
                 regions: self.regions.as_entire_binding(),
-                totals: self.totals.as_entire_binding(),
                 solutions: forward.bind_solutions(page, round, bounce)?,
                 counters: task.counters.as_entire_binding(),
                 endings: self.endings.as_entire_binding(),
-                chunks_reached: self.chunks_reached.as_entire_binding(),
             })
         })
     }

@@ -29,9 +29,8 @@ pub(crate) struct IndexPage {
 pub(crate) struct FrameTrees {
     /// The number of the page in the store.
     pub page: usize,
-    /// A tree over the boxes of the page's chunks; a leaf is the index of a place.
+    /// A tree over the boxes of the page's chunks, of which a leaf is the index of a place; then the places.
     pub tops: wgpu::Buffer,
-    pub places: wgpu::Buffer,
 }
 
 #[derive(Default)]
@@ -138,17 +137,12 @@ impl SurfelIndex {
             if boxes.is_empty() {
                 continue;
             }
-            let tops: Vec<Node> = tree_over_boxes(&boxes);
-            let upload = |label, bytes: &[u8]| {
-                let buffer = storage(&gpu.device, label, bytes.len() as u64);
-                gpu.queue.write_buffer(&buffer, 0, bytes);
-                buffer
-            };
-            frames.push(FrameTrees {
-                page,
-                tops: upload("top nodes", bytemuck::cast_slice(&tops)),
-                places: upload("places of trees", bytemuck::cast_slice(&places)),
-            });
+            let nodes: Vec<Node> = tree_over_boxes(&boxes);
+            let (nodes, places): (&[u8], &[u8]) = (bytemuck::cast_slice(&nodes), bytemuck::cast_slice(&places));
+            let bytes = [nodes, places].concat();
+            let tops = storage(&gpu.device, "top nodes", bytes.len() as u64);
+            gpu.queue.write_buffer(&tops, 0, &bytes);
+            frames.push(FrameTrees { page, tops });
         }
         Ok(frames)
     }

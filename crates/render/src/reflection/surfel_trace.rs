@@ -69,7 +69,6 @@ pub(super) fn trace(
                 normal_in: task.normal.bind(),
                 eye_in: task.mirror.eye.bind(),
                 tops: tree.tops.as_entire_binding(),
-                places: tree.places.as_entire_binding(),
                 nodes: page.nodes.as_entire_binding(),
                 lists: lists.as_entire_binding(),
             };
@@ -80,16 +79,14 @@ pub(super) fn trace(
             normal_in: task.normal.bind(),
             eye_in: task.mirror.eye.bind(),
             tops: tree.tops.as_entire_binding(),
-            places: tree.places.as_entire_binding(),
             nodes: page.nodes.as_entire_binding(),
             surfels: page.surfels.as_entire_binding(),
             order: page.order.as_entire_binding(),
-            lists: lists.as_entire_binding(),
+            lists: rest.unwrap_or(&lists).as_entire_binding(),
             hits: gather.hits.as_entire_binding(),
-            shown: inputs.shown.as_entire_binding(),
+            shown: inputs.bind_shown(),
             views_out: gather.views.bind(),
             counters: task.counters.as_entire_binding(),
-            rest: rest.unwrap_or(&lists).as_entire_binding(),
         };
         let switches = [
             ("use_lists", u32::from(use_beams)),

@@ -1,5 +1,7 @@
 //! Selects what a frame draws of the store: the chunks that may be in the picture, as blocks of points.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use scene::{Settings, Splat};
 
@@ -57,9 +59,8 @@ pub(crate) struct PageDraw {
     pub capacity: u32,
     pub points: wgpu::Buffer,
     pub attributes: wgpu::Buffer,
-    pub scalars: wgpu::Buffer,
-    /// The bits that say which points are shown, if some are hidden.
-    pub shown: wgpu::Buffer,
+    /// Where the bits that say which points are shown lie in `attributes`, in bytes.
+    pub shown: Range<u64>,
     /// The blocks of each kind: different kernels draw them.
     pub blocks: [Vec<Block>; 3],
     /// The item of each run of `BLOCK_POINTS` points of the page; then, for each run of as many identities of the
@@ -130,8 +131,7 @@ impl PointStore {
             capacity: page.capacity(),
             points: page.points.clone(),
             attributes: page.attributes.clone(),
-            scalars: page.scalars.clone().unwrap_or_else(|| self.nothing.clone()),
-            shown: page.shown.clone().unwrap_or_else(|| self.nothing.clone()),
+            shown: page.shown_bytes(),
             blocks: Default::default(),
             items_of_runs: vec![u32::MAX; runs_of(page.capacity()) + runs_of(identities.end())],
         };

@@ -6,7 +6,7 @@ use crate::layout::{ATTRIBUTE_BYTES, BLOCK_POINTS, POINT_BYTES, SCALAR_BYTES};
 use crate::page_space::PageSpace;
 use crate::store::{PointStore, StoredChunk};
 
-/// The smallest page: 24 MiB, so that small clouds stay small.
+/// The smallest page: 24 MiB and a bit a point, so that small clouds stay small.
 const SMALLEST_PAGE: u32 = 1 << 20;
 /// The size of pages is a multiple of this: 6 MiB.
 const PAGE_GRAIN: u32 = 1 << 18;
@@ -16,11 +16,11 @@ const ROUNDING_SHARE: u32 = 16;
 
 pub(super) struct PageBuffers {
     pub(super) points: wgpu::Buffer,
+    /// Colour and normal of each point, a bit for each that says whether it is shown, and the scalars, if any.
     pub(super) attributes: wgpu::Buffer,
-    /// The scalars, made when the first chunk of the page shows an attribute.
-    pub(super) scalars: Option<wgpu::Buffer>,
-    /// A bit for each point that says whether it is shown; made when some points are hidden.
-    pub(super) shown: Option<wgpu::Buffer>,
+    has_scalars: bool,
+    /// Whether the bits are those of the points.
+    pub(super) knows_shown: bool,
     pub(super) room: PageSpace,
 }
 
@@ -31,9 +31,32 @@ impl PageBuffers {
 
     /// Uploads the bits of the points from `first` on, which is the first of a block.
     pub(super) fn mark_shown(&mut self, gpu: &Gpu, first: u32, words: &[u32]) {
-        let bytes = u64::from(self.capacity() / 8);
-        let shown = self.shown.get_or_insert_with(|| buffer(gpu, "shown points", bytes));
-        gpu.queue.write_buffer(shown, u64::from(first / 8), bytemuck::cast_slice(words));
+        self.knows_shown = true;
+        let at = self.shown_bytes().start + u64::from(first / 8);
+        gpu.queue.write_buffer(&self.attributes, at, bytemuck::cast_slice(words));
+    }
+
+    /// Where the bits that say which points are shown lie in `attributes`.
+    pub(super) fn shown_bytes(&self) -> std::ops::Range<u64> {
+        let first = u64::from(self.capacity()) * ATTRIBUTE_BYTES;
+        first..first + u64::from(self.capacity() / 8)
+    }
+
+    /// Uploads the scalars of the points from `first` on. The first of a page make room for all of it.
+    pub(super) fn write_scalars(&mut self, gpu: &Gpu, first: u32, scalars: &[f32]) {
+        let without = self.shown_bytes().end;
+        if !self.has_scalars {
+            let attributes = buffer(gpu, "attributes", without + u64::from(self.capacity()) * SCALAR_BYTES);
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            encoder.copy_buffer_to_buffer(&self.attributes, 0, &attributes, 0, without);
+            gpu.queue.submit([encoder.finish()]);
+            (self.attributes, self.has_scalars) = (attributes, true);
+        }
+        gpu.queue.write_buffer(
+            &self.attributes,
+            without + u64::from(first) * SCALAR_BYTES,
+            bytemuck::cast_slice(scalars),
+        );
     }
 }
 
@@ -72,25 +95,26 @@ impl PointStore {
         let mut moved: Vec<&mut StoredChunk> = self.chunks.values_mut().filter(lies_there).collect();
         moved.sort_by_key(|chunk| chunk.range.start);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let PageBuffers { points, attributes, scalars, shown, room } = &mut self.pages[page];
-        // The buffers, and the bits that a point takes in each.
-        let buffers = [
-            (Some(points), POINT_BYTES * 8),
-            (Some(attributes), ATTRIBUTE_BYTES * 8),
-            (scalars.as_mut(), SCALAR_BYTES * 8),
-            (shown.as_mut(), 1),
+        let shown = self.pages[page].shown_bytes();
+        let PageBuffers { points, attributes, has_scalars, knows_shown, room } = &mut self.pages[page];
+        // The buffers, where the first point's values begin, the bits that a point takes, and whether there are any.
+        let parts = [
+            (&*points, 0, POINT_BYTES * 8, true),
+            (&*attributes, 0, ATTRIBUTE_BYTES * 8, true),
+            (&*attributes, shown.start, 1, *knows_shown),
+            (&*attributes, shown.end, SCALAR_BYTES * 8, *has_scalars),
         ];
-        for (buffer, bits) in buffers.into_iter().filter_map(|(buffer, bits)| Some((buffer?, bits))) {
+        for (buffer, from, bits, _) in parts.into_iter().filter(|(.., exists)| *exists) {
             let bytes = |points: u32| u64::from(points) * bits / 8;
             // Copies within one buffer are not allowed.
             let between = self::buffer(&self.gpu, "slid points", bytes(taken));
             let mut to = 0;
             for part in moved.iter().map(|chunk| chunk.room()) {
                 let size = bytes(part.len() as u32);
-                encoder.copy_buffer_to_buffer(buffer, bytes(part.start), &between, to, size);
+                encoder.copy_buffer_to_buffer(buffer, from + bytes(part.start), &between, to, size);
                 to += size;
             }
-            encoder.copy_buffer_to_buffer(&between, 0, buffer, bytes(stretch.start), to);
+            encoder.copy_buffer_to_buffer(&between, 0, buffer, from + bytes(stretch.start), to);
         }
         self.gpu.queue.submit([encoder.finish()]);
         let mut to = stretch.start;
@@ -124,12 +148,14 @@ impl PointStore {
         }
         let scope = self.gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let points = buffer(&self.gpu, "points", u64::from(capacity) * POINT_BYTES);
-        let attributes = buffer(&self.gpu, "attributes", u64::from(capacity) * ATTRIBUTE_BYTES);
+        let room = PageSpace::new(capacity);
+        let bytes = u64::from(capacity) * ATTRIBUTE_BYTES + u64::from(capacity / 8);
+        let attributes = buffer(&self.gpu, "attributes", bytes);
         if let Some(error) = pollster::block_on(scope.pop()) {
             let problem = format!("for more points: {error}");
             return Err(Error::NoMemory { adapter: self.gpu.info.name.clone(), problem });
         }
-        self.pages.push(PageBuffers { points, attributes, scalars: None, shown: None, room: PageSpace::new(capacity) });
+        self.pages.push(PageBuffers { points, attributes, has_scalars: false, knows_shown: false, room });
         Ok(self.pages.len() - 1)
     }
 

@@ -523,7 +523,7 @@ impl Parsed {
         assert!(code.untold.is_empty(), "{}: tell how often these loops run: {:?}", pass.name, code.untold);
         let told = THREADS.iter().find(|(name, ..)| *name == pass.name).map(|(_, threads, what)| (*threads, *what));
         let points = (POINTS / 8.0, "eighths of points");
-        let (threads, what) = told.unwrap_or(if pass.is_over_points() { points } else { (PIXELS, "pixels") });
+        let (threads, what) = told.unwrap_or(if pass.is_over_points { points } else { (PIXELS, "pixels") });
         let threads = threads * settings.map_or(1.0, |settings| threads_by_settings(pass.name, settings));
         let load = settings.map_or(1.0, |settings| load_of(pass.name, settings));
         let box_edge = settings.map_or(256, |settings| settings.screen_trace.box_size);
@@ -539,18 +539,18 @@ impl Row {
     /// Whether the pass is cut into dispatches: by rows and columns of workgroups, or by blocks of points.
     fn is_cut(&self) -> bool {
         let source = self.pass.source;
-        self.pass.is_over_points() || source.contains("whole_thread(") || source.contains("frame.first_row")
+        self.pass.is_over_points || source.contains("whole_thread(") || source.contains("frame.first_row")
     }
 
     fn threads_of_group(&self) -> f64 {
-        if self.pass.is_over_points() { 128.0 } else { 64.0 }
+        if self.pass.is_over_points { 128.0 } else { 64.0 }
     }
 
     /// The columns and rows of workgroups.
     fn groups(&self) -> [u32; 2] {
         let groups = (self.threads / self.threads_of_group()).ceil() as u32;
         let rows = match self.pass.name {
-            _ if self.pass.is_over_points() => groups,
+            _ if self.pass.is_over_points => groups,
             "screen_box_scores" => 12,
             "screen_box_fill" => self.box_edge.div_ceil(8),
             "beam_lists" => 34,

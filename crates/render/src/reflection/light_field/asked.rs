@@ -85,11 +85,10 @@ impl Kept {
                         };
                         let bindings = passes::light_field_asked_trace {
                             tops: tree.tops.as_entire_binding(),
-                            places: tree.places.as_entire_binding(),
                             nodes: index.nodes.as_entire_binding(),
                             surfels: index.surfels.as_entire_binding(),
                             order: index.order.as_entire_binding(),
-                            shown: inputs.shown.as_entire_binding(),
+                            shown: inputs.bind_shown(),
                             maps: maps.as_entire_binding(),
                             asked: asked.as_entire_binding(),
                             found: found.as_entire_binding(),

@@ -79,9 +79,10 @@ impl Drop for Flag {
 struct Planted {
     asked: Arc<Asked>,
     trees: u32,
+    node_count: u32,
+    /// The nodes, then the gaps between rays.
     nodes: wgpu::Buffer,
     leaves: wgpu::Buffer,
-    gaps: wgpu::Buffer,
     rays: wgpu::Buffer,
     standing: wgpu::Buffer,
     count: CameraCount,
@@ -109,9 +110,9 @@ impl Planted {
             gpu.queue.write_buffer(&buffer, 0, bytes);
             Result::Ok(buffer)
         };
-        let nodes = filled("planes of cameras", bytemuck::cast_slice(&trees.nodes), size_of::<CameraNode>())?;
+        let (planes, gaps): (&[u8], &[u8]) = (bytemuck::cast_slice(&trees.nodes), bytemuck::cast_slice(&trees.gaps));
+        let nodes = filled("planes of cameras", &[planes, gaps].concat(), size_of::<CameraNode>())?;
         let leaves = filled("cameras", bytemuck::cast_slice(&trees.leaves), size_of::<CameraLeaf>())?;
-        let gaps = filled("gaps between rays", bytemuck::cast_slice(&trees.gaps), 16)?;
         let rays = filled("rays of cameras", &asked.rays, size_of::<CameraRay>())?;
         let standing = filled("rays with a camera", bytemuck::cast_slice(&trees.standing), 4)?;
         let count = CameraCount {
@@ -119,11 +120,12 @@ impl Planted {
             lists: trees.lists as u32,
             copies: trees.copies as f32 / trees.rays.max(1) as f32,
             listed: 0.0,
-            bytes: [&nodes, &leaves, &gaps, &rays, &standing].map(wgpu::Buffer::size).iter().sum(),
+            bytes: [&nodes, &leaves, &rays, &standing].map(wgpu::Buffer::size).iter().sum(),
             milliseconds: milliseconds as f32,
             is_late: false,
         };
-        Ok(Self { asked, trees: trees.count as u32, nodes, leaves, gaps, rays, standing, count })
+        let node_count = trees.nodes.len() as u32;
+        Ok(Self { asked, trees: trees.count as u32, node_count, nodes, leaves, rays, standing, count })
     }
 }
 
@@ -223,8 +225,8 @@ impl Space {
         };
         let [first_x, first_y, columns, rows, stride] = planted.asked.grid;
         let shift = (task.supply.camera.eye - planted.asked.eye).as_vec3().extend(0.0);
-        let trees = planted.trees;
-        let trees = CameraTrees { first_x, first_y, columns, rows, stride, trees, shift, ..CameraTrees::default() };
+        let (trees, nodes) = (planted.trees, planted.node_count);
+        let trees = CameraTrees { first_x, first_y, columns, rows, stride, trees, nodes, shift, unused: 0 };
         let uniform = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&trees));
         if task.bounce == 0 {
             let listed = POINTS_LISTED as u64 * 4;
@@ -248,7 +250,6 @@ impl Space {
                 trees: uniform.as_entire_binding(),
                 nodes: planted.nodes.as_entire_binding(),
                 leaves: planted.leaves.as_entire_binding(),
-                cells: planted.gaps.as_entire_binding(),
                 rays: planted.rays.as_entire_binding(),
                 point_in: task.mirror.point.bind(),
                 normal_in: task.normal.bind(),

@@ -317,9 +317,10 @@ impl Scene {
         let read = |buffer: &wgpu::Buffer| -> Vec<u32> {
             bytemuck::pod_collect_to_vec(&stage.gpu.read_buffer(buffer, 0, buffer.size()).unwrap())
         };
-        let count = read(&self.sscr.totals)[0] as usize;
         let words = read(&self.sscr.regions);
-        let regions = words.chunks(super::REGION_BYTES as usize / 4).take(count);
+        let mut regions = words.chunks(super::REGION_BYTES as usize / 4);
+        let count = regions.next().map_or(0, |all| all[6]) as usize;
+        let regions = regions.take(count);
         let solutions = read(&self.forward.solutions[&SolutionKey { page: 0, round: 0, bounce: 0 }]);
         let place = |word: u32| (Vec2::new((word & 0xffff) as f32, (word >> 16) as f32) + 0.5) / 4.0;
         let found = |pair: &[u32]| (pair[1] != 0).then(|| (place(pair[0]), f32::from_bits(pair[1])));
@@ -575,10 +576,9 @@ fn chunks_that_no_region_reflects_are_not_searched_and_hold_next_to_no_point_tha
         let mut scene = Scene::of_chunks(&stage.gpu, picture, points.clone(), block);
         let all = scene.make(&mut stage, &Parameters::default());
         let culled = scene.make(&mut stage, &Parameters { cull_chunks: true, ..Parameters::default() });
-        let reached = &scene.sscr.chunks_reached;
-        let reached: Vec<u32> =
-            bytemuck::pod_collect_to_vec(&stage.gpu.read_buffer(reached, 0, reached.size()).unwrap());
-        assert_eq!(reached.len() * block, points.len());
+        let (from, count) = (super::ending_bytes(SMALL.to_array()), points.len() / block);
+        let reached = stage.gpu.read_buffer(&scene.sscr.endings, from.next_multiple_of(256), count as u64 * 4).unwrap();
+        let reached: Vec<u32> = bytemuck::pod_collect_to_vec(&reached);
         let mut lost = 0;
         for (chunk, is_reached) in reached.iter().enumerate() {
             let of = |made: &Made| made.solutions[chunk * block..][..block].to_vec();
