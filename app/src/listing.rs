@@ -4,6 +4,7 @@
 use std::fmt::Write as _;
 
 use param::{Field, Group, Kind, Value};
+use render::Verdict;
 use scene::{METHODS, Settings, five_mirrors};
 use serde_json::json;
 
@@ -129,6 +130,7 @@ pub fn scenes(as_json: bool) -> anyhow::Result<()> {
 /// If standard output cannot be written.
 pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
     let adapters = render::adapters(wanted);
+    let is_one = |verdict| adapters.iter().any(|report| report.verdict == verdict);
     let display = ["WAYLAND_DISPLAY", "DISPLAY"]
         .into_iter()
         .find_map(|name| Some((name, std::env::var(name).ok().filter(|value| !value.is_empty())?)));
@@ -143,7 +145,7 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
                 "needs": report.needs.iter().map(|(need, has)| {
                     json!({"what": need.what, "least": need.least, "has": has})
                 }).collect::<Vec<_>>(),
-                "chosen": report.chosen, "why": report.why,
+                "chosen": report.verdict == Verdict::Used, "why": report.why,
             })
         };
         let report = json!({
@@ -151,7 +153,7 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
             "threads": threads(),
             "adapters": adapters.iter().map(adapter).collect::<Vec<_>>(),
             "display": display.as_ref().map(|(name, value)| json!({"variable": name, "value": value})),
-            "can_open_window": environment::has_display() && adapters.iter().any(|report| report.chosen),
+            "can_open_window": environment::has_display() && is_one(Verdict::Used),
             "settings_folder": folder,
         });
         return print_json(&report);
@@ -160,13 +162,19 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
     if adapters.is_empty() {
         lines.push(String::new());
         lines.push("No graphics adapter. Install a Vulkan driver; on Debian and Ubuntu mesa-vulkan-drivers runs without a GPU too.".into());
-    } else if !adapters.iter().any(|report| report.chosen) {
+    } else if is_one(Verdict::Unable) && !is_one(Verdict::Used) {
+        lines.extend([String::new(), "No adapter can be used.".into()]);
+    } else if !is_one(Verdict::Used) {
         lines.extend([String::new(), format!("No adapter fits `{}`.", wanted.unwrap_or_default())]);
     }
     for report in &adapters {
         lines.extend([String::new(), format!("{} ({}, {})", report.name, report.backend, report.kind)]);
         let mut fact = |name: &str, value: &str| lines.push(format!("  {name:<14}{value}"));
-        let mark = if report.chosen { "will be used" } else { "not used" };
+        let mark = match report.verdict {
+            Verdict::Used => "will be used",
+            Verdict::Left => "not used",
+            Verdict::Unable => "cannot be used",
+        };
         fact("choice", &format!("{mark}: {}", report.why));
         fact("driver", &report.driver);
         fact("splatting", if report.atomics64 { "one pass, 64-bit atomics" } else { "two passes, 32-bit atomics" });

@@ -503,6 +503,32 @@ fn doctor_names_the_adapter_that_render_uses() {
     assert!(text.text().contains(&used), "{text}");
 }
 
+#[test]
+fn doctor_says_of_an_adapter_that_lacks_something_that_it_cannot_be_used() {
+    let folder = Folder::new();
+    let acting = |arguments: &[&str]| {
+        let mut command = folder.command(arguments);
+        let output = command.env("GLINT_ACT_LIKE", "few-buffers").output().expect("the program starts");
+        let [text, messages] = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+        (output.status.code(), text, messages)
+    };
+    let (status, report, _) = acting(&["doctor", "--json"]);
+    assert_eq!(status, Some(0), "{report}");
+    let report: Value = serde_json::from_str(&report).expect("JSON");
+    let adapters = report["adapters"].as_array().expect("a list");
+    assert!(adapters.iter().all(|adapter| adapter["chosen"] == false), "{report}");
+    assert_eq!(report["can_open_window"], false, "{report}");
+    let (_, text, _) = acting(&["doctor"]);
+    assert!(!text.contains("will be used"), "{text}");
+    if adapters.is_empty() {
+        return;
+    }
+    assert!(text.contains("No adapter can be used."), "{text}");
+    assert!(text.contains("cannot be used: it has 4 storage buffers in a shader where 8 are needed"), "{text}");
+    let (status, _, messages) = acting(&["render", "five-mirrors/none", "--set", FEW_POINTS, "-o", "none.png"]);
+    assert!(status != Some(0) && messages.contains("it has 4 storage buffers"), "{status:?}: {messages}");
+}
+
 fn stats(folder: &Folder) -> Value {
     let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
     serde_json::from_str(&text).expect("JSON")

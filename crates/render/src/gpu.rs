@@ -182,14 +182,17 @@ impl Acting {
         features - hidden - if self.like("narrow-atomics") { int64 } else { wgpu::Features::empty() }
     }
 
-    /// The limits that are left: those that WebGPU promises, and what glint needs above them.
+    /// The limits that are left: those that WebGPU promises, or too few.
     fn limits(&self, limits: wgpu::Limits) -> wgpu::Limits {
+        if self.like("few-buffers") {
+            return wgpu::Limits { max_storage_buffers_per_shader_stage: 4, ..limits };
+        }
         if !self.like("low-limits") {
             return limits;
         }
         let least = wgpu::Limits::defaults();
         wgpu::Limits {
-            max_storage_buffers_per_shader_stage: NEEDS[0].least as u32,
+            max_storage_buffers_per_shader_stage: least.max_storage_buffers_per_shader_stage,
             max_storage_buffer_binding_size: least.max_storage_buffer_binding_size,
             max_buffer_size: least.max_buffer_size,
             max_texture_dimension_2d: least.max_texture_dimension_2d,
@@ -274,7 +277,7 @@ impl Gpu {
     fn open(adapter: wgpu::Adapter) -> Result<Arc<Self>> {
         let info = adapter.get_info();
         let acting = Acting::from_environment();
-        let (features, limits) = (acting.features(adapter.features()), acting.limits(adapter.limits()));
+        let (features, limits) = (acting.features(adapter.features()), limits_of(&adapter));
         if let Some(problem) = lack(&limits) {
             return Err(Error::Device { adapter: info.name.clone(), problem });
         }
@@ -472,9 +475,19 @@ pub struct AdapterReport {
     pub max_texture_size: u32,
     /// What the passes need, and what of it the adapter has.
     pub needs: Vec<(&'static Need, u64)>,
-    pub chosen: bool,
-    /// Why it is chosen, or why not.
+    pub verdict: Verdict,
+    /// Why that is so.
     pub why: String,
+}
+
+/// What becomes of an adapter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Used,
+    /// It is not used, but another one, or none.
+    Left,
+    /// It fits what is asked for, and lacks something or gives no device.
+    Unable,
 }
 
 /// Every adapter, and which one `wanted` selects.
@@ -485,15 +498,23 @@ pub fn adapters(wanted: Option<&str>) -> Vec<AdapterReport> {
     let chosen = choose(&candidates(&all), wanted);
     let report = |(index, adapter): (usize, &wgpu::Adapter)| {
         let info = adapter.get_info();
-        let limits = adapter.limits();
+        let limits = limits_of(adapter);
         let features = adapter.features();
-        let is_chosen = chosen == Some(index);
-        let why = match (is_chosen, wanted, lack(&limits)) {
-            (true, Some(wanted), None) => format!("fits `{wanted}`"),
-            (true, None, None) => "the fastest kind there is".into(),
-            (false, Some(wanted), _) if !fits(&info, wanted) => format!("does not fit `{wanted}`"),
-            (false, _, None) => "another is faster, or listed first".into(),
-            (_, _, Some(problem)) => problem,
+        // Only an adapter that was opened is known to be of use.
+        let problem = match lack(&limits) {
+            None if chosen == Some(index) => match Gpu::open(adapter.clone()) {
+                Ok(_) => None,
+                Err(Error::Device { problem, .. }) => Some(problem),
+                Err(error) => Some(error.to_string()),
+            },
+            lacks => lacks,
+        };
+        let (verdict, why) = match (problem, wanted) {
+            (_, Some(wanted)) if !fits(&info, wanted) => (Verdict::Left, format!("does not fit `{wanted}`")),
+            (Some(problem), _) => (Verdict::Unable, problem),
+            (None, _) if chosen != Some(index) => (Verdict::Left, "another is faster, or listed first".into()),
+            (None, Some(wanted)) => (Verdict::Used, format!("fits `{wanted}`")),
+            (None, None) => (Verdict::Used, "the fastest kind there is".into()),
         };
         AdapterReport {
             name: info.name.clone(),
@@ -506,7 +527,7 @@ pub fn adapters(wanted: Option<&str>) -> Vec<AdapterReport> {
             max_buffer_bytes: limits.max_buffer_size,
             max_texture_size: limits.max_texture_dimension_2d,
             needs: NEEDS.iter().map(|need| (need, (need.of)(&limits))).collect(),
-            chosen: is_chosen,
+            verdict,
             why,
         }
     };
@@ -533,9 +554,14 @@ fn best(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>, wanted: 
     }
 }
 
+/// The limits of an adapter, or those of what it acts like.
+fn limits_of(adapter: &wgpu::Adapter) -> wgpu::Limits {
+    Acting::from_environment().limits(adapter.limits())
+}
+
 /// The adapters to choose from, and whether each lacks something that glint needs.
 fn candidates(all: &[wgpu::Adapter]) -> Vec<(wgpu::AdapterInfo, bool)> {
-    all.iter().map(|adapter| (adapter.get_info(), lack(&adapter.limits()).is_some())).collect()
+    all.iter().map(|adapter| (adapter.get_info(), lack(&limits_of(adapter)).is_some())).collect()
 }
 
 /// Chooses by name what has exactly the wanted one before what has it as a part, then adapters that lack nothing, then

@@ -43,7 +43,9 @@ pub use coloring::{ColorPlan, ColorSource, class_color, class_name, ramp_colors}
 pub use exposure::Exposure;
 pub use frame::Objects;
 pub use gi::LightReuse;
-pub use gpu::{AdapterReport, Clock, Error, Gpu, Need, Result, acts_like, adapters, keep_pipelines_in, kind_name};
+pub use gpu::{
+    AdapterReport, Clock, Error, Gpu, Need, Result, Verdict, acts_like, adapters, keep_pipelines_in, kind_name,
+};
 pub use handed::PictureRows;
 pub use identities::{ChunkId, CloudId};
 pub use image::{Aov, AovImage};
