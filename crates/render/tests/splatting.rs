@@ -727,7 +727,8 @@ fn a_cloud_is_given_little_more_than_what_was_announced_of_it() {
     store.reserve(10);
     let small = store.add_cloud(Material::default());
     store.add_chunk(small, &chunk(&ball(10), DVec3::ZERO), None).unwrap();
-    assert_eq!(store.gpu_bytes(), 24 << 20, "what was announced before counts no more");
+    let least = (24 << 20) + (1 << 17);
+    assert_eq!(store.gpu_bytes(), least, "what was announced before counts no more");
 }
 
 #[test]

@@ -12,6 +12,7 @@ mod needs;
 mod notices;
 mod package;
 mod suite;
+mod swiftshader;
 mod systems;
 mod testing;
 
@@ -43,6 +44,8 @@ cargo xtask systems          Type-check everything for Windows and macOS. Where 
 cargo xtask test --modes     Run the renderer's tests while the adapter acts like lesser ones: without 64-bit atomics, without
                              reading them (Metal, DirectX), timed by its own clock in one submit, with the limits that
                              WebGPU promises, and without timestamps.
+cargo xtask test --swiftshader
+                             Run the renderer's tests on SwiftShader, another Vulkan for processors, if it is found.
 cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed) and the links in comments, build
                              and run all tests. Keeps the seconds of each test in target/test-times.csv, and the commit that
                              passed in target/tested. Changes that are not committed leave that file as it was.
@@ -78,6 +81,7 @@ fn main() -> ExitCode {
         ["test", "--times"] => testing::test(Selection::All, true),
         ["test", "--changed"] => testing::test(Selection::Changed, false),
         ["test", "--modes"] => testing::test_modes(),
+        ["test", "--swiftshader"] => testing::test_swiftshader(),
         ["baseline"] => testing::baseline(),
         ["package"] => package(false),
         ["package", "--try"] => package(true),

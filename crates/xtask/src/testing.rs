@@ -2,13 +2,13 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::{Command, ExitCode, ExitStatus};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 
 use crate::suite::{self, Built};
-use crate::{cargo, exit_code, installed, needs, provide, root, status, target_folder};
+use crate::{cargo, exit_code, installed, needs, provide, root, status, swiftshader, target_folder};
 
 /// Which tests `cargo xtask test` runs.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -181,25 +181,40 @@ const MODES: [&str; 6] = [
 
 pub fn test_modes() -> Result<ExitCode> {
     provide(needs::needs_to_test())?;
-    let root = root()?;
-    let runtime = runtime_folder()?;
     let mut failed = Vec::new();
     for mode in MODES {
         println!("== {mode}");
-        let mut command = cargo();
-        // The whole workspace is selected, so that dependencies are compiled with the features they always have.
-        command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]);
-        for test in render_tests(&root)? {
-            command.args(["--test", &test]);
-        }
-        command.current_dir(&root).env("GLINT_ACT_LIKE", mode).env("GLINT_REQUIRE_GPU", "1");
-        command.envs(runtime.as_ref().map(|folder| ("XDG_RUNTIME_DIR", folder)));
-        if !status(&mut command)?.success() {
+        if !test_renderer([("GLINT_ACT_LIKE", mode)])?.success() {
             failed.push(mode);
         }
     }
     println!("== {} modes, failed: {}", MODES.len(), if failed.is_empty() { "none".into() } else { failed.join("; ") });
     Ok(if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+pub fn test_swiftshader() -> Result<ExitCode> {
+    provide(needs::needs_to_test())?;
+    let manifest = swiftshader::manifest(&target_folder(&root()?))?;
+    // The newer name of the variable, and the older one.
+    let manifest = manifest.as_path();
+    Ok(exit_code(test_renderer(["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].map(|variable| (variable, manifest)))?))
+}
+
+/// Runs the renderer's tests with these variables.
+fn test_renderer<V: AsRef<std::ffi::OsStr>>(
+    variables: impl IntoIterator<Item = (&'static str, V)>,
+) -> Result<ExitStatus> {
+    let root = root()?;
+    let runtime = runtime_folder()?;
+    let mut command = cargo();
+    // The whole workspace is selected, so that dependencies are compiled with the features they always have.
+    command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]);
+    for test in render_tests(&root)? {
+        command.args(["--test", &test]);
+    }
+    command.current_dir(&root).envs(variables).env("GLINT_REQUIRE_GPU", "1");
+    command.envs(runtime.as_ref().map(|folder| ("XDG_RUNTIME_DIR", folder)));
+    status(&mut command)
 }
 
 /// The names of the renderer's tests.

@@ -347,7 +347,10 @@ pub fn upgrades(sources: &[&LasSource], target: Target, grid: Grid, words: &mut 
         let depth = source.color_depth().filter(|_| !are_alike).unwrap_or(ColorDepth::Sixteen);
         if depth != ColorDepth::Sixteen {
             let most = depth.most();
-            words.say(&source.info.path, format!("colours from 0 to {most} became colours from 0 to 65535, for one scale"));
+            words.say(
+                &source.info.path,
+                format!("colours from 0 to {most} became colours from 0 to 65535, for one scale"),
+            );
         }
         let upgrade = Upgrade::new(source, target, grid, depth);
         if !upgrade.is_exact() {
