@@ -22,7 +22,7 @@ fn room(far: usize) -> Vec<([i64; 3], bool)> {
     let mut random = Random(5);
     let mut place = |index: usize| match index < far {
         // Two in three at one place, as pulses without an echo are.
-        true if index % 3 > 0 => ([-2_000_000_000; 3], true),
+        true if !index.is_multiple_of(3) => ([-2_000_000_000; 3], true),
         true => ([0, 1, 2].map(|_| random.below(1 << 31) as i64 - (1 << 30)), true),
         false => ([0, 1, 2].map(|_| random.below((SIZE / SCALE) as u64) as i64), false),
     };
@@ -39,7 +39,7 @@ fn orders(count: usize, far: usize) -> Vec<Vec<usize>> {
     let last = first.iter().rev().copied().collect();
     let every = count / far.max(1);
     let (mut strays, mut others) = (0..far, far..count);
-    let next = |at: usize| if at % every == 0 { strays.next() } else { None }.or_else(|| others.next());
+    let next = |at: usize| if at.is_multiple_of(every) { strays.next() } else { None }.or_else(|| others.next());
     let mut spread: Vec<usize> = (0..count).filter_map(next).collect();
     spread.extend(strays.chain(others));
     let mut random = Random(8);

@@ -1010,7 +1010,7 @@ fn compressed_splats_are_read_as_those_that_are_not() {
                 .for_each(|v| put(v.to_bits()));
         }
         for vertex in 0..300_u32 {
-            put((2 * vertex) << 21 | vertex << 11 | 3 * vertex);
+            put((2 * vertex) << 21 | vertex << 11 | (3 * vertex));
             // The largest component is the second; the others are 0.
             put(1 << 30 | 511 << 20 | 512 << 10 | 511);
             put(2047 << 21 | 1023);
