@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 
 use anyhow::Context as _;
 use cloud::Progress;
-use codec::{Added, ExportFormat};
+use codec::{Added, ExportFormat, Units};
 use glam::DVec3;
 use measure::DistanceFigures;
 use scene::shown;
@@ -33,7 +33,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     let first = open(&arguments.first, &arguments.set)?;
     let second = open(&arguments.second, &arguments.set)?;
     let all = first.sources().iter().chain(second.sources());
-    terminal::warn(param::few(world::other_systems(all.map(|source| source.info())), "warnings"));
+    terminal::warn(param::few(world::system_warnings(all.map(|source| source.info())), "warnings"));
     let CompareArguments { normal_scale: normal, cylinder_scale: cylinder, reach, registration, core, .. } = *arguments;
     let method = match arguments.method.as_str() {
         "m3c2" => Method::M3c2(Scales { normal, cylinder, reach, registration }),
@@ -43,11 +43,11 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     let compare = || comparing::compare(&first, &second, method, core, &progress);
     let (measured, warnings) = progress_bar::watch("comparing", &progress, compare)?.ok_or(stream::Error::Cancelled)?;
     terminal::warn(param::few(warnings, "warnings"));
-    report(arguments, &measured)?;
+    report(arguments, &measured, &first.units)?;
     if let Some(output) = &arguments.output {
         let [distance, level] = COMPARED.map(|name| free_name(first.sources(), name));
-        let mut added = vec![Added { name: distance, values: measured.distances }];
-        added.extend(measured.levels.map(|values| Added { name: level, values }));
+        let mut added = vec![Added::new(distance, measured.distances)];
+        added.extend(measured.levels.map(|values| Added::new(level, values)));
         let progress = Progress::default();
         let memory = half_of(first.settings.stream.host_bytes);
         let write = || codec::export(first.sources(), first.wanted(), &added, output, memory, &progress);
@@ -87,26 +87,29 @@ fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
     }
     let sources = inputs.concat();
     let up = sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &settings));
-    Ok(Side { points: Points::Files(sources), test, left_out, up, settings })
+    let units = sources.first().map(|source| source.info().units).unwrap_or_default();
+    Ok(Side { points: Points::Files(sources), test, left_out, up, units, settings })
 }
 
-fn report(arguments: &CompareArguments, measured: &Measured) -> anyhow::Result<()> {
+fn report(arguments: &CompareArguments, measured: &Measured, units: &Units) -> anyhow::Result<()> {
     let DistanceFigures { points, mean, median, std, rms, p95, max } = measured.figures;
     let significant = measured.significant;
+    let unit = units.length().map(|unit| unit.to_string());
     if arguments.json {
         return terminal::print_json(&json!({
             "points": points, "mean": mean, "median": median, "std": std, "rms": rms, "p95": p95, "max": max,
-            "significant": significant,
+            "significant": significant, "unit": unit,
         }));
     }
+    let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
     let mut lines = vec![
         format!("  points       {points}"),
-        format!("  mean         {mean:.6}"),
-        format!("  median       {median:.6}"),
-        format!("  std          {std:.6}"),
-        format!("  rms          {rms:.6}"),
-        format!("  95 % within  {p95:.6}"),
-        format!("  max          {max:.6}"),
+        format!("  mean         {mean:.6}{unit}"),
+        format!("  median       {median:.6}{unit}"),
+        format!("  std          {std:.6}{unit}"),
+        format!("  rms          {rms:.6}{unit}"),
+        format!("  95 % within  {p95:.6}{unit}"),
+        format!("  max          {max:.6}{unit}"),
     ];
     lines.extend(significant.map(|share| format!("  significant  {:.1} %", share * 100.0)));
     terminal::print(lines)

@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
-use cloud::{Chunk, Cloud, PointTest, Progress, ShownPoints};
-use codec::{Runs, Selection, Source, Wanted};
+use cloud::{Bounds, Chunk, Cloud, Column, PointTest, Progress, ShownPoints};
+use codec::{Runs, Selection, Source, Units, Wanted};
 use glam::{DVec3, I64Vec3};
 use measure::{Change, DistanceFigures, M3c2, PointTree, nearest_distances};
 use param::Bytes;
@@ -26,10 +26,13 @@ const CORES_AT_ONCE: usize = 1 << 14;
 /// The bytes that a point takes in a tree: its place, and its share of the planes and boxes, of which there are at most
 /// two for twelve points.
 const TREE_BYTES: u64 = 31;
-/// The bytes of a distance or a level of detection, which every point of the first cloud gets.
+/// The bytes of a distance or a level of detection, which every point of the first cloud gets, and those more of a double.
 const VALUE_BYTES: u64 = 4;
+const MORE_BYTES: u64 = 4;
+/// Points whose numbers are all below this get floats, whose steps are half a thousandth at most; others get doubles.
+const LONGEST_FLOAT: f64 = 4096.0;
 /// The bytes of a core point with its cube.
-const CORE_BYTES: u64 = 96;
+const CORE_BYTES: u64 = 112;
 const GIB: u64 = 1 << 30;
 
 /// One of the two clouds, and which of its points are shown.
@@ -40,6 +43,7 @@ pub struct Side {
     pub left_out: Vec<Vec<u64>>,
     /// The axis that points up.
     pub up: DVec3,
+    pub units: Units,
     pub settings: Settings,
 }
 
@@ -83,7 +87,7 @@ pub struct Measured {
 }
 
 /// A distance and its level of detection; NaN where there is none.
-type Value = [f32; 2];
+type Value = [f64; 2];
 
 impl Side {
     fn files(&self) -> usize {
@@ -104,6 +108,11 @@ impl Side {
     /// The points of its files that are shown.
     pub fn wanted(&self) -> Wanted<'_> {
         Wanted { test: &self.test, left_out: &self.left_out }
+    }
+
+    /// A length for people.
+    fn with_unit(&self, length: &str) -> String {
+        self.units.length().map_or_else(|| format!("{length} units"), |unit| format!("{length} {unit}"))
     }
 
     fn shows_all(&self) -> bool {
@@ -239,8 +248,17 @@ impl Room {
 }
 
 /// The values of all files in their order.
-fn values_of(runs: &[Runs]) -> impl Iterator<Item = f32> {
-    runs.iter().flat_map(Runs::values).flatten().copied()
+fn values_of(runs: &[Runs]) -> impl Iterator<Item = f64> {
+    runs.iter().flat_map(Runs::values).flat_map(|run| (0..run.len()).map(|index| run.value(index)))
+}
+
+/// Numbers in the type that keeps their precision: floats near 4,424 km differ by half a metre.
+fn column_of(values: Vec<f64>) -> Column {
+    if values.iter().any(|value| value.abs() >= LONGEST_FLOAT) {
+        Column::F64(values)
+    } else {
+        Column::F32(values.into_iter().map(|value| value as f32).collect())
+    }
 }
 
 fn places_of(cloud: &Cloud, chunk: &Chunk, indices: impl Iterator<Item = usize>) -> Vec<DVec3> {
@@ -289,11 +307,11 @@ pub fn compare(
     };
     let values = |places: &[DVec3]| -> Vec<Value> {
         let Some(method) = &m3c2 else {
-            return nearest_distances(&second_tree, places).into_iter().map(|distance| [distance, f32::NAN]).collect();
+            return nearest_distances(&second_tree, places).into_iter().map(|distance| [distance, f64::NAN]).collect();
         };
-        let level = |change: Change| change.level.map_or(f32::NAN, |level| level as f32);
-        let value =
-            |change: Option<Change>| change.map_or([f32::NAN; 2], |change| [change.distance as f32, level(change)]);
+        let value = |change: Option<Change>| {
+            change.map_or([f64::NAN; 2], |change| [change.distance, change.level.unwrap_or(f64::NAN)])
+        };
         method.changes(&first_tree, &second_tree, places).into_iter().map(value).collect()
     };
     let cores = match core {
@@ -320,6 +338,7 @@ pub fn compare(
     };
     let none = || vec![Runs::new(); first.files()];
     let lists = Mutex::new((none(), m3c2.is_some().then(none)));
+    let first_bounds = Mutex::new(Bounds::EMPTY);
     let read = first.read(progress, &room, |number, cloud, chunk, shown| {
         let indices: Vec<usize> = shown.indices(chunk.len()).collect();
         let places = places_of(cloud, chunk, indices.iter().copied());
@@ -328,32 +347,46 @@ pub fn compare(
             None => values(&places),
         };
         let run = |which: usize| {
-            let mut run = vec![f32::NAN; chunk.len()];
+            let mut run = vec![f64::NAN; chunk.len()];
             indices.iter().zip(&values).for_each(|(index, value)| run[*index] = value[which]);
-            run
+            let run = column_of(run);
+            room.take(if matches!(run, Column::F64(_)) { run.len() as u64 * MORE_BYTES } else { 0 });
+            Arc::new(run)
         };
+        let mut own = Bounds::EMPTY;
+        places.iter().for_each(|place| own.include(*place));
+        let mut bounds = first_bounds.lock().unwrap_or_else(PoisonError::into_inner);
+        *bounds = bounds.union(own);
+        drop(bounds);
         let mut lists = lists.lock().unwrap_or_else(PoisonError::into_inner);
         let (distances, levels) = &mut *lists;
         distances[number].insert(chunk.first_point, run(0));
         levels.iter_mut().for_each(|levels| drop(levels[number].insert(chunk.first_point, run(1))));
     })?;
+    room.check()?;
     if progress.is_cancelled() {
         return Ok(None);
     }
+    let first_bounds = first_bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let gap = world::far_gap(first_bounds, second_tree.bounds());
+    let apart = gap.map(|gap| format!("the clouds lie {} apart", first.with_unit(&format!("{gap:.0}"))));
+    let of_systems = "more than ten times the size of the larger one: do they have one coordinate system?";
+    warnings.extend(apart.iter().map(|apart| format!("{apart}, {of_systems}")));
     warnings.extend(read.into_iter().filter(|_| !has_tree && core.is_none()));
     drop((first_tree, second_tree));
     let (distances, levels) = lists.into_inner().unwrap_or_else(PoisonError::into_inner);
     let measured: Vec<Value> = match cores {
         Some(cores) => cores.in_order(),
         None => {
-            let levels = levels.as_deref().into_iter().flat_map(values_of).chain(std::iter::repeat(f32::NAN));
+            let levels = levels.as_deref().into_iter().flat_map(values_of).chain(std::iter::repeat(f64::NAN));
             values_of(&distances).zip(levels).map(|(distance, level)| [distance, level]).collect()
         }
     };
     let is_significant = |[distance, level]: &&Value| distance.abs() > *level;
     let beyond = measured.iter().filter(is_significant).count() as f64;
     let figures = DistanceFigures::of(measured.into_iter().map(|[distance, _]| distance).collect());
-    let figures = figures.context("no point of the first cloud has a distance to the second");
+    let apart = apart.map_or(String::new(), |apart| format!(": {apart}"));
+    let figures = figures.with_context(|| format!("no point of the first cloud has a distance to the second{apart}"));
     let figures = figures.map_err(|error| usage(error.to_string()))?;
     let significant = levels.is_some().then(|| beyond / figures.points as f64);
     Ok(Some((Measured { distances, levels, figures, significant }, warnings)))
@@ -422,7 +455,7 @@ struct Cores {
 
 impl Cores {
     fn value(&self, place: DVec3) -> Value {
-        self.values.get(&cell_of(place, self.edge)).copied().unwrap_or([f32::NAN; 2])
+        self.values.get(&cell_of(place, self.edge)).copied().unwrap_or([f64::NAN; 2])
     }
 
     /// What was measured, in the order of the cubes, so that sums come out the same each time.
@@ -464,7 +497,8 @@ mod tests {
         let chunks = vec![chunk(0, count / 2), chunk(count / 2, count - count / 2)];
         let points = Points::Memory(Cloud { chunks, ..Cloud::default() });
         let (test, left_out) = (PointTest::default(), Vec::new());
-        Side { points, test, left_out, up: DVec3::Z, settings: Settings::default() }
+        let (units, settings) = (Units::default(), Settings::default());
+        Side { points, test, left_out, up: DVec3::Z, units, settings }
     }
 
     #[test]
@@ -479,8 +513,9 @@ mod tests {
         // The plate is in one layer of cubes, as it is thinner than they are.
         assert_eq!(some.figures.points, 64);
         assert!((some.figures.mean - 0.5).abs() < 1e-3);
-        assert!(some.distances[0].values().flatten().all(|distance| (distance - 0.5).abs() < 0.02));
-        let mut different: Vec<u32> = some.distances[0].values().flatten().map(|distance| distance.to_bits()).collect();
+        assert!(values_of(&some.distances).all(|distance| (distance - 0.5).abs() < 0.02));
+        assert!(some.distances[0].values().all(|run| matches!(**run, Column::F32(_))));
+        let mut different: Vec<u64> = values_of(&some.distances).map(f64::to_bits).collect();
         different.sort_unstable();
         different.dedup();
         assert!(different.len() <= 64, "{}", different.len());
@@ -519,6 +554,29 @@ mod tests {
         assert!((100..1000).contains(&some.figures.points), "{:?}", some.figures);
         // Not even the distances fit.
         assert!(of(4000, 4000 * VALUE_BYTES - 1, nearest, None).is_err());
+    }
+
+    #[test]
+    fn clouds_that_lie_far_apart_are_told_and_keep_the_precision_of_their_distances() {
+        let [first, mut second] = [side(4000, 1, 0.0), side(4000, 2, 0.0)];
+        let Points::Memory(cloud) = &mut second.points else { unreachable!() };
+        cloud.chunks.iter_mut().for_each(|chunk| chunk.origin.x += 4_424_000.0);
+        let compared = compare(&first, &second, Method::Nearest, None, &Progress::default());
+        let (measured, warnings) = compared.unwrap().unwrap();
+        assert!(warnings.len() == 1 && warnings[0].starts_with("the clouds lie 4423996 units apart"), "{warnings:?}");
+        let mut distances: Vec<u64> = values_of(&measured.distances).map(f64::to_bits).collect();
+        distances.sort_unstable();
+        distances.dedup();
+        assert!(distances.len() > 3900, "{} different ones", distances.len());
+        let Points::Memory(cloud) = &first.points else { unreachable!() };
+        let Points::Memory(other) = &second.points else { unreachable!() };
+        let place = cloud.chunks[0].position(7);
+        let others = other.chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|index| chunk.position(index)));
+        let nearest = others.map(|other| other.distance(place)).fold(f64::INFINITY, f64::min);
+        assert!((values_of(&measured.distances).nth(7).unwrap() - nearest).abs() < 1e-6);
+        let m3c2 = compare(&first, &second, Method::M3c2(Scales::default()), None, &Progress::default());
+        let error = m3c2.err().unwrap().to_string();
+        assert!(error.ends_with("a distance to the second: the clouds lie 4423996 units apart"), "{error}");
     }
 
     #[test]

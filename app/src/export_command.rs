@@ -214,8 +214,7 @@ fn columns(sources: &[Arc<Source>], added: &[(PathBuf, String, Arc<Runs>)]) -> V
         let of_file = added.iter().find(|(path, name, _)| *path == source.info().path && name == wanted);
         of_file.map_or_else(Runs::new, |(_, _, values)| values.as_ref().clone())
     };
-    let column =
-        |name: &String| Added { name: name.clone(), values: sources.iter().map(|source| list(source, name)).collect() };
+    let column = |name: &String| Added::new(name.clone(), sources.iter().map(|source| list(source, name)).collect());
     names.into_iter().map(column).collect()
 }
 

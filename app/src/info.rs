@@ -52,6 +52,8 @@ struct FileReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     neighbourhoods: Option<NeighbourhoodReport>,
     warnings: Vec<String>,
+    #[serde(skip)]
+    known_units: Units,
     /// How many decimals coordinates are printed with for people, if they lie on a grid.
     #[serde(skip)]
     decimals: Option<usize>,
@@ -170,9 +172,10 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
         attributes: attributes_report(&info.properties),
         crs: info.crs.clone(),
         units: units(&info.units),
+        known_units: info.units,
         without_colour: None,
         neighbourhoods: None,
-        warnings: info.warnings.clone(),
+        warnings: info.warnings.iter().cloned().chain(info.units.warning()).collect(),
         decimals: info.grid.map(|grid| decimals(grid.scale.min_element())),
     };
     let small = std::fs::metadata(path).is_ok_and(|metadata| metadata.len() <= READ_WITHOUT_ASKING);
@@ -297,16 +300,6 @@ fn units(units: &Units) -> UnitsReport {
     UnitsReport { level: written(units.level), height: written(units.height) }
 }
 
-/// The units for people: `m`, or `ftUS, heights in m`.
-fn units_text(UnitsReport { level, height }: &UnitsReport) -> String {
-    match (level, height) {
-        (None, None) => "unknown".into(),
-        (Some(level), None) => level.clone(),
-        (Some(level), Some(height)) if level == height => level.clone(),
-        (level, Some(height)) => format!("{}, heights in {height}", level.as_deref().unwrap_or("unknown")),
-    }
-}
-
 /// How many decimals a multiple of `scale` needs: 2 for 0.01 and for 0.05.
 fn decimals(scale: f64) -> usize {
     let is_whole = |scaled: f64| scaled.round() >= 1.0 && (scaled - scaled.round()).abs() < 1e-6;
@@ -353,13 +346,14 @@ fn lines(report: &FileReport) -> Vec<String> {
     }
     let crs = report.crs.as_deref().and_then(|crs| crs.lines().find(|line| !line.trim().is_empty()));
     line("crs", &crs.map_or("none".into(), |crs| shortened(crs.trim(), 100)));
-    line("units", &units_text(&report.units));
+    line("units", &report.known_units.text());
     if let Some(blank) = report.without_colour.filter(|blank| *blank > 0) {
         line("no colour", &format!("{} points", grouped(blank)));
     }
     if let Some(NeighbourhoodReport { strays, noise, .. }) = &report.neighbourhoods {
         line("strays", &format!("{}% of the points", two_digits(100.0 * strays)));
-        line("noise", &noise.map_or("unknown: no surface".into(), two_digits));
+        let unit = report.known_units.length().map_or(String::new(), |unit| format!(" {unit}"));
+        line("noise", &noise.map_or("unknown: no surface".into(), |noise| format!("{}{unit}", two_digits(noise))));
     }
     for warning in param::few(report.warnings.clone(), "warnings") {
         line("warning", &warning);
@@ -415,17 +409,6 @@ fn shortened(text: &str, limit: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn units_are_told_and_heights_apart_where_theirs_are_others() {
-        let text = |level, height| units_text(&units(&Units { level, height }));
-        let (metre, foot) = (Some(Unit::Metre), Some(Unit::SurveyFoot));
-        assert_eq!(text(None, None), "unknown");
-        assert_eq!([text(metre, None), text(metre, metre)], ["m", "m"]);
-        assert_eq!(text(foot, metre), "ftUS, heights in m");
-        assert_eq!(text(None, metre), "unknown, heights in m");
-        assert_eq!(text(Some(Unit::Degree), metre), "°, heights in m");
-    }
 
     #[test]
     fn numbers_read_well() {

@@ -122,13 +122,6 @@ fn rounds(measurements: &[Measurement], memory: u64) -> Vec<&[Measurement]> {
 
 impl Basis {
     fn new(info: &Info, settings: &Settings) -> Self {
-        if let (true, Some(level), Some(height)) = (info.units.are_mixed(), info.units.level, info.units.height) {
-            terminal::warn([format!(
-                "heights are in {height} and the other coordinates in {level}: no lengths have a unit"
-            )]);
-        } else if info.units.are_mixed() {
-            terminal::warn(["the coordinates are angles: no lengths have a unit"]);
-        }
         Self { units: info.units, up: world::up_of(info, settings) }
     }
 
@@ -157,7 +150,7 @@ impl Job {
         }
         self.files = readable;
         if is_first {
-            let systems = world::other_systems(&self.read);
+            let systems = world::system_warnings(&self.read);
             terminal::warn(param::few(systems, "warnings"));
         }
         let gathered = gatherings.into_iter().map(|one| one.into_inner().unwrap_or_else(PoisonError::into_inner));

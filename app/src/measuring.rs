@@ -18,8 +18,16 @@ const MOST_DECIMALS: i32 = 9;
 /// What kind of number a figure is, which decides its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
+    /// A length in any direction.
     Length,
+    /// A length along x or y, or across both.
+    Level,
+    /// A length along z.
+    Rise,
+    /// An area in any direction.
     Area,
+    /// An area on the map.
+    LevelArea,
     Volume,
     /// In degrees.
     Angle,
@@ -59,14 +67,22 @@ impl Figure {
 
     /// The unit, if the file of the points tells one.
     pub fn unit(&self, units: &Units) -> Option<String> {
-        let power = match self.quantity {
-            Quantity::Angle => return Some("°".into()),
-            Quantity::Count | Quantity::Share => return None,
-            Quantity::Length => "",
-            Quantity::Area => "²",
-            Quantity::Volume => "³",
-        };
-        units.length().map(|unit| format!("{unit}{power}"))
+        let (length, level, rise) = (units.length(), units.level, units.rise());
+        // A square degree is no area.
+        let level_length = level.filter(|unit| !unit.is_angle());
+        match self.quantity {
+            Quantity::Count | Quantity::Share => None,
+            Quantity::Angle => Some("°".into()),
+            Quantity::Length => length.map(|unit| unit.to_string()),
+            Quantity::Level => level.map(|unit| unit.to_string()),
+            Quantity::Rise => rise.map(|unit| unit.to_string()),
+            Quantity::Area => length.map(|unit| format!("{unit}²")),
+            Quantity::LevelArea => level_length.map(|unit| format!("{unit}²")),
+            Quantity::Volume => match length {
+                Some(unit) => Some(format!("{unit}³")),
+                None => level_length.zip(rise).map(|(level, rise)| format!("{level}²·{rise}")),
+            },
+        }
     }
 
     /// How many figures of a measurement are shown where there is little room.
@@ -109,6 +125,16 @@ impl Figure {
     }
 }
 
+/// What lengths across and along the axis that points up are, and areas across it. Only where z points up, they are those
+/// of the map and of heights.
+fn directions(up: DVec3) -> (Quantity, Quantity, Quantity) {
+    if up.z.abs() > 0.999 {
+        (Quantity::Level, Quantity::Rise, Quantity::LevelArea)
+    } else {
+        (Quantity::Length, Quantity::Length, Quantity::Area)
+    }
+}
+
 /// The figures that corners have by themselves; none for a fit or a volume, or while corners are missing.
 pub fn of_corners(kind: MeasurementKind, corners: &[DVec3], up: DVec3) -> Vec<Figure> {
     with_scatter(kind, corners, up, &vec![None; corners.len()])
@@ -145,6 +171,7 @@ fn with_scatter(kind: MeasurementKind, corners: &[DVec3], up: DVec3, scatter: &[
     }
     let covariances: Option<Vec<DMat3>> =
         scatter.iter().map(|scatter| scatter.as_ref().map(Scatter::covariance)).collect();
+    let (level_length, rise_length, level_area) = directions(up);
     let figure = |name: &'static str, quantity: Quantity, of: &dyn Fn(&[DVec3]) -> f64| {
         let deviation = covariances.as_ref().map(|covariances| measure::spread(of, corners, covariances));
         Figure::new(name, quantity, of(corners), deviation)
@@ -157,9 +184,9 @@ fn with_scatter(kind: MeasurementKind, corners: &[DVec3], up: DVec3, scatter: &[
     match kind {
         MeasurementKind::Point => {
             let mut figures = vec![
-                length("x", &|corners| corners[0].x),
-                length("y", &|corners| corners[0].y),
-                length("z", &|corners| corners[0].z),
+                figure("x", Quantity::Level, &|corners| corners[0].x),
+                figure("y", Quantity::Level, &|corners| corners[0].y),
+                figure("z", Quantity::Rise, &|corners| corners[0].z),
             ];
             if let Some(Some(Scatter { spacing, noise, .. })) = scatter.first() {
                 figures.push(Figure::new("spacing", Quantity::Length, *spacing, None));
@@ -169,14 +196,16 @@ fn with_scatter(kind: MeasurementKind, corners: &[DVec3], up: DVec3, scatter: &[
         }
         MeasurementKind::Distance => vec![
             length("distance", &measure::length),
-            length("horizontal", &|corners| measure::length(&level(corners))),
-            length("vertical", &rise),
+            figure("horizontal", level_length, &|corners| measure::length(&level(corners))),
+            figure("vertical", rise_length, &rise),
         ],
         MeasurementKind::Polyline => {
-            vec![length("length", &measure::length), length("horizontal", &|corners| measure::length(&level(corners)))]
+            let horizontal = figure("horizontal", level_length, &|corners| measure::length(&level(corners)));
+            vec![length("length", &measure::length), horizontal]
         }
         MeasurementKind::Height => {
-            vec![length("height", &rise), length("horizontal", &|corners| measure::length(&level(corners)))]
+            let horizontal = figure("horizontal", level_length, &|corners| measure::length(&level(corners)));
+            vec![figure("height", rise_length, &rise), horizontal]
         }
         MeasurementKind::Angle => {
             let angle = |corners: &[DVec3]| measure::angle(corners[0], corners[1], corners[2]).to_degrees();
@@ -185,7 +214,7 @@ fn with_scatter(kind: MeasurementKind, corners: &[DVec3], up: DVec3, scatter: &[
         MeasurementKind::Area => {
             let mut figures = vec![
                 figure("area", Quantity::Area, &measure::area),
-                figure("level area", Quantity::Area, &|corners| measure::area(&level(corners))),
+                figure("level area", level_area, &|corners| measure::area(&level(corners))),
                 length("perimeter", &|corners| measure::length(&closed(corners))),
             ];
             if let Ok(plane) = measure::plane(corners) {
@@ -284,7 +313,7 @@ impl Gathering {
         match kind {
             MeasurementKind::Plane => Ok(plane(&measure::plane(&self.fitted).map_err(told)?, self.up)),
             MeasurementKind::Cylinder => Ok(cylinder(&measure::cylinder(&self.fitted).map_err(told)?, self.up)),
-            MeasurementKind::Volume => volume(self.grid.map(|grid| grid.map_err(told))),
+            MeasurementKind::Volume => volume(self.grid.map(|grid| grid.map_err(told)), self.up),
             _ => {
                 let around = |nearest: &Nearest| Scatter::around(nearest.place(), &nearest.points());
                 let scatter: Vec<Option<Scatter>> = self.nearest.iter().map(around).collect();
@@ -334,19 +363,20 @@ fn cylinder(round: &measure::Round, up: DVec3) -> Vec<Figure> {
     figures
 }
 
-fn volume(grid: Option<Result<VolumeGrid, String>>) -> Outcome {
+fn volume(grid: Option<Result<VolumeGrid, String>>, up: DVec3) -> Outcome {
     let Some(grid) = grid.transpose()? else { return Ok(Vec::new()) };
     let volume = grid.volume();
     if volume.points == 0 {
         return Err("no points lie above or below its corners".into());
     }
+    let (level_length, _, level_area) = directions(up);
     Ok(vec![
         Figure::new("volume", Quantity::Volume, volume.above - volume.below, Some(volume.deviation)),
         Figure::new("above", Quantity::Volume, volume.above, None),
         Figure::new("below", Quantity::Volume, volume.below, None),
-        Figure::new("level area", Quantity::Area, volume.area, None),
-        Figure::new("area without points", Quantity::Area, volume.empty_area, None),
-        Figure::new("cell", Quantity::Length, volume.cell, None),
+        Figure::new("level area", level_area, volume.area, None),
+        Figure::new("area without points", level_area, volume.empty_area, None),
+        Figure::new("cell", level_length, volume.cell, None),
         Figure::new("points", Quantity::Count, volume.points as f64, None),
     ])
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use cloud::{Chunk, Cloud};
+use codec::{Unit, Units};
 use glam::DVec3;
 use render::ColorPlan;
 use study::SubjectPart;
@@ -29,6 +30,19 @@ pub struct Series {
     pub total: u64,
 }
 
+/// The units along the line of a profile and of its heights.
+pub type AxisUnits = [Option<Unit>; 2];
+
+/// The units of the axes of a profile of coordinates with these units. Only where z points up, lines lie on the map.
+pub fn axis_units(units: &Units, up: DVec3) -> AxisUnits {
+    if up.z.abs() > 0.999 { [units.level, units.rise()] } else { [units.length(); 2] }
+}
+
+/// A unit behind the name of an axis.
+pub fn in_brackets(unit: Option<Unit>) -> String {
+    unit.map_or(String::new(), |unit| format!(" ({unit})"))
+}
+
 /// The most points that a chart shows: of more, evenly many are left out, and the title says so. Each is a line of an
 /// SVG file.
 const MOST_VECTORS: usize = 50_000;
@@ -47,16 +61,17 @@ const INK: [u8; 3] = [40, 40, 40];
 const GRID: [u8; 3] = [225, 225, 225];
 
 /// Writes the chart as the file's ending says: `.svg`, or else a PNG. The first profile has the colours of its points;
-/// the others lie behind it, each in a colour of its own. `unit` is that of the coordinates, if it is known.
+/// the others lie behind it, each in a colour of its own. `units` are those along the line and of heights, if they are
+/// known (`axis_units`).
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(path: &Path, series: &[Series], unit: Option<&str>) -> anyhow::Result<()> {
+pub fn write(path: &Path, series: &[Series], units: AxisUnits) -> anyhow::Result<()> {
     if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
-        let (drawn, size) = chart(series, unit, MOST_VECTORS);
+        let (drawn, size) = chart(series, units, MOST_VECTORS);
         return picture_file::write_text(path, &shapes::svg(&drawn, size)?);
     }
-    let (drawn, size) = chart(series, unit, MOST_PIXELS);
+    let (drawn, size) = chart(series, units, MOST_PIXELS);
     picture_file::write_bytes(path, &shapes::png(&drawn, size)?)
 }
 
@@ -95,7 +110,7 @@ fn names(series: &[Series]) -> (Vec<Shape>, f64) {
 
 /// Lengths along and up have the same scale, unless the chart would be too low or too high; then its axis says how much
 /// it is stretched.
-fn chart(series: &[Series], unit: Option<&str>, most: usize) -> (Vec<Shape>, [u32; 2]) {
+fn chart(series: &[Series], units: AxisUnits, most: usize) -> (Vec<Shape>, [u32; 2]) {
     let all = || series.iter().flat_map(|one| &one.dots);
     let (count, total) = (all().count(), series.iter().map(|one| one.total).sum());
     let range = |of: fn(&Dot) -> f64, margin: f64| {
@@ -115,7 +130,13 @@ fn chart(series: &[Series], unit: Option<&str>, most: usize) -> (Vec<Shape>, [u3
     let (listed, listed_height) = if series.len() > 1 { names(series) } else { (Vec::new(), 0.0) };
     let above = title + listed_height;
     let plot_width = WIDTH - left - right;
-    let even = (height.1 - height.0) / (along.1 - along.0) * plot_width;
+    // Of two known lengths, the axes have one scale; those of angles and heights have none in common.
+    let [of_along, of_height] = units.map(|unit| unit.map(|unit| unit.metres()));
+    let scale = match (of_along, of_height) {
+        (Some(along), Some(height)) => along.zip(height).map(|(along, height)| height / along),
+        (along, height) => [along, height].into_iter().flatten().all(|metres| metres.is_some()).then_some(1.0),
+    };
+    let even = (height.1 - height.0) / (along.1 - along.0) * plot_width * scale.unwrap_or(1.0);
     let plot_height = even.clamp(HEIGHTS[0], HEIGHTS[1]);
     let place = |x: f64, y: f64| {
         let across = left + (x - along.0) / (along.1 - along.0) * plot_width;
@@ -168,12 +189,16 @@ fn chart(series: &[Series], unit: Option<&str>, most: usize) -> (Vec<Shape>, [u3
         }
         other => other,
     }));
-    let unit = unit.map_or(String::new(), |unit| format!(" ({unit})"));
+    let [of_along, of_height] = units.map(in_brackets);
     let stretch = plot_height / even;
-    let stretched = if (stretch - 1.0).abs() > 0.005 { format!(", heights x {stretch:.2}") } else { String::new() };
+    let stretched = if scale.is_some() && (stretch - 1.0).abs() > 0.005 {
+        format!(", heights x {stretch:.2}")
+    } else {
+        String::new()
+    };
     let bottom = above + plot_height + below - 16.0;
-    drawn.push(words((left + plot_width * 0.5, bottom), format!("along{unit}{stretched}"), Anchor::Middle));
-    drawn.push(words((18.0, above + plot_height * 0.5), format!("height{unit}"), Anchor::Upward));
+    drawn.push(words((left + plot_width * 0.5, bottom), format!("along{of_along}{stretched}"), Anchor::Middle));
+    drawn.push(words((18.0, above + plot_height * 0.5), format!("height{of_height}"), Anchor::Upward));
     (drawn, [WIDTH as u32, (above + plot_height + below) as u32])
 }
 
@@ -195,6 +220,8 @@ pub fn colors_of(cloud: &Cloud, chunk: &Chunk, plan: &ColorPlan, up: DVec3) -> V
 mod tests {
     use super::*;
 
+    const NONE: AxisUnits = [None; 2];
+
     fn slope(count: usize) -> Vec<Dot> {
         let dot = |index: usize| {
             let along = index as f64 / (count - 1) as f64 * 20.0;
@@ -214,7 +241,7 @@ mod tests {
 
     #[test]
     fn a_slope_is_a_slope_on_the_chart_at_one_scale_both_ways() {
-        let (drawn, size) = chart(&one("slope", slope(1000), 1000), Some("m"), MOST_PIXELS);
+        let (drawn, size) = chart(&one("slope", slope(1000), 1000), [Some(Unit::Metre); 2], MOST_PIXELS);
         let places = discs(&drawn);
         assert_eq!(places.len(), 1000);
         let (first, last) = (places[0], places[999]);
@@ -226,14 +253,32 @@ mod tests {
     }
 
     #[test]
+    fn axes_in_different_units_have_one_scale_where_both_are_lengths() {
+        let rise = |units: AxisUnits| {
+            let (drawn, size) = chart(&one("slope", slope(1000), 1000), units, MOST_PIXELS);
+            let (places, text) = (discs(&drawn), shapes::svg(&drawn, size).unwrap());
+            ((places[0].1 - places[999].1) / (places[999].0 - places[0].0), text)
+        };
+        let (slope, text) = rise([Some(Unit::Other(0.5)), Some(Unit::Metre)]);
+        assert!((slope - 900.0 / (WIDTH - MARGINS[0] - MARGINS[1])).abs() < 1e-9 && text.contains("heights x 0.8"));
+        let (slope, text) = rise([Some(Unit::Metre), Some(Unit::Foot)]);
+        assert!((slope - 0.1524).abs() < 1e-9 && text.contains("along (m)") && !text.contains("heights x"), "{slope}");
+        let (_, text) = rise([Some(Unit::Degree), Some(Unit::Metre)]);
+        assert!(text.contains("along (°)") && text.contains("height (m)") && !text.contains("heights x"));
+        let units = Units { level: Some(Unit::Foot), height: Some(Unit::Metre) };
+        assert_eq!(axis_units(&units, DVec3::Z), [Some(Unit::Foot), Some(Unit::Metre)]);
+        assert_eq!(axis_units(&units, DVec3::Y), NONE);
+    }
+
+    #[test]
     fn too_many_points_and_a_stretch_are_told() {
         let mut dots = slope(1000);
         dots.iter_mut().for_each(|dot| dot.height = 100.0 + dot.along * 0.001);
-        let (drawn, size) = chart(&one("flat", dots, 4000), None, 300);
+        let (drawn, size) = chart(&one("flat", dots, 4000), NONE, 300);
         assert_eq!(discs(&drawn).len(), 250);
         let text = shapes::svg(&drawn, size).unwrap();
         assert!(text.contains("flat: 250 of 4") && text.contains("along, heights x "), "{text}");
-        let (nothing, _) = chart(&one("empty", Vec::new(), 0), None, 300);
+        let (nothing, _) = chart(&one("empty", Vec::new(), 0), NONE, 300);
         assert_eq!(discs(&nothing).len(), 0);
         assert!(shapes::png(&nothing, size).is_ok());
     }
@@ -242,7 +287,7 @@ mod tests {
     fn profiles_behind_the_first_have_colours_of_their_own_and_all_are_named() {
         let name = |index: usize| if index == 0 { "wall".to_owned() } else { format!("wall {}", index + 1) };
         let series: Vec<Series> = (0..30).map(|index| one(&name(index), slope(100), 100).remove(0)).collect();
-        let (drawn, size) = chart(&series[..5], None, MOST_PIXELS);
+        let (drawn, size) = chart(&series[..5], NONE, MOST_PIXELS);
         let text = shapes::svg(&drawn, size).unwrap();
         assert!(text.contains("5 profiles: 500 points") && text.contains("wall 5"), "{text:.300}");
         // The first is drawn last, over the others.
@@ -262,7 +307,7 @@ mod tests {
             low.fold(0.0, f64::max)
         };
         let highest = |drawn: &[Shape]| discs(drawn).iter().map(|at| at.1).rev().take(100).fold(f64::MAX, f64::min);
-        let (many, _) = chart(&series, None, MOST_PIXELS);
+        let (many, _) = chart(&series, NONE, MOST_PIXELS);
         assert!(lowest_name(&many) > lowest_name(&drawn));
         let text = shapes::svg(&many, size).unwrap();
         assert!(text.contains("and 7 more") && !text.contains("wall 24"), "{text:.300}");

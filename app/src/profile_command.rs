@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use cloud::{Chunk, Cloud, PointTest, Progress, Volume};
-use codec::{ExportFormat, Exported, Info, Selection, Source, Units, Wanted};
+use codec::{ExportFormat, Exported, Info, Selection, Source, Unit, Units, Wanted};
 use glam::DVec3;
 use measure::{Placed, Section};
 use render::ColorPlan;
@@ -16,7 +16,7 @@ use world::Request;
 
 use crate::command_line::ProfileArguments;
 use crate::failure::{self, FAILED, UNUSABLE, usage};
-use crate::profile_chart::{self, Dot, Series, colors_of};
+use crate::profile_chart::{self, AxisUnits, Dot, Series, axis_units, colors_of};
 use crate::terminal::{self, Few};
 use crate::{export_command, interrupt, picture_file, progress_bar};
 
@@ -139,7 +139,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     if let (Kind::Points, Some(output)) = (kind, &arguments.output) {
         return export(&request, &asked, output, arguments.json);
     }
-    let (mut table, mut status, mut is_any) = (Table::new(&asked), 0, false);
+    let (mut table, mut status, mut read_ones) = (Table::new(&asked), 0, Vec::new());
     let mut failed = Few::of("that cannot be read");
     for input in &request.inputs {
         let files = input.files();
@@ -170,9 +170,10 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         for (number, source) in sources.iter().enumerate() {
             match read(source, &left_out[number..=number], &asked, &mut table) {
                 Ok(warnings) => {
-                    is_any = true;
-                    let name = shown(&source.info().path);
-                    terminal::warn(warnings.iter().map(|warning| format!("{name}: {warning}")));
+                    let info = source.info();
+                    let of_points = warnings.iter().map(|warning| format!("{}: {warning}", shown(&info.path)));
+                    terminal::warn(world::file_warnings(info).chain(of_points));
+                    read_ones.push(info.clone());
                 }
                 Err(error) => complain(&error),
             }
@@ -180,9 +181,10 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         }
     }
     failed.end();
-    if !is_any {
+    if read_ones.is_empty() {
         return Ok(status);
     }
+    terminal::warn(param::few(world::system_warnings(&read_ones), "warnings"));
     let is_empty = |section: usize| table.extents[section].points == 0;
     let empty: Vec<usize> = (0..table.sections.len()).filter(|section| is_empty(*section)).collect();
     match empty.as_slice() {
@@ -394,9 +396,18 @@ impl Table {
             let Extent { points, along, height } = *extent;
             json!({ "name": name, "points": points, "along": range(along), "height": range(height) })
         };
-        let unit = self.parts.first().and_then(|part| part.units.length()).map(|unit| unit.to_string());
+        let text = |unit: Option<Unit>| unit.map(|unit| unit.to_string());
+        let unit = text(self.parts.first().and_then(|part| part.units.length()));
+        let [along_unit, height_unit] = self.axis_units().map(text);
         let sections: Vec<serde_json::Value> = self.sections.iter().zip(&self.extents).map(section).collect();
-        json!({ "path": path.map(shown), "unit": unit, "profiles": sections })
+        json!({
+            "path": path.map(shown), "unit": unit, "along_unit": along_unit, "height_unit": height_unit,
+            "profiles": sections,
+        })
+    }
+
+    fn axis_units(&self) -> AxisUnits {
+        self.parts.first().map_or([None; 2], |part| axis_units(&part.units, part.up))
     }
 
     fn add(&mut self, cloud: Cloud, pieces: Vec<Piece>, (up, units): (DVec3, Units)) {
@@ -432,8 +443,7 @@ impl Table {
         }
         let series = |(name, dots): (&String, Vec<Dot>)| Series { name: name.clone(), total: dots.len() as u64, dots };
         let series: Vec<Series> = self.sections.iter().zip(dots).map(series).collect();
-        let unit = self.parts.first().and_then(|part| part.units.length()).map(|unit| unit.to_string());
-        profile_chart::write(output, &series, unit.as_deref())
+        profile_chart::write(output, &series, self.axis_units())
     }
 
     /// The rows by section and by distance along its line; of equal ones, in the order of files and points. Of several

@@ -107,7 +107,7 @@ pub fn open(
             .map(|loaded| loaded.place(cloud::robust_bounds(&loaded.cloud.shown(&test).chunks)))
             .collect::<Vec<_>>(),
     );
-    terminal::warn(param::few(apart.warnings, "clouds that lie elsewhere"));
+    terminal::warn(param::few(apart.warnings, "warnings about where clouds lie"));
     let near = loads.shown(&hidden).zip(apart.is_near).filter(|(_, is_near)| *is_near);
     let outline = near.flat_map(|(loaded, _)| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));
     let outline: Vec<DVec3> = outline.chain(own.flat_map(mirrors::outline)).collect();

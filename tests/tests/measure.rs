@@ -206,7 +206,7 @@ fn values_are_the_same_in_every_run_and_feet_are_feet() {
     assert_eq!(unit(&metres), ("m".into(), "m²".into()));
     let (mixed, messages) = scene("copc/simple_with_hierarchy_page.copc.laz");
     assert_eq!(unit(&mixed), (Value::Null, Value::Null));
-    assert!(messages.contains("heights are in ftUS and the other coordinates in m"), "{messages}");
+    assert!(messages.contains("the units are mixed: x and y are in m, heights in ftUS"), "{messages}");
 }
 
 #[test]

@@ -5,6 +5,7 @@ use egui::epaint::Mesh;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
 use render::{ColorPlan, ColorSource, class_color, class_name, ramp_colors};
 use scene::Ramp;
+use stream::COMPARED;
 
 use super::ground;
 use super::steps;
@@ -37,9 +38,7 @@ impl Legend {
                 (!classes.is_empty()).then(|| Self { title: "class".into(), scale: Scale::Classes(classes) })
             }
             ColorSource::Height | ColorSource::Column(_) => {
-                let unit = units.height.or(units.level).filter(|_| plan.source == ColorSource::Height);
-                let unit = unit.filter(|unit| *unit != codec::Unit::Degree);
-                let title = unit.map_or(plan.label.clone(), |unit| format!("{} ({unit})", plan.label));
+                let title = title(plan, units);
                 let (ramp, low, high) = (plan.ramp, plan.low, plan.high);
                 Some(Self { title, scale: Scale::Ramp { ramp, low, high } })
             }
@@ -101,6 +100,18 @@ impl Legend {
     }
 }
 
+/// The name of what colours show, with its unit where it is known: of heights, and of the distances of a comparison.
+pub fn title(plan: &ColorPlan, units: &Units) -> String {
+    // Further attributes of one name have a number.
+    let name = plan.label.trim_end_matches(|end: char| end.is_ascii_digit()).trim_end_matches('_');
+    let unit = match plan.source {
+        ColorSource::Height => units.rise(),
+        ColorSource::Column(_) => units.length().filter(|_| COMPARED.contains(&name)),
+        _ => None,
+    };
+    unit.map_or(plan.label.clone(), |unit| format!("{} ({unit})", plan.label))
+}
+
 fn class_rows(classes: &[u8]) -> Vec<(String, Color32)> {
     let shown = if classes.len() > MOST_CLASSES { MOST_CLASSES - 1 } else { classes.len() };
     let row = |class: &u8| {
@@ -150,6 +161,10 @@ mod tests {
         let of = |source| Legend::of(&plan(source), &feet, [2, 6].into_iter());
         assert_eq!(of(ColorSource::Height).unwrap().title, "height (ft)");
         assert_eq!(of(ColorSource::Column(0)).unwrap().title, "height", "the unit of an attribute is not known");
+        let distances = ColorPlan { label: "distance_2".into(), ..plan(ColorSource::Column(0)) };
+        let metres = Units { level: Some(Unit::Metre), height: None };
+        let title = |units| Legend::of(&distances, units, std::iter::empty()).unwrap().title;
+        assert_eq!((title(&metres), title(&feet)), ("distance_2 (m)".into(), "distance_2".into()));
         assert_eq!(of(ColorSource::Class).unwrap().scale, Scale::Classes(vec![2, 6]));
         for source in [ColorSource::Rgb, ColorSource::RgbOr(Some(0)), ColorSource::Plain, ColorSource::Normal] {
             assert_eq!(of(source), None);

@@ -7,7 +7,7 @@ mod captions;
 mod directions;
 pub mod ground;
 pub mod labels;
-mod legend;
+pub mod legend;
 mod scale_bar;
 pub mod steps;
 mod wipe;

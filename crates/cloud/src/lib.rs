@@ -48,8 +48,8 @@ pub use robust::{
 pub use shown_radii::radii_among;
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
-    MeshNormals, Orientation, RadiusCount, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
-    guess_orientation, normals_from_triangles, provisional_radius, smallest_eigenvector,
+    ESTIMATOR, MeshNormals, Orientation, RadiusCount, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate,
+    estimate_part, guess_orientation, normals_from_triangles, provisional_radius, smallest_eigenvector,
 };
 pub use triangle_mesh::TriangleMesh;
 pub use visibility::{ChunkTest, ClipVolume, CloudLayout, Filter, PointTest, ShownPoints};

@@ -267,7 +267,7 @@ impl Job<'_> {
         let rows_of = |mut piece: Piece| {
             let left_out = self.wanted.left_out(number, piece.first_point, piece.points);
             piece.kept.retain(|index| !left_out.has(*index as usize));
-            let added = |added: &Added| Column::F32(added.of(number, piece.first_point, piece.points));
+            let added = |added: &Added| added.of(number, piece.first_point, piece.points);
             let added: Vec<Column> = self.added.iter().map(added).collect();
             piece.columns.extend(added);
             piece.columns.extend(own.mark.map(|mark| Column::U8(vec![u8::from(mark); piece.points])));

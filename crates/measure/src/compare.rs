@@ -239,10 +239,10 @@ fn spread_bits(number: u64) -> u64 {
 }
 
 /// The distances to the nearest point of a cloud, one for each place; NaN where a place is not finite.
-pub fn nearest_distances(tree: &PointTree, places: &[DVec3]) -> Vec<f32> {
-    let mut found = vec![f32::NAN; places.len()];
+pub fn nearest_distances(tree: &PointTree, places: &[DVec3]) -> Vec<f64> {
+    let mut found = vec![f64::NAN; places.len()];
     for index in along_curve(places) {
-        found[index] = tree.distance(places[index]).map_or(f32::NAN, |distance| distance as f32);
+        found[index] = tree.distance(places[index]).unwrap_or(f64::NAN);
     }
     found
 }
@@ -287,22 +287,22 @@ pub struct DistanceFigures {
 
 impl DistanceFigures {
     /// Distances that are not finite do not count; `None` if there is no other.
-    pub fn of(mut distances: Vec<f32>) -> Option<Self> {
+    pub fn of(mut distances: Vec<f64>) -> Option<Self> {
         distances.retain(|distance| distance.is_finite());
         let count = distances.len();
-        let mean = distances.iter().map(|distance| f64::from(*distance)).sum::<f64>() / count as f64;
-        let square = |distance: &f32, about: f64| (f64::from(*distance) - about).powi(2);
+        let mean = distances.iter().sum::<f64>() / count as f64;
+        let square = |distance: &f64, about: f64| (distance - about).powi(2);
         let spread = |about: f64| (distances.iter().map(|d| square(d, about)).sum::<f64>() / count as f64).sqrt();
         let (std, rms) = (spread(mean), spread(0.0));
         let mut ranked =
-            |rank: usize| (rank < count).then(|| *distances.select_nth_unstable_by(rank, f32::total_cmp).1);
+            |rank: usize| (rank < count).then(|| *distances.select_nth_unstable_by(rank, f64::total_cmp).1);
         let (lower, upper) = (ranked(count.checked_sub(1)? / 2)?, ranked(count / 2)?);
-        let median = (f64::from(lower) + f64::from(upper)) * 0.5;
+        let median = (lower + upper) * 0.5;
         distances.iter_mut().for_each(|distance| *distance = distance.abs());
         let rank = (count * 95).div_ceil(100) - 1;
-        let p95 = *distances.select_nth_unstable_by(rank, f32::total_cmp).1;
-        let max = distances.iter().copied().fold(0.0, f32::max);
-        Some(Self { points: count as u64, mean, median, std, rms, p95: p95.into(), max: max.into() })
+        let p95 = *distances.select_nth_unstable_by(rank, f64::total_cmp).1;
+        let max = distances.iter().copied().fold(0.0, f64::max);
+        Some(Self { points: count as u64, mean, median, std, rms, p95, max })
     }
 }
 
@@ -418,7 +418,7 @@ mod tests {
         }
         assert!(found.iter().filter(|change| change.is_some()).count() > 20_000);
         let distances = nearest_distances(&second, &points);
-        let alone = |place: &DVec3| second.distance(*place).map_or(f32::NAN, |distance| distance as f32);
+        let alone = |place: &DVec3| second.distance(*place).unwrap_or(f64::NAN);
         assert!(points.iter().zip(&distances).all(|(place, found)| found.to_bits() == alone(place).to_bits()));
     }
 
@@ -438,12 +438,12 @@ mod tests {
 
     #[test]
     fn figures_are_those_of_the_distances() {
-        let figures = DistanceFigures::of(vec![3.0, -4.0, f32::NAN, 0.0, 1.0]).unwrap();
+        let figures = DistanceFigures::of(vec![3.0, -4.0, f64::NAN, 0.0, 1.0]).unwrap();
         assert_eq!((figures.points, figures.mean, figures.median), (4, 0.0, 0.5));
         assert_eq!((figures.std, figures.rms), (6.5_f64.sqrt(), 6.5_f64.sqrt()));
         assert_eq!((figures.p95, figures.max), (4.0, 4.0));
-        let hundred = DistanceFigures::of((1..=100).map(|number| number as f32).collect()).unwrap();
+        let hundred = DistanceFigures::of((1..=100).map(f64::from).collect()).unwrap();
         assert_eq!((hundred.mean, hundred.median, hundred.p95, hundred.max), (50.5, 50.5, 95.0, 100.0));
-        assert_eq!(DistanceFigures::of(vec![f32::NAN]), None);
+        assert_eq!(DistanceFigures::of(vec![f64::NAN]), None);
     }
 }

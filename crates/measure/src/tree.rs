@@ -69,6 +69,11 @@ impl PointTree {
         &self.points
     }
 
+    /// The box about all points, empty without points.
+    pub fn bounds(&self) -> Bounds {
+        self.bounds.unwrap_or(Bounds::EMPTY)
+    }
+
     fn whole(&self) -> Part<'_> {
         Part { points: &self.points, nodes: &self.nodes }
     }

@@ -121,9 +121,16 @@ impl Camera {
             depth = depth.min(-(most[axis][0] + most[axis][1]) / (2.0 * tangent));
         }
         let mut eye = DVec3::ZERO;
-        // A single point has no size to fill the picture with, and far from the origin, the precision of doubles limits
-        // the distance. Closer than this, near parts would tower over far ones.
-        let nearest = (bounds.radius() * CLOSEST_RADII).max(center.abs().max_element() * 1e-9).max(1e-9);
+        let far = center.abs().max_element();
+        let nearest = if bounds.radius() > 0.0 {
+            // Closer than this, near parts would tower over far ones. Far from the origin, the precision of doubles limits
+            // the distance.
+            (bounds.radius() * CLOSEST_RADII).max(far * 1e-9).max(1e-9)
+        } else {
+            // One place has no size to fill the picture with. From here, offsets in single precision are exact enough to
+            // keep it in the middle.
+            (far * 1e-3).max(1.0)
+        };
         eye.z = depth.min(-nearest);
         // The room that is left along the other axis is shared evenly on the screen: by bisection, since the slope of
         // the uppermost point falls and that of the lowest grows with the eye's height.

@@ -54,7 +54,7 @@ impl Identity {
     /// Hashes paths, sizes, times and samples of the contents.
     pub fn of(inputs: &[Arc<codec::Source>]) -> Result<Self> {
         let mut hash = Fnv::new();
-        hash.add(&pages::VERSION.to_le_bytes());
+        hash.add(&pages::BUILDER.to_le_bytes());
         let mut stamps = Vec::new();
         for input in inputs {
             let path = &input.info().path;

@@ -20,7 +20,7 @@ use crate::surfels::{POINT_BYTES, pack, unpack};
 use crate::{Error, Result, regular_file};
 
 const MAGIC: [u8; 8] = *b"glintkpt";
-/// It grows with each change of the file's form and of what `cloud` estimates.
+/// It grows with each change of the file's form. What `cloud` estimates has a number of its own, `cloud::ESTIMATOR`.
 const VERSION: u32 = 1;
 /// The size in bytes of the head before the estimate's description: magic, version, checksum of the remainder, key,
 /// length of the description, number of chunks.
@@ -129,7 +129,7 @@ impl SurfelPlace {
 }
 
 impl KeptSurfels {
-    /// Opens the file; `None` if it comes from another estimate or another version of the program.
+    /// Opens the file; `None` if it comes from another estimate, or has another form.
     fn open(path: &Path, identity: &Identity, estimate: &str) -> Result<Option<Self>> {
         let storage = Storage::open(path)?;
         let damaged = |problem: &str| Error::damaged(path, problem);

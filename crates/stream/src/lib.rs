@@ -39,7 +39,7 @@ pub use cut::{Budget, MirrorBound, MirrorForm, Tree, ViewMeasure, Wanted, choose
 pub use error::{Error, Result};
 pub use kept::{KeptSurfels, SurfelPlace};
 pub use octree::{Node, NodeId, Octree};
-pub use pages::Pages;
+pub use pages::{BUILDER, Pages};
 pub use plan::{COMPARED, index_attributes};
 pub use streamer::{Missing, NodeChange, Page, PagedCloud, Streamer, StreamerStats};
 pub use surfels::{coarsest, estimate_surfels};

@@ -30,8 +30,10 @@ pub(crate) const NODES: &str = "nodes";
 pub(crate) const PAGES: &str = "pages";
 /// The name of `nodes` while it is being written.
 pub(crate) const UNFINISHED: &str = "nodes.unfinished";
-/// Indexes of another version are made again.
-pub(crate) const VERSION: u32 = 2;
+/// The number of the builder of indexes: indexes with another one are made again. It grows with each change of the form
+/// of an index, of how points are shared out among nodes, and of what readers make of a file. A test holds it
+/// (tests/builder.rs).
+pub const BUILDER: u32 = 3;
 pub(crate) const MAGIC: [u8; 8] = *b"glintidx";
 /// Bytes before the body: magic, version, checksum of the body.
 const HEAD_BYTES: usize = 16;
@@ -316,7 +318,7 @@ pub(crate) fn write(folder: &Path, summary: &Summary, nodes: Vec<Written>) -> Re
     let written =
         regular_file::check_writable(&unfinished).and_then(|()| File::create(&unfinished)).and_then(|mut file| {
             file.write_all(&MAGIC)?;
-            file.write_all(&VERSION.to_le_bytes())?;
+            file.write_all(&BUILDER.to_le_bytes())?;
             file.write_all(&crc32fast::hash(&body).to_le_bytes())?;
             file.write_all(&body)?;
             file.sync_data()?;
@@ -420,8 +422,8 @@ fn parse(bytes: &[u8], pages_length: u64) -> Result<Parsed, String> {
     reader = Reader(bytes);
     reader.bytes(8)?;
     let version = reader.u32()?;
-    if version != VERSION {
-        return Err(format!("an index of version {version}, expected {VERSION}"));
+    if version != BUILDER {
+        return Err(format!("an index of version {version}, expected {BUILDER}"));
     }
     if reader.u32()? != crc32fast::hash(reader.0) {
         return Err("the file has changed or is cut short".into());
@@ -566,7 +568,7 @@ mod tests {
 
     fn parse_body(body: &[u8]) -> Result<Parsed, String> {
         let mut bytes = MAGIC.to_vec();
-        bytes.extend(VERSION.to_le_bytes());
+        bytes.extend(BUILDER.to_le_bytes());
         bytes.extend(crc32fast::hash(body).to_le_bytes());
         bytes.extend(body);
         parse(&bytes, 1_000)

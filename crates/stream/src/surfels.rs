@@ -31,12 +31,13 @@ const LOCK: &str = "surfels.lock";
 /// The names of all files that are made here.
 pub(crate) const NAMES: [&str; 4] = [SURFELS, UNFINISHED, DONE, LOCK];
 const MAGIC: [u8; 8] = *b"glintsrf";
-const VERSION: u32 = 2;
+/// It grows with each change of the form of the file, and of how points are put into groups.
+const VERSION: u32 = 3;
 /// The size in bytes of the head before the checksums: magic, version, checksum of the remainder, identity, largest
 /// radius.
 const HEAD_BYTES: usize = 16 + IDENTITY_BYTES + 2;
-/// Key of the index, nodes, points, neighbours, orientation.
-const IDENTITY_BYTES: usize = 16 + 4 + 8 + 4 + 1 + 24;
+/// Key of the index, nodes, points, neighbours, orientation, estimator.
+const IDENTITY_BYTES: usize = 16 + 4 + 8 + 4 + 1 + 24 + 4;
 /// The size in bytes of an entry in the list of groups: group, points, checksum of both.
 const DONE_BYTES: usize = 4 + 8 + 4;
 /// The size in bytes of a packed normal and a packed radius.
@@ -142,7 +143,7 @@ pub(crate) fn pack(surfels: &Surfels) -> Vec<u8> {
 const NARROW: u8 = 0x80;
 const SPREAD: u8 = 0x40;
 
-/// The bytes that identify the input of the estimate.
+/// The bytes that identify the estimate and its input.
 fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
     let (kind, direction) = match options.orientation {
         Orientation::Up(up) => (0, up.as_dvec3()),
@@ -161,6 +162,7 @@ fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
         },
     );
     direction.to_array().into_iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+    bytes.extend(cloud::ESTIMATOR.to_le_bytes());
     bytes
 }
 

@@ -1,6 +1,9 @@
 //! Clouds that cannot be seen together: tiles that lie far apart, or have different coordinate systems.
 
+use std::collections::BTreeSet;
+
 use cloud::Bounds;
+use codec::Units;
 
 /// Clouds with a gap of more than so many times the larger one's diameter are apart: seen together, each would be a few
 /// pixels wide.
@@ -29,8 +32,9 @@ impl Apart {
         for (place, is_near) in places.iter().zip(&is_near).filter(|(place, _)| !place.bounds.is_empty()) {
             let differs = place.differs_from(shown);
             if !is_near {
+                let unit = shown.units.length().map_or("units".into(), |unit| unit.to_string());
                 warnings.push(format!(
-                    "{} lies {} units away from {}, which is in the view{}",
+                    "{} lies {} {unit} away from {}, which is in the view{}",
                     place.name,
                     rounded(gap(shown.bounds, place.bounds)),
                     shown.name,
@@ -40,8 +44,19 @@ impl Apart {
                 warnings.push(format!("{} has another coordinate system than {}", place.name, shown.name));
             }
         }
+        // Clouds with the same units are told once.
+        let mut told = BTreeSet::new();
+        let mixed = places.iter().filter_map(|place| Some((place.name, place.units.warning()?)));
+        let mixed = mixed.filter(|(_, warning)| told.insert(warning.clone()));
+        warnings.extend(mixed.map(|(name, warning)| format!("{name}: {warning}")));
         Self { is_near, warnings }
     }
+}
+
+/// The distance between two clouds that are far apart; `None` for others.
+pub fn far_gap(one: Bounds, other: Bounds) -> Option<f64> {
+    let is_far = !one.is_empty() && !other.is_empty() && !are_near(one, other);
+    is_far.then(|| gap(one, other))
 }
 
 /// A number for each of these bounds, the same for those that are near each other: what is near something near is near.
@@ -70,6 +85,7 @@ pub struct Place<'a> {
     pub(crate) points: u64,
     /// The name of its coordinate system.
     pub(crate) system: Option<&'a str>,
+    pub(crate) units: Units,
 }
 
 impl Place<'_> {
@@ -100,7 +116,7 @@ mod tests {
 
     fn place(name: &'static str, x: f64, points: u64, system: Option<&'static str>) -> Place<'static> {
         let min = DVec3::new(x, 0.0, 0.0);
-        Place { name, bounds: Bounds { min, max: min + DVec3::splat(100.0) }, points, system }
+        Place { name, bounds: Bounds { min, max: min + DVec3::splat(100.0) }, points, system, units: Units::default() }
     }
 
     #[test]
@@ -124,11 +140,30 @@ mod tests {
     }
 
     #[test]
+    fn mixed_units_are_told_once_for_all_clouds_that_have_them() {
+        let mut places = [place("a", 0.0, 2, None), place("b", 50.0, 1, None), place("c", 99.0, 1, None)];
+        let (degree, metre) = (Some(codec::Unit::Degree), Some(codec::Unit::Metre));
+        places[1].units = Units { level: degree, height: metre };
+        places[2].units = places[1].units;
+        let warnings = Apart::of(&places).warnings;
+        assert!(
+            warnings.len() == 1 && warnings[0].starts_with("b: the units are mixed: x and y are in °"),
+            "{warnings:?}"
+        );
+    }
+
+    #[test]
+    fn the_gap_between_clouds_is_told_where_it_is_far() {
+        let [a, b, c] = [0.0, 1000.0, 5000.0].map(|x| place("", x, 1, None).bounds);
+        assert_eq!((far_gap(a, b), far_gap(a, c), far_gap(a, Bounds::EMPTY)), (None, Some(4900.0), None));
+    }
+
+    #[test]
     fn tiles_side_by_side_with_different_systems_are_told() {
         let apart = Apart::of(&[place("a", 0.0, 2, Some("A")), place("b", 50.0, 1, Some("B"))]);
         assert_eq!(apart.is_near, [true, true]);
         assert_eq!(apart.warnings, ["b has another coordinate system than a"]);
-        let empty = Place { name: "c", bounds: Bounds::EMPTY, points: 0, system: None };
+        let empty = Place { name: "c", bounds: Bounds::EMPTY, points: 0, system: None, units: Units::default() };
         assert_eq!(Apart::of(&[empty]), Apart { is_near: vec![true], warnings: Vec::new() });
     }
 }

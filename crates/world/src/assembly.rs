@@ -316,7 +316,7 @@ impl Assembly {
 
     /// Where the cloud lies, by its `bounds` without stray points.
     pub fn place(&self, bounds: Bounds) -> Place<'_> {
-        Place { name: &self.cloud.name, bounds, points: self.points, system: self.crs.as_deref() }
+        Place { name: &self.cloud.name, bounds, points: self.points, system: self.crs.as_deref(), units: self.units }
     }
 
     /// What filters may test of it.

@@ -27,7 +27,7 @@ mod source;
 mod task;
 mod words;
 
-pub use apart::{Apart, Place};
+pub use apart::{Apart, Place, far_gap};
 pub use assembly::{Assembly, Moved, Own};
 pub use budget::{half_of, most_points, most_preview_points};
 pub use cache::{cache, delete, folder_named_by, pipelines_folder};
@@ -42,8 +42,8 @@ pub use mailbox::{IndexRequest, Mailbox, StreamView};
 pub use meshes::with_mesh;
 pub use resident::Resident;
 pub use source::{
-    asked_attributes, file_warnings, open_file, open_placed, options_for, other_systems, parts, radii_of_shown,
-    read_cloud, read_column, surfel_options, up_of,
+    asked_attributes, file_warnings, open_file, open_placed, options_for, parts, radii_of_shown, read_cloud,
+    read_column, surfel_options, system_warnings, up_of,
 };
 pub use task::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 pub use words::{Input, Request, built_in_name, built_in_names, first_scene, resolve};

@@ -42,9 +42,21 @@ pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
     info.warnings.iter().map(|warning| format!("{}: {warning}", scene::shown(&info.path)))
 }
 
+/// What a person should know of the coordinate systems of files whose points are measured together: that units are mixed,
+/// once for all files with the same ones, and that systems differ.
+pub fn system_warnings<'a>(files: impl IntoIterator<Item = &'a codec::Info> + Clone) -> Vec<String> {
+    let mut told = BTreeSet::new();
+    let mixed = files.clone().into_iter().filter_map(|info| Some((info, info.units.warning()?)));
+    let mixed = mixed.filter(|(_, warning)| told.insert(warning.clone()));
+    let mut warnings: Vec<String> =
+        mixed.map(|(info, warning)| format!("{}: {warning}", scene::shown(&info.path))).collect();
+    warnings.append(&mut other_systems(files));
+    warnings
+}
+
 /// Warns of files in another coordinate system than the first one that tells its own: their coordinates are taken as they
 /// are.
-pub fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Vec<String> {
+fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Vec<String> {
     let mut with_system = files.into_iter().filter_map(|info| Some((info, info.crs.as_ref()?)));
     let Some((first, system)) = with_system.next() else { return Vec::new() };
     let others = with_system.filter(|(_, other)| other.trim() != system.trim()).map(|(other, _)| {
@@ -192,8 +204,10 @@ pub fn radii_of_shown(
 pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
     // Normals and radii that are kept are those of clouds; points on meshes bring theirs.
     let scene::Surface { mesh_points: _, neighbours, orientation, radii, carve } = &settings.surface;
-    let (version, up) = (env!("CARGO_PKG_VERSION"), up.to_array());
-    format!("glint {version}, {neighbours} neighbours, {orientation:?}, {radii:?} radii, carve {carve}, up {up:?}")
+    let (estimator, up) = (cloud::ESTIMATOR, up.to_array());
+    format!(
+        "estimator {estimator}, {neighbours} neighbours, {orientation:?}, {radii:?} radii, carve {carve}, up {up:?}"
+    )
 }
 
 /// The same for an index, from its coarse pages.

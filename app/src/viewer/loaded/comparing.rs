@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use cloud::{Attribute, Cloud, Column, ColumnType};
+use cloud::{Attribute, Cloud, ColumnType};
 use codec::{ExportFormat, Runs};
 use scene::{ColorBy, shown};
 use serde_json::json;
@@ -140,12 +140,14 @@ impl Loaded {
             let known = entry.added.get(which).map(|(name, _)| name.clone());
             let name = known.unwrap_or_else(|| unused_name(&entry.cloud, COMPARED[which]));
             let place = entry.cloud.attributes.iter().position(|attribute| attribute.name == name);
+            let is_double = list.values().any(|run| run.column_type() == ColumnType::F64);
+            let column_type = if is_double { ColumnType::F64 } else { ColumnType::F32 };
             let attribute = place.unwrap_or_else(|| {
-                entry.cloud.attributes.push(Attribute { name: name.clone(), column_type: ColumnType::F32 });
+                entry.cloud.attributes.push(Attribute { name: name.clone(), column_type });
                 entry.cloud.attributes.len() - 1
             });
-            let column = |(first, run): (&u64, &Vec<f32>)| (*first, Arc::new(Column::F32(run.clone())));
-            changes = entry.put_late_column(attribute, list.iter().map(column).collect());
+            entry.cloud.attributes[attribute].column_type = column_type;
+            changes = entry.put_late_column(attribute, list.clone());
             let list = Arc::new(list);
             match entry.added.get_mut(which) {
                 Some(added) => added.1 = list,
@@ -179,7 +181,7 @@ fn ends(entry: &CloudEntry) -> Result<Ends, String> {
     if !entry.is_read {
         return Err(format!("{}: wait until it is loaded", entry.cloud.name));
     }
-    Ok(Ends::Memory { cloud: entry.cloud.clone(), up: entry.up })
+    Ok(Ends::Memory { cloud: entry.cloud.clone(), up: entry.up, units: entry.units })
 }
 
 /// A name that no attribute of the cloud has.

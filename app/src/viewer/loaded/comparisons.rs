@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use cloud::{Cloud, PointTest, Progress};
-use codec::Added;
+use codec::{Added, Units};
 use glam::DVec3;
 use measure::DistanceFigures;
 use scene::{CloudSettings, Settings, Strays};
@@ -63,6 +63,7 @@ pub enum Ends {
     Memory {
         cloud: Cloud,
         up: DVec3,
+        units: Units,
     },
     /// Words as on the command line.
     Files(Vec<String>),
@@ -119,9 +120,9 @@ impl Ends {
         // Those in memory are known, and the test tells them.
         let test = test.hiding_strays(settings.splat.strays == Strays::Hidden);
         let words = match self {
-            Self::Memory { cloud, up } => {
+            Self::Memory { cloud, up, units } => {
                 let (points, left_out) = (Points::Memory(cloud), Vec::new());
-                return Ok(Some(Side { points, test, left_out, up, settings }));
+                return Ok(Some(Side { points, test, left_out, up, units, settings }));
             }
             Self::Files(words) => words,
         };
@@ -141,7 +142,8 @@ impl Ends {
             sources.extend(own);
         }
         let up = sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &settings));
-        Ok(Some(Side { points: Points::Files(sources), test, left_out, up, settings }))
+        let units = sources.first().map(|source| source.info().units).unwrap_or_default();
+        Ok(Some(Side { points: Points::Files(sources), test, left_out, up, units, settings }))
     }
 }
 
@@ -164,9 +166,8 @@ impl Comparing {
         let [distance, level] = COMPARED.map(|name| free_name(first.sources(), name));
         if let Some(path) = &output {
             let distances = std::mem::take(&mut measured.distances);
-            let mut added = vec![Added { name: distance.clone(), values: distances }];
-            let level = |values| Added { name: level, values };
-            added.extend(measured.levels.take().map(level));
+            let mut added = vec![Added::new(distance.clone(), distances)];
+            added.extend(measured.levels.take().map(|values| Added::new(level, values)));
             let memory = half_of(settings.stream.host_bytes);
             let written = codec::export(first.sources(), first.wanted(), &added, path, memory, &progress);
             let Some(written) = written.map_err(|error| error.to_string())? else { return Ok(None) };

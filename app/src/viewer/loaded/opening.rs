@@ -190,7 +190,7 @@ impl Loaded {
         self.ask_surroundings(beside);
         let visible: Vec<&CloudEntry> = self.clouds.iter().filter(|entry| entry.is_visible).collect();
         let elsewhere = apart(&visible).warnings;
-        self.warn_once(elsewhere, "clouds that lie elsewhere", beside);
+        self.warn_once(elsewhere, "warnings about where clouds lie", beside);
         self.tell_idle_filters(beside);
         let points = self.points();
         beside.outside.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));

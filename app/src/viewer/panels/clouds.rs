@@ -5,6 +5,7 @@ use glam::DVec3;
 use param::Params as _;
 use scene::{CloudSettings, Color, ColorBy};
 
+use crate::overlays::legend;
 use crate::viewer::action::Action;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::figures::Figures;
@@ -96,7 +97,8 @@ fn own_look(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Ve
         attribute_line(ui, entry, &color, &mut own);
     }
     if let Some(figures) = entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty()) {
-        let dragged = histogram(ui, figures, color.ramp, color.low, color.high);
+        let title = legend::title(&figures.plan, &entry.units);
+        let dragged = histogram(ui, figures, &title, color.ramp, color.low, color.high);
         let [low, high] = range_button(ui, session, entry, actions).unwrap_or(dragged.into());
         for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
             if share != before {

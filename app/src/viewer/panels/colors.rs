@@ -7,6 +7,7 @@ use param::Value;
 use render::{class_color, class_name, ramp_colors};
 use scene::{ColorBy, Ramp};
 
+use crate::overlays::legend;
 use crate::viewer::action::Action;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::figures::{Figures, share_below};
@@ -38,7 +39,8 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         .filter(|entry| entry.is_visible && has_no_own_color(entry))
         .find_map(|entry| Some((entry, entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty())?)));
     if let Some((entry, figures)) = with_ramp {
-        let dragged = histogram(ui, figures, color.ramp, color.low, color.high);
+        let title = legend::title(&figures.plan, &entry.units);
+        let dragged = histogram(ui, figures, &title, color.ramp, color.low, color.high);
         let [low, high] = range_button(ui, session, entry, actions).unwrap_or(dragged.into());
         for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
             actions.extend((share != before).then(|| Action::set("color", name, Value::F32(share))));
@@ -90,8 +92,8 @@ fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
 }
 
-/// Draws the histogram in the colours of the ramp. Returns the shares of all points below its two handles.
-pub fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) -> (f32, f32) {
+/// Draws the histogram under a title, in the colours of the ramp. Returns the shares of all points below its two handles.
+pub fn histogram(ui: &mut Ui, figures: &Figures, title: &str, ramp: Ramp, low: f32, high: f32) -> (f32, f32) {
     let plan = &figures.plan;
     let (start, end) = figures.histogram_range;
     let place_of =
@@ -99,7 +101,7 @@ pub fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32
     let log = ui.scope_id().with("logarithmic");
     let mut is_logarithmic = ui.data(|data| data.get_temp(log)).unwrap_or(false);
     ui.horizontal(|ui| {
-        ui.label(RichText::new(&plan.label).small().color(theme::WEAK));
+        ui.label(RichText::new(title).small().color(theme::WEAK));
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let switch = ui.selectable_label(is_logarithmic, RichText::new("log").small());
             is_logarithmic ^= switch.on_hover_text("Heights by the logarithm of the counts").clicked();

@@ -199,7 +199,8 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
     }
     if let Some(compared) = &loaded.comparisons.last {
-        result(ui, compared);
+        let unit = first.units.length().map_or(String::new(), |unit| format!(" {unit}"));
+        result(ui, compared, &unit);
     }
 }
 
@@ -256,10 +257,10 @@ fn length(ui: &mut Ui, name: &str, value: &mut Option<f64>, help: &str) {
     });
 }
 
-fn result(ui: &mut Ui, compared: &Compared) {
+fn result(ui: &mut Ui, compared: &Compared, unit: &str) {
     ui.label(RichText::new(&compared.what).small().color(theme::WEAK));
     let DistanceFigures { points, mean, median, std, p95, max, .. } = compared.figures;
-    let number = |value: f64| format!("{value:.4}");
+    let number = |value: f64| format!("{value:.4}{unit}");
     let significant = compared.significant.map(|share| format!("{:.1} %", share * 100.0));
     let lines = [
         ("Points", Some(grouped(points)), "Those that have a distance"),

@@ -7,7 +7,7 @@ use glam::DVec3;
 use measure::Section;
 use scene::{Object, Profile};
 
-use crate::profile_chart;
+use crate::profile_chart::{self, AxisUnits, axis_units, in_brackets};
 use crate::viewer::action::{Action, Measuring, Profiling};
 use crate::viewer::input::bindings;
 use crate::viewer::objects::{ObjectId, PlacedProfile};
@@ -89,7 +89,7 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actio
         let label = name_label(ui, "Thickness");
         let drag = egui::DragValue::new(&mut profile.width).speed(before.width * 0.01).range(1e-6..=1e9);
         ui.add(drag).labelled_by(label.id);
-        if let Some(unit) = units(&session.loaded).length() {
+        if let Some(unit) = axis_units(&units(&session.loaded), session.scene.up(&session.loaded.clouds))[0] {
             ui.label(RichText::new(unit.to_string()).color(theme::WEAK));
         }
     });
@@ -221,15 +221,16 @@ fn status(ui: &mut Ui, session: &Session) {
 
 /// The numbers on the axes begin as the coordinates do.
 fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_even: bool, actions: &mut Vec<Action>) {
-    let unit = units(&session.loaded).length().map_or(String::new(), |unit| format!(" ({unit})"));
+    let units = axis_units(&units(&session.loaded), session.scene.up(&session.loaded.clouds));
+    let [of_along, of_height] = units.map(in_brackets);
     let others = &session.tools.profiles.others;
     let behind = others.iter().flat_map(|(_, other)| &other.points);
     let heights = slice.points.iter().chain(behind).map(|point| point.dot.height);
     let heights = cloud::robust_range(heights, slice.length);
     let mut plot = Plot::new("profile")
         .height(ui.available_height().max(140.0))
-        .custom_x_axes(vec![AxisHints::new_x().label(format!("along{unit}")).label_spacing(X_LABELS)])
-        .y_axis_label(format!("height{unit}"))
+        .custom_x_axes(vec![AxisHints::new_x().label(format!("along{of_along}")).label_spacing(X_LABELS)])
+        .y_axis_label(format!("height{of_height}"))
         .label_formatter(|_| None)
         .y_axis_formatter(|mark: GridMark, _: &std::ops::RangeInclusive<f64>| format!("{}", mark.value as f32))
         .allow_boxed_zoom(false)
@@ -284,7 +285,7 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
         }
     }
     if let Some(ends) = &session.tools.profiles.ruler {
-        ruler(&painter, &transform, ends, at_pointer, &unit);
+        ruler(&painter, &transform, ends, at_pointer, units);
     }
 }
 
@@ -327,13 +328,22 @@ fn nearest(slice: &Slice, transform: &PlotTransform, pointer: Pos2) -> Option<Sl
     near.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(point, _)| *point)
 }
 
-/// The distance between two places of a profile, with its parts: `5.0000 along 3.0000 up 4.0000`.
-fn measured(from: [f64; 2], to: [f64; 2]) -> String {
+/// The distance between two places of a profile, with its parts: `5.0000 m   along 3.0000 m   up 4.0000 m`. Parts in
+/// different units have no distance.
+fn measured(from: [f64; 2], to: [f64; 2], units: AxisUnits) -> String {
     let (along, up) = (to[0] - from[0], to[1] - from[1]);
-    format!("{:.4}   along {along:.4}   up {up:.4}", along.hypot(up))
+    let [of_along, of_up] = units.map(|unit| unit.map_or(String::new(), |unit| format!(" {unit}")));
+    let parts = format!("along {along:.4}{of_along}   up {up:.4}{of_up}");
+    if of_along == of_up { format!("{:.4}{of_along}   {parts}", along.hypot(up)) } else { parts }
 }
 
-fn ruler(painter: &egui::Painter, transform: &PlotTransform, ends: &[[f64; 2]], pointer: Option<[f64; 2]>, unit: &str) {
+fn ruler(
+    painter: &egui::Painter,
+    transform: &PlotTransform,
+    ends: &[[f64; 2]],
+    pointer: Option<[f64; 2]>,
+    units: AxisUnits,
+) {
     let (from, to) = match (ends, pointer) {
         ([from, to], _) => (*from, *to),
         ([from], Some(to)) => (*from, to),
@@ -343,7 +353,7 @@ fn ruler(painter: &egui::Painter, transform: &PlotTransform, ends: &[[f64; 2]], 
     let line = [place(from), place(to)];
     painter.line_segment(line, Stroke::new(4.0, Color32::BLACK));
     painter.line_segment(line, Stroke::new(1.6, theme::ACCENT));
-    let text = format!("{}{unit}", measured(from, to));
+    let text = measured(from, to, units);
     let middle = line[0].lerp(line[1], 0.5);
     let galley = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);
     let area = Rect::from_center_size(middle - vec2(0.0, 16.0), galley.size());
@@ -506,7 +516,11 @@ mod tests {
             session.act(Action::Profile(Profiling::Rule(place)));
         }
         assert_eq!(session.tools.profiles.ruler, Some(vec![[1.0, 1.0]]));
-        assert_eq!(measured([0.0, 0.0], [3.0, 4.0]), "5.0000   along 3.0000   up 4.0000");
+        let of = |along, up| measured([0.0, 0.0], [3.0, 4.0], [along, up]);
+        assert_eq!(of(None, None), "5.0000   along 3.0000   up 4.0000");
+        let (metre, feet) = (Some(codec::Unit::Metre), Some(codec::Unit::SurveyFoot));
+        assert_eq!(of(metre, metre), "5.0000 m   along 3.0000 m   up 4.0000 m");
+        assert_eq!(of(feet, metre), "along 3.0000 ftUS   up 4.0000 m");
         session.act(Action::Profile(Profiling::Stack(3, 2.0)));
         assert_eq!(session.scene.objects.profiles.len(), 4);
         // Together, the points of the others lie behind; those beside the cloud have none.

@@ -136,7 +136,7 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
         ui.horizontal(|ui| {
             let label = name_label(ui, "Height above a measurement");
             let units = units(&session.loaded);
-            let unit = units.height.or(units.level).map_or(String::new(), |unit| format!(" {unit}"));
+            let unit = units.rise().map_or(String::new(), |unit| format!(" {unit}"));
             let before = session.filming.height(&units);
             let mut height = before;
             let drag = DragValue::new(&mut height).range(-1e6..=1e6).speed(before.abs().max(0.1) * 0.01).suffix(unit);

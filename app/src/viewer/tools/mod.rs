@@ -239,7 +239,8 @@ impl Tools {
         let record = source.is_none().then(|| Ok(loaded_attributes(&entry.cloud, chunk, point.index)));
         let value = |runs: &codec::Runs| {
             let (start, run) = runs.range(..=number).next_back()?;
-            run.get((number - start) as usize).map(f32::to_string)
+            let index = usize::try_from(number - start).ok().filter(|index| *index < run.len())?;
+            Some(run.text(index))
         };
         // What is known without the file has them already.
         let added = entry.added.iter().filter(|_| record.is_none());

@@ -9,6 +9,7 @@ use scene::{Object, Profile, Strays};
 use serde_json::json;
 use world::CloudKey;
 
+use crate::profile_chart::axis_units;
 use crate::viewer::action::Profiling;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::loaded::clouds::CloudEntry;
@@ -138,8 +139,9 @@ impl Profiles {
             let Some(Ok(slice)) = &self.slice else {
                 return outside.note("The points of the profile are not found yet");
             };
-            let unit = units(loaded).length().map(|unit| unit.to_string());
-            ProfileWork::Draw { path, name: profile.name, slice: slice.clone(), others: self.others.clone(), unit }
+            let (slice, others) = (slice.clone(), self.others.clone());
+            let units = axis_units(&units(loaded), scene.up(&loaded.clouds));
+            ProfileWork::Draw { path, name: profile.name, slice, others, units }
         } else {
             let (inputs, own, test) = (loaded.inputs(), scene.objects.all_own(), scene.objects.test());
             let profiles = std::iter::once(profile).chain(self.behind(scene).cloned()).collect();

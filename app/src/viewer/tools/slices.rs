@@ -11,7 +11,7 @@ use render::ColorPlan;
 use scene::{CloudSettings, Profile, Settings};
 use world::{CloudKey, Part};
 
-use crate::profile_chart::{self, Dot, Series, colors_of};
+use crate::profile_chart::{self, AxisUnits, Dot, Series, colors_of};
 use crate::profile_command;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::window::render_thread::PickedPoint;
@@ -34,7 +34,7 @@ pub enum ProfileWork {
         test: PointTest,
     },
     /// Writes the chart of the points that were found: those of the profile of this name, and of others behind it.
-    Draw { path: PathBuf, name: String, slice: Arc<Slice>, others: Arc<Vec<(String, Slice)>>, unit: Option<String> },
+    Draw { path: PathBuf, name: String, slice: Arc<Slice>, others: Arc<Vec<(String, Slice)>>, units: AxisUnits },
     /// Writes the points of the files themselves.
     Write {
         path: PathBuf,
@@ -87,14 +87,14 @@ impl ProfileWork {
                 let behind = |other: Profile| Some((other.name.clone(), cut(&other, up, &clouds, &test, most).ok()?));
                 ProfileFound::Cut { id, slice, others: others.into_iter().filter_map(behind).collect() }
             }
-            Self::Draw { path, name, slice, others, unit } => {
+            Self::Draw { path, name, slice, others, units } => {
                 let series = |name: &str, slice: &Slice| {
                     let dots = slice.points.iter().map(|point| point.dot).collect();
                     Series { name: name.to_owned(), dots, total: slice.total }
                 };
                 let behind = others.iter().map(|(name, slice)| series(name, slice));
                 let all: Vec<Series> = std::iter::once(series(&name, &slice)).chain(behind).collect();
-                let result = profile_chart::write(&path, &all, unit.as_deref());
+                let result = profile_chart::write(&path, &all, units);
                 ProfileFound::Saved { path, result: result.map_err(|error| format!("{error:#}")) }
             }
             Self::Write { path, inputs, own, profiles, test, settings } => {

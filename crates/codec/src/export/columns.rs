@@ -1,6 +1,7 @@
 //! Points of files of any kind as columns, and rows of a file of another kind that are made of them.
 
 use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
 
 use cloud::{Attribute, Column, ColumnType, Placement, PointTest};
 use glam::DVec3;
@@ -47,19 +48,34 @@ impl LeftOut<'_> {
 
 /// The values of runs of points, by the index in the file of the first point of each run. Runs do not overlap. A list of
 /// all points would be as long as a damaged file claims to be.
-pub type Runs = BTreeMap<u64, Vec<f32>>;
+pub type Runs = BTreeMap<u64, Arc<Column>>;
 
 /// A number of each point that the files do not have, and that the new one gets.
 pub struct Added {
-    pub name: String,
+    name: String,
     /// The values of each file.
-    pub values: Vec<Runs>,
+    values: Vec<Runs>,
+    column_type: ColumnType,
 }
 
 impl Added {
+    /// Takes the values of each file. They are written as floats, or as doubles where a run has these.
+    pub fn new(name: String, values: Vec<Runs>) -> Self {
+        let is_double = values.iter().flat_map(Runs::values).any(|run| run.column_type() == ColumnType::F64);
+        Self { name, values, column_type: if is_double { ColumnType::F64 } else { ColumnType::F32 } }
+    }
+
     /// The values of a file from a point on; NaN for points that are in no run.
-    pub fn of(&self, file: usize, first_point: u64, points: usize) -> Vec<f32> {
-        let mut values = vec![f32::NAN; points];
+    pub fn of(&self, file: usize, first_point: u64, points: usize) -> Column {
+        let values = self.values_of(file, first_point, points);
+        match self.column_type {
+            ColumnType::F64 => Column::F64(values),
+            _ => Column::F32(values.into_iter().map(|value| value as f32).collect()),
+        }
+    }
+
+    fn values_of(&self, file: usize, first_point: u64, points: usize) -> Vec<f64> {
+        let mut values = vec![f64::NAN; points];
         let Some(runs) = self.values.get(file) else { return values };
         let end = first_point.saturating_add(points as u64);
         // The run before may reach into this one.
@@ -68,14 +84,15 @@ impl Added {
             let (from, to) = ((*start).max(first_point), (start + run.len() as u64).min(end));
             if from < to {
                 let places = &mut values[(from - first_point) as usize..(to - first_point) as usize];
-                places.copy_from_slice(&run[(from - start) as usize..(to - start) as usize]);
+                let skipped = (from - start) as usize;
+                places.iter_mut().enumerate().for_each(|(index, place)| *place = run.value(skipped + index));
             }
         }
         values
     }
 
     pub fn field(&self) -> Attribute {
-        Attribute { name: self.name.clone(), column_type: ColumnType::F32 }
+        Attribute { name: self.name.clone(), column_type: self.column_type }
     }
 }
 
@@ -301,11 +318,14 @@ mod tests {
     #[test]
     fn values_are_those_of_their_runs_wherever_a_file_claims_them_to_be() {
         let far = 1_u64 << 60;
-        let runs: Runs = [(2, vec![2.0, 3.0, 4.0]), (5, vec![5.0]), (far, vec![6.0, 7.0])].into();
-        let added = Added { name: "distance".into(), values: vec![Runs::new(), runs] };
-        let of = |file, first_point, points| -> Vec<Option<f32>> {
+        let run = |values: &[f32]| Arc::new(Column::F32(values.to_vec()));
+        let mut runs: Runs = [(2, run(&[2.0, 3.0, 4.0])), (5, run(&[5.0])), (far, run(&[6.0, 7.0]))].into();
+        let added = Added::new("distance".into(), vec![Runs::new(), runs.clone()]);
+        assert_eq!(added.field().column_type, ColumnType::F32);
+        let of = |file, first_point, points| -> Vec<Option<f64>> {
             let values = added.of(file, first_point, points);
-            values.into_iter().map(|value| (!value.is_nan()).then_some(value)).collect()
+            let value = |index: usize| Some(values.value(index)).filter(|value| !value.is_nan());
+            (0..values.len()).map(value).collect()
         };
         assert_eq!(of(1, 0, 3), [None, None, Some(2.0)]);
         assert_eq!(of(1, 3, 4), [Some(3.0), Some(4.0), Some(5.0), None]);
@@ -313,6 +333,9 @@ mod tests {
         assert_eq!(of(0, 2, 1), [None]);
         assert_eq!(of(7, 2, 1), [None]);
         assert_eq!(of(1, 2, 0), []);
+        runs.insert(9, Arc::new(Column::F64(vec![4_424_000.125])));
+        let added = Added::new("distance".into(), vec![runs]);
+        assert_eq!((added.of(0, 9, 1), added.of(0, 5, 1)), (Column::F64(vec![4_424_000.125]), Column::F64(vec![5.0])));
     }
 
     #[test]

@@ -13,10 +13,14 @@ use glam::DVec3;
 use super::layout::{Layout, bytes, text};
 use crate::brief::vector;
 use crate::bytes::Bytes;
+use crate::units::geotiff::GeoTiff;
+use crate::units::wkt;
 use crate::{Error, Result, Units};
 
 /// The most records: files have a handful, so a larger count is damage.
 const MOST_RECORDS: u64 = 10_000;
+/// The bit of the global encoding that says that well-known text tells the coordinate system (LAS 1.4; zero before).
+const WKT_BIT: u16 = 16;
 /// The longest extended record that is loaded: a coordinate system or a list of extra dimensions has some kilobytes.
 const LONGEST_EXTENDED_RECORD: u64 = 16 << 20;
 
@@ -156,6 +160,7 @@ impl Header {
         let points = raw.large_file.map_or(0, |large| large.number_of_point_records);
         let points = if points == 0 { legacy } else { points };
 
+        let (crs, units) = records.system(raw.global_encoding & WKT_BIT != 0, warnings);
         let bounds = Bounds {
             min: DVec3::new(raw.min_x, raw.min_y, raw.min_z),
             max: DVec3::new(raw.max_x, raw.max_y, raw.max_z),
@@ -175,8 +180,8 @@ impl Header {
             points_are_last: raw.evlr.is_none() && raw.start_of_waveform_data_packet_record.is_none(),
             grid,
             bounds,
-            crs: records.crs(),
-            units: records.units(),
+            crs,
+            units,
             descriptors: records.descriptors,
             laszip: records.laszip,
             copc_info: records.copc_info,
@@ -200,7 +205,10 @@ fn believable(bounds: Bounds, grid: &Grid) -> bool {
 #[derive(Default)]
 struct Records {
     wkt: Option<String>,
+    /// Well-known text of version 2, which has a record of its own.
+    wkt_2: Option<String>,
     geotiff_keys: Vec<u8>,
+    geotiff_doubles: Vec<u8>,
     geotiff_text: Vec<u8>,
     descriptors: Vec<u8>,
     laszip: Option<Vec<u8>>,
@@ -268,13 +276,15 @@ impl Records {
     /// Keeps `data` of a record, which starts at byte `start` of the file.
     fn keep(&mut self, user: &str, identifier: u16, start: u64, mut data: Vec<u8>) {
         match (user, identifier) {
-            ("LASF_Projection", 2112) => {
+            ("LASF_Projection", 2112 | 4224) => {
                 let wkt = text(&data);
+                let place = if identifier == 2112 { &mut self.wkt } else { &mut self.wkt_2 };
                 if !wkt.is_empty() {
-                    self.wkt = Some(wkt);
+                    *place = Some(wkt);
                 }
             }
             ("LASF_Projection", 34735) => self.geotiff_keys = data,
+            ("LASF_Projection", 34736) => self.geotiff_doubles = data,
             ("LASF_Projection", 34737) => self.geotiff_text = data,
             // The descriptors may come in several records; a part of one at the end of a record is dropped.
             ("LASF_Spec", 4) => {
@@ -286,47 +296,52 @@ impl Records {
         }
     }
 
-    /// The coordinate system: WKT, else the GeoTIFF citation, else its EPSG code.
-    fn crs(&self) -> Option<String> {
-        self.wkt.clone().or_else(|| self.geotiff())
+    /// The coordinate system and its units: well-known text, or else the keys of GeoTIFF. Of a file with both, the bit of
+    /// the global encoding says which counts, and a warning says so where they differ.
+    fn system(&self, is_wkt_bit_set: bool, warnings: &mut Vec<String>) -> (Option<String>, Units) {
+        let keys = self.geotiff();
+        let mut of_keys = Vec::new();
+        let (name, units) = (keys.name(), keys.units(&mut of_keys));
+        let Some(text) = self.wkt.as_ref().or(self.wkt_2.as_ref()) else {
+            warnings.append(&mut of_keys);
+            return (name, units);
+        };
+        let own = wkt::units(text);
+        if let Some(other) = self.wkt_2.as_ref().map(|other| wkt::units(other)).filter(|other| other.contradict(&own)) {
+            let [own, other] = [own, other].map(|units| units.text());
+            warnings.push(format!("record 2112 has units {own}, and record 4224 has {other}: record 2112 counts"));
+        }
+        if name.is_none() && units == Units::default() {
+            return (Some(text.clone()), own);
+        }
+        let is_same = keys.code().is_some() && keys.code() == wkt::code(text) && !own.contradict(&units);
+        if !is_same {
+            let (bit, counts) = if is_wkt_bit_set { ("set", "WKT counts") } else { ("clear", "GeoTIFF counts") };
+            warnings.push(format!(
+                "byte 6: the file has a coordinate system as WKT and one as GeoTIFF, and the WKT bit is {bit}: {counts}"
+            ));
+        }
+        if is_wkt_bit_set {
+            return (Some(text.clone()), own);
+        }
+        warnings.append(&mut of_keys);
+        (name, units)
     }
 
-    fn units(&self) -> Units {
-        self.wkt.as_deref().map_or_else(|| Units::of_geotiff(&self.keys()), Units::of_wkt)
-    }
-
-    /// The keys of GeoTIFF: (key, tag, count, value or index).
-    fn keys(&self) -> Vec<[u16; 4]> {
+    fn geotiff(&self) -> GeoTiff<'_> {
         // The directory's own entry comes first.
         let entries = self.geotiff_keys.chunks_exact(8).skip(1);
-        entries.map(|entry| std::array::from_fn(|i| u16::from_le_bytes(bytes(entry, 2 * i)))).collect()
-    }
-
-    fn geotiff(&self) -> Option<String> {
-        /// The tag of the text that keys refer to.
-        const ASCII: u16 = 34737;
-        let keys = self.keys();
-        let find = |wanted: u16| keys.iter().find(|key| key[0] == wanted);
-        // The citations of the projected, the whole, the geographic system.
-        let citation = [3073, 1026, 2049].into_iter().find_map(|id| {
-            let &[_, tag, count, start] = find(id)?;
-            let (start, count) = (usize::from(start), usize::from(count));
-            let citation = self.geotiff_text.get(start..start + count).filter(|_| tag == ASCII)?;
-            let citation = text(citation).trim_end_matches('|').trim().to_owned();
-            (!citation.is_empty()).then_some(citation)
-        });
-        // The codes of the projected, the geographic system; 32767 means "user-defined".
-        let code = || {
-            let code = [3072, 2048].into_iter().find_map(|id| find(id).filter(|key| key[1] == 0).map(|key| key[3]))?;
-            (code != 0 && code != 32767).then(|| format!("EPSG:{code}"))
-        };
-        citation.or_else(code)
+        GeoTiff {
+            keys: entries.map(|entry| std::array::from_fn(|i| u16::from_le_bytes(bytes(entry, 2 * i)))).collect(),
+            doubles: self.geotiff_doubles.chunks_exact(8).map(|number| f64::from_le_bytes(bytes(number, 0))).collect(),
+            text: &self.geotiff_text,
+        }
     }
 }
 
 fn is_wanted(user: &str, identifier: u16) -> bool {
     matches!(
         (user, identifier),
-        ("LASF_Projection", 2112 | 34735 | 34737) | ("LASF_Spec", 4) | ("laszip encoded", 22204) | ("copc", 1)
+        ("LASF_Projection", 2112 | 4224 | 34735..=34737) | ("LASF_Spec", 4) | ("laszip encoded", 22204) | ("copc", 1)
     )
 }

@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Attribute, ColumnType, Progress};
+use cloud::{Attribute, Column, ColumnType, Progress};
 use tempfile::NamedTempFile;
 
 use super::LasSource;
@@ -57,7 +57,8 @@ pub fn export_records(
     let is_marked = colored > 0 && colored < sources.len() && !is_known;
     say_black(sources, if is_marked { ", where has_color is 0" } else { "" }, &mut words);
     let own = first.layout.record_length - first.base_length();
-    let extra = own + 4 * added.len() + usize::from(is_marked);
+    let sizes = added.iter().map(|added| added.field().column_type.size());
+    let extra = own + sizes.sum::<usize>() + usize::from(is_marked);
     let formats = || sources.iter().filter_map(|source| source.info.point_format);
     let is_one_format = formats().all(|format| Some(format) == first.info.point_format);
     let has_waves = sources.iter().any(|source| source.has_waves());
@@ -98,7 +99,7 @@ pub fn export_records(
             let mark = is_marked.then_some(source.has_colors());
             let rows_of = |first_point: u64, records: &[u8]| {
                 let points = records.len() / upgrade.record_length;
-                let values: Vec<Vec<f32>> = added.iter().map(|added| added.of(number, first_point, points)).collect();
+                let values: Vec<Column> = added.iter().map(|added| added.of(number, first_point, points)).collect();
                 let left_out = wanted.left_out(number, first_point, points);
                 converted(records, upgrade, test.as_ref(), left_out, (&values, mark))
             };
@@ -184,7 +185,7 @@ fn converted(
     upgrade: &Upgrade,
     test: Option<&RecordTest<'_>>,
     left_out: LeftOut<'_>,
-    (added, mark): (&[Vec<f32>], Option<bool>),
+    (added, mark): (&[Column], Option<bool>),
 ) -> io::Result<Vec<u8>> {
     let length = upgrade.record_length;
     let shown = test.map(|test| test.shown(records));
@@ -196,7 +197,12 @@ fn converted(
         if !upgrade.push(record, &mut rows) {
             return Err(far_outside());
         }
-        added.iter().for_each(|values| rows.extend(values[index].to_le_bytes()));
+        for values in added {
+            match values {
+                Column::F64(values) => rows.extend(values[index].to_le_bytes()),
+                values => rows.extend((values.value(index) as f32).to_le_bytes()),
+            }
+        }
         rows.extend(mark.map(u8::from));
     }
     Ok(rows)
