@@ -160,7 +160,7 @@ impl Header {
         let points = raw.large_file.map_or(0, |large| large.number_of_point_records);
         let points = if points == 0 { legacy } else { points };
 
-        let (crs, units) = records.system(raw.global_encoding & WKT_BIT != 0, warnings);
+        let (crs, units) = records.system(version >= (1, 4), raw.global_encoding & WKT_BIT != 0, warnings);
         let bounds = Bounds {
             min: DVec3::new(raw.min_x, raw.min_y, raw.min_z),
             max: DVec3::new(raw.max_x, raw.max_y, raw.max_z),
@@ -297,8 +297,9 @@ impl Records {
     }
 
     /// The coordinate system and its units: well-known text, or else the keys of GeoTIFF. Of a file with both, the bit of
-    /// the global encoding says which counts, and a warning says so where they differ.
-    fn system(&self, is_wkt_bit_set: bool, warnings: &mut Vec<String>) -> (Option<String>, Units) {
+    /// the global encoding says which counts, and a warning says so, unless both are the same. Before LAS 1.4 there was no
+    /// such bit, and both are taken for the same if their units are.
+    fn system(&self, has_bit: bool, is_bit_set: bool, warnings: &mut Vec<String>) -> (Option<String>, Units) {
         let keys = self.geotiff();
         let mut of_keys = Vec::new();
         let (name, units) = (keys.name(), keys.units(&mut of_keys));
@@ -314,14 +315,15 @@ impl Records {
         if name.is_none() && units == Units::default() {
             return (Some(text.clone()), own);
         }
-        let is_same = keys.code().is_some() && keys.code() == wkt::code(text) && !own.contradict(&units);
-        if !is_same {
-            let (bit, counts) = if is_wkt_bit_set { ("set", "WKT counts") } else { ("clear", "GeoTIFF counts") };
-            warnings.push(format!(
-                "byte 6: the file has a coordinate system as WKT and one as GeoTIFF, and the WKT bit is {bit}: {counts}"
-            ));
+        let is_one_code = keys.code().is_some() && keys.code() == wkt::code(text);
+        if (is_one_code || !has_bit) && !own.contradict(&units) {
+            return (Some(text.clone()), own.or(units));
         }
-        if is_wkt_bit_set {
+        let (bit, counts) = if is_bit_set { ("set", "WKT counts") } else { ("clear", "GeoTIFF counts") };
+        warnings.push(format!(
+            "byte 6: the file has a coordinate system as WKT and one as GeoTIFF, and the WKT bit is {bit}: {counts}"
+        ));
+        if is_bit_set {
             return (Some(text.clone()), own);
         }
         warnings.append(&mut of_keys);
