@@ -297,8 +297,8 @@ impl Records {
     }
 
     /// The coordinate system and its units: well-known text, or else the keys of GeoTIFF. Of a file with both, the bit of
-    /// the global encoding says which counts, and a warning says so, unless both are the same. Before LAS 1.4 there was no
-    /// such bit, and both are taken for the same if their units are.
+    /// the global encoding says which counts, and a warning says so, unless both are the same. Where codes do not say
+    /// that, keys beside text that counts are taken for the same if their units are. Before LAS 1.4 there was no such bit.
     fn system(&self, has_bit: bool, is_bit_set: bool, warnings: &mut Vec<String>) -> (Option<String>, Units) {
         let keys = self.geotiff();
         let mut of_keys = Vec::new();
@@ -315,8 +315,8 @@ impl Records {
         if name.is_none() && units == Units::default() {
             return (Some(text.clone()), own);
         }
-        let is_one_code = keys.code().is_some() && keys.code() == wkt::code(text);
-        if (is_one_code || !has_bit) && !own.contradict(&units) {
+        let is_one_code = keys.code().zip(wkt::code(text)).map(|(of_keys, of_text)| of_keys == of_text);
+        if is_one_code.unwrap_or(!has_bit || is_bit_set) && !own.contradict(&units) {
             return (Some(text.clone()), own.or(units));
         }
         let (bit, counts) = if is_bit_set { ("set", "WKT counts") } else { ("clear", "GeoTIFF counts") };
