@@ -7,7 +7,7 @@ use std::io::{self, Read as _};
 
 use super::LasSource;
 use super::layout::{bytes, text};
-use crate::units::{Unit, Units};
+use crate::units::{Unit, Units, wkt};
 
 /// The header's bit that says that the coordinate system is well-known text.
 pub const WKT: u16 = 16;
@@ -116,7 +116,7 @@ fn wkt_of(keys: &[[u16; 4]], texts: &[u8], units: &Units) -> Option<Made> {
     let level = code(if value(1024) == Some(2) { 2048 } else { 3072 }).filter(|code| !WRONG.contains(code))?;
     let level = crs_definitions::from_code(level)?.wkt;
     let is_first_version = ["PROJCS[", "GEOGCS[", "GEOCCS[", "COMPD_CS["].iter().any(|word| level.starts_with(word));
-    let of_text = Units::of_wkt(level);
+    let of_text = wkt::units(level);
     let contradicts = |own: Option<Unit>, other: Option<Unit>| own.zip(other).is_some_and(|(own, other)| own != other);
     if !is_first_version || contradicts(units.level, of_text.level) {
         return None;
@@ -149,7 +149,7 @@ fn wkt_of(keys: &[[u16; 4]], texts: &[u8], units: &Units) -> Option<Made> {
         Unit::Foot => ("foot", "0.3048".into(), authority(9002)),
         Unit::SurveyFoot => ("US survey foot", "0.304800609601219".into(), authority(9003)),
         Unit::Other(metres) => ("unknown", metres.to_string(), String::new()),
-        Unit::Degree => return None,
+        Unit::Degree | Unit::Angle(_) => return None,
     };
     let _ = write!(text, "VERT_DATUM[\"{datum}\",2005{of_datum}],UNIT[\"{unit}\",{length}{of_unit}],");
     let _ = write!(text, "AXIS[\"Gravity-related height\",UP]{}]]", own_code.map(authority).unwrap_or_default());
@@ -229,13 +229,13 @@ mod tests {
         assert!(degrees.text.starts_with("GEOGCS[\"WGS 84\""), "{degrees:?}");
         let feet = Units { level: Some(Unit::SurveyFoot), height: Some(Unit::Metre) };
         let mixed = made(&[(1024, 1), (3072, 2927), (4096, 5703)], feet).unwrap();
-        assert_eq!(Units::of_wkt(&mixed.text), feet);
+        assert_eq!(wkt::units(&mixed.text), feet);
         assert!(mixed.is_whole && mixed.text.ends_with("AUTHORITY[\"EPSG\",\"5703\"]]]"), "{mixed:?}");
         assert_eq!(mixed.text.matches('[').count(), mixed.text.matches(']').count());
         // A unit of heights alone.
         let heights = Units { level: None, height: Some(Unit::SurveyFoot) };
         let text = made(&[(3072, 2927)], heights).unwrap().text;
-        assert_eq!(Units::of_wkt(&text), Units { level: Some(Unit::SurveyFoot), ..heights });
+        assert_eq!(wkt::units(&text), Units { level: Some(Unit::SurveyFoot), ..heights });
     }
 
     #[test]
