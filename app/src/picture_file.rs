@@ -135,10 +135,8 @@ pub fn place(path: &Path) -> PathBuf {
 fn partial(path: &Path) -> PathBuf {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    let mut name = std::ffi::OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}-{count}.partial", std::process::id()));
-    path.with_file_name(name)
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{}.{}-{count}.partial", codec::short_file_name(&name), std::process::id()))
 }
 
 /// Has a file written by `write`, which gets another name in the same folder. The file appears under its own name when it

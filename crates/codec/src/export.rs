@@ -33,7 +33,8 @@ use crate::{Source, brief};
 pub use columns::{Added, Runs, Wanted};
 use columns::{Colors, Field, HAS_COLOR, Meaning, Piece, Reading};
 use merging::{Merged, Origin};
-use names::{Names, short_file_name};
+use names::Names;
+pub use names::short_file_name;
 use ply_file::{PIECE_POINTS, PlyFile, RowFormat};
 use words::{Words, few_names};
 

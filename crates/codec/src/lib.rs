@@ -21,7 +21,7 @@ use cloud::{Attribute, Bounds, Chunk, Grid, Placement, Progress};
 
 pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
-pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export};
+pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, short_file_name};
 pub use las::{Copc, CopcNode, CopcSummary, write_copc};
 pub use units::{Unit, Units};
 

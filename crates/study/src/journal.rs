@@ -225,7 +225,7 @@ fn whole_runs(path: &Path, bytes: &[u8], cases: usize) -> Result<(Vec<Run>, u64)
 fn write_whole(path: &Path, content: &[u8]) -> Result<(), FolderError> {
     let io = |reason| unwritten(path, reason);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
+    let partial = path.with_file_name(format!(".{}.{}.partial", codec::short_file_name(&name), std::process::id()));
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(io)?;
     }
