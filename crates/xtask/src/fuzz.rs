@@ -68,7 +68,7 @@ pub fn fuzz(mut cargo: Command, root: &Path, fuzzing: &Fuzzing, files: Option<&P
     // Build the whole workspace, so that dependencies are compiled with the features they always have.
     cargo.args(["build", "--release", "--workspace", "--locked", "--features", "fuzz/guided", "--bin", "guided"]);
     cargo.current_dir(root).env("RUSTC_WORKSPACE_WRAPPER", root.join("crates/fuzz/coverage.sh"));
-    ensure!(super::status(&mut cargo)?.success(), "the targets are not built; they need a C++ compiler besides");
+    ensure!(crate::shell::status(&mut cargo)?.success(), "the targets are not built; they need a C++ compiler besides");
 
     let work = root.join("target/fuzz");
     let time = fuzzing.time.div_f64(wanted.len() as f64);

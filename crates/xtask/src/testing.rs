@@ -7,8 +7,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 
+use crate::shell::{cargo, exit_code, installed, provide, root, status, target_folder};
 use crate::suite::{self, Built};
-use crate::{cargo, exit_code, installed, needs, provide, root, status, swiftshader, target_folder};
+use crate::{needs, swiftshader};
 
 /// Which tests `cargo xtask test` runs.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -59,6 +60,7 @@ pub fn test(selection: Selection, prints_times: bool) -> Result<ExitCode> {
         eprintln!("xtask: {problem:#}\nxtask: going on; no test decodes films.");
     }
     let root = root()?;
+    let commit = clean_commit(&root);
     let mut clock = Clock { start: Instant::now(), steps: Vec::new() };
     if !checks_pass(&root, &mut clock)? {
         return Ok(ExitCode::FAILURE);
@@ -103,8 +105,11 @@ pub fn test(selection: Selection, prints_times: bool) -> Result<ExitCode> {
     let is_passed = outcome.failed.is_empty();
     println!("== {} ({})", if is_passed { "passed" } else { "failed" }, clock.steps.join(", "));
     println!("{} passed, {} failed, {} skipped", outcome.passed, outcome.failed.len(), outcome.ignored);
-    if is_passed && selection == Selection::All && is_clean(&root) {
-        std::fs::write(tested, head(&root)?)?;
+    // What changed while the tests ran was not tested as a whole.
+    if let Some(commit) = commit.filter(|before| is_passed && clean_commit(&root).as_ref() == Some(before))
+        && selection == Selection::All
+    {
+        std::fs::write(tested, commit)?;
     }
     Ok(if is_passed { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -157,16 +162,13 @@ fn environment(root: &Path) -> Result<Vec<(&'static str, OsString)>> {
     Ok(environment)
 }
 
-/// Whether the working tree is that of the last commit.
-fn is_clean(root: &Path) -> bool {
-    let output = Command::new("git").args(["status", "--porcelain"]).current_dir(root).output();
-    output.is_ok_and(|output| output.status.success() && output.stdout.is_empty())
-}
-
-/// The last commit.
-fn head(root: &Path) -> Result<String> {
-    let output = Command::new("git").args(["rev-parse", "HEAD"]).current_dir(root).output()?;
-    Ok(String::from_utf8(output.stdout)?)
+/// The last commit, if the working tree is as it left it.
+fn clean_commit(root: &Path) -> Option<String> {
+    let git = |words: &[&str]| {
+        let output = Command::new("git").args(words).current_dir(root).output().ok()?;
+        output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    git(&["status", "--porcelain"]).filter(String::is_empty).and_then(|_| git(&["rev-parse", "HEAD"]))
 }
 
 /// What an adapter can act like: words of the variable GLINT_ACT_LIKE (crates/render/src/gpu.rs).
