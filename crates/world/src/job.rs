@@ -249,7 +249,8 @@ mod tests {
         assert_eq!((chunks.iter().map(Chunk::len).collect::<Vec<_>>(), seen), (vec![4, 1000], vec!["surfels"]));
         assert_eq!((chunks[1].first_point, chunks[1].corners.is_some()), (4, true));
         let intensity = |index| chunks[1].columns[0].as_ref().unwrap().value(index);
-        let right = (0..1000).filter(|index| chunks[1].positions[*index][0] > 1.6 && intensity(*index) > 7.0).count();
+        let x = |index: usize| chunks[1].origin.x + f64::from(chunks[1].positions[index][0]);
+        let right = (0..1000).filter(|index| x(*index) > 1.6 && intensity(*index) > 7.0).count();
         assert!((400..540).contains(&right), "{right} of 1000 points lie right of the middle");
         // Its vertices alone: nothing is asked for beyond them, or its faces cannot be told.
         for (face, mesh_points) in [("4 0 1 2 3", 0), ("4 0 1 2 3", 4), ("4 0 1 2 9", 1000), ("2 0 1", 1000)] {
