@@ -7,7 +7,7 @@ use cloud::Progress;
 use render::{Error, Gpu, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{METHODS, Method, Settings, Shape};
-use study::auto::{self, Hands};
+use study::auto::{Explored, Hands};
 use study::{CostModel, Subject, Target, TracedScene, Tracer, Truth, View};
 
 const SIZE: [u32; 2] = [96, 72];
@@ -198,14 +198,15 @@ fn auto_chooses_no_method_that_refuses_the_glossy_mirrors_of_a_scene() {
         "gi.interleave",
     ];
     let fixed = fixed.map(str::to_owned);
+    let mut draw = |renderer: &mut Renderer, settings: &Settings, size| Ok(subject.render(renderer, settings, size)?);
+    let mut hands = Hands { renderer: &mut renderer, draw: &mut draw, model: &mut CostModel::default() };
+    // Light is fixed, so what is known of the view serves targets of all kinds.
+    let explored = Explored::new(&settings, &fixed, (&camera, [48, 36]), true, &mut hands).unwrap();
     for target in [Target::Milliseconds(0.001), Target::Milliseconds(1e6), Target::Pixels(1e3)] {
-        let mut draw =
-            |renderer: &mut Renderer, settings: &Settings, size| Ok(subject.render(renderer, settings, size)?);
-        let mut hands = Hands { renderer: &mut renderer, draw: &mut draw, model: &mut CostModel::default() };
-        let choice = auto::choose(target, &settings, &fixed, (&camera, [48, 36]), &mut hands).unwrap();
+        let choice = explored.choose(target, &mut hands).unwrap();
         let mut chosen = settings.clone();
         choice.apply(&mut chosen).unwrap();
         assert!(!refused.contains(&chosen.reflection.method), "{target}: {choice:?}");
-        subject.render(&mut renderer, &chosen, [48, 36]).unwrap();
+        subject.render(hands.renderer, &chosen, [48, 36]).unwrap();
     }
 }

@@ -201,7 +201,7 @@ fn maps_are_drawn_for_the_pixels_that_need_them_and_kept_within_the_memory() {
         let settings = by_field(&[("light_field.samples", "300"), ("light_field.memory", memory)]);
         stage.renderer.forget();
         let before = scene.render(&mut stage, &by_field(&[("reflection.method", "surfel_trace")])).gpu_bytes;
-        for turn in 0..5 {
+        for turn in 0..3 {
             scene.camera.orbit(0.7, 0.3);
             let stats = scene.render(&mut stage, &settings);
             let maps = counted(&stats);
