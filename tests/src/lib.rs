@@ -25,6 +25,6 @@ mod program;
 mod real_data;
 mod session;
 
-pub use program::{Folder, Outcome};
+pub use program::{Folder, Outcome, shader_cache};
 pub use real_data::test_data;
 pub use session::{Session, Window, colors};

@@ -125,8 +125,18 @@ impl Folder {
             command.env_remove(home);
         }
         command.env("HOME", self.folder.path()).env("XDG_RUNTIME_DIR", self.path("runtime"));
+        command.envs(shader_cache().map(|folder| ("MESA_SHADER_CACHE_DIR", folder)));
         command
     }
+}
+
+/// The folder of shaders that Mesa has compiled, beside the user's other caches. All runs share it: compiling the
+/// passes of one picture takes three seconds of a core, which is more than drawing it.
+pub fn shader_cache() -> Option<PathBuf> {
+    let folder = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    folder("MESA_SHADER_CACHE_DIR")
+        .or_else(|| folder("XDG_CACHE_HOME"))
+        .or_else(|| folder("HOME").map(|home| home.join(".cache")))
 }
 
 fn read_all(mut stream: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {

@@ -88,10 +88,21 @@ impl Session {
     /// A screenshot of a window, which is given by its number or as `root`.
     fn screenshot(&self, window: &str) -> Option<RgbaImage> {
         let mut command = Command::new("import");
-        command.args(["-silent", "-window", window, "png:-"]).env("DISPLAY", &self.display);
+        // A PPM picture: packing the pixels as PNG takes an eighth of the time of a test.
+        command.args(["-silent", "-window", window, "-depth", "8", "ppm:-"]).env("DISPLAY", &self.display);
         let output = command.output().expect("import (ImageMagick) starts");
-        Some(image::load_from_memory(&output.stdout).ok()?.into_rgba8())
+        picture_of(&output.stdout)
     }
+}
+
+/// The picture of a binary PPM file without comments: `P6`, the width, the height, 255, and three bytes a pixel.
+fn picture_of(file: &[u8]) -> Option<RgbaImage> {
+    let mut parts = file.splitn(4, u8::is_ascii_whitespace);
+    let mut word = || std::str::from_utf8(parts.next()?).ok();
+    let (kind, width, height) = (word()?, word()?.parse().ok()?, word()?.parse().ok()?);
+    let pixels = parts.next()?.strip_prefix(b"255\n")?;
+    let rgba = pixels.as_chunks::<3>().0.iter().flat_map(|[r, g, b]| [*r, *g, *b, 255]).collect();
+    (kind == "P6").then(|| RgbaImage::from_raw(width, height, rgba))?
 }
 
 impl Drop for Session {

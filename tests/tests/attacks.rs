@@ -134,6 +134,7 @@ fn a_view_comes_from_standard_input_up_to_its_limit() {
         let mut command = Command::new("sh");
         command.args(["-c", line, "sh"]).arg(glint.get_program()).current_dir(folder.path("")).stdin(Stdio::null());
         command.env("HOME", folder.path("")).env("XDG_RUNTIME_DIR", folder.path("runtime"));
+        command.envs(tests::shader_cache().map(|folder| ("MESA_SHADER_CACHE_DIR", folder)));
         command.output().expect("sh starts")
     };
     let render = format!("\"$1\" render {SCENE} -o a.png --size 64x48 --set scene.points=20000 --camera -");

@@ -153,6 +153,11 @@ fn environment(root: &Path) -> Result<Vec<(&'static str, OsString)>> {
     if let Some(folder) = runtime_folder()? {
         environment.push(("XDG_RUNTIME_DIR", folder.into()));
     }
+    // As many programs run at a time as there are cores. Threads of software Vulkan beside them would only wake and wait
+    // for one another, which takes a quarter of the time of many small passes.
+    if std::env::var_os("LP_NUM_THREADS").is_none() {
+        environment.push(("LP_NUM_THREADS", "0".into()));
+    }
     if std::env::var_os("CI").is_some() {
         environment.push(("GLINT_REQUIRE_GPU", "1".into()));
         if std::env::var_os("GLINT_TEST_DATA").is_some() || root.join("../shared/data").is_dir() {
