@@ -1,45 +1,21 @@
 //! `glint`: parses the command line, runs the command, and ends with an exit status that scripts rely on: 0 success, 1
 //! the work failed, 2 bad usage or unreadable input, 3 no display or adapter, 130 interrupted.
 
-mod chosen;
-mod command_line;
-mod compare_command;
-mod comparing;
-mod costs;
-mod environment;
-mod export_command;
-mod failure;
-mod film;
-mod index_command;
-mod info;
-mod interrupt;
-mod listing;
-mod measure_command;
-mod measuring;
+mod commands;
 mod overlays;
-mod peak_memory;
-mod picture_file;
-mod profile_chart;
-mod profile_command;
-mod progress_bar;
-mod record_command;
-mod recording;
-mod render_command;
-mod scans;
-mod study_command;
-mod subject;
-mod surfaces_command;
-mod terminal;
-mod truth;
+mod shared;
+mod system;
 mod viewer;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use command_line::{Command, CommandLine};
-use failure::NoScreen;
-use terminal::complain;
+use commands::{compare, export, index, info, listing, measure, profile, record, render, study, surfaces};
+use shared::command_line::{self, Command, CommandLine};
+use system::failure::{self, NoScreen};
+use system::terminal::complain;
+use system::{environment, interrupt, terminal};
 
 fn main() -> ExitCode {
     quiet_wayland();
@@ -77,7 +53,7 @@ fn ended(outcome: anyhow::Result<u8>) -> ExitCode {
 /// several files is unreadable.
 fn run(line: CommandLine) -> anyhow::Result<u8> {
     if let Some(folder) = world::pipelines_folder() {
-        render::keep_pipelines_in(folder);
+        ::render::keep_pipelines_in(folder);
     }
     let command = line.command.unwrap_or(Command::View(line.view));
     // The viewer sets a handler of its own, since its window has to be woken.
@@ -103,17 +79,17 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
             Ok(0)
         }
         Command::Info(arguments) => info::run(&arguments),
-        Command::Render(arguments) => render_command::run(&arguments),
-        Command::Record(arguments) => record_command::run(&arguments),
-        Command::Index(arguments) => index_command::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Record(arguments) => record::run(&arguments),
+        Command::Index(arguments) => index::run(&arguments),
         Command::Methods(arguments) => listing::methods(arguments.json).map(|()| 0),
         Command::Scenes(arguments) => listing::scenes(arguments.json).map(|()| 0),
-        Command::Study(arguments) => study_command::run(&arguments),
-        Command::Compare(arguments) => compare_command::run(&arguments),
-        Command::Export(arguments) => export_command::run(&arguments),
-        Command::Profile(arguments) => profile_command::run(&arguments),
-        Command::Measure(arguments) => measure_command::run(&arguments),
-        Command::Surfaces(arguments) => surfaces_command::run(&arguments),
+        Command::Study(arguments) => study::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
+        Command::Profile(arguments) => profile::run(&arguments),
+        Command::Measure(arguments) => measure::run(&arguments),
+        Command::Surfaces(arguments) => surfaces::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
     }
 }

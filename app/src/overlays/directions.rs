@@ -81,7 +81,7 @@ mod tests {
     use scene::{Camera, Projection, ViewSettings};
 
     use super::*;
-    use crate::viewer::input::lens::Lens;
+    use crate::overlays::lens::Lens;
 
     #[test]
     fn a_direction_in_the_picture_is_that_of_a_step_at_the_pivot() {

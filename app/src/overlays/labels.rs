@@ -8,7 +8,7 @@ use glam::DVec3;
 use scene::{Measurement, MeasurementKind, Note, Profile};
 
 use super::ground::SHADOW;
-use crate::measuring::{Figure, Outcome};
+use crate::shared::measuring::{Figure, Outcome};
 
 /// The number of pieces of a circle.
 const RING_STEPS: u32 = 48;

@@ -8,6 +8,7 @@ mod directions;
 pub mod ground;
 pub mod labels;
 pub mod legend;
+pub mod lens;
 mod scale_bar;
 pub mod steps;
 mod wipe;
@@ -18,7 +19,7 @@ use glam::DVec3;
 use render::ColorPlan;
 use scene::{Camera, Caption, Overlay, Projection, Settings, WipeMarks};
 
-use crate::viewer::input::lens::Lens;
+use crate::overlays::lens::Lens;
 use directions::{axes, north, north_arrow};
 use labels::Mark;
 use legend::Legend;

@@ -63,7 +63,7 @@ mod tests {
     use scene::{Camera, Projection, ViewSettings};
 
     use super::*;
-    use crate::viewer::input::lens::Lens;
+    use crate::overlays::lens::Lens;
 
     #[test]
     fn a_bar_is_as_long_as_its_length_is_in_the_picture_at_the_pivot() {

@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 use egui::Ui;
 use render::Gpu;
 
-use crate::viewer::action::Action;
 use crate::viewer::interface;
-use crate::viewer::outside::Effect;
-use crate::viewer::preferences::Preferences;
+use crate::viewer::jobs::sweep_files::SweepResult;
+use crate::viewer::picture::render_thread::{Command, RenderThread, Report};
+use crate::viewer::requests::action::Action;
+use crate::viewer::requests::outside::Effect;
+use crate::viewer::requests::preferences::Preferences;
+use crate::viewer::requests::work::Work;
 use crate::viewer::session::Session;
-use crate::viewer::truth::sweep_files::SweepResult;
-use crate::viewer::window::render_thread::{Command, RenderThread, Report};
-use crate::viewer::work::Work;
 
 pub struct Bench {
     pub session: Session,

@@ -8,18 +8,19 @@ use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, Ric
 use scene::Show;
 use world::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 
-use crate::viewer::action::{Action, Filing};
-use crate::viewer::input::bindings::{self, COMMAND};
-use crate::viewer::loaded::clouds::{JobEntry, short_name};
-use crate::viewer::messages::Level;
+use crate::viewer::input::gizmo;
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::look::widgets::{progress_bar, progress_text};
+use crate::viewer::objects::clouds::{JobEntry, short_name};
 use crate::viewer::panels::overlay;
-use crate::viewer::panels::path_prompt::Outcome;
+use crate::viewer::picture::canvas::Picture;
+use crate::viewer::requests::action::{Action, Filing};
+use crate::viewer::requests::bindings::{self, COMMAND};
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::path_prompt::Outcome;
 use crate::viewer::session::Session;
-use crate::viewer::theme::grouped;
-use crate::viewer::tools::gizmo;
-use crate::viewer::widgets::{progress_bar, progress_text};
-use crate::viewer::window::canvas::Picture;
-use crate::viewer::{input, panels, theme};
+use crate::viewer::{input, panels};
 
 /// Draws the whole window. `picture` is the render thread's last frame. Returns what the user asked for, in order.
 pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Action> {
@@ -374,14 +375,14 @@ mod tests {
     use world::Mailbox;
 
     use super::*;
-    use crate::viewer::action::Measuring;
+    use crate::overlays::lens::Lens;
     use crate::viewer::bench::Bench;
-    use crate::viewer::input::lens::Lens;
-    use crate::viewer::outside::Effect;
+    use crate::viewer::look::tab::Tab;
     use crate::viewer::panels::side::OWN_PANELS;
-    use crate::viewer::preferences::Preferences;
-    use crate::viewer::tab::Tab;
-    use crate::viewer::window::render_thread::Report;
+    use crate::viewer::picture::render_thread::Report;
+    use crate::viewer::requests::action::Measuring;
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::preferences::Preferences;
 
     fn harness() -> Harness<'static, Session> {
         Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use winit::event_loop::ActiveEventLoop;
 
-use super::window::screen::Screen;
+use super::screen::Screen;
 use super::{Viewer, Wake};
 
 /// A device that is lost twice within this time would be lost again.

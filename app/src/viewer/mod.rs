@@ -1,50 +1,31 @@
 //! The viewer's window. `session` holds what the viewer knows, `interface` draws it, `input` turns keys and mouse into
-//! actions, `window::render_thread` draws the points, and `window::screen` is the surface. This file connects them:
+//! actions, `picture::render_thread` draws the points, and `screen` is the surface. This file connects them:
 //! events from the system, from loading, from the render thread and from workers change the session, and then the
 //! effects that the session has queued are carried out.
 //!
 //! Nothing here blocks: other threads read files, look up columns, compute figures and draw points. They wake the event
 //! loop when they have results.
 
-mod action;
-mod auto;
-mod autosave;
 #[cfg(test)]
 mod bench;
-mod document;
-mod facts;
 mod filming;
-mod first_look;
 mod frames;
-mod furnishing;
 mod headless;
-mod history;
-pub mod input;
+mod input;
 mod interface;
-mod kept;
+mod jobs;
 mod loaded;
+mod look;
 mod lost_device;
-mod messages;
 mod objects;
-mod outside;
-mod pace;
 mod panels;
-mod past_views;
-mod posed;
-mod posing;
-mod preferences;
-mod reflection_figures;
+mod picture;
+mod requests;
 mod scene;
+mod screen;
 mod session;
-mod tab;
-mod theme;
 mod tools;
 mod truth;
-mod views;
-mod wanted;
-mod widgets;
-mod window;
-mod work;
 
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -53,33 +34,35 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use ::scene::{CaptureFormat, Settings, StandardView, View};
-use action::{Action, Export, Filing, PictureDraft, SavePicture};
 use anyhow::Context as _;
 pub use headless::{Headless, PictureStats};
-use messages::Level;
-use outside::{Asked, Effect, News};
-use panels::path_prompt::PathPrompt;
+use picture::capture::{self, Capture, Captured};
+use picture::event_log::EventLog;
+pub use picture::render_thread::Picture;
+use picture::render_thread::Report;
+use picture::window_texture::NO_MEMORY;
+use requests::action::{Action, Export, Filing, PictureDraft, SavePicture};
+use requests::messages::Level;
+use requests::outside::{Asked, Effect, News};
+use requests::path_prompt::PathPrompt;
+use requests::work::Found;
+use requests::{autosave, bindings, preferences};
+use screen::{Painted, Screen};
 use serde_json::json;
 use session::Session;
-use window::capture::{self, Capture, Captured};
-use window::effects::{self, Effects};
-use window::event_log::EventLog;
-pub use window::render_thread::Picture;
-use window::render_thread::Report;
-use window::screen::{Painted, Screen};
-use window::window_texture::NO_MEMORY;
+use session::effects::{self, Effects};
+use session::first_look;
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::WindowId;
-use work::Found;
 use world::Request;
 
-use crate::command_line::ViewArguments;
-use crate::failure::{Interrupted, NoScreen, usage};
-use crate::interrupt;
-use crate::render_command::Viewpoint;
+use crate::commands::render::Viewpoint;
+use crate::shared::command_line::ViewArguments;
+use crate::system::failure::{Interrupted, NoScreen, usage};
+use crate::system::interrupt;
 
 /// A message from another thread to the window.
 enum Wake {
@@ -352,7 +335,7 @@ impl ApplicationHandler<Wake> for Viewer {
             WindowEvent::Occluded(_) | WindowEvent::Focused(_) | WindowEvent::Moved(_) => screen.show_again(),
             WindowEvent::KeyboardInput { event: key, .. } if !screen.context.text_edit_focused() => {
                 if let Some(trigger) = own_key(key, self.modifiers) {
-                    let action = input::bindings::action(trigger, self.session.scene.mode);
+                    let action = bindings::action(trigger, self.session.scene.mode);
                     if let (Some(action), ElementState::Pressed, false) = (action, key.state, key.repeat) {
                         self.session.act(action);
                         self.do_effects();
@@ -398,8 +381,8 @@ fn is_input(event: &WindowEvent) -> bool {
 }
 
 /// Finds keys that egui does not pass on unchanged: it reports number pad keys as the number row.
-fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<input::bindings::Trigger> {
-    use input::bindings::Trigger;
+fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<bindings::Trigger> {
+    use requests::bindings::Trigger;
     let PhysicalKey::Code(code) = key.physical_key else { return None };
     match code {
         KeyCode::Numpad1 => Some(Trigger::Numpad(modifiers.into(), 1)),
@@ -556,7 +539,7 @@ impl Viewer {
                 screen.set_picture(&frame.texture);
             }
         }
-        let is_saved = matches!(news, News::Found(work::Found::SceneSaved { .. }));
+        let is_saved = matches!(news, News::Found(requests::work::Found::SceneSaved { .. }));
         let is_loaded = matches!(news, News::Loading(_, world::Event::Finished, _));
         self.session.on_news(news);
         if is_loaded || is_saved {
@@ -605,7 +588,7 @@ impl Viewer {
             let (name, folder) = (live.name.display(), capture::folder_of(&live.name));
             let told =
                 format!("the window was closed before {name} was made; its pictures are in {}", folder.display());
-            crate::terminal::warn([told]);
+            crate::system::terminal::warn([told]);
         }
     }
 

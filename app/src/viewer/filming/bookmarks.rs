@@ -6,10 +6,10 @@ use scene::{Bookmark, Camera, CameraPath, Ease, Motion};
 use serde_json::json;
 
 use crate::viewer::objects::numbered;
-use crate::viewer::outside::Outside;
+use crate::viewer::picture::render_thread::{Command, FrameRequest, Picture};
+use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::Scene;
 use crate::viewer::truth::view;
-use crate::viewer::window::render_thread::{Command, FrameRequest, Picture};
 
 /// How long a flight to a bookmark takes, in seconds: long enough to see where it leads.
 const FLIGHT_SECONDS: f64 = 0.8;

@@ -2,10 +2,8 @@
 
 mod bookmarks;
 pub mod presets;
-pub mod process;
 mod recording;
 mod timeline;
-pub mod wanted;
 mod wiping;
 
 use std::path::PathBuf;
@@ -22,17 +20,17 @@ use serde_json::json;
 pub use timeline::Timeline;
 pub use wiping::Wiping;
 
-use crate::viewer::action::{Action, Film};
 use crate::viewer::frames::Frames;
-use crate::viewer::input::bindings::COMMAND;
 use crate::viewer::loaded::Loaded;
-use crate::viewer::messages::Level;
-use crate::viewer::outside::{Effect, Outside};
+use crate::viewer::picture::capture::{self, Captured};
+use crate::viewer::picture::render_thread::{FrameRequest, Picture};
+use crate::viewer::requests::action::{Action, Film};
+use crate::viewer::requests::bindings::COMMAND;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::{Effect, Outside};
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::measurements::units;
 use crate::viewer::truth::tuning::Tuning;
-use crate::viewer::window::capture::{self, Captured};
-use crate::viewer::window::render_thread::{FrameRequest, Picture};
 
 /// The time between two steps while the camera moves by itself: that of a frame of most screens.
 const STEP: Duration = Duration::from_millis(16);

@@ -7,9 +7,9 @@ use scene::{
     Settings, Track, WIPE, WipeState,
 };
 
-use crate::viewer::action::PathPreset;
 use crate::viewer::filming::Around;
 use crate::viewer::objects::numbered;
+use crate::viewer::requests::action::PathPreset;
 use crate::viewer::scene::Scene;
 use crate::viewer::truth::tuning::Trial;
 

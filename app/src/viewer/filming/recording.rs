@@ -5,15 +5,15 @@ use std::time::Instant;
 
 use serde_json::json;
 
-use super::process::{Ended, Leash};
-use super::wanted::Wanted;
-use crate::progress_bar::Stage;
+use crate::system::progress_bar::Stage;
+use crate::viewer::jobs::process::{Ended, Leash};
 use crate::viewer::loaded::Loaded;
-use crate::viewer::messages::Level;
-use crate::viewer::outside::Outside;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::recording::Wanted;
+use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
-use crate::viewer::views::free_path;
-use crate::viewer::work::Work;
+use crate::viewer::session::views::free_path;
 
 #[derive(Default)]
 pub struct Recording {

@@ -7,17 +7,17 @@ use glam::{DVec2, DVec3};
 use scene::{Camera, CameraPath, Caption, CaptureFormat, Method, Mirror, Object, Place, SceneFile, Shape};
 
 use super::*;
-use crate::command_line::{Command, CommandLine};
-use crate::progress_bar::Bar;
-use crate::recording::{PathChoice, Recorder};
-use crate::viewer::action::{Filing, PathPreset};
+use crate::commands::recording::{PathChoice, Recorder};
+use crate::shared::command_line::{Command, CommandLine};
+use crate::system::progress_bar::Bar;
 use crate::viewer::bench::Bench;
-use crate::viewer::facts::facts;
-use crate::viewer::filming::process::Ended;
 use crate::viewer::interface;
+use crate::viewer::jobs::process::Ended;
+use crate::viewer::look::tab::Tab;
+use crate::viewer::requests::action::{Filing, PathPreset};
+use crate::viewer::requests::work::{Found, Work};
 use crate::viewer::session::Session;
-use crate::viewer::tab::Tab;
-use crate::viewer::work::{Found, Work};
+use crate::viewer::tools::facts::facts;
 
 fn film(session: &mut Session, film: Film) {
     session.act(Action::Film(film));
@@ -503,7 +503,8 @@ fn record_is_the_command_with_the_scene_that_is_saved() {
     assert_eq!((arguments.subframes, arguments.shutter, arguments.supersample), (4, 0.5, 1));
     assert_eq!((arguments.path.as_deref(), arguments.output.to_str()), (Some("mirror sweep"), Some("a film.mp4")));
     // Its progress and its end are told.
-    let stage = |done| Found::Recording(crate::progress_bar::Stage { task: "recording".into(), done, total: 10 });
+    let stage =
+        |done| Found::Recording(crate::system::progress_bar::Stage { task: "recording".into(), done, total: 10 });
     session.on_found(stage(0));
     session.outside.now += Duration::from_secs(4);
     session.on_found(stage(2));

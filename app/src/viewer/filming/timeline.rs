@@ -6,11 +6,11 @@ use std::time::Instant;
 use scene::{CameraPath, Motion, WIPE, WipeState, line_value};
 use serde_json::json;
 
-use crate::viewer::action::Film;
 use crate::viewer::filming::wiping::{View, Wiping};
-use crate::viewer::messages::Level;
 use crate::viewer::objects::numbered;
-use crate::viewer::outside::Outside;
+use crate::viewer::requests::action::Film;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::Scene;
 
 #[derive(Default)]

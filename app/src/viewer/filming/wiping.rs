@@ -8,14 +8,14 @@ use scene::{Camera, CameraPath, Mirror, Settings, SpotLight, WipeState};
 use serde_json::json;
 use study::TracedScene;
 
-use crate::viewer::messages::Level;
-use crate::viewer::outside::Outside;
+use crate::viewer::jobs::tasks::{Answer, Kind, SceneKey, Task};
+use crate::viewer::picture::render_thread::{Command, FrameRequest, Report};
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
 use crate::viewer::truth::Around;
-use crate::viewer::truth::tasks::{Answer, Kind, SceneKey, Task};
 use crate::viewer::truth::view::{MOST_POINTS, Picture, TruthView, too_many_points};
-use crate::viewer::window::render_thread::{Command, FrameRequest, Report};
-use crate::viewer::work::Work;
 
 /// The number of a pass that no picture of the truth has.
 const PASS: u32 = u32::MAX;

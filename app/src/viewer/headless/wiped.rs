@@ -12,14 +12,14 @@ use scene::{Camera, Mirror, Profile, RAY_TRACE, Settings, SpotLight, WipeState};
 use study::TracedScene;
 
 use super::{Headless, PictureStats};
-use crate::interrupt;
 use crate::overlays;
-use crate::progress_bar::{self, Bar};
+use crate::system::interrupt;
+use crate::system::progress_bar::{self, Bar};
+use crate::viewer::jobs::tasks::{Answer, SceneKey, Source, Task};
+use crate::viewer::picture::render_thread::{Command, FrameRequest, Picture, Report};
 use crate::viewer::session::Session;
-use crate::viewer::truth::tasks::{Answer, SceneKey, Source, Task};
 use crate::viewer::truth::traced_points;
 use crate::viewer::truth::view::{MOST_POINTS, too_many_points};
-use crate::viewer::window::render_thread::{Command, FrameRequest, Picture, Report};
 
 impl Headless {
     /// Returns the picture in which each state has its columns, with the overlays of each state in its part, and

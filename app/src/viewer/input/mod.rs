@@ -1,8 +1,7 @@
 //! Turns input into actions: reads the window's input over the picture, and finds the actions in the table of bindings.
 
-pub mod bindings;
-pub mod lens;
-pub mod navigation;
+pub mod gizmo;
+pub mod outlines;
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -10,8 +9,9 @@ use std::time::Duration;
 use egui::{Event, MouseWheelUnit, Response, Ui};
 use glam::{DVec2, DVec3};
 
-use crate::viewer::action::{Action, Measuring};
-use crate::viewer::input::bindings::Trigger;
+use crate::viewer::requests::action::{Action, Measuring};
+use crate::viewer::requests::bindings;
+use crate::viewer::requests::bindings::Trigger;
 use crate::viewer::session::Session;
 use crate::viewer::tools::measurements::{Placing, Wanted};
 

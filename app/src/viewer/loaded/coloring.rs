@@ -9,11 +9,11 @@ use cloud::{Column, Progress};
 use serde_json::json;
 use world::{Change, CloudKey};
 
-use crate::viewer::loaded::clouds::CloudEntry;
-use crate::viewer::loaded::figures::{Basis, Figures};
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::messages::Level;
-use crate::viewer::work::Work;
+use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::objects::figures::{Basis, Figures};
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::work::Work;
 
 impl Loaded {
     /// Requests colours, histograms, bounds and radii of clouds that have changed. Called every frame of the window.

@@ -11,17 +11,15 @@ use serde_json::json;
 use stream::COMPARED;
 use world::CloudKey;
 
-use crate::comparing::{Measured, Method};
-use crate::viewer::action::Compare;
-use crate::viewer::loaded::clouds::CloudEntry;
-use crate::viewer::loaded::comparisons::{
-    CompareDraft, Compared, Comparing, Comparison, Ends, Outcome, Second, Written,
-};
+use crate::shared::comparing::{Measured, Method};
+use crate::viewer::jobs::comparisons::{CompareDraft, Compared, Comparing, Comparison, Ends, Outcome, Second, Written};
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::messages::Level;
-use crate::viewer::outside::Effect;
-use crate::viewer::views::{free_path, picture_name};
-use crate::viewer::work::Work;
+use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::requests::action::Compare;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::Effect;
+use crate::viewer::requests::work::Work;
+use crate::viewer::session::views::{free_path, picture_name};
 
 impl Loaded {
     pub fn compare(&mut self, step: Compare, beside: &mut Beside<'_>) {
@@ -203,12 +201,12 @@ mod tests {
     use world::{Event, Opened, Part};
 
     use super::*;
-    use crate::comparing::Scales;
-    use crate::viewer::action::Action;
-    use crate::viewer::loaded::clouds::Streamed;
-    use crate::viewer::preferences::Preferences;
+    use crate::shared::comparing::Scales;
+    use crate::viewer::objects::clouds::Streamed;
+    use crate::viewer::requests::action::Action;
+    use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::requests::work::Found;
     use crate::viewer::session::Session;
-    use crate::viewer::work::Found;
 
     /// Two plates, of which the second is 0.25 higher on one half.
     fn session() -> Session {

@@ -8,13 +8,13 @@ use cloud::Progress;
 use codec::Exported;
 use serde_json::json;
 
-use crate::viewer::action::Export;
 use crate::viewer::loaded::{Loaded, Writing};
-use crate::viewer::messages::Level;
-use crate::viewer::outside::{Asked, Effect, Outside};
+use crate::viewer::requests::action::Export;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::{Asked, Effect, Outside};
+use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
-use crate::viewer::views::free_path;
-use crate::viewer::work::Work;
+use crate::viewer::session::views::free_path;
 
 impl Loaded {
     pub fn export(&mut self, step: Export, scene: &Scene, outside: &mut Outside) {
@@ -73,7 +73,7 @@ mod tests {
     use world::{Event, Opened};
 
     use super::*;
-    use crate::viewer::action::Action;
+    use crate::viewer::requests::action::Action;
     use crate::viewer::session::Session;
 
     #[test]

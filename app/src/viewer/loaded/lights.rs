@@ -6,10 +6,10 @@ use scene::{LightClues, Lighting, SpotLight};
 use serde_json::json;
 use world::AutoLight;
 
-use crate::viewer::loaded::clouds::{CloudEntry, colored_chunks};
 use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::objects::clouds::{CloudEntry, colored_chunks};
+use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
-use crate::viewer::work::Work;
 
 impl Loaded {
     /// Asks a worker what surrounds the points of the clouds that are shown, once they are all loaded. Hidden points

@@ -8,12 +8,12 @@ use serde_json::json;
 use world::mirrors::{self, Marked};
 use world::{Change, CloudKey};
 
-use crate::viewer::loaded::clouds::Sample;
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::messages::Level;
+use crate::viewer::objects::clouds::Sample;
 use crate::viewer::objects::{Marking, ObjectId, unnamed};
-use crate::viewer::outside::Outside;
-use crate::viewer::work::Work;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::work::Work;
 
 impl Loaded {
     /// Counts the points of a cloud that would reflect.

@@ -1,13 +1,9 @@
 //! What is open: the clouds, the jobs that load them, the points that represent mirrors, and what is known about the
 //! light around them. `opening`, `streams`, `coloring`, `mirror_points` and `lights` change it.
 
-pub mod clouds;
 pub mod coloring;
 mod comparing;
-pub mod comparisons;
 pub mod export;
-pub mod figures;
-pub mod light_search;
 pub mod lights;
 pub mod mirror_points;
 pub mod opening;
@@ -25,15 +21,15 @@ use scene::{CloudSettings, Mirror, MirrorPoints};
 use world::{CloudKey, Input, Mailbox};
 
 use crate::viewer::frames::Frames;
-use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Samples};
-use crate::viewer::loaded::comparisons::Comparisons;
-use crate::viewer::loaded::light_search::LightSearch;
+use crate::viewer::jobs::comparisons::Comparisons;
+use crate::viewer::objects::clouds::{CloudEntry, JobEntry, Samples};
+use crate::viewer::objects::inspection::Inspection;
 use crate::viewer::objects::{ObjectId, Objects};
-use crate::viewer::outside::Outside;
-use crate::viewer::preferences::Preferences;
+use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::preferences::Preferences;
 use crate::viewer::scene::Scene;
-use crate::viewer::tools::inspection::Inspection;
-use crate::viewer::window::render_thread::PickedPoint;
+use crate::viewer::scene::light_search::LightSearch;
 
 #[derive(Default)]
 pub struct Loaded {

@@ -6,12 +6,12 @@ use scene::{Strays, Visibility};
 use serde_json::json;
 use world::{Assembly, Change, CloudKey, CloudTask, Event, Opened, Part, TaskStatus};
 
-use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, short_name};
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::messages::Level;
+use crate::viewer::look::theme::grouped;
 use crate::viewer::objects::Origin;
-use crate::viewer::scene::apart;
-use crate::viewer::theme::grouped;
+use crate::viewer::objects::clouds::apart;
+use crate::viewer::objects::clouds::{CloudEntry, JobEntry, short_name};
+use crate::viewer::requests::messages::Level;
 
 impl Loaded {
     pub fn on_loading(&mut self, job: u32, event: Event, beside: &mut Beside<'_>) {

@@ -6,10 +6,10 @@ use scene::CloudSettings;
 use serde_json::json;
 use world::{Change, CloudKey, Moved, Request};
 
-use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::OwnSettings;
-use crate::viewer::work::Work;
+use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::requests::work::Work;
 
 impl CloudEntry {
     /// The changes that give its points `size` times their radii and show them where `placement` has them.

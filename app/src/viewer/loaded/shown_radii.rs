@@ -7,7 +7,7 @@ use serde_json::json;
 use world::CloudKey;
 
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::work::Work;
+use crate::viewer::requests::work::Work;
 
 impl Loaded {
     /// Requests the radii of clouds of which classes or filters hide other points than before. Called every frame of
@@ -77,9 +77,9 @@ mod tests {
     use world::{Event, Opened, Part};
 
     use super::*;
-    use crate::viewer::action::Action;
-    use crate::viewer::outside::Effect;
-    use crate::viewer::preferences::Preferences;
+    use crate::viewer::requests::action::Action;
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::preferences::Preferences;
     use crate::viewer::session::Session;
 
     /// A session with a square of points in a file, every fourth of them along each side in class 2, the others in class

@@ -9,12 +9,12 @@ use scene::Settings;
 use serde_json::json;
 use world::{Change, CloudKey, IndexState, Part, StreamStats, StreamView, most_points};
 
-use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Streamed};
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::messages::Level;
-use crate::viewer::pace::shares;
+use crate::viewer::objects::clouds::{CloudEntry, JobEntry, Streamed};
+use crate::viewer::picture::pace::shares;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
-use crate::viewer::work::Work;
 
 impl Loaded {
     pub fn on_pages(&mut self, job: u32, cloud: usize, pages: IndexState, beside: &mut Beside<'_>) {
@@ -273,11 +273,11 @@ mod tests {
 
     use super::*;
     use crate::viewer::objects::Marking;
-    use crate::viewer::outside::Effect;
-    use crate::viewer::preferences::Preferences;
+    use crate::viewer::picture::render_thread::{Command, PickPurpose, PickedPoint, Report};
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::requests::work::Found;
     use crate::viewer::session::Session;
-    use crate::viewer::window::render_thread::{Command, PickPurpose, PickedPoint, Report};
-    use crate::viewer::work::Found;
 
     const GRID: Option<Grid> = Some(Grid::new(DVec3::splat(0.01), DVec3::ZERO));
 
@@ -518,7 +518,7 @@ mod tests {
             let Some((key, cloud, basis, up, kept)) = asked else { return false };
             let figures = match kept {
                 Some(kept) => kept.recounted(&cloud, &basis.test, up),
-                None => crate::viewer::loaded::figures::Figures::of(&cloud, &basis.color, &basis.test, up),
+                None => crate::viewer::objects::figures::Figures::of(&cloud, &basis.color, &basis.test, up),
             };
             session.on_found(Found::Figures { key, basis, figures: Box::new(figures) });
             true

@@ -3,10 +3,10 @@
 use egui::{RichText, Ui};
 use scene::{Bookmark, CaptureFormat};
 
-use crate::viewer::action::{Action, Film};
-use crate::viewer::input::bindings;
+use crate::viewer::look::theme;
+use crate::viewer::requests::action::{Action, Film};
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
 
 /// The size of a picture, in points of the window.
 const PICTURE: egui::Vec2 = egui::vec2(80.0, 50.0);

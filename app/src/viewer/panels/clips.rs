@@ -5,14 +5,14 @@ use egui::{RichText, Ui};
 use render::ColorSource;
 use scene::{Clip, ClipShape, Filter, Keep, Object};
 
-use crate::viewer::action::{Action, Clipping, Export};
-use crate::viewer::input::bindings;
-use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::look::theme;
+use crate::viewer::look::widgets::{choice, eye, name_label, three};
+use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedClip};
 use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};
+use crate::viewer::requests::action::{Action, Clipping, Export};
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::widgets::{choice, eye, name_label, three};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
@@ -252,9 +252,9 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
 
     use super::*;
-    use crate::viewer::loaded::figures::Figures;
-    use crate::viewer::outside::{Asked, Effect};
-    use crate::viewer::work::Work;
+    use crate::viewer::objects::figures::Figures;
+    use crate::viewer::requests::outside::{Asked, Effect};
+    use crate::viewer::requests::work::Work;
 
     fn harness() -> Harness<'static, Session> {
         Harness::builder().with_size([380.0, 900.0]).build_ui_state(

@@ -6,16 +6,16 @@ use param::Params as _;
 use scene::{CloudSettings, Color, ColorBy};
 
 use crate::overlays::legend;
-use crate::viewer::action::Action;
-use crate::viewer::loaded::clouds::CloudEntry;
-use crate::viewer::loaded::figures::Figures;
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::look::widgets::{eye, name_label, three};
+use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::objects::figures::Figures;
 use crate::viewer::panels::clips::range_button;
 use crate::viewer::panels::colors::histogram;
 use crate::viewer::panels::parameters::parameter;
+use crate::viewer::requests::action::Action;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::theme::grouped;
-use crate::viewer::widgets::{eye, name_label, three};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for entry in &session.loaded.clouds {
@@ -64,7 +64,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let known = |figures: &Figures| (figures.strays.unwrap_or(0), figures.noise.flatten());
             let (strays, noise) = entry.figures.as_ref().map_or((0, None), known);
             let strays = (strays > 0).then(|| format!("{} stray", grouped(strays)));
-            let noise = noise.map(|noise| format!("noise {}", crate::info::two_digits(noise)));
+            let noise = noise.map(|noise| format!("noise {}", crate::commands::info::two_digits(noise)));
             let line: Vec<String> = strays.into_iter().chain(noise).collect();
             if !line.is_empty() {
                 let quality = ui.label(RichText::new(line.join(" · ")).small().color(theme::WEAK));
@@ -210,9 +210,9 @@ mod tests {
 
     use super::*;
     use crate::viewer::loaded::Loaded;
-    use crate::viewer::outside::Effect;
-    use crate::viewer::window::render_thread::Command;
-    use crate::viewer::work::{Found, Work};
+    use crate::viewer::picture::render_thread::Command;
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::work::{Found, Work};
 
     /// The panel with a cloud of two points.
     fn harness() -> Harness<'static, Session> {

@@ -8,15 +8,15 @@ use render::{class_color, class_name, ramp_colors};
 use scene::{ColorBy, Ramp};
 
 use crate::overlays::legend;
-use crate::viewer::action::Action;
-use crate::viewer::loaded::clouds::CloudEntry;
-use crate::viewer::loaded::figures::{Figures, share_below};
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::look::widgets::{eye, name_label};
+use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::objects::figures::{Figures, share_below};
 use crate::viewer::panels::clips::range_button;
 use crate::viewer::panels::parameters::parameter;
+use crate::viewer::requests::action::Action;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::theme::grouped;
-use crate::viewer::widgets::{eye, name_label};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let color = &session.scene.settings.color;
@@ -221,7 +221,7 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
 
     use super::*;
-    use crate::viewer::preferences::Preferences;
+    use crate::viewer::requests::preferences::Preferences;
 
     #[test]
     fn the_eye_of_a_class_hides_it_and_all_shows_it_again() {

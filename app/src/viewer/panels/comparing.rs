@@ -4,17 +4,18 @@
 use egui::{Align2, Color32, Pos2, Rect, RichText, Sense, Ui, pos2, vec2};
 use measure::DistanceFigures;
 
-use crate::comparing::Scales;
-use crate::viewer::action::{Action, Compare, KeptStep};
-use crate::viewer::input::{self, bindings};
-use crate::viewer::loaded::comparisons::{CompareDraft, Compared, Second};
+use crate::shared::comparing::Scales;
+use crate::viewer::input;
+use crate::viewer::jobs::comparisons::{CompareDraft, Compared, Second};
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::look::widgets::{name_label, progress_bar};
 use crate::viewer::panels::overlay;
 use crate::viewer::panels::truth::{divide, split, tag};
+use crate::viewer::requests::action::{Action, Compare, KeptStep};
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::theme::grouped;
 use crate::viewer::truth::view::Picture;
-use crate::viewer::widgets::{name_label, progress_bar};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     distances(ui, session, actions);

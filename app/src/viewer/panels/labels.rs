@@ -5,8 +5,8 @@ use glam::DVec3;
 use scene::Measurement;
 
 use crate::overlays::labels::{label, lines};
+use crate::viewer::look::theme;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
 use crate::viewer::tools::measurements::units;
 
 /// Draws the corners so far, a line to the cursor, and the value there. `place` projects into the window.

@@ -3,11 +3,11 @@
 
 use egui::{Key, RichText};
 
-use crate::viewer::action::{Action, Filing};
-use crate::viewer::document::Leaving;
-use crate::viewer::loaded::clouds::short_name;
+use crate::viewer::look::theme;
+use crate::viewer::objects::clouds::short_name;
+use crate::viewer::requests::action::{Action, Filing};
 use crate::viewer::session::Session;
-use crate::viewer::theme;
+use crate::viewer::session::document::Leaving;
 
 /// Draws the question that waits for an answer, if there is one.
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
@@ -91,7 +91,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::interface;
-    use crate::viewer::outside::{Asked, Effect};
+    use crate::viewer::requests::outside::{Asked, Effect};
 
     #[test]
     fn the_question_names_the_scene_and_each_button_answers_it() {

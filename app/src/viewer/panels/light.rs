@@ -5,14 +5,14 @@ use egui::{CollapsingHeader, RichText, Ui};
 use render::MOST_LIGHTS;
 use scene::{ExposureFit, Lighting, Object, SpotLight};
 
-use crate::viewer::action::Action;
-use crate::viewer::input::bindings;
+use crate::viewer::look::theme;
+use crate::viewer::look::widgets::{name_label, three};
 use crate::viewer::objects::{ObjectId, PlacedLight};
 use crate::viewer::panels::mirrors::object_list;
 use crate::viewer::panels::parameters::{parameter, parameters};
+use crate::viewer::requests::action::Action;
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::widgets::{name_label, three};
 
 const CHOICES: [(Lighting, &str, &str); 6] = [
     (
@@ -198,8 +198,8 @@ mod tests {
 
     use super::*;
     use crate::viewer::objects::{GUESSED_LAMP, Origin, spot};
-    use crate::viewer::outside::Effect;
-    use crate::viewer::work::{Found, Work};
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::work::{Found, Work};
 
     fn lighting(session: &Session) -> Lighting {
         session.loaded.lighting(&session.scene)

@@ -4,16 +4,16 @@ use cloud::Scalar;
 use egui::{RichText, Ui};
 use scene::PointChoice;
 
-use crate::viewer::action::Action;
-use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::streams;
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::look::widgets::{choice, length, name_label, slider};
 use crate::viewer::objects::Marking;
+use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::panels::mirrors;
+use crate::viewer::requests::action::Action;
+use crate::viewer::requests::draft::{Draft, NORMALS_WAYS, NormalsWay, WAYS, Way};
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::theme::grouped;
-use crate::viewer::tools::draft::{Draft, NORMALS_WAYS, NormalsWay, WAYS, Way};
-use crate::viewer::widgets::{choice, length, name_label, slider};
 
 /// Draws the choice of points, and the list of points that reflect already.
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
@@ -205,11 +205,11 @@ mod tests {
 
     use super::*;
     use crate::viewer::loaded::Loaded;
-    use crate::viewer::loaded::figures::{Basis, Figures};
-    use crate::viewer::outside::Effect;
-    use crate::viewer::preferences::Preferences;
-    use crate::viewer::window::render_thread::Command;
-    use crate::viewer::work::{Found, Work};
+    use crate::viewer::objects::figures::{Basis, Figures};
+    use crate::viewer::picture::render_thread::Command;
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::requests::work::{Found, Work};
 
     /// Six points, two of them water, with what a worker thread would have found out about them.
     fn lake() -> Session {

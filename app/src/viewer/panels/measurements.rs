@@ -3,14 +3,14 @@
 use egui::{RichText, Ui};
 use scene::{Measurement, MeasurementKind, Note, Object};
 
-use crate::measuring::Figure;
-use crate::viewer::action::{Action, Measuring};
-use crate::viewer::input::bindings;
+use crate::shared::measuring::Figure;
+use crate::viewer::look::theme;
+use crate::viewer::look::widgets::{eye, name_label};
 use crate::viewer::objects::{ObjectId, PlacedMeasurement, PlacedNote};
+use crate::viewer::requests::action::{Action, Measuring};
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
 use crate::viewer::tools::measurements::units;
-use crate::viewer::widgets::{eye, name_label};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut push = |measuring: Measuring| actions.push(Action::Measuring(measuring));
@@ -263,11 +263,11 @@ mod tests {
     use world::Part;
 
     use super::*;
+    use crate::overlays::lens::Lens;
     use crate::viewer::bench::Bench;
-    use crate::viewer::input::lens::Lens;
-    use crate::viewer::outside::Effect;
+    use crate::viewer::picture::render_thread::{PickPurpose, PickedPoint, Report};
+    use crate::viewer::requests::outside::Effect;
     use crate::viewer::tools::measurements::Placing;
-    use crate::viewer::window::render_thread::{PickPurpose, PickedPoint, Report};
 
     fn harness() -> Harness<'static, Session> {
         let mut session = Session::with_two_points();
@@ -299,7 +299,7 @@ mod tests {
         session.step(session.outside.now, false);
         let (work, rest) = std::mem::take(&mut session.outside.effects)
             .into_iter()
-            .partition(|effect| matches!(effect, Effect::Work(crate::viewer::work::Work::Measure { .. })));
+            .partition(|effect| matches!(effect, Effect::Work(crate::viewer::requests::work::Work::Measure { .. })));
         session.outside.effects = rest;
         let found = std::cell::RefCell::new(Vec::new());
         for effect in work {

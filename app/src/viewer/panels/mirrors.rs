@@ -4,14 +4,14 @@ use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
 use scene::{Mirror, MirrorSurface, Object, REFRACTION, Shape};
 
-use crate::viewer::action::{Action, Filing};
-use crate::viewer::input::bindings;
+use crate::viewer::look::theme;
+use crate::viewer::look::widgets::{name_label, slider, three};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::panels::marking;
-use crate::viewer::panels::path_prompt::PathPrompt;
+use crate::viewer::requests::action::{Action, Filing};
+use crate::viewer::requests::bindings;
+use crate::viewer::requests::path_prompt::PathPrompt;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::widgets::{name_label, slider, three};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
@@ -246,8 +246,8 @@ mod tests {
 
     use super::*;
     use crate::viewer::loaded::Loaded;
-    use crate::viewer::outside::Effect;
-    use crate::viewer::work::{Found, Work};
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::work::{Found, Work};
 
     /// The panel with a scene of two points.
     fn harness() -> Harness<'static, Session> {

@@ -15,7 +15,6 @@ pub mod mirrors;
 pub mod overlay;
 pub mod palette;
 pub mod parameters;
-pub mod path_prompt;
 pub mod pick;
 pub mod picture;
 pub mod presets;

@@ -9,13 +9,13 @@ use scene::Settings;
 use crate::overlays;
 use crate::overlays::ground::SHADOW;
 use crate::overlays::labels::seen;
-use crate::viewer::facts::facts;
-use crate::viewer::input::lens::Lens;
-use crate::viewer::loaded::clouds::CloudEntry;
+use crate::overlays::lens::Lens;
+use crate::viewer::input::gizmo;
+use crate::viewer::look::theme;
+use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::panels::labels;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::tools::gizmo;
+use crate::viewer::tools::facts::facts;
 
 /// The most boxes of index nodes that are drawn; more would be a tangle.
 const MOST_BOXES: usize = 2000;

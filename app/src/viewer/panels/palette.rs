@@ -1,13 +1,13 @@
 //! The command palette: a list of all actions that have a key, of the tabs and of all parameters. A person types part
 //! of a name, and Enter does it or goes to it.
 
-use crate::viewer::action::{Action, Clipping, Profiling};
-use crate::viewer::input::bindings::{self, BINDINGS, Trigger};
+use crate::viewer::look::tab::Tab;
+use crate::viewer::look::theme;
 use crate::viewer::objects::PlacedProfile;
 use crate::viewer::panels::{parameters, side};
+use crate::viewer::requests::action::{Action, Clipping, Profiling};
+use crate::viewer::requests::bindings::{self, BINDINGS, Trigger};
 use crate::viewer::session::Session;
-use crate::viewer::tab::Tab;
-use crate::viewer::theme;
 use egui::{Key, Modifiers, RichText};
 use scene::ClipShape;
 
@@ -197,7 +197,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::interface;
-    use crate::viewer::preferences::Preferences;
+    use crate::viewer::requests::preferences::Preferences;
 
     fn harness() -> Harness<'static, Session> {
         let mut harness = Harness::builder().with_size([1280.0, 800.0]).with_max_steps(16).build_ui_state(

@@ -5,9 +5,9 @@
 use egui::{RichText, Sense, Ui};
 use param::{Field, Group, Kind, Params, Value};
 
-use crate::viewer::action::Action;
-use crate::viewer::theme;
-use crate::viewer::widgets::{NAME_WIDTH, name_label};
+use crate::viewer::look::theme;
+use crate::viewer::look::widgets::{NAME_WIDTH, name_label};
+use crate::viewer::requests::action::Action;
 
 /// Draws the parameters of a group, except those named in `skip`.
 pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut Vec<Action>) {

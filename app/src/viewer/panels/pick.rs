@@ -2,10 +2,10 @@
 
 use egui::{Align2, RichText, Ui};
 
-use crate::viewer::action::Action;
+use crate::viewer::look::theme;
+use crate::viewer::requests::action::Action;
+use crate::viewer::requests::pick::coordinates;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::tools::pick::coordinates;
 
 /// Draws the card in the lower right corner of the picture, if a point is picked.
 pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, actions: &mut Vec<Action>) {
@@ -82,10 +82,10 @@ mod tests {
     use world::{CloudKey, Part};
 
     use super::*;
-    use crate::viewer::outside::Effect;
-    use crate::viewer::preferences::Preferences;
-    use crate::viewer::tools::pick::Pick;
-    use crate::viewer::window::render_thread::PickedPoint;
+    use crate::viewer::picture::render_thread::PickedPoint;
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::pick::Pick;
+    use crate::viewer::requests::preferences::Preferences;
 
     fn pick(world: DVec3) -> Pick {
         // The coordinates of the file, and a column of another thing that has the name of one.

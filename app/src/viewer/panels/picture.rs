@@ -4,11 +4,11 @@ use std::path::Path;
 
 use egui::{DragValue, Key, RichText};
 
-use crate::command_line::LARGEST_SIDE;
-use crate::viewer::action::{Action, PictureDraft, SavePicture};
+use crate::shared::command_line::LARGEST_SIDE;
+use crate::viewer::look::theme;
+use crate::viewer::look::widgets::name_label;
+use crate::viewer::requests::action::{Action, PictureDraft, SavePicture};
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::widgets::name_label;
 
 /// Sizes that people ask for: name, width, height.
 const SIZES: [(&str, [u32; 2]); 3] = [("Full HD", [1920, 1080]), ("4K", [3840, 2160]), ("A4 at 300 dpi", [3508, 2480])];
@@ -94,7 +94,7 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
 
     use super::*;
-    use crate::viewer::preferences::Preferences;
+    use crate::viewer::requests::preferences::Preferences;
 
     #[test]
     fn a_size_and_a_name_are_chosen_and_a_file_that_is_there_is_replaced_by_its_button_only() {

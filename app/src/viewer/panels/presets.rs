@@ -3,8 +3,8 @@
 use egui::Ui;
 use scene::{Mirror, PRESETS, Settings};
 
-use crate::viewer::action::Action;
-use crate::viewer::theme;
+use crate::viewer::look::theme;
+use crate::viewer::requests::action::Action;
 
 pub fn show<'a>(
     ui: &mut Ui,

@@ -7,16 +7,16 @@ use glam::DVec3;
 use measure::Section;
 use scene::{Object, Profile};
 
-use crate::profile_chart::{self, AxisUnits, axis_units, in_brackets};
-use crate::viewer::action::{Action, Measuring, Profiling};
-use crate::viewer::input::bindings;
+use crate::shared::profile_chart::{self, AxisUnits, axis_units, in_brackets};
+use crate::viewer::jobs::slices::{Slice, SlicePoint};
+use crate::viewer::look::theme::{self, grouped};
+use crate::viewer::look::widgets::{eye, name_label};
 use crate::viewer::objects::{ObjectId, PlacedProfile};
+use crate::viewer::requests::action::{Action, Measuring, Profiling};
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::theme::{self, grouped};
 use crate::viewer::tools::measurements::units;
 use crate::viewer::tools::profiles::MOST_STACKED;
-use crate::viewer::tools::slices::{Slice, SlicePoint};
-use crate::viewer::widgets::{eye, name_label};
 
 /// The most points that are drawn at once: of those that are in view, evenly many are left out.
 const MOST_DRAWN: usize = 50_000;
@@ -368,10 +368,10 @@ mod tests {
     use world::Part;
 
     use super::*;
-    use crate::viewer::outside::Effect;
-    use crate::viewer::tools::slices::ProfileWork;
-    use crate::viewer::window::render_thread::{PickPurpose, PickedPoint, Report};
-    use crate::viewer::work::Work;
+    use crate::viewer::jobs::slices::ProfileWork;
+    use crate::viewer::picture::render_thread::{PickPurpose, PickedPoint, Report};
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::work::Work;
 
     fn harness() -> Harness<'static, Session> {
         let mut session = Session::with_two_points();

@@ -4,12 +4,12 @@ use std::sync::atomic::Ordering;
 
 use egui::{DragValue, RichText, Ui};
 
-use crate::viewer::action::{Action, Film};
-use crate::viewer::filming::wanted::Wanted;
-use crate::viewer::input::bindings;
+use crate::viewer::look::theme;
+use crate::viewer::look::widgets::{name_label, progress_bar};
+use crate::viewer::requests::action::{Action, Film};
+use crate::viewer::requests::bindings;
+use crate::viewer::requests::recording::Wanted;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::widgets::{name_label, progress_bar};
 
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(before) = &session.filming.recording.asked else { return };
@@ -43,7 +43,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
 
 fn command(wanted: &Wanted, adapter: Option<&str>) -> String {
     let words = wanted.words(adapter);
-    let words = words.iter().map(|word| crate::command_line::quoted(&word.to_string_lossy()));
+    let words = words.iter().map(|word| crate::shared::command_line::quoted(&word.to_string_lossy()));
     format!("glint record scene.toml {}\n", words.collect::<Vec<_>>().join(" "))
 }
 

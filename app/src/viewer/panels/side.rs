@@ -6,14 +6,14 @@ use egui::{Rect, RichText, Ui};
 use param::{Group, Params};
 use scene::Object;
 
-use crate::viewer::action::{Action, Filing};
-use crate::viewer::input::bindings;
-use crate::viewer::loaded::clouds::short_name;
+use crate::viewer::look::tab::Tab;
+use crate::viewer::look::theme;
 use crate::viewer::objects::ObjectId;
+use crate::viewer::objects::clouds::short_name;
 use crate::viewer::panels::{self, presets};
+use crate::viewer::requests::action::{Action, Filing};
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::tab::Tab;
-use crate::viewer::theme;
 
 /// The sections of parameters that have panels of their own. All other sections are generated from the parameter
 /// tables.
@@ -301,7 +301,7 @@ mod tests {
     use scene::{Method, Note};
 
     use super::*;
-    use crate::viewer::preferences::Preferences;
+    use crate::viewer::requests::preferences::Preferences;
 
     fn harness(tab: Tab) -> Harness<'static, Session> {
         let mut session = Session::new(Preferences::default());

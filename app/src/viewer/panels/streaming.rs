@@ -6,12 +6,13 @@ use std::time::Duration;
 use egui::{Color32, RichText, Ui};
 use world::{CloudKey, CloudTask, IndexEntry, IndexState, StreamStats, TaskKind, TaskStatus, half_of, most_points};
 
-use crate::viewer::action::Action;
-use crate::viewer::loaded::clouds::{CloudEntry, Streamed};
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::look::widgets::{progress_bar, progress_text};
+use crate::viewer::objects::clouds::{CloudEntry, Streamed};
+use crate::viewer::panels;
+use crate::viewer::requests::action::Action;
 use crate::viewer::session::Session;
-use crate::viewer::theme::grouped;
-use crate::viewer::widgets::{progress_bar, progress_text};
-use crate::viewer::{panels, theme};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for entry in &session.loaded.clouds {
@@ -204,9 +205,9 @@ mod tests {
 
     use super::*;
     use crate::viewer::loaded::Loaded;
-    use crate::viewer::outside::Effect;
-    use crate::viewer::preferences::Preferences;
-    use crate::viewer::work::{Found, Work};
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::requests::work::{Found, Work};
 
     /// Two clouds of job 0: the index of the first is being made, that of the second is next.
     fn indexing() -> (Session, [Arc<CloudTask>; 2]) {

@@ -2,10 +2,10 @@
 
 use egui::{RichText, Ui};
 
-use crate::viewer::action::Action;
+use crate::viewer::jobs::sweep_range::{MOST_VALUES, SweepRange};
+use crate::viewer::look::theme;
+use crate::viewer::requests::action::Action;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::truth::sweep_range::{MOST_VALUES, SweepRange};
 
 /// Draws the window that asks for the range.
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {

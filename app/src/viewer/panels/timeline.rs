@@ -8,13 +8,13 @@ use egui::{
 };
 use scene::{CameraPath, Caption, Ease, Motion, WIPE};
 
-use crate::viewer::action::{Action, Film, PathPreset};
-use crate::viewer::input::bindings;
+use crate::viewer::look::theme;
+use crate::viewer::look::widgets::name_label;
 use crate::viewer::panels::{captions, wipe};
+use crate::viewer::requests::action::{Action, Film, PathPreset};
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
 use crate::viewer::tools::measurements::units;
-use crate::viewer::widgets::name_label;
 
 /// The height of a lane, and the width of what stands before it, in points of the window.
 const LANE: f32 = 20.0;

@@ -4,11 +4,11 @@
 use egui::{Align, Layout, RichText, Ui};
 use render::{Clock, FrameStats, GlossCache, ReflectionStats};
 
-use crate::viewer::auto::slowest_text;
-use crate::viewer::reflection_figures::FIGURES;
+use crate::viewer::frames::auto::slowest_text;
+use crate::viewer::look::reflection_figures::FIGURES;
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::{bytes, grouped};
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::theme::{bytes, grouped};
 
 fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
     for (index, (name, text, figure)) in FIGURES.into_iter().enumerate() {
@@ -177,7 +177,7 @@ mod tests {
     use render::FrameStats;
 
     use super::*;
-    use crate::viewer::reflection_figures::REMEMBERED;
+    use crate::viewer::look::reflection_figures::REMEMBERED;
 
     fn stats(coverage: f64) -> FrameStats {
         FrameStats {
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn the_history_keeps_the_last_frames_and_what_a_method_does_not_tell_is_left_out() {
-        let mut session = Session::new(crate::viewer::preferences::Preferences::default());
+        let mut session = Session::new(crate::viewer::requests::preferences::Preferences::default());
         for frame in 0..REMEMBERED + 30 {
             session.figure_history.push(&stats(frame as f64));
         }

@@ -4,16 +4,17 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, pos2, vec2};
 use study::{Accuracy, Estimate};
 
-use crate::viewer::action::{Action, Look};
-use crate::viewer::input::bindings;
+use crate::viewer::jobs::tasks::{ASTRAY_COLOR, Measure, RAMP};
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::{bytes, grouped};
+use crate::viewer::panels;
 use crate::viewer::panels::parameters::parameters;
+use crate::viewer::requests::action::{Action, Look};
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
-use crate::viewer::theme::{bytes, grouped};
 use crate::viewer::truth::live::Estimated;
-use crate::viewer::truth::tasks::{ASTRAY_COLOR, Measure, RAMP};
 use crate::viewer::truth::traced_points;
 use crate::viewer::truth::view::{Activity, BYTES_PER_POINT, PEAK_BYTES_PER_POINT};
-use crate::viewer::{panels, theme};
 
 const LOOKS: [(Look, &str, &str); 3] = [
     (Look::Truth, "Truth", "What the ray tracer sees in place of the picture"),

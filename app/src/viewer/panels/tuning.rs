@@ -5,12 +5,12 @@ use egui::{Align2, Color32, Pos2, RichText, Ui};
 use egui_plot::{GridMark, Line, MarkerShape, Plot, PlotPoint, PlotPoints, Points};
 use study::Accuracy;
 
-use crate::viewer::action::Action;
+use crate::viewer::jobs::study_file::STUDY;
+use crate::viewer::look::theme;
+use crate::viewer::picture::render_thread::FrameRequest;
+use crate::viewer::requests::action::Action;
 use crate::viewer::session::Session;
-use crate::viewer::theme;
-use crate::viewer::truth::study_file::STUDY;
 use crate::viewer::truth::tuning::{Trial, Tuning, medians, series};
-use crate::viewer::window::render_thread::FrameRequest;
 
 /// The least time on the chart, in milliseconds. A method that takes no time stands there.
 const LEAST_TIME: f64 = 0.01;

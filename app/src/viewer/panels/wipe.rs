@@ -3,9 +3,9 @@
 use egui::{Align2, Color32, ComboBox, DragValue, Pos2, Rect, RichText, TextEdit, Ui, pos2, vec2};
 use scene::{CameraPath, METHODS, MOST_STATES, Method, RAY_TRACE, WIPE, WipeState, line_value};
 
-use crate::viewer::action::Film;
 use crate::viewer::filming::presets;
 use crate::viewer::panels::truth::tag;
+use crate::viewer::requests::action::Film;
 use crate::viewer::session::Session;
 
 /// How long the line of a new wipe takes to cross the picture, in seconds.
@@ -152,8 +152,8 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
 
     use super::*;
-    use crate::viewer::action::{Action, PathPreset};
     use crate::viewer::interface;
+    use crate::viewer::requests::action::{Action, PathPreset};
 
     #[test]
     fn states_and_their_line_are_changed_in_the_timeline_and_undone() {

@@ -6,10 +6,10 @@ use glam::{DVec2, DVec3};
 use scene::{Clip, ClipShape, Object, Prism, Projection};
 use serde_json::json;
 
-use crate::viewer::action::Clipping;
-use crate::viewer::input::lens::to_vector;
+use crate::overlays::lens::to_vector;
 use crate::viewer::loaded::Loaded;
-use crate::viewer::outside::Outside;
+use crate::viewer::requests::action::Clipping;
+use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::Tools;
 

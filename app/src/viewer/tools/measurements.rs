@@ -10,15 +10,15 @@ use scene::{Camera, Measurement, MeasurementKind, Note, Object, Profile, Strays}
 use serde_json::json;
 use world::CloudKey;
 
-use crate::measuring::{Figure, Outcome, of_corners};
-use crate::viewer::action::Measuring;
+use crate::shared::measuring::{Figure, Outcome, of_corners};
 use crate::viewer::loaded::Loaded;
-use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedMeasurement};
-use crate::viewer::outside::{Effect, Outside};
+use crate::viewer::picture::render_thread::PickPurpose;
+use crate::viewer::requests::action::Measuring;
+use crate::viewer::requests::outside::{Effect, Outside};
+use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
-use crate::viewer::window::render_thread::PickPurpose;
-use crate::viewer::work::Work;
 
 /// The radius around a click, in pixels, of the points that a plane or a cylinder is fitted to.
 const REACH_PIXELS: f64 = 16.0;

@@ -2,14 +2,9 @@
 //! handles of the gizmo. They also act on what was found under a pixel.
 
 pub mod clips;
-pub mod draft;
-pub mod gizmo;
-pub mod inspection;
+pub mod facts;
 pub mod measurements;
-pub mod outlines;
-pub mod pick;
 pub mod profiles;
-pub mod slices;
 
 use std::sync::Arc;
 
@@ -18,23 +13,23 @@ use glam::DVec3;
 use scene::{Mirror, Object, Shape};
 use serde_json::json;
 
-use crate::viewer::action::{Handles, Measuring, PictureDraft, Profiling, SavePicture};
-use crate::viewer::facts::facts;
 use crate::viewer::frames::Frames;
-use crate::viewer::input::bindings::COMMAND;
 use crate::viewer::loaded::Loaded;
-use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::objects::inspection::{self, Inspection, Pose, Surface, Target};
 use crate::viewer::objects::{ObjectId, Placed};
-use crate::viewer::outside::{Asked, Effect, Outside};
+use crate::viewer::picture::render_thread::{PickPurpose, PickedPoint};
+use crate::viewer::requests::action::{Handles, Measuring, PictureDraft, Profiling, SavePicture};
+use crate::viewer::requests::bindings::COMMAND;
+use crate::viewer::requests::draft::Draft;
+use crate::viewer::requests::outside::{Asked, Effect, Outside};
+use crate::viewer::requests::pick::{Pick, loaded_attributes};
+use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::clips::PrismDraft;
-use crate::viewer::tools::draft::Draft;
-use crate::viewer::tools::inspection::{Inspection, Pose, Surface, Target};
+use crate::viewer::tools::facts::facts;
 use crate::viewer::tools::measurements::Measurements;
-use crate::viewer::tools::pick::{Pick, loaded_attributes};
 use crate::viewer::tools::profiles::Profiles;
-use crate::viewer::window::render_thread::{PickPurpose, PickedPoint};
-use crate::viewer::work::Work;
 
 /// The size of an added mirror over the scene's radius: it spans a tenth of the scene.
 const MIRROR_SIZE: f64 = 0.1;

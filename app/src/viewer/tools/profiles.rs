@@ -9,18 +9,18 @@ use scene::{Object, Profile, Strays};
 use serde_json::json;
 use world::CloudKey;
 
-use crate::profile_chart::axis_units;
-use crate::viewer::action::Profiling;
+use crate::shared::profile_chart::axis_units;
+use crate::viewer::jobs::slices::{Cuttable, ProfileFound, ProfileWork, Slice};
 use crate::viewer::loaded::Loaded;
-use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::objects::ObjectId;
-use crate::viewer::outside::Outside;
+use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::requests::action::Profiling;
+use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
+use crate::viewer::session::views::free_path;
 use crate::viewer::tools::measurements::units;
-use crate::viewer::tools::slices::{Cuttable, ProfileFound, ProfileWork, Slice};
-use crate::viewer::views::free_path;
-use crate::viewer::window::render_thread::PickedPoint;
-use crate::viewer::work::Work;
 
 /// The most copies that are stacked at once.
 pub const MOST_STACKED: u32 = 100;

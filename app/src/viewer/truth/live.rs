@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use study::{Estimate, Judged};
 
-use crate::viewer::outside::Outside;
-use crate::viewer::window::render_thread::{Command, FrameRequest};
+use crate::viewer::picture::render_thread::{Command, FrameRequest};
+use crate::viewer::requests::outside::Outside;
 
 /// A frame that has stood still for this long is worth the work: a slider that is dragged passes many frames that
 /// nobody wants judged.
@@ -103,8 +103,8 @@ impl LiveEstimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::action::Action;
     use crate::viewer::bench::Bench;
+    use crate::viewer::requests::action::Action;
 
     #[test]
     fn a_view_at_rest_is_estimated_ever_finer_until_it_changes() {

@@ -5,13 +5,8 @@
 //! or splat size change), the render thread captures its images, and then workers trace it ever finer and judge it.
 //! Each step names its frame, and results for another frame are never shown.
 
-pub mod contact_sheet;
 pub mod live;
-pub mod study_file;
 pub mod sweep;
-pub mod sweep_files;
-pub mod sweep_range;
-pub mod tasks;
 pub mod tuning;
 pub mod view;
 
@@ -23,17 +18,17 @@ use cloud::{PointTest, Progress};
 use scene::Settings;
 use serde_json::json;
 
-use crate::viewer::action::Look;
 use crate::viewer::frames::Frames;
-use crate::viewer::loaded::clouds::{CloudEntry, Samples};
-use crate::viewer::messages::Level;
-use crate::viewer::outside::Outside;
+use crate::viewer::jobs::tasks::{Answer, Judge, Measure, SceneKey, Source, Task, Trace};
+use crate::viewer::objects::clouds::{CloudEntry, Samples};
+use crate::viewer::picture::render_thread::{Captured, Command, FrameRequest};
+use crate::viewer::requests::action::Look;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::work::Work;
 use crate::viewer::truth::live::REST;
-use crate::viewer::truth::tasks::{Answer, Judge, Measure, SceneKey, Source, Task, Trace};
 use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::truth::view::{Label, MOST_POINTS, Picture, Taken, Traced, Tracing, TruthView, too_many_points};
-use crate::viewer::window::render_thread::{Captured, Command, FrameRequest};
-use crate::viewer::work::Work;
 
 /// What the truth reads from the session.
 pub struct Around<'a> {
@@ -308,12 +303,12 @@ mod tests {
     use param::Choice as _;
 
     use super::*;
-    use crate::viewer::action::Action;
     use crate::viewer::bench::Bench;
+    use crate::viewer::jobs::tasks::Kind;
+    use crate::viewer::look::tab::Tab;
+    use crate::viewer::picture::render_thread::Report;
+    use crate::viewer::requests::action::Action;
     use crate::viewer::session::Session;
-    use crate::viewer::tab::Tab;
-    use crate::viewer::truth::tasks::Kind;
-    use crate::viewer::window::render_thread::Report;
 
     fn harness(mut bench: Bench) -> Harness<'static, Bench> {
         bench.session.act(Action::OpenTab(Tab::Tuning));

@@ -9,16 +9,16 @@ use render::FrameStats;
 use scene::Settings;
 use serde_json::json;
 
-use crate::viewer::messages::Level;
-use crate::viewer::outside::Outside;
-use crate::viewer::truth::sweep_files::{Outcome, Row, SweepResult, make_folder};
-use crate::viewer::truth::sweep_range::SweepRange;
-use crate::viewer::truth::tasks::{Judge, SceneKey, Task};
+use crate::viewer::jobs::sweep_files::{Outcome, Row, SweepResult, make_folder};
+use crate::viewer::jobs::sweep_range::SweepRange;
+use crate::viewer::jobs::tasks::{Judge, SceneKey, Task};
+use crate::viewer::picture::render_thread::{Captured, Command, FrameRequest};
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::work::Work;
 use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::truth::view::{MOST_POINTS, Swept, TruthView, too_many_points};
 use crate::viewer::truth::{Around, tuning};
-use crate::viewer::window::render_thread::{Captured, Command, FrameRequest};
-use crate::viewer::work::Work;
 
 /// A sweep under way.
 pub struct Sweep {
@@ -230,11 +230,11 @@ pub fn on_saved(folder: &Path, result: Result<(), String>, outside: &mut Outside
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::viewer::action::Action;
     use crate::viewer::bench::Bench;
-    use crate::viewer::outside::Effect;
+    use crate::viewer::picture::render_thread::Report;
+    use crate::viewer::requests::action::Action;
+    use crate::viewer::requests::outside::Effect;
     use crate::viewer::session::Session;
-    use crate::viewer::window::render_thread::Report;
 
     #[test]
     fn what_changes_nothing_in_the_view_is_not_swept() {

@@ -8,9 +8,9 @@ use serde_json::json;
 use study::Accuracy;
 use study::results::Spread;
 
-use crate::viewer::messages::Level;
-use crate::viewer::outside::Outside;
-use crate::viewer::window::render_thread::{Command, FrameRequest};
+use crate::viewer::picture::render_thread::{Command, FrameRequest};
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::Outside;
 
 /// A time is the median of this many frames that are drawn from scratch.
 const FRAMES: usize = 3;
@@ -176,8 +176,8 @@ pub fn on_added_to_study(path: &Path, result: Result<(), String>, outside: &mut 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::viewer::jobs::study_file::{STUDY, add_to_study, group_of};
     use crate::viewer::session::Session;
-    use crate::viewer::truth::study_file::{STUDY, add_to_study, group_of};
 
     #[test]
     fn settings_are_held_against_each_other_where_the_truth_is_the_same() {

@@ -12,12 +12,12 @@ use scene::Camera;
 use serde_json::json;
 use study::{Accuracy, Drawn, Refinement, TracedScene};
 
-use crate::viewer::action::Look;
 use crate::viewer::frames::Frames;
-use crate::viewer::theme::grouped;
+use crate::viewer::jobs::tasks::{Answer, Kind, Measure, Pass, SceneKey};
+use crate::viewer::look::theme::grouped;
+use crate::viewer::picture::render_thread::FrameRequest;
+use crate::viewer::requests::action::Look;
 use crate::viewer::truth::live::LiveEstimate;
-use crate::viewer::truth::tasks::{Answer, Kind, Measure, Pass, SceneKey};
-use crate::viewer::window::render_thread::FrameRequest;
 
 /// The most points that are traced. Building the tree takes 300 bytes for each point, which is 9 GB for this many.
 pub const MOST_POINTS: u64 = 30_000_000;

@@ -1,0 +1,291 @@
+//! `glint measure`: the measurements that a scene file keeps, carried out on the points of its files. Each file is read
+//! chunk by chunk, so it may be larger than memory: once, or several times where measurements take much memory.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use anyhow::Context as _;
+use cloud::{Chunk, Cloud, Placement, PointTest, Progress};
+use codec::{Info, Selection, Units, Wanted};
+use glam::DVec3;
+use scene::{Measurement, Settings, Strays, shown};
+use serde_json::{Value, json};
+
+use crate::commands::export;
+use crate::shared::command_line::MeasureArguments;
+use crate::shared::measuring::{Gathering, Outcome};
+use crate::system::failure::{self, FAILED, UNUSABLE, usage};
+use crate::system::terminal::{self, Few};
+use crate::system::{interrupt, progress_bar};
+
+/// What all measurements share, known when the first file is open.
+#[derive(Clone, Copy)]
+struct Basis {
+    units: Units,
+    up: DVec3,
+}
+
+/// The files whose points are measured, and which of the points.
+struct Job {
+    files: Vec<(PathBuf, Option<Placement>)>,
+    test: PointTest,
+    /// The stray points of each file, if they are hidden: their indices in the file, ascending.
+    left_out: HashMap<PathBuf, Vec<u64>>,
+    settings: Settings,
+    basis: Option<Basis>,
+    /// What the files say that have been read.
+    read: Vec<Info>,
+    /// The exit status so far.
+    status: u8,
+    failed: Few,
+}
+
+/// Tells the measurements. Returns exit status 2 if a file cannot be read, and 1 if something cannot be measured; both
+/// are told on standard error.
+///
+/// # Errors
+/// Bad usage, no file can be read, or Ctrl-C.
+pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
+    let name = shown(&arguments.scene);
+    let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
+    request.check()?;
+    request.leave_out_hidden()?;
+    terminal::warn(&request.warnings);
+    if request.measurements.is_empty() {
+        return Err(usage(format!("{name}: no measurements in it, expected a scene file with [[measurements]]")));
+    }
+    let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
+    let memory = world::half_of(settings.stream.host_bytes);
+    terminal::warn(request.check_filters(memory)?);
+    let files = request.placed_files();
+    let failed = Few::of("that cannot be measured");
+    let (read, test) = (Vec::new(), request.test());
+    let mut left_out = HashMap::new();
+    for input in request.inputs.iter().filter(|_| settings.splat.strays == Strays::Hidden) {
+        // What cannot be read is told when it is measured.
+        let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file)).ok();
+        let sources: Vec<_> = input.files().iter().filter_map(open).collect();
+        let progress = Progress::default();
+        let find = || export::strays(&sources, &test, &settings, &progress);
+        let found = progress_bar::watch("strays", &progress, find).map_err(usage)?;
+        let paths = sources.iter().map(|source| source.info().path.clone());
+        left_out.extend(paths.zip(found.ok_or(stream::Error::Cancelled)?));
+    }
+    let mut job = Job { files, test, left_out, settings, basis: None, read, status: 0, failed };
+    for input in request.inputs.iter().filter(|input| input.files().is_empty()) {
+        job.status = UNUSABLE;
+        job.failed.complain(&format!("{}: points of files are measured", input.name()));
+    }
+    let mut results = Vec::new();
+    for round in rounds(&request.measurements, memory) {
+        results.append(&mut job.measure(round)?);
+    }
+    let Job { basis, mut status, mut failed, .. } = job;
+    let Some(Basis { units, .. }) = basis else {
+        failed.end();
+        return Ok(status.max(UNUSABLE));
+    };
+    let measured = || request.measurements.iter().zip(&results);
+    for (index, (measurement, figures)) in measured().enumerate() {
+        if let Err(problem) = figures {
+            status = if status == 0 { FAILED } else { status };
+            failed.complain(&format!("measurement {} (`{}`): {problem}", index + 1, measurement.name));
+        }
+    }
+    if arguments.json {
+        let measurements: Vec<Value> =
+            measured().map(|(measurement, figures)| entry(measurement, figures, &units)).collect();
+        let unit = units.length().map(|unit| unit.to_string());
+        terminal::print_json(&json!({ "scene": name, "unit": unit, "measurements": measurements }))?;
+    } else if arguments.csv {
+        terminal::print(table(measured(), &units)?.lines())?;
+    } else {
+        terminal::print(measured().flat_map(|(measurement, figures)| lines(measurement, figures, &units)))?;
+    }
+    failed.end();
+    Ok(status)
+}
+
+/// Divides measurements among readings of the files, so that those of one reading have room in `memory` bytes.
+fn rounds(measurements: &[Measurement], memory: u64) -> Vec<&[Measurement]> {
+    let most = (memory / Gathering::LARGE_BYTES).max(1) as usize;
+    let (mut rounds, mut rest) = (Vec::new(), measurements);
+    while !rest.is_empty() {
+        let mut large = rest.iter().enumerate().filter(|(_, one)| Gathering::is_large(one.kind));
+        let count = large.nth(most).map_or(rest.len(), |(index, _)| index);
+        let (round, later) = rest.split_at(count);
+        rounds.push(round);
+        rest = later;
+    }
+    rounds
+}
+
+impl Basis {
+    fn new(info: &Info, settings: &Settings) -> Self {
+        Self { units: info.units, up: world::up_of(info, settings) }
+    }
+
+    fn begin(self, measurements: &[Measurement]) -> Vec<Mutex<Gathering>> {
+        measurements.iter().map(|one| Mutex::new(Gathering::new(one, self.up))).collect()
+    }
+}
+
+impl Job {
+    /// Reads the files once for these measurements. Files that cannot be read are left out from then on. Without a
+    /// file there are no results.
+    fn measure(&mut self, measurements: &[Measurement]) -> anyhow::Result<Vec<Outcome>> {
+        let is_first = self.read.is_empty();
+        let mut gatherings = self.basis.map(|basis| basis.begin(measurements)).unwrap_or_default();
+        let mut readable = Vec::new();
+        for (file, placement) in std::mem::take(&mut self.files) {
+            match self.read((&file, placement), measurements, &mut gatherings, is_first) {
+                Ok(()) => readable.push((file, placement)),
+                Err(error) => {
+                    let is_unusable = failure::exit_status(&error) == UNUSABLE && self.status != FAILED;
+                    self.status = if is_unusable { UNUSABLE } else { FAILED };
+                    self.failed.complain(&format!("{error:#}"));
+                }
+            }
+            interrupt::check()?;
+        }
+        self.files = readable;
+        if is_first {
+            let systems = world::system_warnings(&self.read);
+            terminal::warn(param::few(systems, "warnings"));
+        }
+        let gathered = gatherings.into_iter().map(|one| one.into_inner().unwrap_or_else(PoisonError::into_inner));
+        Ok(gathered.map(Gathering::finish).collect())
+    }
+
+    /// Takes the points of a file into account that are shown. `tells` says that its warnings are not known yet.
+    fn read(
+        &mut self,
+        (path, placement): (&Path, Option<Placement>),
+        measurements: &[Measurement],
+        gatherings: &mut Vec<Mutex<Gathering>>,
+        tells: bool,
+    ) -> anyhow::Result<()> {
+        let memory = world::half_of(self.settings.stream.host_bytes);
+        let source = world::open_placed(path, memory, placement).map_err(usage)?;
+        let info = source.info();
+        let basis = *self.basis.get_or_insert_with(|| Basis::new(info, &self.settings));
+        if gatherings.is_empty() {
+            *gatherings = basis.begin(measurements);
+        }
+        let cloud =
+            Cloud { name: shown(path), attributes: info.attributes.clone(), grid: info.grid, chunks: Vec::new() };
+        let shown_ones = cloud.test(&self.test);
+        let left_out = self.left_out.get(&info.path).map(std::slice::from_ref).unwrap_or_default();
+        let wanted = Wanted { test: &self.test, left_out };
+        let gather = |chunk: Chunk| {
+            let bounds = chunk.bounds();
+            let left_out = wanted.left_out(0, chunk.first_point, chunk.len());
+            for gathering in &*gatherings {
+                let mut gathering = gathering.lock().unwrap_or_else(PoisonError::into_inner);
+                if gathering.wants(bounds) {
+                    for index in 0..chunk.len() {
+                        gathering.add(cloud.world_position(&chunk, index), || {
+                            shown_ones.shows(&chunk, index) && !left_out.has(index)
+                        });
+                    }
+                }
+            }
+        };
+        let attributes = self.test.reads(&info.attributes);
+        let selection = Selection { positions: true, colors: false, normals: false, attributes };
+        let progress = Progress::default();
+        let summary = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &gather));
+        let summary = summary.with_context(|| shown(path))?;
+        if tells {
+            let of_points = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path)));
+            terminal::warn(world::file_warnings(info).chain(of_points));
+            self.read.push(info.clone());
+        }
+        Ok(())
+    }
+}
+
+fn entry(measurement: &Measurement, figures: &Outcome, units: &Units) -> Value {
+    let Measurement { name, kind, on, points, .. } = measurement;
+    let points: Vec<[f64; 3]> = points.iter().map(DVec3::to_array).collect();
+    let mut entry = json!({ "name": name, "kind": kind.name(), "on": on, "points": points });
+    match figures {
+        Ok(figures) => {
+            let value = |figure: &crate::shared::measuring::Figure| {
+                let (unit, uncertainty) = (figure.unit(units), figure.deviation);
+                json!({ "name": figure.name, "value": figure.value, "unit": unit, "uncertainty": uncertainty })
+            };
+            entry["values"] = figures.iter().map(value).collect();
+        }
+        Err(problem) => entry["error"] = json!(problem),
+    }
+    entry
+}
+
+/// A row for each value, and one with the problem for a measurement that has none.
+fn table<'a>(measured: impl Iterator<Item = (&'a Measurement, &'a Outcome)>, units: &Units) -> anyhow::Result<String> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(["measurement", "kind", "on", "figure", "value", "unit", "uncertainty", "error"])?;
+    for (measurement, figures) in measured {
+        let Measurement { name, kind, on, .. } = measurement;
+        let mut row = |rest: [&str; 5]| {
+            writer
+                .write_record([name.as_str(), kind.name(), if *on { "true" } else { "false" }].into_iter().chain(rest))
+        };
+        match figures {
+            Ok(figures) => {
+                for figure in figures {
+                    let (value, unit) = (figure.value.to_string(), figure.unit(units).unwrap_or_default());
+                    let uncertainty = figure.deviation.map_or(String::new(), |deviation| deviation.to_string());
+                    row([figure.name, &value, &unit, &uncertainty, ""])?;
+                }
+            }
+            Err(problem) => row(["", "", "", "", problem])?,
+        }
+    }
+    Ok(String::from_utf8(writer.into_inner()?)?)
+}
+
+/// The report for people: a measurement, and a line for each of its values.
+fn lines(measurement: &Measurement, figures: &Outcome, units: &Units) -> Vec<String> {
+    let mut lines = vec![format!("{}: {}", measurement.name, measurement.kind.name())];
+    match figures {
+        Ok(figures) => {
+            lines.extend(figures.iter().map(|figure| format!("  {:<20} {}", figure.name, figure.text(units))));
+        }
+        Err(problem) => lines.push(format!("  {problem}")),
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::MeasurementKind;
+
+    use super::*;
+
+    #[test]
+    fn measurements_that_take_much_memory_are_divided_among_readings() {
+        let measurement = |kind: MeasurementKind| Measurement {
+            name: String::new(),
+            kind,
+            on: true,
+            color: [1.0; 3],
+            points: vec![DVec3::ZERO],
+            reach: None,
+            level: None,
+        };
+        use MeasurementKind::{Cylinder, Distance, Plane, Volume};
+        let all = [Distance, Volume, Plane, Distance, Cylinder, Distance, Volume, Volume].map(measurement);
+        let lengths = |count: u64| {
+            let rounds = rounds(&all, count * Gathering::LARGE_BYTES);
+            assert_eq!(rounds.concat(), all);
+            rounds.iter().map(|round| round.len()).collect::<Vec<_>>()
+        };
+        assert_eq!(lengths(100), [8]);
+        assert_eq!(lengths(2), [4, 3, 1]);
+        assert_eq!(lengths(0), [2, 2, 2, 1, 1]);
+        assert!(rounds(&[], 0).is_empty());
+    }
+}

@@ -1,0 +1,18 @@
+//! The commands of `glint`, one in a file, and what only they use.
+
+pub mod chosen;
+pub mod compare;
+pub mod export;
+pub mod index;
+pub mod info;
+pub mod listing;
+pub mod measure;
+pub mod profile;
+pub mod record;
+pub mod recording;
+pub mod render;
+pub mod scans;
+pub mod study;
+pub mod subject;
+pub mod surfaces;
+pub mod truth;

@@ -1,0 +1,62 @@
+//! Reads scans in memory, to judge the surfaces that are made of them.
+
+use cloud::{Cloud, PointTest, Progress};
+use glam::DVec3;
+use scene::{Settings, five_mirrors, shown};
+use study::Scan;
+use world::Input;
+
+use crate::system::failure::usage;
+use crate::system::{progress_bar, terminal};
+
+/// The attributes that tell where a scan was taken from.
+const OF_SCANNER: [&str; 2] = ["return_number", "gps_time"];
+
+/// The memory in bytes that a point takes while its surface is made: most of it for the tree of discs.
+const BYTES_A_POINT: u64 = 400;
+
+/// The scans of an input with their names: a file each, or a built-in scene, which is seen from its camera.
+///
+/// # Errors
+/// If one cannot be read or is larger than the memory that clouds may take.
+pub fn of_input(input: &Input, test: &PointTest, settings: &Settings) -> Vec<(String, anyhow::Result<Scan>)> {
+    match input {
+        Input::File(_) | Input::Tiles { .. } => {
+            input.files().iter().map(|path| (shown(path), of_file(path, test, settings))).collect()
+        }
+        Input::BuiltIn { variant, .. } => {
+            let scene::SceneSettings { points, seed } = settings.scene;
+            let mut cloud = Cloud { name: input.name(), ..Cloud::default() };
+            for part in five_mirrors::sample(*variant, points.into(), seed.into()) {
+                cloud.chunks.extend(part.chunks);
+            }
+            let camera = variant.camera();
+            vec![(input.name(), Ok(Scan { cloud, up: camera.up, places: vec![camera.eye] }))]
+        }
+        Input::Unknown { name, error } => vec![(name.clone(), Err(usage(error.clone())))],
+    }
+}
+
+fn of_file(path: &std::path::Path, test: &PointTest, settings: &Settings) -> anyhow::Result<Scan> {
+    let source = world::open_file(path, world::half_of(settings.stream.host_bytes)).map_err(usage)?;
+    let info = source.info();
+    let (points, most) = (info.points, settings.stream.host_bytes.0 / BYTES_A_POINT);
+    if points > most {
+        return Err(usage(format!(
+            "{}: {points} points, at most {most} fit into stream.host_bytes = {}; raise it, or take a part of the scan",
+            shown(path),
+            settings.stream.host_bytes
+        )));
+    }
+    let progress = Progress::default();
+    let attributes: Vec<&str> = OF_SCANNER.into_iter().chain(test.filtered()).collect();
+    let read = || world::read_cloud(&source, &attributes, settings, &progress);
+    let (cloud, warnings) = progress_bar::watch("reading", &progress, read)?;
+    crate::system::interrupt::check()?;
+    terminal::warn(warnings.iter().map(|warning| format!("{}: {warning}", shown(path))));
+    if cloud.chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|at| chunk.position(at))).all(|at| !at.is_finite()) {
+        return Err(usage(format!("{}: no points in it", shown(path))));
+    }
+    let up: DVec3 = world::up_of(info, settings);
+    Ok(Scan { cloud: cloud.shown(test), up, places: Vec::new() })
+}

@@ -1,0 +1,172 @@
+//! `glint surfaces`: measures how far the surface that is drawn is from the scan that it is made of.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use cloud::Progress;
+use render::{Gpu, Renderer};
+use scene::Settings;
+use serde::Serialize;
+use study::{HoldOut, Ruler, Scan, ScannerFrom, Sightlines};
+
+use crate::commands::info::grouped;
+use crate::commands::render::set_values;
+use crate::commands::scans;
+use crate::shared::command_line::SurfacesArguments;
+use crate::system::failure::{self, FAILED, UNUSABLE};
+use crate::system::terminal::{self, Few, print};
+use crate::system::{interrupt, progress_bar};
+
+#[derive(Serialize)]
+struct Report {
+    inputs: Vec<Entry>,
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Entry {
+    Judged(Box<Judged>),
+    Failed { path: String, error: String },
+}
+
+/// The figures of one scan: those of the picture, or of the ray tracer where no picture can be drawn.
+#[derive(Serialize)]
+struct Judged {
+    path: String,
+    scanners: Vec<[f64; 3]>,
+    scanner_from: ScannerFrom,
+    #[serde(flatten)]
+    figures: Sightlines,
+    /// What the figures above are of: `picture` or `trace`.
+    by: &'static str,
+    /// The same by the ray tracer, through the points as discs.
+    traced: Sightlines,
+    points: u64,
+    holdout: f64,
+    seed: u64,
+    set: BTreeMap<String, serde_json::Value>,
+}
+
+/// Judges all inputs. Returns exit status 2 if one of them cannot be read or judged, and says so on standard error.
+///
+/// # Errors
+/// Fails on bad usage, without an adapter, or on Ctrl-C.
+pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
+    let request = world::resolve(&arguments.inputs);
+    request.check()?;
+    let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
+    for (key, value) in &arguments.set {
+        settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
+    }
+    let settings = settings.drawn();
+    terminal::warn(request.check_filters(world::half_of(settings.stream.host_bytes))?);
+    let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
+    terminal::warn(&request.warnings);
+    if request.cloud_settings.iter().any(|own| own.placement().is_some()) {
+        terminal::warn([
+            "surfaces are judged where the files have them: the scene's moves and turns do not count here",
+        ]);
+    }
+    let mut renderer = Renderer::new(gpu.clone())?;
+    let (mut inputs, mut status) = (Vec::new(), 0);
+    let mut failed = Few::of("that cannot be judged");
+    for input in &request.inputs {
+        for (path, scan) in scans::of_input(input, &request.test(), &settings) {
+            let judged = scan.and_then(|scan| judge(&path, &scan, arguments, &settings, &gpu, &mut renderer));
+            interrupt::check()?;
+            inputs.push(judged.map_or_else(
+                |error| {
+                    let of_error = failure::exit_status(&error);
+                    status = if of_error == UNUSABLE && status != FAILED { UNUSABLE } else { FAILED };
+                    let error = format!("{error:#}");
+                    failed.complain(&error);
+                    Entry::Failed { path, error }
+                },
+                |judged| Entry::Judged(Box::new(judged)),
+            ));
+        }
+    }
+    failed.end();
+    let report = Report { inputs };
+    if arguments.json {
+        terminal::print_json(&report)?;
+        return Ok(status);
+    }
+    let mut separator = None;
+    for entry in &report.inputs {
+        if let Entry::Judged(judged) = entry {
+            print(separator.replace(String::new()).into_iter().chain(lines(judged)))?;
+        }
+    }
+    Ok(status)
+}
+
+fn judge(
+    path: &str,
+    scan: &Scan,
+    arguments: &SurfacesArguments,
+    settings: &Settings,
+    gpu: &Arc<Gpu>,
+    renderer: &mut Renderer,
+) -> anyhow::Result<Judged> {
+    let hold_out = HoldOut { share: arguments.holdout, seed: arguments.seed };
+    let progress = Progress::default();
+    let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, settings);
+    let ruler = || Ruler::new(scan, hold_out, &arguments.scanner, options, settings, gpu, &progress);
+    let mut ruler = progress_bar::watch("normals", &progress, ruler).with_context(|| path.to_owned())?;
+    interrupt::check()?;
+    let traced = ruler.traced().with_context(|| path.to_owned())?;
+    interrupt::check()?;
+    let drawn = ruler.drawn(renderer, settings).with_context(|| path.to_owned())?;
+    let said: Vec<&str> = arguments.set.iter().map(|(key, _)| key.as_str()).collect();
+    Ok(Judged {
+        path: path.to_owned(),
+        scanners: ruler.scanner.places().into_iter().map(Into::into).collect(),
+        scanner_from: ruler.from,
+        by: if drawn.is_some() { "picture" } else { "trace" },
+        figures: drawn.unwrap_or_else(|| traced.clone()),
+        traced,
+        points: scan.cloud.len(),
+        holdout: arguments.holdout,
+        seed: arguments.seed,
+        set: set_values(settings, &said),
+    })
+}
+
+/// The report for people.
+fn lines(judged: &Judged) -> Vec<String> {
+    let mut lines = vec![judged.path.clone()];
+    let mut line = |name: &str, value: String| lines.push(format!("  {name:<13} {value}"));
+    let place = |[x, y, z]: &[f64; 3]| format!("({x:.2}, {y:.2}, {z:.2})");
+    let count = judged.scanners.len();
+    let places: Vec<String> = judged.scanners.iter().take(8).map(place).collect();
+    let from = match judged.scanner_from {
+        ScannerFrom::File => format!("named by the input: {}", places.join(", ")),
+        ScannerFrom::Flag => places.join(", "),
+        ScannerFrom::Origin => "the origin, from which each direction meets one surface".into(),
+        ScannerFrom::Estimated => format!("estimated, where most points are seen from: {}", places.join(", ")),
+        ScannerFrom::Returns => format!("{count} places along a flight, where pulses with several returns meet"),
+        ScannerFrom::Above => "above, as far away as the scan is wide, and at most ten times its height".into(),
+    };
+    line("scanner", from);
+    let held = format!("{} of {} points", grouped(judged.figures.rays as u64), grouped(judged.points));
+    line("held out", format!("{held}, drawn by the seed {}", judged.seed));
+    line(
+        "",
+        format!("{:>9} {:>9} {:>9} {:>9}   depth error, mm per m      colour", "within", "in front", "behind", "open"),
+    );
+    line("", format!("{:>39}   median       p95          CIEDE2000", ""));
+    let mut row = |name: &str, figures: &Sightlines| {
+        let Sightlines { within, in_front, behind, open, depth_error, colour_error, .. } = figures;
+        let shares = [within, in_front, behind, open].map(|share| format!("{:>7.2} %", share * 100.0));
+        let number = |value: Option<f64>, scale: f64| value.map_or("-".into(), |value| format!("{:.2}", value * scale));
+        let [median, p95] = [depth_error.median, depth_error.p95].map(|error| number(error, 1000.0));
+        line(name, format!("{}   {median:<12} {p95:<12} {}", shares.join(" "), number(colour_error.median, 1.0)));
+    };
+    if judged.by == "picture" {
+        row("picture", &judged.figures);
+    }
+    row("ray tracer", &judged.traced);
+    lines
+}

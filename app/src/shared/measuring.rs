@@ -1,0 +1,382 @@
+//! Carries out the measurements of a scene on the points of its clouds, for `glint measure` and for the window.
+
+use cloud::{Bounds, Cloud, PointTest};
+use codec::Units;
+use glam::{DMat3, DVec3};
+use measure::{Nearest, Scatter, VolumeGrid};
+use scene::{Measurement, MeasurementKind};
+
+use crate::commands::info::grouped;
+
+/// The points around a corner that tell how certain it is.
+const NEIGHBOURS: usize = 24;
+/// The most points that are fitted: a cylinder through as many takes seconds.
+const MOST_FITTED: usize = 4_000_000;
+/// The most decimals of a value that is told to people.
+const MOST_DECIMALS: i32 = 9;
+
+/// What kind of number a figure is, which decides its unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// A length in any direction.
+    Length,
+    /// A length along x or y, or across both.
+    Level,
+    /// A length along z.
+    Rise,
+    /// An area in any direction.
+    Area,
+    /// An area on the map.
+    LevelArea,
+    Volume,
+    /// In degrees.
+    Angle,
+    /// A component of a direction.
+    Share,
+    Count,
+}
+
+/// A value that was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    pub name: &'static str,
+    pub quantity: Quantity,
+    pub value: f64,
+    /// Its standard deviation by the spacing and the noise of the points, where that is known.
+    pub deviation: Option<f64>,
+}
+
+/// The figures of a measurement, the most important one first.
+pub type Outcome = Result<Vec<Figure>, String>;
+
+/// A measurement under way: it is given all points of the clouds, in any order.
+pub struct Gathering {
+    measurement: Measurement,
+    up: DVec3,
+    /// The nearest points to each corner.
+    nearest: Vec<Nearest>,
+    /// The points within reach, for a fit.
+    fitted: Vec<DVec3>,
+    grid: Option<measure::Result<VolumeGrid>>,
+}
+
+impl Figure {
+    fn new(name: &'static str, quantity: Quantity, value: f64, deviation: Option<f64>) -> Self {
+        Self { name, quantity, value, deviation: deviation.filter(|deviation| deviation.is_finite()) }
+    }
+
+    /// The unit, if the file of the points tells one.
+    pub fn unit(&self, units: &Units) -> Option<String> {
+        let (length, level, rise) = (units.length(), units.level, units.rise());
+        // A square degree is no area.
+        let level_length = level.filter(|unit| !unit.is_angle());
+        match self.quantity {
+            Quantity::Count | Quantity::Share => None,
+            Quantity::Angle => Some("°".into()),
+            Quantity::Length => length.map(|unit| unit.to_string()),
+            Quantity::Level => level.map(|unit| unit.to_string()),
+            Quantity::Rise => rise.map(|unit| unit.to_string()),
+            Quantity::Area => length.map(|unit| format!("{unit}²")),
+            Quantity::LevelArea => level_length.map(|unit| format!("{unit}²")),
+            Quantity::Volume => match length {
+                Some(unit) => Some(format!("{unit}³")),
+                None => level_length.zip(rise).map(|(level, rise)| format!("{level}²·{rise}")),
+            },
+        }
+    }
+
+    /// How many figures of a measurement are shown where there is little room.
+    pub fn main_ones(kind: MeasurementKind) -> usize {
+        match kind {
+            MeasurementKind::Point => 3,
+            MeasurementKind::Plane => 2,
+            _ => 1,
+        }
+    }
+
+    /// The value with its unit, without its deviation, for labels.
+    pub fn short(&self, units: &Units) -> String {
+        let text = self.text(units);
+        match (text.split_once(" ± "), self.unit(units)) {
+            (Some((value, _)), Some(unit)) if unit == "°" => format!("{value}{unit}"),
+            (Some((value, _)), Some(unit)) => format!("{value} {unit}"),
+            (Some((value, _)), None) => value.to_owned(),
+            (None, _) => text,
+        }
+    }
+
+    /// The value for people, with as many decimals as it deserves, its deviation and its unit.
+    pub fn text(&self, units: &Units) -> String {
+        if self.quantity == Quantity::Count {
+            return grouped(self.value as u64);
+        }
+        // Two digits of the deviation.
+        let needed = |deviation: f64| (1 - deviation.log10().floor() as i32).clamp(0, MOST_DECIMALS) as usize;
+        let deviation = self.deviation.filter(|deviation| *deviation > 0.0);
+        let usual = match self.quantity {
+            Quantity::Angle => 2,
+            Quantity::Share => 6,
+            _ => 4,
+        };
+        let decimals = deviation.map_or(usual, needed);
+        let spread = deviation.map_or(String::new(), |deviation| format!(" ± {deviation:.decimals$}"));
+        let unit = self.unit(units).map_or(String::new(), |unit| if unit == "°" { unit } else { format!(" {unit}") });
+        format!("{:.decimals$}{spread}{unit}", self.value)
+    }
+}
+
+/// What lengths across and along the axis that points up are, and areas across it. Only where z points up, they are those
+/// of the map and of heights.
+fn directions(up: DVec3) -> (Quantity, Quantity, Quantity) {
+    if up.z.abs() > 0.999 {
+        (Quantity::Level, Quantity::Rise, Quantity::LevelArea)
+    } else {
+        (Quantity::Length, Quantity::Length, Quantity::Area)
+    }
+}
+
+/// The figures that corners have by themselves; none for a fit or a volume, or while corners are missing.
+pub fn of_corners(kind: MeasurementKind, corners: &[DVec3], up: DVec3) -> Vec<Figure> {
+    with_scatter(kind, corners, up, &vec![None; corners.len()])
+}
+
+/// Carries out a measurement on the shown points of clouds in memory, which come with the bounds of their chunks.
+pub fn of_clouds(measurement: &Measurement, up: DVec3, clouds: &[(Cloud, Vec<Bounds>)], test: &PointTest) -> Outcome {
+    let mut gathering = Gathering::new(measurement, up);
+    for (cloud, bounds) in clouds {
+        let shown = cloud.test(test);
+        let distance = |bounds: &Bounds| {
+            let to = |corner: &DVec3| corner.distance_squared(corner.clamp(bounds.min, bounds.max));
+            measurement.points.iter().map(to).fold(f64::INFINITY, f64::min)
+        };
+        let chunks = cloud.chunks.iter().zip(bounds).filter(|(_, bounds)| !bounds.is_empty());
+        let mut chunks: Vec<_> = chunks.map(|(chunk, bounds)| (distance(bounds), chunk, *bounds)).collect();
+        // Once the nearest points are found, chunks farther away need not be searched.
+        chunks.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, chunk, bounds) in chunks {
+            if gathering.wants(bounds) {
+                for index in 0..chunk.len() {
+                    gathering.add(cloud.world_position(chunk, index), || shown.shows(chunk, index));
+                }
+            }
+        }
+    }
+    gathering.finish()
+}
+
+/// The figures of corners with the scatter around each, where it is known.
+fn with_scatter(kind: MeasurementKind, corners: &[DVec3], up: DVec3, scatter: &[Option<Scatter>]) -> Vec<Figure> {
+    if corners.len() < *kind.corners().start() {
+        return Vec::new();
+    }
+    let covariances: Option<Vec<DMat3>> =
+        scatter.iter().map(|scatter| scatter.as_ref().map(Scatter::covariance)).collect();
+    let (level_length, rise_length, level_area) = directions(up);
+    let figure = |name: &'static str, quantity: Quantity, of: &dyn Fn(&[DVec3]) -> f64| {
+        let deviation = covariances.as_ref().map(|covariances| measure::spread(of, corners, covariances));
+        Figure::new(name, quantity, of(corners), deviation)
+    };
+    let length = |name: &'static str, of: &dyn Fn(&[DVec3]) -> f64| figure(name, Quantity::Length, of);
+    let level =
+        |corners: &[DVec3]| -> Vec<DVec3> { corners.iter().map(|place| place.reject_from_normalized(up)).collect() };
+    let rise = |corners: &[DVec3]| measure::height(corners, up);
+    let closed = |corners: &[DVec3]| corners.iter().chain(corners.first()).copied().collect::<Vec<_>>();
+    match kind {
+        MeasurementKind::Point => {
+            let mut figures = vec![
+                figure("x", Quantity::Level, &|corners| corners[0].x),
+                figure("y", Quantity::Level, &|corners| corners[0].y),
+                figure("z", Quantity::Rise, &|corners| corners[0].z),
+            ];
+            if let Some(Some(Scatter { spacing, noise, .. })) = scatter.first() {
+                figures.push(Figure::new("spacing", Quantity::Length, *spacing, None));
+                figures.push(Figure::new("noise", Quantity::Length, *noise, None));
+            }
+            figures
+        }
+        MeasurementKind::Distance => vec![
+            length("distance", &measure::length),
+            figure("horizontal", level_length, &|corners| measure::length(&level(corners))),
+            figure("vertical", rise_length, &rise),
+        ],
+        MeasurementKind::Polyline => {
+            let horizontal = figure("horizontal", level_length, &|corners| measure::length(&level(corners)));
+            vec![length("length", &measure::length), horizontal]
+        }
+        MeasurementKind::Height => {
+            let horizontal = figure("horizontal", level_length, &|corners| measure::length(&level(corners)));
+            vec![figure("height", rise_length, &rise), horizontal]
+        }
+        MeasurementKind::Angle => {
+            let angle = |corners: &[DVec3]| measure::angle(corners[0], corners[1], corners[2]).to_degrees();
+            vec![figure("angle", Quantity::Angle, &angle)]
+        }
+        MeasurementKind::Area => {
+            let mut figures = vec![
+                figure("area", Quantity::Area, &measure::area),
+                figure("level area", level_area, &|corners| measure::area(&level(corners))),
+                length("perimeter", &|corners| measure::length(&closed(corners))),
+            ];
+            if let Ok(plane) = measure::plane(corners) {
+                figures.push(Figure::new("off its plane", Quantity::Length, plane.rms, None));
+            }
+            figures
+        }
+        MeasurementKind::Circle => circle(corners, covariances.as_deref()),
+        MeasurementKind::Plane | MeasurementKind::Cylinder | MeasurementKind::Volume => Vec::new(),
+    }
+}
+
+fn circle(corners: &[DVec3], covariances: Option<&[DMat3]>) -> Vec<Figure> {
+    let Ok(round) = measure::circle(corners) else { return Vec::new() };
+    let radius = |corners: &[DVec3]| measure::circle(corners).map_or(f64::NAN, |round| round.radius);
+    let by_scatter = covariances.map(|covariances| measure::spread(radius, corners, covariances));
+    // Corners beside the circle tell more than the points around them. NaN loses against a number.
+    let deviation = by_scatter.map(|scatter| scatter.max(round.radius_deviation));
+    vec![
+        Figure::new("radius", Quantity::Length, round.radius, deviation),
+        Figure::new("diameter", Quantity::Length, 2.0 * round.radius, deviation.map(|deviation| 2.0 * deviation)),
+        Figure::new("rms", Quantity::Length, round.rms, None),
+    ]
+}
+
+impl Gathering {
+    /// The most bytes that a large one takes: the cells of a volume twice, or the points of a fit.
+    pub const LARGE_BYTES: u64 = 128 << 20;
+
+    /// Whether a measurement may take much memory.
+    pub fn is_large(kind: MeasurementKind) -> bool {
+        kind == MeasurementKind::Volume || kind.has_reach()
+    }
+
+    /// `up` is a unit vector.
+    pub fn new(measurement: &Measurement, up: DVec3) -> Self {
+        let kind = measurement.kind;
+        let is_volume = kind == MeasurementKind::Volume;
+        let has_nearest = !is_volume && !kind.has_reach();
+        let corners = measurement.points.iter().filter(|_| has_nearest);
+        Self {
+            measurement: measurement.clone(),
+            up,
+            nearest: corners.map(|corner| Nearest::new(*corner, NEIGHBOURS)).collect(),
+            fitted: Vec::new(),
+            grid: is_volume.then(|| VolumeGrid::new(&measurement.points, measurement.level, up)),
+        }
+    }
+
+    /// Whether a point within the bounds could count.
+    pub fn wants(&self, bounds: Bounds) -> bool {
+        self.nearest.iter().any(|nearest| nearest.wants(bounds))
+            || self.is_reached(bounds)
+            || matches!(&self.grid, Some(Ok(grid)) if grid.wants(bounds))
+    }
+
+    /// Whether the bounds come within reach of a corner.
+    fn is_reached(&self, bounds: Bounds) -> bool {
+        let Some(reach) = self.measurement.reach.filter(|_| !bounds.is_empty()) else { return false };
+        let is_near = |corner: &DVec3| corner.distance_squared(corner.clamp(bounds.min, bounds.max)) <= reach * reach;
+        self.measurement.points.iter().any(is_near)
+    }
+
+    /// Takes a point into account, if it `is_shown`.
+    pub fn add(&mut self, point: DVec3, is_shown: impl Fn() -> bool) {
+        let only = Bounds { min: point, max: point };
+        let is_near = self.nearest.iter().any(|nearest| nearest.wants(only));
+        let is_over = matches!(&self.grid, Some(Ok(grid)) if grid.covers(point));
+        let is_within = self.is_reached(only) && self.fitted.len() <= MOST_FITTED;
+        if !(is_near || is_over || is_within) || !is_shown() {
+            return;
+        }
+        self.nearest.iter_mut().for_each(|nearest| nearest.add(point));
+        if let Some(Ok(grid)) = &mut self.grid {
+            grid.add(point);
+        }
+        if is_within {
+            self.fitted.push(point);
+        }
+    }
+
+    /// What was measured, or why it cannot be.
+    pub fn finish(mut self) -> Outcome {
+        let told = |error: measure::Error| error.to_string();
+        let Measurement { kind, points: corners, .. } = &self.measurement;
+        // One more than the most is gathered.
+        if self.fitted.len() > MOST_FITTED {
+            return Err(format!(
+                "more than {} points lie within its reach, expected fewer: make the reach smaller",
+                grouped(MOST_FITTED as u64)
+            ));
+        }
+        // Sums depend on the order in the last digits, and the threads that read deliver points in any.
+        let by_place = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
+        self.fitted.sort_unstable_by(by_place);
+        match kind {
+            MeasurementKind::Plane => Ok(plane(&measure::plane(&self.fitted).map_err(told)?, self.up)),
+            MeasurementKind::Cylinder => Ok(cylinder(&measure::cylinder(&self.fitted).map_err(told)?, self.up)),
+            MeasurementKind::Volume => volume(self.grid.map(|grid| grid.map_err(told)), self.up),
+            _ => {
+                let around = |nearest: &Nearest| Scatter::around(nearest.place(), &nearest.points());
+                let scatter: Vec<Option<Scatter>> = self.nearest.iter().map(around).collect();
+                let figures = with_scatter(*kind, corners, self.up, &scatter);
+                if figures.is_empty() { Err(measure::Error::NotRound.to_string()) } else { Ok(figures) }
+            }
+        }
+    }
+}
+
+/// The angle between a line along `direction` and `up`, in degrees.
+fn tilt(direction: DVec3, up: DVec3) -> f64 {
+    direction.reject_from_normalized(up).length().atan2(direction.dot(up).abs()).to_degrees()
+}
+
+/// The components of the direction of a line, as that of its upper end.
+fn components(names: [&'static str; 3], direction: DVec3, up: DVec3) -> impl Iterator<Item = Figure> {
+    let direction = if direction.dot(up) < 0.0 { -direction } else { direction };
+    names.into_iter().zip(direction.to_array()).map(|(name, part)| Figure::new(name, Quantity::Share, part, None))
+}
+
+fn plane(plane: &measure::Plane, up: DVec3) -> Vec<Figure> {
+    let fall = up.reject_from_normalized(plane.normal).try_normalize();
+    // A level plane falls in no direction; it deviates alike in all.
+    let fall = fall.unwrap_or_else(|| plane.normal.any_orthonormal_vector());
+    let dip = tilt(plane.normal, up);
+    let mut figures = vec![
+        Figure::new("dip", Quantity::Angle, dip, Some(plane.tilt_deviation(fall).to_degrees())),
+        Figure::new("rms", Quantity::Length, plane.rms, None),
+        Figure::new("points", Quantity::Count, plane.points as f64, None),
+    ];
+    figures.extend(components(["normal x", "normal y", "normal z"], plane.normal, up));
+    figures
+}
+
+fn cylinder(round: &measure::Round, up: DVec3) -> Vec<Figure> {
+    let deviation = Some(round.radius_deviation);
+    let mut figures = vec![
+        Figure::new("radius", Quantity::Length, round.radius, deviation),
+        Figure::new("diameter", Quantity::Length, 2.0 * round.radius, deviation.map(|deviation| 2.0 * deviation)),
+        Figure::new("length", Quantity::Length, round.length, None),
+        Figure::new("rms", Quantity::Length, round.rms, None),
+        Figure::new("tilt", Quantity::Angle, tilt(round.axis, up), None),
+        Figure::new("points", Quantity::Count, round.points as f64, None),
+    ];
+    figures.extend(components(["axis x", "axis y", "axis z"], round.axis, up));
+    figures
+}
+
+fn volume(grid: Option<Result<VolumeGrid, String>>, up: DVec3) -> Outcome {
+    let Some(grid) = grid.transpose()? else { return Ok(Vec::new()) };
+    let volume = grid.volume();
+    if volume.points == 0 {
+        return Err("no points lie above or below its corners".into());
+    }
+    let (level_length, _, level_area) = directions(up);
+    Ok(vec![
+        Figure::new("volume", Quantity::Volume, volume.above - volume.below, Some(volume.deviation)),
+        Figure::new("above", Quantity::Volume, volume.above, None),
+        Figure::new("below", Quantity::Volume, volume.below, None),
+        Figure::new("level area", level_area, volume.area, None),
+        Figure::new("area without points", level_area, volume.empty_area, None),
+        Figure::new("cell", level_length, volume.cell, None),
+        Figure::new("points", Quantity::Count, volume.points as f64, None),
+    ])
+}

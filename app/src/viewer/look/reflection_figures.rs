@@ -1,0 +1,56 @@
+//! The figures of a frame's reflections, and what they were in the last frames.
+
+use std::collections::VecDeque;
+
+use render::{FrameStats, ReflectionStats};
+
+use crate::viewer::look::theme::{bytes, grouped};
+
+/// How many frames the plots show.
+pub const REMEMBERED: usize = 120;
+
+/// A name, how a value is written, and how the value is read. A method that has no such figure gives `None`.
+pub type Figure = (&'static str, fn(f64) -> String, fn(&ReflectionStats) -> Option<f64>);
+
+pub const FIGURES: [Figure; 14] = [
+    ("Mirror pixels", |pixels| grouped(pixels as u64), |stats| Some(f64::from(stats.mirror_pixels))),
+    ("Coverage", percent, |stats| Some(stats.coverage)),
+    ("Closed coverage", percent, |stats| Some(stats.closed_coverage)),
+    ("Uncertain", percent, |stats| Some(stats.uncertain)),
+    ("Hit rate", percent, |stats| stats.hit_rate),
+    ("Unconverged", percent, |stats| stats.unconverged),
+    ("Regions", |regions| grouped(regions as u64), |stats| stats.regions.map(f64::from)),
+    ("Unresolved rays", percent, |stats| stats.unresolved),
+    ("Maps needed", |maps| grouped(maps as u64), |stats| Some(f64::from(stats.maps?.asked))),
+    ("Maps drawn anew", |maps| grouped(maps as u64), |stats| Some(f64::from(stats.map_use?.new))),
+    ("Maps missed", percent, |stats| Some(stats.map_use?.missed)),
+    ("Predicted to be off", percent, |stats| stats.map_use?.off),
+    ("Texels traced", |texels| grouped(texels as u64), |stats| stats.map_use?.texels.map(f64::from)),
+    ("Memory of maps", |size| bytes(size as u64), |stats| Some(stats.map_use?.bytes as f64)),
+];
+
+fn percent(share: f64) -> String {
+    format!("{:.2} %", share * 100.0)
+}
+
+/// The figures of the last frames.
+#[derive(Default)]
+pub struct FigureHistory {
+    /// The values of each frame in the order of `FIGURES`; NaN where the method has no such figure.
+    frames: VecDeque<[f64; FIGURES.len()]>,
+}
+
+impl FigureHistory {
+    pub fn push(&mut self, stats: &FrameStats) {
+        let Some(reflection) = &stats.reflection else { return };
+        if self.frames.len() == REMEMBERED {
+            self.frames.pop_front();
+        }
+        self.frames.push_back(FIGURES.map(|(_, _, figure)| figure(reflection).unwrap_or(f64::NAN)));
+    }
+
+    /// The values of one figure, oldest first.
+    pub fn of(&self, figure: usize) -> impl Iterator<Item = f64> {
+        self.frames.iter().map(move |frame| frame[figure])
+    }
+}

@@ -1,0 +1,173 @@
+//! Small widgets that several panels share. They know egui and plain values, but not the session.
+
+use egui::{Sense, Ui};
+use glam::DVec3;
+
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+
+/// The width of a line's name, in points of the window. The longest name fits.
+pub const NAME_WIDTH: f32 = 96.0;
+
+/// Draws the name of a line. All names have the same width and can be clicked.
+pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Response {
+    let height = ui.spacing().interact_size.y;
+    let layout = egui::Layout::left_to_right(egui::Align::Center);
+    let label = egui::Label::new(text).sense(egui::Sense::click()).selectable(false).truncate();
+    ui.allocate_ui_with_layout(egui::vec2(NAME_WIDTH, height), layout, |ui| {
+        ui.set_min_width(NAME_WIDTH);
+        ui.add(label)
+    })
+    .inner
+}
+
+/// Draws a line with a list to choose from. Returns the response of the list.
+pub fn choice<'a, T: PartialEq + Copy>(
+    ui: &mut Ui,
+    name: &str,
+    chosen: &mut T,
+    options: impl Iterator<Item = (T, &'a str)>,
+) -> egui::Response {
+    let options: Vec<(T, &str)> = options.collect();
+    let shown = options.iter().find(|(option, _)| option == chosen).map_or("none", |(_, text)| *text);
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        let combo = egui::ComboBox::from_id_salt(name).width(150.0).truncate().selected_text(shown);
+        let list = combo.show_ui(ui, |ui| {
+            for (option, text) in &options {
+                ui.selectable_value(chosen, *option, *text);
+            }
+        });
+        list.response.labelled_by(label.id)
+    })
+    .inner
+}
+
+/// Draws a line with a slider.
+pub fn slider(ui: &mut Ui, name: &str, slider: egui::Slider<'_>) -> egui::Response {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        ui.add(slider.max_decimals(3)).labelled_by(label.id)
+    })
+    .inner
+}
+
+/// Draws a line with a slider for a length, from a ten-thousandth of `largest` up to `largest`.
+pub fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
+    let largest = largest.max(1e-6);
+    let range = largest * 1e-4..=largest;
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        ui.add(egui::Slider::new(value, range).logarithmic(true)).labelled_by(label.id);
+    });
+}
+
+/// Draws a line of three numbers, below their name where they are as long as coordinates of a survey. Returns them if a
+/// person edited one and all are finite.
+pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) -> Option<DVec3> {
+    let mut edited = value;
+    let mut fields = |ui: &mut Ui, label: &egui::Response| {
+        ui.spacing_mut().item_spacing.x = 3.0;
+        ui.spacing_mut().button_padding.x = 2.0;
+        let width = ((ui.available_width() - 6.0) / 3.0).floor().max(40.0);
+        for axis in 0..3 {
+            let drag = egui::DragValue::new(&mut edited[axis]).speed(speed).suffix(suffix).max_decimals(4);
+            ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);
+        }
+    };
+    if value.abs().max_element() < 1e5 {
+        ui.horizontal(|ui| {
+            let label = name_label(ui, name);
+            fields(ui, &label);
+        });
+    } else {
+        let label = name_label(ui, name);
+        ui.horizontal(|ui| fields(ui, &label));
+    }
+    (edited != value && edited.is_finite()).then_some(edited)
+}
+
+/// Draws an open or closed eye that can be clicked. Screen readers read `of` aloud.
+pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
+    let (rect, response) = ui.allocate_exact_size(egui::vec2(20.0, 16.0), Sense::click());
+    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, format!("Show {of}")));
+    let color = match (open, response.hovered()) {
+        (_, true) => egui::Color32::WHITE,
+        (true, false) => ui.visuals().text_color(),
+        (false, false) => theme::WEAK.gamma_multiply(0.6),
+    };
+    let stroke = egui::Stroke::new(1.3, color);
+    let center = rect.center();
+    // Two arcs meet at the corners of the eye. A closed eye has only the lower lid and a lash.
+    let lid = |height: f32| {
+        (0..=12).map(move |i| {
+            let along = i as f32 / 6.0 - 1.0;
+            center + egui::vec2(along * 7.5, height * (1.0 - along * along))
+        })
+    };
+    let painter = ui.painter();
+    painter.add(egui::Shape::line(lid(4.5).collect(), stroke));
+    if open {
+        painter.add(egui::Shape::line(lid(-4.5).collect(), stroke));
+        painter.circle_filled(center, 2.2, color);
+    } else {
+        painter.line_segment([center + egui::vec2(0.0, 4.5), center + egui::vec2(0.0, 7.0)], stroke);
+    }
+    response.on_hover_text(if open { "Hide" } else { "Show" })
+}
+
+/// Draws a short bar that is filled up to `share`, from 0 to 1.
+pub fn progress_bar(ui: &mut Ui, share: f32) {
+    let bar = egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0);
+    ui.add(bar.fill(theme::ACCENT.gamma_multiply(0.7)));
+}
+
+/// Formats progress: `1,203,400 of 3,214,786 · 1.20 M/s · 3 s left`. `pace` is in points a second; without it the text
+/// has no speed and no time.
+pub fn progress_text(done: u64, total: u64, pace: Option<f64>) -> String {
+    let mut text = if total > 0 { format!("{} of {}", grouped(done), grouped(total)) } else { grouped(done) };
+    if let Some(pace) = pace {
+        text += &format!(" · {:.2} M/s", pace / 1e6);
+        if total > done {
+            let seconds = ((total - done) as f64 / pace).ceil();
+            let minutes = (seconds / 60.0).ceil();
+            text += &if seconds < 120.0 {
+                format!(" · {seconds:.0} s left")
+            } else {
+                format!(" · {minutes:.0} min left")
+            };
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn progress_tells_rate_and_time_left() {
+        let text = progress_text(1_000_000, 3_000_000, Some(500_000.0));
+        assert_eq!(text, "1,000,000 of 3,000,000 · 0.50 M/s · 4 s left");
+        let text = progress_text(1_000_000, 301_000_000, Some(1_000_000.0));
+        assert_eq!(text, "1,000,000 of 301,000,000 · 1.00 M/s · 5 min left");
+        assert_eq!(progress_text(5, 0, None), "5");
+    }
+
+    #[test]
+    fn coordinates_of_a_survey_fit_into_the_panel() {
+        use egui_kittest::kittest::Queryable as _;
+        for value in [DVec3::new(432_493.12, 5_413_587.34, 336.28), DVec3::new(-1234.56, 987.65, 0.5)] {
+            let size = egui::vec2(285.0, 100.0);
+            let mut harness = egui_kittest::Harness::builder().with_size(size).build_ui(|ui| {
+                assert_eq!(three(ui, "Position", value, 0.05, ""), None);
+            });
+            harness.run_ok();
+            let fields: Vec<_> = harness.get_all_by_role(egui::accesskit::Role::SpinButton).collect();
+            assert_eq!(fields.len(), 3);
+            for (axis, field) in fields.iter().enumerate() {
+                assert!(field.rect().max.x <= size.x, "{value}, {axis}: {:?}", field.rect());
+            }
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! What a picture is drawn of, and how much of it where something moves.
+
+use cloud::PointTest;
+use render::FrameStats;
+use scene::{Camera, GlossPattern, LightClues, Mirror, MirrorSurface, Quality, Settings, SpotLight};
+
+use crate::viewer::picture::pace::Spared;
+
+/// A picture to draw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameRequest {
+    pub camera: Camera,
+    pub settings: Settings,
+    pub mirrors: Vec<Mirror>,
+    pub lights: Vec<SpotLight>,
+    /// What decides about automatic light, besides the lights.
+    pub clues: LightClues,
+    /// The size in pixels that the picture fills in the window.
+    pub size: [u32; 2],
+    /// What the frame spares, if it is drawn fast because something moves.
+    pub spared: Option<Spared>,
+    /// Decides which points are shown. The thread is told by `Change::Visibility`; here it tells frames that hide other
+    /// points from frames of other points.
+    pub test: PointTest,
+    /// A counter that grows with each change of the points and their colours.
+    pub revision: u64,
+    /// True if this is a hurried frame, which a better one follows.
+    pub hurried: bool,
+    /// True if indirect light may be that of earlier points while points are loaded and removed.
+    pub light_may_lag: bool,
+}
+
+impl FrameRequest {
+    /// The same frame in full quality.
+    pub fn unhurried(&self, settings: &Settings) -> Self {
+        Self { settings: settings.clone(), spared: None, hurried: false, light_may_lag: false, ..self.clone() }
+    }
+
+    /// Whether the frame's picture is final: nothing is left to be added, and its exposure is the one that fits. While
+    /// something moves, one sample of glossy mirrors is all, and the exposure follows.
+    pub fn is_whole(&self, stats: &FrameStats) -> bool {
+        let [summed, asked] = stats.glossy_samples;
+        summed == asked && !stats.exposure.is_some_and(|exposure| exposure.adapts) || self.hurried
+    }
+
+    /// The size in pixels in which the frame is drawn.
+    pub fn drawn_size(&self) -> [u32; 2] {
+        self.spared.unwrap_or(Spared::NOTHING).size(self.size)
+    }
+}
+
+/// The settings for a hurried frame: one point for each pixel, and mirrors that show no further mirrors. A mirror that
+/// is being dragged is drawn by its formula, because its points are made later.
+pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
+    let mut hurried = settings.clone();
+    hurried.splat.quality = Quality::Nearest;
+    hurried.reflection.bounces = settings.reflection.bounces.min(1);
+    hurried.reflection.samples = 1;
+    if settings.gloss.samples > 0 {
+        // The one sample that is drawn would else show a perfect mirror that is turned aside.
+        hurried.gloss.pattern = GlossPattern::Pixel;
+    }
+    if a_mirror_is_dragged {
+        hurried.mirror.surface = MirrorSurface::Exact;
+    }
+    hurried
+}

@@ -1,0 +1,631 @@
+//! The thread that draws the points, so that the window never waits for them.
+//!
+//! It owns the renderer and the points on the GPU, on a device of its own. Waiting for a device holds a lock that
+//! presenting on the same device needs. Whichever of the two is lost is opened again: some systems reset both where one
+//! takes too long. Commands are carried out in order; of several waiting frames
+//! only the latest is drawn, and of several tests of points only the latest is applied. Another thread writes a finished
+//! picture into a texture of the window's device (picture_writer.rs). The window's next frame shows it, either whole or
+//! not at all.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use cloud::{PointTest, Progress};
+use glam::DVec3;
+use render::{Aov, AovImage, FrameStats, Gpu, IsGivenUp, LightReuse, Objects, Renderer};
+use scene::{Camera, Settings};
+use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
+use world::{Change, ChunkKey, Resident};
+
+use crate::overlays::{self, Facts};
+use crate::system::picture_file;
+pub use crate::viewer::picture::frame_request::{FrameRequest, hurried};
+use crate::viewer::picture::picture_writer::{self, DrawnFrame, Finished};
+use crate::viewer::picture::under_way::Pass;
+
+/// What a picked point is used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PickPurpose {
+    /// The coordinates in the status bar, and the point to zoom toward.
+    Hover,
+    Select,
+    Pivot,
+    /// The next point of a measurement.
+    Corner,
+}
+
+pub enum Command {
+    /// A change of the points or of how they are shown.
+    Change(Change),
+    /// All commands for a chunk have been sent. Dropping the pass marks the chunk as received.
+    Arrived(Pass),
+    Frame(Box<FrameRequest>),
+    /// The window has another device from now on, because the one before was lost: its picture is drawn again.
+    ShowOn(Arc<Gpu>),
+    Pick {
+        pixel: [u32; 2],
+        purpose: PickPurpose,
+    },
+    /// Writes a picture as a PNG file. The frame is drawn first unless it is the last one that was drawn.
+    Save {
+        request: Box<FrameRequest>,
+        path: PathBuf,
+        /// What the overlays tell that are drawn over it.
+        facts: Box<Facts>,
+    },
+    /// Hands over a picture and float images of it. The frame is drawn first unless it is the last one that was drawn.
+    Read {
+        request: Box<FrameRequest>,
+        images: Vec<Aov>,
+    },
+    /// Captures the images that the ray tracer needs to judge a frame; positions are relative to `origin`.
+    Capture {
+        request: Box<FrameRequest>,
+        origin: DVec3,
+    },
+    /// Lets `auto` choose settings for the view of a frame.
+    Choose {
+        request: Box<FrameRequest>,
+        target: Target,
+        model: Box<CostModel>,
+    },
+    /// Draws a frame from scratch to measure its times.
+    Measure(Box<FrameRequest>),
+    /// Judges the frame in the window at some hundred random pixels, which `seed` decides.
+    Estimate {
+        request: Box<FrameRequest>,
+        seed: u64,
+    },
+    /// Makes a picture of a frame from other colours: linear red, green and blue. `pass` identifies the answer.
+    Present {
+        request: Box<FrameRequest>,
+        colors: Arc<Vec<[f32; 3]>>,
+        pass: u32,
+    },
+}
+
+/// A picture with what a recording keeps of it.
+pub struct Picture {
+    pub camera: Camera,
+    /// That of the frame.
+    pub revision: u64,
+    /// Rows of sRGB red, green, blue and opacity.
+    pub rgba: Vec<u8>,
+    /// The images that were asked for, in order.
+    pub images: Vec<AovImage>,
+}
+
+/// The images of a frame.
+pub struct Captured {
+    pub request: FrameRequest,
+    pub drawn: Drawn,
+    /// Rows of sRGB red, green, blue and opacity.
+    pub picture: Vec<u8>,
+}
+
+/// A finished picture.
+pub struct Frame {
+    pub request: FrameRequest,
+    pub stats: FrameStats,
+    /// Milliseconds from the start of drawing until the picture is in the window's texture.
+    pub total_milliseconds: f64,
+    /// The device of the window that has the texture.
+    pub window_gpu: Arc<Gpu>,
+    /// A texture of the window's device. It stays as it is until the picture after the next is finished.
+    pub texture: wgpu::Texture,
+}
+
+/// A point of a cloud that was found under a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PickedPoint {
+    pub chunk: ChunkKey,
+    /// The point's index in its chunk.
+    pub index: usize,
+}
+
+pub enum Report {
+    /// The shaders are compiled.
+    Ready {
+        adapter: String,
+    },
+    Frame(Box<Frame>),
+    Picked {
+        pixel: [u32; 2],
+        purpose: PickPurpose,
+        point: Option<PickedPoint>,
+    },
+    Saved(PathBuf),
+    Read(Box<Picture>),
+    Captured(Box<Captured>),
+    /// What was chosen; nothing if another command came in between.
+    Chosen {
+        request: Box<FrameRequest>,
+        choice: Result<Option<Choice>, String>,
+        model: Box<CostModel>,
+    },
+    Measured {
+        request: Box<FrameRequest>,
+        stats: Box<FrameStats>,
+    },
+    Presented {
+        request: Box<FrameRequest>,
+        pass: u32,
+        rgba: Vec<u8>,
+    },
+    /// The answer is `None` if another frame is in the window, or is wanted.
+    Estimated {
+        request: Box<FrameRequest>,
+        answer: Result<Option<Judged>, String>,
+    },
+    /// Images or pictures that the truth asked for cannot be made.
+    NotJudged(String),
+    Problem(String),
+    /// The latest frame failed; later frames may succeed.
+    NotDrawn(String),
+    /// Nothing can be drawn any more.
+    Lost(String),
+}
+
+/// The window's handle to the thread. When it is dropped, the thread ends after the frame that it is drawing.
+pub struct RenderThread {
+    /// The shaders that are compiled, as `Renderer::prepare` counts them.
+    pub shaders: Arc<Progress>,
+    commands: Sender<Command>,
+    thread: JoinHandle<()>,
+    /// Set when a hurried frame waits, so that the thread gives up a frame in full quality for it.
+    is_urgent: Arc<AtomicBool>,
+    /// Set when any command waits, so that the thread gives up choosing for it.
+    is_waited_for: Arc<AtomicBool>,
+}
+
+/// A point counts as picked within this many pixels of the cursor: a mouse is about as precise as a fingertip.
+const PICK_RADIUS: u32 = 6;
+/// The most samples of glossy mirrors that are added before the picture in the window is renewed.
+const MOST_SAMPLES: u32 = 16;
+/// The longest time for which points are uploaded before a waiting frame is drawn, if the frame before took no longer.
+const UPLOAD_SLICE: Duration = Duration::from_millis(50);
+
+impl RenderThread {
+    /// Starts the thread. `window_gpu` is the device that shows the pictures; `wanted` is as in `Gpu::headless`. `report`
+    /// is called on another thread.
+    ///
+    /// # Errors
+    /// No thread can be started.
+    pub fn start(
+        window_gpu: Arc<Gpu>,
+        wanted: Option<String>,
+        report: impl Fn(Report) + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let (commands, receiver) = channel();
+        let is_urgent = Arc::new(AtomicBool::new(false));
+        let shaders = Arc::<Progress>::default();
+        let compiled = shaders.clone();
+        let is_waited_for = Arc::new(AtomicBool::new(false));
+        let (urgent, waiting) = (is_urgent.clone(), is_waited_for.clone());
+        let (finished, writer) = picture_writer::start(report)?;
+        let work = move || {
+            // The writer ends early only after it has reported the reason.
+            let finish = |done| drop(finished.send(done));
+            let draw = || match Worker::new(window_gpu, wanted.as_deref(), compiled) {
+                Ok(mut worker) => {
+                    finish(Finished::Told(Report::Ready { adapter: worker.gpu.info.name.clone() }));
+                    worker.run(&receiver, &urgent, &waiting, &finish);
+                }
+                Err(error) => finish(Finished::Told(Report::Lost(error.to_string()))),
+            };
+            // wgpu panics when a driver violates its contract. The window survives to report it.
+            if std::panic::catch_unwind(std::panic::AssertUnwindSafe(draw)).is_err() {
+                finish(Finished::Told(Report::Lost("the renderer stopped unexpectedly".into())));
+            }
+            drop(finished);
+            // The writer catches its own panics.
+            let _ = writer.join();
+        };
+        let thread = std::thread::Builder::new().name("render".into()).spawn(work)?;
+        Ok(Self { shaders, commands, thread, is_urgent, is_waited_for })
+    }
+
+    pub fn send(&self, command: Command) {
+        let is_urgent = matches!(&command, Command::Frame(request) if request.hurried);
+        // A thread that has ended has already reported the reason.
+        let waits = matches!(&command, Command::Estimate { .. } | Command::Choose { .. });
+        let _ = self.commands.send(command);
+        self.is_waited_for.fetch_or(!waits, Ordering::Relaxed);
+        if is_urgent {
+            self.is_urgent.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Ends the thread, and waits for the frame that it is drawing.
+    pub fn end(self) {
+        drop(self.commands);
+        self.is_urgent.store(true, Ordering::Relaxed);
+        self.is_waited_for.store(true, Ordering::Relaxed);
+        // The thread catches its own panics.
+        let _ = self.thread.join();
+    }
+}
+
+struct Worker {
+    gpu: Arc<Gpu>,
+    window_gpu: Arc<Gpu>,
+    renderer: Renderer,
+    shaders: Arc<Progress>,
+    resident: Resident,
+    /// The last test of points that came, while it is not applied: it changes as fast as the mouse moves.
+    test: Option<PointTest>,
+    /// The frame that the renderer holds, and whether the picture is the whole frame's, made from its own colours.
+    held: Option<(FrameRequest, bool)>,
+    /// When the last frame was drawn for the window, whose exposure the next one begins with.
+    exposed_at: Option<Instant>,
+    /// The samples of glossy mirrors in the last frame that was drawn for the window.
+    summed: u32,
+    /// The frame in the window; points are picked from it.
+    on_screen: Option<FrameRequest>,
+    /// When the device was last lost.
+    lost_at: Option<Instant>,
+}
+
+/// A device that is lost twice within this time would be lost again.
+const LOST_AGAIN: Duration = Duration::from_secs(60);
+
+impl Worker {
+    fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>, shaders: Arc<Progress>) -> render::Result<Self> {
+        // The same adapter as the window's, unless another is wanted: the adapter that presents is the one that has the
+        // screen.
+        let gpu =
+            wanted.map_or_else(|| Gpu::on_same_adapter(&window_gpu.info), |wanted| Gpu::headless(Some(wanted)))?;
+        Ok(Self {
+            renderer: Renderer::with_progress(gpu.clone(), &shaders)?,
+            shaders,
+            resident: Resident::new(gpu.clone()),
+            gpu,
+            window_gpu,
+            test: None,
+            held: None,
+            exposed_at: None,
+            summed: 0,
+            on_screen: None,
+            lost_at: None,
+        })
+    }
+
+    /// Makes the device anew after a loss, and uploads the points again. Other errors pass.
+    ///
+    /// # Errors
+    /// The error itself if the device was lost shortly before, or what kept a new one from being made.
+    fn survive(&mut self, error: render::Error, report: &impl Fn(Report)) -> render::Result<()> {
+        if self.lost_at.is_some_and(|at| at.elapsed() < LOST_AGAIN) {
+            return Err(error);
+        }
+        self.lost_at = Some(Instant::now());
+        report(Report::Problem(format!("{error}; it is opened again")));
+        let gpu = Gpu::on_same_adapter(&self.gpu.info)?;
+        self.renderer = Renderer::with_progress(gpu.clone(), &self.shaders)?;
+        self.gpu = gpu.clone();
+        (self.held, self.on_screen, self.summed, self.exposed_at) = (None, None, 0, None);
+        self.resident.store.move_to(gpu)
+    }
+
+    fn run(
+        &mut self,
+        commands: &Receiver<Command>,
+        urgent: &Arc<AtomicBool>,
+        waiting: &Arc<AtomicBool>,
+        finish: &impl Fn(Finished),
+    ) {
+        let report = &|told| finish(Finished::Told(told));
+        // A frame that was given up is drawn after all if no other was requested.
+        let mut frame: Option<Box<FrameRequest>> = None;
+        // An estimate waits until nothing else is to be done.
+        let mut estimate: Option<(Box<FrameRequest>, u64)> = None;
+        // Where frames take long, points come in half of the time.
+        let mut upload_slice = UPLOAD_SLICE;
+        // Choosing waits, too, and ends once anything else is to be done.
+        let mut choose = None;
+        loop {
+            let is_idle = frame.is_none() && estimate.is_none() && choose.is_none();
+            let first =
+                if !is_idle { commands.try_recv() } else { commands.recv().map_err(|_| TryRecvError::Disconnected) };
+            let mut next = match first {
+                Err(TryRecvError::Disconnected) => return,
+                first => first.ok(),
+            };
+            urgent.store(false, Ordering::Relaxed);
+            waiting.store(false, Ordering::Relaxed);
+            let started = Instant::now();
+            while let Some(command) = next {
+                let result = match command {
+                    Command::Frame(request) => {
+                        frame = Some(request);
+                        Ok(())
+                    }
+                    Command::Estimate { request, seed } => {
+                        estimate = Some((request, seed));
+                        Ok(())
+                    }
+                    Command::Choose { request, target, model } => {
+                        choose = Some((request, target, model));
+                        Ok(())
+                    }
+                    Command::ShowOn(window_gpu) => {
+                        self.window_gpu = window_gpu;
+                        frame = frame.or_else(|| self.on_screen.clone().map(Box::new));
+                        Ok(())
+                    }
+                    Command::Change(Change::Visibility { test }) => {
+                        self.test = Some(test);
+                        Ok(())
+                    }
+                    Command::Change(change) => self.resident.apply(change),
+                    Command::Arrived(pass) => {
+                        drop(pass);
+                        Ok(())
+                    }
+                    other => {
+                        self.apply_test();
+                        self.obey(other, report)
+                    }
+                };
+                match result {
+                    Err(error) if is_fatal(&error) => {
+                        if let Err(error) = self.survive(error, report) {
+                            return report(Report::Lost(error.to_string()));
+                        }
+                    }
+                    Err(error) => report(Report::Problem(error.to_string())),
+                    Ok(()) => {}
+                }
+                if frame.is_some() && started.elapsed() > upload_slice {
+                    break;
+                }
+                next = commands.try_recv().ok();
+            }
+            self.apply_test();
+            if let Some(request) = frame.take() {
+                self.renderer.give_up_when((!request.hurried).then(|| once_set(urgent)));
+                let drawn = self.draw((*request).clone());
+                self.renderer.give_up_when(None);
+                match drawn {
+                    Ok(drawn) => {
+                        upload_slice = UPLOAD_SLICE.max(drawn.started.elapsed());
+                        if !request.is_whole(&drawn.stats) {
+                            // The samples that are left come next, unless another frame is requested.
+                            frame = Some(request);
+                        }
+                        finish(Finished::Drawn(Box::new(drawn)));
+                    }
+                    Err(render::Error::GivenUp) => frame = Some(request),
+                    Err(error) if is_fatal(&error) => match self.survive(error, report) {
+                        Ok(()) => frame = Some(request),
+                        Err(error) => return report(Report::Lost(error.to_string())),
+                    },
+                    Err(error) => report(Report::NotDrawn(error.to_string())),
+                }
+            } else if let Some((request, seed)) = estimate.take() {
+                self.renderer.give_up_when(Some(once_set(urgent)));
+                let answer = self.estimate(&request, seed);
+                self.renderer.give_up_when(None);
+                let answer = match answer {
+                    Err(error) if is_fatal(&error) => match self.survive(error, report) {
+                        Ok(()) => Ok(None),
+                        Err(error) => return report(Report::Lost(error.to_string())),
+                    },
+                    Err(render::Error::GivenUp) => Ok(None),
+                    answer => answer.map_err(|error| error.to_string()),
+                };
+                report(Report::Estimated { request, answer });
+            } else if let Some((request, target, mut model)) = choose.take() {
+                self.renderer.give_up_when(Some(once_set(waiting)));
+                let choice = self.choose(&request, target, &mut model);
+                self.renderer.give_up_when(None);
+                let choice = match choice.map_err(|error| error.downcast::<render::Error>()) {
+                    Ok(choice) => Ok(Some(choice)),
+                    Err(Ok(error)) if is_fatal(&error) => match self.survive(error, report) {
+                        Ok(()) => Ok(None),
+                        Err(error) => return report(Report::Lost(error.to_string())),
+                    },
+                    Err(Ok(render::Error::GivenUp)) => Ok(None),
+                    Err(Ok(error)) => Err(error.to_string()),
+                    Err(Err(error)) => Err(format!("{error:#}")),
+                };
+                report(Report::Chosen { request, choice, model });
+            }
+        }
+    }
+
+    fn apply_test(&mut self) {
+        if let Some(test) = self.test.take() {
+            let started = Instant::now();
+            self.resident.store.set_visibility(&test);
+            tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "points tested");
+        }
+    }
+
+    fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
+        match command {
+            Command::Pick { pixel, purpose } => {
+                if let Some(request) = self.on_screen.clone() {
+                    self.hold(&request, false)?;
+                }
+                // The picture may have fewer pixels than the window.
+                let divisor =
+                    self.on_screen.as_ref().and_then(|request| request.spared).map_or(1, |spared| spared.divisor);
+                let drawn = pixel.map(|place| place / divisor);
+                let picked = self.renderer.pick(&self.resident.store, drawn, PICK_RADIUS.div_ceil(divisor))?;
+                let point = picked.and_then(|picked| self.resident.origin(picked.chunk, picked.index));
+                let point = point.map(|(chunk, index)| PickedPoint { chunk, index });
+                report(Report::Picked { pixel, purpose, point });
+            }
+            Command::Save { request, path, facts } => {
+                self.hold(&request, true)?;
+                let mut pixels = self.renderer.read_picture()?;
+                overlays::draw(&mut pixels, request.size, &request.camera, &request.settings, &facts);
+                let adapter = picture_file::adapter(&self.gpu);
+                report(match picture_file::write_png(&path, request.size, &pixels, Some(&adapter)) {
+                    Ok(()) => Report::Saved(path),
+                    Err(error) => Report::Problem(format!("{error:#}")),
+                });
+            }
+            Command::Read { request, images } => {
+                self.hold(&request, true)?;
+                let rgba = self.renderer.read_picture()?;
+                let images = images.into_iter().map(|image| self.renderer.read_aov(image)).collect::<Result<_, _>>()?;
+                report(Report::Read(Box::new(Picture {
+                    camera: request.camera,
+                    revision: request.revision,
+                    rgba,
+                    images,
+                })));
+            }
+            Command::Capture { .. } | Command::Measure(_) | Command::Present { .. } => {
+                match self.judge(command, report) {
+                    Err(error) if !is_fatal(&error) => report(Report::NotJudged(error.to_string())),
+                    result => return result,
+                }
+            }
+            Command::Change(_)
+            | Command::Arrived(_)
+            | Command::Frame(_)
+            | Command::ShowOn(_)
+            | Command::Estimate { .. }
+            | Command::Choose { .. } => {}
+        }
+        Ok(())
+    }
+
+    /// Carries out a command for the truth.
+    fn judge(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
+        match command {
+            Command::Capture { request, origin } => {
+                self.hold(&request, true)?;
+                let drawn = Drawn::read(&self.renderer, &request.settings, origin)?;
+                let picture = self.renderer.read_picture()?;
+                report(Report::Captured(Box::new(Captured { request: *request, drawn, picture })));
+            }
+            Command::Measure(request) => {
+                self.renderer.forget();
+                let stats = Box::new(self.render(&request, None)?);
+                report(Report::Measured { request, stats });
+            }
+            Command::Present { request, colors, pass } => {
+                self.hold(&request, false)?;
+                self.renderer.present(&request.settings, &colors)?;
+                self.held = self.held.take().map(|(request, _)| (request, false));
+                let rgba = self.renderer.read_picture()?;
+                report(Report::Presented { request, pass, rgba });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Judges random pixels of a frame, if it is the one in the window.
+    fn estimate(&mut self, request: &FrameRequest, seed: u64) -> render::Result<Option<Judged>> {
+        if self.on_screen.as_ref() != Some(request) {
+            return Ok(None);
+        }
+        let started = Instant::now();
+        self.hold(request, false)?;
+        let FrameRequest { camera, mirrors, lights, clues, settings, .. } = request;
+        let objects = Objects { mirrors, lights, clues: *clues };
+        let view = View { camera, settings, objects, size: request.drawn_size() };
+        let held = self.held.take();
+        let judged = study::judge(&mut self.renderer, &self.resident.store, view, study::RAYS, seed)?;
+        self.held = held;
+        tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "estimate");
+        Ok(Some(judged))
+    }
+
+    /// Lets `auto` choose. Pictures of the window are never enlarged.
+    fn choose(&mut self, request: &FrameRequest, target: Target, model: &mut CostModel) -> anyhow::Result<Choice> {
+        let FrameRequest { mirrors, lights, clues, camera, settings, size, .. } = request;
+        let objects = Objects { mirrors, lights, clues: *clues };
+        self.held = None;
+        let Self { renderer, resident, .. } = self;
+        renderer.let_light_lag(false);
+        renderer.thin(None);
+        renderer.time_passes(true);
+        let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
+            renderer.forget();
+            Ok(renderer.render(&resident.store, camera, settings, objects, size)?)
+        };
+        let mut hands = auto::Hands { renderer, draw: &mut draw, model };
+        auto::choose(target, settings, &["view.resolution".to_owned()], (camera, *size), &mut hands)
+    }
+
+    /// Draws a frame unless the renderer holds it, and also its picture if `with_picture` is set.
+    fn hold(&mut self, request: &FrameRequest, with_picture: bool) -> render::Result<()> {
+        let is_held = |(held, has_picture): &(FrameRequest, bool)| held == request && (*has_picture || !with_picture);
+        if !self.held.as_ref().is_some_and(is_held) {
+            self.render(request, None)?;
+        }
+        Ok(())
+    }
+
+    /// Renders a frame for the window, if `samples` is given: of glossy mirrors it adds at most so many to those of the
+    /// frame before, if that was the same, and its exposure follows that of the frame before. Other frames are final.
+    fn render(&mut self, request: &FrameRequest, samples: Option<u32>) -> render::Result<FrameStats> {
+        let FrameRequest { mirrors, lights, clues, .. } = request;
+        let objects = Objects { mirrors, lights, clues: *clues };
+        self.held = None;
+        self.renderer.prepare(&self.resident.store, &request.settings, objects, &self.shaders)?;
+        self.renderer.let_light_lag(request.light_may_lag);
+        self.renderer.reuse_light(if request.hurried { LightReuse::Reuse } else { LightReuse::Keep });
+        self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
+        self.renderer.sum_at_once(samples);
+        self.renderer.time_passes(!request.hurried);
+        let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
+        self.renderer.adapt_exposure(since.map(adapted_share));
+        self.exposed_at = samples.is_some().then(Instant::now);
+        let size = request.drawn_size();
+        let stats = self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, size)?;
+        let [summed, asked] = stats.glossy_samples;
+        let adapts = stats.exposure.is_some_and(|exposure| exposure.adapts);
+        self.held = Some((request.clone(), summed == asked && !adapts));
+        Ok(stats)
+    }
+
+    fn draw(&mut self, request: FrameRequest) -> render::Result<DrawnFrame> {
+        let started = Instant::now();
+        // At rest, the samples of glossy mirrors come in steps that grow, so that the first picture comes soon.
+        let is_same = |(held, _): &&(FrameRequest, bool)| *held == request;
+        let summed = if self.held.as_ref().is_some_and(|held| is_same(&held)) { self.summed } else { 0 };
+        let stats = self.render(&request, Some(summed.clamp(1, MOST_SAMPLES)))?;
+        self.summed = stats.glossy_samples[0];
+        tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
+        let rows = self.renderer.picture_rows()?;
+        self.on_screen = Some(request.clone());
+        Ok(DrawnFrame { request, stats, rows, started, window_gpu: self.window_gpu.clone() })
+    }
+}
+
+/// How long the exposure takes to go two thirds of its way: eyes take longer, but nobody wants to wait.
+const ADAPTATION: Duration = Duration::from_millis(250);
+
+/// The longest time that counts between two frames: after a rest, the way begins when the picture changes.
+const LONGEST_STEP: Duration = Duration::from_millis(100);
+
+/// The share of its way that the exposure goes in the time between two frames.
+fn adapted_share(time: Duration) -> f32 {
+    1.0 - (-time.min(LONGEST_STEP).as_secs_f32() / ADAPTATION.as_secs_f32()).exp()
+}
+
+/// Gives a frame up once a flag is set.
+fn once_set(flag: &Arc<AtomicBool>) -> Arc<IsGivenUp> {
+    let flag = flag.clone();
+    Arc::new(move || flag.load(Ordering::Relaxed))
+}
+
+/// Whether no further frame can be drawn on the device after this error.
+fn is_fatal(error: &render::Error) -> bool {
+    matches!(error, render::Error::Lost(_))
+}
+
+#[cfg(test)]
+#[path = "render_thread_tests.rs"]
+mod tests;

@@ -1,0 +1,240 @@
+use std::sync::mpsc::Receiver;
+
+use cloud::PointTest;
+use glam::DVec3;
+use scene::{LightClues, Mirror, MirrorSurface, Quality, Reflection, Shape};
+
+use super::*;
+use crate::viewer::picture::window_texture::tests::Refusal;
+
+/// Software Vulkan compiles for a minute on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(240);
+
+/// A render thread and its reports; `None`, with a note, if there is no adapter.
+fn start() -> Option<(RenderThread, Receiver<Report>)> {
+    let gpu = match Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => {
+            eprintln!("skipped: {error}");
+            return None;
+        }
+    };
+    let (sender, reports) = channel();
+    Some((RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap(), reports))
+}
+
+/// A frame that shows only a mirror ball.
+fn request(size: [u32; 2]) -> Box<FrameRequest> {
+    Box::new(FrameRequest {
+        camera: Camera::looking(DVec3::ZERO, DVec3::Y, 4.0, DVec3::Z),
+        settings: Settings::default(),
+        mirrors: vec![Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0)],
+        lights: Vec::new(),
+        clues: LightClues::default(),
+        size,
+        test: PointTest::default(),
+        revision: 0,
+        spared: None,
+        hurried: false,
+        light_may_lag: false,
+    })
+}
+
+#[test]
+fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_thread() {
+    let Some((thread, reports)) = start() else { return };
+    // The frames wait while the shaders are compiled.
+    for size in [[32, 24], [40, 30], [48, 36]] {
+        thread.send(Command::Frame(request(size)));
+    }
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    let Report::Frame(frame) = report() else { panic!("no frame") };
+    assert_eq!((frame.request.size, frame.texture.width(), frame.texture.height()), ([48, 36], 48, 36));
+
+    // The size is wider than any adapter supports.
+    thread.send(Command::Frame(request([200_000, 10])));
+    assert!(matches!(report(), Report::NotDrawn(_)));
+
+    // Two textures take turns: the window may still show the picture before.
+    let again = || {
+        thread.send(Command::Frame(request([48, 36])));
+        let Report::Frame(again) = report() else { panic!("no frame after a failed one") };
+        again.texture
+    };
+    let other = again();
+    assert!(other != frame.texture && again() == frame.texture && again() == other);
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("picture.png");
+    thread.send(Command::Save { request: request([20, 10]), path: path.clone(), facts: Box::default() });
+    assert!(matches!(report(), Report::Saved(saved) if saved == path));
+    assert_eq!(image::open(&path).unwrap().to_rgb8().dimensions(), (20, 10));
+    thread.send(Command::Save {
+        request: request([20, 10]),
+        path: folder.path().join("missing/picture.png"),
+        facts: Box::default(),
+    });
+    assert!(matches!(report(), Report::Problem(problem) if problem.contains("missing")));
+
+    thread.send(Command::Measure(request([48, 36])));
+    let Report::Measured { request: measured, stats } = report() else { panic!("not measured") };
+    assert_eq!(measured, request([48, 36]));
+    assert!(stats.passes.iter().any(|pass| pass.name == "mirror_exact"), "a frame from scratch, not one that was kept");
+
+    // The thread ends after the commands that it has, and sends no further report.
+    drop(thread);
+    assert!(matches!(reports.recv_timeout(PATIENCE), Err(std::sync::mpsc::RecvTimeoutError::Disconnected)));
+}
+
+#[test]
+fn the_picture_is_drawn_again_for_another_device_of_the_window() {
+    let Some((thread, reports)) = start() else { return };
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    let another = Gpu::headless(None).unwrap();
+    // Before there is a picture, there is nothing to draw again.
+    thread.send(Command::ShowOn(Gpu::headless(None).unwrap()));
+    thread.send(Command::Frame(request([48, 36])));
+    let Report::Frame(first) = report() else { panic!("no frame") };
+    thread.send(Command::ShowOn(another.clone()));
+    let Report::Frame(again) = report() else { panic!("no frame on the other device") };
+    assert!(Arc::ptr_eq(&again.window_gpu, &another) && !Arc::ptr_eq(&first.window_gpu, &another));
+    assert!(again.request == first.request);
+    thread.end();
+}
+
+#[test]
+fn a_hurried_frame_spares_the_average_and_further_bounces_and_leaves_the_rest() {
+    let reflection = Reflection { bounces: 3, samples: 4, ..Reflection::default() };
+    let settings = Settings { reflection, ..Settings::default() };
+    let hasty = hurried(&settings, false);
+    let Reflection { bounces, samples, .. } = hasty.reflection;
+    assert_eq!((hasty.splat.quality, bounces, samples), (Quality::Nearest, 1, 1));
+    let mut back = hasty.clone();
+    (back.splat.quality, back.reflection.bounces, back.reflection.samples) = (settings.splat.quality, 3, 4);
+    assert_eq!(back, settings);
+    assert_eq!(hurried(&settings, true).mirror.surface, MirrorSurface::Exact);
+    // Settings without bounces get none.
+    let none = Settings { reflection: Reflection { bounces: 0, ..Reflection::default() }, ..settings };
+    assert_eq!(hurried(&none, false).reflection.bounces, 0);
+}
+
+#[test]
+fn samples_of_glossy_mirrors_come_in_steps_and_end_in_the_picture_of_all() {
+    let Some((thread, reports)) = start() else { return };
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    let mut glossy = request([48, 36]);
+    glossy.settings.gloss.samples = 7;
+    glossy.mirrors[0].specular_power = 20.0;
+    // Another ball, which the first one shows.
+    let behind = Mirror { position: DVec3::new(0.0, -3.0, 0.5), ..glossy.mirrors[0].clone() };
+    glossy.mirrors.push(behind);
+    thread.send(Command::Frame(glossy.clone()));
+    let samples = || match report() {
+        Report::Frame(frame) => (frame.stats.glossy_samples, frame.request.is_whole(&frame.stats)),
+        _ => panic!("no frame"),
+    };
+    assert_eq!([0; 4].map(|_| samples()), [([1, 7], false), ([2, 7], false), ([4, 7], false), ([7, 7], true)]);
+    thread.send(Command::Capture { request: glossy.clone(), origin: DVec3::ZERO });
+    let Report::Captured(captured) = report() else { panic!("no images") };
+    let gpu = Gpu::headless(None).unwrap();
+    let mut renderer = Renderer::new(gpu.clone()).unwrap();
+    let objects = Objects { mirrors: &glossy.mirrors, ..Objects::default() };
+    let store = render::PointStore::new(gpu);
+    let stats = renderer.render(&store, &glossy.camera, &glossy.settings, objects, glossy.size).unwrap();
+    assert_eq!(stats.glossy_samples, [7, 7]);
+    assert!(captured.picture == renderer.read_picture().unwrap(), "another picture than that drawn at once");
+
+    // While something moves, one sample is all.
+    glossy.hurried = true;
+    thread.send(Command::Frame(glossy.clone()));
+    assert_eq!(samples(), ([1, 7], true));
+    // A frame that is requested meanwhile takes the place of what is left.
+    glossy.hurried = false;
+    thread.send(Command::Frame(glossy.clone()));
+    let other = Box::new(FrameRequest { revision: 1, ..*glossy });
+    thread.send(Command::Frame(other.clone()));
+    let last = std::iter::from_fn(|| match report() {
+        Report::Frame(frame) if frame.request.is_whole(&frame.stats) => None,
+        Report::Frame(frame) => Some(frame),
+        _ => panic!("no frame"),
+    });
+    assert!(last.last().is_some_and(|frame| frame.request == *other));
+    thread.end();
+}
+
+#[test]
+fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_points() {
+    let window_gpu = match Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => return println!("skipped: {error}"),
+    };
+    let mut worker = Worker::new(window_gpu, None, Arc::default()).unwrap();
+    let cloud = world::CloudKey(0);
+    let points: Vec<[f32; 3]> =
+        (0..4096).map(|i| [(i % 64) as f32 / 32.0 - 1.0, 0.0, (i / 64) as f32 / 32.0]).collect();
+    let chunk = cloud::Chunk::new(0, DVec3::ZERO, points);
+    let key = cloud.chunk(world::Part::Block(0));
+    worker.resident.apply(Change::Open { cloud, provisional_radius: 0.05 }).unwrap();
+    worker.resident.apply(Change::Put { key, chunk, layout: Arc::default() }).unwrap();
+    let request = request([48, 36]);
+    worker.render(&request, None).unwrap();
+    let before = worker.renderer.read_picture().unwrap();
+
+    let (sender, commands) = channel();
+    let (told, reports) = channel();
+    // The thread ends after the frame.
+    let sender = std::cell::RefCell::new(Some(sender));
+    let finish = |done| {
+        if matches!(done, Finished::Drawn(_) | Finished::Told(Report::NotDrawn(_) | Report::Lost(_))) {
+            sender.borrow_mut().take();
+        }
+        drop(told.send(done));
+    };
+    // The device goes in the middle of a frame: while the passes of its method are compiled.
+    let mut other = request.clone();
+    other.settings.reflection.method = scene::Method::SurfelTrace;
+    let (lost, shaders) = (worker.gpu.clone(), worker.shaders.clone());
+    let compiled = shaders.done();
+    let breaker = std::thread::spawn(move || {
+        while shaders.done() == compiled {
+            std::thread::yield_now();
+        }
+        lost.device.destroy();
+    });
+    sender.borrow().as_ref().unwrap().send(Command::Frame(other)).unwrap();
+    worker.run(&commands, &Arc::default(), &Arc::default(), &finish);
+    breaker.join().unwrap();
+    let reports: Vec<Finished> = reports.try_iter().collect();
+    let is_told = |done: &Finished| matches!(done, Finished::Told(Report::Problem(_)));
+    assert!(reports.iter().any(is_told), "nobody hears of it");
+    assert!(reports.iter().any(|done| matches!(done, Finished::Drawn(_))), "the frame is not drawn after all");
+    worker.render(&request, None).unwrap();
+    assert!(worker.renderer.read_picture().unwrap() == before, "another picture on the new device");
+
+    // Lost again at once, it is given up.
+    let again = worker.survive(render::Error::Lost("again".into()), &|_| ());
+    assert!(matches!(again, Err(render::Error::Lost(why)) if why == "again"));
+}
+
+#[test]
+fn a_picture_for_which_the_window_has_no_memory_is_not_drawn_and_the_next_one_is() {
+    let Some((thread, reports)) = start() else { return };
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    thread.send(Command::Frame(request([48, 36])));
+    let Report::Frame(first) = report() else { panic!("no frame") };
+    let refusal = Refusal::of(&first.window_gpu);
+    thread.send(Command::Frame(request([64, 48])));
+    let told = report();
+    assert!(matches!(&told, Report::NotDrawn(problem) if problem.contains("picture in the window")));
+    drop(refusal);
+    thread.send(Command::Frame(request([64, 48])));
+    let Report::Frame(next) = report() else { panic!("no frame once there is memory") };
+    assert_eq!((next.texture.width(), next.texture.height()), (64, 48));
+    thread.end();
+}

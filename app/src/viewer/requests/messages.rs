@@ -1,0 +1,213 @@
+//! The viewer's messages: toasts, which stay for a few seconds, and a list of all messages.
+
+use std::time::{Duration, Instant};
+
+use egui::{Align2, Color32, RichText};
+
+use crate::viewer::look::theme;
+use crate::viewer::requests::action::Action;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    Note,
+    Warning,
+    Error,
+}
+
+pub struct Message {
+    pub level: Level,
+    pub text: String,
+    since: Instant,
+    dismissed: bool,
+}
+
+#[derive(Default)]
+pub struct Messages {
+    /// All messages, the oldest first.
+    pub all: Vec<Message>,
+    pub list_is_open: bool,
+}
+
+/// The largest number of toasts at a time. The list has the older ones.
+const TOASTS: usize = 4;
+
+impl Messages {
+    pub fn push(&mut self, level: Level, text: impl Into<String>) {
+        let text = text.into();
+        // A message that repeats while it is on the screen is not added again.
+        if let Some(same) = self.all.iter_mut().rev().take(TOASTS).find(|message| message.text == text) {
+            same.since = Instant::now();
+            same.dismissed = false;
+            return;
+        }
+        self.all.push(Message { level, text, since: Instant::now(), dismissed: false });
+    }
+
+    pub fn warning(&mut self, text: impl Into<String>) {
+        self.push(Level::Warning, text);
+    }
+
+    /// Draws the toasts in the upper right corner of `rect`, and the list if it is open.
+    pub fn show(&self, context: &egui::Context, rect: egui::Rect, actions: &mut Vec<Action>) {
+        let toasts = self.all.iter().enumerate().rev().filter(|(_, message)| message.is_fresh()).take(TOASTS);
+        let mut soonest: Option<Duration> = None;
+        let mut top = rect.top() + 12.0;
+        for (index, (place, message)) in toasts.enumerate() {
+            let left = message.level.duration().saturating_sub(message.since.elapsed());
+            soonest = Some(soonest.map_or(left, |soonest| soonest.min(left)));
+            let area = egui::Area::new(egui::Id::unique(("toast", index)))
+                .pivot(Align2::RIGHT_TOP)
+                .fixed_pos(egui::pos2(rect.right() - 12.0, top))
+                .order(egui::Order::Foreground);
+            let shown = area.show(context, |ui| {
+                let width = (rect.width() - 24.0).clamp(120.0, 420.0);
+                egui::Frame::popup(ui.style()).inner_margin(10).show(ui, |ui| {
+                    ui.set_max_width(width);
+                    // Text that can be selected would take the click that dismisses the toast.
+                    ui.style_mut().interaction.selectable_labels = false;
+                    ui.horizontal_top(|ui| {
+                        ui.label(RichText::new(message.level.mark()).color(message.level.color()).strong());
+                        ui.add(egui::Label::new(&message.text).wrap());
+                    });
+                });
+            });
+            if shown.response.interact(egui::Sense::click()).clicked() {
+                actions.push(Action::DismissMessage(place));
+            }
+            top = shown.response.rect.bottom() + 6.0;
+        }
+        if let Some(soonest) = soonest {
+            context.request_repaint_after(soonest);
+        }
+        let mut list_is_open = self.list_is_open;
+        egui::Window::new("Messages")
+            .open(&mut list_is_open)
+            .default_size([460.0, 260.0])
+            .anchor(Align2::RIGHT_BOTTOM, [-16.0, -40.0])
+            .show(context, |ui| {
+                egui::ScrollArea::vertical().stick_to_bottom(true).auto_shrink(false).show(ui, |ui| {
+                    for message in &self.all {
+                        ui.horizontal_top(|ui| {
+                            ui.label(RichText::new(message.level.mark()).color(message.level.color()).strong());
+                            ui.add(egui::Label::new(&message.text).wrap());
+                        });
+                    }
+                    if self.all.is_empty() {
+                        ui.label(RichText::new("Nothing so far.").color(theme::WEAK));
+                    }
+                });
+            });
+        if list_is_open != self.list_is_open {
+            actions.push(Action::ListMessages(list_is_open));
+        }
+    }
+
+    /// Hides the toast of the message with index `place`.
+    pub fn dismiss(&mut self, place: usize) {
+        if let Some(message) = self.all.get_mut(place) {
+            message.dismissed = true;
+        }
+    }
+}
+
+impl Message {
+    fn is_fresh(&self) -> bool {
+        !self.dismissed && self.since.elapsed() < self.level.duration()
+    }
+}
+
+impl Level {
+    /// Returns how long a toast stays: a note long enough to read one line, an error long enough to read two that
+    /// nobody expected.
+    fn duration(self) -> Duration {
+        Duration::from_secs(match self {
+            Self::Note => 5,
+            Self::Warning => 9,
+            Self::Error => 15,
+        })
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Note => "note",
+            Self::Warning => "warning",
+            Self::Error => "error",
+        }
+    }
+
+    fn mark(self) -> &'static str {
+        match self {
+            Self::Note => "•",
+            Self::Warning | Self::Error => "!",
+        }
+    }
+
+    pub fn color(self) -> Color32 {
+        match self {
+            Self::Note => theme::ACCENT,
+            Self::Warning => theme::WARNING,
+            Self::Error => theme::ERROR,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    fn harness(messages: Messages) -> Harness<'static, Messages> {
+        Harness::builder().with_size([600.0, 500.0]).with_max_steps(16).build_ui_state(
+            |ui, messages: &mut Messages| {
+                let mut actions = Vec::new();
+                messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
+                for action in actions {
+                    let Action::DismissMessage(place) = action else { panic!("{action:?}") };
+                    messages.dismiss(place);
+                }
+            },
+            messages,
+        )
+    }
+
+    fn texts(messages: &Messages) -> Vec<&str> {
+        messages.all.iter().map(|message| message.text.as_str()).collect()
+    }
+
+    #[test]
+    fn a_message_that_repeats_while_it_is_shown_is_one_message() {
+        let mut messages = Messages::default();
+        messages.push(Level::Note, "a");
+        messages.push(Level::Error, "b");
+        messages.push(Level::Note, "a");
+        assert_eq!(texts(&messages), ["a", "b"]);
+        // Four other messages have taken its place on the screen.
+        ["c", "d", "e", "f"].into_iter().for_each(|text| messages.push(Level::Note, text));
+        messages.push(Level::Note, "a");
+        assert_eq!(texts(&messages), ["a", "b", "c", "d", "e", "f", "a"]);
+    }
+
+    #[test]
+    fn the_last_four_are_shown_until_a_click_and_the_list_has_all() {
+        let mut messages = Messages::default();
+        ["one", "two", "three", "four", "five"].into_iter().for_each(|text| messages.warning(text));
+        let mut harness = harness(messages);
+        harness.run_ok();
+        let shown = |harness: &Harness<'_, Messages>, text: &str| harness.query_all_by_label(text).count();
+        assert_eq!(["one", "two", "five"].map(|text| shown(&harness, text)), [0, 1, 1]);
+        // A click removes a toast and makes room for an older one.
+        let pos = harness.get_by_label("five").rect().center();
+        harness.event(egui::Event::PointerMoved(pos));
+        for pressed in [true, false] {
+            let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+        }
+        harness.run_ok();
+        assert_eq!(["one", "two", "five"].map(|text| shown(&harness, text)), [1, 1, 0]);
+        harness.state_mut().list_is_open = true;
+        harness.run_ok();
+        assert_eq!(["one", "two", "five"].map(|text| shown(&harness, text)), [2, 2, 1]);
+    }
+}

@@ -1,0 +1,88 @@
+//! A point that the user picked, and what is known of it.
+
+use cloud::{Chunk, Cloud};
+use glam::DVec3;
+
+use crate::viewer::picture::render_thread::PickedPoint;
+
+/// A point that the user clicked on.
+#[derive(Clone)]
+pub struct Pick {
+    pub point: PickedPoint,
+    /// The number of its record in the file.
+    pub number: u64,
+    pub cloud: String,
+    /// The position in the file's own coordinates.
+    pub world: DVec3,
+    /// All attributes that the file has of the point; `None` until they have been read.
+    pub record: Option<Result<Vec<(String, String)>, String>>,
+    /// What comparisons have added to it.
+    pub added: Vec<(String, String)>,
+    /// Whether the point comes from an index, which keeps neither its number in the file nor its other attributes.
+    pub is_streamed: bool,
+}
+
+/// The attributes of a point that are known without reading its file.
+pub fn loaded_attributes(cloud: &Cloud, chunk: &Chunk, index: usize) -> Vec<(String, String)> {
+    let mut attributes = Vec::new();
+    if let Some(colors) = &chunk.colors {
+        let [red, green, blue, _] = colors[index];
+        attributes.push(("color".into(), format!("{red} {green} {blue}")));
+    }
+    if let Some(normal) = chunk.normals.as_ref().and_then(|normals| cloud::unpack_normal(normals[index])) {
+        attributes.push(("normal".into(), format!("{:.4} {:.4} {:.4}", normal.x, normal.y, normal.z)));
+    }
+    for (attribute, column) in cloud.attributes.iter().zip(&chunk.columns) {
+        if let Some(column) = column {
+            attributes.push((attribute.name.clone(), column.text(index)));
+        }
+    }
+    attributes
+}
+
+/// Formats coordinates in the file's full precision.
+pub fn coordinates(world: DVec3) -> String {
+    format!("{}  {}  {}", shortest(world.x), shortest(world.y), shortest(world.z))
+}
+
+/// The fewest decimals that give the same number. It may differ by two units in the last place of the f64, which is the
+/// rounding error of integer times scale plus offset.
+fn shortest(value: f64) -> String {
+    let same =
+        |text: &String| text.parse().is_ok_and(|back: f64| (back - value).abs() <= value.abs() * 2.0 * f64::EPSILON);
+    (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
+}
+
+impl Pick {
+    /// What the file says of it and comparisons have added, without the coordinates, which stand for themselves.
+    pub fn attributes(&self) -> impl Iterator<Item = &(String, String)> {
+        let is_place = |(name, value): &&(String, String)| {
+            let place = ["x", "y", "z"].iter().position(|axis| name.eq_ignore_ascii_case(axis));
+            place.is_some_and(|axis| *value == shortest(self.world[axis]) || value.parse() == Ok(self.world[axis]))
+        };
+        self.record.iter().flatten().flatten().filter(move |entry| !is_place(entry)).chain(&self.added)
+    }
+
+    /// The text that Copy puts on the clipboard, as tab-separated lines.
+    pub fn as_text(&self) -> String {
+        // The number of a streamed point means nothing outside of its index.
+        let number = if self.is_streamed { String::new() } else { format!("\tpoint {}", self.number) };
+        let mut text = format!("{}{number}\t{}\n", self.cloud, coordinates(self.world).replace("  ", "\t"));
+        for (name, value) in self.attributes() {
+            text += &format!("{name}\t{value}\n");
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_keep_the_digits_of_the_file_and_no_others() {
+        let grid = 63_561_912_345_f64 * 0.001;
+        assert_eq!(coordinates(DVec3::new(grid, -0.25, 7.0)), "63561912.345  -0.25  7");
+        assert_eq!(coordinates(DVec3::new(0.0, 1e-3, 1_000_000_000.123_456)), "0  0.001  1000000000.123456");
+    }
+}

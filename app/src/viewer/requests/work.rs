@@ -1,0 +1,382 @@
+//! The work that the session asks for and that needs neither the window nor the render thread: reading, counting,
+//! sampling, tracing, writing. The window runs it on threads of its own, and tests run it in place. Both call
+//! `Work::run`.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use cloud::{Bounds, Chunk, Cloud, Column, Placement, PointTest, Progress};
+use glam::DVec3;
+use scene::{CloudSettings, Measurement, Mirror, MirrorNormals, MirrorPoints, Settings, Shape, Stream};
+use world::mirrors::{self, Marked};
+use world::{AutoLight, CloudKey, IndexEntry, Moved, Own};
+
+use crate::commands::export;
+use crate::shared::measuring::{self, Outcome};
+use crate::system::picture_file;
+use crate::system::progress_bar::Stage;
+use crate::viewer::jobs::comparisons::{Comparing, Comparison};
+use crate::viewer::jobs::process::{self, Ended, Leash};
+use crate::viewer::jobs::slices::{ProfileFound, ProfileWork};
+use crate::viewer::jobs::study_file;
+use crate::viewer::jobs::sweep_files::SweepResult;
+use crate::viewer::jobs::tasks::{Answer, Task};
+use crate::viewer::objects::ObjectId;
+use crate::viewer::objects::figures::{Basis, Figures};
+use crate::viewer::objects::inspection;
+use crate::viewer::picture::capture::Captured;
+use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::requests::autosave::Keeper;
+
+/// Work that the session asks for.
+pub enum Work {
+    FindFigures {
+        key: CloudKey,
+        cloud: Cloud,
+        basis: Basis,
+        up: DVec3,
+        /// For a streamed cloud, its earlier figures: colours and bounds stay, and only the counts are new.
+        kept: Option<Box<Figures>>,
+        /// Whether the noise of its points is wanted, too.
+        measures_noise: bool,
+    },
+    /// Estimates the radii of the points that a test shows.
+    FitRadii {
+        key: CloudKey,
+        cloud: Cloud,
+        up: DVec3,
+        settings: Box<Settings>,
+        test: PointTest,
+        progress: Arc<Progress>,
+    },
+    /// Turns and moves the points of a cloud.
+    Place {
+        key: CloudKey,
+        own: Own,
+        placement: Option<Placement>,
+    },
+    ReadColumn {
+        key: CloudKey,
+        source: Arc<codec::Source>,
+        attribute: usize,
+        progress: Arc<Progress>,
+    },
+    ReadRecord {
+        picked: PickedPoint,
+        /// The number of the point in the file.
+        record: u64,
+        source: Arc<codec::Source>,
+    },
+    SampleMirror {
+        id: ObjectId,
+        mirror: Mirror,
+        /// The area that each sample covers, in squared world units. It matches the points around the mirror.
+        area_per_point: f64,
+    },
+    /// Reads the mesh of a mirror that is to be added.
+    ReadMesh(Shape),
+    /// Finds the points of a cloud that will reflect.
+    MarkPoints {
+        key: CloudKey,
+        cloud: Cloud,
+        source: Option<Arc<codec::Source>>,
+        wanted: Vec<MirrorPoints>,
+        progress: Arc<Progress>,
+    },
+    /// Counts the points of a cloud that would reflect.
+    CountPoints {
+        cloud: Cloud,
+        source: Option<Arc<codec::Source>>,
+        wanted: MirrorPoints,
+    },
+    /// Finds out whether the sky above the shown points is open. `asked` is the number of the question, which comes
+    /// back with the answer.
+    FindSurroundings {
+        asked: u32,
+        clouds: Vec<Cloud>,
+        up: DVec3,
+    },
+    /// Carries out a measurement on the points of clouds that are loaded and shown. Clouds come with the bounds of their
+    /// chunks.
+    Measure {
+        id: ObjectId,
+        measurement: Measurement,
+        up: DVec3,
+        clouds: Vec<(Cloud, Vec<Bounds>)>,
+        test: PointTest,
+    },
+    /// Finds the points of a profile, or writes it to a file.
+    Profile(Box<ProfileWork>),
+    /// Finds the surface that a sight line meets.
+    Cast(inspection::Ray),
+    /// Runs a task of the ray tracer.
+    Truth(Box<Task>),
+    /// Appends a group to a plan of studies, and writes the group's scene beside the plan.
+    AddToStudy {
+        plan: PathBuf,
+        scene: String,
+        group: toml::Table,
+    },
+    /// Writes the results of a sweep.
+    SaveSweep(Box<SweepResult>),
+    SaveScene {
+        path: PathBuf,
+        text: String,
+    },
+    /// Keeps unsaved work against a crash: a scene that belongs to the file `place`. Without text it removes what was
+    /// kept.
+    Keep {
+        keeper: Arc<Keeper>,
+        text: Option<String>,
+        place: Option<PathBuf>,
+    },
+    /// Writes the points of files that are shown to a new file.
+    Export {
+        inputs: Vec<String>,
+        /// Where clouds stand.
+        own: Vec<CloudSettings>,
+        test: PointTest,
+        /// Values that the files do not have: the file, their name, and those of its points.
+        added: Vec<(PathBuf, String, Arc<codec::Runs>)>,
+        path: PathBuf,
+        settings: Box<Settings>,
+        progress: Arc<Progress>,
+    },
+    /// Measures the distances between two clouds.
+    Compare(Box<Comparing>),
+    /// Has `glint record` make a film or pictures of a scene; `words` follow the scene.
+    Record {
+        scene: String,
+        words: Vec<OsString>,
+        leash: Leash,
+    },
+    /// Deletes an index that no cloud uses.
+    DeleteIndex(IndexEntry),
+    /// Measures the size of the cache of indexes.
+    MeasureCache,
+}
+
+/// The result of some work.
+pub enum Found {
+    Figures {
+        key: CloudKey,
+        basis: Basis,
+        figures: Box<Figures>,
+    },
+    /// `radii` is `None` if the work was cancelled.
+    Radii {
+        key: CloudKey,
+        test: PointTest,
+        radii: Option<Vec<Arc<Vec<u16>>>>,
+    },
+    Placed {
+        key: CloudKey,
+        moved: Moved,
+    },
+    Column {
+        key: CloudKey,
+        attribute: usize,
+        result: Result<BTreeMap<u64, Arc<Column>>, String>,
+    },
+    Record {
+        picked: PickedPoint,
+        record: u64,
+        result: Result<Vec<(String, String)>, String>,
+    },
+    Samples {
+        id: ObjectId,
+        mirror: Mirror,
+        area_per_point: f64,
+        /// The mirror's shape with the triangles of its mesh, and its points.
+        result: Result<(Shape, Vec<Chunk>), String>,
+    },
+    Mesh(Result<Shape, String>),
+    /// `result` holds `None` if the work was cancelled.
+    Marked {
+        key: CloudKey,
+        wanted: Vec<MirrorPoints>,
+        result: Result<Option<Vec<Marked>>, String>,
+    },
+    Counted {
+        wanted: MirrorPoints,
+        result: Result<u64, String>,
+    },
+    Surroundings {
+        asked: u32,
+        found: AutoLight,
+    },
+    Measured {
+        id: ObjectId,
+        measurement: Measurement,
+        figures: Outcome,
+    },
+    Profile(ProfileFound),
+    Surface(Option<inspection::Surface>),
+    Truth(Box<Answer>),
+    AddedToStudy {
+        plan: PathBuf,
+        result: Result<(), String>,
+    },
+    SweepSaved {
+        folder: PathBuf,
+        result: Result<(), String>,
+    },
+    SceneSaved {
+        path: PathBuf,
+        result: Result<(), String>,
+    },
+    Kept(Result<(), String>),
+    /// `result` holds `None` if the work was cancelled.
+    Exported {
+        path: PathBuf,
+        result: Result<Option<codec::Exported>, String>,
+    },
+    Compared(Box<Comparison>),
+    Recording(Stage),
+    Recorded(Ended),
+    Captured(Captured),
+    IndexDeleted {
+        kept: IndexEntry,
+        result: Result<(), String>,
+    },
+    CacheSize(u64),
+}
+
+impl Work {
+    /// Returns the name of the thread that does the work.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::FindFigures { .. } => "figures",
+            Self::FitRadii { .. } => "radii",
+            Self::Place { .. } => "placement",
+            Self::ReadColumn { .. } => "column",
+            Self::ReadRecord { .. } => "record",
+            Self::SampleMirror { .. } => "mirror",
+            Self::ReadMesh(_) => "mesh",
+            Self::MarkPoints { .. } => "mirror points",
+            Self::CountPoints { .. } => "count",
+            Self::FindSurroundings { .. } => "surroundings",
+            Self::Measure { .. } => "measurement",
+            Self::Profile(_) => "profile",
+            Self::Cast(_) => "sight line",
+            Self::SaveScene { .. } => "scene",
+            Self::Keep { .. } => "unsaved work",
+            Self::Export { .. } => "export",
+            Self::Compare(_) => "comparison",
+            Self::Record { .. } => "recording",
+            Self::Truth(_) => "truth",
+            Self::AddToStudy { .. } => "study",
+            Self::SaveSweep(_) => "sweep",
+            Self::DeleteIndex(_) => "index",
+            Self::MeasureCache => "cache",
+        }
+    }
+
+    /// Does the work and hands the results to `found`: once, or for the truth as often as there is news. `stream` says
+    /// where the cache of indexes is.
+    pub fn run(self, stream: &Stream, found: impl Fn(Found)) {
+        match self {
+            Self::FindFigures { key, cloud, basis, up, kept, measures_noise } => {
+                let mut figures = Box::new(match kept {
+                    Some(kept) => kept.recounted(&cloud, &basis.test, up),
+                    None => Figures::of(&cloud, &basis.color, &basis.test, up),
+                });
+                if measures_noise {
+                    let found = cloud::neighbourhoods(&cloud.chunks, &Progress::default());
+                    figures.noise = Some(found.and_then(|found| found.noise));
+                }
+                found(Found::Figures { key, basis, figures });
+            }
+            Self::FitRadii { key, cloud, up, settings, test, progress } => {
+                let radii = world::radii_of_shown(&cloud, up, &settings, &test, &progress);
+                found(Found::Radii { key, test, radii });
+            }
+            Self::Place { key, own, placement } => found(Found::Placed { key, moved: own.placed(placement) }),
+            Self::ReadColumn { key, source, attribute, progress } => {
+                let result = world::read_column(&source, attribute, &progress).map_err(|error| error.to_string());
+                found(Found::Column { key, attribute, result });
+            }
+            Self::ReadRecord { picked, record, source } => {
+                let result = source.record(record).map_err(|error| error.to_string());
+                found(Found::Record { picked, record, result });
+            }
+            Self::SampleMirror { id, mirror, area_per_point } => {
+                let sample = |shape: Shape| {
+                    let samples = mirrors::sample(&Mirror { shape: shape.clone(), ..mirror.clone() }, area_per_point);
+                    (shape, samples)
+                };
+                let result = world::with_mesh(mirror.shape.clone()).map(sample).map_err(|error| error.to_string());
+                found(Found::Samples { id, mirror, area_per_point, result });
+            }
+            Self::ReadMesh(shape) => {
+                found(Found::Mesh(world::with_mesh(shape).map_err(|error| error.to_string())));
+            }
+            Self::MarkPoints { key, cloud, source, wanted, progress } => {
+                let mark = |wanted| mirrors::mark(&cloud, source.as_deref(), wanted, &progress);
+                let result = wanted.iter().map(mark).collect::<world::Result<Option<Vec<_>>>>();
+                let result = result.map_err(|error| format!("{error:#}"));
+                found(Found::Marked { key, wanted, result });
+            }
+            Self::CountPoints { cloud, source, wanted } => {
+                let own = MirrorPoints { normals: MirrorNormals::Own, ..wanted.clone() };
+                let marked = mirrors::mark(&cloud, source.as_deref(), &own, &Progress::default());
+                let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
+                let result = result.map_err(|error| format!("{error:#}"));
+                found(Found::Counted { wanted, result });
+            }
+            Self::FindSurroundings { asked, clouds, up } => {
+                let chunks: Vec<Chunk> = clouds.into_iter().flat_map(|cloud| cloud.chunks).collect();
+                found(Found::Surroundings { asked, found: AutoLight::around(&chunks, up) });
+            }
+            Self::Measure { id, measurement, up, clouds, test } => {
+                let figures = measuring::of_clouds(&measurement, up, &clouds, &test);
+                found(Found::Measured { id, measurement, figures });
+            }
+            Self::Profile(work) => found(Found::Profile(work.run())),
+            Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),
+            Self::SaveScene { path, text } => {
+                // A person may have written the file that is replaced.
+                let before = scene::whole_file::read(&path).unwrap_or_default();
+                let text = scene::with_comments(&text, &before);
+                let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
+                found(Found::SceneSaved { path, result });
+            }
+            Self::Keep { keeper, text, place } => {
+                let kept = keeper.keep(text.as_deref().map(|text| (text, place.as_deref())));
+                found(Found::Kept(kept.map_err(|error| format!("{error:#}"))));
+            }
+            Self::Truth(task) => task.run(|answer| found(Found::Truth(Box::new(answer)))),
+            Self::AddToStudy { plan, scene, group } => {
+                let result = study_file::add_to_study(&plan, &scene, group).map_err(|error| format!("{error:#}"));
+                found(Found::AddedToStudy { plan, result });
+            }
+            Self::SaveSweep(sweep) => {
+                let (folder, result) = sweep.save();
+                let result = result.map_err(|error| format!("{error:#}"));
+                found(Found::SweepSaved { folder, result });
+            }
+            Self::Export { inputs, own, test, added, path, settings, progress } => {
+                let result = export::write(&inputs, own, &test, &added, &path, &settings, &progress);
+                // Whoever waits for the end of the work waits for the file to be gone, or whole.
+                drop(progress);
+                found(Found::Exported { path, result });
+            }
+            Self::Compare(comparing) => found(Found::Compared(Box::new(comparing.run()))),
+            Self::Record { scene, words, leash } => {
+                let ended = process::run(&scene, &words, &leash, |stage| found(Found::Recording(stage)));
+                found(Found::Recorded(ended));
+            }
+            Self::DeleteIndex(kept) => {
+                let result = world::delete(stream, &kept).map_err(|error| error.to_string());
+                found(Found::IndexDeleted { kept, result });
+            }
+            Self::MeasureCache => {
+                if let Ok(cache) = world::cache(stream) {
+                    found(Found::CacheSize(cache.size()));
+                }
+            }
+        }
+    }
+}

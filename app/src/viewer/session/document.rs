@@ -1,0 +1,404 @@
+//! The scene file that a person works on: where it is saved, whether something is unsaved, and what waits until the
+//! person has decided about that. Unsaved work is kept on disk after changes (`autosave.rs`).
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use scene::Settings;
+use serde_json::json;
+use world::{CloudKey, Event};
+
+use crate::viewer::loaded::Loaded;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::objects::Objects;
+use crate::viewer::objects::clouds::short_name;
+use crate::viewer::objects::history::{History, Marks};
+use crate::viewer::requests::action::Filing;
+use crate::viewer::requests::autosave::{Abandoned, Keeper};
+use crate::viewer::requests::bindings::COMMAND;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::{Asked, Effect, Outside};
+use crate::viewer::requests::preferences::Preferences;
+use crate::viewer::requests::work::Work;
+use crate::viewer::scene::Scene;
+use crate::viewer::scene::past_views::PastViews;
+use crate::viewer::session::views::{free_path, picture_name};
+
+/// Unsaved work is written at most this often.
+const INTERVAL: Duration = Duration::from_secs(3);
+/// Where it cannot be written, it is tried again after this time.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// What would lose unsaved work.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Leaving {
+    Quit,
+    /// Closes everything and opens a scene file.
+    Open(PathBuf),
+    /// Closes everything and opens the work of a program that has ended unexpectedly.
+    Restore,
+    /// Closes the last cloud, and with it all objects.
+    Close(CloudKey),
+}
+
+/// All that a scene file holds, in a form that tells quickly whether it has changed.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct State {
+    marks: Marks,
+    inputs: Vec<String>,
+}
+
+/// What follows from a person's decision.
+pub enum Next {
+    /// To be done, unless unsaved work would be lost.
+    Leave(Leaving),
+    Go(Leaving),
+}
+
+pub struct Document {
+    /// Where the scene is saved; `None` until a person has chosen a place.
+    pub place: Option<PathBuf>,
+    /// What was saved or opened; `None` if nothing of it was.
+    saved: Option<State>,
+    /// The words that would open all clouds of the scene, also of those that are still to come or cannot be read.
+    inputs: Vec<String>,
+    saving: Option<(PathBuf, State)>,
+    /// What waits for the person's decision about unsaved work.
+    pub asked: Option<Leaving>,
+    /// What follows when the scene is saved.
+    then: Option<Leaving>,
+    /// Keeps unsaved work; `None` where nothing is kept.
+    pub keeper: Option<Arc<Keeper>>,
+    kept: Option<State>,
+    kept_at: Option<Instant>,
+    is_being_kept: bool,
+    /// When unsaved work could last not be written, until it can be again.
+    failed_at: Option<Instant>,
+    /// Work of programs that have ended unexpectedly, the newest last.
+    pub abandoned: Vec<Abandoned>,
+    /// The one of them that was restored. It is deleted once this program keeps the work.
+    restored: Option<Abandoned>,
+}
+
+impl Default for Document {
+    fn default() -> Self {
+        Self {
+            place: None,
+            saved: Some(State::default()),
+            inputs: Vec::new(),
+            saving: None,
+            asked: None,
+            then: None,
+            keeper: None,
+            kept: None,
+            kept_at: None,
+            is_being_kept: false,
+            failed_at: None,
+            abandoned: Vec::new(),
+            restored: None,
+        }
+    }
+}
+
+impl Scene {
+    /// Forgets everything that belongs to what was open; `own` are the person's own parameters.
+    pub fn clear(&mut self, own: Settings) {
+        self.rewrite_objects(|objects| *objects = Objects::default());
+        (self.settings, self.selected, self.room, self.ground) = (own, None, None, None);
+        (self.history, self.past_views) = (History::default(), PastViews::default());
+        self.camera_is_placed = false;
+    }
+}
+
+impl Document {
+    /// Notes that words were opened beside what is open.
+    pub fn add_inputs(&mut self, names: impl IntoIterator<Item = String>) {
+        for name in names {
+            if !self.inputs.contains(&name) {
+                self.inputs.push(name);
+            }
+        }
+    }
+
+    /// Notes that everything which is open comes from these scene files. A single one is where the scene is saved.
+    pub fn opened(&mut self, scene_files: &[PathBuf], scene: &Scene, preferences: &mut Preferences) {
+        let place = if let [one] = scene_files { std::path::absolute(one).ok() } else { None };
+        if let Some(place) = &place {
+            preferences.remember_session(&place.display().to_string());
+        }
+        self.place = place;
+        self.saved = Some(self.state(scene));
+    }
+
+    /// Notes that what has been changed since the last time is no work of a person's.
+    pub fn take_as_saved(&mut self, scene: &Scene) {
+        if self.saved.is_some() {
+            self.saved = Some(self.state(scene));
+        }
+    }
+
+    /// Notes that a cloud was closed; forgets the file with the last one.
+    pub fn closed(&mut self, input: &str, loaded: &Loaded) {
+        if loaded.clouds.iter().all(|entry| entry.input != input) {
+            self.inputs.retain(|known| known != input);
+        }
+        if loaded.is_empty() {
+            (self.place, self.saved) = (None, Some(State::default()));
+            self.inputs.clear();
+        }
+    }
+
+    /// Forgets an input that could not be opened. A scene file goes on naming it: its disk may be back tomorrow.
+    pub fn on_event(&mut self, event: &Event, loaded: &Loaded) {
+        let Event::Failed { input, .. } = event else { return };
+        if self.place.is_none() && loaded.clouds.iter().all(|entry| entry.input != *input) {
+            self.inputs.retain(|known| known != input);
+        }
+    }
+
+    fn state(&self, scene: &Scene) -> State {
+        State { marks: scene.history.marks(), inputs: self.inputs.clone() }
+    }
+
+    /// Whether a person's work would be lost. Of a scene file it is all that differs from the file, but for the camera.
+    /// Without a file it is what the person has made: who has only looked at clouds, in whatever colours, loses nothing.
+    pub fn is_unsaved(&self, scene: &Scene, loaded: &Loaded) -> bool {
+        if loaded.clouds.is_empty() {
+            return false;
+        }
+        let Some(saved) = &self.saved else { return true };
+        let marks = scene.history.marks();
+        let is_changed = scene.history.is_changing() && self.place.is_some();
+        match &self.place {
+            None => marks.made != saved.marks.made && scene.objects.has_more_than(&loaded.inputs()),
+            Some(_) => is_changed || marks != saved.marks || self.inputs != saved.inputs,
+        }
+    }
+
+    /// The window's title: what is open, a star if something is unsaved, and the number of points.
+    pub fn title(&self, is_unsaved: bool, loaded: &Loaded) -> String {
+        let star = if is_unsaved { "*" } else { "" };
+        let inputs = loaded.inputs();
+        let name = match (&self.place, inputs.as_slice()) {
+            (Some(place), _) => short_name(&place.display().to_string()).to_owned(),
+            (None, []) => return "glint".into(),
+            (None, [one]) => short_name(one).to_owned(),
+            (None, several) => format!("{} clouds", several.len()),
+        };
+        format!("{name}{star} - {} points - glint", grouped(loaded.all_points()))
+    }
+
+    pub fn act(
+        &mut self,
+        filing: Filing,
+        scene: &Scene,
+        loaded: &Loaded,
+        preferences: &mut Preferences,
+        outside: &mut Outside,
+    ) -> Option<Next> {
+        match filing {
+            Filing::Save => self.save(scene, loaded, outside),
+            Filing::SaveAs => self.ask_place(loaded, outside),
+            Filing::SaveTo(path) => self.save_to(path, scene, loaded, outside),
+            Filing::NoPlace => self.on_no_place(),
+            Filing::SaveAndLeave => {
+                self.then = self.asked.take();
+                self.save(scene, loaded, outside);
+            }
+            Filing::Discard => return self.asked.take().map(Next::Go),
+            Filing::Stay => self.asked = None,
+            Filing::Open(path) => return Some(Next::Leave(Leaving::Open(path))),
+            Filing::Restore => return Some(Next::Leave(Leaving::Restore)),
+            Filing::DeleteLeft => self.delete_abandoned(),
+            Filing::Later => self.abandoned.clear(),
+            Filing::Reopen(is_on) => preferences.reopens = is_on,
+        }
+        None
+    }
+
+    // ---- saving ----
+
+    /// Saves the scene where it was saved before, or asks for a place.
+    fn save(&mut self, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        match self.place.clone() {
+            Some(place) => self.save_to(place, scene, loaded, outside),
+            None => self.ask_place(loaded, outside),
+        }
+    }
+
+    /// Asks where to save the scene.
+    fn ask_place(&mut self, loaded: &Loaded, outside: &mut Outside) {
+        if loaded.clouds.is_empty() {
+            self.then = None;
+            return outside.note("There is no scene to save yet");
+        }
+        let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
+        let folder = self.place.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
+        outside.push(Effect::AskPlace(Asked::Scene, free_path(folder, &name, "toml")));
+    }
+
+    fn save_to(&mut self, path: PathBuf, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        if self.saving.is_some() {
+            return outside.note("The scene is being saved already");
+        }
+        let has_kind = path.extension().is_some_and(|kind| kind.eq_ignore_ascii_case("toml"));
+        let named = if has_kind { path.clone() } else { PathBuf::from(format!("{}.toml", path.display())) };
+        // Nobody was asked whether that file may be replaced.
+        if !has_kind && named.exists() {
+            self.then = None;
+            let text = format!("{}: a file of this name is there; name it in full to replace it", named.display());
+            return outside.say(Level::Error, text);
+        }
+        let path = std::path::absolute(&named).unwrap_or(named);
+        let text = match scene.session_text(&self.inputs, loaded, path.parent()) {
+            Ok(text) => text,
+            Err(problem) => {
+                self.then = None;
+                return outside.error(format!("{}: not saved: {problem}", path.display()));
+            }
+        };
+        if loaded.clouds.iter().any(|entry| !entry.added.is_empty()) {
+            outside.note(format!("The scene file does not hold distances; {COMMAND}+E saves the points with them"));
+        }
+        self.saving = Some((path.clone(), self.state(scene)));
+        outside.work(Work::SaveScene { path, text });
+    }
+
+    /// Takes in whether the scene was written. Returns what was to follow.
+    pub fn on_saved(
+        &mut self,
+        path: &Path,
+        result: &Result<(), String>,
+        preferences: &mut Preferences,
+    ) -> Option<Leaving> {
+        let (place, state) = self.saving.take().filter(|(place, _)| place == path)?;
+        let then = self.then.take();
+        if result.is_err() {
+            return None;
+        }
+        preferences.remember_session(&place.display().to_string());
+        (self.place, self.saved) = (Some(place), Some(state));
+        then
+    }
+
+    /// Takes in that no place was chosen.
+    pub fn on_no_place(&mut self) {
+        self.then = None;
+    }
+
+    // ---- leaving ----
+
+    /// Forgets the file and everything about it, since all is closed.
+    pub fn forget(&mut self) {
+        (self.place, self.saved, self.saving, self.then) = (None, Some(State::default()), None, None);
+        self.inputs.clear();
+    }
+
+    // ---- unsaved work on disk ----
+
+    /// Keeps unsaved work on disk, or removes it there. Returns the time after which to call this again.
+    pub fn sync(
+        &mut self,
+        is_unsaved: bool,
+        scene: &Scene,
+        loaded: &Loaded,
+        outside: &mut Outside,
+    ) -> Option<Duration> {
+        let keeper = self.keeper.clone()?;
+        if self.is_being_kept {
+            return None;
+        }
+        let state = self.state(scene);
+        if !is_unsaved {
+            if self.kept.take().is_some() {
+                self.is_being_kept = true;
+                outside.work(Work::Keep { keeper, text: None, place: None });
+            }
+            return None;
+        }
+        // What is being dragged is kept when it is released, and what a film has moved when it is back. Built-in scenes
+        // bring their mirrors in a moment.
+        let is_in_motion = scene.history.is_changing() || scene.posed.is_some() || loaded.is_loading_built_in();
+        if self.kept.as_ref() == Some(&state) && self.failed_at.is_none() || is_in_motion {
+            return None;
+        }
+        let failed = self.failed_at.map(|at| outside.now.saturating_duration_since(at));
+        if let Some(left) = failed.and_then(|since| PATIENCE.checked_sub(since)).filter(|left| !left.is_zero()) {
+            return Some(left);
+        }
+        let since = self.kept_at.map(|at| outside.now.saturating_duration_since(at));
+        if let Some(left) = since.and_then(|since| INTERVAL.checked_sub(since)).filter(|left| !left.is_zero()) {
+            return Some(left);
+        }
+        let text = match scene.session_text(&self.inputs, loaded, None) {
+            Ok(text) => text,
+            Err(problem) => {
+                self.on_kept(Err(problem), outside);
+                return None;
+            }
+        };
+        (self.kept, self.kept_at, self.is_being_kept) = (Some(state), Some(outside.now), true);
+        outside.work(Work::Keep { keeper, text: Some(text), place: self.place.clone() });
+        None
+    }
+
+    /// Ends keeping unsaved work: writes it for the last time if it stays for the next start, else removes it.
+    pub fn end(&mut self, stays: bool, scene: &Scene, loaded: &Loaded) {
+        let Some(keeper) = self.keeper.take() else { return };
+        if stays {
+            let text = scene.session_text(&self.inputs, loaded, None).map_err(anyhow::Error::msg);
+            if let Err(error) = text.and_then(|text| keeper.keep(Some((&text, self.place.as_deref())))) {
+                tracing::error!("unsaved work: {error:#}");
+            }
+        }
+        keeper.end(stays);
+    }
+
+    /// Takes in whether unsaved work was written.
+    pub fn on_kept(&mut self, result: Result<(), String>, outside: &mut Outside) {
+        self.is_being_kept = false;
+        match result {
+            Ok(()) => {
+                outside.log(json!({ "event": "kept", "unsaved": self.kept.is_some() }));
+                if self.failed_at.take().is_some() && self.kept.is_some() {
+                    outside.say(Level::Note, "Unsaved work is kept against a crash again");
+                }
+                if let Some(restored) = self.restored.take_if(|_| self.kept.is_some()) {
+                    restored.delete();
+                }
+            }
+            Err(problem) => {
+                if self.failed_at.replace(outside.now).is_none() {
+                    let again = format!("it is tried again every {} s", PATIENCE.as_secs());
+                    outside
+                        .say(Level::Warning, format!("Unsaved work is not kept against a crash ({again}): {problem}"));
+                }
+            }
+        }
+    }
+
+    /// The file with the work to restore, and the scene file that it belongs to.
+    pub fn restore(&mut self) -> Option<(PathBuf, Option<PathBuf>)> {
+        let abandoned = self.abandoned.pop()?;
+        let places = (abandoned.path.clone(), abandoned.place.clone());
+        self.restored = Some(abandoned);
+        Some(places)
+    }
+
+    /// Deletes the offered work.
+    fn delete_abandoned(&mut self) {
+        if let Some(abandoned) = self.abandoned.pop() {
+            abandoned.delete();
+        }
+    }
+
+    /// Notes that what is open was restored: nothing of it is saved at `place`.
+    pub fn on_restored(&mut self, place: Option<PathBuf>) {
+        (self.place, self.saved) = (place, None);
+    }
+}
+
+#[cfg(test)]
+#[path = "document_tests.rs"]
+mod tests;

@@ -1,0 +1,12 @@
+//! What the viewer knows (`state`), what happens to it as a whole (documents, views, the kept state), and the effects
+//! that it asks for.
+
+pub mod document;
+pub mod effects;
+pub mod first_look;
+mod kept;
+mod state;
+pub mod views;
+mod wanted;
+
+pub use state::Session;

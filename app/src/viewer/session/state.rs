@@ -1,0 +1,700 @@
+//! What the viewer knows, divided into parts that make their own changes. The session passes on everything that comes
+//! in: a person's actions, results of worker threads, reports of the render thread, events of jobs, and the step after
+//! each paint. Whatever has to be done outside (drawing, reading files, the clipboard) is queued in `outside` for the
+//! code that drives the session. Tests drive it without a window.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use cloud::Bounds;
+use glam::DVec3;
+use scene::{Camera, MirrorPoints, Shape};
+use serde_json::json;
+use world::CloudKey;
+
+use crate::viewer::filming::{self, Filming, Wiping};
+use crate::viewer::frames::Frames;
+use crate::viewer::frames::auto::Auto;
+use crate::viewer::jobs::tasks::Answer;
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::look::reflection_figures::FigureHistory;
+use crate::viewer::look::theme::bytes;
+use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::picture::render_thread::{Command, Frame, FrameRequest, Report};
+use crate::viewer::requests::action::{Action, Filing, KeptStep, Palette};
+use crate::viewer::requests::messages::{Level, Messages};
+use crate::viewer::requests::outside::{Effect, News, Outside};
+use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
+use crate::viewer::requests::preferences::Preferences;
+use crate::viewer::requests::work::{Found, Work};
+use crate::viewer::scene::{STEP, Scene};
+use crate::viewer::session::document::{Document, Leaving, Next};
+use crate::viewer::session::first_look::FirstLook;
+use crate::viewer::session::kept::Kept;
+use crate::viewer::session::wanted;
+use crate::viewer::tools::Tools;
+use crate::viewer::truth::sweep::Sweeps;
+use crate::viewer::truth::tuning::Tuning;
+use crate::viewer::truth::view::{Taken, TruthView};
+use crate::viewer::truth::{Around, sweep, tuning};
+
+pub struct Session {
+    pub loaded: Loaded,
+    pub scene: Scene,
+    pub figure_history: FigureHistory,
+    pub tools: Tools,
+    pub raw_colors: bool,
+    pub truth: TruthView,
+    pub kept: Kept,
+    pub tuning: Tuning,
+    pub sweeps: Sweeps,
+    pub outside: Outside,
+    pub preferences: Preferences,
+    pub path_prompt: Option<PathPrompt>,
+    pub palette: Option<Palette>,
+    /// What is searched for among the parameters.
+    pub search: String,
+    pub shortcuts_are_open: bool,
+    pub interface_is_hidden: bool,
+    pub is_full_screen: bool,
+    /// The name of the adapter that draws; `None` until its shaders are compiled.
+    pub adapter: Option<String>,
+    pub frames: Frames,
+    pub auto: Auto,
+    pub filming: Filming,
+    /// Set while the window shows what it does when nothing is named.
+    pub first_look: Option<FirstLook>,
+    pub document: Document,
+    /// The reason why nothing can be drawn any more.
+    pub fatal: Option<String>,
+    pub wants_to_quit: bool,
+    /// True while pictures are recorded: only final pictures are drawn, and none depends on the pictures before it.
+    pub is_recorded: bool,
+}
+
+impl Session {
+    pub fn new(preferences: Preferences) -> Self {
+        let (settings, warnings) = preferences.settings();
+        let mut messages = Messages::default();
+        warnings.into_iter().for_each(|warning| messages.warning(format!("kept parameters: {warning}")));
+        Self {
+            loaded: Loaded::default(),
+            scene: Scene::new(settings),
+            figure_history: FigureHistory::default(),
+            tools: Tools::default(),
+            raw_colors: false,
+            truth: TruthView::new(),
+            kept: Kept::new(),
+            tuning: Tuning::default(),
+            sweeps: Sweeps::default(),
+            outside: Outside::new(messages),
+            preferences,
+            path_prompt: None,
+            palette: None,
+            search: String::new(),
+            shortcuts_are_open: false,
+            interface_is_hidden: false,
+            is_full_screen: false,
+            adapter: None,
+            frames: Frames::default(),
+            auto: Auto::default(),
+            filming: Filming::default(),
+            first_look: None,
+            document: Document::default(),
+            fatal: None,
+            wants_to_quit: false,
+            is_recorded: false,
+        }
+    }
+
+    // ---- actions ----
+
+    /// Carries out everything that a panel or one paint of the window asked for.
+    pub fn act_all(&mut self, actions: impl IntoIterator<Item = Action>) {
+        actions.into_iter().for_each(|action| self.act(action));
+    }
+
+    pub fn act(&mut self, action: Action) {
+        use Action::{
+            AddSpot, AskHover, ChangeObject, ChangeSettings, ColorBy, DollHouse, Duplicate, FieldOfView, FlySpeed,
+            FrameAll, FrameCloud, GoInside, LastView, LightBy, Look, LookAlong, LookFrom, Mark, NextLight, NextView,
+            Orbit, Pan, Paste, PivotHere, PointAt, PointSize, ReturnTo, Select, SetParameter, ShowClasses, ToggleEdl,
+            ToggleLight, ToggleMode, ToggleProjection, Travel, Unmark, Zoom,
+        };
+        self.filming.before(&action, &mut self.scene);
+        let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };
+        match action {
+            // `Travel` and `Hold` report keys that are held down, and `Paste` brings the clipboard's text.
+            Action::Fly(_) | Action::Fast | Action::Slow => {}
+            Action::RawColors | Action::ShowTruth | Action::ShowKept | Action::PasteView => {}
+            Action::Hold { raw_colors, truth, kept } => {
+                (self.raw_colors, self.kept.is_held) = (raw_colors, kept);
+                // Without clouds there is no truth to show.
+                let is_held = truth && (self.truth.is_held || !self.loaded.clouds.is_empty());
+                self.truth.hold(is_held, &mut self.outside);
+            }
+            Action::Open(path) => drop(self.open(&[path])),
+            Action::OpenDialog => self.outside.push(Effect::OpenDialog),
+            Action::OpenPrompt => self.path_prompt = Some(PathPrompt::default()),
+            Action::ChangePrompt(prompt) => self.path_prompt = Some(*prompt),
+            Action::OpenPrompted(path) => self.open_prompted(path),
+            Action::ClosePrompt => self.close_prompt(),
+            Action::Copy(text) => self.outside.push(Effect::Copy(text)),
+            Action::CopyView => self.scene.copy_view(&self.loaded, &mut self.outside),
+            Action::CopyCommandLine => self.scene.copy_command_line(&self.loaded, &mut self.outside),
+            Action::File(filing) => self.file(filing),
+            Action::Export(step) => self.loaded.export(step, &self.scene, &mut self.outside),
+            Action::SavePicture(step) => {
+                self.tools.save_picture(step, &self.scene, &self.frames, &self.loaded, &mut self.outside)
+            }
+            Action::Compare(step) => self.with_loaded(|loaded, beside| loaded.compare(step, beside)),
+            Action::Kept(step) => self.act_kept(step),
+            Action::StopLoading => self.with_loaded(Loaded::stop_loading),
+            Action::ShowCloud(key, on) => self.with_loaded(|loaded, beside| loaded.set_visible(key, on, beside)),
+            Action::ChangeCloud(key, own) => self.with_loaded(|loaded, beside| loaded.set_own(key, *own, beside)),
+            Action::RemoveCloud(key) if self.loaded.clouds.len() > 1 => self.remove_cloud(key),
+            Action::RemoveCloud(key) => self.leave(Leaving::Close(key)),
+            Action::StopMaking(key) => self.loaded.stop_making(key),
+            Action::ResumeMaking(key) => self.loaded.resume_making(key),
+            Action::DeleteIndex(key) => self.with_loaded(|loaded, beside| loaded.delete_index(key, beside)),
+            Action::AddMirror(shape) => self.tools.add_mirror(shape, &mut self.scene, &self.loaded, &mut self.outside),
+            Action::Clip(clipping) => self.tools.clip(clipping, &mut self.scene, &self.loaded, &mut self.outside),
+            Action::Gizmo(handles) => self.tools.show_handles(handles),
+            Action::GrabHandle(is_grabbed) => self.tools.grab(is_grabbed, &mut self.scene, &mut self.outside),
+            Action::ShowLights(are_shown) => self.tools.light_panel_is_open = are_shown,
+            Action::Inspect => self.tools.toggle_inspection(&mut self.scene, &self.loaded, &mut self.outside),
+            Action::InspectDistance(notches) => self.tools.change_pose(|pose| pose.move_away(STEP.powf(notches))),
+            Action::InspectTilt(notches) => self.tools.change_pose(|pose| pose.lean(notches)),
+            Action::ChangeInspection(changed) => self.tools.change_pose(|pose| *pose = changed),
+            Action::ChangeDraft(draft) => self.tools.draft = *draft,
+            Action::CountPoints(key, wanted) => self.loaded.count_points(key, *wanted, &mut self.outside),
+            Action::StopMarking(key) => self.loaded.stop_marking(key),
+            Action::Pick => self.tools.click(&mut self.scene, &mut self.outside),
+            Action::UndoPick => self.tools.pick = self.scene.navigation.pick_before.take(),
+            Action::CopyPick => self.tools.copy_pick(&mut self.outside),
+            Action::ClearPick => self.tools.pick = None,
+            Action::Measuring(measuring) => {
+                self.tools.measure(measuring, &mut self.scene, &self.loaded, &mut self.outside)
+            }
+            Action::Profile(one) => self.tools.profile(one, &mut self.scene, &self.loaded, &mut self.outside),
+            Action::Film(film) => {
+                let (kept, adapter) = (self.kept.settings(), self.adapter.as_deref());
+                let around = filming::Around::new(&self.loaded, &self.frames, &self.tuning, kept, adapter);
+                self.filming.act(film, &mut self.scene, &around, &mut self.preferences, &mut self.outside)
+            }
+            Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
+            Action::LookAtTruth(look) => self.truth.look = look,
+            Action::MeasureTruth(measure) => self.truth.measure = measure,
+            Action::SplitTruth(share) => self.truth.split = share,
+            Action::KeepTruthReady(is_on) => self.truth.keeps_ready = is_on,
+            Action::JudgeSettings(is_on) => self.truth.judges = is_on,
+            Action::EstimateErrors(is_on) => self.truth.live.is_on = is_on,
+            Action::StopTruth => self.stop_truth(),
+            Action::ToggleChart => self.tuning.is_open = !self.tuning.is_open,
+            Action::ForgetTrials => self.tuning.forget_trials(),
+            Action::AddToStudy => self.scene.add_to_study(&self.loaded, &mut self.outside),
+            Action::AskSweep(key) => self.sweeps.ask(&key, &self.scene.settings, &mut self.outside),
+            Action::ChangeSweep(range) => self.sweeps.asked = range.map(|range| *range),
+            Action::StartSweep { key, values } => self.start_sweep(&key, values, &sweep::places()),
+            Action::EndSweep => self.sweeps.stop(&mut self.outside),
+            Action::EndTool => self.end_tool(),
+            Action::ToggleInterface => self.interface_is_hidden = !self.interface_is_hidden,
+            Action::TogglePanel => self.preferences.panel_is_open = !self.preferences.panel_is_open,
+            Action::OpenTab(tab) => self.preferences.tab = tab.name().to_owned(),
+            Action::Search(text) => self.search = text,
+            Action::FindParameter(key) => {
+                (self.search, self.preferences.panel_is_open, self.interface_is_hidden) = (key, true, false);
+            }
+            Action::TogglePalette => {
+                self.palette = Some(Palette::default()).filter(|_| self.palette.is_none());
+                self.outside.log(json!({ "event": "palette" }));
+            }
+            Action::ChangePalette(palette) => self.palette = palette.map(|palette| *palette),
+            Action::ToggleFullScreen => {
+                self.is_full_screen = !self.is_full_screen;
+                self.outside.push(Effect::SetFullScreen(self.is_full_screen));
+            }
+            Action::ToggleShortcuts => self.shortcuts_are_open = !self.shortcuts_are_open,
+            Action::ListMessages(is_open) => self.outside.messages.list_is_open = is_open,
+            Action::DismissMessage(place) => self.outside.messages.dismiss(place),
+            Action::Resize(size) => self.set_view_size(size),
+            Action::Quit => self.leave(Leaving::Quit),
+            // The scene has already carried these out.
+            LookAlong { .. } | SetParameter { .. } | Action::Undo | Action::Redo | Action::Delete => {}
+            Orbit(_) | Look(_) | Pan(_) | Zoom(_) | FieldOfView(_) | FlySpeed(_) | Travel(_) | FrameAll | GoInside
+            | DollHouse | FrameCloud(_) | ToggleMode | LookFrom(_) | ToggleProjection | LastView | NextView
+            | PointAt(_) | AskHover | PivotHere | ChangeSettings(_) | PointSize(_) | ColorBy(_) | ShowClasses(..)
+            | ToggleEdl | ToggleLight | NextLight | LightBy(_) | Paste(_) | AddSpot | Select(_) | ChangeObject(..)
+            | Duplicate | Mark(_) | Unmark(_) | ReturnTo(_) => {}
+        }
+    }
+
+    fn act_kept(&mut self, step: KeptStep) {
+        let request = self.auto.applied(self.picture());
+        let mut kept = std::mem::take(&mut self.kept);
+        self.with_loaded(|loaded, beside| kept.act(step, request, loaded, beside));
+        self.kept = kept;
+    }
+
+    /// If the typed text names nothing, the prompt stays open.
+    fn open_prompted(&mut self, path: String) {
+        let purpose = self.path_prompt.as_ref().map_or(Purpose::Open, |prompt| prompt.purpose);
+        if purpose == Purpose::SaveScene {
+            self.path_prompt = None;
+            self.file(Filing::SaveTo(path.into()));
+        } else if purpose == Purpose::Mesh {
+            self.path_prompt = None;
+            self.outside.work(Work::ReadMesh(Shape::Mesh(path.into())));
+        } else if self.open(std::slice::from_ref(&path)) {
+            self.path_prompt = None;
+            if purpose == Purpose::MirrorPoints {
+                self.loaded.await_marking(MirrorPoints::whole(path));
+            }
+        }
+    }
+
+    /// Handles Esc: closes what lies on top; otherwise ends the tool; otherwise clears the pick.
+    fn end_tool(&mut self) {
+        if self.shortcuts_are_open {
+            self.shortcuts_are_open = false;
+        } else if self.path_prompt.is_some() {
+            self.close_prompt();
+        } else if !self.tools.end_one(&mut self.scene, &mut self.outside) && self.is_full_screen {
+            self.act(Action::ToggleFullScreen);
+        }
+    }
+
+    fn close_prompt(&mut self) {
+        self.path_prompt = None;
+        self.document.on_no_place();
+    }
+
+    // ---- the scene file ----
+
+    fn file(&mut self, filing: Filing) {
+        match self.document.act(filing, &self.scene, &self.loaded, &mut self.preferences, &mut self.outside) {
+            Some(Next::Leave(leaving)) => self.leave(leaving),
+            Some(Next::Go(leaving)) => self.go(leaving),
+            None => {}
+        }
+    }
+
+    /// Whether a person's work would be lost if the program ended now.
+    pub fn is_unsaved(&self) -> bool {
+        self.first_look.is_none() && self.document.is_unsaved(&self.scene, &self.loaded)
+    }
+
+    /// Does what would lose unsaved work, or asks first.
+    fn leave(&mut self, leaving: Leaving) {
+        self.scene.history.settle(&self.scene.settings, &self.scene.objects);
+        if self.is_unsaved() && self.fatal.is_none() {
+            self.outside.log(json!({ "event": "asked" }));
+            self.document.asked = Some(leaving);
+        } else {
+            self.go(leaving);
+        }
+    }
+
+    fn go(&mut self, leaving: Leaving) {
+        match leaving {
+            Leaving::Quit => self.wants_to_quit = true,
+            Leaving::Close(key) => self.remove_cloud(key),
+            Leaving::Open(path) => self.open_instead(&path, None),
+            Leaving::Restore => {
+                if let Some((path, place)) = self.document.restore() {
+                    self.open_instead(&path, Some(place));
+                }
+            }
+        }
+    }
+
+    /// Closes everything and opens a scene file, or the work that was kept of the file at `restored`.
+    fn open_instead(&mut self, path: &Path, restored: Option<Option<PathBuf>>) {
+        let mut request = world::resolve(&[path]);
+        if let Err(error) = request.check() {
+            return self.outside.say(Level::Error, error.to_string());
+        }
+        self.leave_first_look();
+        self.with_loaded(Loaded::close_all);
+        self.preferences.remember_settings(&self.scene.settings);
+        self.scene.clear(self.preferences.settings().0);
+        self.tools = Tools { light_panel_is_open: self.tools.light_panel_is_open, ..Tools::default() };
+        self.document.forget();
+        if restored.is_some() {
+            request.scene_files.clear();
+        }
+        self.open_request(request);
+        restored.into_iter().for_each(|place| self.document.on_restored(place));
+    }
+
+    fn remove_cloud(&mut self, key: CloudKey) {
+        let input = self.loaded.cloud(key).map(|entry| entry.input.clone()).unwrap_or_default();
+        self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
+        self.document.closed(&input, &self.loaded);
+        if self.loaded.clouds.is_empty() {
+            self.leave_first_look();
+        }
+    }
+
+    // ---- opening ----
+
+    /// Opens what the words name: files, scene files or built-in scenes. Reports what is wrong if they name nothing,
+    /// and returns whether they name something.
+    pub fn open<Word: AsRef<OsStr>>(&mut self, words: &[Word]) -> bool {
+        let request = world::resolve(words);
+        if let Err(error) = request.check() {
+            self.outside.say(Level::Error, error.to_string());
+            return false;
+        }
+        self.open_request(request);
+        true
+    }
+
+    pub fn open_request(&mut self, mut request: world::Request) {
+        if !request.inputs.is_empty() {
+            self.leave_first_look();
+            self.document.add_inputs(request.inputs.iter().map(world::Input::name));
+            self.scene.ground = request.ground();
+            let is_alone = self.loaded.clouds.is_empty() && !self.loaded.is_loading() && !self.is_recorded;
+            self.first_look = FirstLook::of(&mut request, &self.scene.settings).filter(|_| is_alone);
+        }
+        for warning in std::mem::take(&mut request.warnings) {
+            self.outside.say(Level::Warning, warning);
+        }
+        self.loaded.await_settings(&mut request);
+        self.scene.furnish(&mut request, self.loaded.clouds.is_empty(), &mut self.outside);
+        if self.loaded.is_empty() {
+            self.scene.history.settle(&self.scene.settings, &self.scene.objects);
+            self.document.opened(&request.scene_files, &self.scene, &mut self.preferences);
+        }
+        if !request.inputs.is_empty() {
+            self.outside.push(Effect::Load { inputs: request.inputs });
+        }
+    }
+
+    fn leave_first_look(&mut self) {
+        if let Some(first) = self.first_look.take() {
+            self.with_loaded(|loaded, beside| first.leave(loaded, beside));
+            self.document.forget();
+        }
+    }
+
+    /// Takes in a message from another thread.
+    pub fn on_news(&mut self, news: News) {
+        match news {
+            News::Loading(job, event, pass) => {
+                self.document.on_event(&event, &self.loaded);
+                self.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+                if let Some(first) = &mut self.first_look {
+                    first.offer_ball(&mut self.scene);
+                }
+                if let Some(pass) = pass {
+                    self.outside.render(Command::Arrived(pass));
+                }
+            }
+            News::Report(report) => self.on_report(report),
+            News::Found(found) => self.on_found(found),
+        }
+    }
+
+    pub fn on_found(&mut self, found: Found) {
+        match found {
+            Found::Figures { key, basis, figures } => {
+                self.with_loaded(|loaded, beside| loaded.on_figures(key, basis, *figures, beside))
+            }
+            Found::Radii { key, test, radii } => {
+                self.with_loaded(|loaded, beside| loaded.on_radii(key, &test, radii, beside))
+            }
+            Found::Placed { key, moved } => self.with_loaded(|loaded, beside| loaded.on_placed(key, moved, beside)),
+            Found::Column { key, attribute, result } => {
+                self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))
+            }
+            Found::Record { picked, record, result } => {
+                self.tools.on_record(picked, record, result, &mut self.outside);
+            }
+            Found::Samples { id, mirror, area_per_point, result } => {
+                self.with_loaded(|loaded, beside| loaded.on_samples(id, mirror, area_per_point, result, beside))
+            }
+            Found::Mesh(Ok(shape)) => self.act(Action::AddMirror(shape)),
+            Found::Mesh(Err(error)) => self.outside.say(Level::Error, error),
+            Found::Marked { key, wanted, result } => {
+                self.with_loaded(|loaded, beside| loaded.on_marked(key, wanted, result, beside))
+            }
+            Found::Counted { wanted, result } => self.tools.draft.on_counted(wanted, result),
+            Found::Surroundings { asked, found } => {
+                self.with_loaded(|loaded, beside| loaded.on_surroundings(asked, found, beside))
+            }
+            Found::Surface(surface) => self.tools.on_surface(surface, &mut self.scene, &self.loaded, &mut self.outside),
+            Found::Measured { id, measurement, figures } => {
+                self.tools.measurements.on_measured(id, measurement, figures, &self.scene, &mut self.outside)
+            }
+            Found::Profile(found) => self.tools.profiles.on_found(found, &mut self.outside),
+            Found::Truth(answer) => self.on_truth(*answer),
+            Found::AddedToStudy { plan, result } => tuning::on_added_to_study(&plan, result, &mut self.outside),
+            Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
+            Found::SceneSaved { path, result } => {
+                let then = self.document.on_saved(&path, &result, &mut self.preferences);
+                self.outside.scene_saved(&path, result);
+                then.into_iter().for_each(|leaving| self.leave(leaving));
+            }
+            Found::Kept(result) => self.document.on_kept(result, &mut self.outside),
+            Found::Exported { path, result } => self.loaded.on_exported(&path, result, &mut self.outside),
+            Found::Compared(comparison) => self.with_loaded(|loaded, beside| loaded.on_compared(*comparison, beside)),
+            Found::Recording(stage) => self.filming.recording.on_stage(stage, &self.outside),
+            Found::Captured(captured) => self.filming.on_captured(captured, &mut self.outside),
+            Found::Recorded(ended) => self.filming.recording.on_end(ended, &mut self.outside),
+            Found::IndexDeleted { kept, result } => self.outside.index_deleted(&bytes(kept.bytes), result),
+            Found::CacheSize(bytes) => self.loaded.cache_size = Some(bytes),
+        }
+    }
+
+    // ---- frames ----
+
+    /// Changes what is loaded, together with the parts that depend on it.
+    pub fn with_loaded<R>(&mut self, act: impl FnOnce(&mut Loaded, &mut Beside<'_>) -> R) -> R {
+        let mut beside = Beside {
+            scene: &mut self.scene,
+            frames: &mut self.frames,
+            preferences: &mut self.preferences,
+            inspection: self.tools.inspection.as_ref(),
+            handle_is_grabbed: self.tools.handle_is_grabbed,
+            is_recorded: self.is_recorded,
+            outside: &mut self.outside,
+        };
+        let result = act(&mut self.loaded, &mut beside);
+        // A pick on a cloud is removed with the cloud.
+        self.tools.pick = self.tools.pick.take().filter(|pick| self.loaded.cloud(pick.point.chunk.cloud).is_some());
+        result
+    }
+
+    /// Whether the picture shows the data's own colours.
+    pub fn is_unlit(&self) -> bool {
+        self.raw_colors || self.scene.is_unlit(&self.loaded.clouds)
+    }
+
+    /// The bounds of the visible points, without stray points.
+    pub fn bounds(&self) -> Bounds {
+        self.scene.bounds(&self.loaded.clouds)
+    }
+
+    /// The place of the point under the cursor, if it is known.
+    pub fn hovered(&self) -> Option<DVec3> {
+        self.scene.navigation.hovered.and_then(|(_, world)| world)
+    }
+
+    pub fn up(&self) -> DVec3 {
+        self.scene.up(&self.loaded.clouds)
+    }
+
+    /// Sets the size of the picture in pixels.
+    pub fn set_view_size(&mut self, size: [u32; 2]) {
+        if self.scene.view_size != size {
+            self.scene.view_size = size;
+            let bounds = self.bounds();
+            self.scene.frame_while_unplaced(bounds, &self.loaded.clouds);
+        }
+    }
+
+    /// Puts the camera where a recording has it at time `now`, without a hurried frame. Streamed clouds load at once.
+    pub fn stand(&mut self, camera: Camera, now: Instant) {
+        self.outside.now = now;
+        self.scene.camera = camera;
+        self.scene.camera_is_placed = true;
+        self.with_loaded(Loaded::look_around);
+    }
+
+    /// Acts on all that has happened since the last step: requests the frame, the figures and the truth that are wanted
+    /// now, and notes what can be undone. It is called after each paint. `now` is the time by the caller's clock.
+    /// `is_held` says that a mouse button is down or text is being typed. Returns when the next step is due at the latest.
+    pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
+        self.outside.now = now;
+        let zoom = self.scene.end_zoom_wait(self.outside.now);
+        self.tools.follow_cursor(&mut self.scene, &self.loaded, &mut self.outside);
+        self.scene.navigation.hold(is_held, now);
+        let steps = self.scene.history.steps();
+        let still = self.still_frame().filter(|_| !self.is_recorded).cloned();
+        let film = self.filming.step(&mut self.scene, still.as_ref(), &mut self.outside);
+        let quiet = self.scene.watch(is_held, now);
+        let view = self.scene.past_views.watch(self.scene.camera, self.scene.camera_is_placed, is_held, now);
+        self.with_loaded(Loaded::sync_visibility);
+        let frame = self.request_frame();
+        if self.scene.history.steps() != steps {
+            self.outside.log(json!({ "event": "step" }));
+        }
+        self.tools.sync_measurements(&self.scene, &self.loaded, &mut self.outside);
+        self.with_loaded(Loaded::renew_figures);
+        self.with_loaded(Loaded::look_around);
+        self.with_loaded(Loaded::sync_levels);
+        self.with_loaded(Loaded::sync_objects);
+        let still = self.still_frame().cloned();
+        self.kept.sync(still.as_ref(), &self.loaded, &mut self.outside);
+        let truth = self.sync_truth();
+        let kept = self.document.sync(self.is_unsaved(), &self.scene, &self.loaded, &mut self.outside);
+        let still = self.still_frame().and(self.frames.shown.as_ref()).filter(|_| !self.is_recorded);
+        let still = still.map(|shown| shown.stats.frame_milliseconds);
+        let auto = self.auto.sync(self.picture(), still, &mut self.outside);
+        // Once the panel says it, only the next picture changes that.
+        let late = self.frames.time_to_late(now).filter(|left| !left.is_zero());
+        [quiet, view, kept, zoom, frame, truth, late, auto, film].into_iter().flatten().min()
+    }
+
+    /// Requests the frame that is wanted now, unless it is drawn or shown. Returns the time after which to call again.
+    pub fn request_frame(&mut self) -> Option<Duration> {
+        let is_first = self.frames.shown.is_none();
+        let is_empty =
+            self.loaded.clouds.is_empty() || is_first && self.loaded.points() == 0 && self.loaded.is_loading();
+        if self.adapter.is_none() || self.scene.view_size.contains(&0) || is_empty {
+            return None;
+        }
+        let situation = wanted::situation(&self.scene, &self.loaded, &self.tools, self.outside.now, self.is_recorded);
+        let under_way = self.frames.under_way;
+        let again = self.frames.request(self.auto.applied(self.picture()), &situation, &mut self.outside);
+        if is_first && self.frames.under_way > under_way {
+            self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
+        }
+        again
+    }
+
+    /// The request for the current view in full quality.
+    pub fn picture(&self) -> FrameRequest {
+        wanted::picture(&self.scene, &self.loaded, &self.tools, self.frames.revision, self.raw_colors)
+    }
+
+    /// The frame on the screen, if it is final and no work is under way that would change it.
+    pub fn still_frame(&self) -> Option<&FrameRequest> {
+        let may_change =
+            self.loaded.points_come() || self.loaded.samples.under_way.is_some() || self.tools.inspection.is_some();
+        self.frames.final_one().filter(|_| !may_change && !self.loaded.clouds.iter().any(CloudEntry::is_busy))
+    }
+
+    /// Handles a report of the render thread. The window has already taken the picture itself.
+    pub fn on_report(&mut self, report: Report) {
+        if matches!(report, Report::Frame(_) | Report::NotDrawn(_) | Report::Lost(_)) {
+            self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(false));
+        }
+        let Some(report) = self.filming.timeline.wiping.take(report, &mut self.outside) else { return };
+        match report {
+            Report::Ready { adapter } => {
+                self.outside.log(json!({ "event": "ready", "adapter": adapter }));
+                self.auto.ready(&adapter, &mut self.outside);
+                self.adapter = Some(adapter);
+                // The window is painted before it requests the next frame.
+                let has_points = self.loaded.points() > 0;
+                self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(has_points));
+            }
+            // The frame shows clouds that have been removed since.
+            Report::Frame(_) if self.loaded.clouds.is_empty() => self.frames.give_up(),
+            Report::Frame(frame) => {
+                if !frame.request.hurried && frame.request.is_whole(&frame.stats) {
+                    self.figure_history.push(&frame.stats);
+                    self.auto.learn(&frame.request, &frame.stats);
+                }
+                let Frame { request, stats, total_milliseconds, .. } = *frame;
+                self.scene.navigation.on_picture(request.spared.is_some());
+                self.frames.show(request, stats, total_milliseconds, f64::from(self.scene.settings.view.frame_ms));
+            }
+            Report::Picked { pixel, purpose, point } => {
+                self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);
+            }
+            Report::Saved(path) => self.outside.saved(&path),
+            Report::Read(picture) => {
+                if let Some(picture) = self.filming.on_picture(*picture) {
+                    self.kept.on_read(picture.rgba, &mut self.outside);
+                }
+            }
+            Report::Captured(captured) => {
+                if let Some(captured) = self.sweeps.on_images(*captured, &self.truth, &mut self.outside) {
+                    self.truth.on_captured(captured, self.frames.revision);
+                }
+            }
+            Report::Chosen { request, choice, model } => {
+                self.auto.on_chosen(*request, choice, *model, &mut self.outside)
+            }
+            Report::Measured { request, stats } if self.sweeps.on_frame(&request, &stats) => {}
+            Report::Measured { request, stats } => self.tuning.on_measured(&request, &stats),
+            Report::Presented { request, pass, rgba } => {
+                self.truth.on_presented(*request, pass, rgba, self.frames.revision, &mut self.outside);
+            }
+            Report::NotJudged(problem) => self.on_not_judged(&problem),
+            Report::Estimated { request, answer } => self.truth.live.on_answer(*request, answer, &mut self.outside),
+            Report::Problem(problem) => {
+                self.kept.on_problem();
+                self.outside.say(Level::Error, problem);
+            }
+            Report::NotDrawn(problem) => {
+                self.frames.give_up();
+                self.outside.say(Level::Error, problem);
+            }
+            Report::Lost(problem) => {
+                self.outside.log(json!({ "event": "lost", "text": problem }));
+                self.fatal = Some(problem);
+            }
+        }
+    }
+
+    /// Calls `act` with what the truth and a sweep read from the session, and with the parts that they change.
+    fn with_truth<R>(
+        &mut self,
+        act: impl FnOnce(&Around<'_>, &mut TruthView, &mut Tuning, &mut Sweeps, &mut Wiping, &mut Outside) -> R,
+    ) -> R {
+        let around = Around {
+            still: self.still_frame().cloned(),
+            clouds: &self.loaded.clouds,
+            samples: &self.loaded.samples,
+            settings: &self.scene.settings,
+            test: self.scene.objects.test(),
+            frames: &self.frames,
+            raw_colors: self.raw_colors,
+            is_taken: self.sweeps.under_way.is_some() || self.filming.timeline.wiping.is_tracing(),
+        };
+        let wiping = &mut self.filming.timeline.wiping;
+        act(&around, &mut self.truth, &mut self.tuning, &mut self.sweeps, wiping, &mut self.outside)
+    }
+
+    /// Advances the sweep and the truth by one step. Returns the time after which to call again.
+    pub fn sync_truth(&mut self) -> Option<Duration> {
+        self.with_truth(|around, truth, _, sweeps, _, outside| sweeps.sync(around, truth, outside));
+        // A sweep draws other frames.
+        let still = self.still_frame().filter(|_| self.sweeps.under_way.is_none()).cloned();
+        let estimate = self.truth.live.sync(still.as_ref(), &mut self.outside);
+        self.with_truth(|around, truth, _, _, wiping, outside| wiping.sync(around, truth, outside));
+        let truth = self.with_truth(|around, truth, tuning, _, _, outside| truth.sync(around, tuning, outside));
+        estimate.into_iter().chain(truth).min()
+    }
+
+    pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
+        self.with_truth(|around, _, _, sweeps, _, outside| sweeps.start(key, values, places, around, outside));
+    }
+
+    /// Stops all work for the truth, the chart and a sweep.
+    pub fn stop_truth(&mut self) {
+        self.truth.stop();
+        self.tuning.is_open = false;
+        self.sweeps.stop(&mut self.outside);
+    }
+
+    /// Handles a truth that cannot be computed: nothing more is requested, or the current value of a sweep has failed.
+    fn on_not_judged(&mut self, problem: &str) {
+        self.truth.on_not_judged();
+        self.tuning.forget_measuring();
+        if !self.sweeps.on_failed(problem, &mut self.outside) {
+            self.stop_truth();
+            self.outside.say(Level::Error, format!("The truth cannot be shown: {problem}"));
+        }
+    }
+
+    pub fn on_truth(&mut self, answer: Answer) {
+        let Some(answer) = self.filming.timeline.wiping.take_answer(answer, &mut self.outside) else { return };
+        match self.truth.on_answer(answer, self.frames.revision) {
+            Taken::Nothing => {}
+            Taken::Log(event) => self.outside.log(event),
+            Taken::Swept(swept) => self.sweeps.on_judged(swept, &mut self.tuning),
+            Taken::Failed(problem) => self.on_not_judged(&problem),
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "state_tests.rs"]
+mod tests;
