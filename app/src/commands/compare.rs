@@ -12,9 +12,9 @@ use serde_json::json;
 use stream::COMPARED;
 use world::half_of;
 
-use crate::commands::export;
 use crate::shared::command_line::CompareArguments;
 use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
+use crate::shared::export;
 use crate::system::failure::usage;
 use crate::system::terminal::{self, Few};
 use crate::system::{picture_file, progress_bar};

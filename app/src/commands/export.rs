@@ -1,26 +1,20 @@
 //! `glint export`: the points that a scene shows as a new file.
 
-use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use cloud::{Chunk, Orientation, PointTest, Progress, RadiusRule, STRAY_RADIUS, SurfelOptions};
-use codec::{Added, ExportFormat, Exported, Runs, Source, Wanted};
-use glam::Vec3;
-use scene::{CloudSettings, SceneFile, Settings, Strays, SurfaceRadii, shown};
+use cloud::Progress;
+use codec::{ExportFormat, Exported, Source, Wanted};
+use scene::{SceneFile, Settings, Strays, shown};
 use serde_json::json;
-use world::{Input, Request, half_of};
+use world::half_of;
 
 use crate::commands::info::{attributes_report, bounds_report};
 use crate::shared::command_line::ExportArguments;
+use crate::shared::export::{open, strays};
 use crate::system::failure::{UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 use crate::system::{picture_file, progress_bar};
-
-/// The memory in bytes that a point takes while it is told which points are stray: its place and columns as they are
-/// read, another place among those that are shown, and what the search for neighbours needs.
-const BYTES_A_POINT: u64 = 64;
 
 /// Writes the file. Returns exit status 2 if one of several inputs cannot be read, and says so on standard error.
 ///
@@ -84,166 +78,4 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
         terminal::print([format!("{}: {points} of {all} points", shown(output))])?;
     }
     Ok(status)
-}
-
-/// The points of the files of one cloud that are stray, if the settings hide these: for each file their indices in it,
-/// ascending. They are told as in pictures: among the points of all its files that classes and filters show. `None`
-/// when cancelled.
-///
-/// # Errors
-/// A file that cannot be read, or too many points to be told.
-pub fn strays(
-    sources: &[Arc<Source>],
-    test: &PointTest,
-    settings: &Settings,
-    progress: &Progress,
-) -> Result<Option<Vec<Vec<u64>>>, String> {
-    let mut strays = vec![Vec::new(); sources.len()];
-    if settings.splat.strays != Strays::Hidden || settings.surface.radii != SurfaceRadii::Spread {
-        return Ok(Some(strays));
-    }
-    let test = test.of_attributes();
-    let most = half_of(settings.stream.host_bytes) / BYTES_A_POINT;
-    let points: u64 = sources.iter().map(|source| source.info().points).sum();
-    if let Some(first) = sources.first().filter(|_| points > most) {
-        return Err(format!(
-            "{}: it cannot be told which of {points} points are stray, as at most {most} fit into stream.host_bytes = {}; \
-             raise it, or keep stray points with --set splat.strays=faded",
-            shown(&first.info().path),
-            settings.stream.host_bytes
-        ));
-    }
-    // The points that are shown, and the file and the indices of those of each chunk.
-    let (mut chunks, mut places) = (Vec::new(), Vec::new());
-    for (file, source) in sources.iter().enumerate() {
-        let is_spread = source.is_mesh() && u64::from(settings.surface.mesh_points) > source.info().points;
-        if is_spread {
-            // Pictures show points on the faces, and none of those is stray.
-            continue;
-        }
-        let attributes: Vec<&str> = test.filtered().collect();
-        let read = world::read_cloud(source, &attributes, settings, progress);
-        let (cloud, _) = read.map_err(|error| error.to_string())?;
-        let test = cloud.test(&test);
-        for chunk in &cloud.chunks {
-            let shown = test.shown(chunk, chunk.bounds());
-            let indices: Vec<u32> = shown.indices(chunk.len()).map(|index| index as u32).collect();
-            let bare = Chunk { positions: chunk.positions.clone(), ..Chunk::new(0, chunk.origin, Vec::new()) };
-            chunks.push(bare.select(&indices));
-            places.push((file, chunk.first_point, indices));
-        }
-    }
-    progress.set_total(progress.done() + chunks.iter().map(|chunk| chunk.len() as u64).sum::<u64>());
-    let options = SurfelOptions {
-        neighbours: settings.surface.neighbours as usize,
-        radii: RadiusRule::Spread,
-        ..SurfelOptions::new(Orientation::Up(Vec3::Z))
-    };
-    let Some(surfels) = cloud::estimate_part(&chunks, &options, progress) else { return Ok(None) };
-    for ((file, first_point, indices), surfels) in places.into_iter().zip(surfels) {
-        let is_stray = |(_, radius): &(&u32, &u16)| **radius == STRAY_RADIUS;
-        let found = indices.iter().zip(&surfels.radii).filter(is_stray);
-        strays[file].extend(found.map(|(index, _)| first_point + u64::from(*index)));
-    }
-    Ok(Some(strays))
-}
-
-/// Opens the files of all inputs, input by input, and reports what cannot be opened.
-pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<Source>>> {
-    let mut inputs = Vec::new();
-    for input in &request.inputs {
-        match input {
-            Input::BuiltIn { .. } => {
-                failed.complain(&format!("{}: a built-in scene; this command reads files", input.name()));
-            }
-            Input::Unknown { error, .. } => failed.complain(error),
-            Input::File(_) | Input::Tiles { .. } => {}
-        }
-        let mut sources = Vec::new();
-        for path in input.files() {
-            match world::open_placed(path, memory, request.placement_of(input, path)) {
-                Ok(source) => sources.push(source),
-                Err(error) => failed.complain(&error),
-            }
-        }
-        inputs.push(sources);
-    }
-    inputs
-}
-
-/// Writes the points of files that a test shows, for the window, without strays if the settings hide these. `added`
-/// holds values that the files do not have: the file, their name, and those of its points. Returns `None` if it was
-/// cancelled.
-///
-/// # Errors
-/// A cloud that is no file or cannot be read, or what `codec::export` cannot do.
-pub fn write(
-    inputs: &[String],
-    own: Vec<CloudSettings>,
-    test: &PointTest,
-    added: &[(PathBuf, String, Arc<Runs>)],
-    path: &Path,
-    settings: &Settings,
-    progress: &Progress,
-) -> Result<Option<Exported>, String> {
-    let memory = half_of(settings.stream.host_bytes);
-    let (mut sources, mut left_out) = (Vec::new(), Vec::new());
-    let request = Request { cloud_settings: own, ..world::resolve(inputs) };
-    for input in &request.inputs {
-        if input.files().is_empty() {
-            return Err(format!("{}: not a file; points of files can be saved", input.name()));
-        }
-        let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file));
-        let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?;
-        let Some(found) = strays(&own, test, settings, progress)? else { return Ok(None) };
-        left_out.extend(found);
-        sources.extend(own);
-    }
-    if ExportFormat::of(path).is_none() {
-        return Err(format!("{}: the name must end in .laz, .las, .copc.laz, .ply or .csv", shown(path)));
-    }
-    let wanted = Wanted { test, left_out: &left_out };
-    codec::export(&sources, wanted, &columns(&sources, added), path, memory, progress)
-        .map_err(|error| error.to_string())
-}
-
-/// The added values by their names, for each file; some files have none.
-fn columns(sources: &[Arc<Source>], added: &[(PathBuf, String, Arc<Runs>)]) -> Vec<Added> {
-    let names: BTreeSet<&String> = added.iter().map(|(_, name, _)| name).collect();
-    let list = |source: &Arc<Source>, wanted: &String| {
-        let of_file = added.iter().find(|(path, name, _)| *path == source.info().path && name == wanted);
-        of_file.map_or_else(Runs::new, |(_, _, values)| values.as_ref().clone())
-    };
-    let column = |name: &String| Added::new(name.clone(), sources.iter().map(|source| list(source, name)).collect());
-    names.into_iter().map(column).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn strays_of_more_points_than_fit_into_memory_are_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.ply");
-        let header = "ply\nformat ascii 1.0\nelement vertex 40\nproperty float x\nproperty float y\nproperty float z\n";
-        let rows: String = (0..40).map(|at| format!("{} {} 0\n", at % 8, at / 8)).collect();
-        std::fs::write(&path, format!("{header}end_header\n{rows}")).unwrap();
-        let mut settings = Settings::default();
-        let sources = vec![world::open_file(&path, half_of(settings.stream.host_bytes)).unwrap()];
-        settings.stream.host_bytes.0 = 2 * BYTES_A_POINT * 39;
-        let of = |settings: &Settings| strays(&sources, &PointTest::default(), settings, &Progress::default());
-        assert_eq!(of(&settings), Ok(Some(vec![Vec::new()])), "they are shown");
-        settings.splat.strays = Strays::Hidden;
-        let refused = of(&settings).unwrap_err();
-        assert!(
-            refused.contains("it cannot be told which of 40 points are stray, as at most 39 fit into"),
-            "{refused}"
-        );
-        settings.stream.host_bytes.0 += 2 * BYTES_A_POINT;
-        assert_eq!(of(&settings), Ok(Some(vec![Vec::new()])));
-        let progress = Progress::default();
-        progress.cancel();
-        assert_eq!(strays(&sources, &PointTest::default(), &settings, &progress), Ok(None));
-    }
 }

@@ -8,8 +8,8 @@ use render::Verdict;
 use scene::{METHODS, Settings, five_mirrors};
 use serde_json::json;
 
-use crate::commands::info::grouped;
 use crate::commands::truth;
+use crate::shared::numbers::grouped;
 use crate::system::environment;
 use crate::system::terminal::{print, print_json};
 

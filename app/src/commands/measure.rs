@@ -12,8 +12,8 @@ use glam::DVec3;
 use scene::{Measurement, Settings, Strays, shown};
 use serde_json::{Value, json};
 
-use crate::commands::export;
 use crate::shared::command_line::MeasureArguments;
+use crate::shared::export;
 use crate::shared::measuring::{Gathering, Outcome};
 use crate::system::failure::{self, FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few};

@@ -12,6 +12,7 @@ pub mod record;
 pub mod recording;
 pub mod render;
 pub mod scans;
+pub mod stats;
 pub mod study;
 pub mod subject;
 pub mod surfaces;

@@ -1,105 +1,19 @@
-//! `glint profile`: the points of one or more sections as a table, a chart or a file of points. Files are read once,
-//! chunk by chunk, and only the points of the sections are kept, so a file may be larger than memory.
+//! `glint profile`: the points of one or more sections as a table, a chart or a file of points.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
-use cloud::{Chunk, Cloud, PointTest, Progress, Volume};
-use codec::{ExportFormat, Exported, Info, Selection, Source, Unit, Units, Wanted};
-use glam::DVec3;
-use measure::{Placed, Section};
-use render::ColorPlan;
-use scene::{CloudSettings, Profile, Settings, shown};
-use serde_json::json;
+use cloud::Progress;
+use codec::{Exported, Wanted};
+use scene::{Profile, shown};
 use world::Request;
 
-use crate::commands::export;
 use crate::shared::command_line::ProfileArguments;
-use crate::shared::profile_chart::{self, AxisUnits, Dot, Series, axis_units, colors_of};
+use crate::shared::export;
+use crate::shared::profiles::{Asked, Kind, Table, read};
 use crate::system::failure::{self, FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 use crate::system::{interrupt, picture_file, progress_bar};
-
-/// The columns that every table has.
-const FIXED: [&str; 9] = ["along", "height", "across", "x", "y", "z", "red", "green", "blue"];
-
-/// Whether an attribute of a file is a column that every table has: its coordinates and its colours.
-fn is_fixed(name: &str) -> bool {
-    FIXED[3..].iter().any(|fixed| fixed.eq_ignore_ascii_case(name))
-}
-
-/// Points of a chunk that are in a section, in the order of the file.
-struct Piece {
-    /// The number of the section.
-    section: usize,
-    chunk: Chunk,
-    places: Vec<Placed>,
-}
-
-/// What is kept of a file.
-struct Part {
-    cloud: Cloud,
-    pieces: Vec<Piece>,
-    /// The columns of its attributes in the table, but for those that every table has.
-    columns: Vec<Option<usize>>,
-    up: DVec3,
-    units: Units,
-}
-
-/// What is read of all files.
-struct Table {
-    /// The names of the sections.
-    sections: Vec<String>,
-    /// What the points of each section amount to.
-    extents: Vec<Extent>,
-    parts: Vec<Part>,
-    /// The names of all attributes of any file, in the order in which they come.
-    attributes: Vec<String>,
-}
-
-/// The points of a section, and the least and the largest of their distances along its line and of their heights.
-#[derive(Clone, Copy)]
-struct Extent {
-    points: u64,
-    along: [f64; 2],
-    height: [f64; 2],
-}
-
-/// What is made of the points of sections.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Table,
-    /// As SVG or PNG.
-    Chart,
-    Points,
-}
-
-impl Kind {
-    /// The kind that a file's name asks for.
-    fn of(path: &Path) -> Option<Self> {
-        let ending = path.extension()?.to_string_lossy().to_ascii_lowercase();
-        match ending.as_str() {
-            "csv" => Some(Self::Table),
-            "svg" | "png" => Some(Self::Chart),
-            _ => ExportFormat::of(path).map(|_| Self::Points),
-        }
-    }
-}
-
-/// What is asked for, wherever it comes from.
-struct Asked<'a> {
-    /// The sections. One without a name comes from the command line.
-    profiles: &'a [Profile],
-    /// How many parallel copies each of them has, and how far each is to the left of the one before.
-    stack: (u32, f64),
-    test: &'a PointTest,
-    settings: &'a Settings,
-    /// Whether progress is shown in a terminal.
-    is_watched: bool,
-    /// Whether the points of the sections are kept, not only counted.
-    keeps_points: bool,
-}
 
 /// Writes the sections. Returns exit status 2 if one of several inputs cannot be read, and says so on standard error.
 ///
@@ -138,7 +52,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     let keeps_points = kind != Kind::Points && (arguments.output.is_some() || !arguments.json);
     let asked = Asked { profiles: &profiles, stack, test: &test, settings: &settings, is_watched: true, keeps_points };
     if let (Kind::Points, Some(output)) = (kind, &arguments.output) {
-        return export(&request, &asked, output, arguments.json);
+        return export_points(&request, &asked, output, arguments.json);
     }
     let (mut table, mut status, mut read_ones) = (Table::new(&asked), 0, Vec::new());
     let mut failed = Few::of("that cannot be read");
@@ -211,7 +125,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
 }
 
 /// Writes the points of sections to a new file, with all that is known of each. Points of several of them come once.
-fn export(request: &Request, asked: &Asked, output: &Path, is_json: bool) -> anyhow::Result<u8> {
+fn export_points(request: &Request, asked: &Asked, output: &Path, is_json: bool) -> anyhow::Result<u8> {
     let memory = world::half_of(asked.settings.stream.host_bytes);
     let mut failed = Few::of("that cannot be read");
     let inputs = export::open(request, memory, &mut failed);
@@ -239,249 +153,4 @@ fn export(request: &Request, asked: &Asked, output: &Path, is_json: bool) -> any
         terminal::print([format!("{}: {points} points", shown(output))])?;
     }
     Ok(status)
-}
-
-/// Writes the points of profiles to a file, for the window: as a table, or as points.
-///
-/// # Errors
-/// A cloud that is no file or cannot be read, or the file cannot be written.
-pub fn write(
-    inputs: &[String],
-    own: Vec<CloudSettings>,
-    profiles: &[Profile],
-    test: &PointTest,
-    settings: &Settings,
-    path: &Path,
-) -> anyhow::Result<()> {
-    let asked = Asked { profiles, stack: (0, 0.0), test, settings, is_watched: false, keeps_points: true };
-    let request = Request { cloud_settings: own, ..world::resolve(inputs) };
-    let memory = world::half_of(settings.stream.host_bytes);
-    let (mut sources, mut left_out) = (Vec::new(), Vec::new());
-    for input in &request.inputs {
-        let placed = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file));
-        let open = |file: &PathBuf| placed(file).map_err(anyhow::Error::msg);
-        let own = input.files().iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
-        left_out.extend(asked.strays(&own)?);
-        sources.extend(own);
-    }
-    anyhow::ensure!(!sources.is_empty(), "a profile is made of files, and none is open");
-    if Kind::of(path) == Some(Kind::Points) {
-        let test = test.within(asked.volumes(sources[0].info())?);
-        let wanted = Wanted { test: &test, left_out: &left_out };
-        codec::export(&sources, wanted, &[], path, memory, &Progress::default())?;
-        return Ok(());
-    }
-    let mut table = Table::new(&asked);
-    for (number, source) in sources.iter().enumerate() {
-        read(source, &left_out[number..=number], &asked, &mut table)?;
-    }
-    picture_file::write_text(path, &table.into_csv()?)
-}
-
-impl Asked<'_> {
-    /// The names of the sections, in their order.
-    fn names(&self) -> Vec<String> {
-        let name = |profile: &Profile| if profile.name.is_empty() { "profile".into() } else { profile.name.clone() };
-        let numbered = |name: String| {
-            (0..=self.stack.0).map(move |copy| if copy == 0 { name.clone() } else { format!("{name} {}", copy + 1) })
-        };
-        self.profiles.iter().map(name).flat_map(numbered).collect()
-    }
-
-    /// The sections in a cloud, in the same order.
-    fn sections(&self, info: &Info) -> anyhow::Result<Vec<Section>> {
-        let (up, (copies, spacing)) = (world::up_of(info, self.settings), self.stack);
-        let copied = |profile: &Profile| -> Vec<Profile> {
-            (0..=copies).map(|copy| profile.beside(up, spacing * f64::from(copy))).collect()
-        };
-        let section = |profile: Profile| {
-            let what = if profile.name.is_empty() { "--line, --width".into() } else { format!("`{}`", profile.name) };
-            Section::new(&profile.line, profile.width, up).map_err(|error| usage(format!("{what}: {error}")))
-        };
-        self.profiles.iter().flat_map(copied).map(section).collect()
-    }
-
-    /// The parts of space that the sections are.
-    fn volumes(&self, info: &Info) -> anyhow::Result<Vec<Volume>> {
-        Ok(self.sections(info)?.iter().flat_map(Section::volumes).collect())
-    }
-
-    /// The points of the files of one cloud that are stray, if the settings hide these.
-    fn strays(&self, sources: &[Arc<Source>]) -> anyhow::Result<Vec<Vec<u64>>> {
-        let progress = Progress::default();
-        let find = || export::strays(sources, self.test, self.settings, &progress);
-        let found = if self.is_watched { progress_bar::watch("strays", &progress, find) } else { find() };
-        Ok(found.map_err(usage)?.ok_or(stream::Error::Cancelled)?)
-    }
-}
-
-/// Adds the points of a file that are shown and in the sections; `left_out` holds the indices of those of its points
-/// that are left out besides. Returns the warnings about the file.
-fn read(source: &Source, left_out: &[Vec<u64>], asked: &Asked, table: &mut Table) -> anyhow::Result<Vec<String>> {
-    let info = source.info();
-    let sections = asked.sections(info)?;
-    let (name, attributes) = (shown(&info.path), info.attributes.clone());
-    let cloud = Cloud { name, attributes, grid: info.grid, chunks: Vec::new() };
-    let (shown_ones, wanted) = (cloud.test(asked.test), Wanted { test: asked.test, left_out });
-    let found = Mutex::new((Vec::new(), vec![Extent::NONE; sections.len()]));
-    let keep = |chunk: Chunk| {
-        let left_out = wanted.left_out(0, chunk.first_point, chunk.len());
-        let shows = |index: usize| shown_ones.shows(&chunk, index) && !left_out.has(index);
-        for (number, section) in sections.iter().enumerate() {
-            let Some(piece) = piece_of(&cloud, &chunk, (number, section), &shows) else { continue };
-            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
-            let (pieces, extents) = &mut *found;
-            extents[number].add(Extent::of(&piece.places));
-            if asked.keeps_points {
-                pieces.push(piece);
-            }
-        }
-    };
-    let progress = Progress::default();
-    let tested = info.attributes.iter().zip(asked.test.reads(&info.attributes));
-    let attributes = tested.map(|(attribute, is_tested)| is_tested || !is_fixed(&attribute.name)).collect();
-    let selection = Selection { positions: true, colors: true, normals: false, attributes };
-    let read = || source.read(&selection, &progress, &keep);
-    let summary = if asked.is_watched { progress_bar::watch("reading", &progress, read) } else { read() };
-    let summary = summary.with_context(|| shown(&info.path))?;
-    let (mut pieces, extents) = found.into_inner().unwrap_or_else(PoisonError::into_inner);
-    pieces.sort_unstable_by_key(|piece: &Piece| (piece.section, piece.chunk.first_point));
-    table.add(cloud, pieces, (world::up_of(info, asked.settings), info.units));
-    table.extents.iter_mut().zip(extents).for_each(|(known, own)| known.add(own));
-    Ok(summary.warnings)
-}
-
-fn piece_of(
-    cloud: &Cloud,
-    chunk: &Chunk,
-    (number, section): (usize, &Section),
-    shows: &impl Fn(usize) -> bool,
-) -> Option<Piece> {
-    let placed = |index: usize| {
-        let placed = section.place(cloud.world_position(chunk, index))?;
-        shows(index).then_some((index as u32, placed))
-    };
-    let (indices, places): (Vec<u32>, Vec<Placed>) = (0..chunk.len()).filter_map(placed).unzip();
-    (!indices.is_empty()).then(|| Piece { section: number, chunk: chunk.select(&indices), places })
-}
-
-impl Extent {
-    const NONE: Self =
-        Self { points: 0, along: [f64::INFINITY, f64::NEG_INFINITY], height: [f64::INFINITY, f64::NEG_INFINITY] };
-
-    fn of(places: &[Placed]) -> Self {
-        let one = |placed: &Placed| Self { points: 1, along: [placed.along; 2], height: [placed.height; 2] };
-        places.iter().map(one).fold(Self::NONE, |mut extent, one| {
-            extent.add(one);
-            extent
-        })
-    }
-
-    fn add(&mut self, other: Self) {
-        let wider = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        self.points += other.points;
-        (self.along, self.height) = (wider(self.along, other.along), wider(self.height, other.height));
-    }
-}
-
-impl Table {
-    fn new(asked: &Asked) -> Self {
-        let sections = asked.names();
-        Self { extents: vec![Extent::NONE; sections.len()], sections, parts: Vec::new(), attributes: Vec::new() }
-    }
-
-    /// What the sections hold, as JSON. `path` is the file that is written.
-    fn report(&self, path: Option<&Path>) -> serde_json::Value {
-        let section = |(name, extent): (&String, &Extent)| {
-            let range = |range: [f64; 2]| (extent.points > 0).then_some(range);
-            let Extent { points, along, height } = *extent;
-            json!({ "name": name, "points": points, "along": range(along), "height": range(height) })
-        };
-        let text = |unit: Option<Unit>| unit.map(|unit| unit.to_string());
-        let unit = text(self.parts.first().and_then(|part| part.units.length()));
-        let [along_unit, height_unit] = self.axis_units().map(text);
-        let sections: Vec<serde_json::Value> = self.sections.iter().zip(&self.extents).map(section).collect();
-        json!({
-            "path": path.map(shown), "unit": unit, "along_unit": along_unit, "height_unit": height_unit,
-            "profiles": sections,
-        })
-    }
-
-    fn axis_units(&self) -> AxisUnits {
-        self.parts.first().map_or([None; 2], |part| axis_units(&part.units, part.up))
-    }
-
-    fn add(&mut self, cloud: Cloud, pieces: Vec<Piece>, (up, units): (DVec3, Units)) {
-        let mut columns = Vec::new();
-        for attribute in &cloud.attributes {
-            let known = self.attributes.iter().position(|known| *known == attribute.name);
-            let is_fixed = is_fixed(&attribute.name);
-            columns.push((!is_fixed).then(|| known.unwrap_or(self.attributes.len())));
-            if known.is_none() && !is_fixed {
-                self.attributes.push(attribute.name.clone());
-            }
-        }
-        self.parts.push(Part { cloud, pieces, columns, up, units });
-    }
-
-    /// Writes the chart of the points. Those of the first section have the colours that the settings, or the file's own,
-    /// ask for, whose ramps go over its points in all sections; the others lie behind it, each in a colour of its own.
-    fn draw(&self, settings: &Settings, own: &[CloudSettings], output: &Path) -> anyhow::Result<()> {
-        let mut dots: Vec<Vec<Dot>> = vec![Vec::new(); self.sections.len()];
-        for Part { cloud, pieces, up, .. } in &self.parts {
-            let chunks = pieces.iter().map(|piece| piece.chunk.clone()).collect();
-            let whole = Cloud { attributes: cloud.attributes.clone(), chunks, ..cloud.clone() };
-            let name = Path::new(&cloud.name).file_name().map_or(String::new(), |name| shown(Path::new(name)));
-            let own = own.iter().find(|own| own.is_of(&cloud.name, &name));
-            let color = own.map_or_else(|| settings.color.clone(), |own| own.color_of(&settings.color));
-            let (plan, warning) = ColorPlan::new(&whole, &color, *up);
-            terminal::warn(warning.filter(|_| !pieces.is_empty()));
-            for Piece { section, chunk, places } in pieces {
-                let dot =
-                    |(placed, color): (&Placed, [u8; 3])| Dot { along: placed.along, height: placed.height, color };
-                dots[*section].extend(places.iter().zip(colors_of(cloud, chunk, &plan, *up)).map(dot));
-            }
-        }
-        let series = |(name, dots): (&String, Vec<Dot>)| Series { name: name.clone(), total: dots.len() as u64, dots };
-        let series: Vec<Series> = self.sections.iter().zip(dots).map(series).collect();
-        profile_chart::write(output, &series, self.axis_units())
-    }
-
-    /// The rows by section and by distance along its line; of equal ones, in the order of files and points. Of several
-    /// sections, the first column has the name.
-    fn into_csv(self) -> anyhow::Result<String> {
-        let mut order: Vec<(usize, usize, usize)> = Vec::new();
-        for (part, Part { pieces, .. }) in self.parts.iter().enumerate() {
-            for (piece, Piece { places, .. }) in pieces.iter().enumerate() {
-                order.extend((0..places.len()).map(|index| (part, piece, index)));
-            }
-        }
-        let place = |(part, piece, index): &(usize, usize, usize)| {
-            let Piece { section, places, .. } = &self.parts[*part].pieces[*piece];
-            (*section, places[*index].along)
-        };
-        order.sort_by(|a, b| place(a).0.cmp(&place(b).0).then(place(a).1.total_cmp(&place(b).1)));
-        let mut writer = csv::Writer::from_writer(Vec::new());
-        let has_names = self.sections.len() > 1;
-        let first = has_names.then_some("profile");
-        writer.write_record(first.into_iter().chain(FIXED).chain(self.attributes.iter().map(String::as_str)))?;
-        for (part, piece, index) in order {
-            let Part { cloud, pieces, columns, .. } = &self.parts[part];
-            let Piece { section, chunk, places } = &pieces[piece];
-            let (placed, position) = (places[index], cloud.world_position(chunk, index).to_array());
-            let lengths = [placed.along, placed.height, placed.across].into_iter().chain(position);
-            let color = chunk.colors.as_ref().map(|colors| colors[index]);
-            let colors = (0..3).map(|channel| color.map_or(String::new(), |color| color[channel].to_string()));
-            let mut own = vec![String::new(); self.attributes.len()];
-            for (column, values) in columns.iter().zip(&chunk.columns) {
-                if let (Some(column), Some(values)) = (column, values) {
-                    own[*column] = values.text(index);
-                }
-            }
-            let name = has_names.then(|| self.sections[*section].clone());
-            let lengths = lengths.map(|length| length.to_string());
-            writer.write_record(name.into_iter().chain(lengths).chain(colors).chain(own))?;
-        }
-        Ok(String::from_utf8(writer.into_inner()?)?)
-    }
 }

@@ -15,9 +15,10 @@ use world::Request;
 
 use crate::commands::chosen::{self, AutoStats};
 use crate::commands::recording::{self, PathChoice, Recorder};
-use crate::commands::render::{Viewpoint, check_is_made, check_size};
+use crate::commands::render::{check_is_made, check_size};
 use crate::commands::subject::{self, LoadedSubject};
 use crate::shared::command_line::RecordArguments;
+use crate::shared::viewpoint::Viewpoint;
 use crate::system::failure::usage;
 use crate::system::film::Output;
 use crate::system::progress_bar::{self, Bar};

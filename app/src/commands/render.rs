@@ -3,29 +3,25 @@
 //!
 //! Everything that a user may have mistyped is checked before the first point is read.
 
-use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use glam::DVec3;
 use param::Choice as _;
-use render::{Aov, CameraCount, FrameStats, Gpu, MapCount, MapLimit, MapUse, PassStage, Renderer};
-use scene::{Camera, Method, SceneFile, Settings, StandardView, Start, whole_file};
-use serde::Serialize;
-use study::results::Spread;
+use render::{Aov, FrameStats, Gpu, Renderer};
+use scene::{Method, Settings};
 use study::{Estimate, Subject, View};
 use world::Request;
 
-use crate::commands::chosen::{self, AutoStats};
-use crate::commands::listing;
+use crate::commands::chosen;
 use crate::commands::recording::{self, PathChoice, Recorder};
+use crate::commands::stats::Stats;
 use crate::commands::subject::{self, LoadedSubject};
 use crate::commands::truth::{self, Asked, Reference};
 use crate::overlays;
 use crate::shared::command_line::RenderArguments;
+use crate::shared::viewpoint::Viewpoint;
 use crate::system::failure::usage;
-use crate::system::peak_memory::host_peak_bytes;
 use crate::system::progress_bar::Bar;
 use crate::system::{interrupt, picture_file, terminal};
 
@@ -79,7 +75,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     check_size(&gpu, arguments.size)?;
     terminal::warn(&request.warnings);
 
-    let camera = |outline: &[DVec3], up, room| viewpoint.camera(outline, up, room, &settings, arguments.size);
+    let camera = |outline: &[glam::DVec3], up, room| viewpoint.camera(outline, up, room, &settings, arguments.size);
     let LoadedSubject { mut subject, status, stream, sources, facts } =
         match subject::open(&gpu, request, &settings, arguments.size, camera)? {
             Ok(opened) => opened,
@@ -129,8 +125,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         picture_file::write_exr(path, image)?;
     }
     if let Some(path) = &arguments.stats {
-        let stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?);
-        let stats = Stats { stream, estimate, auto, ..stats.with(traced) };
+        let mut stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?).with(traced);
+        (stats.stream, stats.estimate, stats.auto) = (stream, estimate, auto);
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(status)
@@ -301,78 +297,6 @@ fn needs_extension(path: &Path, extension: &str) -> anyhow::Result<()> {
     Err(usage(format!("{}: the name must end in .{extension}, which is what will be in it", scene::shown(path))))
 }
 
-/// How the camera of the picture is found.
-pub enum Viewpoint {
-    Camera(Camera),
-    /// The camera stands where `view.start` says.
-    Start,
-    /// The camera looks from this side and has everything in the picture.
-    Framing(StandardView),
-}
-
-impl Viewpoint {
-    /// `word` is the value of `--camera`. Parameters from a camera file go into `settings`, its mirrors and lights into
-    /// `request`.
-    ///
-    /// # Errors
-    /// The word names no view, or a file that cannot be read.
-    pub fn new(word: Option<&OsStr>, request: &mut Request, settings: &mut Settings) -> anyhow::Result<Self> {
-        let own = request.view.as_ref().and_then(|view| view.camera);
-        let Some(word) = word else {
-            return Ok(own.map_or(Self::Start, Self::Camera));
-        };
-        if word == "scene" {
-            let none =
-                || usage("--camera scene: the inputs bring no camera; only scene files and built-in scenes have one");
-            return own.map(Self::Camera).ok_or_else(none);
-        }
-        if let Some(index) = StandardView::NAMES.iter().position(|name| word == *name) {
-            let view = StandardView::from_index(index as u32).unwrap_or(StandardView::Isometric);
-            return Ok(Self::Framing(view));
-        }
-        let path = Path::new(word);
-        let (file, word) = if word == "-" {
-            let name = "standard input";
-            let file = SceneFile::parse(&whole_file::read_from(std::io::stdin(), name)?);
-            (file.with_context(|| format!("--camera -: {name}"))?, "-".to_owned())
-        } else if path.exists() {
-            (SceneFile::read(path)?.0, scene::shown(path))
-        } else {
-            let (word, names) = (scene::shown(path), StandardView::NAMES.join(", "));
-            return Err(usage(format!(
-                "--camera {word}: no such file, and none of {names}, scene, - (standard input)"
-            )));
-        };
-        let view = file.view();
-        request.refurnish(&file);
-        terminal::warn(view.warnings.iter().map(|warning| format!("{word}: {warning}")));
-        for (key, value) in view.settings.differing() {
-            settings.set_text(&key, &value)?;
-        }
-        view.camera.map(Self::Camera).ok_or_else(|| usage(format!("--camera {word}: there is no [camera] in it")))
-    }
-
-    /// `room` is a camera in the room, if the scene is one.
-    pub fn camera(
-        &self,
-        outline: &[DVec3],
-        up: DVec3,
-        room: Option<Camera>,
-        settings: &Settings,
-        size: [u32; 2],
-    ) -> Camera {
-        let aspect = f64::from(size[0]) / f64::from(size[1]);
-        let framing = |view| Camera::framing(outline, view, up, settings.view.field_of_view, aspect);
-        match self {
-            Self::Camera(camera) => *camera,
-            Self::Start => {
-                room.filter(|_| settings.view.start == Start::Auto).unwrap_or_else(|| framing(StandardView::Isometric))
-            }
-            Self::Framing(view) => framing(*view),
-        }
-    }
-}
-
 /// Estimates the error of the frame that was drawn last for a picture of this size.
 fn estimate(
     subject: &Subject,
@@ -387,227 +311,6 @@ fn estimate(
 /// Counts the pixels that show a mirror, whether or not their reflections were looked for.
 fn mirror_pixels(renderer: &Renderer) -> render::Result<usize> {
     Ok(renderer.read_aov(Aov::Mirror)?.data.iter().filter(|value| **value > 0.0).count())
-}
-
-/// The content of `--stats`; names and order are fixed. Figures of reflections are about the first bounce, and null if
-/// no reflections were looked for.
-#[derive(Serialize)]
-struct Stats {
-    adapter: AdapterStats,
-    clock: &'static str,
-    size: [u32; 2],
-    method: &'static str,
-    /// What `--set` must say for this picture: the parameters that differ from the defaults, and those that were given.
-    set: BTreeMap<String, serde_json::Value>,
-    points: PointStats,
-    /// The times are medians over the frames.
-    passes: Vec<PassStats>,
-    frame_ms: f64,
-    frames: usize,
-    /// The stops that were fitted to the picture, with those of `tone.exposure`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    exposure: Option<f32>,
-    mirror_pixels: usize,
-    coverage: Option<f64>,
-    closed_coverage: Option<f64>,
-    hit_rate: Option<f64>,
-    regions: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    unresolved: Option<f64>,
-    /// The maps around mirrors, of `cubemap_trace` and `light_field`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    maps: Option<MapStats>,
-    /// The cells of space of `sample_cameras`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cameras: Option<CameraStats>,
-    uncertain: Option<f64>,
-    /// The method that found what is seen through glass and water, where there is some.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    seen_through_by: Option<&'static str>,
-    bounces: u32,
-    memory: MemoryStats,
-    /// Null if all clouds are held in memory.
-    stream: Option<subject::StreamReport>,
-    accuracy: Option<study::Accuracy>,
-    /// Null if it was not asked for, or there is nothing to estimate.
-    estimate: Option<Estimate>,
-    /// What `--budget` or `--error` let `auto` choose.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    auto: Option<AutoStats>,
-}
-
-#[derive(Serialize)]
-struct AdapterStats {
-    name: String,
-    backend: String,
-    kind: &'static str,
-}
-
-#[derive(Serialize)]
-struct PointStats {
-    scene: u64,
-    drawn: u64,
-}
-
-#[derive(Serialize)]
-struct PassStats {
-    name: &'static str,
-    stage: &'static str,
-    ms: f64,
-}
-
-#[derive(Serialize)]
-struct MapStats {
-    drawn: u32,
-    /// Fewer are drawn where they do not fit into one binding of the adapter, or into `light_field.memory`.
-    asked: u32,
-    #[serde(flatten)]
-    map_use: Option<MapUseStats>,
-}
-
-/// Of `light_field`.
-#[derive(Serialize)]
-struct MapUseStats {
-    /// The maps that were drawn for the last frame, and those that stood before.
-    new: u32,
-    kept: u32,
-    /// The share of what mirror pixels ask for of which no map stood.
-    missed: f64,
-    bytes: u64,
-    /// What limits the maps; null if nothing does.
-    limit: Option<&'static str>,
-    /// The share of mirror pixels that are predicted to be off by more than `light_field.accuracy`; null if that is 0.
-    off: Option<f64>,
-    /// The texels that were traced for the last frame; null where maps are made as a whole.
-    texels: Option<u32>,
-}
-
-#[derive(Serialize)]
-struct CameraStats {
-    pinholes: u32,
-    lists: u32,
-    /// How many copies of each ray there are in all cells.
-    ray_copies: f32,
-    bytes: u64,
-    /// The time that making them took.
-    ms: f32,
-    /// The share of the points found that a list projects.
-    listed: f32,
-}
-
-impl CameraStats {
-    fn new(cameras: &CameraCount) -> Self {
-        let CameraCount { pinholes, lists, copies, bytes, milliseconds, listed, .. } = *cameras;
-        Self { pinholes, lists, ray_copies: copies, bytes, ms: milliseconds, listed }
-    }
-}
-
-#[derive(Serialize)]
-struct MemoryStats {
-    gpu_bytes: u64,
-    host_peak_bytes: Option<u64>,
-}
-
-impl Stats {
-    fn new(
-        arguments: &RenderArguments,
-        gpu: &Gpu,
-        settings: &Settings,
-        frames: &[FrameStats],
-        mirror_pixels: usize,
-    ) -> Self {
-        let mut said: Vec<&str> = arguments.set.iter().map(|(key, _)| key.as_str()).collect();
-        said.extend(arguments.seed.map(|_| "scene.seed"));
-        let last = frames.last();
-        let reflection = last.and_then(|frame| frame.reflection);
-        let median = |values: Vec<f64>| Spread::of(values).map_or(0.0, |spread| spread.median);
-        let pass_median = |name: &str| {
-            let of_name = |frame: &FrameStats| {
-                frame.passes.iter().filter(|pass| pass.name == name).map(|pass| pass.milliseconds).sum::<f64>()
-            };
-            median(frames.iter().map(of_name).collect())
-        };
-        let mut passes: Vec<PassStats> = Vec::new();
-        for pass in last.iter().flat_map(|frame| &frame.passes) {
-            if passes.iter().all(|listed| listed.name != pass.name) {
-                passes.push(PassStats { name: pass.name, stage: pass.stage.name(), ms: pass_median(pass.name) });
-            }
-        }
-        Self {
-            adapter: AdapterStats {
-                name: gpu.info.name.clone(),
-                backend: gpu.info.backend.to_string(),
-                kind: render::kind_name(gpu.info.device_type),
-            },
-            clock: gpu.clock.name(),
-            size: arguments.size,
-            method: settings.reflection.method.name(),
-            set: set_values(settings, &said),
-            points: PointStats {
-                scene: last.map_or(0, |frame| frame.points_resident),
-                drawn: last.map_or(0, |frame| frame.points_drawn),
-            },
-            passes,
-            frame_ms: median(frames.iter().map(|frame| frame.frame_milliseconds).collect()),
-            frames: frames.len(),
-            exposure: frames.last().and_then(|frame| frame.exposure).map(|exposure| exposure.stops),
-            mirror_pixels,
-            coverage: reflection.map(|stats| stats.coverage),
-            closed_coverage: reflection.map(|stats| stats.closed_coverage),
-            hit_rate: reflection.and_then(|stats| stats.hit_rate),
-            regions: reflection.and_then(|stats| stats.regions),
-            unresolved: reflection.and_then(|stats| stats.unresolved),
-            maps: reflection.and_then(|stats| {
-                let MapCount { drawn, asked } = stats.maps?;
-                let map_use = stats.map_use.map(|MapUse { new, kept, missed, bytes, limit, off, texels }| {
-                    let limit = limit.map(MapLimit::name);
-                    MapUseStats { new, kept, missed, bytes, limit, off, texels }
-                });
-                Some(MapStats { drawn, asked, map_use })
-            }),
-            cameras: reflection.and_then(|stats| stats.cameras).map(|cameras| CameraStats::new(&cameras)),
-            uncertain: reflection.map(|stats| stats.uncertain),
-            seen_through_by: reflection.and_then(|stats| stats.seen_through_by).map(|method| method.row().name),
-            bounces: reflection.map_or(0, |stats| stats.bounces),
-            memory: MemoryStats {
-                gpu_bytes: last.map_or(0, |frame| frame.gpu_bytes),
-                host_peak_bytes: host_peak_bytes(),
-            },
-            stream: None,
-            accuracy: None,
-            estimate: None,
-            auto: None,
-        }
-    }
-
-    /// Adds what the ray tracer found. If it is the method, its figures replace those of the renderer.
-    fn with(mut self, traced: truth::Outcome) -> Self {
-        self.accuracy = traced.accuracy;
-        if let Some(method) = traced.method {
-            self.method = truth::RAY_TRACE;
-            self.set.remove("reflection.method");
-            let (name, stage) = (truth::RAY_TRACE, PassStage::Method.name());
-            self.passes.push(PassStats { name, stage, ms: method.milliseconds });
-            self.frame_ms += method.milliseconds;
-            (self.coverage, self.closed_coverage) = (method.coverage, method.coverage);
-            self.bounces = method.bounces;
-        }
-        self
-    }
-}
-
-pub fn set_values(settings: &Settings, said: &[&str]) -> BTreeMap<String, serde_json::Value> {
-    let mut set = BTreeMap::new();
-    for params in settings.groups() {
-        let group = params.group();
-        for (field, value) in group.fields.iter().zip(params.values()) {
-            let key = format!("{}.{}", group.name, field.name);
-            if value != field.default() || said.contains(&key.as_str()) {
-                set.insert(key, listing::value_json(field, &value));
-            }
-        }
-    }
-    set
 }
 
 #[cfg(test)]
@@ -670,31 +373,5 @@ mod tests {
         assert!(refusal(&[scene, "-o", &picture, "--stats", &path("cloud.laz")]).contains(".json"));
         let images = [format!("depth={}", path("a.exr")), format!("normal={}", path("./a.exr"))];
         assert!(refusal(&[scene, "-o", &picture, "--aov", &images[0], "--aov", &images[1]]).contains("two outputs"));
-    }
-
-    #[test]
-    fn parameters_of_a_camera_file_yield_to_set() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("view.toml");
-        let mut settings = Settings::default();
-        settings.splat.size = 3.0;
-        settings.edl.strength = 2.0;
-        let camera = Camera::looking(DVec3::ONE, DVec3::X, 5.0, DVec3::Z);
-        std::fs::write(&path, SceneFile::new(Vec::new(), camera, &settings).to_text()).unwrap();
-        let mut settings = Settings::default();
-        let viewpoint = Viewpoint::new(Some(path.as_os_str()), &mut Request::default(), &mut settings).unwrap();
-        settings.set_text("splat.size", "4").unwrap();
-        assert_eq!((settings.splat.size, settings.edl.strength), (4.0, 2.0));
-        let seen = viewpoint.camera(&[], DVec3::Z, None, &settings, [8, 8]);
-        assert!(seen.eye.distance(camera.eye) < 1e-12);
-    }
-
-    #[test]
-    fn stats_name_what_was_set_even_to_its_default() {
-        let mut settings = Settings::default();
-        settings.set_text("splat.size", "2").unwrap();
-        let set = set_values(&settings, &["edl.radius"]);
-        assert_eq!(set.keys().collect::<Vec<_>>(), ["edl.radius", "splat.size"]);
-        assert_eq!(set["splat.size"], serde_json::json!(2.0));
     }
 }

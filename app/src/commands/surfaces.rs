@@ -10,10 +10,10 @@ use scene::Settings;
 use serde::Serialize;
 use study::{HoldOut, Ruler, Scan, ScannerFrom, Sightlines};
 
-use crate::commands::info::grouped;
-use crate::commands::render::set_values;
 use crate::commands::scans;
+use crate::commands::stats::set_values;
 use crate::shared::command_line::SurfacesArguments;
+use crate::shared::numbers::grouped;
 use crate::system::failure::{self, FAILED, UNUSABLE};
 use crate::system::terminal::{self, Few, print};
 use crate::system::{interrupt, progress_bar};

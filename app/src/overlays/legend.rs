@@ -8,7 +8,7 @@ use scene::Ramp;
 use stream::COMPARED;
 
 use super::ground;
-use super::steps;
+use crate::shared::steps;
 
 /// The most numbers beside a ramp.
 const MOST_TICKS: usize = 6;

@@ -10,7 +10,6 @@ pub mod labels;
 pub mod legend;
 pub mod lens;
 mod scale_bar;
-pub mod steps;
 mod wipe;
 
 use codec::Units;

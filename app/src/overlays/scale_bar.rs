@@ -4,7 +4,7 @@ use codec::Units;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
 
 use super::ground;
-use super::steps;
+use crate::shared::steps;
 
 /// A length and how long it is in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]

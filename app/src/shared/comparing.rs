@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use scene::{Settings, shown};
 use world::half_of;
 
-use crate::commands::info::grouped;
+use crate::shared::numbers::grouped;
 use crate::system::failure::usage;
 
 /// The number of points of the first cloud that decide to which side normals point.

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use measure::{Nearest, Scatter, VolumeGrid};
 use scene::{Measurement, MeasurementKind};
 
-use crate::commands::info::grouped;
+use crate::shared::numbers::grouped;
 
 /// The points around a corner that tell how certain it is.
 const NEIGHBOURS: usize = 24;

@@ -2,5 +2,10 @@
 
 pub mod command_line;
 pub mod comparing;
+pub mod export;
 pub mod measuring;
+pub mod numbers;
 pub mod profile_chart;
+pub mod profiles;
+pub mod steps;
+pub mod viewpoint;

@@ -9,8 +9,8 @@ use render::ColorPlan;
 use study::SubjectPart;
 use study::chart::shapes::{self, Anchor, Shape};
 
-use crate::commands::info::grouped;
-use crate::overlays::steps;
+use crate::shared::numbers::grouped;
+use crate::shared::steps;
 use crate::system::picture_file;
 
 /// A point of a profile: where it is on the chart, in world units, and its sRGB colour.

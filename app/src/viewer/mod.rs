@@ -59,8 +59,8 @@ use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::WindowId;
 use world::Request;
 
-use crate::commands::render::Viewpoint;
 use crate::shared::command_line::ViewArguments;
+use crate::shared::viewpoint::Viewpoint;
 use crate::system::failure::{Interrupted, NoScreen, usage};
 use crate::system::interrupt;
 

@@ -61,6 +61,21 @@ impl Imports {
         Self(arrows)
     }
 
+    /// The imports of folders, each of which has the files that `folder_of` says. Files in no folder are left out.
+    pub fn of_folders(&self, folder_of: impl Fn(&str) -> Option<String>) -> Self {
+        let mut arrows: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
+        for (from, targets) in &self.0 {
+            let Some(folder) = folder_of(from) else { continue };
+            for (to, name) in targets {
+                let other = folder_of(to).filter(|other| *other != folder);
+                let Some(other) = other else { continue };
+                let imports = arrows.entry(folder.clone()).or_default();
+                imports.entry(other).or_insert_with(|| format!("{name} ({from} of {to})"));
+            }
+        }
+        Self(arrows)
+    }
+
     /// Groups of files that all import one another, directly or through others, if the arrows `without` (from, to) are left
     /// out. Each is sorted and has two files or more.
     pub fn circles(&self, without: &[(&str, &str)]) -> Vec<Names> {
@@ -384,6 +399,25 @@ mod tests {
         files[1].1 = "pub struct A; fn f() { crate::own() }";
         files[3].1 = "pub struct B;";
         assert_eq!(circles(&files), [["a.rs", "lib.rs"]]);
+    }
+
+    #[test]
+    fn files_without_a_circle_may_put_their_folders_into_one() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (name, text) in [
+            ("lib.rs", "mod a; mod b;"),
+            ("a/mod.rs", "pub mod high; pub mod low;"),
+            ("a/high.rs", "use crate::b::B;"),
+            ("a/low.rs", "pub struct Low;"),
+            ("b/mod.rs", "use crate::a::low::Low; pub struct B(Low);"),
+        ] {
+            std::fs::create_dir_all(folder.path().join(name).parent().expect("a folder")).expect("a folder");
+            std::fs::write(folder.path().join(name), text).expect("a file");
+        }
+        let imports = Imports::of(&folder.path().join("lib.rs"));
+        assert_eq!(imports.circles(&[]), Vec::<Names>::new());
+        let folders = imports.of_folders(|file| file.split_once('/').map(|(folder, _)| folder.to_owned()));
+        assert_eq!(folders.circles(&[]), [["a", "b"]]);
     }
 
     #[test]

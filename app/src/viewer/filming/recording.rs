@@ -8,12 +8,12 @@ use serde_json::json;
 use crate::system::progress_bar::Stage;
 use crate::viewer::jobs::process::{Ended, Leash};
 use crate::viewer::loaded::Loaded;
+use crate::viewer::requests::file_names::free_path;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::recording::Wanted;
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
-use crate::viewer::session::views::free_path;
 
 #[derive(Default)]
 pub struct Recording {

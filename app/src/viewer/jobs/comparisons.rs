@@ -11,8 +11,8 @@ use scene::{CloudSettings, Settings, Strays};
 use stream::COMPARED;
 use world::{CloudKey, half_of};
 
-use crate::commands::export;
 use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
+use crate::shared::export;
 
 /// What a person has chosen to compare.
 #[derive(Clone, Debug, Default, PartialEq)]

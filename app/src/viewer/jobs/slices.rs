@@ -11,8 +11,8 @@ use render::ColorPlan;
 use scene::{CloudSettings, Profile, Settings};
 use world::{CloudKey, Part};
 
-use crate::commands::profile;
 use crate::shared::profile_chart::{self, AxisUnits, Dot, Series, colors_of};
+use crate::shared::profiles;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::picture::render_thread::PickedPoint;
 
@@ -98,7 +98,7 @@ impl ProfileWork {
                 ProfileFound::Saved { path, result: result.map_err(|error| format!("{error:#}")) }
             }
             Self::Write { path, inputs, own, profiles, test, settings } => {
-                let result = profile::write(&inputs, own, &profiles, &test, &settings, &path);
+                let result = profiles::write(&inputs, own, &profiles, &test, &settings, &path);
                 ProfileFound::Saved { path, result: result.map_err(|error| format!("{error:#}")) }
             }
         }

@@ -16,10 +16,10 @@ use crate::viewer::jobs::comparisons::{CompareDraft, Compared, Comparing, Compar
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::requests::action::Compare;
+use crate::viewer::requests::file_names::{free_path, picture_name};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Effect;
 use crate::viewer::requests::work::Work;
-use crate::viewer::session::views::{free_path, picture_name};
 
 impl Loaded {
     pub fn compare(&mut self, step: Compare, beside: &mut Beside<'_>) {

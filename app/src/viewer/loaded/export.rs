@@ -10,11 +10,11 @@ use serde_json::json;
 
 use crate::viewer::loaded::{Loaded, Writing};
 use crate::viewer::requests::action::Export;
+use crate::viewer::requests::file_names::free_path;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::{Asked, Effect, Outside};
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
-use crate::viewer::session::views::free_path;
 
 impl Loaded {
     pub fn export(&mut self, step: Export, scene: &Scene, outside: &mut Outside) {

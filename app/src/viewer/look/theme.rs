@@ -2,7 +2,7 @@
 
 use egui::{Color32, CornerRadius, Stroke, TextStyle};
 
-pub use crate::commands::info::grouped;
+pub use crate::shared::numbers::grouped;
 
 /// A warm amber for changed values, active tools and links.
 pub const ACCENT: Color32 = Color32::from_rgb(0xe6, 0xb2, 0x5c);

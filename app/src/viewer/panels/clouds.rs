@@ -64,7 +64,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let known = |figures: &Figures| (figures.strays.unwrap_or(0), figures.noise.flatten());
             let (strays, noise) = entry.figures.as_ref().map_or((0, None), known);
             let strays = (strays > 0).then(|| format!("{} stray", grouped(strays)));
-            let noise = noise.map(|noise| format!("noise {}", crate::commands::info::two_digits(noise)));
+            let noise = noise.map(|noise| format!("noise {}", crate::shared::numbers::two_digits(noise)));
             let line: Vec<String> = strays.into_iter().chain(noise).collect();
             if !line.is_empty() {
                 let quality = ui.label(RichText::new(line.join(" · ")).small().color(theme::WEAK));

@@ -4,6 +4,7 @@ pub mod action;
 pub mod autosave;
 pub mod bindings;
 pub mod draft;
+pub mod file_names;
 pub mod messages;
 pub mod outside;
 pub mod path_prompt;

@@ -13,7 +13,7 @@ use scene::{CloudSettings, Measurement, Mirror, MirrorNormals, MirrorPoints, Set
 use world::mirrors::{self, Marked};
 use world::{AutoLight, CloudKey, IndexEntry, Moved, Own};
 
-use crate::commands::export;
+use crate::shared::export;
 use crate::shared::measuring::{self, Outcome};
 use crate::system::picture_file;
 use crate::system::progress_bar::Stage;

@@ -17,13 +17,13 @@ use crate::viewer::objects::history::{History, Marks};
 use crate::viewer::requests::action::Filing;
 use crate::viewer::requests::autosave::{Abandoned, Keeper};
 use crate::viewer::requests::bindings::COMMAND;
+use crate::viewer::requests::file_names::{free_path, picture_name};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::{Asked, Effect, Outside};
 use crate::viewer::requests::preferences::Preferences;
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
 use crate::viewer::scene::past_views::PastViews;
-use crate::viewer::session::views::{free_path, picture_name};
 
 /// Unsaved work is written at most this often.
 const INTERVAL: Duration = Duration::from_secs(3);

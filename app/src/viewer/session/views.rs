@@ -10,10 +10,11 @@ use crate::shared::command_line::quoted;
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::study_file::{STUDY, group_of};
 use crate::viewer::loaded::Loaded;
-use crate::viewer::objects::clouds::{CloudEntry, short_name};
+use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{OwnSettings, Placed, PlacedClip, PlacedProfile};
 use crate::viewer::picture::render_thread::{Command, FrameRequest};
 use crate::viewer::requests::action::PictureDraft;
+use crate::viewer::requests::file_names::{free_path, picture_name};
 use crate::viewer::requests::outside::{Effect, Outside};
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
@@ -259,25 +260,10 @@ fn named_files(file: &mut SceneFile) -> impl Iterator<Item = &mut String> {
     clouds.chain(meshes)
 }
 
-/// Returns a name for files: `office` for `scans/office.laz`, `five-mirrors-sphere` for a built-in scene.
-pub fn picture_name(input: &str) -> String {
-    let name = short_name(input);
-    if name.contains('/') {
-        return name.replace('/', "-");
-    }
-    Path::new(name).file_stem().map_or(name.into(), |stem| stem.to_string_lossy().into_owned())
-}
-
 /// Returns the next free name of a picture of what is open.
 fn free_picture(loaded: &Loaded) -> PathBuf {
     let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
     free_path(Path::new(""), &name, "png")
-}
-
-/// Returns `glint-NAME-1.png`, or the same with the first number that is free.
-pub fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
-    let path = |number: u32| folder.join(format!("glint-{name}-{number}.{extension}"));
-    (1..u32::MAX).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
 }
 
 #[cfg(test)]

@@ -16,10 +16,10 @@ use crate::viewer::objects::ObjectId;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::picture::render_thread::PickedPoint;
 use crate::viewer::requests::action::Profiling;
+use crate::viewer::requests::file_names::free_path;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
-use crate::viewer::session::views::free_path;
 use crate::viewer::tools::measurements::units;
 
 /// The most copies that are stacked at once.

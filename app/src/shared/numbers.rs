@@ -1,0 +1,21 @@
+//! Numbers as text, for people.
+
+/// Groups the digits of a number: `1234567` becomes `1,234,567`.
+pub fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().filter_map(|group| std::str::from_utf8(group).ok()).collect();
+    groups.join(",")
+}
+
+/// Formats a positive number with two digits that count: `0.0016`, `12`.
+pub fn two_digits(value: f64) -> String {
+    let decimals = (1.0 - value.log10().floor()).clamp(0.0, 12.0) as usize;
+    coordinate(value, decimals)
+}
+
+/// Formats a number with at most `decimals` decimals, without zeros at the end.
+pub fn coordinate(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    if decimals == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
+}
