@@ -39,22 +39,8 @@ const RESERVED: [(&str, &[&str]); 6] = [
 ];
 
 /// Imports that close circles of more than two files: the crate, who imports, and whom. This list may only shrink.
-const KNOWN_CIRCLES: [(&str, &[(&str, &str)]); 3] = [
-    (
-        "codec",
-        &[
-            // `Source` lists the formats; the formats take `Info`, `Selection` and `Summary` from the same file.
-            ("las.rs", "lib.rs"),
-            ("las/copc_writer.rs", "lib.rs"),
-            ("ply.rs", "lib.rs"),
-            ("ply/columns.rs", "lib.rs"),
-            // The writer takes what it reads from the reader, which hands the writer on to lib.rs.
-            ("las.rs", "las/copc_writer.rs"),
-        ],
-    ),
-    ("stream", &[("pages.rs", "cache.rs"), ("storage.rs", "cache.rs")]),
-    ("trace", &[("light.rs", "indirect.rs")]),
-];
+const KNOWN_CIRCLES: [(&str, &[(&str, &str)]); 2] =
+    [("stream", &[("pages.rs", "cache.rs"), ("storage.rs", "cache.rs")]), ("trace", &[("light.rs", "indirect.rs")])];
 
 /// Folders that import one another: the crate, and the folders of a circle. This list may only shrink.
 const KNOWN_FOLDER_CIRCLES: [(&str, &[&str]); 2] =

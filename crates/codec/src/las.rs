@@ -10,7 +10,7 @@ pub mod column_records;
 mod columns;
 mod compressed;
 mod copc;
-mod copc_writer;
+pub mod copc_writer;
 mod extra_layers;
 mod gps_times;
 mod header;
@@ -38,7 +38,6 @@ use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, ColorDepth, ReadPlan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
 pub use copc::{Copc, CopcNode};
-pub use copc_writer::{CopcSummary, write_copc};
 use header::Header;
 use layout::{Layout, Reading, bytes};
 
