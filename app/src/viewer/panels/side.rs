@@ -9,7 +9,7 @@ use scene::Object;
 use crate::viewer::look::tab::Tab;
 use crate::viewer::look::theme;
 use crate::viewer::objects::ObjectId;
-use crate::viewer::objects::clouds::short_name;
+use crate::viewer::objects::clouds::{CloudEntry, short_name};
 use crate::viewer::panels::{self, presets};
 use crate::viewer::requests::action::{Action, Filing};
 use crate::viewer::requests::bindings;
@@ -185,7 +185,9 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
             continue;
         }
         shown.push(group.section);
-        section(ui, group.section, true, |ui| parameter_groups(ui, session, group.section, actions));
+        // How files are read is chosen before they are open: what is open comes first.
+        let is_open = group.section != scene::Surface::table().section;
+        section(ui, group.section, is_open, |ui| parameter_groups(ui, session, group.section, actions));
     }
     lights_are_shown
 }
@@ -225,6 +227,18 @@ fn is_of_another_method(session: &Session, group: &Group) -> bool {
     is_of_a_method && in_use.group != Some(group.name)
 }
 
+/// The parameters that change nothing of what is open: the points of meshes and of built-in scenes where there are none.
+/// The search finds them.
+fn idle(session: &Session) -> Vec<(&'static str, &'static str)> {
+    let clouds = &session.loaded.clouds;
+    let has_mesh = clouds.iter().any(|entry| entry.source.as_ref().is_some_and(|source| source.is_mesh()));
+    let has_built_in = clouds.iter().any(CloudEntry::is_built_in);
+    let (surface, scene) = (scene::Surface::table().name, scene::SceneSettings::table().name);
+    let of_meshes = (!has_mesh).then_some((surface, "mesh_points"));
+    let of_scenes = (!has_built_in).then_some([(scene, "points"), (scene, "seed")]);
+    of_meshes.into_iter().chain(of_scenes.into_iter().flatten()).collect()
+}
+
 fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut Vec<Action>) {
     let groups = session.scene.settings.groups().into_iter().filter(|params| params.group().section == section);
     let (others, used): (Vec<&dyn Params>, Vec<&dyn Params>) =
@@ -246,6 +260,11 @@ fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut
 
 fn parameter_group(ui: &mut Ui, session: &Session, params: &dyn Params, has_heading: bool, actions: &mut Vec<Action>) {
     let group = params.group();
+    let idle = idle(session).into_iter().filter(|(name, _)| *name == group.name).map(|(_, field)| field);
+    let skipped: Vec<&str> = ELSEWHERE.into_iter().chain(idle).collect();
+    if group.fields.iter().all(|field| skipped.contains(&field.name)) {
+        return;
+    }
     if has_heading {
         ui.label(RichText::new(subject(group)).small().color(theme::WEAK)).on_hover_text(group.help);
     }
@@ -253,7 +272,7 @@ fn parameter_group(ui: &mut Ui, session: &Session, params: &dyn Params, has_head
         let mirrors = session.scene.objects.mirrors.iter().map(|placed| &placed.mirror);
         presets::show(ui, &session.scene.settings, mirrors, actions);
     }
-    panels::parameters::parameters(ui, params, &ELSEWHERE, actions);
+    panels::parameters::parameters(ui, params, &skipped, actions);
 }
 
 fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Action>) {
@@ -329,6 +348,20 @@ mod tests {
         harness.run_ok();
         assert!(!has(&harness, "Clouds") && has(&harness, "Measurements and notes"));
         assert_eq!(harness.state().preferences.tab, "Measure");
+    }
+
+    #[test]
+    fn the_first_tab_has_no_parameters_of_meshes_and_built_in_scenes_where_none_is_open() {
+        let mut harness = harness(Tab::Data);
+        harness.run_ok();
+        assert!(!has(&harness, "Neighbours"), "how files are read is folded");
+        harness.get_by_label("When loading").click();
+        harness.run_ok();
+        assert!(has(&harness, "Neighbours") && !has(&harness, "Mesh points") && !has(&harness, "Seed"));
+        assert!(!has(&harness, "Built-in scenes"));
+        harness.state_mut().act(Action::Search("mesh points".into()));
+        harness.run_ok();
+        assert!(has(&harness, "Mesh points"));
     }
 
     #[test]
