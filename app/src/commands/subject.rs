@@ -16,7 +16,7 @@ use scene::{Camera, CloudSettings, Measurement, Mirror, MirrorPoints, MirrorSurf
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
 use world::{
-    Apart, Assembly, AutoLight, Change, CloudKey, CloudTask, Event, Input, Job, Request, Resident, StreamStats,
+    Assembly, AutoLight, Change, CloudKey, CloudTask, Event, Extent, Input, Job, Request, Resident, StreamStats,
     StreamView, mirrors,
 };
 
@@ -92,7 +92,7 @@ pub fn open(
     // Those of a folder are told apart by their names.
     let placed = loads.clouds.iter().enumerate().filter_map(|(index, loaded)| Some((index, loaded.placement()?)));
     let placed: BTreeMap<usize, Placement> = placed.collect();
-    let is_shown = |loaded: &Assembly| own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on);
+    let is_shown = |loaded: &Assembly| world::own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on);
     let hidden = loads.clouds.iter().enumerate().filter(|(_, loaded)| !is_shown(loaded));
     let hidden: BTreeSet<usize> = hidden.map(|(index, _)| index).collect();
     for loaded in &mut loads.clouds {
@@ -101,16 +101,9 @@ pub fn open(
     }
     read_meshes(&mut request.mirrors, settings, &mut loads.status);
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
-    let apart = Apart::of(
-        &loads
-            .shown(&hidden)
-            .map(|loaded| loaded.place(cloud::robust_bounds(&loaded.cloud.shown(&test).chunks)))
-            .collect::<Vec<_>>(),
-    );
-    terminal::warn(param::few(apart.warnings, "warnings about where clouds lie"));
-    let near = loads.shown(&hidden).zip(apart.is_near).filter(|(_, is_near)| *is_near);
-    let outline = near.flat_map(|(loaded, _)| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));
-    let outline: Vec<DVec3> = outline.chain(own.flat_map(mirrors::outline)).collect();
+    let (outline, warnings) =
+        world::first_outline(loads.shown(&hidden).map(|loaded| extent(loaded, &test)).collect(), own);
+    terminal::warn(param::few(warnings, "warnings about where clouds lie"));
     let Some(up) = loads.shown(&hidden).find(|loaded| loaded.points > 0).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", names.join(", "))));
     };
@@ -141,7 +134,7 @@ pub fn open(
     }
     drop(job);
     let Loads { mut clouds, mirrors: mut placed, status, stream, .. } = loads;
-    clouds.retain(|loaded| own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on));
+    clouds.retain(|loaded| world::own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on));
     let area = mirrors::area_per_point(clouds.iter().map(|loaded| &loaded.cloud), &test);
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
     let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.shown(&test).chunks).collect();
@@ -155,13 +148,14 @@ pub fn open(
         // Other points have come for the view.
         light = AutoLight::around(&all, up);
     }
-    let has_lamp = request.lights.is_empty() && light.lamp_shines(settings.light.by, camera.eye);
+    let has_lamp = request.lights.is_empty();
     if has_lamp {
         request.lights.extend(light.lamp());
     }
+    let lights = world::shining(request.lights.clone(), has_lamp, &light, settings.light.by, camera.eye);
     drop(all);
     let colored = clouds.iter().flat_map(|loaded| {
-        let by = own_settings(&request.cloud_settings, loaded).and_then(CloudSettings::color_by);
+        let by = world::own_settings(&request.cloud_settings, loaded).and_then(CloudSettings::color_by);
         loaded.cloud.chunks.iter().map(move |chunk| (chunk, by))
     });
     let clues = light.clues(colored, has_lamp);
@@ -174,7 +168,7 @@ pub fn open(
     for loaded in &mut clouds {
         let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
         let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
-        let own = own_settings(&request.cloud_settings, loaded);
+        let own = world::own_settings(&request.cloud_settings, loaded);
         let shown = upload(&mut resident, loaded, &reflecting, own, settings, &test)?;
         if let Some(part) = shown.first().filter(|_| settings.overlay.legend) {
             facts.add_legend(&part.plan, &loaded.units, shown_classes(&loaded.cloud, &request.visibility));
@@ -202,7 +196,7 @@ pub fn open(
     if settings.overlay.labels {
         facts.marks = marks(&request, &clouds, up, &test, &units);
     }
-    let (store, lights) = (resident.store, request.lights);
+    let store = resident.store;
     let subject = Subject { parts, store, mirrors, lights, clues, camera, exact };
     // If some points of a mesh are hidden, its triangles are not what is drawn.
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
@@ -210,9 +204,10 @@ pub fn open(
     Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect(), facts }))
 }
 
-/// What a scene says of one cloud.
-fn own_settings<'a>(all: &'a [CloudSettings], loaded: &Assembly) -> Option<&'a CloudSettings> {
-    all.iter().find(|own| own.is_of(&loaded.input, &loaded.cloud.name))
+/// Where the points of a cloud lie that are shown.
+fn extent<'a>(cloud: &'a Assembly, test: &PointTest) -> Extent<'a> {
+    let shown = cloud.cloud.shown(test).chunks;
+    Extent { cloud, bounds: cloud::robust_bounds(&shown), outline: cloud::robust_outline(&shown) }
 }
 
 /// The classes that occur in a cloud and are not hidden, in order.
@@ -394,7 +389,7 @@ impl Loads {
                 let key = CloudKey(self.clouds.len() as u32);
                 let mut loaded = Assembly::open(key, opened).0;
                 // No points are there yet; those that come are moved as they do.
-                let placement = own_settings(&self.own, &loaded).and_then(CloudSettings::placement);
+                let placement = world::own_settings(&self.own, &loaded).and_then(CloudSettings::placement);
                 drop(loaded.put_moved(loaded.own().placed(placement)));
                 self.clouds.push(loaded);
             }

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Context as _;
 use glam::DVec3;
 use param::Choice as _;
-use scene::{Camera, SceneFile, Settings, StandardView, Start, whole_file};
+use scene::{Camera, SceneFile, Settings, StandardView, whole_file};
 use world::Request;
 
 use crate::system::failure::usage;
@@ -73,13 +73,11 @@ impl Viewpoint {
         size: [u32; 2],
     ) -> Camera {
         let aspect = f64::from(size[0]) / f64::from(size[1]);
-        let framing = |view| Camera::framing(outline, view, up, settings.view.field_of_view, aspect);
+        let first = |side| world::first_camera(side, room, outline, up, &settings.view, aspect);
         match self {
             Self::Camera(camera) => *camera,
-            Self::Start => {
-                room.filter(|_| settings.view.start == Start::Auto).unwrap_or_else(|| framing(StandardView::Isometric))
-            }
-            Self::Framing(view) => framing(*view),
+            Self::Start => first(None),
+            Self::Framing(side) => first(Some(*side)),
         }
     }
 }

@@ -36,6 +36,9 @@ pub struct ObjectKind {
     /// Whether an object is drawn as a symbol in the picture, by which it is selected. Others are selected by the
     /// points that represent them.
     pub has_symbol: bool,
+    /// Whether an object is drawn over the finished picture, with its name beside it while it is switched on: a change
+    /// of it draws no points again.
+    pub is_over_picture: bool,
     /// The most objects of the kind in a scene.
     pub most: usize,
 }
@@ -46,6 +49,7 @@ const MIRROR: ObjectKind = ObjectKind {
     can_turn: true,
     can_scale: true,
     has_symbol: false,
+    is_over_picture: false,
     most: MOST_MIRRORS,
 };
 
@@ -55,6 +59,7 @@ const LIGHT: ObjectKind = ObjectKind {
     can_turn: false,
     can_scale: false,
     has_symbol: true,
+    is_over_picture: false,
     most: usize::MAX,
 };
 
@@ -64,6 +69,7 @@ const CLIP: ObjectKind = ObjectKind {
     can_turn: true,
     can_scale: true,
     has_symbol: false,
+    is_over_picture: false,
     most: MOST_CLIPS,
 };
 
@@ -78,6 +84,7 @@ const MEASUREMENT: ObjectKind = ObjectKind {
     can_turn: false,
     can_scale: false,
     has_symbol: false,
+    is_over_picture: true,
     most: MOST_MEASUREMENTS,
 };
 
@@ -90,6 +97,7 @@ const PROFILE: ObjectKind = ObjectKind {
     can_turn: true,
     can_scale: false,
     has_symbol: false,
+    is_over_picture: true,
     most: MOST_PROFILES,
 };
 
@@ -106,6 +114,17 @@ impl Object {
             Self::Measurement(_) => &MEASUREMENT,
             Self::Note(_) => &NOTE,
             Self::Profile(_) => &PROFILE,
+        }
+    }
+
+    /// Whether the object is switched on. Kinds without a switch always are.
+    pub fn is_on(&self) -> bool {
+        match self {
+            Self::Mirror(_) | Self::Light(_) => true,
+            Self::Clip(clip) => clip.on,
+            Self::Measurement(measurement) => measurement.on,
+            Self::Note(note) => note.on,
+            Self::Profile(profile) => profile.on,
         }
     }
 

@@ -21,6 +21,7 @@ mod loader;
 mod mailbox;
 mod meshes;
 pub mod mirrors;
+mod opening;
 mod reading;
 mod resident;
 mod source;
@@ -40,6 +41,7 @@ pub use job::{Job, start, start_unseen};
 pub use light::AutoLight;
 pub use mailbox::{IndexRequest, Mailbox, StreamView};
 pub use meshes::with_mesh;
+pub use opening::{Extent, first_camera, first_outline, own_settings, shining};
 pub use resident::Resident;
 pub use source::{
     asked_attributes, file_warnings, open_file, open_placed, options_for, parts, radii_of_shown, read_cloud,

@@ -449,12 +449,7 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
 
 /// Whether the picture already shows the object's name beside it.
 fn has_label(object: &Object) -> bool {
-    match object {
-        Object::Measurement(measurement) => measurement.on,
-        Object::Note(note) => note.on,
-        Object::Profile(profile) => profile.on,
-        Object::Mirror(_) | Object::Light(_) | Object::Clip(_) => false,
-    }
+    object.kind().is_over_picture && object.is_on()
 }
 
 /// Writes the name below the handles, and below a dot that is at one of `places` there.

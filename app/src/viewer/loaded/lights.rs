@@ -49,11 +49,9 @@ impl Loaded {
     /// The lights that shine. A room's lamp is left out when the camera is outside of the room, because it would light
     /// nothing that is visible.
     pub fn lights(&self, scene: &Scene) -> Vec<SpotLight> {
-        let light = &self.light_search.light;
-        if scene.objects.has_guess() && !light.lamp_shines(scene.settings.light.by, scene.camera.eye) {
-            return Vec::new();
-        }
-        scene.objects.lights.iter().map(|placed| placed.light).collect()
+        let lights = scene.objects.lights.iter().map(|placed| placed.light).collect();
+        let (by, eye) = (scene.settings.light.by, scene.camera.eye);
+        world::shining(lights, scene.objects.has_guess(), &self.light_search.light, by, eye)
     }
 
     /// What decides about automatic light now, besides the lights.

@@ -9,7 +9,7 @@ use cloud::{Bounds, Chunk, PointTest, Progress};
 use scene::{CloudSettings, ColorBy, Mirror, MirrorPoints, Ramp};
 use stream::{Node, NodeId, Octree};
 use world::mirrors::Marked;
-use world::{Apart, Assembly, CloudKey, Input, Mailbox, Part, StreamStats};
+use world::{Apart, Assembly, CloudKey, Extent, Input, Mailbox, Part, StreamStats};
 
 use crate::viewer::objects::figures::{Basis, Figures};
 use crate::viewer::objects::{ObjectId, Objects};
@@ -132,6 +132,16 @@ impl CloudEntry {
     pub fn paged_columns(&self) -> usize {
         let of_chunk = |chunk: &Chunk| chunk.columns.iter().filter(|column| column.is_some()).count();
         if self.is_indexed() { self.cloud.chunks.iter().map(of_chunk).min().unwrap_or(0) } else { 0 }
+    }
+
+    /// Where the shown points lie, as far as it is known.
+    pub fn extent(&self) -> Extent<'_> {
+        let (bounds, outline) = match &self.figures {
+            Some(figures) => (figures.bounds, figures.outline.clone()),
+            None if self.bounds.is_empty() => (self.bounds, Vec::new()),
+            None => (self.bounds, self.bounds.corners().to_vec()),
+        };
+        Extent { cloud: &self.assembly, bounds, outline }
     }
 
     /// True if the program made the cloud, so that there is no file.
@@ -268,6 +278,5 @@ pub fn short_name(input: &str) -> &str {
 
 /// Whether clouds can be seen together.
 pub fn apart(clouds: &[&CloudEntry]) -> Apart {
-    let bounds = |entry: &CloudEntry| entry.figures.as_ref().map_or(entry.bounds, |figures| figures.bounds);
-    Apart::of(&clouds.iter().map(|entry| entry.place(bounds(entry))).collect::<Vec<_>>())
+    Apart::of(&clouds.iter().map(|entry| entry.place(entry.extent().bounds)).collect::<Vec<_>>())
 }

@@ -20,7 +20,7 @@ use serde_json::json;
 use world::{CloudKey, mirrors};
 
 use crate::overlays::lens::{Lens, to_vector};
-use crate::viewer::objects::clouds::{CloudEntry, apart, colored_chunks};
+use crate::viewer::objects::clouds::{CloudEntry, colored_chunks};
 use crate::viewer::objects::history::History;
 use crate::viewer::objects::inspection::{Ray, Target};
 use crate::viewer::objects::posed::Posed;
@@ -218,7 +218,6 @@ impl Scene {
             return outside.note(format!("There are {} {}s, and no room for more", kind.most, kind.name));
         }
         let (position, is_light) = (object.places().first().map(DVec3::to_array), matches!(object, Object::Light(_)));
-        let is_over_the_picture = matches!(object, Object::Measurement(_) | Object::Note(_) | Object::Profile(_));
         self.history.settle(&self.settings, &self.objects);
         if is_light && self.settings.light.by != Lighting::Auto {
             self.settings.light.by = Lighting::Lights;
@@ -227,7 +226,7 @@ impl Scene {
         self.history.settle(&self.settings, &self.objects);
         let name = self.objects.get(id).map(|(name, _)| name);
         outside.log(json!({ "event": kind.name, "name": name, "position": position }));
-        if !is_over_the_picture {
+        if !kind.is_over_picture {
             self.navigation.camera_moved(outside.now);
         }
         self.selected = Some(id);
@@ -260,9 +259,7 @@ impl Scene {
         }
         let is_seen = match (&changed, self.objects.mirror(id)) {
             (Object::Mirror(changed), Some(mirror)) => unnamed(changed) != unnamed(mirror),
-            // They are drawn over the picture.
-            (Object::Measurement(_) | Object::Note(_) | Object::Profile(_), _) => false,
-            _ => true,
+            _ => !changed.kind().is_over_picture,
         };
         self.objects.set(id, changed);
         if is_seen {
@@ -412,17 +409,8 @@ impl Scene {
 
     /// Returns the outermost points of the visible clouds and the mirrors, which framing keeps in the picture.
     pub fn outline(&self, clouds: &[CloudEntry]) -> Vec<DVec3> {
-        self.outline_of(clouds.iter().filter(|entry| entry.is_visible))
-    }
-
-    fn outline_of<'a>(&self, visible: impl Iterator<Item = &'a CloudEntry>) -> Vec<DVec3> {
-        let of = |entry: &CloudEntry| match &entry.figures {
-            Some(figures) => figures.outline.clone(),
-            None if entry.bounds.is_empty() => Vec::new(),
-            None => entry.bounds.corners().to_vec(),
-        };
         let mirrors = self.objects.mirrors.iter().flat_map(|placed| mirrors::outline(&placed.mirror));
-        visible.flat_map(of).chain(mirrors).collect()
+        clouds.iter().filter(|entry| entry.is_visible).flat_map(|entry| entry.extent().outline).chain(mirrors).collect()
     }
 
     pub fn framed(&self, outline: &[DVec3], view: StandardView, clouds: &[CloudEntry]) -> Camera {
@@ -435,22 +423,20 @@ impl Scene {
         if self.camera_is_placed {
             return;
         }
-        let side = self.first_side.unwrap_or(StandardView::Isometric);
         let has_figures = clouds.iter().any(|entry| entry.is_visible && entry.figures.is_some());
-        if let Some(room) = self.room.filter(|_| self.first_side.is_none() && self.settings.view.start == Start::Auto) {
-            self.camera = room;
-        } else if has_figures && self.first_side.is_some() {
-            self.camera = self.framed(&self.outline(clouds), side, clouds);
+        let stands_inside = self.room.is_some() && self.first_side.is_none() && self.settings.view.start == Start::Auto;
+        let outline = if has_figures && self.first_side.is_some() {
+            self.outline(clouds)
         } else if has_figures {
-            // Of clouds that lie far apart, the largest.
-            let visible: Vec<&CloudEntry> = clouds.iter().filter(|entry| entry.is_visible).collect();
-            let is_near = apart(&visible).is_near;
-            let near = visible.into_iter().zip(is_near).filter(|(_, is_near)| *is_near);
-            let outline = self.outline_of(near.map(|(entry, _)| entry));
-            self.camera = self.framed(&outline, side, clouds);
-        } else if !bounds.is_empty() {
-            self.camera = self.framed(&bounds.corners(), side, clouds);
-        }
+            let visible = clouds.iter().filter(|entry| entry.is_visible).map(CloudEntry::extent).collect();
+            world::first_outline(visible, self.objects.mirrors.iter().map(|placed| &placed.mirror)).0
+        } else if stands_inside || !bounds.is_empty() {
+            bounds.corners().to_vec()
+        } else {
+            return;
+        };
+        let up = self.up(clouds);
+        self.camera = world::first_camera(self.first_side, self.room, &outline, up, &self.settings.view, self.aspect());
     }
 
     pub fn frame_all(&mut self, clouds: &[CloudEntry], now: Instant) {
