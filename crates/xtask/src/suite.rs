@@ -18,18 +18,19 @@ use anyhow::{Context as _, Result, ensure};
 use cargo_metadata::{Message, Metadata, MetadataCommand, Package, TargetKind};
 
 /// The test programs that take longest, longest first. They start first, so that none of them runs alone at the end.
-const LONGEST: [&str; 11] = [
+const LONGEST: [&str; 12] = [
     "render::laws",
-    "render",
-    "app",
-    "render::gloss",
     "tests::window",
+    "render",
+    "render::gloss",
+    "app",
+    "tests::recording",
+    "fuzz::minute",
     "render::baselines",
     "study::stability",
-    "fuzz::minute",
-    "tests::baseline",
+    "study::gloss",
     "tests::auto",
-    "render::reflections",
+    "tests::visibility",
 ];
 
 /// A program that cargo built from tests.
