@@ -65,6 +65,6 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
         flux = flux * 3.14159265 + light.glossy.rgb;
     }
     flux *= bitcast<f32>(birth.w);
-    vpls[target_index] =
-        vpl_of_surface(ray.origin + ray.direction * distance, normal, toward, albedo, flux, lights.area_over_pi);
+    let position = ray.origin + ray.direction * distance;
+    vpls[target_index] = vpl_of_surface(lights, position, normal, toward, albedo, flux, lights.area_over_pi);
 }

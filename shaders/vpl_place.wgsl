@@ -63,6 +63,7 @@ fn vpl_place(@builtin(global_invocation_id) id: vec3u) {
     // A light that only grazes a surface, or the cone's edge, would represent a larger surface than exists.
     let most = 0.01 * lights.eye_radius.w * lights.eye_radius.w;
     let squared = min(area / 3.14159265, most);
+    let position = emitter.position.xyz + offset;
     vpls[lights.sky_lights + id.x] =
-        vpl_of_surface(emitter.position.xyz + offset, surface.normal.xyz, toward, surface.albedo, flux, squared);
+        vpl_of_surface(lights, position, surface.normal.xyz, toward, surface.albedo, flux, squared);
 }

@@ -25,7 +25,8 @@ struct Virtual {
     bounces: u32,
     // The squared radius of the surface that a light of the second and later bounces represents.
     area_over_pi: f32,
-    unused: u32,
+    // 1 if the reflections of mirrors are followed; else a mirror is a diffuse surface.
+    follows_mirrors: u32,
 }
 
 struct Vpl {

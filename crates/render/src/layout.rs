@@ -70,7 +70,7 @@ structs! {
         eye_radius: Vec4,
         disc_radius: f32, nearest: f32, steps: f32, map_size: u32,
         map_stride: u32, point_count: u32, subsets: u32, sky_lights: u32,
-        lights_per_bounce: u32, bounces: u32, area_over_pi: f32, unused: u32,
+        lights_per_bounce: u32, bounces: u32, area_over_pi: f32, follows_mirrors: u32,
     }
     /// A virtual light, of shaders/shared/vpl.wgsl.
     Vpl { position: Vec4, normal: Vec4, intensity: Vec4, glossy: Vec4, incoming: Vec4, tangent: Vec4 }

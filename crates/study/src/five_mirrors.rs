@@ -33,13 +33,13 @@ pub struct TracedLight {
     /// The number of paths of each of these pixels.
     pub paths: u32,
     /// Whether light that reaches a surface by way of mirrors counts, which virtual lights do not give; else mirrors
-    /// are black.
+    /// are black. Where no reflection is followed, they are diffuse surfaces then, and their own light counts, too.
     pub over_mirrors: bool,
 }
 
 /// The indirect light of the scene's exact surfaces at some pixels.
 pub struct IndirectTruth {
-    /// The hits at the pixels that count, row by row, without mirrors.
+    /// The hits at the pixels that count, row by row, without mirrors whose reflections are followed.
     seen: Vec<Option<(Hit, DVec3)>>,
     /// The light of all pixels, linear red, green and blue.
     light: Vec<[f32; 3]>,
@@ -69,6 +69,13 @@ impl IndirectTruth {
     pub fn judge(&self, image: &[[f32; 3]]) -> LightError {
         let mask: Vec<bool> = self.seen.iter().map(Option::is_some).collect();
         light_error(&mask, image, &self.light)
+    }
+
+    /// The truth of mirrors alone, or of all other surfaces.
+    pub fn of_mirrors(&self, are_mirrors: bool) -> Self {
+        let counts = |seen: &(Hit, DVec3)| (seen.0.specular_intensity > 0.0) == are_mirrors;
+        let seen = self.seen.iter().map(|seen| seen.filter(counts)).collect();
+        Self { seen, light: self.light.clone(), noise: self.noise }
     }
 }
 
@@ -150,9 +157,12 @@ impl FiveMirrors {
             let pick = (hash >> 12) as usize % (traced.stride * traced.stride);
             place == [pick % traced.stride, pick / traced.stride]
         };
+        let bounces = if reflection.method == Method::None { 0 } else { reflection.bounces };
+        let mirrors_count = traced.over_mirrors && bounces == 0;
+        let counts = |hit: &Hit| mirrors_count || hit.specular_intensity == 0.0;
         let seen = |pixel: usize| {
             let ray = rays.ray(pixel);
-            let hit = self.exact.nearest(&ray).filter(|hit| is_traced(pixel) && hit.specular_intensity == 0.0);
+            let hit = self.exact.nearest(&ray).filter(|hit| is_traced(pixel) && counts(hit));
             Some((hit?, ray.direction))
         };
         let seen: Vec<Option<(Hit, DVec3)>> = (0..rays.pixel_count()).map(seen).collect();
@@ -164,7 +174,6 @@ impl FiveMirrors {
         let gloss = Gloss { share, power, shape: light.highlight };
         let run = |seed| {
             let indirect = Indirect { bounces: gi.bounces, samples: traced.paths.div_ceil(2), seed };
-            let bounces = if reflection.method == Method::None { 0 } else { reflection.bounces };
             let mirror_boxes = &self.traced.mirror_boxes;
             let illumination =
                 Illumination { gloss, bounces, indirect, mirror_boxes, ..Illumination::new(source, mirror) };

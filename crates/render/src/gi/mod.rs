@@ -25,8 +25,8 @@ use crate::layout::{
 use crate::lighting::MappedLight;
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::reflection::SurfaceImages;
 use crate::reflection::fading::{ShareLeft, is_published};
+use crate::reflection::{Reflections, SurfaceImages};
 use crate::store::PointStore;
 use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
@@ -97,6 +97,7 @@ struct Asked {
     sky: Option<Sky>,
     scattering: [f32; 3],
     tint: f32,
+    follows_mirrors: bool,
 }
 
 /// The virtual lights that currently light frames, on the GPU.
@@ -226,6 +227,7 @@ impl GlobalIllumination {
             sky,
             scattering: scattering(settings),
             tint: settings.mirror.tint,
+            follows_mirrors: Reflections::asked(settings) > 0,
         };
         let is_same = |lights: &LightBuffers| {
             let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
@@ -280,7 +282,7 @@ impl GlobalIllumination {
             lights_per_bounce: gi.vpls,
             bounces: plan.bounces,
             area_over_pi: (ground.occluders.area / f64::from(gi.vpls) / std::f64::consts::PI) as f32,
-            unused: 0,
+            follows_mirrors: u32::from(asked.follows_mirrors),
         };
         let gpu = recorder.gpu;
         let needs_maps = gi.shadows || plan.bounces > 1 || plan.has_sky_births;
