@@ -66,8 +66,10 @@ fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
             let normal = select(surface.xyz, at.direction, all(surface.xyz == vec3f(0.0)));
             let distance = dot(normal, offset) / dot(normal, ray.direction);
             let beside = ray.direction * distance - offset;
-            // A plane through the light is not drawn.
-            if is_finite(distance) && distance > 0.0 && dot(beside, beside) <= radius * radius {
+            // A plane through the light is not drawn. What lies beyond the scene under a light of the sky is as near as
+            // the map's border.
+            let is_before = distance > 0.0 || light.normal.w == VPL_SKY;
+            if is_finite(distance) && is_before && dot(beside, beside) <= radius * radius {
                 let code = code_of_distance(lights, light.normal.w, distance);
                 atomicMax(&shadow_maps[texel], code << 16u | slot);
             }

@@ -15,7 +15,7 @@ struct Frame {
     orthographic: u32,
     width: u32,
     height: u32,
-    // Nothing nearer than this is drawn, in world units.
+    // Nothing nearer than this is drawn, in world units. Negative where that counts as lying as far as this is below 0.
     near: f32,
     // Orthographic: the pivot's distance, to which depth differences are compared, since depths themselves depend on
     // where along the line of sight the eye was put. Perspective: 0.

@@ -65,8 +65,14 @@ struct Single {
     center: vec3f,
 }
 
+// The position in view space of a point, relative to the eye in the world's axes.
+fn center_of_splat(frame: Frame, relative: vec3f) -> vec3f {
+    let center = view_from_relative(frame, relative);
+    return vec3f(center.xy, select(center.z, max(center.z, -frame.near), frame.near < 0.0));
+}
+
 fn single_of_point(frame: Frame, item: Item, point: vec4u) -> Single {
-    let center = view_from_relative(frame, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz);
+    let center = center_of_splat(frame, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz);
     let pixel = floor(pixel_from_view(frame, center));
     let size = vec2f(f32(frame.width), f32(frame.height));
     let is_drawn = is_place(point.xyz) && center.z > frame.near && center.z < 3e38 && all(pixel >= vec2f(0.0)) && all(pixel < size);
@@ -96,7 +102,7 @@ const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), vec2f(0.0), 0.0, vec2i
 // `point`: f32 bits of the position, and radius | class << 16 | flags << 24.
 fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
     let relative = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
-    let center = view_from_relative(frame, relative);
+    let center = center_of_splat(frame, relative);
     if !is_place(point.xyz) || !(center.z > frame.near && center.z < 3e38) {
         return NOT_DRAWN;
     }

@@ -43,7 +43,8 @@ pub use placement::Placement;
 pub use progress::Progress;
 pub use random::{Random, hash};
 pub use robust::{
-    Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, robust_range, spread_sample,
+    Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, robust_range, scene_fence,
+    spread_sample,
 };
 pub use shown_radii::radii_among;
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};

@@ -1,14 +1,15 @@
 //! Figures about a whole cloud that a few stray points do not spoil: the box to frame, and the range and histogram of a
-//! scalar to colour by. Percentiles come from a sample that is spread evenly over the cloud and always the same.
+//! scalar to colour by. Percentiles come from a sample of points that are drawn by a hash of their positions, so that a
+//! point more or less, or another order of the points, changes next to nothing.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::{Bounds, Chunk, hash};
 
 /// The number of points in a sample: the error of the first percentile is then about a thirtieth of a percent of the
 /// points.
-const SAMPLE_POINTS: u64 = 100_000;
+const SAMPLE_POINTS: usize = 100_000;
 /// The share of the points that may be stray on either side of an axis.
 const STRAY: f64 = 0.01;
 /// With fewer points than this none is taken for stray.
@@ -51,29 +52,130 @@ pub fn constant(chunks: &[Chunk], scalar: Scalar) -> Option<f64> {
     (has_several && chunks.iter().all(is_same)).then_some(first)
 }
 
-/// Up to `SAMPLE_POINTS` pairs of a chunk and an index: one from each of as many equal stretches, at a place drawn by
-/// hash, so that the sample does not follow a regular pattern in the file.
-fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> impl Iterator<Item = (&'a Chunk, usize)> {
-    let mut ends = Vec::new();
+/// Of the points, up to `SAMPLE_POINTS` pairs of a chunk and an index: those whose positions have the smallest hashes. So
+/// a further point takes the place of one other at most, in whatever order the points come. Points in one small cell of
+/// space count once, unless they are at one place and follow one another.
+fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> Vec<(&'a Chunk, usize)> {
     let mut total = 0;
-    for chunk in chunks {
-        total += chunk.len() as u64;
-        ends.push((total, chunk));
+    let parts: Vec<(u64, &Chunk)> = chunks
+        .map(|chunk| {
+            let start = total;
+            total += chunk.len() as u64;
+            (start, chunk)
+        })
+        .collect();
+    let per_unit = 1.0 / width_of_cell(&parts);
+    let mut share = 1.5 * SAMPLE_POINTS as f64 / total.max(1) as f64;
+    loop {
+        let most = if share < 1.0 { (share * u64::MAX as f64) as u64 } else { u64::MAX };
+        let keys = |(start, chunk): &(u64, &'a Chunk)| {
+            let (chunk, start) = (*chunk, *start);
+            let mut before = None;
+            let key = move |index: usize| {
+                let cell = (chunk.position(index) * per_unit).floor().to_array().map(|cell| cell as i64 as u64);
+                let key = hash(cell[0] ^ hash(cell[1] ^ hash(cell[2])));
+                let offset = chunk.positions[index];
+                let is_repeated = before.replace(offset) == Some(offset);
+                (if is_repeated { hash(key ^ hash(start + index as u64)) } else { key }, chunk, index)
+            };
+            (0..chunk.len()).map(key).filter(move |(key, ..)| *key <= most)
+        };
+        let mut found: Vec<(u64, &Chunk, usize)> = parts.par_iter().flat_map_iter(keys).collect();
+        // Of points in one cell the one with the least coordinates stays, whichever comes first.
+        let order = |place: DVec3| place.to_array().map(|value| (value + 0.0).to_bits());
+        found.par_sort_by(|(key, chunk, index), (other_key, other, at)| {
+            key.cmp(other_key).then_with(|| order(chunk.position(*index)).cmp(&order(other.position(*at))))
+        });
+        found.dedup_by_key(|(key, ..)| *key);
+        if found.len() >= SAMPLE_POINTS || most == u64::MAX {
+            return found.into_iter().take(SAMPLE_POINTS).map(|(_, chunk, index)| (chunk, index)).collect();
+        }
+        share *= 4.0;
     }
-    let count = total.min(SAMPLE_POINTS);
-    (0..count).map(move |i| {
-        let place = |i: u64| (u128::from(total) * u128::from(i) / u128::from(count)) as u64;
-        let (first, end) = (place(i), place(i + 1));
-        let index = first + hash(i) % (end - first);
-        let (end, chunk) = ends[ends.partition_point(|&(end, _)| end <= index)];
-        (chunk, (index + chunk.len() as u64 - end) as usize)
-    })
+}
+
+/// The number of points of a chunk that tell how far most lie from its origin.
+const REACH_POINTS: usize = 99;
+
+/// The width of the cells of which each gives one point: a small part of most chunks, far above the rounding of their
+/// positions. A power of two of few values, so that it stays where the points change.
+fn width_of_cell(parts: &[(u64, &Chunk)]) -> f64 {
+    let reach = |chunk: &Chunk| {
+        let some = chunk.positions.iter().step_by(chunk.len().div_ceil(REACH_POINTS).max(1));
+        let far = some.map(|position| f64::from(Vec3::from(*position).abs().max_element()));
+        ranked(far.map(|far| (far, 1)).collect(), 0.9)
+    };
+    let reaches =
+        parts.iter().filter_map(|(_, chunk)| Some((reach(chunk)?, chunk.len()))).filter(|(far, _)| *far > 0.0);
+    let reach = ranked(reaches.collect(), 0.5);
+    reach.map_or(1.0, |reach| (3.0 * (reach.log2() / 3.0).floor() - 10.0).exp2())
+}
+
+/// Of values with weights, the one below which this share of the weight lies; values that are not finite do not count.
+fn ranked(mut values: Vec<(f64, usize)>, share: f64) -> Option<f64> {
+    values.retain(|(value, _)| value.is_finite());
+    values.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
+    let mut left = share * values.iter().map(|(_, weight)| *weight as f64).sum::<f64>();
+    let is_beyond = |(_, weight): &&(f64, usize)| {
+        left -= *weight as f64;
+        left < 0.0
+    };
+    values.iter().find(is_beyond).map(|(value, _)| *value)
 }
 
 /// Up to 100 thousand world positions, spread evenly over the points, without those that are not finite. They are the
-/// same in every call.
+/// same in every call, and nearly the same for nearly the same points.
 pub fn spread_sample(chunks: &[Chunk]) -> impl Iterator<Item = DVec3> {
-    spread_indices(chunks.iter()).map(|(chunk, index)| chunk.position(index)).filter(|position| position.is_finite())
+    let indices = spread_indices(chunks.iter()).into_iter();
+    indices.map(|(chunk, index)| chunk.position(index)).filter(|position| position.is_finite())
+}
+
+/// The box beyond which points are strays of a scene, whose light, shadow maps and thresholds they shall not change.
+/// `sample` are positions with the number of points that each stands for. `None` if too few are known to call any stray.
+///
+/// As for `robust_bounds`, a point is no stray if it lies within the width of the middle 98 % of the points, and a tenth,
+/// of these; and neither is one that lies as near to such points. So the box holds the thin far end of a hall whose
+/// scanner stands at the other end, and no point beyond a gap as wide as all the rest.
+pub fn scene_fence(mut sample: Vec<(DVec3, f64)>) -> Option<Bounds> {
+    sample.retain(|(position, _)| position.is_finite());
+    if sample.len() < FEWEST {
+        return None;
+    }
+    let trimmed = STRAY * sample.iter().map(|(_, weight)| weight).sum::<f64>();
+    let mut core = Bounds::EMPTY;
+    for axis in 0..3 {
+        sample.sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
+        let end = |from_low: bool| {
+            let mut left = trimmed;
+            let mut is_trimmed = |weight: f64| {
+                left -= weight;
+                left >= 0.0
+            };
+            let mut points = sample.iter();
+            let mut next = || if from_low { points.next() } else { points.next_back() };
+            let kept = std::iter::from_fn(&mut next).find(|(_, weight)| !is_trimmed(*weight));
+            kept.map_or(0.0, |(position, _)| position[axis])
+        };
+        (core.min[axis], core.max[axis]) = (end(true), end(false));
+    }
+    loop {
+        let fence = fence_about(core);
+        let mut grown = core;
+        sample
+            .iter()
+            .filter(|(position, _)| fence.contains(*position))
+            .for_each(|(position, _)| grown.include(*position));
+        if grown == core {
+            return Some(fence);
+        }
+        core = grown;
+    }
+}
+
+/// The box within whose sides points are no strays of those in the middle.
+fn fence_about(core: Bounds) -> Bounds {
+    let margin = core.size() + 0.1 * core.size().max_element();
+    Bounds { min: core.min - margin, max: core.max + margin }
 }
 
 /// The bounds of a cloud without its stray points; the full bounds if it has none.
@@ -96,8 +198,7 @@ pub fn robust_bounds(chunks: &[Chunk]) -> Bounds {
         core.min[axis] = sample.select_nth_unstable_by(trimmed, by_axis).1[axis];
         core.max[axis] = sample.select_nth_unstable_by(last - trimmed, by_axis).1[axis];
     }
-    let margin = core.size() + 0.1 * core.size().max_element();
-    let fence = Bounds { min: core.min - margin, max: core.max + margin };
+    let fence = fence_about(core);
     if fence.contains(full.min) && fence.contains(full.max) {
         return full;
     }
@@ -162,6 +263,7 @@ pub fn robust_outline(chunks: &[Chunk]) -> Vec<DVec3> {
 /// large cloud.
 pub fn percentile_range(chunks: &[Chunk], scalar: Scalar, low: f64, high: f64) -> Option<(f64, f64)> {
     let mut values: Vec<f64> = spread_indices(chunks.iter().filter(|chunk| scalar.is_in(chunk)))
+        .into_iter()
         .map(|(chunk, index)| scalar.value(chunk, index))
         .filter(|value| value.is_finite())
         .collect();
@@ -276,6 +378,86 @@ mod tests {
             let robust = robust_bounds(&chunks);
             assert_eq!(robust, clean, "{stray} of {points}");
         }
+    }
+
+    fn places(chunks: &[Chunk]) -> std::collections::HashSet<[u64; 3]> {
+        spread_sample(chunks).map(|place| place.to_array().map(f64::to_bits)).collect()
+    }
+
+    /// The points of some chunks in other chunks, from another first point on.
+    fn shifted(chunks: &[Chunk], first: usize, size: usize) -> Vec<Chunk> {
+        let mut all: Vec<DVec3> =
+            chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|index| chunk.position(index))).collect();
+        let start = all.len() - first;
+        all.rotate_right(start);
+        all.chunks(size).map(|places| Chunk::of_places(0, places)).collect()
+    }
+
+    #[test]
+    fn one_point_more_changes_one_point_of_the_sample_wherever_it_lies() {
+        let chunks = terrain(250_000);
+        let before = places(&chunks);
+        assert_eq!(before.len(), SAMPLE_POINTS);
+        let near = chunks[7].position(3);
+        let far = |sizes: f64| near + DVec3::new(0.6, -0.7, 0.4) * 100.0 * sizes;
+        for place in [near, near + DVec3::new(0.003, 0.0, 0.0), far(10.0), far(100.0), far(1000.0)] {
+            let mut more = chunks.clone();
+            more.push(Chunk::of_places(250_000, &[place]));
+            assert!(before.difference(&places(&more)).count() <= 1, "{place}");
+            // As the first point of the file.
+            more.rotate_right(1);
+            assert!(before.difference(&places(&more)).count() <= 1, "{place} first");
+        }
+    }
+
+    #[test]
+    fn a_sample_does_not_depend_on_the_order_and_hardly_on_the_chunks_of_the_points() {
+        let chunks = shifted(&terrain(250_000), 0, 1000);
+        let before = places(&chunks);
+        let mut turned = chunks.clone();
+        turned.reverse();
+        assert!(places(&turned) == before);
+        // Other origins round positions otherwise.
+        let near = |place: &DVec3| (place * 1024.0).round().to_array().map(|value| value as i64);
+        let rounded = |chunks: &[Chunk]| -> std::collections::HashSet<[i64; 3]> {
+            spread_sample(chunks).map(|place| near(&place)).collect()
+        };
+        let other = rounded(&shifted(&chunks, 123_457, 1000));
+        let differing = rounded(&chunks).difference(&other).count();
+        assert!(differing < SAMPLE_POINTS / 20, "{differing}");
+    }
+
+    #[test]
+    fn points_at_one_place_fill_no_sample() {
+        let mut chunks = terrain(250_000);
+        for chunk in &mut chunks {
+            let mut positions = chunk.positions.to_vec();
+            positions.iter_mut().step_by(2).for_each(|position| *position = [0.0; 3]);
+            chunk.positions = Arc::new(positions);
+        }
+        let found: Vec<DVec3> = spread_sample(&chunks).collect();
+        let at_origin = found.iter().filter(|place| **place == chunks[0].origin).count();
+        assert!(found.len() == SAMPLE_POINTS && at_origin <= 1, "{at_origin} of {}", found.len());
+    }
+
+    #[test]
+    fn the_fence_of_a_scene_holds_its_thin_far_end_and_no_far_point() {
+        // A hall whose points get fewer with the square of the distance from the scanner, 1 to 60 away.
+        let place = |i: u64| {
+            let unit = |k: u64| hash(3 * i + k) as f64 / u64::MAX as f64;
+            DVec3::new(1.0 / (1.0 - unit(0) * (1.0 - 1.0 / 60.0)), 6.0 * unit(1), 3.0 * unit(2))
+        };
+        let hall: Vec<(DVec3, f64)> = (0..5000).map(|i| (place(i), 20.0)).collect();
+        let far = hall.iter().map(|(place, _)| place.x).fold(0.0, f64::max);
+        let clean = scene_fence(hall.clone()).unwrap();
+        assert!(clean.max.x > far && far > 50.0, "{clean:?}");
+        for sizes in [10.0, 100.0, 1000.0] {
+            let mut strayed = hall.clone();
+            strayed.push((DVec3::new(0.6, -0.5, 0.6) * 60.0 * sizes, 1.0));
+            let fence = scene_fence(strayed).unwrap();
+            assert!((fence.max - clean.max).abs().max_element() < 1e-3 * far, "{fence:?}");
+        }
+        assert_eq!(scene_fence(hall[..15].to_vec()), None);
     }
 
     #[test]

@@ -26,6 +26,8 @@ pub struct FrameCamera {
     pub focal_pixels: f64,
     pub orthographic: bool,
     pub size: [u32; 2],
+    /// Nothing nearer than this is drawn. Negative where that counts as lying as far as this is below 0: in the maps of
+    /// suns.
     pub near: f64,
     /// The distance of the pivot, for a parallel projection.
     pub reference_depth: f64,
@@ -214,7 +216,8 @@ impl FrameCamera {
     pub fn sees(&self, center: DVec3, radius: f64, margin: f64) -> bool {
         let view = self.view_from_world * (center - self.eye);
         let is_behind = |plane: Plane| plane.normal.dot(center) < plane.offset - radius;
-        if view.z < self.near - radius || self.clip.is_some_and(is_behind) {
+        let is_too_near = self.near >= 0.0 && view.z < self.near - radius;
+        if is_too_near || self.clip.is_some_and(is_behind) {
             return false;
         }
         let half = [f64::from(self.size[0]) * 0.5, f64::from(self.size[1]) * 0.5]

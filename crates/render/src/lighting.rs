@@ -65,7 +65,7 @@ impl Lights {
         settings.resolved_light(!objects.lights.is_empty(), objects.clues)
     }
 
-    /// The lights that shine, each with the camera of its shadow map. `bounds` contains all visible points.
+    /// The lights that shine, each with the camera of its shadow map. `bounds` are those of the scene.
     pub fn mapped(
         settings: &Settings,
         objects: Objects<'_>,
@@ -165,18 +165,18 @@ impl MappedLight {
         let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
         let radius = if radius > 0.0 { radius } else { 1.0 };
         let along = -settings.sun.direction(camera.up);
-        // In front of everything that may cast a shadow, splats included.
+        // In front of the scene, splats included.
         let start = center - along * (radius * 1.1);
-        let map = |center: DVec3, radius: f64| Self {
-            camera: FrameCamera::parallel_along(
-                center - along * (center - start).dot(along),
-                along,
-                HALF_TEXELS / radius,
-                [SHADOW_SIZE; 2],
-            ),
-            intensity: [settings.sun.irradiance; 3],
-            inner: 0.0,
-            outer: 0.0,
+        let map = |center: DVec3, radius: f64| {
+            let (eye, per_unit) = (center - along * (center - start).dot(along), HALF_TEXELS / radius);
+            // What lies behind the eye, far before the scene, casts shadows as if it lay at the eye.
+            let near = -0.01 / per_unit;
+            Self {
+                camera: FrameCamera { near, ..FrameCamera::parallel_along(eye, along, per_unit, [SHADOW_SIZE; 2]) },
+                intensity: [settings.sun.irradiance; 3],
+                inner: 0.0,
+                outer: 0.0,
+            }
         };
         let whole = map(center, radius);
         // The radius of the camera's view at the pivot's distance, corners included.
@@ -250,6 +250,14 @@ mod tests {
                 assert!((view.camera.view_from_world * (corner - view.camera.eye)).z > 0.0, "{corner}");
             }
         }
+    }
+
+    #[test]
+    fn a_map_of_the_sun_takes_what_lies_far_before_the_scene() {
+        let whole = maps(&camera(200.0))[0].camera;
+        let toward_sun = Settings::default().sun.direction(DVec3::Z);
+        assert!(whole.sees(BOUNDS.center() + toward_sun * 1e5, 0.0, 0.0));
+        assert!(!whole.sees(BOUNDS.center() + toward_sun.any_orthonormal_vector() * 1e5, 0.0, 0.0));
     }
 
     #[test]

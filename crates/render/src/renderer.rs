@@ -5,7 +5,7 @@ mod requests;
 
 use std::sync::Arc;
 
-use cloud::Progress;
+use cloud::{Bounds, Progress};
 use scene::{Camera, Curve, LightView, Lighting, Mirror, Quality, Settings, Show, Tone};
 
 use crate::exposure::{self, Exposure, ExposureMeter};
@@ -303,9 +303,13 @@ impl Renderer {
         };
         self.resize(size, settings.splat.quality)?;
         let atomics64 = self.gpu.has_wide_atomics(&settings.splat);
-        let bounds = store.bounds();
-        let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
+        let (bounds, reach) = (store.bounds(), store.reach());
+        let sphere = |bounds: Bounds| {
+            if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) }
+        };
+        let (center, radius) = sphere(reach);
         let mut frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
+        frame_camera.scene_radius = sphere(bounds).1;
         let without_mirrors = frame_camera;
         let spheres = store.mirror_spheres(settings).chain(reflection::mirror_spheres(settings, objects.mirrors));
         // Splats reach at least as far as their smallest size, and closing a gap reaches two pixels further.

@@ -18,7 +18,7 @@ pub use material::Material;
 use pages::{PageBuffers, room_of};
 use rayon::prelude::*;
 use scene::{Ramp, Settings, Splat};
-use shown::{Shown, shown_of};
+use shown::{Shown, scene_bounds, shown_of};
 
 use crate::coloring::{ColorPlan, ColorSource, up_axis};
 use crate::gpu::{Error, Gpu, Result};
@@ -132,6 +132,8 @@ pub struct PointStore {
     uploaded_bytes: u64,
     /// The identities, made when they are first needed after a change.
     identities: OnceLock<Arc<Identities>>,
+    /// See `bounds()`; found when it is first needed after a change.
+    scene: OnceLock<Bounds>,
 }
 
 impl PointStore {
@@ -149,13 +151,14 @@ impl PointStore {
             geometry_revision: next_revision(),
             uploaded_bytes: 0,
             identities: OnceLock::new(),
+            scene: OnceLock::new(),
         }
     }
 
     fn change(&mut self) {
         self.revision = next_revision();
         self.geometry_revision = self.revision;
-        self.identities = OnceLock::new();
+        (self.identities, self.scene) = (OnceLock::new(), OnceLock::new());
     }
 
     /// Sets the order of clouds: among points at equal distances, that of the last cloud is seen. Without it, clouds
@@ -431,8 +434,8 @@ impl PointStore {
         }
     }
 
-    /// Sets the bounds of a whole cloud of which only some chunks are in the store, so that results that depend on the
-    /// scene's bounds do not change with them.
+    /// Sets the bounds, without strays, of a whole cloud of which only some chunks are in the store, so that results that
+    /// depend on the scene's bounds do not change with them.
     pub fn set_bounds(&mut self, cloud: CloudId, bounds: Bounds) {
         self.change();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
@@ -631,19 +634,33 @@ impl PointStore {
         self.uploaded_bytes
     }
 
-    /// The world bounds of the shown points of visible clouds, and of those that are still to come. Strays do not count
-    /// where they would make the scene dozens of times as wide: depths, shadow maps and indirect light are as fine as
-    /// the bounds are narrow.
+    /// The size of the scene, for light, shadow maps, thicknesses and thresholds: the world bounds of the shown points of
+    /// visible clouds, and of those that are still to come, without the strays of each cloud. Points outside are drawn
+    /// and cast shadows like others; where something has borders, they count as lying there.
     pub fn bounds(&self) -> Bounds {
+        *self.scene.get_or_init(|| {
+            let mut chunks: HashMap<CloudId, Vec<(&Chunk, &Shown)>> = HashMap::new();
+            for chunk in self.chunks.values() {
+                chunks.entry(chunk.cloud).or_default().push((&chunk.points, &chunk.shown));
+            }
+            let of_cloud = |(id, cloud): (&CloudId, &StoredCloud)| match chunks.get(id) {
+                Some(chunks) if cloud.bounds.is_empty() => scene_bounds(chunks),
+                // Those of a whole index do not depend on the chunks that are there.
+                _ => cloud.bounds,
+            };
+            let visible = self.clouds.iter().filter(|(_, cloud)| cloud.visible);
+            visible.map(of_cloud).fold(Bounds::EMPTY, Bounds::union)
+        })
+    }
+
+    /// The world bounds of all that is shown, with strays unless they make the scene dozens of times as wide: what is
+    /// to lie in front of the eye of a parallel projection.
+    pub(crate) fn reach(&self) -> Bounds {
+        let scene = self.bounds();
         let is_visible = |chunk: &&StoredChunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible);
-        let told = self.clouds.values().filter(|cloud| cloud.visible).map(|cloud| cloud.bounds);
-        let told = told.fold(Bounds::EMPTY, Bounds::union);
-        let all = |bounds: fn(&StoredChunk) -> Bounds| {
-            self.chunks.values().filter(is_visible).map(bounds).fold(told, Bounds::union)
-        };
-        let (full, core) = (all(|chunk| chunk.shown.bounds), all(|chunk| chunk.shown.core));
-        let [width, own] = [full, core].map(|bounds| bounds.size().max_element());
-        if own > 0.0 && width > f64::from(shown::FAR) * own { core } else { full }
+        let shown = self.chunks.values().filter(is_visible).map(|chunk| chunk.shown.bounds).fold(scene, Bounds::union);
+        let [width, own] = [shown, scene].map(|bounds| bounds.size().max_element());
+        if own > 0.0 && width > f64::from(shown::FAR) * own { scene } else { shown }
     }
 
     /// The cloud, the chunk and the index in it of the point that has this identity in the `nearest` buffer of a frame;

@@ -562,3 +562,108 @@ fn too_many_shadow_maps_are_refused_with_what_to_lower() {
     render(&mut stage, &store, &five_mirrors::camera(), &few, &lights);
     assert!(mean(&read(&stage, Aov::Indirect)) > 0.0, "the renderer goes on");
 }
+
+/// An open court of 3 by 2 by 1, or a closed room.
+fn court(is_closed: bool) -> Vec<Chunk> {
+    let [x, y, z] = [DVec3::X * 3.0, DVec3::Y * 2.0, DVec3::Z];
+    let mut walls = vec![wall(DVec3::ZERO, [x, y])];
+    walls.extend([(DVec3::ZERO, x), (DVec3::ZERO, y), (x, y), (y, x)].map(|(from, along)| wall(from, [along, z])));
+    if is_closed {
+        walls.push(wall(z, [x, y]));
+    }
+    walls
+}
+
+#[test]
+fn a_far_point_changes_neither_the_light_of_an_open_court_nor_that_of_a_closed_room() {
+    let mut stage = stage_or_skip!();
+    let camera = Camera::from_eye(DVec3::new(0.4, 0.4, 0.6), DVec3::new(2.0, 1.4, 0.2), DVec3::Z);
+    let settings = settings(&[
+        ("light.by", "sun"),
+        ("sun.elevation", "50"),
+        ("sun.sky", "2"),
+        ("gi.vpls", "256"),
+        ("gi.sky_lights", "64"),
+        ("reflection.method", "none"),
+    ]);
+    for is_closed in [false, true] {
+        let mut light = |far: Option<f64>| {
+            let mut chunks = court(is_closed);
+            if let Some(sizes) = far {
+                let place = DVec3::new(0.6, -0.5, 0.62) * 3.0 * sizes;
+                let one = Chunk { positions: Arc::new(vec![[0.0; 3]]), ..chunks[0].select(&[0]) };
+                chunks.push(Chunk { origin: place, ..one });
+            }
+            let store = store_of(&stage, chunks, Material::default());
+            render(&mut stage, &store, &camera, &settings, &[]);
+            [Aov::Direct, Aov::Indirect].map(|aov| read(&stage, aov))
+        };
+        let without = light(None);
+        // What a closed room gets is what leaks; errors are compared with what the sky gives an open floor.
+        let scale = if is_closed { 2.0 * ALBEDO * FRAC_1_PI } else { mean(&without[1]) };
+        for sizes in [10.0, 100.0, 1000.0] {
+            for (with, without) in light(Some(sizes)).iter().zip(&without) {
+                let pairs = || with.iter().zip(without).filter(|(with, without)| !with.is_nan() && !without.is_nan());
+                let count = pairs().count() as f64;
+                let squares: f64 = pairs().map(|(with, without)| (*with - *without).length_squared() / 3.0).sum();
+                let (rmse, change) = ((squares / count).sqrt() / scale, (mean(with) - mean(without)).abs() / scale);
+                assert!(rmse < 0.01 && change < 0.01, "closed: {is_closed}, {sizes} sizes: {rmse}, {change}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_far_disc_before_the_sun_casts_a_shadow() {
+    let mut stage = stage_or_skip!();
+    let settings = settings(&[("light.by", "sun"), ("sun.elevation", "50"), ("gi.bounces", "0"), ("sun.sky", "0")]);
+    let camera = Camera::from_eye(DVec3::new(0.5, 0.5, 2.0), DVec3::new(1.5, 1.0, 0.0), DVec3::Z);
+    let floor = || wall(DVec3::ZERO, [DVec3::X * 3.0, DVec3::Y * 2.0]);
+    let mut shaded = |sizes: Option<f64>| {
+        let mut chunks = vec![floor()];
+        if let Some(sizes) = sizes {
+            let toward = settings.sun.direction(DVec3::Z);
+            let mut disc = Chunk { origin: camera.pivot + toward * 3.0 * sizes, ..floor().select(&[0]) };
+            disc.positions = Arc::new(vec![[0.0; 3]]);
+            disc.normals = Some(Arc::new(vec![pack_normal(toward.as_vec3())]));
+            disc.radii = Some(Arc::new(vec![pack_radius(0.3)]));
+            chunks.push(disc);
+        }
+        let store = store_of(&stage, chunks, Material::default());
+        render(&mut stage, &store, &camera, &settings, &[]);
+        read(&stage, Aov::Direct).iter().filter(|light| brightness(**light) == 0.0).count()
+    };
+    let without = shaded(None);
+    let near = shaded(Some(2.0));
+    assert!(without == 0 && near > 8, "{near} pixels are in the shadow, {without} without the disc");
+    for sizes in [10.0, 100.0, 1000.0] {
+        let far = shaded(Some(sizes));
+        assert!(far.abs_diff(near) <= 2, "{far} pixels are in the shadow at {sizes} sizes, {near} nearby");
+    }
+}
+
+#[test]
+fn one_point_more_changes_at_most_a_thousandth_of_the_pixels_of_the_five_mirrors() {
+    let mut stage = stage_or_skip!();
+    let settings = settings(&[("gi.vpls", "64")]);
+    let chunks = || five_mirrors::sample(Variant::Sphere, 60_000, 1).into_iter().flat_map(|part| part.chunks);
+    let mut picture = |more: Option<DVec3>| {
+        let mut chunks: Vec<Chunk> = chunks().collect();
+        if let Some(place) = more {
+            let one = Chunk { positions: Arc::new(vec![[0.0; 3]]), ..chunks[0].select(&[700]) };
+            chunks.push(Chunk { origin: place, ..one });
+        }
+        let store = store_of(&stage, chunks, Material::default());
+        render(&mut stage, &store, &five_mirrors::camera(), &settings, &[five_mirrors::light()]);
+        stage.renderer.read_picture().unwrap()
+    };
+    let before = picture(None);
+    let near = chunks().next().unwrap().position(700);
+    let far = [10.0, 100.0, 1000.0].map(|sizes| DVec3::new(0.6, -0.5, 0.62) * 4.0 * sizes);
+    for place in [near, near + DVec3::X * 0.003].into_iter().chain(far) {
+        let after = picture(Some(place));
+        let pixels = before.chunks_exact(4).zip(after.chunks_exact(4));
+        let differing = pixels.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > 2)).count();
+        assert!(differing * 1000 <= before.len() / 4, "{place}: {differing} pixels differ");
+    }
+}

@@ -48,6 +48,8 @@ impl Room {
 const CELLS: f64 = 32.0;
 /// The average number of points of a cell in small clouds, which get larger cells.
 const POINTS_PER_CELL: f64 = 40.0;
+/// The number of widths of cells for each doubling.
+const STEPS: f64 = 8.0;
 /// The number of points that a column needs for its layers to be distinguishable.
 const FEWEST: usize = 12;
 /// The share of the points that may be stray on either side of an axis.
@@ -155,10 +157,18 @@ impl GroundPlan {
         if !(edge > 0.0 && height > 0.0) {
             return None;
         }
-        let corner = DVec3::new(x.0, y.0, 0.0);
+        // In steps, and in whole cells from the origin, so that a few other points make no other plan.
+        let edge = ((edge.log2() * STEPS).ceil() / STEPS).exp2();
+        let [low, high] = [(x.0, y.0), (x.1, y.1)].map(|(x, y)| (DVec3::new(x, y, 0.0) / edge).floor());
+        let corner = low * edge;
+        let last = high - low;
         let mut columns: HashMap<(i32, i32), Vec<f64>> = HashMap::new();
-        for point in points.iter().filter(|p| (x.0..=x.1).contains(&p.x) && (y.0..=y.1).contains(&p.y)) {
-            let cell = ((*point - corner) / edge).floor();
+        for point in points {
+            let cell = (*point / edge).floor() - low;
+            let is_inside = (0.0..=last.x).contains(&cell.x) && (0.0..=last.y).contains(&cell.y);
+            if !is_inside {
+                continue;
+            }
             columns.entry((cell.x as i32, cell.y as i32)).or_default().push(point.z);
         }
         let mut plan = Self { corner, edge, covered: HashMap::new(), open: 0, occupied: 0 };
@@ -281,10 +291,13 @@ impl GroundPlan {
             values.sort_unstable_by(f64::total_cmp);
             values[values.len() / 2]
         };
-        let floor = median(|gap| gap.floor);
-        let ceiling = median(|gap| gap.ceiling).min(self.covered[&cell].ceiling);
+        // In steps, so that the lamp stays where a few points are others.
+        let step = self.edge / 64.0;
+        let in_steps = |height: f64| (height / step).round() * step;
+        let floor = in_steps(median(|gap| gap.floor));
+        let ceiling = in_steps(median(|gap| gap.ceiling).min(self.covered[&cell].ceiling));
         // One lamp serves no more than twice its height around.
-        let width = (self.covered.len() as f64 / PI).sqrt() * self.edge;
+        let width = (self.covered.len() as f64 / PI).sqrt().round() * self.edge;
         let place = self.corner + center(cell) * self.edge;
         let height = ceiling - floor;
         (height > 0.0).then(|| Lamp { cell, place, floor, height, radius: width.min(2.0 * height) })
@@ -379,6 +392,57 @@ mod tests {
             points.push(random.in_box([6.0, 4.4, 0.0], [7.0, 5.0, 2.0]));
         }
         points.into_iter().map(|point| point + DVec3::new(2_635_000.0, 1_248_000.0, 410.0)).collect()
+    }
+
+    /// A room of 8 by 6 by 3 metres with a table and a cupboard, seen by a scanner: dense near it, sparse far away.
+    fn scanned_room(points: usize) -> Vec<DVec3> {
+        let (eye, size) = (DVec3::new(2.9, 2.6, 1.55), DVec3::new(8.0, 6.0, 3.0));
+        let furniture = [([5.0, 2.0, 0.0], [6.4, 3.0, 0.75]), ([0.5, 4.8, 0.0], [1.6, 5.6, 2.0])];
+        let mut random = Random(7);
+        let mut ray = || {
+            let direction = random.in_box([-1.0; 3], [1.0; 3]);
+            let direction = (direction.length_squared() <= 1.0).then(|| direction.normalize_or(DVec3::X))?;
+            let ends = |low: DVec3, high: DVec3| {
+                let [a, b] = [low, high].map(|end| (end - eye) / direction);
+                (a.min(b).max_element(), a.max(b).min_element())
+            };
+            let mut distance = ends(DVec3::ZERO, size).1;
+            for (low, high) in furniture {
+                let (near, far) = ends(low.into(), high.into());
+                distance = if near > 0.0 && near < far { distance.min(near) } else { distance };
+            }
+            Some(eye + direction * (distance + 0.002 * (random.next() - 0.5)))
+        };
+        std::iter::repeat_with(|| ray()).flatten().take(points).collect()
+    }
+
+    #[test]
+    fn one_point_more_moves_neither_the_eye_nor_the_lamp_of_a_room() {
+        for (count, chunk_points) in [(20_000, 65_536), (300_000, 65_536)] {
+            let points = scanned_room(count);
+            let found = |points: &[DVec3]| {
+                let chunks: Vec<cloud::Chunk> =
+                    points.chunks(chunk_points).map(|places| cloud::Chunk::of_places(0, places)).collect();
+                let Surroundings::Room(Room { lamp, eye, pivot, .. }) =
+                    Surroundings::of(cloud::spread_sample(&chunks), DVec3::Z)
+                else {
+                    panic!("no room")
+                };
+                (lamp, eye, pivot)
+            };
+            let before = found(&points);
+            for index in (0..count).step_by(count / 6 + 1) {
+                let near = points[index];
+                let beside = near + DVec3::new(0.003, 0.0, 0.0);
+                let far = [10.0, 100.0, 1000.0].map(|sizes| DVec3::new(0.6, -0.5, 0.62) * 8.0 * sizes);
+                for place in [near, beside].into_iter().chain(far) {
+                    let last: Vec<DVec3> = points.iter().copied().chain([place]).collect();
+                    let first: Vec<DVec3> = std::iter::once(place).chain(points.iter().copied()).collect();
+                    assert_eq!(found(&last), before, "{place} after {count} points");
+                    assert_eq!(found(&first), before, "{place} before {count} points");
+                }
+            }
+        }
     }
 
     fn room_of(points: &[DVec3], up: DVec3) -> Room {

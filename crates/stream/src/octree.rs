@@ -60,6 +60,20 @@ impl Octree {
         Self { corner: cube.min, width: cube.size().max_element(), spacing: self.spacing, nodes }
     }
 
+    /// The bounds of the points without strays, from the nodes that have none below them.
+    pub fn scene_bounds(&self) -> Bounds {
+        let leaves = || self.nodes.iter().filter(|node| node.children.iter().all(Option::is_none));
+        let ends = leaves().filter(|leaf| !leaf.bounds.is_empty()).flat_map(|leaf| {
+            let weight = leaf.total as f64 / 2.0;
+            [(leaf.bounds.min, weight), (leaf.bounds.max, weight)]
+        });
+        let all = self.nodes.first().map_or(Bounds::EMPTY, |root| root.bounds);
+        let Some(fence) = cloud::scene_fence(ends.collect()) else { return all };
+        let within =
+            leaves().map(|leaf| Bounds { min: leaf.bounds.min.max(fence.min), max: leaf.bounds.max.min(fence.max) });
+        within.filter(|bounds| !bounds.is_empty()).fold(Bounds::EMPTY, Bounds::union)
+    }
+
     /// The number of points of all nodes.
     pub fn points(&self) -> u64 {
         self.nodes.first().map_or(0, |root| root.total)
@@ -73,5 +87,33 @@ impl Octree {
     /// All nodes with their ids.
     pub fn ids(&self) -> impl Iterator<Item = (NodeId, &Node)> {
         self.nodes.iter().enumerate().map(|(index, node)| (NodeId(index as u32), node))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(bounds: Bounds, points: u32, level: u8) -> Node {
+        let (total, first_point) = (u64::from(points), 0);
+        Node { level, bounds, points, is_exact: false, total, first_point, parent: None, children: [None; 8] }
+    }
+
+    #[test]
+    fn far_points_do_not_widen_the_bounds_of_a_scene() {
+        let leaf = |index: u32| {
+            let min = DVec3::new(f64::from(index % 8), f64::from(index / 8), 0.0);
+            node(Bounds { min, max: min + DVec3::new(0.9, 0.9, 2.0) }, 5000, 1)
+        };
+        let mut octree = Octree { corner: DVec3::ZERO, width: 1e4, spacing: 1.0, nodes: vec![] };
+        octree.nodes.push(node(Bounds { min: DVec3::ZERO, max: DVec3::splat(9e3) }, 9000, 0));
+        octree.nodes[0].children[0] = Some(NodeId(1));
+        octree.nodes.extend((0..64).map(leaf));
+        octree.nodes.push(node(Bounds { min: DVec3::splat(9e3), max: DVec3::splat(9e3) }, 1, 1));
+        let scene = octree.scene_bounds();
+        assert_eq!((scene.min, scene.max), (DVec3::ZERO, DVec3::new(7.9, 7.9, 2.0)));
+        octree.nodes.truncate(1);
+        octree.nodes[0].children[0] = None;
+        assert_eq!(octree.scene_bounds(), octree.nodes[0].bounds);
     }
 }

@@ -162,9 +162,8 @@ impl Assembly {
             self.task = None;
         }
         self.pages = Some(pages);
-        let bounds = self.index_bounds().unwrap_or(Bounds::EMPTY);
-        self.bounds = self.bounds.union(bounds);
-        Change::Bounds { cloud: self.key, bounds }
+        self.bounds = self.bounds.union(self.index_bounds().unwrap_or(Bounds::EMPTY));
+        Change::Bounds { cloud: self.key, bounds: self.scene_bounds().unwrap_or(Bounds::EMPTY) }
     }
 
     /// Puts the columns of the chunks in the order of other attributes. Those that are new have no values yet.
@@ -281,7 +280,7 @@ impl Assembly {
         let loaded = self.chunk_bounds.iter().copied().fold(Bounds::EMPTY, Bounds::union);
         let index_bounds = self.index_bounds();
         self.bounds = index_bounds.map_or(loaded, |bounds| bounds.union(loaded));
-        let bounds = index_bounds.map(|bounds| Change::Bounds { cloud: self.key, bounds });
+        let bounds = self.scene_bounds().map(|bounds| Change::Bounds { cloud: self.key, bounds });
         bounds.into_iter().chain(self.puts()).collect()
     }
 
@@ -310,7 +309,7 @@ impl Assembly {
     /// All changes that put the cloud on the GPU, in a fixed order.
     pub fn changes(&self) -> Vec<Change> {
         let open = Change::Open { cloud: self.key, provisional_radius: self.provisional_radius };
-        let bounds = self.index_bounds().map(|bounds| Change::Bounds { cloud: self.key, bounds });
+        let bounds = self.scene_bounds().map(|bounds| Change::Bounds { cloud: self.key, bounds });
         std::iter::once(open).chain(bounds).chain(self.puts()).collect()
     }
 
@@ -372,8 +371,16 @@ impl Assembly {
 
     /// The bounds of all points, if an index states them; where the points are turned, of the turned box.
     pub fn index_bounds(&self) -> Option<Bounds> {
-        let own = self.octree()?.nodes.first()?.bounds;
-        Some(self.placement.map_or(own, |placement| placement.bounds(own)))
+        Some(self.in_scene(self.octree()?.nodes.first()?.bounds))
+    }
+
+    /// The bounds of all points but strays, if there is an index.
+    fn scene_bounds(&self) -> Option<Bounds> {
+        Some(self.in_scene(self.octree()?.scene_bounds()))
+    }
+
+    fn in_scene(&self, own: Bounds) -> Bounds {
+        self.placement.map_or(own, |placement| placement.bounds(own))
     }
 
     /// Whether its index was made by this job instead of found.

@@ -25,8 +25,12 @@ fn sensor(chunks: &[Chunk], up: DVec3) -> Option<Camera> {
     if !cloud::is_depth_image(chunks) {
         return None;
     }
-    let sample: Vec<DVec3> = cloud::spread_sample(chunks).collect();
-    let pivot = sample.iter().sum::<DVec3>() / sample.len() as f64;
+    let bounds = cloud::robust_bounds(chunks);
+    let sample: Vec<DVec3> = cloud::spread_sample(chunks).filter(|place| bounds.contains(*place)).collect();
+    // In steps, so that a point more or less does not move the view.
+    let mean = sample.iter().sum::<DVec3>() / sample.len() as f64;
+    let step = (mean.length().log2().floor() - 8.0).exp2();
+    let pivot = (mean / step).round() * step;
     let forward = pivot.try_normalize()?;
     let looks_along_z = forward.z.abs() > forward.x.abs().max(forward.y.abs());
     let up = if looks_along_z { DVec3::Y * farther_side(&sample) } else { up };

@@ -197,10 +197,12 @@ fn part_of(task: &Task<'_>) -> [[u32; 2]; 2] {
     [tiles.first.map(|tile| tile * 8), [end(0), end(1)]]
 }
 
-/// The box about all points; the eye if there are none.
+/// The box about all points without strays; the eye if there are none.
 fn scene_of(task: &Task<'_>) -> Bounds {
     let placed = task.supply.chunks.iter().filter_map(|chunk| task.store.placed(*chunk));
-    let bounds = placed.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds));
+    let all = placed.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds));
+    let scene = task.store.bounds();
+    let bounds = Bounds { min: all.min.max(scene.min), max: all.max.min(scene.max) };
     let eye = task.supply.camera.eye;
     if bounds.is_empty() { Bounds { min: eye, max: eye } } else { bounds }
 }

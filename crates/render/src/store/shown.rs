@@ -1,7 +1,8 @@
 //! Which points of a chunk of the store are shown, and figures of these.
 
 use cloud::{Bounds, Chunk, CloudLayout, NO_RADIUS, PointTest, ShownPoints, unpack_radius};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 /// Figures of the shown points of a chunk.
 pub(super) struct Shown {
@@ -10,6 +11,8 @@ pub(super) struct Shown {
     pub bounds: Bounds,
     /// The bounds without the points that are far away from most of the chunk.
     pub core: Bounds,
+    /// Some of the points of the core, as offsets from the chunk's origin.
+    pub sample: Vec<Vec3>,
     /// The largest known splat radius in world units.
     pub largest_radius: f32,
     pub lacks_radii: bool,
@@ -18,7 +21,8 @@ pub(super) struct Shown {
 impl Shown {
     pub fn of(points: &Chunk, which: ShownPoints) -> Self {
         let (bounds, core) = (Bounds::EMPTY, Bounds::EMPTY);
-        let mut shown = Self { which, points: 0, bounds, core, largest_radius: 0.0, lacks_radii: true };
+        let sample = Vec::new();
+        let mut shown = Self { which, points: 0, bounds, core, sample, largest_radius: 0.0, lacks_radii: true };
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let (mut count, mut largest, mut lacks_radii) = (0, None, points.radii.is_none());
         for index in shown.which.indices(points.len()) {
@@ -36,14 +40,28 @@ impl Shown {
         if low.cmple(high).all() {
             shown.bounds = Bounds { min: points.origin + low.as_dvec3(), max: points.origin + high.as_dvec3() };
             let far = low.abs().max(high.abs()).max_element();
-            shown.core = match reach_of_most(points, &shown.which).filter(|reach| FAR * reach < far) {
-                None => shown.bounds,
-                Some(reach) => bounds_within(points, &shown.which, FAR * reach),
+            let reach = reach_of_most(points, &shown.which).filter(|reach| FAR * reach < far);
+            let reach = reach.map_or(f32::INFINITY, |reach| FAR * reach);
+            let is_near = |position: &Vec3| position.abs().max_element() <= reach;
+            shown.core = match reach.is_finite() {
+                false => shown.bounds,
+                true => shown.bounds_where(points, |position| is_near(&(position - points.origin).as_vec3())),
             };
+            let indices = (0..points.len()).step_by(points.len().div_ceil(SCENE_SAMPLE).max(1));
+            let some = indices.filter(|index| shown.which.has(*index)).map(|index| Vec3::from(points.positions[index]));
+            shown.sample = some.filter(is_near).collect();
         }
         shown.largest_radius = largest.and_then(unpack_radius).unwrap_or(0.0);
         (shown.points, shown.lacks_radii) = (count, lacks_radii);
         shown
+    }
+
+    /// The bounds of those of the shown points that are in such places.
+    pub fn bounds_where(&self, points: &Chunk, holds: impl Fn(DVec3) -> bool) -> Bounds {
+        let mut bounds = Bounds::EMPTY;
+        let places = self.which.indices(points.len()).map(|index| points.position(index));
+        places.filter(|place| holds(*place)).for_each(|place| bounds.include(place));
+        bounds
     }
 
     /// The bits of the points, for a page of the store.
@@ -62,6 +80,8 @@ impl Shown {
 pub(super) const FAR: f32 = 64.0;
 /// The number of points that tell how far most are from the origin.
 const SAMPLE: usize = 99;
+/// The number of points of a chunk that tell where the scene is.
+const SCENE_SAMPLE: usize = 256;
 
 /// The distance from the origin, along any axis, within which nine tenths of some of the shown points are.
 fn reach_of_most(points: &Chunk, which: &ShownPoints) -> Option<f32> {
@@ -73,11 +93,22 @@ fn reach_of_most(points: &Chunk, which: &ShownPoints) -> Option<f32> {
     Some(*reaches.select_nth_unstable_by(rank, f32::total_cmp).1)
 }
 
-fn bounds_within(points: &Chunk, which: &ShownPoints, reach: f32) -> Bounds {
-    let mut bounds = Bounds::EMPTY;
-    let is_near = |index: &usize| Vec3::from(points.positions[*index]).abs().max_element() <= reach;
-    which.indices(points.len()).filter(is_near).for_each(|index| bounds.include(points.position(index)));
-    bounds
+/// The bounds of the shown points of a cloud without its strays.
+pub(super) fn scene_bounds(chunks: &[(&Chunk, &Shown)]) -> Bounds {
+    let all = chunks.iter().map(|(_, shown)| shown.core).fold(Bounds::EMPTY, Bounds::union);
+    let sample = chunks.iter().flat_map(|(points, shown)| {
+        let weight = f64::from(shown.points) / shown.sample.len().max(1) as f64;
+        shown.sample.iter().map(move |offset| (points.origin + offset.as_dvec3(), weight))
+    });
+    let Some(fence) = cloud::scene_fence(sample.collect()) else { return all };
+    let is_within = |bounds: &Bounds| bounds.is_empty() || fence.contains(bounds.min) && fence.contains(bounds.max);
+    if is_within(&all) {
+        return all;
+    }
+    let of_chunk = |(points, shown): &(&Chunk, &Shown)| {
+        if is_within(&shown.core) { shown.core } else { shown.bounds_where(points, |place| fence.contains(place)) }
+    };
+    chunks.par_iter().map(of_chunk).reduce(|| Bounds::EMPTY, Bounds::union)
 }
 
 /// Which points of a chunk with these bounds a test shows.
