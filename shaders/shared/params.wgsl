@@ -82,7 +82,7 @@ struct Overlay {
     text: f32,
 }
 
-// Eye-dome lighting (Boucheny 2009): a depth cue from the depth image alone.
+// Eye-dome lighting (Boucheny 2009): a depth cue from the depth image. The slope of a plane is no step of depth.
 struct Edl {
     strength: f32,
     radius: f32,

@@ -409,7 +409,7 @@ passes! {
     exposure_histogram: View over Pixels { color_in: Texture, depth_in: Texture, histogram: ReadWrite }
     exposure_fit: View over Pixels { adaptation: Uniform, histogram: Read, fitted: ReadWrite }
     present: View over Pixels {
-        color_in: Texture, depth_in: Texture, radius_in: Texture, picture_out: Write(Rgba8Unorm),
+        color_in: Texture, depth_in: Texture, radius_in: Texture, normal_in: Texture, picture_out: Write(Rgba8Unorm),
     }
     probe_pixels: View over Pixels {
         pixels: Read, first_in: Texture, second_in: Texture, third_in: Texture, fourth_in: Texture, values: ReadWrite,

@@ -130,11 +130,12 @@ impl Targets {
 
     /// The bindings of `present`, which makes the picture. Without radii its settings do not ask for them.
     pub fn presented<'r>(&'r self, color: &'r Image) -> passes::present<'r> {
-        let depth = &self.surface().depth;
+        let GBuffer { depth, normal, .. } = self.surface();
         passes::present {
             color_in: color.bind(),
             depth_in: depth.bind(),
             radius_in: self.radii.as_ref().unwrap_or(depth).bind(),
+            normal_in: normal.bind(),
             picture_out: self.picture.bind(),
         }
     }

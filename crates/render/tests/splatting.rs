@@ -900,3 +900,132 @@ fn eye_dome_lighting_shows_no_steps_from_disc_to_disc_and_all_larger_ones() {
     let outlined = share_different(&seen(both, "0.4", "1"), &plain, 8);
     assert!(outlined > 0.002 && outlined < 0.05, "{outlined}");
 }
+
+/// A level floor from x = 0 to 7 whose points lie a centimetre apart and 2.5 mm off it, with normals a few degrees off.
+fn rough_floor() -> Vec<Point> {
+    let normal_spread = |index: u64| random(index) + random(index + 1) + random(index + 2) - 1.5;
+    let point = |index: u64| {
+        let [x, y] = [index % 700, index / 700].map(|place| place as f64 * 0.01);
+        let [dx, dy] = [1, 2].map(|axis| 0.006 * (random(index * 16 + axis) - 0.5));
+        Point {
+            // Sums of three have the spread of half a unit.
+            position: DVec3::new(x + dx, y - 1.0 + dy, 0.005 * normal_spread(index * 16 + 3)),
+            normal: DVec3::new(0.08 * normal_spread(index * 16 + 6), 0.08 * normal_spread(index * 16 + 9), 1.0)
+                .normalize()
+                .as_vec3(),
+            color: [200; 3],
+            radius: 0.0095,
+        }
+    };
+    (0..700 * 200).map(point).collect()
+}
+
+/// A rectangle of points half a centimetre apart.
+fn board(corner: DVec3, edges: [DVec3; 2]) -> impl Iterator<Item = Point> {
+    let counts = edges.map(|edge| (edge.length() / 0.005).ceil() as u32);
+    let normal = edges[0].cross(edges[1]).normalize().as_vec3();
+    let at = |index: u32, count: u32| (f64::from(index) + 0.5) / f64::from(count);
+    (0..counts[0] * counts[1]).map(move |index| Point {
+        position: corner + edges[0] * at(index % counts[0], counts[0]) + edges[1] * at(index / counts[0], counts[1]),
+        normal,
+        color: [200; 3],
+        radius: 0.005,
+    })
+}
+
+/// The depths of a picture, and how much light eye-dome lighting leaves each pixel.
+fn eye_dome(stage: &mut Stage, points: &[Point], camera: &Camera, quality: &str, size: [u32; 2]) -> [Vec<f64>; 2] {
+    let mut store = PointStore::new(stage.gpu.clone());
+    let chunks: Vec<Chunk> = points.chunks(65_536).map(|points| chunk(points, DVec3::ZERO)).collect();
+    let id = store.add_cloud(Material::default());
+    let ids: Vec<_> = chunks.iter().map(|chunk| store.add_chunk(id, chunk, None).unwrap()).collect();
+    let cloud = Cloud { chunks, ..Cloud::default() };
+    let mut draw = |strength: &str| {
+        let settings = settings(&[("splat.quality", quality), ("light.by", "colors"), ("edl.strength", strength)]);
+        let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
+        store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+        stage.renderer.render(&store, camera, &settings, Objects::default(), size).unwrap();
+        // Linear light of the sRGB values.
+        let linear = |value: u8| ((f64::from(value) / 255.0 + 0.055) / 1.055).powf(2.4);
+        let picture = stage.renderer.read_picture().unwrap();
+        picture.chunks_exact(4).map(|color| linear(color[0])).collect::<Vec<f64>>()
+    };
+    let (lit, plain) = (draw("0.4"), draw("0"));
+    let depths = stage.renderer.read_aov(Aov::Depth).unwrap().data.iter().map(|depth| f64::from(*depth)).collect();
+    [depths, lit.iter().zip(&plain).map(|(lit, plain)| lit / plain).collect()]
+}
+
+#[test]
+fn eye_dome_lighting_draws_no_rims_on_a_rough_plane_seen_at_one_to_ten_degrees() {
+    let mut stage = stage_or_skip!();
+    let (floor, size) = (rough_floor(), [320, 240]);
+    for (height, quality) in [(0.05, "high"), (0.05, "nearest"), (0.3, "high"), (0.3, "nearest")] {
+        let camera = Camera { eye: DVec3::new(-0.6, 0.0, height), pivot: DVec3::new(3.0, 0.0, 0.0), up: DVec3::Z };
+        let [depths, light] = eye_dome(&mut stage, &floor, &camera, quality, size);
+        let positions = stage.renderer.read_aov(Aov::Position).unwrap().data;
+        let (mut seen, mut dark) = ([0; 3], [0; 3]);
+        for (pixel, at) in positions.as_chunks::<3>().0.iter().enumerate().filter(|(pixel, _)| depths[*pixel] > 0.0) {
+            let at = Vec3::from(*at).as_dvec3();
+            let degrees = (height / at.distance(camera.eye)).asin().to_degrees();
+            // Away from the floor's ends.
+            if (1.0..10.0).contains(&degrees) && at.x < 6.9 && at.y.abs() < 0.95 {
+                let bin = [3.0, 6.0].iter().filter(|end| degrees >= **end).count();
+                seen[bin] += 1;
+                dark[bin] += usize::from(light[pixel] < 0.95);
+            }
+        }
+        println!("{height} {quality}: {dark:?} of {seen:?}");
+        assert!(seen.iter().sum::<usize>() > 3000, "{seen:?}");
+        assert!(dark.iter().sum::<usize>() * 100 <= seen.iter().sum::<usize>(), "{height} {quality}: {dark:?}");
+    }
+}
+
+#[test]
+fn eye_dome_lighting_darkens_real_steps_as_their_depths_say_and_by_lines_one_pixel_wide() {
+    let mut stage = stage_or_skip!();
+    // A wall at x = 3, a pole half a unit before it, and a box on a floor, seen from the side and from above.
+    let (y, z) = (DVec3::Y, DVec3::Z);
+    let wall = board(DVec3::new(3.0, -1.5, -1.0), [y * 3.0, z * 2.0]);
+    let pole = board(DVec3::new(2.5, -0.05, -1.0), [y * 0.1, z * 2.0]);
+    let upright: Vec<Point> = wall.chain(pole).collect();
+    let front = Camera { eye: DVec3::ZERO, pivot: DVec3::X * 2.5, up: z };
+    let floor = board(DVec3::new(1.0, -1.0, 0.0), [DVec3::X * 3.0, y * 2.0]);
+    let lid = board(DVec3::new(2.0, -0.3, 0.3), [DVec3::X * 0.3, y * 0.6]);
+    let side = board(DVec3::new(2.0, -0.3, 0.0), [y * 0.6, z * 0.3]);
+    let boxed: Vec<Point> = floor.chain(lid).chain(side).collect();
+    let slanted = Camera { eye: DVec3::new(0.0, 0.0, 1.0), pivot: DVec3::new(2.2, 0.0, 0.1), up: z };
+    for (points, camera, size, name) in [
+        (&upright, front, [160, 120], "a pole before a wall"),
+        (&upright, front, [640, 480], "a pole before a wall, four times as fine"),
+        (&boxed, slanted, [160, 120], "a box on a floor"),
+        (&boxed, slanted, [640, 480], "a box on a floor, four times as fine"),
+    ] {
+        let [depths, light] = eye_dome(&mut stage, points, &camera, "nearest", size);
+        let [width, height] = size.map(|edge| edge as usize);
+        let (mut compared, mut lines) = (0, vec![0; height]);
+        for pixel in (0..width * height).filter(|pixel| depths[*pixel] > 0.0) {
+            let (column, row) = (pixel % width, pixel / width);
+            if column == 0 || row == 0 || column == width - 1 || row == height - 1 {
+                continue;
+            }
+            // The published rule: the eight neighbours' depths alone.
+            let around = [1, width + 1, width, width - 1].into_iter().flat_map(|by| [pixel - by, pixel + by]);
+            let steps = around.filter(|other| depths[*other] > 0.0).map(|other| depths[pixel] / depths[other] - 1.0);
+            let steps: Vec<f64> = steps.collect();
+            let sum: f64 = steps.iter().map(|step| (1.0 + step.max(0.0)).log2()).sum();
+            let published = (-300.0 * 0.4 * sum / 8.0).exp();
+            // Far beyond any slope here, and far below one.
+            if steps.iter().any(|step| *step > 0.15) {
+                compared += 1;
+                lines[row] += 1;
+                assert!(light[pixel] < published + 0.1, "{name}: {} instead of {published}", light[pixel]);
+            } else if steps.iter().all(|step| step.abs() < 0.003) {
+                assert!(light[pixel] > 0.95, "{name}: {} at {column} {row} without a step", light[pixel]);
+            }
+        }
+        println!("{name}: {compared} pixels at steps");
+        assert!(compared > 40, "{name}: {compared}");
+        // On each side of the pole one pixel.
+        assert!(!name.starts_with("a pole") || lines[height / 2] == 2, "{name}: {} a row", lines[height / 2]);
+    }
+}

@@ -219,13 +219,13 @@ params! {
         plain: param::Color = param::Color(0xc8c4_bcff);
     }
 
-    /// Eye-dome lighting (Boucheny 2009): a depth cue from the depth image alone.
+    /// Eye-dome lighting (Boucheny 2009): a depth cue from the depth image. The slope of a plane is no step of depth.
     pub struct Edl = "edl" in "Light" => affects(view) {
         /// Darkness of depth edges; 0 turns it off.
         strength: f32 = 0.4, 0.0..=10.0, "";
         /// Distance of the eight neighbours that are compared.
         radius: f32 = 1.4, 0.5..=10.0, "pixels";
-        /// How far a pixel may lie behind its neighbours before it darkens, in radii of its splat, where splats are discs of 32 pixels and more, so that near surfaces show no rings around them; in part from 8 pixels on.
+        /// How far a pixel may lie behind its neighbours before it darkens, in radii of its splat, where splats are discs of 32 pixels and more, so that near surfaces show no rings around them; in part from 8 pixels on. On planes, how far its disc may lie off the plane at any size, the more so the more the plane is seen along it.
         ignored: f32 = 1.0, 0.0..=10.0, "radii";
     }
 

@@ -86,6 +86,7 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("close_gaps", &[8.0, 8.0, 8.0]),
     ("gather_close", &[8.0, 8.0]),
     ("eye_dome", &[8.0]),
+    ("plane_about", &[8.0]),
     ("what_is_beside", &[8.0]),
     ("is_alone", &[9.0]),
     ("share_lit", &[3.0, 3.0]),
