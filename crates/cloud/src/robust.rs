@@ -52,9 +52,9 @@ pub fn constant(chunks: &[Chunk], scalar: Scalar) -> Option<f64> {
     (has_several && chunks.iter().all(is_same)).then_some(first)
 }
 
-/// Of the points, up to `SAMPLE_POINTS` pairs of a chunk and an index: those whose positions have the smallest hashes. So
-/// a further point takes the place of one other at most, in whatever order the points come. Points in one small cell of
-/// space count once, unless they are at one place and follow one another.
+/// All points as pairs of a chunk and an index, or of more than `SAMPLE_POINTS` those whose positions have the smallest
+/// hashes. So a further point takes the place of one other at most, in whatever order the points come. Points in one small
+/// cell of space then count once, unless they are at one place and follow one another.
 fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> Vec<(&'a Chunk, usize)> {
     let mut total = 0;
     let parts: Vec<(u64, &Chunk)> = chunks
@@ -64,8 +64,11 @@ fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> Vec<(&'a Chunk
             (start, chunk)
         })
         .collect();
+    if total <= SAMPLE_POINTS as u64 {
+        return parts.iter().flat_map(|(_, chunk)| (0..chunk.len()).map(move |index| (*chunk, index))).collect();
+    }
     let per_unit = 1.0 / width_of_cell(&parts);
-    let mut share = 1.5 * SAMPLE_POINTS as f64 / total.max(1) as f64;
+    let mut share = 1.5 * SAMPLE_POINTS as f64 / total as f64;
     loop {
         let most = if share < 1.0 { (share * u64::MAX as f64) as u64 } else { u64::MAX };
         let keys = |(start, chunk): &(u64, &'a Chunk)| {
@@ -141,7 +144,7 @@ pub fn scene_fence(mut sample: Vec<(DVec3, f64)>) -> Option<Bounds> {
     if sample.len() < FEWEST {
         return None;
     }
-    let trimmed = STRAY * sample.iter().map(|(_, weight)| weight).sum::<f64>();
+    let trimmed = (STRAY * sample.iter().map(|(_, weight)| weight).sum::<f64>()).max(1.0);
     let mut core = Bounds::EMPTY;
     for axis in 0..3 {
         sample.sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
@@ -458,6 +461,8 @@ mod tests {
             assert!((fence.max - clean.max).abs().max_element() < 1e-3 * far, "{fence:?}");
         }
         assert_eq!(scene_fence(hall[..15].to_vec()), None);
+        let few = |far: f64| (0..40).map(|i| (DVec3::splat(f64::from(i)), 1.0)).chain([(DVec3::splat(far), 1.0)]);
+        assert_eq!(scene_fence(few(1e6).collect()), scene_fence(few(1e4).collect()));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::cache::{Cache, Identity};
 use crate::entry::{self, BUILDING, RECORDS};
 use crate::lattice::Cell;
 use crate::pages::{self, Pages, Summary, Written};
-use crate::plan::{self, Extent, IndexPlan};
+use crate::plan::{self, Extent, IndexPlan, Places};
 use crate::preview::Preview;
 use crate::storage::Storage;
 use crate::tree::{BYTES_PER_POINT, Tree};
@@ -196,6 +196,7 @@ struct Counts {
     misfits: AtomicU64,
     /// Whether there are points outside the cube.
     outside: AtomicBool,
+    places: Places,
 }
 
 impl Build<'_> {
@@ -203,8 +204,9 @@ impl Build<'_> {
         let first_path = || identity.paths().next().map(Path::to_owned).unwrap_or_default();
         let mut extent: Option<Extent> = None;
         let mut wide = false;
+        let mut scene = None;
         loop {
-            let Some(plan) = IndexPlan::new(self.inputs, self.also, extent.as_ref(), wide) else {
+            let Some(plan) = IndexPlan::new(self.inputs, self.also, extent.as_ref(), wide, scene) else {
                 if extent.is_some() {
                     return Err(self.why_empty(first_path()));
                 }
@@ -215,8 +217,9 @@ impl Build<'_> {
             let path = folder.join(RECORDS);
             let temporary = Storage::create(&path, self.disk)?;
             let counts = Counts::default();
-            let (distributed, warnings) = self.distribute(&plan, &temporary, &counts, extent.is_none())?;
-            let outside = extent.is_none() && counts.outside.load(Ordering::Relaxed);
+            let trusting = extent.is_none() && scene.is_none();
+            let (distributed, warnings) = self.distribute(&plan, &temporary, &counts, trusting)?;
+            let outside = trusting && counts.outside.load(Ordering::Relaxed);
             if outside || (!plan.layout.wide && counts.misfits.load(Ordering::Relaxed) > 0) {
                 // The headers are wrong: read again with the measured extent.
                 wide |= counts.misfits.load(Ordering::Relaxed) > 0;
@@ -227,6 +230,15 @@ impl Build<'_> {
             }
             if counts.points.load(Ordering::Relaxed) == 0 {
                 return Err(Error::Empty { path: first_path() });
+            }
+            if scene.is_none() {
+                scene = counts.places.scene_within(plan.lattice.width);
+                if scene.is_some() {
+                    // Strays lie far away: read again with a cube about the others.
+                    drop((distributed, temporary));
+                    std::fs::remove_file(&path).map_err(|error| Error::not_written(&path, error))?;
+                    continue;
+                }
             }
             let nodes = self.nodes(&plan, distributed, &temporary, &folder.join(pages::PAGES))?;
             drop(temporary);
@@ -323,6 +335,7 @@ impl Build<'_> {
                     return reading.cancel();
                 }
                 self.progress.add(chunk.len() as u64);
+                counts.places.add(&chunk);
                 drop(encoded);
                 self.preview.add(&plan.layout, &chunk, columns, first_point);
             };

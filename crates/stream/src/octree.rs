@@ -69,6 +69,9 @@ impl Octree {
         });
         let all = self.nodes.first().map_or(Bounds::EMPTY, |root| root.bounds);
         let Some(fence) = cloud::scene_fence(ends.collect()) else { return all };
+        // Strays count to the cells at the cube's sides.
+        let cube = Bounds { min: self.corner, max: self.corner + self.width };
+        let fence = Bounds { min: fence.min.max(cube.min), max: fence.max.min(cube.max) };
         let within =
             leaves().map(|leaf| Bounds { min: leaf.bounds.min.max(fence.min), max: leaf.bounds.max.min(fence.max) });
         within.filter(|bounds| !bounds.is_empty()).fold(Bounds::EMPTY, Bounds::union)
@@ -105,13 +108,19 @@ mod tests {
             let min = DVec3::new(f64::from(index % 8), f64::from(index / 8), 0.0);
             node(Bounds { min, max: min + DVec3::new(0.9, 0.9, 2.0) }, 5000, 1)
         };
-        let mut octree = Octree { corner: DVec3::ZERO, width: 1e4, spacing: 1.0, nodes: vec![] };
+        let mut octree = Octree { corner: DVec3::ZERO, width: 1e4, spacing: 1.0, nodes: Vec::new() };
         octree.nodes.push(node(Bounds { min: DVec3::ZERO, max: DVec3::splat(9e3) }, 9000, 0));
         octree.nodes[0].children[0] = Some(NodeId(1));
         octree.nodes.extend((0..64).map(leaf));
         octree.nodes.push(node(Bounds { min: DVec3::splat(9e3), max: DVec3::splat(9e3) }, 1, 1));
         let scene = octree.scene_bounds();
         assert_eq!((scene.min, scene.max), (DVec3::ZERO, DVec3::new(7.9, 7.9, 2.0)));
+        // A stray in the cell at the side of a cube that leaves it out.
+        octree.width = 8.0;
+        octree.nodes[64].bounds.max = DVec3::splat(9e3);
+        octree.nodes.pop();
+        let scene = octree.scene_bounds();
+        assert!(scene.max.x == 8.0 && scene.max.y == 8.0 && scene.max.z < 5.0, "{scene:?}");
         octree.nodes.truncate(1);
         octree.nodes[0].children[0] = None;
         assert_eq!(octree.scene_bounds(), octree.nodes[0].bounds);

@@ -33,7 +33,7 @@ pub(crate) const UNFINISHED: &str = "nodes.unfinished";
 /// The number of the builder of indexes: indexes with another one are made again. It grows with each change of the form
 /// of an index, of how points are shared out among nodes, and of what readers make of a file. A test holds it
 /// (tests/builder.rs).
-pub const BUILDER: u32 = 3;
+pub const BUILDER: u32 = 4;
 pub(crate) const MAGIC: [u8; 8] = *b"glintidx";
 /// Bytes before the body: magic, version, checksum of the body.
 const HEAD_BYTES: usize = 16;

@@ -29,6 +29,11 @@ const LEAST_WIDTH: f64 = 1e-30;
 const FARTHEST: f64 = 1e12;
 /// The smallest sample in which the farthest point at each end of an axis is taken for a stray.
 const FEWEST_SAMPLES: usize = 16;
+/// The cube of the tree leaves out strays, which count to the cells at its sides, where a cube about them would be this
+/// many times as wide: nodes of many levels would have one child.
+const FAR: f64 = 4.0;
+/// How far the cube then reaches beyond a sample of the others, as a share of its width.
+const SCENE_MARGIN: f64 = 0.1;
 /// The number of points per chunk that are sampled to find the bulk.
 const SAMPLES_PER_CHUNK: usize = 64;
 
@@ -51,8 +56,14 @@ pub struct Extent {
 
 impl IndexPlan {
     /// `also` names attributes that are kept besides the usual ones. `extent` is the measured extent, where it is known
-    /// better than from the headers.
-    pub fn new(inputs: &[Arc<Source>], also: &BTreeSet<String>, extent: Option<&Extent>, wide: bool) -> Option<Self> {
+    /// better than from the headers. `scene` is where all but strays are, if these are far away.
+    pub fn new(
+        inputs: &[Arc<Source>],
+        also: &BTreeSet<String>,
+        extent: Option<&Extent>,
+        wide: bool,
+        scene: Option<Bounds>,
+    ) -> Option<Self> {
         let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
         let header_bounds =
             || infos().map(|info| info.bounds).try_fold(Bounds::EMPTY, |all, bounds| Some(all.union(bounds?)));
@@ -61,6 +72,8 @@ impl IndexPlan {
         let grid = finest_grid(infos().map(|info| info.grid))
             .filter(|grid| is_sane(grid) && is_within(&bounds, grid, MOST_STEPS));
         let step = grid.map_or(0.0, |grid| grid.scale.abs().max_element());
+        let is_narrow = grid.is_some_and(|grid| is_within(&bounds, &grid, f64::from(i32::MAX)));
+        let bounds = scene.unwrap_or(bounds);
         let width = (bounds.size().max_element() * (1.0 + 2.0 * MARGIN)).max(256.0 * step);
         let width = if width > 0.0 { width.max(LEAST_WIDTH) } else { 1.0 };
         // Without a grid the bulk must be known, too.
@@ -73,7 +86,6 @@ impl IndexPlan {
         // Height is usually the least extent. With the cube's floor at the lowest point, the ground lies in the lower
         // half and is not cut by the middle of the cube.
         let corner = corner.with_z(bounds.min.z - width * MARGIN);
-        let is_narrow = grid.is_some_and(|grid| is_within(&bounds, &grid, f64::from(i32::MAX)));
         let layout = layout(inputs, also, wide || !is_narrow);
         let inputs = inputs.iter().map(|input| selection(input, &layout)).collect();
         let lattice = Lattice { grid: lattice_grid, corner, width };
@@ -225,6 +237,33 @@ pub fn measure(
     let reach = FARTHEST.max(bulk.size().max_element() * STEPS);
     let near = Bounds { min: bulk.min - reach, max: bulk.max + reach };
     Ok(Extent { bounds: Bounds { min: bounds.min.max(near.min), max: bounds.max.min(near.max) }, bulk })
+}
+
+/// Some of the points that are read, each with the number of points that it stands for.
+#[derive(Default)]
+pub struct Places(Mutex<Vec<(DVec3, f64)>>);
+
+impl Places {
+    pub fn add(&self, chunk: &Chunk) {
+        let some = spread(chunk.len(), SAMPLES_PER_CHUNK);
+        let weight = chunk.len() as f64 / some.len().max(1) as f64;
+        let places = some.iter().map(|index| place_of(chunk, *index as usize)).filter(|place| is_believable(*place));
+        let mut sample = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        sample.extend(places.map(|place| (place, weight)));
+    }
+
+    /// Where all but strays are, if a cube of this width about all of them is many times as wide.
+    pub fn scene_within(&self, width: f64) -> Option<Bounds> {
+        let sample = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        let fence = cloud::scene_fence(sample.clone())?;
+        let mut scene = Bounds::EMPTY;
+        sample.iter().filter(|(place, _)| fence.contains(*place)).for_each(|(place, _)| scene.include(*place));
+        // Points between those of the sample.
+        let margin = SCENE_MARGIN * scene.size().max_element();
+        let scene = Bounds { min: scene.min - margin, max: scene.max + margin };
+        let own = scene.size().max_element();
+        (own > 0.0 && width > FAR * own).then_some(scene)
+    }
 }
 
 /// The position of a point as the file states it.

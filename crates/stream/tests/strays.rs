@@ -79,6 +79,28 @@ fn points_far_away_leave_the_others_where_they_are() {
     }
 }
 
+#[test]
+fn far_points_leave_the_cube_of_the_tree_and_the_bounds_of_the_scene_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("terrain.las");
+    let tree = |far: Option<i32>| {
+        let mut points = terrain(300_000);
+        points.extend(far.map(|sizes| Point { at: [600_000 * sizes, -500_000 * sizes, 620_000 * sizes], ..points[0] }));
+        write_las_with(&path, &points, 0.001, [0.0; 3], |_, _| ());
+        let pages = index(&[&path], &BuildOptions::default());
+        assert_eq!(places(&pages).len(), points.len());
+        pages.octree().clone()
+    };
+    let before = tree(None);
+    for sizes in [10, 100, 1000] {
+        let after = tree(Some(sizes));
+        assert!((1.0..1.3).contains(&(after.width / before.width)), "{} and {}", before.width, after.width);
+        let [own, with_far] = [&before, &after].map(|octree| octree.scene_bounds().size());
+        assert!((own - with_far).abs().max_element() < 0.15 * own.max_element(), "{own} and {with_far}");
+        assert!(after.nodes.len() <= before.nodes.len() * 3 / 2, "{} and {}", before.nodes.len(), after.nodes.len());
+    }
+}
+
 /// Writes a binary file with doubles.
 fn write_ply(path: &Path, points: &[DVec3]) {
     let mut bytes = format!(
