@@ -399,7 +399,7 @@ mod tests {
         let (eye, size) = (DVec3::new(2.9, 2.6, 1.55), DVec3::new(8.0, 6.0, 3.0));
         let furniture = [([5.0, 2.0, 0.0], [6.4, 3.0, 0.75]), ([0.5, 4.8, 0.0], [1.6, 5.6, 2.0])];
         let mut random = Random(7);
-        let mut ray = || {
+        let ray = || {
             let direction = random.in_box([-1.0; 3], [1.0; 3]);
             let direction = (direction.length_squared() <= 1.0).then(|| direction.normalize_or(DVec3::X))?;
             let ends = |low: DVec3, high: DVec3| {
@@ -413,7 +413,7 @@ mod tests {
             }
             Some(eye + direction * (distance + 0.002 * (random.next() - 0.5)))
         };
-        std::iter::repeat_with(|| ray()).flatten().take(points).collect()
+        std::iter::repeat_with(ray).flatten().take(points).collect()
     }
 
     #[test]
