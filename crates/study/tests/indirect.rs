@@ -64,7 +64,9 @@ impl Studio {
     }
 
     fn judge_sphere(&mut self, text: &str) -> LightError {
-        self.with_sphere.render(&mut self.renderer, &settings(text), SIZE).unwrap();
+        // The truth's ball is black, and so is one whose reflections are followed.
+        let settings = settings(&format!("{text} reflection.method=environment_map"));
+        self.with_sphere.render(&mut self.renderer, &settings, SIZE).unwrap();
         let judged = self.with_sphere.judge_indirect(&self.renderer, &self.truth_of_sphere).unwrap();
         told(text, judged, self.truth_of_sphere.noise)
     }
