@@ -6,12 +6,16 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use cloud::Progress;
 use render::{Gpu, Renderer};
-use scene::Settings;
+use scene::five_mirrors::Variant;
+use scene::{Settings, Tripod};
 use serde::Serialize;
-use study::{HoldOut, Ruler, Scan, ScannerFrom, Sightlines};
+use study::referee::{self, Shares, Verdict};
+use study::{HoldOut, Referee, Ruler, Scan, ScannerFrom, Sightlines};
+use world::Input;
 
 use crate::commands::scans;
 use crate::commands::stats::set_values;
+use crate::commands::subject::{self, LoadedSubject};
 use crate::shared::command_line::SurfacesArguments;
 use crate::shared::numbers::grouped;
 use crate::system::failure::{self, FAILED, UNUSABLE};
@@ -27,6 +31,7 @@ struct Report {
 #[serde(untagged)]
 enum Entry {
     Judged(Box<Judged>),
+    Refereed(Box<Refereed>),
     Failed { path: String, error: String },
 }
 
@@ -45,6 +50,17 @@ struct Judged {
     points: u64,
     holdout: f64,
     seed: u64,
+    set: BTreeMap<String, serde_json::Value>,
+}
+
+/// The figures of a made scan, by its exact surfaces.
+#[derive(Serialize)]
+struct Refereed {
+    path: String,
+    scanners: Vec<[f64; 3]>,
+    scanner_from: ScannerFrom,
+    exact: Verdict,
+    points: u64,
     set: BTreeMap<String, serde_json::Value>,
 }
 
@@ -72,6 +88,11 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
     let (mut inputs, mut status) = (Vec::new(), 0);
     let mut failed = Few::of("that cannot be judged");
     for input in &request.inputs {
+        if let Input::BuiltIn { variant: Variant::Tripod(scan), .. } = input {
+            let refereed = referee(&input.name(), *scan, arguments, &gpu, &mut renderer)?;
+            inputs.push(Entry::Refereed(Box::new(refereed)));
+            continue;
+        }
         for (path, scan) in scans::of_input(input, &request.test(), &settings) {
             let judged = scan.and_then(|scan| judge(&path, &scan, arguments, &settings, &gpu, &mut renderer));
             interrupt::check()?;
@@ -95,9 +116,12 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
     }
     let mut separator = None;
     for entry in &report.inputs {
-        if let Entry::Judged(judged) = entry {
-            print(separator.replace(String::new()).into_iter().chain(lines(judged)))?;
-        }
+        let lines = match entry {
+            Entry::Judged(judged) => lines(judged),
+            Entry::Refereed(refereed) => exact_lines(refereed),
+            Entry::Failed { .. } => continue,
+        };
+        print(separator.replace(String::new()).into_iter().chain(lines))?;
     }
     Ok(status)
 }
@@ -132,6 +156,58 @@ fn judge(
         seed: arguments.seed,
         set: set_values(settings, &said),
     })
+}
+
+/// Judges a made scan with all its points, as the program opens it.
+fn referee(
+    name: &str,
+    scan: Tripod,
+    arguments: &SurfacesArguments,
+    gpu: &Arc<Gpu>,
+    renderer: &mut Renderer,
+) -> anyhow::Result<Refereed> {
+    let request = world::resolve(&[name]);
+    let mut settings = scan.settings();
+    for (key, value) in &arguments.set {
+        settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
+    }
+    let camera = scan.camera();
+    let opened = subject::open(gpu, request, &settings, referee::JUDGED, |_, _, _| camera)?;
+    let Ok(LoadedSubject { subject, .. }) = opened else { return Err(failure::usage(format!("{name}: no points"))) };
+    let exact = Referee::new(scan).draw_and_judge(&subject, renderer, &settings)?;
+    let said: Vec<&str> = arguments.set.iter().map(|(key, _)| key.as_str()).collect();
+    Ok(Refereed {
+        path: name.to_owned(),
+        scanners: scan.stations().into_iter().map(Into::into).collect(),
+        scanner_from: ScannerFrom::File,
+        exact,
+        points: subject.parts.iter().filter(|part| part.specular_intensity == 0.0).map(|part| part.cloud.len()).sum(),
+        set: set_values(&settings, &said),
+    })
+}
+
+/// The report on a made scan for people.
+fn exact_lines(refereed: &Refereed) -> Vec<String> {
+    let Refereed { path, scanners, exact: Verdict { camera, mirrors, covered }, points, .. } = refereed;
+    let place = |[x, y, z]: &[f64; 3]| format!("({x:.2}, {y:.2}, {z:.2})");
+    let places: Vec<String> = scanners.iter().map(place).collect();
+    let row = |name: &str, shares: &Shares, covered: Option<f64>| {
+        let Shares { pixels, right, in_front, behind, empty, unscanned } = shares;
+        let shares = [right, in_front, behind, empty].map(|share| format!("{:>7.2} %", share * 100.0)).join(" ");
+        let covered = covered.map_or("-".into(), |covered| format!("{:.2} %", covered * 100.0));
+        format!("  {name:<13} {shares} {covered:>9} {:>9} {:>9}", grouped(*pixels as u64), grouped(*unscanned as u64))
+    };
+    vec![
+        path.clone(),
+        format!("  {:<13} {}", "scanner", places.join(", ")),
+        format!("  {:<13} {}, judged by the exact surfaces", "points", grouped(*points)),
+        format!(
+            "  {:<13} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}",
+            "", "right", "in front", "behind", "empty", "covered", "pixels", "unscanned"
+        ),
+        row("camera", camera, None),
+        row("mirrors", mirrors, Some(*covered)),
+    ]
 }
 
 /// The report for people.

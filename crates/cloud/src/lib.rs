@@ -41,7 +41,7 @@ pub use packing::{
 };
 pub use placement::Placement;
 pub use progress::Progress;
-pub use random::{Random, hash};
+pub use random::{Random, hash, unit};
 pub use robust::{
     Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, robust_range, scene_fence,
     spread_sample,

@@ -12,7 +12,7 @@ pub fn hash(value: u64) -> u64 {
 }
 
 /// A uniform number in 0 .. 1 from a seed and a running number.
-pub(crate) fn unit(seed: u64, number: u64) -> f64 {
+pub fn unit(seed: u64, number: u64) -> f64 {
     // 53 bits: the digits of an f64.
     (hash(hash(seed).wrapping_add(number)) >> 11) as f64 / (1_u64 << 53) as f64
 }

@@ -3,7 +3,8 @@
 //!
 //! The box is x, y in [-1, 1] and z in [-2, 2], seen from inside; the mirror is at the origin, its hollow or outer side
 //! towards the camera at z = 1.9. All surfaces of a scene together share the points evenly by area. The box also holds
-//! a mesh as a mirror and two scenes of several mirrors, after figures of Preiner's thesis (2010).
+//! a mesh as a mirror and two scenes of several mirrors, after figures of Preiner's thesis (2010). The other built-in
+//! scenes are variants, too: a courtyard, and the made scans of `tripod`.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -13,7 +14,7 @@ use glam::{DQuat, DVec3};
 
 use crate::mirror::MIRROR_GREY;
 use crate::surface_points::{Albedo, append, splat_radius};
-use crate::{Camera, Mirror, MirrorMesh, Settings, Shape, SpotLight, pool};
+use crate::{Camera, Mirror, MirrorMesh, Settings, Shape, SpotLight, Tripod, pool, tripod};
 
 /// The objects in the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,10 +31,12 @@ pub enum Variant {
     OpenBox,
     /// The courtyard of `pool`, which is no box.
     Pool,
+    /// A made scan, which is no box.
+    Tripod(Tripod),
 }
 
 impl Variant {
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 20] = [
         Self::None,
         Self::Sphere,
         Self::Parabolic,
@@ -45,13 +48,26 @@ impl Variant {
         Self::Bowl,
         Self::OpenBox,
         Self::Pool,
+        Self::Tripod(Tripod::Even),
+        Self::Tripod(Tripod::Room),
+        Self::Tripod(Tripod::Mixed),
+        Self::Tripod(Tripod::Four),
+        Self::Tripod(Tripod::Hall),
+        Self::Tripod(Tripod::Hall30),
+        Self::Tripod(Tripod::Hall40),
+        Self::Tripod(Tripod::Street),
+        Self::Tripod(Tripod::Church),
     ];
     /// The mirrors that `All` shows, from left to right.
     const SINGLE: [Self; 5] = [Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral];
 
     /// The first part of the name.
     pub fn family(self) -> &'static str {
-        if self == Self::Pool { "courtyard" } else { "five-mirrors" }
+        match self {
+            Self::Pool => "courtyard",
+            Self::Tripod(_) => "tripod",
+            _ => "five-mirrors",
+        }
     }
 
     /// The second part of the name, as in `five-mirrors/sphere`.
@@ -68,6 +84,7 @@ impl Variant {
             Self::Bowl => "bowl",
             Self::OpenBox => "open-box",
             Self::Pool => "pool",
+            Self::Tripod(scan) => scan.name(),
         }
     }
 
@@ -84,6 +101,7 @@ impl Variant {
             Self::Bowl => "a sphere that is partly diffuse, and a bowl",
             Self::OpenBox => "a hare, and a sphere on a torus, in a box that is open behind the camera",
             Self::Pool => "a ball, a ring and water in the sun: what opens when nothing is named",
+            Self::Tripod(scan) => scan.help(),
         }
     }
 
@@ -95,6 +113,7 @@ impl Variant {
             Self::Bowl => return bowl(),
             Self::OpenBox => return open_box(),
             Self::Pool => return pool::mirrors(),
+            Self::Tripod(scan) => return scan.mirrors(),
             Self::All => {
                 let place = |(index, variant): (usize, Self)| {
                     let aside = DVec3::X * 0.36 * (index as f64 - 2.0);
@@ -124,12 +143,13 @@ impl Variant {
         }]
     }
 
-    /// The walls of the box, or whatever else is no mirror.
+    /// The walls of the box, or whatever else is no mirror; none of a made scan, which is of solids.
     pub fn walls(self) -> Vec<(Surface, Albedo)> {
-        if self == Self::Pool {
-            return pool::walls();
-        }
-        let mut walls = walls().to_vec();
+        let mut walls = match self {
+            Self::Pool => return pool::walls(),
+            Self::Tripod(_) => return Vec::new(),
+            _ => walls().to_vec(),
+        };
         if self == Self::OpenBox {
             walls.pop();
         }
@@ -139,12 +159,16 @@ impl Variant {
 
 impl Variant {
     pub fn camera(self) -> Camera {
-        if self == Self::Pool { pool::camera() } else { camera() }
+        match self {
+            Self::Pool => pool::camera(),
+            Self::Tripod(scan) => scan.camera(),
+            _ => camera(),
+        }
     }
 
-    /// The scene's only light; none under the sun.
+    /// The scene's only light; none under the sun, and none of a made scan, which brings its colours.
     pub fn light(self) -> Option<SpotLight> {
-        (self != Self::Pool).then(light)
+        (!matches!(self, Self::Pool | Self::Tripod(_))).then(light)
     }
 
     /// The height of the ground, if the scene has one: beneath it there is nothing to see.
@@ -154,7 +178,11 @@ impl Variant {
 
     /// The parameters that belong to the scene.
     pub fn settings(self) -> Settings {
-        if self == Self::Pool { pool::settings() } else { Settings::default() }
+        match self {
+            Self::Pool => pool::settings(),
+            Self::Tripod(scan) => scan.settings(),
+            _ => Settings::default(),
+        }
     }
 }
 
@@ -248,21 +276,33 @@ pub fn walls() -> [(Surface, Albedo); 6] {
     ]
 }
 
+/// The area of a point of the mirrors beside a made scan: a square of 1 cm.
+const MIRROR_AREA: f64 = 1e-4;
+
 /// The points of one material.
 pub struct SampledPart {
-    /// Positions, normals, radii and colours; each chunk's points are close together.
+    /// Positions, normals, radii and colours; each chunk's points are close together. Those of a made scan are in the
+    /// order of its rays, and lack normals and radii.
     pub chunks: Vec<Chunk>,
     /// The mirror that they sample; `None` for the walls.
     pub mirror: Option<Mirror>,
 }
 
 /// The scene's points, exactly `points` of them: the walls, then a part for each mirror. The same seed gives the same
-/// points.
+/// points. Of a made scan, `points` are its rays, not all of which meet something, and mirrors have points of their own.
 ///
 /// Colours are albedos as 8-bit sRGB, as in all chunks: they differ from the linear values by at most 0.004, and the
 /// darkest (0.05) by at most 3 %.
 pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<SampledPart> {
     let (walls, mirrors) = (variant.walls(), variant.mirrors());
+    if let Variant::Tripod(scan) = variant {
+        let scanned = SampledPart { chunks: tripod::scan(scan, points, seed), mirror: None };
+        let mirrored = |mirror: Mirror| {
+            let chunks = mirror.sample(mirror.sample_count(MIRROR_AREA), seed);
+            SampledPart { chunks, mirror: Some(mirror) }
+        };
+        return std::iter::once(scanned).chain(mirrors.into_iter().map(mirrored)).collect();
+    }
     let areas: Vec<f64> = walls
         .iter()
         .map(|(surface, _)| surface.area())
@@ -486,7 +526,7 @@ mod tests {
 
     #[test]
     fn points_are_shared_by_area_and_add_up() {
-        for mirror in Variant::ALL {
+        for mirror in Variant::ALL.into_iter().filter(|variant| !matches!(variant, Variant::Tripod(_))) {
             for points in [0, 1, 10, 12_345, FEW] {
                 let parts = sample(mirror, points, 1);
                 assert_eq!(parts.iter().map(count).sum::<u64>(), points, "{mirror:?}");

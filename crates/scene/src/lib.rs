@@ -27,9 +27,11 @@ mod preferences;
 mod preset;
 mod profile;
 mod settings;
+pub mod solid;
 pub mod surface_points;
 mod surroundings;
 mod track;
+mod tripod;
 mod visibility;
 pub mod whole_file;
 mod wipe;
@@ -68,5 +70,6 @@ pub use settings::{
 };
 pub use surroundings::{Room, Surroundings};
 pub use track::{Ease, Handle, Track, WIPE};
+pub use tripod::Tripod;
 pub use visibility::{Filter, Visibility};
 pub use wipe::{MOST_STATES, WipeMarks, WipeState};

@@ -35,7 +35,7 @@ pub fn append(chunks: &mut Vec<Chunk>, mut points: Vec<SurfacePoint>, radius: f3
 }
 
 /// Converts linear values to opaque 8-bit sRGB (IEC 61966-2-1).
-fn srgb(linear: [f64; 3]) -> [u8; 4] {
+pub(crate) fn srgb(linear: [f64; 3]) -> [u8; 4] {
     let encode = |v: f64| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
     let [red, green, blue] = linear.map(|v| (255.0 * encode(v)).round() as u8);
     [red, green, blue, 255]

@@ -25,6 +25,7 @@ mod loaded;
 pub mod metrics;
 pub mod picture;
 pub mod plan;
+pub mod referee;
 mod refine;
 pub mod report;
 pub mod results;
@@ -52,6 +53,7 @@ pub use metrics::{
     Accuracy, ImageError, Percentiles, PixelError, SurfaceError, Truth, delta_e, image_error, surface_error,
 };
 pub use plan::{Bound, Case, Group, Plan, PlanError, RAY_TRACE};
+pub use referee::Referee;
 pub use refine::Refinement;
 pub use results::{Figure, Row};
 pub use runner::{Scenes, Shard};

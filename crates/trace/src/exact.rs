@@ -11,6 +11,7 @@ use cloud::sampling::{Placement, StarShape, Surface};
 use glam::{DVec2, DVec3};
 use scene::Mirror;
 use scene::five_mirrors::Variant;
+use scene::solid::{self, Solid};
 
 use crate::{Clear, Geometry, Hit, Medium, Mesh, Ray};
 
@@ -111,13 +112,15 @@ impl Object {
 pub struct Exact {
     objects: Vec<Object>,
     meshes: Vec<Arc<Mesh>>,
+    /// What a made scan is of, in world coordinates. None of it mirrors.
+    solids: Vec<Solid>,
     /// The origin of rays and hits in world coordinates. Objects have been moved there.
     origin: DVec3,
 }
 
 impl Exact {
     pub fn new(objects: Vec<Object>) -> Self {
-        Self { objects, meshes: Vec::new(), origin: DVec3::ZERO }
+        Self { objects, meshes: Vec::new(), solids: Vec::new(), origin: DVec3::ZERO }
     }
 
     /// The surfaces of mirrors: those with a formula first, then the meshes.
@@ -141,11 +144,15 @@ impl Exact {
         Self { origin, ..self }
     }
 
-    /// The reference scene: walls first, then the mirrors with a formula from left to right, then the meshes.
+    /// The reference scene: walls first, then the mirrors with a formula from left to right, then the meshes, then
+    /// solids.
     pub fn five_mirrors(variant: Variant) -> Self {
         let wall = |(surface, albedo)| Object::new(surface, Placement::ORIGIN, Albedo::At(albedo), 0.0);
         let mut scene = Self::of_mirrors(&variant.mirrors());
         scene.objects.splice(..0, variant.walls().into_iter().map(wall));
+        if let Variant::Tripod(scan) = variant {
+            scene.solids = scan.solids();
+        }
         scene
     }
 
@@ -194,18 +201,35 @@ impl Exact {
     }
 }
 
+impl Exact {
+    fn nearest_solid(&self, ray: &Ray) -> Option<Hit> {
+        let hit = solid::nearest(&self.solids, ray.origin + self.origin, ray.direction)?;
+        let position = ray.at(hit.distance);
+        Some(Hit {
+            distance: hit.distance,
+            position,
+            normal: hit.normal,
+            albedo: self.solids[hit.solid].albedo_at(position + self.origin).into(),
+            specular_intensity: 0.0,
+            specular_power: 0.0,
+            medium: None,
+            surface: (self.objects.len() + self.meshes.len() + hit.solid) as u32,
+            point: 0,
+        })
+    }
+}
+
 impl Geometry for Exact {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        match (self.nearest_object(ray), self.nearest_triangle(ray)) {
-            (Some(object), Some(triangle)) => Some(if triangle.distance < object.distance { triangle } else { object }),
-            (one, other) => one.or(other),
-        }
+        let hits = [self.nearest_object(ray), self.nearest_triangle(ray), self.nearest_solid(ray)];
+        hits.into_iter().flatten().min_by(|a, b| a.distance.total_cmp(&b.distance))
     }
 
     fn is_blocked(&self, ray: &Ray, distance: f64) -> bool {
         let is_in_front = |object: &Object| object.nearest(ray).is_some_and(|(hit, _)| hit < distance);
         self.objects.iter().filter(|object| object.clear.is_none()).any(is_in_front)
             || self.meshes.iter().any(|mesh| mesh.is_blocked(ray, self.origin, distance))
+            || self.nearest_solid(ray).is_some_and(|hit| hit.distance < distance)
     }
 }
 

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use cloud::{Attribute, Chunk, MeshPoints};
+use cloud::{Attribute, Bounds, Chunk, MeshPoints};
 use glam::DVec3;
 use scene::{SceneSettings, five_mirrors, shown};
 use stream::{KeptSurfels, SurfelPlace};
@@ -132,10 +132,11 @@ impl Loader {
         Some(Loading { cloud, source, up, chunks: Vec::new(), place: None, has_kept_surfels: false })
     }
 
-    /// Sends a whole built-in scene: its walls as a cloud and its mirrors, complete with normals and radii.
+    /// Sends a whole built-in scene: its walls as a cloud and its mirrors, complete with normals and radii, which are
+    /// estimated if it is a made scan.
     pub(crate) fn sample(&self, variant: five_mirrors::Variant, without: &[String], clouds: &mut usize) -> Option<()> {
         let SceneSettings { points, seed } = self.settings.scene;
-        let up = up(DVec3::Y, &self.settings);
+        let up = up(variant.camera().up, &self.settings);
         let input = built_in_name(variant);
         for part in five_mirrors::sample(variant, u64::from(points), u64::from(seed)) {
             let points = part.chunks.iter().map(|chunk| chunk.len() as u64).sum();
@@ -149,7 +150,12 @@ impl Loader {
             let cloud = *clouds;
             *clouds += 1;
             let name = format!("{input}, walls");
-            let opened = Opened { name, input: input.clone(), expected_points: points, up, ..Opened::default() };
+            let lacking = part.chunks.iter().filter(|chunk| chunk.radii.is_none());
+            let lacking: Vec<Chunk> = lacking.cloned().collect();
+            let bounds = lacking.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
+            let provisional_radius = if lacking.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) };
+            let (input, expected_points) = (input.clone(), points);
+            let opened = Opened { name, input, expected_points, up, provisional_radius, ..Opened::default() };
             self.send(Event::Opened { cloud, opened })?;
             for chunk in part.chunks {
                 self.progress.add(chunk.len() as u64);
@@ -157,6 +163,13 @@ impl Loader {
             }
             let summary = codec::Summary { points, ..Default::default() };
             self.send(Event::Read { cloud, summary })?;
+            if !lacking.is_empty() {
+                let task = self.plan(cloud, TaskKind::Surfels, points)?;
+                let options = options_for(&lacking, up, &self.settings);
+                if let Some(surfels) = task.run(|progress| cloud::estimate(&lacking, &options, progress)) {
+                    self.send(Event::Surfels { cloud, surfels })?;
+                }
+            }
         }
         Some(())
     }

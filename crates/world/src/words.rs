@@ -314,7 +314,9 @@ fn hint(path: &Path) -> String {
         files_beside(path).into_iter().chain(built_in_names()).map(|name| (last(Path::new(&name)), name)).collect();
     match param::nearest(&last(path), known.keys().map(String::as_str)).and_then(|near| known.get(near)) {
         Some(near) => format!("; did you mean `{near}`?"),
-        None if path.starts_with("five-mirrors") => "; `glint scenes` lists the built-in scenes".into(),
+        None if path.starts_with("five-mirrors") || path.starts_with("tripod") => {
+            "; `glint scenes` lists the built-in scenes".into()
+        }
         None => String::new(),
     }
 }
