@@ -155,9 +155,28 @@ fn an_export_that_cannot_be_made_is_refused() {
     refused(&["-o", "a.laz", "--scene", "none.toml"], 2, "no point is shown");
     let built_in = folder.glint(["export", "five-mirrors/none", "-o", "a.laz"]);
     assert!(built_in.status == Some(2) && built_in.messages.contains("this command reads files"), "{built_in}");
+    let made = folder.glint(["export", "tripod/room", "-o", "a.laz"]);
+    assert!(made.status == Some(2) && made.messages.contains("a file that ends in .ply"), "{made}");
     assert_eq!(std::fs::read_to_string(folder.path("there.ply")).expect("the file"), "kept");
     assert!(!folder.path("a.laz").exists());
     // One of several inputs is missing: the others are exported.
     let outcome = folder.glint(["export", "two.ply", "gone.ply", "-o", "a.laz"]);
     assert!(outcome.status == Some(2) && outcome.text() == "a.laz: 2 of 2 points\n", "{outcome}");
+}
+
+#[test]
+fn a_made_scan_is_exported_with_its_colours_and_read_back() {
+    let folder = Folder::new();
+    let few = ["--set", "scene.points=5000"];
+    let outcome = folder.glint(["export", "tripod/mixed", "-o", "mixed.ply"].iter().chain(&few));
+    assert!(outcome.status == Some(0), "{outcome}");
+    let written = information(&folder, "mixed.ply");
+    let points = written["points"].as_u64().expect("a count");
+    assert!((4800..=5200).contains(&points), "{written}");
+    assert_eq!(outcome.text(), format!("mixed.ply: {points} of {points} points\n"));
+    let names: Vec<String> = kinds(&written).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["x", "y", "z", "red", "green", "blue"]);
+    // The corridor behind the room ends at 10.15 m.
+    let high = [0, 2].map(|axis| written["bounds"]["max"][axis].as_f64().expect("a number"));
+    assert!((high[0] - 10.15).abs() < 0.03 && (high[1] - 3.0).abs() < 0.03, "{high:?}");
 }

@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use cloud::Progress;
+use cloud::{Bounds, Chunk, Progress};
 use codec::{ExportFormat, Exported, Source, Wanted};
-use scene::{SceneFile, Settings, Strays, shown};
+use scene::five_mirrors::Variant;
+use scene::{SceneFile, Settings, Strays, Tripod, shown, tripod};
 use serde_json::json;
-use world::half_of;
+use world::{Input, half_of};
 
 use crate::commands::info::{attributes_report, bounds_report};
 use crate::shared::command_line::ExportArguments;
@@ -45,6 +46,9 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     terminal::warn(&request.warnings);
+    if let [Input::BuiltIn { variant: Variant::Tripod(scan), .. }] = request.inputs.as_slice() {
+        return write_made(*scan, &settings, arguments);
+    }
     let memory = half_of(settings.stream.host_bytes);
     terminal::warn(request.check_filters(memory)?);
     let mut failed = Few::of("that cannot be read");
@@ -78,4 +82,40 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
         terminal::print([format!("{}: {points} of {all} points", shown(output))])?;
     }
     Ok(status)
+}
+
+/// Writes all points of a made scan, as it comes from the scanner: places and colours.
+///
+/// # Errors
+/// The name of the file does not end in `.ply`, what is to be left out is named, or the file cannot be written.
+fn write_made(scan: Tripod, settings: &Settings, arguments: &ExportArguments) -> anyhow::Result<u8> {
+    let output = &arguments.output;
+    if ExportFormat::of(output) != Some(ExportFormat::Ply) || arguments.scene.is_some() {
+        return Err(usage(format!("{}: a made scan is written whole, to a file that ends in .ply", shown(output))));
+    }
+    let scene::SceneSettings { points, seed } = settings.scene;
+    let cloud = tripod::scan(scan, points.into(), seed.into());
+    let count: usize = cloud.iter().map(Chunk::len).sum();
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {count}\nproperty float x\nproperty float y\n\
+         property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    )
+    .into_bytes();
+    for chunk in &cloud {
+        for (index, color) in chunk.colors.iter().flat_map(|colors| colors.iter()).enumerate() {
+            bytes.extend(chunk.position(index).as_vec3().to_array().into_iter().flat_map(f32::to_le_bytes));
+            bytes.extend(&color[..3]);
+        }
+    }
+    std::fs::write(output, bytes).with_context(|| shown(output))?;
+    if arguments.json {
+        let bounds = cloud.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
+        terminal::print_json(&json!({
+            "path": shown(output), "points": count, "left_out": 0,
+            "bounds": bounds_report(bounds), "attributes": attributes_report(&[]),
+        }))?;
+    } else {
+        terminal::print([format!("{}: {count} of {count} points", shown(output))])?;
+    }
+    Ok(0)
 }

@@ -11,13 +11,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use cloud::{
-    Attribute, Chunk, ClipVolume, Cloud, CloudLayout, Column, ColumnType, PointTest, Volume, VolumeShape, pack_normal,
-    pack_radius,
+    Attribute, Chunk, ClipVolume, Cloud, CloudLayout, Column, ColumnType, Orientation, PointTest, Progress, RadiusRule,
+    SurfelOptions, Volume, VolumeShape, pack_normal, pack_radius,
 };
 use glam::{DMat3, DQuat, DVec3};
 use param::{Field, Group, Kind, Value};
 use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore, ReflectionStats};
-use scene::{Camera, METHODS, Method, MethodRow, Mirror, MirrorSurface, Settings, Shape, SpotLight, Supply};
+use scene::{
+    Camera, METHODS, Method, MethodRow, Mirror, MirrorSurface, Settings, Shape, SpotLight, Supply, Tripod, five_mirrors,
+};
 
 use stage::Stage;
 
@@ -159,6 +161,28 @@ impl Scene {
         stage.renderer.forget();
         self.render(stage, settings, size)
     }
+}
+
+/// A scan of a tripod in a hall, seen from its far end: radii differ by a factor of ten, and much is open.
+fn scanned(stage: &Stage) -> Scene {
+    let variant = five_mirrors::Variant::Tripod(Tripod::Hall);
+    let mut store = PointStore::new(stage.gpu.clone());
+    let mut green = None;
+    let mut parts = five_mirrors::sample(variant, 8000, 1);
+    let options = SurfelOptions { radii: RadiusRule::Spread, ..SurfelOptions::new(Orientation::Toward(DVec3::ONE)) };
+    let estimated = cloud::estimate(&parts[0].chunks, &options, &Progress::default()).unwrap();
+    for (chunk, surfels) in parts[0].chunks.iter_mut().zip(estimated) {
+        (chunk.normals, chunk.radii) = (Some(surfels.normals.into()), Some(surfels.radii.into()));
+    }
+    for five_mirrors::SampledPart { chunks, mirror } in parts {
+        let id = store.add_cloud(mirror.as_ref().map_or(Material::default(), Material::of_mirror));
+        let ids: Vec<_> = chunks.iter().map(|chunk| store.add_chunk(id, chunk, None).unwrap()).collect();
+        let cloud = Cloud { chunks, ..Cloud::default() };
+        let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
+        store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+        green.get_or_insert(id);
+    }
+    Scene { store, mirrors: variant.mirrors(), camera: variant.camera(), green: green.unwrap() }
 }
 
 /// The settings of a method, without light from surface to surface, which is part of no method.
@@ -581,6 +605,24 @@ fn mirrors_see_something_and_stated_coverage_is_what_can_be_counted() {
             assert_eq!(stated, [found, closed], "{}, of {mirrors} mirror pixels", method.name);
             assert!(found * 4 > mirrors, "{}: {found} of {mirrors} mirror pixels see something", method.name);
         }
+    }
+}
+
+#[test]
+fn on_a_scan_of_a_tripod_pictures_are_finite_equal_and_covered_as_stated() {
+    let mut stage = stage_or_skip!();
+    let scenes = [scanned(&stage), scanned(&stage)];
+    for method in finding() {
+        let [first, second] = scenes.each_ref().map(|scene| {
+            let stats = scene.render_anew(&mut stage, &by(method), SIZE).reflection.unwrap();
+            let [drawn, mirrors, found, closed] = assert_finite(&stage, method.name);
+            assert!(drawn > 500 && mirrors > 100, "{}: {drawn} pixels, {mirrors} of mirrors", method.name);
+            let count = |share: f64| (share * mirrors as f64).round() as usize;
+            assert_eq!([count(stats.coverage), count(stats.closed_coverage)], [found, closed], "{}", method.name);
+            assert!(found > 0, "{}: no mirror pixel sees anything", method.name);
+            bits(&stage)
+        });
+        assert!(first == second, "{}", method.name);
     }
 }
 

@@ -16,6 +16,9 @@ use crate::mirror::MIRROR_GREY;
 use crate::surface_points::{Albedo, append, splat_radius};
 use crate::{Camera, Mirror, MirrorMesh, Settings, Shape, SpotLight, Tripod, pool, tripod};
 
+/// The first part of the names of scenes in the box.
+pub const BOX: &str = "five-mirrors";
+
 /// The objects in the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Variant {
@@ -66,7 +69,7 @@ impl Variant {
         match self {
             Self::Pool => "courtyard",
             Self::Tripod(_) => "tripod",
-            _ => "five-mirrors",
+            _ => BOX,
         }
     }
 

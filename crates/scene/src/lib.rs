@@ -31,7 +31,7 @@ pub mod solid;
 pub mod surface_points;
 mod surroundings;
 mod track;
-mod tripod;
+pub mod tripod;
 mod visibility;
 pub mod whole_file;
 mod wipe;

@@ -529,7 +529,7 @@ params! {
 
     /// Built-in scenes: how they are sampled.
     pub struct SceneSettings = "scene" in "When loading" => affects(points) not(kept swept) {
-        /// Points of a built-in scene, all its clouds together.
+        /// Points of a built-in scene, all its clouds together; of a made scan (tripod/...), rays of all its stations.
         points: u32 = 1_600_000, 1_000..=100_000_000, "points";
         /// Seed of the random positions; the same seed gives the same points.
         seed: u32 = 1;

@@ -2,7 +2,7 @@
 //!
 //! The surface that a pixel's ray meets and the one that its reflection meets are known exactly, and so is whether any
 //! station of the scanner saw them. What no station saw has no point, and is left out. So are reflections of a mirror,
-//! which no scanner saw either.
+//! which no scanner saw either. A surface that hides a mirror stands in front of what the mirror shows.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -39,7 +39,7 @@ pub struct Shares {
 pub struct Verdict {
     /// Of the pixels that see no mirror; distances are from the eye.
     pub camera: Shares,
-    /// Of the pixels that see a mirror; distances are along the reflected ray.
+    /// Of the pixels that see a mirror; distances are from the mirror, along the reflected ray.
     pub mirrors: Shares,
     /// The share of the judged pixels of mirrors that found what they reflect and did not close a gap.
     pub covered: f64,
@@ -83,7 +83,7 @@ enum Truth {
     Nothing,
 }
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Outcome {
     Right,
     InFront,
@@ -163,7 +163,10 @@ impl Referee {
                         (three(&shown.mirror_position, 4 * pixel), shown.mirror_position[4 * pixel + 3]);
                     let is_found = place.is_finite() && coverage > 0.0;
                     covered += usize::from(is_found && coverage >= 0.75);
-                    mirrored.push(Outcome::of(is_found.then(|| place.distance(point)), distance));
+                    let [own, before] = [point, three(&shown.position, 3 * pixel)].map(|at| at.distance(camera.eye));
+                    let is_hidden = Outcome::of(before.is_finite().then_some(before), own) == Outcome::InFront;
+                    let outcome = Outcome::of(is_found.then(|| place.distance(point)), distance);
+                    mirrored.push(if is_hidden { Outcome::InFront } else { outcome });
                 }
                 Truth::Nothing => {}
             }
@@ -203,4 +206,112 @@ fn judged(settings: &Settings) -> Settings {
     settings.mirror.surface = scene::MirrorSurface::Exact;
     settings.reflection.bounces = 1;
     settings
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [200, 150];
+
+    fn settings() -> Settings {
+        judged(&Settings::default())
+    }
+
+    /// A picture of the room that shows every pixel's truth, with what stands at `place` changed.
+    fn shown(referee: &Referee, change: impl Fn(&Ray, Truth) -> (DVec3, DVec3, f32)) -> (Shown, Camera) {
+        let camera = referee.scan.camera();
+        let rays = PixelRays::new(&camera, &settings().view, SIZE, 0.0);
+        let mut shown = Shown { position: Vec::new(), mirror_position: Vec::new() };
+        for pixel in 0..rays.pixel_count() {
+            let ray = rays.ray(pixel);
+            let (position, mirrored, coverage) = change(&ray, referee.truth(ray));
+            shown.position.extend(position.as_vec3().to_array());
+            shown.mirror_position.extend(mirrored.as_vec3().extend(coverage).to_array());
+        }
+        (shown, camera)
+    }
+
+    /// What a perfect picture shows, with distances that are longer by this factor.
+    fn right(ray: &Ray, truth: Truth, factor: f64) -> (DVec3, DVec3, f32) {
+        match truth {
+            Truth::Surface { distance, .. } => (ray.at(distance * factor), DVec3::NAN, 0.0),
+            Truth::Mirror { point, distance, .. } => (point, point + DVec3::X * distance * factor, 1.0),
+            Truth::Nothing => (DVec3::NAN, DVec3::NAN, 0.0),
+        }
+    }
+
+    fn judge(change: impl Fn(&Ray, Truth) -> (DVec3, DVec3, f32)) -> Verdict {
+        let referee = Referee::new(Tripod::Room);
+        let (shown, camera) = shown(&referee, change);
+        referee.judge(&camera, &settings(), SIZE, &shown)
+    }
+
+    fn shares(shares: Shares) -> [f64; 4] {
+        [shares.right, shares.in_front, shares.behind, shares.empty]
+    }
+
+    #[test]
+    fn what_is_right_near_far_or_missing_by_a_percent_is_counted_so() {
+        for (factor, expected) in [
+            (1.0, [1.0, 0.0, 0.0, 0.0]),
+            (0.991, [1.0, 0.0, 0.0, 0.0]),
+            (1.009, [1.0, 0.0, 0.0, 0.0]),
+            (0.989, [0.0, 1.0, 0.0, 0.0]),
+            (1.011, [0.0, 0.0, 1.0, 0.0]),
+            (f64::NAN, [0.0, 0.0, 0.0, 1.0]),
+        ] {
+            let verdict = judge(|ray, truth| right(ray, truth, factor));
+            assert_eq!([verdict.camera, verdict.mirrors].map(shares), [expected; 2], "{factor}");
+            assert!(verdict.covered == if factor.is_nan() { 0.0 } else { 1.0 }, "{factor}: {}", verdict.covered);
+            assert!(verdict.camera.pixels > 25_000 && verdict.mirrors.pixels > 2000, "{verdict:?}");
+            assert!(verdict.camera.unscanned > 500 && verdict.mirrors.unscanned > 20, "{verdict:?}");
+        }
+    }
+
+    #[test]
+    fn a_closed_gap_is_shown_and_not_covered() {
+        let verdict = judge(|ray, truth| {
+            let (position, mirrored, coverage) = right(ray, truth, 1.0);
+            (position, mirrored, coverage * 0.5)
+        });
+        assert_eq!((verdict.mirrors.right, verdict.covered), (1.0, 0.0));
+    }
+
+    #[test]
+    fn a_wrong_disc_takes_the_pixels_that_its_angle_covers() {
+        // It faces the camera 1 m before it, where the wall and no mirror is.
+        let (distance, radius) = (1.0, 0.08);
+        let camera = Tripod::Room.camera();
+        let way = (DVec3::new(8.0, 1.9, 2.5) - camera.eye).normalize();
+        let disc = |ray: &Ray, truth: Truth| {
+            let at = ray.at(distance / ray.direction.dot(way));
+            if at.distance(camera.eye + way * distance) < radius {
+                (at, DVec3::NAN, 0.0)
+            } else {
+                right(ray, truth, 1.0)
+            }
+        };
+        let verdict = judge(disc);
+        // A pixel of a picture of 150 rows and 60 degrees is this wide at a distance of 1 along the axis; a disc aside
+        // from the axis covers more of them, by the third power of the cosine.
+        let pixel = 2.0 * 30.0_f64.to_radians().tan() / 150.0;
+        let cosine = way.dot(camera.forward());
+        let expected = PI * (radius / distance / pixel).powi(2) / cosine.powi(3);
+        let found = verdict.camera.in_front * verdict.camera.pixels as f64;
+        assert!((found / expected - 1.0).abs() < 0.03, "{found} pixels, expected {expected}");
+        assert!((verdict.camera.right + verdict.camera.in_front - 1.0).abs() < 1e-12, "{verdict:?}");
+        assert_eq!(verdict.mirrors.right, 1.0);
+    }
+
+    #[test]
+    fn what_hides_a_mirror_is_in_front() {
+        let verdict = judge(|ray, truth| match truth {
+            Truth::Mirror { .. } => (ray.at(0.5), DVec3::NAN, 0.0),
+            _ => right(ray, truth, 1.0),
+        });
+        assert_eq!((verdict.camera.right, verdict.mirrors.in_front), (1.0, 1.0));
+    }
 }

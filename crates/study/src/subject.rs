@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud};
+use cloud::{Chunk, Cloud, Progress, RadiusRule, SurfelOptions, guess_orientation};
 use glam::{DVec3, Vec3};
 use render::{ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
@@ -44,12 +44,21 @@ pub struct SubjectPart {
 }
 
 impl Subject {
-    /// One of the five mirrors; `settings.scene` gives the number of points.
+    /// One of the five mirrors; `settings.scene` gives the number of points. Normals and radii of a made scan are
+    /// estimated with the default parameters.
     ///
     /// # Errors
     /// No memory on the GPU.
     pub fn five_mirrors(gpu: &Arc<Gpu>, variant: Variant, settings: &Settings) -> anyhow::Result<Self> {
-        let parts = five_mirrors::sample(variant, settings.scene.points.into(), settings.scene.seed.into());
+        let mut parts = five_mirrors::sample(variant, settings.scene.points.into(), settings.scene.seed.into());
+        for part in parts.iter_mut().filter(|part| part.chunks.iter().any(|chunk| chunk.radii.is_none())) {
+            let orientation = guess_orientation(&part.chunks, variant.camera().up.as_vec3());
+            let options = SurfelOptions { radii: RadiusRule::Spread, ..SurfelOptions::new(orientation) };
+            let estimated = cloud::estimate(&part.chunks, &options, &Progress::default()).unwrap_or_default();
+            for (chunk, surfels) in part.chunks.iter_mut().zip(estimated) {
+                (chunk.normals, chunk.radii) = (Some(surfels.normals.into()), Some(surfels.radii.into()));
+            }
+        }
         let exact = Exact::five_mirrors(variant);
         let lights = variant.light().into_iter().collect();
         Self::sampled(gpu, parts, lights, variant.camera(), Some(exact), settings)

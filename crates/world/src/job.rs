@@ -286,6 +286,34 @@ mod tests {
     }
 
     #[test]
+    fn a_made_scan_comes_without_normals_and_radii_and_gets_them() {
+        let mut settings = Settings::default();
+        settings.scene.points = 5000;
+        let variant = five_mirrors::Variant::Tripod(scene::Tripod::Room);
+        let job = start(vec![Input::BuiltIn { variant, without: Vec::new() }], &settings, BTreeSet::new());
+        let (mut points, mut estimated, mut mirrors) = (0, 0, 0);
+        for event in &job.events {
+            match event {
+                Event::Opened { opened, .. } => {
+                    assert_eq!((opened.up, opened.name.as_str()), (DVec3::Z, "tripod/room, walls"));
+                    assert!(opened.provisional_radius > 0.0);
+                }
+                Event::Chunk { chunk, .. } => {
+                    assert!(chunk.radii.is_none() && chunk.colors.is_some());
+                    points += chunk.len();
+                }
+                Event::Surfels { surfels, .. } => {
+                    estimated += surfels.iter().map(|surfels| surfels.radii.len()).sum::<usize>();
+                }
+                Event::Mirror { .. } => mirrors += 1,
+                Event::Failed { error, .. } => panic!("{error}"),
+                _ => {}
+            }
+        }
+        assert!(points > 4500 && estimated == points && mirrors == 3, "{points}, {estimated}, {mirrors}");
+    }
+
+    #[test]
     fn a_dropped_job_ends_its_thread() {
         let mut settings = Settings::default();
         // More chunks than the channel holds, so that the thread waits for room when the job is dropped.

@@ -346,8 +346,8 @@ impl Objects {
     }
 
     /// Returns a scene file of `inputs` with these objects. Mirrors that are as their built-in scene brings them are
-    /// left out. If a built-in scene lacks one of its own mirrors, the file names the scene without mirrors and lists
-    /// those that are left. The lights are left out if all of them come without the file, because lights in a file
+    /// left out. If a scene of five-mirrors lacks one of its own mirrors, the file names the box without mirrors
+    /// and lists those that are left. The lights are left out if all of them come without the file, because lights in a file
     /// replace those.
     pub fn scene_file(&self, inputs: &[String]) -> SceneFile {
         let variant = |input: &str| five_mirrors::Variant::ALL.into_iter().find(|known| built_in_name(*known) == input);
@@ -361,7 +361,9 @@ impl Objects {
             input.is_some_and(|input| is_whole(input) && own_mirrors(input).contains(&placed.mirror))
         };
         let written = |input: &String| {
-            if is_whole(input) { input.clone() } else { built_in_name(five_mirrors::Variant::None) }
+            // Only the box has a scene without mirrors. The others bring theirs again.
+            let is_box = variant(input).is_some_and(|variant| variant.family() == five_mirrors::BOX);
+            if is_whole(input) || !is_box { input.clone() } else { built_in_name(five_mirrors::Variant::None) }
         };
         let markings = self.markings.iter().filter(|marking| inputs.contains(&marking.points.cloud));
         let mirror_points =
