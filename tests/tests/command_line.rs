@@ -470,7 +470,7 @@ fn methods_lists_every_parameter_with_its_key_unit_range_default_and_help() {
 }
 
 #[test]
-fn scenes_lists_the_five_mirrors() {
+fn scenes_lists_the_five_mirrors_and_the_made_scans() {
     let folder = Folder::new();
     let (outcome, text) = (folder.glint(["scenes", "--json"]), folder.glint(["scenes"]));
     assert_done(&outcome);
@@ -481,6 +481,35 @@ fn scenes_lists_the_five_mirrors() {
         assert!(strings(&report).contains(&name.as_str()), "{name}: {outcome}");
         assert!(text.text().contains(&name), "{name}: {text}");
     }
+    for scan in ["even", "room", "mixed", "four", "hall", "hall-30", "hall-40", "street", "church"] {
+        let name = format!("tripod/{scan}");
+        assert!(strings(&report).contains(&name.as_str()) && text.text().contains(&name), "{name}: {text}");
+    }
+}
+
+#[test]
+fn surfaces_judges_made_scans_by_their_exact_surfaces() {
+    let folder = Folder::new();
+    let arguments = ["surfaces", "tripod/room", "tripod/hall-40", "--set", "scene.points=5000"];
+    let outcome = folder.glint(arguments.iter().chain(&["--json"]));
+    if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+        return println!("skipped: no adapter: {}", outcome.messages.trim());
+    }
+    assert_done(&outcome);
+    let report = outcome.json();
+    for (index, (name, stations)) in [("tripod/room", 1), ("tripod/hall-40", 2)].into_iter().enumerate() {
+        let input = &report["inputs"][index];
+        assert_eq!((&input["path"], &input["scanner_from"]), (&json!(name), &json!("file")));
+        assert_eq!(input["scanners"].as_array().expect("places").len(), stations);
+        for group in ["camera", "mirrors"] {
+            let number = |key: &str| input["exact"][group][key].as_f64().expect("a number");
+            let all: f64 = ["right", "in_front", "behind", "empty"].map(number).iter().sum();
+            assert!((all - 1.0).abs() < 1e-9 && number("pixels") > 8000.0 && number("unscanned") > 50.0, "{input}");
+        }
+    }
+    let text = folder.glint(arguments);
+    assert_done(&text);
+    assert!(text.text().contains("unscanned") && text.text().contains("tripod/hall-40"), "{text}");
 }
 
 #[test]

@@ -15,7 +15,8 @@ const OF_SCANNER: [&str; 2] = ["return_number", "gps_time"];
 /// The memory in bytes that a point takes while its surface is made: most of it for the tree of discs.
 const BYTES_A_POINT: u64 = 400;
 
-/// The scans of an input with their names: a file each, or a built-in scene, which is seen from its camera.
+/// The scans of an input with their names: a file each, or a built-in scene. A made scan is seen from its stations,
+/// which see no mirrors, and any other scene from its camera.
 ///
 /// # Errors
 /// If one cannot be read or is larger than the memory that clouds may take.
@@ -27,11 +28,15 @@ pub fn of_input(input: &Input, test: &PointTest, settings: &Settings) -> Vec<(St
         Input::BuiltIn { variant, .. } => {
             let scene::SceneSettings { points, seed } = settings.scene;
             let mut cloud = Cloud { name: input.name(), ..Cloud::default() };
-            for part in five_mirrors::sample(*variant, points.into(), seed.into()) {
-                cloud.chunks.extend(part.chunks);
-            }
             let camera = variant.camera();
-            vec![(input.name(), Ok(Scan { cloud, up: camera.up, places: vec![camera.eye] }))]
+            let (places, sees_mirrors) = match variant {
+                five_mirrors::Variant::Tripod(scan) => (scan.stations(), false),
+                _ => (vec![camera.eye], true),
+            };
+            let parts = five_mirrors::sample(*variant, points.into(), seed.into()).into_iter();
+            let seen = parts.filter(|part| sees_mirrors || part.mirror.is_none());
+            cloud.chunks.extend(seen.flat_map(|part| part.chunks));
+            vec![(input.name(), Ok(Scan { cloud, up: camera.up, places }))]
         }
         Input::Unknown { name, error } => vec![(name.clone(), Err(usage(error.clone())))],
     }
@@ -59,4 +64,22 @@ fn of_file(path: &std::path::Path, test: &PointTest, settings: &Settings) -> any
     }
     let up: DVec3 = world::up_of(info, settings);
     Ok(Scan { cloud: cloud.shown(test), up, places: Vec::new() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_made_scan_is_seen_from_its_stations_which_see_no_mirrors() {
+        let variant = five_mirrors::Variant::Tripod(scene::Tripod::Mixed);
+        let mut settings = Settings::default();
+        settings.scene.points = 2000;
+        let input = Input::BuiltIn { variant, without: Vec::new() };
+        let (_, scan) = of_input(&input, &PointTest::default(), &settings).remove(0);
+        let scan = scan.unwrap();
+        assert_eq!((scan.places.len(), scan.up), (2, DVec3::Z));
+        // A mirror has 20,000 points at least.
+        assert!((1500..2500).contains(&scan.cloud.len()), "{}", scan.cloud.len());
+    }
 }

@@ -89,6 +89,9 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
     let mut failed = Few::of("that cannot be judged");
     for input in &request.inputs {
         if let Input::BuiltIn { variant: Variant::Tripod(scan), .. } = input {
+            if !arguments.scanner.is_empty() {
+                terminal::warn([format!("{}: its stations are known, so --scanner does not count", input.name())]);
+            }
             let refereed = referee(&input.name(), *scan, arguments, &gpu, &mut renderer)?;
             inputs.push(Entry::Refereed(Box::new(refereed)));
             continue;

@@ -299,7 +299,7 @@ pub struct MergeArguments {
 
 #[derive(Debug, Args)]
 pub struct SurfacesArguments {
-    /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`) for its clouds, names of built-in scenes
+    /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`) for its clouds, names of built-in scenes; made scans (`tripod/hall`) are judged by their exact surfaces, without points held out
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
     /// A place of the scanner, in the coordinates of the file; of several places, each point was seen from one at least

@@ -129,7 +129,7 @@ impl Tripod {
     fn shift(self) -> DVec3 {
         match self {
             Self::Street => DVec3::new(42.8, 6.0, 0.0),
-            Self::Church => DVec3::new(16.0, 4.0, 0.0),
+            Self::Church => DVec3::new(16.8, 4.0, 0.0),
             _ => DVec3::X * ((self.length() - 8.0) * 0.6),
         }
     }
