@@ -138,6 +138,7 @@ impl Loader {
         let SceneSettings { points, seed } = self.settings.scene;
         let up = up(variant.camera().up, &self.settings);
         let input = built_in_name(variant);
+        let mut made = None;
         for part in five_mirrors::sample(variant, u64::from(points), u64::from(seed)) {
             let points = part.chunks.iter().map(|chunk| chunk.len() as u64).sum();
             if let Some(mirror) = part.mirror {
@@ -163,12 +164,14 @@ impl Loader {
             }
             let summary = codec::Summary { points, ..Default::default() };
             self.send(Event::Read { cloud, summary })?;
-            if !lacking.is_empty() {
-                let task = self.plan(cloud, TaskKind::Surfels, points)?;
-                let options = options_for(&lacking, up, &self.settings);
-                if let Some(surfels) = task.run(|progress| cloud::estimate(&lacking, &options, progress)) {
-                    self.send(Event::Surfels { cloud, surfels })?;
-                }
+            made = (!lacking.is_empty()).then_some((cloud, points, lacking)).or(made);
+        }
+        // The mirrors are there by now.
+        if let Some((cloud, points, chunks)) = made {
+            let task = self.plan(cloud, TaskKind::Surfels, points)?;
+            let options = options_for(&chunks, up, &self.settings);
+            if let Some(surfels) = task.run(|progress| cloud::estimate(&chunks, &options, progress)) {
+                self.send(Event::Surfels { cloud, surfels })?;
             }
         }
         Some(())
