@@ -63,7 +63,7 @@ fn splat_point(item: Item, index: u32) {
         return;
     }
     let surface = surface_of_point(item, point, index, disc.center);
-    disc.normal = surface.normal_in_view;
+    disc = oriented_disc(frame, disc, point.w, attributes[index].y);
     for (var y = disc.first.y; y <= disc.last.y; y++) {
         for (var x = disc.first.x; x <= disc.last.x; x++) {
             add_fragment(disc, vec2i(x, y), item, surface);
@@ -75,7 +75,7 @@ fn splat_large(item: Item, index: u32, lane: u32) {
     let point = points[index];
     var disc = disc_of_point(frame, settings.splat, item, point);
     let surface = surface_of_point(item, point, index, disc.center);
-    disc.normal = surface.normal_in_view;
+    disc = oriented_disc(frame, disc, point.w, attributes[index].y);
     for (var i = lane; i < pixels_of_disc(disc); i += LANES) {
         add_fragment(disc, pixel_of_disc(disc, i), item, surface);
     }

@@ -40,7 +40,8 @@ fn put_off(index: u32) {
 
 // The number of pixels that a disc may cover.
 fn pixels_of_disc(disc: Disc) -> u32 {
-    let size = vec2u(disc.last - disc.first) + 1u;
+    // The box about an ellipse may be off the screen.
+    let size = vec2u(max(disc.last - disc.first + 1, vec2i(0)));
     return size.x * size.y;
 }
 

@@ -39,7 +39,7 @@ fn splat_point(item: Item, index: u32) {
         put_off(index);
         return;
     }
-    disc.normal = normal_toward_eye(frame, disc.center, attributes[index].y);
+    disc = oriented_disc(frame, disc, point.w, attributes[index].y);
     for (var y = disc.first.y; y <= disc.last.y; y++) {
         for (var x = disc.first.x; x <= disc.last.x; x++) {
             offer(disc, vec2i(x, y), identity);
@@ -48,8 +48,8 @@ fn splat_point(item: Item, index: u32) {
 }
 
 fn splat_large(item: Item, index: u32, lane: u32) {
-    var disc = disc_of_point(frame, settings.splat, item, points[index]);
-    disc.normal = normal_toward_eye(frame, disc.center, attributes[index].y);
+    let point = points[index];
+    let disc = oriented_disc(frame, disc_of_point(frame, settings.splat, item, point), point.w, attributes[index].y);
     for (var i = lane; i < pixels_of_disc(disc); i += LANES) {
         offer(disc, pixel_of_disc(disc, i), identities_from + index);
     }

@@ -1,4 +1,4 @@
-// Compact normals and radii (crates/cloud/src/packing.rs is the CPU side) and sRGB.
+// Compact normals, and sizes and shapes of splats (crates/cloud/src/packing.rs is the CPU side), and sRGB.
 
 const NO_NORMAL: u32 = 0x80008000u;
 
@@ -14,9 +14,45 @@ fn unpack_normal(packed: u32) -> vec3f {
     return normalize(vec3f(flat, z));
 }
 
-// The radius in world units from a 16-bit logarithm; zero if it is not known.
+// The radius in world units from the upper 11 of 16 bits, or the long half axis of an ellipse; zero if it is not known.
 fn unpack_radius(packed: u32) -> f32 {
-    return select(exp2(f32(packed) / 2048.0 - 20.0), 0.0, packed == 0u);
+    return select(exp2(f32(packed & 0xffe0u) / 2048.0 - 20.0), 0.0, packed == 0u);
+}
+
+// How much longer an ellipse is than wide, and in which direction of its plane. A disc has the ratio 1.
+struct Stretch {
+    axis: vec3f,
+    ratio: f32,
+}
+
+// The lower bits of a radius below which a splat is an ellipse of 3 to 1, in so many directions, and of 7 to 1 from there.
+const SHAPE_BITS: u32 = 31u;
+const DIRECTIONS_OF_3: u32 = 10u;
+const DIRECTIONS_OF_7: u32 = 21u;
+
+// The shape of a splat with a unit normal from its packed radius. `STRAY_RADIUS` is a disc.
+fn unpack_stretch(packed: u32, normal: vec3f) -> Stretch {
+    let shape = packed & SHAPE_BITS;
+    if shape == 0u || packed <= SHAPE_BITS || all(normal == vec3f(0.0)) {
+        return Stretch(vec3f(0.0), 1.0);
+    }
+    let first = select(select(normal.x, normal.y, normal.y != 0.0), normal.z, normal.z != 0.0);
+    let up = select(normal, -normal, first < 0.0);
+    let a = -1.0 / (1.0 + up.z);
+    let is_long = shape > DIRECTIONS_OF_3;
+    let turn = select(f32(shape - 1u) / f32(DIRECTIONS_OF_3), f32(shape - 1u - DIRECTIONS_OF_3) / f32(DIRECTIONS_OF_7), is_long);
+    let angle = 3.14159274 * turn;
+    let across = vec3f(1.0 + up.x * up.x * a, up.x * up.y * a, -up.x);
+    let along = vec3f(up.x * up.y * a, 1.0 + up.y * up.y * a, -up.y);
+    return Stretch(cos(angle) * across + sin(angle) * along, select(3.0, 7.0, is_long));
+}
+
+// The squared distance of a place in the plane of a splat from its middle in units of the squared half axis there, times
+// the squared long half axis.
+fn stretched_square(stretch: Stretch, offset: vec3f) -> f32 {
+    let square = dot(offset, offset);
+    let along = dot(offset, stretch.axis);
+    return square + (stretch.ratio * stretch.ratio - 1.0) * (square - along * along);
 }
 
 fn linear_from_srgb(srgb: vec3f) -> vec3f {

@@ -1,4 +1,4 @@
-// A point as an oriented disc on the screen: the pixels that it covers and its depth there. Every splatting pass uses
+// A point as an oriented disc or ellipse on the screen: the pixels that it covers and its depth there. Every splatting pass uses
 // it, so that all of them agree on the same fragments.
 #import finite
 #import frame
@@ -82,10 +82,12 @@ fn single_of_point(frame: Frame, item: Item, point: vec4u) -> Single {
 struct Disc {
     // The position in view space.
     center: vec3f,
-    // The radius in world units, after the limits in pixels.
+    // The radius in world units, after the limits in pixels; the long half axis of an ellipse.
     radius: f32,
     // The normal in view space, towards the eye; zero if the disc faces the eye.
     normal: vec3f,
+    // In view space.
+    stretch: Stretch,
     pixel: vec2f,
     // 0: not drawn.
     radius_pixels: f32,
@@ -97,7 +99,8 @@ struct Disc {
     is_single: bool,
 }
 
-const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), vec2f(0.0), 0.0, vec2i(0), vec2i(-1), false);
+const ROUND: Stretch = Stretch(vec3f(0.0), 1.0);
+const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), ROUND, vec2f(0.0), 0.0, vec2i(0), vec2i(-1), false);
 
 // `point`: f32 bits of the position, and radius | class << 16 | flags << 24.
 fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
@@ -127,7 +130,35 @@ fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
         return NOT_DRAWN;
     }
     let shown_radius = max(radius_pixels, 1e-6);
-    return Disc(center, radius_pixels / scale, vec3f(0.0), pixel, shown_radius, shown_first, shown_last, is_single);
+    let shown = radius_pixels / scale;
+    return Disc(center, shown, vec3f(0.0), ROUND, pixel, shown_radius, shown_first, shown_last, is_single);
+}
+
+// A disc with the normal and the shape of its point; `packed` has its packed radius in the lower 16 bits. An ellipse may
+// cover no pixel: then `first` is beyond `last`.
+fn oriented_disc(frame: Frame, facing: Disc, packed: u32, packed_normal: u32) -> Disc {
+    var disc = facing;
+    disc.normal = normal_toward_eye(frame, disc.center, packed_normal);
+    let shape = packed & 0xffffu;
+    if (shape & SHAPE_BITS) == 0u {
+        return disc;
+    }
+    let stretch = unpack_stretch(shape, unpack_normal(packed_normal));
+    disc.stretch = Stretch(view_from_relative(frame, stretch.axis), stretch.ratio);
+    // The box about an ellipse is far smaller than that about its long axis.
+    let long = disc.radius * disc.stretch.axis;
+    let short = disc.radius / stretch.ratio * cross(disc.normal, disc.stretch.axis);
+    let extent = sqrt(long * long + short * short) * (1.0 + 1e-4);
+    let nearest = disc.center.z - extent.z;
+    if stretch.ratio == 1.0 || !(nearest > frame.near) {
+        return disc;
+    }
+    let slope = select(abs(disc.center.xy / disc.center.z), vec2f(0.0), frame.orthographic != 0u);
+    let reach = pixels_per_unit(frame, nearest) * (extent.xy + slope * extent.z) + 0.01;
+    let holds = vec2i(floor(disc.pixel));
+    disc.first = max(disc.first, min(vec2i(ceil(disc.pixel - reach - 0.5)), holds));
+    disc.last = min(disc.last, max(vec2i(floor(disc.pixel + reach - 0.5)), holds));
+    return disc;
 }
 
 // The view-space normal of a point towards the eye; zero if it has none.
@@ -179,7 +210,7 @@ fn fragment_of_disc(frame: Frame, disc: Disc, pixel: vec2i) -> Fragment {
     }
     let hit = hit_of_plane(frame, disc.center, disc.normal, at);
     let offset = hit - disc.center;
-    let outside = dot(offset, offset) / (disc.radius * disc.radius);
+    let outside = stretched_square(disc.stretch, offset) / (disc.radius * disc.radius);
     // A plane through the eye falls back.
     if !(is_finite(outside) && outside <= 1.0 && hit.z > frame.near) {
         let half_pixel = 0.5 * disc.radius / disc.radius_pixels;

@@ -1,5 +1,6 @@
 // A chunk's points as a tree of oriented discs. Filled by crates/render/src/reflection/surfel_tree.rs.
 #import finite
+#import packing
 
 struct Node {
     // xyz: f32 bits of the box's lower corner. w: the node that follows when a ray misses this one.
@@ -35,13 +36,13 @@ const LIST_RUNS: u32 = 48u;
 const LIST_WORDS: u32 = 97u;
 const LIST_IS_FULL: u32 = 0xffffffffu;
 
-// A disc is not seen from closer than this many of its radii: the mirror's own splats lie beside the mirror point.
+// A disc is not seen from closer than this many of its radii, nor an ellipse from closer than of its short half axes: the mirror's own splats lie beside the mirror point.
 const SELF_DISTANCE: f32 = 4.0;
 
 struct DiscHit {
     // The distance along the ray, in units of its direction; 0 for a miss.
     distance: f32,
-    // The squared distance from the disc's centre over its squared radius.
+    // The squared distance from the disc's centre over the squared half axis there.
     outside: f32,
     radius: f32,
 }
@@ -49,20 +50,31 @@ struct DiscHit {
 // `origin` and the box are relative to the same point; `direction` has unit length. `scale` is the factor of the radii.
 fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, direction: vec3f) -> DiscHit {
     let extent = high - low;
-    let place = vec3f(f32(packed.x & 1023u), f32((packed.x >> 10u) & 1023u), f32(packed.x >> 20u));
+    let place = vec3f(f32(packed.x & 1023u), f32((packed.x >> 10u) & 1023u), f32((packed.x >> 20u) & 1023u));
     let offset = low + place * (extent / 1023.0) - origin;
     let radius = scale * length(extent) * exp2(f32(packed.y & 255u) / -32.0);
-    let folded = vec2f(f32((packed.y >> 8u) & 2047u), f32((packed.y >> 19u) & 2047u)) * (2.0 / 2047.0) - 1.0;
+    // Ellipses have fewer bits of the normal, and their shape.
+    let is_stretched = (packed.y & 0x80000000u) != 0u;
+    let fine = vec2f(f32((packed.y >> 8u) & 2047u), f32((packed.y >> 19u) & 2047u)) * (2.0 / 2047.0) - 1.0;
+    let coarse = vec2f(f32((packed.y >> 8u) & 1023u), f32((packed.y >> 18u) & 1023u)) * (2.0 / 1023.0) - 1.0;
+    let folded = select(fine, coarse, is_stretched);
     let z = 1.0 - abs(folded.x) - abs(folded.y);
     let side = select(vec2f(-1.0), vec2f(1.0), folded >= vec2f(0.0));
     // Not of unit length: only its direction matters.
     let octahedral = vec3f(select((1.0 - abs(folded.yx)) * side, folded, z >= 0.0), z);
-    let normal = select(direction, octahedral, (packed.y & 0x40000000u) != 0u);
+    let normal = select(direction, octahedral, is_stretched || (packed.y & 0x40000000u) != 0u);
     let distance = dot(normal, offset) / dot(normal, direction);
     let across = direction * distance - offset;
-    let outside = dot(across, across) / (radius * radius);
+    var outside = dot(across, across) / (radius * radius);
+    var narrow = radius;
+    if is_stretched && outside <= 1.0 {
+        let shape = SHAPE_BITS + 1u + ((packed.x >> 30u) | (((packed.y >> 28u) & 7u) << 2u));
+        let stretch = unpack_stretch(shape, normalize(normal));
+        outside = stretched_square(stretch, across) / (radius * radius);
+        narrow = radius / stretch.ratio;
+    }
     // A disc seen edge-on is missed.
-    let is_hit = is_finite(outside) && outside <= 1.0 && distance > SELF_DISTANCE * radius;
+    let is_hit = is_finite(outside) && outside <= 1.0 && distance > SELF_DISTANCE * narrow;
     return DiscHit(select(0.0, distance, is_hit), outside, radius);
 }
 

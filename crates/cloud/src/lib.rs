@@ -19,6 +19,7 @@ mod placement;
 mod progress;
 mod random;
 mod robust;
+mod rows;
 pub mod sampling;
 mod shown_radii;
 mod smoothing;
@@ -37,7 +38,8 @@ pub use names::{attribute_named, attributes_named, standard_name};
 pub use noise::{Neighbourhoods, neighbourhoods};
 pub use origin::{Amid, amid, offset_from};
 pub use packing::{
-    NO_NORMAL, NO_RADIUS, STRAY_RADIUS, pack_normal, pack_radius, resized_radius, unpack_normal, unpack_radius,
+    NO_NORMAL, NO_RADIUS, STRAY_RADIUS, Stretch, pack_ellipse, pack_normal, pack_radius, resized_radius, stretch_ratio,
+    unpack_normal, unpack_radius, unpack_stretch,
 };
 pub use placement::Placement;
 pub use progress::Progress;
@@ -49,8 +51,8 @@ pub use robust::{
 pub use shown_radii::radii_among;
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
-    ESTIMATOR, MeshNormals, Orientation, RadiusCount, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate,
-    estimate_part, guess_orientation, normals_from_triangles, provisional_radius, smallest_eigenvector,
+    ESTIMATOR, MeshNormals, Orientation, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
+    guess_orientation, normals_from_triangles, provisional_radius, smallest_eigenvector,
 };
 pub use triangle_mesh::TriangleMesh;
 pub use visibility::{ChunkTest, ClipVolume, CloudLayout, Filter, PointTest, ShownPoints};

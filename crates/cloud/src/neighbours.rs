@@ -253,12 +253,13 @@ impl<'a> Tiles<'a> {
         self.tiles[tile].range.len()
     }
 
-    /// Calls `visit` with the neighbours of each point of a tile; for each it searches `count` others (`1 ..= LANES`).
+    /// Calls `visit` with each point of a tile and its surroundings; for each it searches `count` others
+    /// (`1 ..= LANES`).
     pub fn search<const LANES: usize>(
         &self,
         tile: usize,
         count: usize,
-        mut visit: impl FnMut(u32, &Neighbourhood),
+        mut visit: impl FnMut(u32, &mut Surroundings<'_, '_, LANES>),
         progress: &Progress,
     ) {
         let Tile { range, places, .. } = &self.tiles[tile];
@@ -267,19 +268,81 @@ impl<'a> Tiles<'a> {
         }
         let (firsts, others) = self.order[range.clone()].split_at(places.count);
         let mut others = places.of_others.iter().zip(others).peekable();
-        let mut search = Search::<LANES>::new(self, tile, count);
+        let mut search = Search::<LANES>::new(self, tile, count, false);
         for brick in 0..self.tiles[tile].bricks() {
             if progress.is_cancelled() {
                 return;
             }
             for place in self.tiles[tile].brick(brick) {
-                let neighbourhood = search.run(brick, place);
-                visit(firsts[place], neighbourhood);
+                search.run(brick, place);
+                visit(firsts[place], &mut Surroundings { search: &mut search, brick, place });
                 while let Some((_, other)) = others.next_if(|(of, _)| **of as usize == place) {
-                    visit(*other, neighbourhood);
+                    search.run(brick, place);
+                    visit(*other, &mut Surroundings { search: &mut search, brick, place });
                 }
             }
         }
+    }
+
+    /// Calls `visit` with the number and the surroundings of each point `wanted` of a tile, which are in the order of
+    /// `search`. No neighbours are searched.
+    pub fn search_some(
+        &self,
+        tile: usize,
+        wanted: &[u32],
+        mut visit: impl FnMut(usize, &mut Surroundings<'_, '_, 1>),
+        progress: &Progress,
+    ) {
+        let Tile { range, places, .. } = &self.tiles[tile];
+        if wanted.is_empty() {
+            return;
+        }
+        let (firsts, others) = self.order[range.clone()].split_at(places.count);
+        let mut others = places.of_others.iter().zip(others).peekable();
+        let mut wanted = wanted.iter().enumerate().peekable();
+        let mut search = Search::<1>::new(self, tile, 1, true);
+        for brick in 0..self.tiles[tile].bricks() {
+            if progress.is_cancelled() {
+                return;
+            }
+            for place in self.tiles[tile].brick(brick) {
+                let mut visit_if_wanted = |index: u32| {
+                    if let Some((number, _)) = wanted.next_if(|(_, next)| **next == index) {
+                        visit(number, &mut Surroundings { search: &mut search, brick, place });
+                    }
+                };
+                visit_if_wanted(firsts[place]);
+                while let Some((_, other)) = others.next_if(|(of, _)| **of as usize == place) {
+                    visit_if_wanted(*other);
+                }
+            }
+        }
+    }
+}
+
+/// A point of a tile, whose neighbours can be searched.
+pub struct Surroundings<'a, 'b, const LANES: usize> {
+    search: &'a mut Search<'b, LANES>,
+    brick: usize,
+    place: usize,
+}
+
+impl<const LANES: usize> Surroundings<'_, '_, LANES> {
+    /// The neighbours that were searched last.
+    pub fn neighbourhood(&self) -> &Neighbourhood {
+        &self.search.neighbourhood
+    }
+
+    /// The number of places no further than `radius`, to about a brick's; no more are counted than `most` and a node's.
+    pub fn count_within(&mut self, radius: f32, most: usize) -> usize {
+        let point = self.search.place(self.brick, self.place);
+        self.search.count_within(point, radius * radius, most)
+    }
+
+    /// Searches the nearest points aside from the line along the unit vector `axis` through the point, by more than 30
+    /// degrees.
+    pub fn search_aside(&mut self, axis: Vec3) -> &Neighbourhood {
+        self.search.run_aside(self.brick, self.place, axis)
     }
 }
 
@@ -412,18 +475,46 @@ fn halve(located: &mut [(Vec3, u32)], total: usize, node: usize, covered: Range<
 /// do not depend on the order of the points), and fewer only if the cloud has no more. Several points at one place
 /// count as one: a cloud that stores every point many times gives the same neighbours as one that stores it once.
 pub struct Neighbourhood {
-    /// The offset from the point and the squared distance; candidates beyond `distance_squared` are not neighbours.
-    candidates: Vec<(Vec3, f32)>,
+    /// Candidates beyond `distance_squared` are not neighbours.
+    candidates: Vec<Candidate>,
     /// The squared distance of the last neighbour asked for.
     pub distance_squared: f32,
     /// The number of neighbours asked for, or of all there are.
     pub count: usize,
 }
 
+/// A point that may be a neighbour.
+struct Candidate {
+    /// The offset from the point whose neighbours are searched.
+    offset: Vec3,
+    distance_squared: f32,
+    /// The running index of the point (`Points`).
+    index: u32,
+}
+
 impl Neighbourhood {
-    pub fn offsets(&self) -> impl Iterator<Item = Vec3> {
-        self.candidates.iter().filter(|(_, distance)| *distance <= self.distance_squared).map(|(offset, _)| *offset)
+    fn new(distance_squared: f32) -> Self {
+        Self { candidates: Vec::new(), distance_squared, count: 0 }
     }
+
+    fn neighbours(&self) -> impl Iterator<Item = &Candidate> {
+        self.candidates.iter().filter(|candidate| candidate.distance_squared <= self.distance_squared)
+    }
+
+    pub fn offsets(&self) -> impl Iterator<Item = Vec3> {
+        self.neighbours().map(|candidate| candidate.offset)
+    }
+
+    /// The running indices of the neighbours (`Points`).
+    pub fn indices(&self) -> impl Iterator<Item = u32> {
+        self.neighbours().map(|candidate| candidate.index)
+    }
+}
+
+/// Whether an offset leads aside from a line, by more than 30 degrees; `axis` is the unit direction of the line.
+pub fn is_aside(offset: Vec3, axis: Vec3) -> bool {
+    let along = offset.dot(axis);
+    along * along < 0.75 * offset.length_squared()
 }
 
 /// The nearest distances so far.
@@ -440,19 +531,23 @@ impl<const LANES: usize> Nearest<LANES> {
         Self { distances: [f32::INFINITY; LANES], bound, count }
     }
 
-    /// Considers some points of one brick.
-    fn scan(&mut self, x: &[f32], y: &[f32], z: &[f32], point: Vec3, candidates: &mut Vec<(Vec3, f32)>) {
+    /// Considers some points of one brick; with an `axis`, those aside from the line along it.
+    fn scan(&mut self, places: &Copies, at: Range<usize>, point: Vec3, axis: Option<Vec3>, found: &mut Vec<Candidate>) {
         let mut squared = [0.0; BRICK_POINTS];
+        let (x, y, z) = (&places.x[at.clone()], &places.y[at.clone()], &places.z[at.clone()]);
         let length = x.len().min(BRICK_POINTS);
-        let (x, y, z) = (&x[..length], &y[..length], &z[..length]);
+        let (x, y, z, indices) = (&x[..length], &y[..length], &z[..length], &places.indices[at]);
         for i in 0..length {
             let (dx, dy, dz) = (x[i] - point.x, y[i] - point.y, z[i] - point.z);
             squared[i] = dx * dx + dy * dy + dz * dz;
         }
         for i in 0..length {
             if squared[i] <= self.bound && squared[i] > 0.0 {
-                candidates.push((Vec3::new(x[i], y[i], z[i]) - point, squared[i]));
-                self.insert(squared[i]);
+                let offset = Vec3::new(x[i], y[i], z[i]) - point;
+                if axis.is_none_or(|axis| is_aside(offset, axis)) {
+                    found.push(Candidate { offset, distance_squared: squared[i], index: indices[i] });
+                    self.insert(squared[i]);
+                }
             }
         }
     }
@@ -479,6 +574,29 @@ struct View {
     starts: Vec<u32>,
 }
 
+impl View {
+    /// The number of the tile's places whose squared distance is within `limit`; bricks count by their middles.
+    fn count_within(&self, tile: &Tile, point: Vec3, limit: f32, most: usize) -> usize {
+        let bricks = self.starts.len();
+        let (mut count, mut pending) = (0, vec![(1, 0..bricks)]);
+        while let Some((node, covered)) = pending.pop() {
+            let Box3 { min, max } = self.boxes[node];
+            if count >= most || self.boxes[node].distance_squared(point) > limit {
+                continue;
+            }
+            let farthest = (point - min).abs().max((max - point).abs()).length_squared();
+            let middle = ((min + max) / 2.0).distance_squared(point);
+            if farthest <= limit || node >= bricks && middle <= limit {
+                count += tile.brick(covered.end - 1).end - tile.brick(covered.start).start;
+            } else if node < bricks {
+                let middle = covered.start + covered.len() / 2;
+                pending.extend([(2 * node, covered.start..middle), (2 * node + 1, middle..covered.end)]);
+            }
+        }
+        count
+    }
+}
+
 /// A tile other than the one being searched.
 struct Other {
     tile: usize,
@@ -491,14 +609,48 @@ struct Other {
 
 const ABSENT: u32 = u32::MAX;
 
+/// Copies of points, relative to the origin of a tile.
+#[derive(Default)]
+struct Copies {
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    /// The running indices of the points (`Points`).
+    indices: Vec<u32>,
+}
+
+impl Copies {
+    fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    fn truncate(&mut self, length: usize) {
+        [&mut self.x, &mut self.y, &mut self.z].into_iter().for_each(|values| values.truncate(length));
+        self.indices.truncate(length);
+    }
+
+    /// Appends the points of some places of a tile, relative to `origin`.
+    fn append(&mut self, tiles: &Tiles, tile: usize, range: Range<usize>, origin: DVec3) {
+        let first = tiles.tiles[tile].range.start;
+        for &index in &tiles.order[first + range.start..first + range.end] {
+            let local = (tiles.points.position(index) - origin).as_vec3();
+            self.x.push(local.x);
+            self.y.push(local.y);
+            self.z.push(local.z);
+            self.indices.push(index);
+        }
+    }
+}
+
+/// Searches the neighbours of the points of one tile; for each at most `LANES`.
 struct Search<'a, const LANES: usize> {
     tiles: &'a Tiles<'a>,
     home: usize,
     count: usize,
-    /// Copies of the points of the home tile, then of the bricks of other tiles that were reached.
-    x: Vec<f32>,
-    y: Vec<f32>,
-    z: Vec<f32>,
+    /// The points of the home tile, unless few of them are searched, then those of the bricks that were reached.
+    copies: Copies,
+    /// The number of copies that stay.
+    kept: usize,
     home_view: View,
     /// The home tile's cell in its own coordinates.
     cell: Box3,
@@ -511,7 +663,8 @@ struct Search<'a, const LANES: usize> {
 }
 
 impl<'a, const LANES: usize> Search<'a, LANES> {
-    fn new(tiles: &'a Tiles<'a>, home: usize, count: usize) -> Self {
+    /// A search about the points of a tile, about each or about `few`.
+    fn new(tiles: &'a Tiles<'a>, home: usize, count: usize, few: bool) -> Self {
         let tile = &tiles.tiles[home];
         let mut others: Vec<Other> = (0..tiles.tiles.len())
             .filter(|&other| other != home && !tiles.tiles[other].places.boxes.is_empty())
@@ -523,31 +676,32 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             })
             .collect();
         others.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared));
-        let starts = (0..tile.bricks()).map(|brick| tile.brick(brick).start as u32).collect();
+        let start_of = |brick| if few { ABSENT } else { tile.brick(brick).start as u32 };
+        let starts = (0..tile.bricks()).map(start_of).collect();
+        let kept = if few { 0 } else { tile.places.count };
         let mut search = Self {
             tiles,
             home,
             count: count.clamp(1, LANES),
-            x: Vec::new(),
-            y: Vec::new(),
-            z: Vec::new(),
+            copies: Copies::default(),
+            kept,
             home_view: View { tile: home, boxes: tile.places.boxes.clone(), starts },
             cell: Box3 { min: (tile.cell.min - tile.origin).as_vec3(), max: (tile.cell.max - tile.origin).as_vec3() },
             others,
             pending: Vec::new(),
             previous: None,
-            neighbourhood: Neighbourhood { candidates: Vec::new(), distance_squared: f32::INFINITY, count: 0 },
+            neighbourhood: Neighbourhood::new(f32::INFINITY),
         };
-        copy(tiles, home, 0..tile.places.count, tile.origin, &mut search.x, &mut search.y, &mut search.z);
+        search.copies.append(tiles, home, 0..kept, tile.origin);
         search
     }
 
     /// The neighbours of point `local` of `brick` of the home tile.
     fn run(&mut self, brick: usize, local: usize) -> &Neighbourhood {
-        let point = Vec3::new(self.x[local], self.y[local], self.z[local]);
+        let point = self.place(brick, local);
         if !point.is_finite() {
             // The point is further from the rest of its tile than f32 reaches.
-            self.neighbourhood = Neighbourhood { candidates: Vec::new(), distance_squared: 0.0, count: 0 };
+            self.neighbourhood = Neighbourhood::new(0.0);
             self.previous = None;
             return &self.neighbourhood;
         }
@@ -558,27 +712,47 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             Some(previous) if previous.distance_squared(point) == 0.0 => return &self.neighbourhood,
             // The ball about this point that contains the ball about the previous one contains as many points, unless
             // some of them are at this very place; the margin is far above the rounding of an f32.
-            Some(previous) => self.within((radius + previous.distance(point)).powi(2) * 1.000_01, brick, point),
-            None => self.within(f32::MAX, brick, point),
+            Some(previous) => self.within((radius + previous.distance(point)).powi(2) * 1.000_01, brick, point, None),
+            None => self.within(f32::MAX, brick, point, None),
         }
         if self.neighbourhood.count < self.count {
-            self.within(f32::MAX, brick, point);
+            self.within(f32::MAX, brick, point, None);
         }
         self.previous = Some(point);
         &self.neighbourhood
     }
 
+    /// The nearest points aside from the line along the unit vector `axis` through a point of the home tile, by more
+    /// than 30 degrees.
+    fn run_aside(&mut self, brick: usize, local: usize, axis: Vec3) -> &Neighbourhood {
+        self.previous = None;
+        let point = self.place(brick, local);
+        self.within(f32::MAX, brick, point, Some(axis));
+        &self.neighbourhood
+    }
+
+    /// The position of point `local` of `brick` of the home tile.
+    fn place(&mut self, brick: usize, local: usize) -> Vec3 {
+        let home = &self.tiles.tiles[self.home];
+        if self.home_view.starts[brick] == ABSENT {
+            self.home_view.starts[brick] = self.copies.len() as u32;
+            self.copies.append(self.tiles, self.home, home.brick(brick), home.origin);
+        }
+        let at = self.home_view.starts[brick] as usize + local - home.brick(brick).start;
+        Vec3::new(self.copies.x[at], self.copies.y[at], self.copies.z[at])
+    }
+
     /// The neighbours of a point no further than the square root of `bound`. Squared distances that overflow find none,
     /// so that a cloud of random numbers is not searched from end to end for each point.
-    fn within(&mut self, bound: f32, brick: usize, point: Vec3) {
+    fn within(&mut self, bound: f32, brick: usize, point: Vec3, axis: Option<Vec3>) {
         self.neighbourhood.candidates.clear();
         let mut nearest = Nearest::<LANES>::new(self.count, bound.min(f32::MAX));
         // Goes up from the point's own brick and visits the subtree on the other side of each node.
         let mut node = brick + self.home_view.starts.len();
-        self.visit(None, node, point, &mut nearest);
+        self.visit(None, node, point, axis, &mut nearest);
         while node > 1 {
             if self.home_view.boxes[node ^ 1].distance_squared(point) <= nearest.bound {
-                self.visit(None, node ^ 1, point, &mut nearest);
+                self.visit(None, node ^ 1, point, axis, &mut nearest);
             }
             node /= 2;
         }
@@ -590,7 +764,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
                 }
                 if self.others[other].bounds.distance_squared(point) <= nearest.bound {
                     self.reach(other);
-                    self.visit(Some(other), 1, point, &mut nearest);
+                    self.visit(Some(other), 1, point, axis, &mut nearest);
                 }
             }
         }
@@ -599,8 +773,31 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         self.neighbourhood.distance_squared = if found > 0 { nearest.distances[found - 1] } else { 0.0 };
     }
 
+    fn count_within(&mut self, point: Vec3, limit: f32, most: usize) -> usize {
+        let mut count = self.home_view.count_within(&self.tiles.tiles[self.home], point, limit, most);
+        for other in 0..self.others.len() {
+            if count >= most || self.others[other].distance_squared > limit {
+                break;
+            }
+            if self.others[other].bounds.distance_squared(point) <= limit {
+                self.reach(other);
+                if let Some(view) = &self.others[other].view {
+                    count += view.count_within(&self.tiles.tiles[view.tile], point, limit, most - count);
+                }
+            }
+        }
+        count
+    }
+
     /// Searches the subtree of a node of the home tile, or of one of the others.
-    fn visit(&mut self, other: Option<usize>, root: usize, point: Vec3, nearest: &mut Nearest<LANES>) {
+    fn visit(
+        &mut self,
+        other: Option<usize>,
+        root: usize,
+        point: Vec3,
+        axis: Option<Vec3>,
+        nearest: &mut Nearest<LANES>,
+    ) {
         let view = match other {
             None => Some(&mut self.home_view),
             Some(other) => self.others[other].view.as_mut(),
@@ -624,14 +821,12 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             let brick = node - bricks;
             let range = self.tiles.tiles[view.tile].brick(brick);
             if view.starts[brick] == ABSENT {
-                view.starts[brick] = self.x.len() as u32;
-                let origin = self.tiles.tiles[self.home].origin;
-                copy(self.tiles, view.tile, range.clone(), origin, &mut self.x, &mut self.y, &mut self.z);
+                view.starts[brick] = self.copies.len() as u32;
+                self.copies.append(self.tiles, view.tile, range.clone(), self.tiles.tiles[self.home].origin);
             }
             let start = view.starts[brick] as usize;
             let at = start..start + range.len();
-            let (x, y, z) = (&self.x[at.clone()], &self.y[at.clone()], &self.z[at]);
-            nearest.scan(x, y, z, point, &mut self.neighbourhood.candidates);
+            nearest.scan(&self.copies, at, point, axis, &mut self.neighbourhood.candidates);
         }
     }
 
@@ -639,9 +834,10 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
     fn reach(&mut self, other: usize) {
         let home = &self.tiles.tiles[self.home];
         // Stray points may reach far into the cloud; the copies that they cause must not accumulate.
-        if self.x.len() > 8 * TILE_POINTS.max(home.places.count) {
-            for values in [&mut self.x, &mut self.y, &mut self.z] {
-                values.truncate(home.places.count);
+        if self.copies.len() > 8 * TILE_POINTS.max(home.places.count) {
+            self.copies.truncate(self.kept);
+            if self.kept == 0 {
+                self.home_view.starts.fill(ABSENT);
             }
             self.others.iter_mut().for_each(|other| other.view = None);
         }
@@ -652,24 +848,5 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             boxes: there.places.boxes.iter().map(|local| there.box_seen_from(home, local)).collect(),
             starts: vec![ABSENT; there.bricks()],
         });
-    }
-}
-
-/// Appends the points of some places of a tile, relative to `origin`.
-fn copy(
-    tiles: &Tiles,
-    tile: usize,
-    range: Range<usize>,
-    origin: DVec3,
-    x: &mut Vec<f32>,
-    y: &mut Vec<f32>,
-    z: &mut Vec<f32>,
-) {
-    let first = tiles.tiles[tile].range.start;
-    for &index in &tiles.order[first + range.start..first + range.end] {
-        let local = (tiles.points.position(index) - origin).as_vec3();
-        x.push(local.x);
-        y.push(local.y);
-        z.push(local.z);
     }
 }

@@ -5,7 +5,7 @@ use std::sync::PoisonError;
 
 use rayon::prelude::*;
 
-use crate::neighbours::{Neighbourhood, Points, Tiles};
+use crate::neighbours::{Points, Surroundings, Tiles};
 use crate::surfels::Shape;
 use crate::{Chunk, Progress, hash};
 
@@ -83,7 +83,8 @@ fn look(chunks: &[Chunk], progress: &Progress) -> Option<Looks> {
     let looks = Mutex::new(Looks::default());
     (0..searched).into_par_iter().for_each(|number| {
         let mut own = Looks::default();
-        let visit = |_: u32, neighbourhood: &Neighbourhood| {
+        let visit = |_: u32, surroundings: &mut Surroundings<'_, '_, NEIGHBOURS>| {
+            let neighbourhood = surroundings.neighbourhood();
             let Some(shape) = Shape::of(neighbourhood).filter(|_| neighbourhood.count == NEIGHBOURS) else { return };
             own.strays += u64::from(shape.is_stray());
             own.roughness.push(f64::from(shape.roughness()));

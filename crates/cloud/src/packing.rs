@@ -1,5 +1,8 @@
-//! Compact forms of a normal (octahedral, 2 x 16 bits; Cigolle et al. 2014) and of a splat radius (16-bit logarithm),
-//! the same on the CPU and in `shaders/shared/packing.wgsl`.
+//! Compact forms of a normal (octahedral, 2 x 16 bits; Cigolle et al. 2014) and of a splat's size and shape (11 bits of
+//! the logarithm of its radius, 5 bits of its shape), the same on the CPU and in `shaders/shared/packing.wgsl`.
+//!
+//! A splat is a disc, or an ellipse in the plane of the disc whose long half axis is the radius. Whatever looks at radii
+//! alone sees a disc that contains the ellipse.
 
 use glam::{Vec2, Vec3};
 
@@ -42,33 +45,102 @@ fn fold(p: Vec2) -> Vec2 {
     Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
 }
 
-/// The number of steps per doubling of the radius: 0.034 % from one step to the next.
+/// The number of packed steps per doubling of the radius.
 const RADIUS_STEPS: f32 = 2048.0;
+/// The lowest bits of a packed radius are the shape, so that radii come in these steps: 1.1 % from one to the next.
+const SHAPES: u16 = 32;
 /// The binary logarithm of the smallest radius, 2^-20; the largest is 2^12: from the bunny in metres to a survey in
 /// feet.
 const RADIUS_LOG_MIN: f32 = -20.0;
 
-/// Packs a radius in world units as a 16-bit logarithm; clamped to 2^-20 ..= 2^12, but never `STRAY_RADIUS`, and
-/// `NO_RADIUS` if not positive and finite.
+/// Packs the radius of a disc in world units; clamped to 2^-20 ..= 2^12, but never `STRAY_RADIUS`, and `NO_RADIUS` if
+/// not positive and finite.
 pub fn pack_radius(radius: f32) -> u16 {
     if !(radius > 0.0 && radius.is_finite()) {
         return NO_RADIUS;
     }
-    ((radius.log2() - RADIUS_LOG_MIN) * RADIUS_STEPS).round().clamp(2.0, 65535.0) as u16
+    let steps = RADIUS_STEPS / f32::from(SHAPES);
+    ((radius.log2() - RADIUS_LOG_MIN) * steps).round().clamp(1.0, 2047.0) as u16 * SHAPES
 }
 
-/// The radius in world units, or `None` for `NO_RADIUS`.
+/// The radius in world units, or the long half axis of an ellipse; `None` for `NO_RADIUS`.
 pub fn unpack_radius(packed: u16) -> Option<f32> {
-    (packed != NO_RADIUS).then(|| (f32::from(packed) / RADIUS_STEPS + RADIUS_LOG_MIN).exp2())
+    (packed != NO_RADIUS).then(|| (f32::from(packed / SHAPES * SHAPES) / RADIUS_STEPS + RADIUS_LOG_MIN).exp2())
 }
 
-/// A packed radius times `size`. Strays stay strays, and unknown radii unknown.
+/// A packed radius times `size`, with its shape. Strays stay strays, and unknown radii unknown.
 pub fn resized_radius(packed: u16, size: f32) -> u16 {
     if packed == NO_RADIUS || packed == STRAY_RADIUS {
         return packed;
     }
-    let steps = (size.log2() * RADIUS_STEPS).round() as i32;
-    (i32::from(packed).saturating_add(steps)).clamp(2, 65535) as u16
+    let steps = (size.log2() * RADIUS_STEPS / f32::from(SHAPES)).round() as i32;
+    let resized = (i32::from(packed / SHAPES).saturating_add(steps)).clamp(1, 2047) as u16;
+    resized * SHAPES + packed % SHAPES
+}
+
+/// How much longer an ellipse is than wide, and in which direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch {
+    /// The unit direction of the long axis, in the plane of the splat; its sign is arbitrary.
+    pub axis: Vec3,
+    /// The long axis over the short one.
+    pub ratio: f32,
+}
+
+/// The ratios that are packed, and the number of directions of each, evenly over half a turn: the end of an ellipse is
+/// at most 0.55 short half axes beside where it belongs.
+const RATIOS: [(f32, u16); 2] = [(3.0, 10), (7.0, 21)];
+
+/// Packs the half axes of an ellipse in the plane of `normal`, the long one in world units; a disc where the ratio is
+/// much below the least that is packed (3). The ratio becomes a packed one no larger than a tenth above it, so that
+/// ellipses become wider rather than narrower.
+pub fn pack_ellipse(long: f32, stretch: Stretch, normal: Vec3) -> u16 {
+    let disc = pack_radius(long);
+    let packed = RATIOS.iter().rposition(|(ratio, _)| *ratio <= 1.1 * stretch.ratio);
+    let Some(row) = packed.filter(|_| disc != NO_RADIUS) else { return disc };
+    let first: u16 = 1 + RATIOS[..row].iter().map(|(_, directions)| directions).sum::<u16>();
+    let [across, along] = plane_axes(normal);
+    let turn = stretch.axis.dot(along).atan2(stretch.axis.dot(across)) / std::f32::consts::PI;
+    let directions = RATIOS[row].1;
+    disc + first + ((turn.rem_euclid(1.0) * f32::from(directions)).round() as u16) % directions
+}
+
+/// The shape of a splat with a unit normal; `None` for a disc.
+pub fn unpack_stretch(packed: u16, normal: Vec3) -> Option<Stretch> {
+    let (ratio, turn) = ratio_and_turn(packed)?;
+    let [across, along] = plane_axes(normal);
+    let (sine, cosine) = (std::f32::consts::PI * turn).sin_cos();
+    Some(Stretch { axis: cosine * across + sine * along, ratio })
+}
+
+/// The long axis of a splat over the short one; 1 for a disc.
+pub fn stretch_ratio(packed: u16) -> f32 {
+    ratio_and_turn(packed).map_or(1.0, |(ratio, _)| ratio)
+}
+
+/// The ratio of an ellipse, and its direction as a share of half a turn.
+fn ratio_and_turn(packed: u16) -> Option<(f32, f32)> {
+    if packed < SHAPES {
+        return None;
+    }
+    let mut direction = (packed % SHAPES).checked_sub(1)?;
+    for (ratio, directions) in RATIOS {
+        if direction < directions {
+            return Some((ratio, f32::from(direction) / f32::from(directions)));
+        }
+        direction -= directions;
+    }
+    None
+}
+
+/// Two unit vectors that span the plane of a unit normal with it, for both of its signs the same (after Duff et al.
+/// 2017).
+fn plane_axes(normal: Vec3) -> [Vec3; 2] {
+    let components = [normal.z, normal.y, normal.x];
+    let first = components.into_iter().find(|component| *component != 0.0).unwrap_or(1.0);
+    let Vec3 { x, y, z } = if first < 0.0 { -normal } else { normal };
+    let a = -1.0 / (1.0 + z);
+    [Vec3::new(1.0 + x * x * a, x * y * a, -x), Vec3::new(x * y * a, 1.0 + y * y * a, -y)]
 }
 
 #[cfg(test)]
@@ -81,12 +153,13 @@ mod tests {
             for radius in [1e-4, 0.013, 2.5, 90.0] {
                 let packed = pack_radius(radius);
                 let (back, wanted) = (unpack_radius(resized_radius(packed, size)).unwrap(), radius * size);
-                assert!((back / wanted - 1.0).abs() < 4e-4, "{radius} times {size} is {back}");
+                assert!((back / wanted - 1.0).abs() < 0.011, "{radius} times {size} is {back}");
                 assert!(size != 1.0 || resized_radius(packed, size) == packed);
+                assert_eq!(resized_radius(packed + 7, size), resized_radius(packed, size) + 7, "its shape stays");
             }
             assert_eq!([NO_RADIUS, STRAY_RADIUS].map(|packed| resized_radius(packed, size)), [NO_RADIUS, STRAY_RADIUS]);
         }
-        assert_eq!((resized_radius(3, 0.05), resized_radius(65_000, 20.0)), (2, 65_535));
+        assert_eq!((resized_radius(70, 0.05), resized_radius(65_001, 20.0)), (32 + 6, 65_504 + 9));
     }
 
     #[test]
@@ -121,10 +194,39 @@ mod tests {
     }
 
     #[test]
-    fn radii_survive_packing_to_a_thousandth() {
+    fn radii_survive_packing_to_six_thousandths() {
         for radius in [1e-5_f32, 0.001, 0.37, 1.0, 25.0, 4000.0] {
             let back = unpack_radius(pack_radius(radius)).unwrap();
-            assert!((back / radius - 1.0).abs() < 1e-3, "{radius} became {back}");
+            assert!((back / radius - 1.0).abs() < 6e-3, "{radius} became {back}");
+            assert_eq!(unpack_stretch(pack_radius(radius), Vec3::X), None);
         }
+        assert_eq!([NO_RADIUS, STRAY_RADIUS].map(|packed| unpack_stretch(packed, Vec3::X)), [None, None]);
+    }
+
+    #[test]
+    fn ellipses_survive_packing_for_both_signs_of_their_normal() {
+        for i in 0..5000u32 {
+            let z = if i % 10 == 0 { 0.0 } else { 1.0 - 2.0 * (i as f32 + 0.5) / 5000.0 };
+            let angle = i as f32 * 2.399_963;
+            let ring = (1.0 - z * z).sqrt();
+            let normal = Vec3::new(ring * angle.cos(), ring * angle.sin(), z);
+            let axis = normal.cross(Vec3::new(0.3, -0.8, 0.1 * i as f32)).normalize();
+            for (ratio, expected) in
+                [(2.5, None), (2.8, Some(3.0)), (6.0, Some(3.0)), (6.4, Some(7.0)), (40.0, Some(7.0))]
+            {
+                let packed = pack_ellipse(0.3, Stretch { axis, ratio }, normal);
+                assert!((unpack_radius(packed).unwrap() / 0.3 - 1.0).abs() < 6e-3);
+                let stretch = unpack_stretch(packed, normal);
+                assert_eq!(stretch.map(|stretch| stretch.ratio), expected);
+                let Some(stretch) = stretch else { continue };
+                let beside = stretch.ratio * (axis - axis.dot(stretch.axis) * stretch.axis).length();
+                assert!(beside < 0.55, "{normal}: {axis} became {}", stretch.axis);
+                assert!(stretch.axis.dot(normal).abs() < 1e-5 && (stretch.axis.length() - 1.0).abs() < 1e-5);
+                let flipped = unpack_stretch(packed, -normal).unwrap();
+                assert!((flipped.axis - stretch.axis).length() < 1e-6);
+            }
+        }
+        let stretch = Stretch { axis: Vec3::X, ratio: 9.0 };
+        assert_eq!(pack_ellipse(f32::NAN, stretch, Vec3::Z), NO_RADIUS);
     }
 }

@@ -18,13 +18,17 @@ use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::carve::carve;
-use crate::neighbours::{Neighbourhood, Points, Tiles};
+use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles, is_aside};
 use crate::robust::{robust_bounds, spread_sample};
-use crate::{Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, STRAY_RADIUS, pack_normal, pack_radius, unpack_radius};
+use crate::rows::{RowSplat, row_splat};
+use crate::{
+    Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, STRAY_RADIUS, pack_ellipse, pack_normal, pack_radius, unpack_normal,
+    unpack_radius,
+};
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 1;
+pub const ESTIMATOR: u32 = 2;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
@@ -50,10 +54,25 @@ const WIDER: f32 = 1.1;
 const FLAT: f32 = 0.3;
 /// ... and this share of the radius is taken off for each unit more.
 const ROUGH: f32 = 1.0;
-/// The largest radius of a splat relative to the median one. The spacing of a scan from one place grows with the
-/// distance, and five times the median distance covers most of it, while a stray point in the sky stays a dot instead
-/// of hiding everything else.
-const LARGEST_RADIUS: f32 = 5.0;
+/// The largest radius of a splat relative to the median one of the points around it: a point between two surfaces is
+/// far from both, whose points are close together. A bound from the whole cloud would be too small far from a scanner.
+const LARGEST_RADIUS: f32 = 2.0;
+/// Radii are bounded where the neighbours are crowded: this share of their pairs, or more, are nearer to one another than
+/// half of the distance to the last of them. On an even surface these are a fifth, and nine twentieths in a line.
+const CROWDED: f32 = 0.4;
+/// Neighbours that are spread by so much about the point are not crowded; others are looked at.
+const EVEN: std::ops::RangeInclusive<f32> = 0.88..=1.12;
+/// The most neighbours whose pairs are counted.
+const MOST_PAIRED: usize = 16;
+/// Neighbourhoods narrower than this times their length (in variance: squared) are in a line, or in rows: beside a
+/// straight border it is 0.28.
+const NARROW_VARIANCE: f64 = 0.15;
+/// A splat is looked at more closely if its radius is so many times the median one of some 50 thousand points around it.
+const LARGE: f32 = 3.0;
+/// It is alone if within so many times the distance of the last neighbour ...
+const ALONE_REACH: f32 = 4.0;
+/// ... there are so many times as many points: a surface has 16 times as many there, and a volume 64 times.
+const ALONE: usize = 128;
 /// Neighbourhoods narrower than this times their length (in variance: squared) are lines, which have no normal; below
 /// it f32 rounding of the covariance would turn the normal by a degree.
 const THINNEST: f64 = 1e-5;
@@ -122,13 +141,6 @@ pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) 
     let mut surfels = Vec::with_capacity(chunks.len());
     for part in parts(chunks, u32::MAX as usize) {
         let mut estimated = estimate_part(part, options, progress)?;
-        let mut radii = RadiusCount::default();
-        estimated.iter().for_each(|surfels| radii.add(&surfels.radii));
-        let largest = radii.largest();
-        estimated
-            .par_iter_mut()
-            .flat_map(|surfels| &mut surfels.radii)
-            .for_each(|radius| *radius = largest.min(*radius));
         if let Some(place) = options.seen_from {
             carve(part, &mut estimated, place, progress)?;
         }
@@ -152,63 +164,205 @@ fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
     parts
 }
 
-/// The same as [`estimate`] for a part of a cloud, with three differences: radii are not limited, since the limit
-/// follows from all of the cloud's radii ([`RadiusCount`]), they are not carved, and the total of `progress` is not
-/// set. For less than 2^32 points.
+/// The same as [`estimate`] for a part of a cloud, with two differences: radii are not carved, and the total of
+/// `progress` is not set. For less than 2^32 points.
 pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     let points = Points::new(chunks);
     let tiles = Tiles::new(&points, progress)?;
-    // A tile's points are scattered over the chunks: atomics let the tiles write them without unsafe code.
-    let results: Vec<(Vec<AtomicU32>, Vec<AtomicU16>)> = chunks
-        .par_iter()
-        .map(|chunk| {
+    let estimate = Estimate::new(chunks, &points, options);
+    let doubtful: Vec<Vec<Doubtful>> =
+        (0..tiles.len()).into_par_iter().map(|tile| estimate.search(&tiles, tile, progress)).collect();
+    let searched: usize = (0..tiles.len()).map(|tile| tiles.points_of(tile)).sum();
+    drop(tiles);
+    if progress.is_cancelled() {
+        return None;
+    }
+    let bounded: Vec<Vec<(u32, Splat)>> = doubtful
+        .into_par_iter()
+        .map(|points| points.into_iter().map(|point| (point.index, estimate.bounded(point))).collect())
+        .collect();
+    bounded.into_iter().flatten().for_each(|(index, splat)| estimate.set(index, &splat));
+    progress.add((points.len() - searched) as u64);
+    Some(estimate.surfels())
+}
+
+/// A point whose splat does not follow from its neighbours alone.
+struct Doubtful {
+    /// The running index.
+    index: u32,
+    /// The running indices of its neighbours.
+    neighbours: Vec<u32>,
+    row: Option<RowSplat>,
+}
+
+/// A splat that the points around bound.
+enum Splat {
+    /// The packed radius.
+    Disc(u16),
+    InRow(RowSplat),
+}
+
+/// The estimate of a part of a cloud, while it is made.
+struct Estimate<'a> {
+    chunks: &'a [Chunk],
+    points: &'a Points<'a>,
+    options: &'a SurfelOptions,
+    /// For each chunk the packed normals and radii. A tile's points are scattered over the chunks: atomics let the tiles
+    /// write them without unsafe code.
+    results: Vec<(Vec<AtomicU32>, Vec<AtomicU16>)>,
+}
+
+impl<'a> Estimate<'a> {
+    fn new(chunks: &'a [Chunk], points: &'a Points<'a>, options: &'a SurfelOptions) -> Self {
+        let empty = |chunk: &Chunk| {
             let normals = match &chunk.normals {
                 Some(normals) => normals.iter().map(|&normal| AtomicU32::new(normal)).collect(),
                 None => chunk.positions.iter().map(|_| AtomicU32::new(NO_NORMAL)).collect(),
             };
             (normals, chunk.positions.iter().map(|_| AtomicU16::new(NO_RADIUS)).collect())
-        })
-        .collect();
-    let count = options.neighbours.clamp(3, 64);
-    let searched: usize = (0..tiles.len())
-        .into_par_iter()
-        .map(|tile| {
-            let visit = |index: u32, neighbourhood: &Neighbourhood| {
-                let (chunk, local) = points.locate(index);
-                let (normals, radii) = &results[chunk];
-                let shape = Shape::of(neighbourhood);
-                let is_stray = options.radii == RadiusRule::Spread && shape.as_ref().is_some_and(Shape::is_stray);
-                let radius = splat_radius(neighbourhood, shape.as_ref(), options.radii);
-                let radius = if is_stray { STRAY_RADIUS } else { pack_radius(radius) };
-                radii[local].store(radius, Ordering::Relaxed);
-                if normals[local].load(Ordering::Relaxed) == NO_NORMAL
-                    && let Some(normal) = shape.and_then(|shape| shape.normal())
-                {
-                    let normal = orient(normal, chunks[chunk].position(local), options.orientation);
+        };
+        Self { chunks, points, options, results: chunks.par_iter().map(empty).collect() }
+    }
+
+    /// Estimates each point of a tile from its own neighbours. Returns the doubtful ones, in the order of the search.
+    fn search(&self, tiles: &Tiles, tile: usize, progress: &Progress) -> Vec<Doubtful> {
+        let count = self.options.neighbours.clamp(3, 64);
+        let doubtful = match count {
+            ..=16 => self.search_in::<16>(tiles, tile, count, progress),
+            17..=32 => self.search_in::<32>(tiles, tile, count, progress),
+            _ => self.search_in::<64>(tiles, tile, count, progress),
+        };
+        if !progress.is_cancelled() {
+            progress.add(tiles.points_of(tile) as u64);
+        }
+        doubtful
+    }
+
+    fn search_in<const LANES: usize>(
+        &self,
+        tiles: &Tiles,
+        tile: usize,
+        count: usize,
+        progress: &Progress,
+    ) -> Vec<Doubtful> {
+        let (mut doubtful, mut sizes) = (Vec::new(), Vec::with_capacity(tiles.points_of(tile)));
+        let visit = |index: u32, surroundings: &mut Surroundings<'_, '_, LANES>| {
+            let (chunk, local) = self.points.locate(index);
+            let (normals, radii) = &self.results[chunk];
+            let around = surroundings.neighbourhood();
+            let shape = Shape::of(around);
+            let is_stray = self.options.radii == RadiusRule::Spread && shape.as_ref().is_some_and(Shape::is_stray);
+            let radius = pack_radius(splat_radius(around, shape.as_ref(), self.options.radii));
+            let radius = if is_stray { STRAY_RADIUS } else { radius };
+            let reach = around.distance_squared.sqrt();
+            radii[local].store(radius, Ordering::Relaxed);
+            sizes.push((index, radius, reach));
+            if normals[local].load(Ordering::Relaxed) == NO_NORMAL
+                && let Some(normal) = shape.as_ref().and_then(Shape::normal)
+            {
+                let normal = orient(normal, self.chunks[chunk].position(local), self.options.orientation);
+                normals[local].store(pack_normal(normal), Ordering::Relaxed);
+            }
+            let is_doubtful = |shape: &Shape| !shape.is_wide() || !EVEN.contains(&shape.spread) && is_crowded(around);
+            let Some(shape) = shape.filter(|shape| !is_stray && is_doubtful(shape)) else {
+                return;
+            };
+            let neighbours = around.indices().collect();
+            let line = shape.line().map(|axis| (axis, spacing_along(axis, around)));
+            let row = line.and_then(|(axis, spacing)| {
+                let beside: Vec<Vec3> = surroundings.search_aside(axis).offsets().collect();
+                row_splat(axis, spacing, &beside, self.own_normal(index))
+            });
+            doubtful.push(Doubtful { index, neighbours, row });
+        };
+        tiles.search::<LANES>(tile, count, visit, progress);
+        if self.options.radii == RadiusRule::Spread {
+            self.mark_alone(tiles, tile, count, &sizes, progress);
+        }
+        doubtful
+    }
+
+    /// Marks as stray the points of a tile that are far more apart from one another than the points around all of them,
+    /// like those between the edge of a thing and what is behind it. `sizes` are the running indices of all of its points
+    /// in the order of the search, their packed radii, and the distances of their last neighbours.
+    fn mark_alone(&self, tiles: &Tiles, tile: usize, count: usize, sizes: &[(u32, u16, f32)], progress: &Progress) {
+        let mut radii: Vec<u16> = sizes.iter().map(|(_, radius, _)| *radius).collect();
+        let Some(usual) = median_radius(&mut radii) else { return };
+        let large = pack_radius(LARGE * usual);
+        let (wanted, reaches): (Vec<u32>, Vec<f32>) =
+            sizes.iter().filter(|(_, radius, _)| *radius >= large).map(|(index, _, reach)| (*index, *reach)).unzip();
+        let visit = |number: usize, surroundings: &mut Surroundings<'_, '_, 1>| {
+            if surroundings.count_within(ALONE_REACH * reaches[number], ALONE * count) >= ALONE * count {
+                let (chunk, local) = self.points.locate(wanted[number]);
+                self.results[chunk].1[local].store(STRAY_RADIUS, Ordering::Relaxed);
+            }
+        };
+        tiles.search_some(tile, &wanted, visit, progress);
+    }
+
+    /// The splat of a doubtful point, once the radii of all points are known.
+    fn bounded(&self, doubtful: Doubtful) -> Splat {
+        let radius = self.radius(doubtful.index);
+        if let Some(row) = doubtful.row.filter(|_| radius != STRAY_RADIUS) {
+            return Splat::InRow(row);
+        }
+        let mut radii: Vec<u16> = doubtful.neighbours.iter().map(|index| self.radius(*index)).collect();
+        radii.retain(|radius| *radius > STRAY_RADIUS);
+        let largest = median_radius(&mut radii).map_or(u16::MAX, |median| pack_radius(LARGEST_RADIUS * median));
+        Splat::Disc(radius.min(largest))
+    }
+
+    /// The packed radius of a point so far.
+    fn radius(&self, index: u32) -> u16 {
+        let (chunk, local) = self.points.locate(index);
+        self.results[chunk].1[local].load(Ordering::Relaxed)
+    }
+
+    /// The normal that the file has for a point.
+    fn own_normal(&self, index: u32) -> Option<Vec3> {
+        let (chunk, local) = self.points.locate(index);
+        self.chunks[chunk].normals.as_ref().and_then(|normals| unpack_normal(normals[local]))
+    }
+
+    fn set(&self, index: u32, splat: &Splat) {
+        let (chunk, local) = self.points.locate(index);
+        let (normals, radii) = &self.results[chunk];
+        let radius = match splat {
+            Splat::Disc(radius) => *radius,
+            Splat::InRow(RowSplat { normal, stretch, long }) => {
+                if self.own_normal(index).is_none() {
+                    let normal = orient(*normal, self.chunks[chunk].position(local), self.options.orientation);
                     normals[local].store(pack_normal(normal), Ordering::Relaxed);
                 }
-            };
-            match count {
-                ..=16 => tiles.search::<16>(tile, count, visit, progress),
-                17..=32 => tiles.search::<32>(tile, count, visit, progress),
-                _ => tiles.search::<64>(tile, count, visit, progress),
+                // The shape is packed for the normal as it is unpacked.
+                let packed = unpack_normal(normals[local].load(Ordering::Relaxed));
+                pack_ellipse(*long, *stretch, packed.unwrap_or(*normal))
             }
-            if !progress.is_cancelled() {
-                progress.add(tiles.points_of(tile) as u64);
-            }
-            tiles.points_of(tile)
-        })
-        .sum();
-    drop(tiles);
-    if progress.is_cancelled() {
-        return None;
+        };
+        radii[local].store(radius, Ordering::Relaxed);
     }
-    progress.add((points.len() - searched) as u64);
-    let surfels = results.into_iter().map(|(normals, radii)| Surfels {
-        normals: normals.into_iter().map(AtomicU32::into_inner).collect(),
-        radii: radii.into_iter().map(AtomicU16::into_inner).collect(),
-    });
-    Some(surfels.collect())
+
+    fn surfels(self) -> Vec<Surfels> {
+        let surfels = self.results.into_iter().map(|(normals, radii)| Surfels {
+            normals: normals.into_iter().map(AtomicU32::into_inner).collect(),
+            radii: radii.into_iter().map(AtomicU16::into_inner).collect(),
+        });
+        surfels.collect()
+    }
+}
+
+/// The mean distance between the points in the row of a point along the unit vector `axis`.
+fn spacing_along(axis: Vec3, around: &Neighbourhood) -> f32 {
+    let along = around.offsets().filter(|offset| !is_aside(*offset, axis)).map(|offset| offset.dot(axis));
+    let (count, low, high) =
+        along.fold((0, 0.0_f32, 0.0_f32), |(count, low, high), along| (count + 1, low.min(along), high.max(along)));
+    (high - low) / count as f32
+}
+
+/// The median of packed radii in world units; `None` if there are none, and where it is not known.
+fn median_radius(packed: &mut [u16]) -> Option<f32> {
+    let middle = packed.len() / 2;
+    (!packed.is_empty()).then(|| *packed.select_nth_unstable(middle).1).and_then(unpack_radius)
 }
 
 fn splat_radius(neighbourhood: &Neighbourhood, shape: Option<&Shape>, rule: RadiusRule) -> f32 {
@@ -223,41 +377,34 @@ fn splat_radius(neighbourhood: &Neighbourhood, shape: Option<&Shape>, rule: Radi
     }
 }
 
+/// Whether the neighbours are nearer to one another than they would be if they were spread evenly about the point.
+fn is_crowded(neighbourhood: &Neighbourhood) -> bool {
+    let limit = neighbourhood.distance_squared / 4.0;
+    // Lanes without a neighbour are far from all others, and from themselves.
+    let mut places = [[f32::INFINITY; MOST_PAIRED]; 3];
+    let mut count = 0;
+    for offset in neighbourhood.offsets().take(MOST_PAIRED) {
+        (0..3).for_each(|axis| places[axis][count] = offset[axis]);
+        count += 1;
+    }
+    let [x, y, z] = &places;
+    let mut near = 0;
+    for at in 0..count {
+        for other in 0..MOST_PAIRED {
+            let (dx, dy, dz) = (x[other] - x[at], y[other] - y[at], z[other] - z[at]);
+            near += u32::from(dx * dx + dy * dy + dz * dz < limit);
+        }
+    }
+    // Each pair is counted twice, and each neighbour once with itself.
+    count > 1 && (near as f32 - count as f32) >= CROWDED * (count * (count - 1)) as f32
+}
+
 /// How far the middle of the neighbours is from the point, relative to the most distant one: 0 in the middle of an even
 /// surface, 4 / (3 pi) = 0.42 on a straight border, 0.6 in a corner, up to 1 where all neighbours lie in one direction.
 fn aside(neighbourhood: &Neighbourhood) -> f32 {
     let reach = neighbourhood.distance_squared.sqrt() * neighbourhood.count as f32;
     let sum: Vec3 = neighbourhood.offsets().sum();
     if reach > 0.0 { sum.length() / reach } else { 0.0 }
-}
-
-/// Counts how often each radius occurs in a cloud, to find the largest allowed one.
-pub struct RadiusCount(Vec<u64>);
-
-impl Default for RadiusCount {
-    fn default() -> Self {
-        Self(vec![0; usize::from(u16::MAX) + 1])
-    }
-}
-
-impl RadiusCount {
-    /// Counts packed radii.
-    pub fn add(&mut self, radii: &[u16]) {
-        radii.iter().for_each(|&radius| self.0[usize::from(radius)] += 1);
-    }
-
-    /// Five times the median, packed; larger radii are cut to it. Packed radii sort like the radii.
-    pub fn largest(&self) -> u16 {
-        let known = || self.0.iter().enumerate().filter(|(radius, _)| *radius != usize::from(NO_RADIUS));
-        let half = known().map(|(_, count)| count).sum::<u64>() / 2;
-        let mut below = 0;
-        let median = known().find(|(_, count)| {
-            below += *count;
-            below > half
-        });
-        let median = median.and_then(|(packed, _)| unpack_radius(packed as u16));
-        median.map_or(u16::MAX, |median| pack_radius(LARGEST_RADIUS * median))
-    }
 }
 
 /// The shape of a point and its neighbours, in units of the distance to the last of them, so that nothing under- or
@@ -304,6 +451,18 @@ impl Shape {
     /// The direction in which the points are thinnest; its sign is arbitrary.
     fn normal(&self) -> Option<Vec3> {
         self.eigenvalues.as_ref()?.smallest_eigenvector(self.covariance).map(|normal| normal.as_vec3())
+    }
+
+    /// Whether the points lie in more than one direction.
+    fn is_wide(&self) -> bool {
+        self.eigenvalues.as_ref().is_none_or(|values| values.middle >= NARROW_VARIANCE * values.largest)
+    }
+
+    /// The unit direction of the line in which the points lie; `None` where they are wide.
+    fn line(&self) -> Option<Vec3> {
+        let values = self.eigenvalues.as_ref().filter(|_| !self.is_wide())?;
+        let shifted = self.covariance - DMat3::from_diagonal(DVec3::splat(values.largest));
+        longest_cross_product(shifted).map(|line| line.as_vec3())
     }
 
     /// Whether the point is far from all of its neighbours, and so on no surface.
@@ -354,14 +513,17 @@ impl Eigenvalues {
         if self.middle <= THINNEST * self.largest {
             return None;
         }
-        // The rows of the shifted matrix span the other two eigenvectors; the longest of their cross products is the
-        // exact one.
-        let shifted = covariance - DMat3::from_diagonal(DVec3::splat(self.smallest));
-        let [x, y, z] = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
-        let crosses = [x.cross(y), y.cross(z), z.cross(x)];
-        let longest = crosses.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
-        longest.try_normalize()
+        longest_cross_product(covariance - DMat3::from_diagonal(DVec3::splat(self.smallest)))
     }
+}
+
+/// The unit eigenvector of an eigenvalue that was taken off a symmetric matrix. The rows of what is left span the other
+/// two eigenvectors; the longest of their cross products is the exact one.
+fn longest_cross_product(shifted: DMat3) -> Option<DVec3> {
+    let [x, y, z] = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
+    let crosses = [x.cross(y), y.cross(z), z.cross(x)];
+    let longest = crosses.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
+    longest.try_normalize()
 }
 
 /// The direction in which points with this covariance are thinnest, as a unit vector whose sign is arbitrary. `None` if

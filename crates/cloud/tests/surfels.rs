@@ -133,22 +133,27 @@ fn radii_are_those_of_exhaustive_search() {
     };
     let surfels = estimate(&chunked(&cloud, 40_000), &options, &Progress::default()).expect("not cancelled");
     let radii: Vec<u16> = surfels.into_iter().flat_map(|surfels| surfels.radii).collect();
-    let largest = unpack_radius(*radii.iter().max().expect("points")).expect("a radius");
     // Search rounds offsets within a tile some hundred wide to f32, which moves points of the narrow cluster.
     let rounding = f64::from(512.0_f32.next_up() - 512.0);
+    let (mut exact, mut all) = (0, 0);
     let checked = (0..cloud.len()).step_by(997).chain(150_000..cloud.len());
     for index in checked.step_by(11) {
         let from = DVec3::from(cloud[index].map(f64::from));
         let mut distances: Vec<f64> =
             cloud.iter().map(|p| DVec3::from(p.map(f64::from)).distance(from)).filter(|d| *d > 0.0).collect();
         let distance = *distances.select_nth_unstable_by(neighbours - 1, f64::total_cmp).1;
-        let radius_at = |distance: f64| {
-            ((f64::from(cloud::SPLAT_OVERLAP) * distance / (neighbours as f64).sqrt()) as f32).min(largest)
-        };
+        let radius_at =
+            |distance: f64| (f64::from(cloud::SPLAT_OVERLAP) * distance / (neighbours as f64).sqrt()) as f32;
         let (least, most) = (radius_at(distance - rounding), radius_at(distance + rounding));
         let radius = unpack_radius(radii[index]).expect("a radius");
-        assert!((0.999 * least..1.001 * most).contains(&radius), "point {index}: {radius}, not {least} to {most}");
+        assert!(radius < 1.006 * most, "point {index}: {radius}, not {least} to {most}");
+        // Radii are bounded by those around where the neighbours are crowded, like those of a stray point.
+        let is_exact = radius > 0.994 * least;
+        assert!(is_exact || index >= 150_000 || distance > 2.5, "point {index}: {radius}, not {least} to {most}");
+        exact += usize::from(is_exact);
+        all += 1;
     }
+    assert!(exact * 10 > all * 8, "{exact} of {all}");
 }
 
 #[test]
@@ -326,7 +331,7 @@ fn a_stray_point_becomes_no_huge_splat() {
     let mut radii: Vec<f32> = surfels.radii.iter().map(|&radius| unpack_radius(radius).expect("a radius")).collect();
     let stray = radii[20_000];
     radii.sort_by(f32::total_cmp);
-    assert!((stray / radii[10_000] - 5.0).abs() < 0.05, "{stray} beside a median of {}", radii[10_000]);
+    assert!(stray <= 2.5 * radii[10_000], "{stray} beside a median of {}", radii[10_000]);
 }
 
 #[test]

@@ -21,6 +21,8 @@ use crate::{NodeId, Octree};
 /// The number of steps of a packed radius that double it.
 const STEPS_PER_OCTAVE: u16 = 2048;
 const EIGHTH: u16 = STEPS_PER_OCTAVE / 8;
+/// The lowest steps of a packed radius are its shape.
+const SHAPES: u16 = 32;
 
 /// The bounds of enlarged radii, in distances between the points that are drawn at a place. One point of each cell of a
 /// grid is drawn, and a surface meets up to 1.5 cells for each that it would fill. 0.8 leaves no holes; pictures of a
@@ -236,8 +238,10 @@ impl Growth {
     }
 
     fn apply(self, radius: u16, has_bounds: bool) -> u16 {
+        let (shape, radius) = (radius % SHAPES, radius / SHAPES * SHAPES);
         let grown = radius.saturating_add(u16::from(self.eighths) * EIGHTH);
-        if has_bounds { grown.max(self.smallest).min(self.largest).max(radius) } else { grown }
+        let grown = if has_bounds { grown.max(self.smallest).min(self.largest).max(radius) } else { grown };
+        grown / SHAPES * SHAPES + shape
     }
 }
 
@@ -267,11 +271,12 @@ pub fn to_full_density(radii: &mut [u16], chunk: &Chunk, octree: &Octree, id: No
         let total = f64::from(own[octant]) + node.children[octant].map_or(0, |child| octree.node(child).total) as f64;
         // An octant without own points has no radius to change.
         let scale = if own[octant] == 0 { 1.0 } else { (total / f64::from(own[octant])).sqrt() };
-        (scale.log2() * f64::from(STEPS_PER_OCTAVE)).round() as i32
+        (scale.log2() * f64::from(STEPS_PER_OCTAVE / SHAPES)).round() as i32 * i32::from(SHAPES)
     });
     let has_size = |radius: u16| radius != NO_RADIUS && radius != STRAY_RADIUS;
     for (radius, octant) in radii.iter_mut().zip(octants(chunk, center)).filter(|(radius, _)| has_size(**radius)) {
-        *radius = (i32::from(*radius) - steps[octant]).max(2) as u16;
+        let shape = i32::from(*radius % SHAPES);
+        *radius = (i32::from(*radius) - steps[octant]).max(i32::from(SHAPES) + shape) as u16;
     }
 }
 

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use cloud::{Bounds, Chunk, Orientation, Progress, RadiusCount, RadiusRule, SurfelOptions, Surfels};
+use cloud::{Bounds, Chunk, Orientation, Progress, RadiusRule, SurfelOptions, Surfels};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -32,10 +32,9 @@ const LOCK: &str = "surfels.lock";
 pub(crate) const NAMES: [&str; 4] = [SURFELS, UNFINISHED, DONE, LOCK];
 const MAGIC: [u8; 8] = *b"glintsrf";
 /// It grows with each change of the form of the file, and of how points are put into groups.
-const VERSION: u32 = 3;
-/// The size in bytes of the head before the checksums: magic, version, checksum of the remainder, identity, largest
-/// radius.
-const HEAD_BYTES: usize = 16 + IDENTITY_BYTES + 2;
+const VERSION: u32 = 4;
+/// The size in bytes of the head before the checksums: magic, version, checksum of the remainder, identity.
+const HEAD_BYTES: usize = 16 + IDENTITY_BYTES;
 /// Key of the index, nodes, points, neighbours, orientation, estimator.
 const IDENTITY_BYTES: usize = 16 + 4 + 8 + 4 + 1 + 24 + 4;
 /// The size in bytes of an entry in the list of groups: group, points, checksum of both.
@@ -61,8 +60,6 @@ const MARGIN: f64 = 22.0;
 pub(crate) struct SurfelFile {
     storage: Storage,
     options: SurfelOptions,
-    /// The largest radius, packed; larger ones are cut to it.
-    largest: u16,
     checksums: Vec<u32>,
 }
 
@@ -88,10 +85,9 @@ impl SurfelFile {
         let options =
             read_options(&body[28..IDENTITY_BYTES]).filter(|options| body.starts_with(&identity(key, octree, options)));
         let options = options.ok_or_else(|| damaged("of another index"))?;
-        let largest = u16::from_le_bytes([body[IDENTITY_BYTES], body[IDENTITY_BYTES + 1]]);
         let checksums =
-            body[IDENTITY_BYTES + 2..].as_chunks::<4>().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
-        Ok(Self { storage, options, largest, checksums })
+            body[IDENTITY_BYTES..].as_chunks::<4>().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
+        Ok(Self { storage, options, checksums })
     }
 
     /// The options of the estimate.
@@ -105,9 +101,7 @@ impl SurfelFile {
         if crc32fast::hash(&bytes) != self.checksums[node.0 as usize] {
             return Err(Error::damaged(self.storage.path(), format!("the surfels of node {} have changed", node.0)));
         }
-        let mut surfels = unpack(&bytes);
-        surfels.radii.iter_mut().for_each(|radius| *radius = self.largest.min(*radius));
-        Ok(surfels)
+        Ok(unpack(&bytes))
     }
 }
 
@@ -544,14 +538,12 @@ impl<'a> Build<'a> {
             let problem = format!("surfels of {} points of {}", self.points, octree.points());
             return Err(Error::damaged(path, problem));
         }
-        let mut radii = RadiusCount::default();
         let mut checksums = Vec::with_capacity(4 * octree.nodes.len());
         for (node, _) in octree.ids() {
             let bytes = read_block(&self.unfinished, octree, node)?;
             checksums.extend(crc32fast::hash(&bytes).to_le_bytes());
-            radii.add(&unpack(&bytes).radii);
         }
-        let body = [identity, &radii.largest().to_le_bytes(), &checksums].concat();
+        let body = [identity, &checksums].concat();
         let head = [&MAGIC[..], &VERSION.to_le_bytes(), &crc32fast::hash(&body).to_le_bytes(), &body].concat();
         self.unfinished.write(0, &head)?;
         self.unfinished.sync()?;

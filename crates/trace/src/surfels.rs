@@ -5,7 +5,9 @@
 //! Splats of scattered points leave gaps (a hundredth of the reference scene's walls), which the renderer closes. A ray
 //! that meets no disc is in a gap, not in the open, if surfaces are all around it.
 
-use cloud::{Bounds, Chunk, Progress, provisional_radius, unpack_normal, unpack_radius};
+use cloud::{
+    Bounds, Chunk, NO_RADIUS, Progress, provisional_radius, stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
+};
 use glam::{DVec3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::CwBvh;
@@ -37,6 +39,8 @@ struct Disc {
     radius: f32,
     /// The normal; zero if the disc faces the ray.
     normal: Vec3,
+    /// The packed radius, which has the shape (`unpack_stretch`).
+    packed_radius: u16,
     /// The running number of the point, counting points that were left out.
     point: u32,
 }
@@ -73,7 +77,7 @@ impl Surfels {
     /// that of points spread evenly over their part's bounds. `progress` is checked only between steps. `None` when
     /// cancelled.
     ///
-    /// Needs some 45 bytes a point, and 300 while the tree is built. Points beyond the 2^32nd are left out.
+    /// Needs some 49 bytes a point, and 300 while the tree is built. Points beyond the 2^32nd are left out.
     pub fn new(parts: &[MaterialPoints], splat_size: f32, progress: &Progress) -> Option<Self> {
         let bounds =
             parts.iter().flat_map(|part| part.chunks).fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
@@ -88,12 +92,13 @@ impl Surfels {
                     break;
                 };
                 let disc = |index: usize| {
-                    let radius = chunk.radii.as_ref().and_then(|radii| unpack_radius(radii[index]));
+                    let packed_radius = chunk.radii.as_ref().map_or(NO_RADIUS, |radii| radii[index]);
                     let normal = chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[index]));
                     Disc {
                         position: (chunk.position(index) - center).as_vec3(),
-                        radius: radius.unwrap_or(unknown_radius) * splat_size,
+                        radius: unpack_radius(packed_radius).unwrap_or(unknown_radius) * splat_size,
                         normal: normal.unwrap_or(Vec3::ZERO),
+                        packed_radius,
                         point: first + index as u32,
                     }
                 };
@@ -275,10 +280,22 @@ impl Disc {
         let radius = f64::from(self.radius);
         let distance = self.plane_distance(origin, ray);
         let offset = self.position.as_dvec3() - origin;
-        let nearest = if ray.leaves_surface { SELF_DISTANCE * radius } else { 0.0 };
+        let narrow = radius / f64::from(stretch_ratio(self.packed_radius));
+        let nearest = if ray.leaves_surface { SELF_DISTANCE * narrow } else { 0.0 };
+        let across = ray.direction * distance - offset;
         // The comparison is false for the NaN of a ray within the disc's plane.
-        let is_hit = distance > nearest && (ray.direction * distance - offset).length_squared() <= radius * radius;
+        let is_hit = distance > nearest && across.length_squared() <= radius * radius && self.is_inside(across);
         is_hit.then_some(distance)
+    }
+
+    /// Whether a place of its plane within its radius, relative to its middle, is inside of the ellipse, if it is one.
+    fn is_inside(&self, across: DVec3) -> bool {
+        let stretch = unpack_stretch(self.packed_radius, self.normal).filter(|_| self.normal != Vec3::ZERO);
+        stretch.is_none_or(|stretch| {
+            let along = across.dot(stretch.axis.as_dvec3());
+            let beside = (across.length_squared() - along * along).max(0.0) * f64::from(stretch.ratio).powi(2);
+            along * along + beside <= f64::from(self.radius).powi(2)
+        })
     }
 
     /// Where the ray meets the disc's plane.

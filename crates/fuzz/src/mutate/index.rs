@@ -24,14 +24,14 @@ const OFFSET: usize = 12;
 const CHECKSUM: usize = 20;
 const CORNER: usize = 24;
 const FAR: usize = 48;
-/// Offsets in `surfels`: nodes, points, neighbours, kind, direction, largest radius, checksums.
+/// Offsets in `surfels`: nodes, points, neighbours, kind, direction, estimator, checksums.
 const SURFEL_NODES: usize = KEY + 16;
 const SURFEL_POINTS: usize = SURFEL_NODES + 4;
 const NEIGHBOURS: usize = SURFEL_POINTS + 8;
 const KIND: usize = NEIGHBOURS + 4;
 const DIRECTION: usize = KIND + 1;
-const LARGEST: usize = DIRECTION + 24;
-const SURFEL_CHECKSUMS: usize = LARGEST + 2;
+const ESTIMATOR: usize = DIRECTION + 24;
+const SURFEL_CHECKSUMS: usize = ESTIMATOR + 4;
 /// Bytes of a point's normal and radius.
 const SURFEL: usize = 6;
 
@@ -241,7 +241,7 @@ pub fn surfels(dice: &Dice, bytes: &mut Vec<u8>) {
             let at = DIRECTION + 8 * dice.below(3);
             put_double(dice, &mut surfels, at);
         }
-        3 => put_integer(dice, &mut surfels, LARGEST, 2),
+        3 => put_integer(dice, &mut surfels, ESTIMATOR, 4),
         4 => super::cut(dice, &mut surfels),
         5 => noise(dice, &mut surfels, 0),
         _ => noise(dice, &mut surfels, SURFEL_CHECKSUMS),

@@ -4,9 +4,9 @@
 //! The tree is binary, split at the median along the longest axis, and laid out in preorder with skip links, so that a
 //! ray walks it without a stack (Smits 1998). Leaves hold up to `LEAF` discs of eight bytes: position in 1024 steps of
 //! the leaf's box, octahedral normal in 11 + 11 bits, radius in steps of 2 % relative to the box. On a leaf some four
-//! discs wide, a step is a hundredth of a disc's radius.
+//! discs wide, a step is a hundredth of a disc's radius. An ellipse has 10 + 10 bits of the normal and 5 of its shape.
 
-use cloud::{Chunk, NO_RADIUS, STRAY_RADIUS, unpack_normal, unpack_radius};
+use cloud::{Chunk, NO_RADIUS, STRAY_RADIUS, Stretch, pack_ellipse, unpack_normal, unpack_radius, unpack_stretch};
 use glam::Vec3;
 
 use crate::layout::{INNER, Node};
@@ -31,21 +31,23 @@ struct Disc {
     position: Vec3,
     radius: f32,
     normal: Option<Vec3>,
+    stretch: Option<Stretch>,
 }
 
 impl SurfelTree {
     /// Builds the tree. `provisional_radius` is that of points whose own is not known yet, in world units.
     pub fn new(chunk: &Chunk, provisional_radius: f32) -> Self {
-        let radius = |index: usize| {
-            let packed = chunk.radii.as_ref().map_or(NO_RADIUS, |radii| radii[index]);
-            unpack_radius(packed).unwrap_or(provisional_radius)
-        };
         let is_finite = |index: &u32| chunk.positions[*index as usize].iter().all(|v| v.is_finite());
         let mut order: Vec<u32> = (0..chunk.len() as u32).filter(is_finite).collect();
-        let disc = |index: usize| Disc {
-            position: Vec3::from(chunk.positions[index]),
-            radius: radius(index),
-            normal: chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[index])),
+        let disc = |index: usize| {
+            let radius = chunk.radii.as_ref().map_or(NO_RADIUS, |radii| radii[index]);
+            let normal = chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[index]));
+            Disc {
+                position: Vec3::from(chunk.positions[index]),
+                radius: unpack_radius(radius).unwrap_or(provisional_radius),
+                normal,
+                stretch: normal.and_then(|normal| unpack_stretch(radius, normal)),
+            }
         };
         let discs: Vec<Disc> = (0..chunk.len()).map(disc).collect();
         let room = order.len();
@@ -63,7 +65,7 @@ impl SurfelTree {
         let (low, high) = if order.len() <= LEAF {
             let order = near_one_another(order, discs);
             let join = |(low, high): (Vec3, Vec3), index: &u32| {
-                let Disc { position, radius, normal } = &discs[*index as usize];
+                let Disc { position, radius, normal, .. } = &discs[*index as usize];
                 // A disc reaches r sqrt(1 - n^2) along each axis.
                 let reach = normal.map_or(Vec3::ONE, |n| (Vec3::ONE - n * n).max(Vec3::ZERO).map(f32::sqrt)) * radius;
                 (low.min(position - reach), high.max(position + reach))
@@ -128,6 +130,7 @@ const STEPS: f32 = 1023.0;
 /// Radius = diagonal of the leaf's box x 2^(-k / 32): k is a byte, a step 2 %.
 const RADIUS_STEPS: f32 = 32.0;
 const HAS_NORMAL: u32 = 1 << 30;
+const IS_STRETCHED: u32 = 1 << 31;
 
 fn pack(disc: &Disc, low: Vec3, high: Vec3) -> [u32; 2] {
     let extent = high - low;
@@ -136,20 +139,38 @@ fn pack(disc: &Disc, low: Vec3, high: Vec3) -> [u32; 2] {
     let ratio = (extent.length() / disc.radius.max(f32::MIN_POSITIVE)).log2() * RADIUS_STEPS;
     // Rounded down, to the larger radius.
     let radius = ratio.clamp(0.0, 255.0) as u32;
-    let normal = disc.normal.map_or(0, |normal| HAS_NORMAL | octahedral(normal) << 8);
-    [x | y << 10 | z << 20, normal | radius]
+    let place = x | y << 10 | z << 20;
+    match disc.normal.zip(disc.stretch) {
+        Some((normal, stretch)) => {
+            let coarse = octahedral(normal, 10);
+            // The shape is that in the plane that the shader sees.
+            let shape = u32::from(pack_ellipse(1.0, stretch, unpack_octahedral(coarse, 10)) % 32);
+            [place | shape << 30, IS_STRETCHED | (shape >> 2) << 28 | coarse << 8 | radius]
+        }
+        None => [place, disc.normal.map_or(0, |normal| HAS_NORMAL | octahedral(normal, 11) << 8) | radius],
+    }
 }
 
-/// The octahedral normal in 11 + 11 bits.
-fn octahedral(normal: Vec3) -> u32 {
+/// The octahedral normal in two numbers of so many bits.
+fn octahedral(normal: Vec3, bits: u32) -> u32 {
     let flat = normal / (normal.x.abs() + normal.y.abs() + normal.z.abs());
     let (x, y) = if flat.z >= 0.0 {
         (flat.x, flat.y)
     } else {
         ((1.0 - flat.y.abs()).copysign(flat.x), (1.0 - flat.x.abs()).copysign(flat.y))
     };
-    let [x, y] = [x, y].map(|v| ((v * 0.5 + 0.5) * 2047.0).round().clamp(0.0, 2047.0) as u32);
-    x | y << 11
+    let most = ((1 << bits) - 1) as f32;
+    let [x, y] = [x, y].map(|v| ((v * 0.5 + 0.5) * most).round().clamp(0.0, most) as u32);
+    x | y << bits
+}
+
+/// The unit normal of two such numbers.
+fn unpack_octahedral(packed: u32, bits: u32) -> Vec3 {
+    let most = (1 << bits) - 1;
+    let [x, y] = [packed & most, packed >> bits & most].map(|v| v as f32 * 2.0 / most as f32 - 1.0);
+    let z = 1.0 - x.abs() - y.abs();
+    let [x, y] = if z >= 0.0 { [x, y] } else { [(1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y)] };
+    Vec3::new(x, y, z).normalize()
 }
 
 /// A tree over boxes (lower and upper corners), in the same layout; a leaf is the index of a box.
