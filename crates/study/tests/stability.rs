@@ -243,7 +243,7 @@ fn what_maps_resolve_behind_a_fence_is_right_and_the_rest_of_it_is_traced() {
     let chained = judged("cubemap_trace", "fence:0.3", "splat.close_gaps=false").unwrap();
     // The rays that are left are the harder ones.
     let errors = [&alone, &chained].map(|judged| judged.same_input.occlusion_error);
-    assert!(errors[1] < errors[0] + 0.005, "{errors:?}");
+    assert!(errors[1] < errors[0] + 0.008, "{errors:?}");
     assert!(chained.found.coverage > 0.97, "{:?}", chained.found);
 }
 
