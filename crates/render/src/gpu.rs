@@ -405,6 +405,11 @@ impl Gpu {
         self.read_mapped(&staging, <[u8]>::to_vec)
     }
 
+    /// Whether the adapter is a processor, on which shaders are slower than native code.
+    pub fn is_processor(&self) -> bool {
+        self.info.device_type == wgpu::DeviceType::Cpu
+    }
+
     /// Copies a texture to the CPU: rows top to bottom, without padding.
     ///
     /// # Errors

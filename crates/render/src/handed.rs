@@ -41,13 +41,17 @@ struct Results {
     readers: Arc<()>,
 }
 
-/// The picture of a frame where the GPU's copy lies. It stays as it is whatever is drawn meanwhile.
+/// The picture of a frame, where the GPU's copy lies or where the processor has drawn it. It stays as it is whatever is drawn meanwhile.
 pub struct PictureRows {
-    view: wgpu::BufferView,
-    _reader: Arc<()>,
+    rows: Rows,
     /// The bytes from one row to the next.
     pub stride: u32,
     width: u32,
+}
+
+enum Rows {
+    Mapped { view: wgpu::BufferView, _reader: Arc<()> },
+    Own(Vec<[u8; 4]>),
 }
 
 impl Handed {
@@ -161,7 +165,11 @@ impl Handed {
     pub fn picture(&self) -> Result<Option<PictureRows>> {
         let Some(Results { buffer, size: [width, _], readers }) = &self.results else { return Ok(None) };
         let view = mapped(buffer, PICTURE..buffer.size())?;
-        Ok(Some(PictureRows { view, _reader: readers.clone(), stride: stride(*width), width: *width }))
+        Ok(Some(PictureRows {
+            rows: Rows::Mapped { view, _reader: readers.clone() },
+            stride: stride(*width),
+            width: *width,
+        }))
     }
 
     pub fn bytes(&self) -> u64 {
@@ -170,14 +178,22 @@ impl Handed {
 }
 
 impl PictureRows {
+    /// A picture that no GPU has made.
+    pub(crate) fn own(pixels: Vec<[u8; 4]>, width: u32) -> Self {
+        Self { rows: Rows::Own(pixels), stride: width * 4, width }
+    }
+
     /// The rows from top to bottom, `stride` bytes each.
     pub fn bytes(&self) -> &[u8] {
-        &self.view
+        match &self.rows {
+            Rows::Mapped { view, .. } => view,
+            Rows::Own(pixels) => pixels.as_flattened(),
+        }
     }
 
     /// The rows without what fills them up to the stride.
     pub fn tight(&self) -> Vec<u8> {
-        tight(&self.view, self.width as usize * 4, self.stride as usize)
+        tight(self.bytes(), self.width as usize * 4, self.stride as usize)
     }
 }
 

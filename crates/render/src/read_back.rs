@@ -1,12 +1,14 @@
 //! Reads back the last frame: its picture, its linear images, the point under a pixel.
 
 use glam::DVec3;
+use scene::Settings;
 
 use crate::gpu::{Error, Result};
 use crate::handed::PictureRows;
 use crate::identities::{ChunkId, CloudId};
 use crate::image::{Aov, AovImage};
 use crate::layout::SAME_SURFACE;
+use crate::quick::{KnownLight, StillImages};
 use crate::reflection::Reflections;
 use crate::renderer::{Renderer, nothing_rendered};
 use crate::store::PointStore;
@@ -185,6 +187,25 @@ impl Renderer {
 
     fn doubt(&self) -> Result<&Image> {
         self.reflections.as_ref().map(|reflections| &reflections.doubt).ok_or_else(nothing_rendered)
+    }
+
+    /// The light on the surfaces of the last frame, for quick pictures of other views.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn known_light(&self, settings: &Settings) -> Result<KnownLight> {
+        let targets = self.rendered()?;
+        let camera = self.camera.ok_or_else(nothing_rendered)?;
+        let surface = targets.surface();
+        let read = |image: &Image| self.gpu.read_texture(&image.texture);
+        let images = StillImages {
+            depth: floats32(&read(&surface.depth)?),
+            albedo: floats16(&read(&surface.albedo)?),
+            color: floats16(&read(&targets.color)?),
+        };
+        let fitted = self.handed.exposure()?.filter(|_| self.exposure.is_used);
+        let stops = fitted.map_or(settings.tone.exposure, |fitted| fitted.stops);
+        Ok(KnownLight::new(camera, images, stops, self.is_filmic))
     }
 
     fn rendered(&self) -> Result<&Targets> {

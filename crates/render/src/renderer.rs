@@ -68,6 +68,10 @@ pub struct FrameStats {
     pub glossy_rays: [u64; 2],
     /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
+    /// Whether the processor has drawn the frame (`QuickPicture`).
+    pub is_quick: bool,
+    /// The mean FLIP to the picture at rest of the same view, where somebody has judged it.
+    pub flip: Option<f64>,
 }
 
 /// Renders frames, one at a time, on any thread.
@@ -98,7 +102,7 @@ pub struct Renderer {
     pub(crate) camera: Option<FrameCamera>,
     /// How the last frame's picture was mapped.
     tone: Tone,
-    is_filmic: bool,
+    pub(crate) is_filmic: bool,
     pub(crate) exposure: ExposureMeter,
     /// The identities that points had when the last frame was drawn.
     pub(crate) drawn: Arc<Identities>,
@@ -596,6 +600,8 @@ impl Renderer {
             glossy_hits,
             glossy_rays,
             reflection,
+            is_quick: false,
+            flip: None,
         })
     }
 

@@ -533,6 +533,11 @@ impl PointStore {
         mirrors
     }
 
+    /// Whether a visible cloud is a mirror or clear.
+    pub fn has_mirrors(&self) -> bool {
+        self.clouds.values().any(|cloud| cloud.visible && cloud.material.specular_intensity > 0.0)
+    }
+
     /// Whether a visible cloud shows highlights of lights, whatever `light.gloss` is.
     pub(crate) fn has_highlights(&self) -> bool {
         let shows_them = |material: &Material| material.specular_intensity != 0.0 && material.specular_power > 0.0;

@@ -193,6 +193,8 @@ mod tests {
             exposure: None,
             glossy_hits: render::GlossCache::NoGloss,
             glossy_rays: [0; 2],
+            is_quick: false,
+            flip: None,
             has_compiled: false,
             dispatches: 0,
             waits: 0,

@@ -116,6 +116,68 @@ impl Haste {
     }
 }
 
+/// Chooses how coarse quick pictures are (`render::QuickPicture`). It learns from earlier ones how long a point and a pixel
+/// take.
+pub struct QuickPace {
+    /// The milliseconds that each point takes, and each pixel.
+    per_point: f64,
+    per_pixel: f64,
+    /// The number of points that the last picture without a limit on them drew.
+    points: f64,
+    chosen: Option<Spared>,
+}
+
+impl Default for QuickPace {
+    fn default() -> Self {
+        // A processor with two cores: the first picture of a movement is no test.
+        Self { per_point: 1e-5, per_pixel: 4e-5, points: 0.0, chosen: None }
+    }
+}
+
+impl QuickPace {
+    /// The largest divisor: a coarser picture cannot be read. It comes before fewer points do: in the same time, all points
+    /// at half of the pixels along each side differ less from the picture at rest (docs/performance.md).
+    const MOST_DIVISOR: u32 = 2;
+    /// The least number of points per pixel.
+    const LEAST_POINTS: f64 = 1.0;
+
+    /// Learns from a picture that took `milliseconds` and should have taken `wanted`.
+    pub fn learn(&mut self, stats: &FrameStats, request: &FrameRequest, milliseconds: f64, wanted: f64) {
+        let pixels = request.drawn_size().map(f64::from).iter().product::<f64>().max(1.0);
+        if request.spared.is_none_or(|spared| spared.most_points.is_none()) {
+            self.points = stats.points_drawn as f64;
+        }
+        // The estimates follow the fastest recent pictures, because other programs slow down single ones.
+        let slower = |known: f64, measured: f64| measured.min(known * 1.1);
+        self.per_point = slower(self.per_point, stats.splatting_milliseconds / stats.points_drawn.max(1) as f64);
+        self.per_pixel = slower(self.per_pixel, (milliseconds - stats.splatting_milliseconds).max(0.0) / pixels);
+        // Small deviations change nothing, because each new choice makes the picture jump.
+        if !(0.4..1.25).contains(&(milliseconds / wanted.max(1.0))) {
+            self.chosen = None;
+        }
+    }
+
+    /// Returns how coarse pictures of a movement are. The choice stays as long as they take about the wanted time.
+    pub fn spare(&mut self, size: [u32; 2], wanted: f64) -> Spared {
+        let spared = self.chosen.unwrap_or_else(|| self.choose(size, wanted));
+        self.chosen = Some(spared);
+        spared
+    }
+
+    /// Chooses how coarse a picture of `size` pixels must be to take `wanted` milliseconds.
+    pub fn choose(&self, size: [u32; 2], wanted: f64) -> Spared {
+        let pixels =
+            |divisor: u32| Spared { divisor, most_points: None }.size(size).map(f64::from).iter().product::<f64>();
+        let affordable = |divisor: u32| (wanted - self.per_pixel * pixels(divisor)) / self.per_point.max(1e-9);
+        let divisors = 1..=Self::MOST_DIVISOR;
+        let divisor = divisors.clone().find(|divisor| affordable(*divisor) >= self.points);
+        let divisor = divisor.unwrap_or(Self::MOST_DIVISOR);
+        // If even the least number of points takes too long, the picture draws it all the same.
+        let most = affordable(divisor).max(Self::LEAST_POINTS * pixels(divisor));
+        Spared { divisor, most_points: (most < self.points).then_some(most as u64) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -164,6 +226,8 @@ mod tests {
             dispatches: 0,
             waits: 0,
             reflection: None,
+            is_quick: false,
+            flip: None,
         };
         (stats, milliseconds)
     }

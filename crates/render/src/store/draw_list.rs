@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
+use cloud::{Chunk, CloudLayout, ShownPoints};
 use glam::Vec3;
-use scene::{Settings, Splat};
+use scene::{Ramp, Settings, Splat};
 
 use crate::coloring::{ColorSource, palette_start};
 use crate::frame::FrameCamera;
@@ -91,7 +92,48 @@ impl DrawList {
     }
 }
 
+/// A chunk that may be in the picture, for what draws it without a GPU.
+pub(crate) struct SeenChunk<'a> {
+    pub points: &'a Chunk,
+    pub shown: &'a ShownPoints,
+    pub layout: Option<&'a CloudLayout>,
+    /// The identity of its first point; the others follow.
+    pub first_identity: u32,
+    /// The radius of points whose own is not known yet, in world units.
+    pub provisional_radius: f32,
+    pub colors: PointColors,
+}
+
+/// What colours the points of a chunk.
+pub(crate) struct PointColors {
+    /// The colour that replaces those of its points.
+    pub tint: Option<[u8; 4]>,
+    pub source: ColorSource,
+    pub plain: [u8; 4],
+    pub ramp: Ramp,
+    /// The values at the ends of the ramp.
+    pub low: f64,
+    pub high: f64,
+    /// The axis along which heights are measured.
+    pub up_axis: usize,
+}
+
+impl StoredCloud {
+    /// Whether it is a mirror that is drawn by its formula.
+    fn is_by_formula(&self, settings: &Settings) -> bool {
+        self.material.has_formula && settings.mirror.surface.is_exact(self.material.as_points)
+    }
+}
+
 impl StoredChunk {
+    /// Whether its splats may be in the picture, those that are shown.
+    fn is_seen(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> bool {
+        // Splats reach beyond their points.
+        let reach = self.largest_radius(cloud, splat);
+        let bounds = self.shown.bounds;
+        camera.sees(bounds.center(), bounds.radius() + reach, f64::from(splat.min_pixels) * 0.5)
+    }
+
     /// The radius in pixels of the largest disc of the chunk: at most this.
     fn largest_disc(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> f64 {
         let scale = camera.most_pixels_per_unit(self.shown.bounds.center(), self.shown.bounds.radius());
@@ -139,16 +181,11 @@ impl PointStore {
         let mut points = 0;
         for (id, chunk) in chunks {
             let cloud = &self.clouds[&chunk.cloud];
-            let bounds = chunk.shown.bounds;
-            // Splats reach beyond their points.
-            let reach = chunk.largest_radius(cloud, splat);
-            let margin = f64::from(splat.min_pixels) * 0.5;
-            let is_seen = !asks_where_seen || camera.sees(bounds.center(), bounds.radius() + reach, margin);
-            let by_formula = cloud.material.has_formula && settings.mirror.surface.is_exact(cloud.material.as_points);
             let is_left_out = selection == Selection::SeenBesides(chunk.cloud)
-                || (by_formula && !with_mirrors)
+                || (cloud.is_by_formula(settings) && !with_mirrors)
                 || (selection == Selection::Casting && cloud.material.is_clear());
-            if !cloud.visible || bounds.is_empty() || !is_seen || is_left_out {
+            let is_seen = !asks_where_seen || chunk.is_seen(cloud, camera, splat);
+            if !cloud.visible || chunk.shown.bounds.is_empty() || !is_seen || is_left_out {
                 continue;
             }
             let item = items.len() as u32;
@@ -175,6 +212,38 @@ impl PointStore {
         }
         pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
         DrawList { pages, items, chunks: chunk_ids, hides_points: self.hides_points(), points, step: 1 }
+    }
+
+    /// The chunks that may be in the picture, except mirrors that are drawn by their formula, in the order of their
+    /// identities.
+    pub(crate) fn seen_chunks(&self, camera: &FrameCamera, settings: &Settings) -> Vec<SeenChunk<'_>> {
+        let identities = self.identities();
+        let seen = self.chunks.iter().filter_map(|(id, chunk)| {
+            let cloud = self.clouds.get(&chunk.cloud)?;
+            let is_seen = cloud.visible
+                && !chunk.shown.bounds.is_empty()
+                && !cloud.is_by_formula(settings)
+                && chunk.is_seen(cloud, camera, &settings.splat);
+            is_seen.then(|| SeenChunk {
+                points: &chunk.points,
+                shown: &chunk.shown.which,
+                layout: chunk.layout.as_deref(),
+                first_identity: identities.first_of(*id),
+                provisional_radius: cloud.provisional_radius,
+                colors: PointColors {
+                    tint: chunk.tint,
+                    source: cloud.source,
+                    plain: cloud.plain,
+                    ramp: cloud.ramp,
+                    low: cloud.low,
+                    high: cloud.high,
+                    up_axis: cloud.up_axis,
+                },
+            })
+        });
+        let mut seen: Vec<_> = seen.collect();
+        seen.sort_by_key(|chunk| chunk.first_identity);
+        seen
     }
 
     fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera) -> Item {

@@ -1,0 +1,137 @@
+//! The picture while something moves, where the adapter is a processor: every pixel of the picture and as many points as
+//! its time allows, computed without the GPU's passes.
+//!
+//! Each point is put once into a pyramid of cells (levels.rs), at the level whose cells are as large as its splat, so a
+//! point costs the same however large its splat is. Each pixel then looks up the few points around it (look_up.rs).
+//! Schuetz et al. 2021 splat points with one atomic minimum each, as here; docs/performance.md has the times.
+
+mod levels;
+mod light;
+mod look_up;
+mod paint;
+mod splat;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use scene::{Camera, Settings};
+
+use crate::frame::FrameCamera;
+use crate::gpu::Clock;
+use crate::handed::PictureRows;
+use crate::identities::Identities;
+use crate::pass_times::PassTime;
+use crate::passes::PassStage;
+use crate::read_back::Picked;
+use crate::reflection::kept_hits::GlossCache;
+use crate::renderer::FrameStats;
+use crate::store::PointStore;
+use levels::{EMPTY, Levels, depth_of, identity_of};
+pub use light::KnownLight;
+pub(crate) use light::StillImages;
+use look_up::Pixels;
+use splat::{Piece, View};
+
+/// Draws quick pictures.
+#[derive(Default)]
+pub struct QuickPicture {
+    levels: Levels,
+    pixels: Pixels,
+    /// The size and the identities of the last picture.
+    size: [u32; 2],
+    drawn: Arc<Identities>,
+}
+
+/// How coarse a quick picture is.
+#[derive(Clone, Copy, Debug)]
+pub struct Detail {
+    /// About how many points are drawn, spread evenly and each larger; `None` draws all.
+    pub most_points: Option<u64>,
+    /// The pixels of the screen that each pixel of the picture fills, along each side.
+    pub coarseness: u32,
+}
+
+impl QuickPicture {
+    /// Draws a picture of `size` pixels of the points that `camera` sees. They are lit as `light` knows it, or show their
+    /// own colours without it. Mirrors are drawn as if they were not.
+    pub fn draw(
+        &mut self,
+        store: &PointStore,
+        camera: &Camera,
+        settings: &Settings,
+        size: [u32; 2],
+        detail: Detail,
+        light: Option<&KnownLight>,
+    ) -> FrameStats {
+        let began = Instant::now();
+        let reach = store.reach();
+        let (center, radius) = if reach.is_empty() { (camera.pivot, 1.0) } else { (reach.center(), reach.radius()) };
+        let frame = FrameCamera::new(camera, &settings.view, size, center, radius);
+        let chunks = store.seen_chunks(&frame, settings);
+        let seen: u64 = chunks.iter().map(|chunk| chunk.points.len() as u64).sum();
+        let step = seen.div_ceil(detail.most_points.unwrap_or(u64::MAX).max(1)).max(1) as usize;
+        let view = View::new(&frame, settings, step);
+        let pieces: Vec<Piece<'_>> = chunks.iter().map(|chunk| Piece::new(chunk, &view)).collect();
+        self.levels.begin(size);
+        splat::put_all(&pieces, &view, &self.levels);
+        self.levels.close_gaps();
+        let splatting = began.elapsed().as_secs_f64() * 1e3;
+        let began = Instant::now();
+        self.pixels.look_up(&pieces, &view, &self.levels);
+        self.pixels.shade(&view, &frame, settings, light, detail.coarseness as f32);
+        (self.size, self.drawn) = (size, store.identities().clone());
+        let shading = began.elapsed().as_secs_f64() * 1e3;
+        let pass = |name, stage, milliseconds| PassTime { name, stage, milliseconds };
+        FrameStats {
+            passes: vec![
+                pass("quick_splat", PassStage::Surface, splatting),
+                pass("quick_look_up", PassStage::View, shading),
+            ],
+            frame_milliseconds: splatting + shading,
+            splatting_milliseconds: splatting,
+            points_drawn: chunks.iter().map(|chunk| chunk.points.len().div_ceil(step) as u64).sum(),
+            points_resident: store.points(),
+            gpu_bytes: store.gpu_bytes(),
+            clock: Clock::Host,
+            has_compiled: false,
+            dispatches: 0,
+            waits: 0,
+            virtual_lights: 0,
+            glossy_samples: [0; 2],
+            exposure: None,
+            glossy_hits: GlossCache::NoGloss,
+            glossy_rays: [0; 2],
+            reflection: None,
+            is_quick: true,
+            flip: None,
+        }
+    }
+
+    /// The picture that was drawn last; the next one is drawn elsewhere.
+    pub fn take_rows(&mut self) -> PictureRows {
+        PictureRows::own(std::mem::take(&mut self.pixels.picture), self.size[0])
+    }
+
+    /// The point drawn nearest to a pixel of the last picture, at most `radius` pixels from it.
+    pub fn pick(&self, store: &PointStore, pixel: [u32; 2], radius: u32) -> Option<Picked> {
+        let [across, down] = [0, 1].map(|axis| {
+            let last = self.size[axis].saturating_sub(1);
+            pixel[axis].saturating_sub(radius)..=(pixel[axis] + radius).min(last)
+        });
+        let places = down.flat_map(|y| across.clone().map(move |x| [x, y]));
+        let key = |[x, y]: [u32; 2]| self.levels.nearest(x as usize, y as usize);
+        // A cell may have a point where its splat does not reach.
+        let found = places.map(|place| (place, key(place)));
+        let found =
+            found.filter(|(place, key)| *key != EMPTY && self.pixels.shows(self.size[0], *place, depth_of(*key)));
+        let distance = |[x, y]: [u32; 2]| x.abs_diff(pixel[0]).pow(2) + y.abs_diff(pixel[1]).pow(2);
+        let (pixel, key) = found.min_by_key(|(place, _)| distance(*place))?;
+        let (cloud, chunk, index) = store.find(identity_of(key), &self.drawn)?;
+        Some(Picked { cloud, chunk, index, linear_depth: depth_of(key), pixel })
+    }
+
+    /// The memory that it takes in bytes.
+    pub fn bytes(&self) -> u64 {
+        self.levels.bytes() + self.pixels.bytes()
+    }
+}

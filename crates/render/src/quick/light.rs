@@ -1,0 +1,221 @@
+//! The light of a picture at rest, as quick pictures of other views take it over.
+
+use glam::{DMat3, DVec3, Mat3, Vec3};
+use rayon::prelude::*;
+
+use super::splat::View;
+use crate::frame::FrameCamera;
+
+/// What a picture at rest knows of the light on the surfaces that it shows.
+pub struct KnownLight {
+    camera: FrameCamera,
+    size: [usize; 2],
+    /// The linear depth in world units; 0 where nothing is seen.
+    depth: Vec<f32>,
+    /// The light that leaves each surface over its albedo, coded by `code`; the fourth byte is 0 where it is not known.
+    light: Vec<[u8; 4]>,
+    curve: Box<[u8; CURVE]>,
+}
+
+/// The images of a picture at rest: rows of linear values.
+pub(crate) struct StillImages {
+    pub depth: Vec<f32>,
+    /// Four values a pixel: albedo, specular intensity.
+    pub albedo: Vec<f32>,
+    /// Four values a pixel.
+    pub color: Vec<f32>,
+}
+
+/// The light that the code 255 stands for, as a multiple of what makes a white surface white without a curve.
+const MOST: f32 = 16.0;
+/// Albedos below this do not tell how much light falls on them.
+const LEAST_ALBEDO: f32 = 0.004;
+/// The entries of the table of screen colours.
+const CURVE: usize = 4096;
+/// The linear light in the middle of that table.
+const MIDDLE: f32 = 0.25;
+/// Depths that differ by this share or less are of the surface whose light is known.
+const SAME_SURFACE: f32 = 0.03;
+/// The width in pixels of the tiles whose mean light stands for what is not known in them.
+const TILE: usize = 16;
+
+fn code(light: f32) -> u8 {
+    // Eyes tell apart shares of dark light, not its amounts.
+    ((light / MOST).clamp(0.0, 1.0).sqrt() * 255.0 + 0.5) as u8
+}
+
+impl KnownLight {
+    /// `stops` brighten the picture before the curve.
+    pub(crate) fn new(camera: FrameCamera, images: StillImages, stops: f32, is_filmic: bool) -> Self {
+        let StillImages { depth, albedo, color } = images;
+        let exposed = stops.exp2();
+        let of_pixel = |(albedo, color): (&[f32], &[f32])| {
+            // What a mirror shows is no light on it.
+            if albedo[3] > 0.0 || albedo[..3].iter().all(|part| *part < LEAST_ALBEDO) {
+                return [0; 4];
+            }
+            let [red, green, blue] = [0, 1, 2].map(|part| code(color[part] * exposed / albedo[part].max(LEAST_ALBEDO)));
+            [red, green, blue, 1]
+        };
+        let light = albedo.par_chunks_exact(4).zip(color.par_chunks_exact(4)).map(of_pixel).collect();
+        let screen = |entry: usize| {
+            let share = (entry as f32 + 0.5) / CURVE as f32;
+            let mut shown = MIDDLE * share / (1.0 - share);
+            if is_filmic {
+                // The curve of shaders/shared/tone.wgsl.
+                shown = shown * (2.51 * shown + 0.03) / (shown * (2.43 * shown + 0.59) + 0.14);
+            }
+            let shown = shown.clamp(0.0, 1.0);
+            let srgb = if shown <= 0.003_130_8 { shown * 12.92 } else { 1.055 * shown.powf(1.0 / 2.4) - 0.055 };
+            (srgb * 255.0 + 0.5) as u8
+        };
+        let curve = Box::new(std::array::from_fn(screen));
+        Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, curve }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        (self.depth.len() + self.light.len()) as u64 * 4
+    }
+}
+
+/// The colour on the screen of albedos in light.
+pub struct Lit<'a> {
+    curve: &'a [u8; CURVE],
+    linear: [f32; 256],
+    /// The light that each code stands for.
+    lights: [f32; 256],
+}
+
+impl<'a> Lit<'a> {
+    pub fn new(known: &'a KnownLight) -> Self {
+        let linear = |srgb: f32| if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) };
+        Self {
+            curve: &known.curve,
+            linear: std::array::from_fn(|code| linear(code as f32 / 255.0)),
+            lights: std::array::from_fn(|code| (code as f32 / 255.0).powi(2) * MOST),
+        }
+    }
+
+    /// The colour of a surface with an albedo in sRGB and a coded light.
+    pub fn color(&self, albedo: [u8; 4], light: [u8; 4]) -> [u8; 4] {
+        let part = |part: usize| {
+            let light = self.linear[usize::from(albedo[part])] * self.lights[usize::from(light[part])];
+            self.curve[((light / (light + MIDDLE)) * CURVE as f32) as usize % CURVE]
+        };
+        [part(0), part(1), part(2), u8::MAX]
+    }
+}
+
+/// Finds the coded light of each pixel of a view. `depth` has a border of one pixel; depths are infinite where nothing is
+/// seen. Light that is not known is that around it.
+pub fn spread(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f32], lights: &mut Vec<[u8; 4]>) {
+    let [width, height] = view.size.map(|edge| edge as usize);
+    let stride = width + 2;
+    lights.resize(width * height, [0; 4]);
+    let before = &known.camera;
+    let to_before: DMat3 = before.view_from_world * frame.view_from_world.transpose();
+    let offset: DVec3 = before.view_from_world * (frame.eye - before.eye);
+    let (turn, offset): (Mat3, Vec3) = (to_before.as_mat3(), offset.as_vec3());
+    let (focal, orthographic) = (before.focal_pixels as f32, before.orthographic);
+    let half = before.size.map(|edge| edge as f32 * 0.5);
+    let [known_width, known_height] = known.size;
+    let row = |(y, lights): (usize, &mut [[u8; 4]])| {
+        let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
+        for (x, (light, depth)) in lights.iter_mut().zip(depths).enumerate() {
+            *light = [0; 4];
+            if *depth == f32::INFINITY {
+                continue;
+            }
+            let [slope_x, slope_y] = view.slope(x as f32 + 0.5, y as f32 + 0.5);
+            let across = if view.orthographic { 1.0 } else { *depth };
+            let place = turn * Vec3::new(slope_x * across, slope_y * across, *depth) + offset;
+            let scale = if orthographic { focal } else { focal / place.z };
+            let (from_x, from_y) = (half[0] + place.x * scale, half[1] - place.y * scale);
+            if !(place.z > 0.0 && from_x >= 0.0 && from_y >= 0.0) {
+                continue;
+            }
+            let (from_x, from_y) = (from_x as usize, from_y as usize);
+            if from_x < known_width && from_y < known_height {
+                let at = from_y * known_width + from_x;
+                if (known.depth[at] - place.z).abs() <= SAME_SURFACE * place.z {
+                    *light = known.light[at];
+                }
+            }
+        }
+    };
+    lights.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
+    fill(known, [width, height], lights);
+}
+
+/// Gives pixels without light the mean of their tile and of those beside it.
+fn fill(known: &KnownLight, [width, height]: [usize; 2], lights: &mut [[u8; 4]]) {
+    let tiles = [width, height].map(|edge| edge.div_ceil(TILE));
+    let mean = |row: usize| {
+        let lights = &lights;
+        (0..tiles[0]).map(move |column| {
+            let (mut sum, mut count) = ([0u32; 3], 0);
+            for y in row * TILE..((row + 1) * TILE).min(height) {
+                let from = y * width + column * TILE;
+                for light in &lights[from..from + TILE.min(width - column * TILE)] {
+                    let [red, green, blue, is_known] = light.map(u32::from);
+                    sum = [sum[0] + red, sum[1] + green, sum[2] + blue];
+                    count += is_known;
+                }
+            }
+            [sum[0] as f32, sum[1] as f32, sum[2] as f32, count as f32]
+        })
+    };
+    let mut means: Vec<[f32; 4]> = (0..tiles[1]).into_par_iter().flat_map_iter(mean).collect();
+    // Tiles without light take that of the tiles around them, until there are none.
+    let all = known
+        .light
+        .iter()
+        .step_by(97)
+        .fold([0.0; 4], |sum, light| std::array::from_fn(|i| sum[i] + f32::from(light[i])));
+    while means.iter().any(|mean| mean[3] == 0.0) {
+        if means.iter().all(|mean| mean[3] == 0.0) {
+            let all = if all[3] > 0.0 { all } else { [64.0, 64.0, 64.0, 1.0] };
+            means.fill(all);
+            break;
+        }
+        let around = |tile: usize| {
+            let (x, y) = (tile % tiles[0], tile / tiles[0]);
+            let mut sum = means[tile];
+            if sum[3] == 0.0 {
+                for y in y.saturating_sub(1)..(y + 2).min(tiles[1]) {
+                    for x in x.saturating_sub(1)..(x + 2).min(tiles[0]) {
+                        let near = means[y * tiles[0] + x];
+                        sum = std::array::from_fn(|part| sum[part] + near[part]);
+                    }
+                }
+            }
+            sum
+        };
+        means = (0..means.len()).map(around).collect();
+    }
+    let row = |(y, lights): (usize, &mut [[u8; 4]])| {
+        for (x, light) in lights.iter_mut().enumerate() {
+            if light[3] == 0 {
+                *light = between(&means, tiles, x, y);
+            }
+        }
+    };
+    lights.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
+}
+
+/// The light between the middles of tiles.
+fn between(means: &[[f32; 4]], tiles: [usize; 2], x: usize, y: usize) -> [u8; 4] {
+    let place = |at: usize, tiles: usize| {
+        let at = ((at as f32 + 0.5) / TILE as f32 - 0.5).clamp(0.0, (tiles - 1) as f32);
+        let low = at as usize;
+        (low, (low + 1).min(tiles - 1), at - low as f32)
+    };
+    let ((left, right, along), (top, bottom, down)) = (place(x, tiles[0]), place(y, tiles[1]));
+    let of = |x: usize, y: usize, part: usize| means[y * tiles[0] + x][part] / means[y * tiles[0] + x][3];
+    let mix = |part: usize| {
+        let above = of(left, top, part) * (1.0 - along) + of(right, top, part) * along;
+        let below = of(left, bottom, part) * (1.0 - along) + of(right, bottom, part) * along;
+        (above * (1.0 - down) + below * down + 0.5) as u8
+    };
+    [mix(0), mix(1), mix(2), 0]
+}

@@ -1,0 +1,379 @@
+//! What each pixel shows of the points in the cells of a pyramid.
+
+use cloud::unpack_normal;
+use glam::Vec3;
+use rayon::prelude::*;
+use scene::Settings;
+
+use super::levels::{EMPTY, LEVELS, Levels, depth_of, identity_of};
+use super::light::{self, KnownLight, Lit};
+use super::splat::{Piece, View};
+use crate::frame::FrameCamera;
+use crate::layout::BLOCK_POINTS;
+
+/// The images of a quick picture.
+#[derive(Default)]
+pub struct Pixels {
+    /// The discs of the cells of all levels but the finest.
+    discs: Vec<Disc>,
+    /// The linear depth in world units; infinite where nothing is seen, and in a border of one pixel.
+    depth: Vec<f32>,
+    /// sRGB red, green, blue and opacity: of the points, and then in light.
+    color: Vec<[u8; 4]>,
+    /// The light on each pixel, as light.rs codes it.
+    lights: Vec<[u8; 4]>,
+    pub picture: Vec<[u8; 4]>,
+}
+
+/// Splats up to this share of the depth behind the nearest one are of the same surface, and their colours are averaged.
+const SAME_SURFACE: f32 = 1.01;
+/// How far beyond the rim of a splat, in radii, a pixel counts as a gap in its surface, if it is covered by none.
+const GAP: f32 = 1.5;
+
+/// The points by their identities.
+struct Found<'a> {
+    pieces: &'a [Piece<'a>],
+    /// The piece of each run of `BLOCK_POINTS` identities.
+    owners: Vec<u32>,
+}
+
+impl<'a> Found<'a> {
+    fn new(pieces: &'a [Piece<'a>]) -> Self {
+        let run = |identity: u32| (identity / BLOCK_POINTS) as usize;
+        let end = pieces.iter().map(|piece| piece.first_identity as usize + piece.positions.len()).max().unwrap_or(0);
+        let mut owners = vec![0; end.div_ceil(BLOCK_POINTS as usize)];
+        for (number, piece) in pieces.iter().enumerate() {
+            let first = run(piece.first_identity);
+            let count = piece.positions.len().div_ceil(BLOCK_POINTS as usize);
+            owners[first..first + count].fill(number as u32);
+        }
+        Self { pieces, owners }
+    }
+
+    #[inline(always)]
+    fn point(&self, key: u64) -> (&'a Piece<'a>, usize) {
+        let identity = identity_of(key);
+        let piece = &self.pieces[self.owners[(identity / BLOCK_POINTS) as usize] as usize];
+        (piece, (identity - piece.first_identity) as usize)
+    }
+}
+
+/// A splat that pixels near its middle look at.
+#[derive(Clone, Copy)]
+struct Disc {
+    center: Vec3,
+    /// Zero if it faces the eye.
+    normal: Vec3,
+    /// The product of normal and middle.
+    offset: f32,
+    inverse_square: f32,
+    color: [u8; 4],
+}
+
+const NO_DISC: Disc =
+    Disc { center: Vec3::ZERO, normal: Vec3::ZERO, offset: 0.0, inverse_square: f32::INFINITY, color: [0; 4] };
+
+impl Disc {
+    fn new(key: u64, found: &Found<'_>, view: &View) -> Self {
+        let (piece, index) = found.point(key);
+        let center = piece.place(index, view);
+        let normal = piece.normals.and_then(|normals| unpack_normal(normals[index])).unwrap_or(Vec3::ZERO);
+        let normal = view.view_from_world * normal;
+        let radius = piece.radius(index) * view.scale;
+        let color = piece.paint.color(index, piece.positions[index]);
+        Self { center, normal, offset: normal.dot(center), inverse_square: 1.0 / (radius * radius), color }
+    }
+
+    /// The depth at a line of sight, and the square of the distance from the middle in radii.
+    #[inline(always)]
+    fn meet(&self, [x, y]: [f32; 2], view: &View) -> (f32, f32) {
+        let Self { center, normal, .. } = *self;
+        let depth = if normal == Vec3::ZERO {
+            center.z
+        } else if view.orthographic {
+            (self.offset - normal.x * x - normal.y * y) / normal.z
+        } else {
+            self.offset / (normal.x * x + normal.y * y + normal.z)
+        };
+        let across = if view.orthographic { 1.0 } else { depth };
+        let beside = Vec3::new(x * across, y * across, depth) - center;
+        (depth, beside.length_squared() * self.inverse_square)
+    }
+}
+
+/// What pixels look at.
+struct Scene<'a> {
+    found: Found<'a>,
+    view: &'a View,
+    levels: &'a Levels,
+    /// The discs of the cells of all levels but the finest.
+    discs: &'a [Disc],
+}
+
+/// The width of the tiles in which pixels are looked up.
+const TILE: usize = 8;
+/// The level whose cells are as wide as a tile.
+const TILE_LEVEL: usize = 3;
+
+impl Scene<'_> {
+    /// Finds the depths and the colours of the pixels of a tile, row by row.
+    #[inline(always)]
+    fn tile(&self, left: usize, top: usize, mut put: impl FnMut(usize, usize, f32, [u8; 4])) {
+        let [width, height] = self.view.size.map(|edge| edge as usize);
+        let mut whole = (EMPTY, 0);
+        for level in (TILE_LEVEL..LEVELS).rev() {
+            whole = Levels::nearer(whole, self.levels.key(level, left, top), level);
+        }
+        for (y, x) in (0..TILE).step_by(4).flat_map(|y| [(y, 0), (y, 4)]) {
+            let (x, y) = (left + x, top + y);
+            if x >= width || y >= height {
+                continue;
+            }
+            let quarter = Levels::nearer(whole, self.levels.key(2, x, y), 2);
+            for (y, x) in [(y, x), (y, x + 2), (y + 2, x), (y + 2, x + 2)] {
+                if x >= width || y >= height {
+                    continue;
+                }
+                let four = Levels::nearer(quarter, self.levels.key(1, x, y), 1);
+                for (y, x) in [(y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1)] {
+                    if x < width && y < height {
+                        let (key, level) = Levels::nearer(four, self.levels.key(0, x, y), 0);
+                        let (depth, color) = self.pixel(x, y, key, level);
+                        put(x, y, depth, color);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The depth and the colour of a pixel with this nearest key; an infinite depth where nothing is seen.
+    #[inline(always)]
+    fn pixel(&self, x: usize, y: usize, key: u64, level: usize) -> (f32, [u8; 4]) {
+        if key == EMPTY {
+            return (f32::INFINITY, [0; 4]);
+        }
+        if level == 0 {
+            let (piece, index) = self.found.point(key);
+            return (depth_of(key), piece.paint.color(index, piece.positions[index]));
+        }
+        if let Some(seen) = self.blend(level, x, y) {
+            return seen;
+        }
+        self.behind(x, y, 1 << level)
+    }
+
+    /// What a pixel shows beside the levels with a bit in `skipped`, whose splats do not cover it.
+    fn behind(&self, x: usize, y: usize, mut skipped: u32) -> (f32, [u8; 4]) {
+        loop {
+            let mut nearest = (EMPTY, 0);
+            for level in (0..LEVELS).rev().filter(|level| skipped & (1 << level) == 0) {
+                nearest = Levels::nearer(nearest, self.levels.key(level, x, y), level);
+            }
+            let (key, level) = nearest;
+            if level == 0 || key == EMPTY {
+                return self.pixel(x, y, key, 0);
+            }
+            if let Some(seen) = self.blend(level, x, y) {
+                return seen;
+            }
+            skipped |= 1 << level;
+        }
+    }
+
+    /// The mean of the splats of a level that cover a pixel; `None` if none does.
+    #[inline(always)]
+    fn blend(&self, level: usize, x: usize, y: usize) -> Option<(f32, [u8; 4])> {
+        let slope = self.view.slope(x as f32 + 0.5, y as f32 + 0.5);
+        let [a, b, c, d] = self.levels.around(level, x, y);
+        let discs = [&self.discs[a], &self.discs[b], &self.discs[c], &self.discs[d]];
+        let mut met = [(f32::INFINITY, f32::INFINITY); 4];
+        let mut front = f32::INFINITY;
+        let mut nearest = (f32::INFINITY, 0);
+        for place in 0..4 {
+            let (depth, square) = discs[place].meet(slope, self.view);
+            // A plane through the eye meets no line of sight. Neither does the disc of an empty cell.
+            if !(square < f32::INFINITY && depth > self.view.near) {
+                continue;
+            }
+            met[place] = (depth, square);
+            if square < nearest.0 {
+                nearest = (square, place);
+            }
+            if square <= 1.0 {
+                front = if depth < front { depth } else { front };
+            }
+        }
+        if front == f32::INFINITY {
+            let is_gap = nearest.0 <= GAP * GAP;
+            return is_gap.then(|| (met[nearest.1].0, discs[nearest.1].color));
+        }
+        let (mut sum, mut weights, mut depths) = (Vec3::ZERO, 0.0, 0.0);
+        for place in 0..4 {
+            let (depth, square) = met[place];
+            if square <= 1.0 && depth <= front * SAME_SURFACE {
+                let weight = 1.001 - square;
+                let [red, green, blue, _] = discs[place].color;
+                sum += weight * Vec3::new(f32::from(red), f32::from(green), f32::from(blue));
+                weights += weight;
+                depths += weight * depth;
+            }
+        }
+        let inverse = 1.0 / weights;
+        let color = sum * inverse + 0.5;
+        Some((depths * inverse, [color.x as u8, color.y as u8, color.z as u8, u8::MAX]))
+    }
+}
+
+impl Pixels {
+    /// Finds the depth and the colour of each pixel.
+    pub fn look_up(&mut self, pieces: &[Piece<'_>], view: &View, levels: &Levels) {
+        let width = view.size[0] as usize;
+        let pixels = width * view.size[1] as usize;
+        if self.depth.len() != (width + 2) * (view.size[1] as usize + 2) {
+            self.depth = vec![f32::INFINITY; (width + 2) * (view.size[1] as usize + 2)];
+        }
+        self.color.resize(pixels, [0; 4]);
+        let found = Found::new(pieces);
+        let coarse = levels.coarse();
+        self.discs.resize(coarse.len(), NO_DISC);
+        let make = |(disc, key): (&mut Disc, u64)| {
+            if key != EMPTY {
+                *disc = Disc::new(key, &found, view);
+            } else {
+                disc.inverse_square = f32::INFINITY;
+            }
+        };
+        self.discs.par_iter_mut().with_min_len(1 << 12).zip(coarse).for_each(make);
+        let scene = Scene { found, view, levels, discs: &self.discs };
+        let stride = width + 2;
+        let inner = stride..stride * (view.size[1] as usize + 1);
+        let rows = self.depth[inner].par_chunks_mut(stride * TILE).zip(self.color.par_chunks_mut(width * TILE));
+        rows.enumerate().for_each(|(band, (depths, colors))| {
+            let top = band * TILE;
+            for left in (0..width).step_by(TILE) {
+                scene.tile(left, top, |x, y, depth, color| {
+                    depths[(y - top) * stride + x + 1] = depth;
+                    colors[(y - top) * width + x] = color;
+                });
+            }
+        });
+    }
+
+    /// Makes the picture: closes gaps of single pixels, and draws eye-dome lighting.
+    /// `coarseness` is the width of its pixels on the screen: wide lines are drawn weaker.
+    pub fn shade(
+        &mut self,
+        view: &View,
+        frame: &FrameCamera,
+        settings: &Settings,
+        light: Option<&KnownLight>,
+        coarseness: f32,
+    ) {
+        let width = view.size[0] as usize;
+        let pixels = width * view.size[1] as usize;
+        self.picture.resize(pixels, [0; 4]);
+        if let Some(known) = light {
+            light::spread(known, frame, view, &self.depth, &mut self.lights);
+            let lit = Lit::new(known);
+            let color = |(color, light): (&mut [u8; 4], &[u8; 4])| *color = lit.color(*color, *light);
+            self.color.par_iter_mut().with_min_len(1 << 13).zip(&self.lights).for_each(color);
+        }
+        let background = settings.view.background.bytes();
+        let (depth, color) = (&self.depth, &self.color);
+        // At strength 0.4 a step of one percent of the depth on one side darkens by about a fifth (present.wgsl). sRGB
+        // is a power of linear light, but for an offset and the dark end.
+        let strength = OF_STILL / coarseness * 300.0 * settings.edl.strength / 8.0 * std::f32::consts::LOG2_E / GAMMA;
+        let row = |(y, picture): (usize, &mut [[u8; 4]])| {
+            // Rows of depths have a pixel more at both ends, and there is a row more above and below.
+            let stride = width + 2;
+            let [above, here, below] = [y, y + 1, y + 2].map(|row| &depth[row * stride..(row + 1) * stride]);
+            let (mut lights, mut counts) = (vec![0.0; width], vec![0; width]);
+            steps(view, strength, [above, here, below], &mut lights, &mut counts);
+            for x in 0..width {
+                picture[x] = if counts[x] >= ENOUGH {
+                    mean_of_nearer(depth, color, y * width + x, (y + 1) * stride + x + 1, width)
+                } else if here[x + 1] == f32::INFINITY {
+                    background
+                } else {
+                    let [red, green, blue, _] = color[y * width + x];
+                    let light = lights[x];
+                    let lit = |part: u8| ((f32::from(part) + OFFSET) * light - OFFSET).max(0.0) as u8;
+                    [lit(red), lit(green), lit(blue), u8::MAX]
+                };
+            }
+        };
+        self.picture.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
+    }
+
+    /// Whether a pixel of a picture with this width shows a splat whose middle is at a depth.
+    pub fn shows(&self, width: u32, [x, y]: [u32; 2], depth: f32) -> bool {
+        let shown = self.depth[(y as usize + 1) * (width as usize + 2) + x as usize + 1];
+        (shown / depth - 1.0).abs() < ALONG_PLANE
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let discs = (self.discs.len() * size_of::<Disc>()) as u64;
+        discs + (self.depth.len() + self.color.len() + self.lights.len() + self.picture.len()) as u64 * 4
+    }
+}
+
+/// sRGB above its dark end: (1 + offset) times a power of linear light, less the offset, in steps of 1/255.
+const GAMMA: f32 = 2.4;
+const OFFSET: f32 = 0.055 * 255.0;
+/// How far a splat that is seen along its plane reaches before and behind its middle, as a share of the depth.
+const ALONG_PLANE: f32 = 0.1;
+/// The strength of eye-dome lighting over that in a picture at rest, which has smoother depths: the means of many points.
+const OF_STILL: f32 = 0.8;
+/// Neighbours that are nearer than a pixel by this share of its depth are in front of it.
+const IN_FRONT: f32 = 0.98;
+/// So many of the eight neighbours in front make a pixel a gap in their surface.
+const ENOUGH: u32 = 5;
+
+/// Computes the eye-dome lighting of a row of pixels, and how many of the neighbours of each are in front of it. The depths
+/// are those of the rows above, of the pixels, and below, a pixel wider at both ends.
+fn steps(view: &View, strength: f32, depths: [&[f32]; 3], lights: &mut [f32], counts: &mut [u32]) {
+    let count = lights.len();
+    let [above, here, below] = depths.map(|row| &row[..count + 2]);
+    let counts = &mut counts[..count];
+    let greater = |a: f32, b: f32| if a > b { a } else { b };
+    // Steps below the depth that a pixel covers at 45 degrees are noise of single points.
+    let ignored = 1.0 / view.focal;
+    let parallel = if view.orthographic { 1.0 / view.reference_depth } else { 0.0 };
+    for x in 0..count {
+        let own = here[x + 1];
+        let unit = if parallel > 0.0 { parallel } else { 1.0 / own };
+        let nearer = own * IN_FRONT;
+        let mut sum = 0.0;
+        let mut in_front = 0;
+        for [first, second] in
+            [[above[x], below[x + 2]], [above[x + 1], below[x + 1]], [above[x + 2], below[x]], [here[x], here[x + 2]]]
+        {
+            in_front += u32::from(first < nearer) + u32::from(second < nearer);
+            let (first, second) = ((own - first) * unit, (own - second) * unit);
+            // What rises on one side as it falls on the other is a plane.
+            sum += greater(first - ignored - greater(-second, 0.0), 0.0);
+            sum += greater(second - ignored - greater(-first, 0.0), 0.0);
+        }
+        counts[x] = in_front;
+        // The logarithm of 1 + x, in units of x, for steps that are short of the background's.
+        let dark = strength * sum / (1.0 + 0.5 * sum);
+        // The exponential function.
+        lights[x] = 1.0 / (1.0 + dark * (1.0 + dark * (0.5 + dark * (1.0 / 6.0 + dark * (1.0 / 24.0)))));
+    }
+}
+
+/// The mean colour of the neighbours in front of a pixel at these places in the images.
+fn mean_of_nearer(depth: &[f32], color: &[[u8; 4]], place: usize, padded: usize, width: usize) -> [u8; 4] {
+    let nearer = depth[padded] * IN_FRONT;
+    let (mut sum, mut count) = ([0u32; 3], 0);
+    for (down, along) in [(0, 0), (0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1), (2, 2)] {
+        // Pixels beyond the border are infinitely far.
+        if depth[padded + down * (width + 2) + along - (width + 3)] < nearer {
+            let [red, green, blue, _] = color[place + down * width + along - (width + 1)].map(u32::from);
+            sum = [sum[0] + red, sum[1] + green, sum[2] + blue];
+            count += 1;
+        }
+    }
+    let [red, green, blue] = sum.map(|sum| (sum / count.max(1)) as u8);
+    [red, green, blue, u8::MAX]
+}

@@ -1,0 +1,213 @@
+//! Quick pictures against the renderer's pictures at rest of the same views.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[macro_use]
+mod stage;
+
+use std::sync::Arc;
+
+use cloud::{Attribute, Chunk, Cloud, CloudLayout, Column, ColumnType, PointTest, hash, pack_normal, pack_radius};
+use glam::DVec3;
+use render::{Aov, ColorPlan, Detail, Material, Objects, PointStore, QuickPicture};
+use scene::{Camera, Settings};
+
+use stage::Stage;
+
+const SIZE: [u32; 2] = [200, 150];
+const ALL: Detail = Detail { most_points: None, coarseness: 1 };
+
+fn random(seed: u64) -> f64 {
+    hash(seed) as f64 / u64::MAX as f64
+}
+
+/// A floor of 8 x 8 m with a ball on it, as a scanner at its edge sees them: ten times as dense near it as far away, with
+/// noise, and with strays in the air. Colours follow the place; classes are 2 on the floor and 6 on the ball.
+fn scan() -> Cloud {
+    let (mut places, mut normals, mut colors, mut radii, mut classes) = (vec![], vec![], vec![], vec![], vec![]);
+    let mut add = |place: DVec3, normal: DVec3, radius: f64, class: u8| {
+        places.push(place);
+        normals.push(pack_normal(normal.as_vec3()));
+        radii.push(if radius > 0.0 { pack_radius(radius as f32) } else { cloud::STRAY_RADIUS });
+        let [x, y, z] = (place * 1.3).to_array().map(|part| (part.sin() * 60.0 + 150.0) as u8);
+        colors.push([x, y, z, 255]);
+        classes.push(class);
+    };
+    for i in 0..90_000 {
+        let noise = 0.003 * (random(i * 3 + 2) - 0.5);
+        // The square of an even number is dense near 0.
+        let (x, y) = (8.0 * random(i * 3).powi(2), 8.0 * random(i * 3 + 1) - 4.0);
+        add(DVec3::new(x, y, noise), DVec3::Z, 0.02 + 0.03 * (x / 8.0).sqrt(), 2);
+    }
+    for i in 0..30_000 {
+        let z = 2.0 * random(i * 2 + 700_000) - 1.0;
+        let angle = random(i * 2 + 700_001) * std::f64::consts::TAU;
+        let ring = (1.0 - z * z).sqrt();
+        let direction = DVec3::new(ring * angle.cos(), ring * angle.sin(), z);
+        add(DVec3::new(4.0, 0.0, 1.0) + direction, direction, 0.03, 6);
+    }
+    for i in 0..50 {
+        let place = |k: u64| random(i * 3 + k + 900_000);
+        add(DVec3::new(8.0 * place(0), 8.0 * place(1) - 4.0, 3.0 * place(2)), DVec3::Z, 0.0, 1);
+    }
+    let mut chunk = Chunk::of_places(0, &places);
+    (chunk.normals, chunk.radii) = (Some(Arc::new(normals)), Some(Arc::new(radii)));
+    chunk.colors = Some(Arc::new(colors));
+    chunk.columns = vec![Some(Arc::new(Column::U8(classes)))];
+    let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+    Cloud { attributes, chunks: vec![chunk], ..Cloud::default() }
+}
+
+fn camera() -> Camera {
+    Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(0.9, 0.25, -0.4), 5.0, DVec3::Z)
+}
+
+fn settings(pairs: &[(&str, &str)]) -> Settings {
+    let mut settings = Settings::default();
+    for (key, value) in pairs {
+        settings.set_text(key, value).unwrap();
+    }
+    settings
+}
+
+fn store(stage: &Stage, cloud: &Cloud, settings: &Settings) -> PointStore {
+    let mut store = PointStore::new(stage.gpu.clone());
+    let id = store.add_cloud(Material::default());
+    let layout = Arc::new(CloudLayout { attributes: cloud.attributes.clone(), ..CloudLayout::default() });
+    let ids: Vec<_> = cloud.chunks.iter().map(|chunk| store.add_chunk(id, chunk, Some(&layout)).unwrap()).collect();
+    let (plan, _) = ColorPlan::new(cloud, &settings.color, DVec3::Z);
+    store.set_color(id, cloud, &ids, &plan, DVec3::Z).unwrap();
+    store
+}
+
+fn still(stage: &mut Stage, store: &PointStore, camera: &Camera, settings: &Settings) -> Vec<u8> {
+    stage.renderer.render(store, camera, settings, Objects::default(), SIZE).unwrap();
+    stage.renderer.read_picture().unwrap()
+}
+
+/// The mean difference of the bytes of two pictures.
+fn difference(a: &[u8], b: &[u8]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / a.len() as f64
+}
+
+#[test]
+fn a_quick_picture_is_like_the_picture_at_rest_in_both_projections_and_with_fewer_points() {
+    let mut stage = stage_or_skip!();
+    let cloud = scan();
+    for projection in ["perspective", "orthographic"] {
+        let settings = settings(&[("view.projection", projection), ("light.by", "colors")]);
+        let store = store(&stage, &cloud, &settings);
+        let rest = still(&mut stage, &store, &camera(), &settings);
+        let mut quick = QuickPicture::default();
+        let mut draw = |most_points| {
+            let detail = Detail { most_points, ..ALL };
+            let stats = quick.draw(&store, &camera(), &settings, SIZE, detail, None);
+            (stats.points_drawn, difference(&quick.take_rows().tight(), &rest))
+        };
+        let (points, all) = draw(None);
+        assert_eq!(points, cloud.len());
+        let (some_points, some) = draw(Some(30_000));
+        assert!((20_000..=31_000).contains(&some_points), "{some_points}");
+        // A picture without points differs by 60 and more.
+        assert!(all < 4.0 && some < 8.0, "{projection}: {all} and {some} of 255");
+        let (again, same) = draw(None);
+        assert_eq!((again, same), (points, all), "the picture does not depend on the one before");
+    }
+}
+
+#[test]
+fn points_have_the_colours_in_which_the_renderer_shows_them() {
+    let mut stage = stage_or_skip!();
+    let cloud = scan();
+    let sources: [&[(&str, &str)]; 6] = [
+        &[("color.by", "rgb")],
+        &[("color.by", "plain")],
+        &[("color.by", "normal")],
+        &[("color.by", "class")],
+        &[("color.by", "height")],
+        &[("color.by", "attribute"), ("color.attribute", "classification")],
+    ];
+    for source in sources {
+        let mut settings = settings(source);
+        for (key, value) in [("light.by", "colors"), ("edl.strength", "0")] {
+            settings.set_text(key, value).unwrap();
+        }
+        let store = store(&stage, &cloud, &settings);
+        let rest = still(&mut stage, &store, &camera(), &settings);
+        let mut quick = QuickPicture::default();
+        quick.draw(&store, &camera(), &settings, SIZE, ALL, None);
+        let difference = difference(&quick.take_rows().tight(), &rest);
+        assert!(difference < 3.0, "{source:?}: {difference} of 255");
+    }
+}
+
+#[test]
+fn a_quick_picture_shows_no_point_that_is_hidden_and_nothing_before_the_eye() {
+    let stage = stage_or_skip!();
+    let cloud = scan();
+    let settings = settings(&[("light.by", "colors"), ("color.by", "class"), ("edl.strength", "0")]);
+    let mut store = store(&stage, &cloud, &settings);
+    let mut quick = QuickPicture::default();
+    let mut shows = |store: &PointStore, camera: &Camera| {
+        quick.draw(store, camera, &settings, SIZE, ALL, None);
+        let picture = quick.take_rows().tight();
+        [2, 6].map(|class| picture.chunks_exact(4).any(|pixel| pixel[..3] == render::class_color(class)[..3]))
+    };
+    assert_eq!(shows(&store, &camera()), [true, true]);
+    store.set_visibility(&PointTest::hiding([6]));
+    assert_eq!(shows(&store, &camera()), [true, false]);
+    store.set_visibility(&PointTest::hiding([2, 6]));
+    assert_eq!(shows(&store, &camera()), [false, false]);
+    store.set_visibility(&PointTest::default());
+    // The whole scan lies behind the eye.
+    let away = Camera::looking(DVec3::new(20.0, 0.0, 1.0), -DVec3::X, 5.0, DVec3::Z);
+    assert_eq!(shows(&store, &away), [false, false]);
+}
+
+#[test]
+fn a_quick_picture_takes_over_the_light_of_a_picture_at_rest_into_other_views() {
+    let mut stage = stage_or_skip!();
+    let cloud = scan();
+    let settings = settings(&[("light.by", "sun"), ("color.by", "plain"), ("gi.bounces", "0"), ("tone.fit", "locked")]);
+    let store = store(&stage, &cloud, &settings);
+    let turned = Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(0.85, 0.4, -0.4), 5.0, DVec3::Z);
+    let other = still(&mut stage, &store, &turned, &settings);
+    still(&mut stage, &store, &camera(), &settings);
+    let known = stage.renderer.known_light(&settings).unwrap();
+    let mut quick = QuickPicture::default();
+    let mut error = |light| {
+        quick.draw(&store, &turned, &settings, SIZE, ALL, light);
+        difference(&quick.take_rows().tight(), &other)
+    };
+    let (lit, unlit) = (error(Some(&known)), error(None));
+    assert!(lit < 8.0 && unlit > 2.0 * lit, "{lit} with the light and {unlit} without it");
+}
+
+#[test]
+fn the_point_under_a_pixel_of_a_quick_picture_is_that_of_the_picture_at_rest() {
+    let mut stage = stage_or_skip!();
+    let cloud = scan();
+    let settings = settings(&[("light.by", "colors")]);
+    let store = store(&stage, &cloud, &settings);
+    still(&mut stage, &store, &camera(), &settings);
+    let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
+    let mut quick = QuickPicture::default();
+    quick.draw(&store, &camera(), &settings, SIZE, ALL, None);
+    let at = |x: u32, y: u32| depth[(y * SIZE[0] + x) as usize];
+    let mut count = 0;
+    for (x, y) in (5..SIZE[1] - 5).step_by(7).flat_map(|y| (5..SIZE[0] - 5).step_by(7).map(move |x| (x, y))) {
+        let around = [at(x, y), at(x - 3, y - 3), at(x + 3, y - 3), at(x - 3, y + 3), at(x + 3, y + 3)];
+        // Beside an outline either surface may be picked.
+        if around.iter().any(|depth| depth.is_nan() || (depth / around[0] - 1.0).abs() > 0.1) {
+            continue;
+        }
+        let picked = quick.pick(&store, [x, y], 2).unwrap();
+        assert!((picked.linear_depth / around[0] - 1.0).abs() < 0.05, "{x}, {y}: {picked:?}, {} m", around[0]);
+        let place = cloud.chunks[0].position(picked.index);
+        let own = (camera().view_from_world() * (place - camera().eye)).z;
+        assert!((own / f64::from(picked.linear_depth) - 1.0).abs() < 1e-5, "{picked:?} is {own} m away");
+        count += 1;
+    }
+    assert!(count > 100, "{count} pixels");
+    let sky = (0..SIZE[0]).find(|x| (0..20).all(|y| at(*x, y).is_nan())).unwrap();
+    assert!(quick.pick(&store, [sky, 5], 1).is_none(), "the sky has no points");
+}
