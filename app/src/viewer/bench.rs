@@ -20,6 +20,8 @@ pub struct Bench {
     pub session: Session,
     /// The last sweep result that the session asked to save. The bench writes no files.
     pub swept: Option<Box<SweepResult>>,
+    /// Whether the adapter is a processor.
+    pub is_processor: bool,
     thread: RenderThread,
     reports: Receiver<Report>,
     /// How far the session's clock is ahead of the real one.
@@ -30,9 +32,14 @@ pub struct Bench {
 const PATIENCE: Duration = Duration::from_secs(240);
 
 impl Bench {
-    /// Opens the built-in scene of a mirror ball, with few points and a small picture. Returns `None`, and prints a
-    /// note, if there is no adapter.
+    /// Opens the built-in scene of a mirror ball.
     pub fn with_sphere() -> Option<Self> {
+        Self::with_scene("five-mirrors/sphere")
+    }
+
+    /// Opens a built-in scene with few points and a small picture. Returns `None`, and prints a note, if there is no
+    /// adapter.
+    pub fn with_scene(name: &str) -> Option<Self> {
         let gpu = match Gpu::headless(None) {
             Ok(gpu) => gpu,
             Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
@@ -41,6 +48,7 @@ impl Bench {
                 return None;
             }
         };
+        let is_processor = gpu.is_processor();
         let (sender, reports) = channel();
         let thread = RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap();
         let mut session = Session::new(Preferences::default());
@@ -48,8 +56,8 @@ impl Bench {
         // These values leave few passes to compile.
         (session.scene.settings.gi.vpls, session.scene.settings.gi.bounces) = (4, 1);
         session.set_view_size([64, 48]);
-        assert!(session.open(&["five-mirrors/sphere"]));
-        let mut bench = Self { session, swept: None, thread, reports, ahead: Duration::ZERO };
+        assert!(session.open(&[name]));
+        let mut bench = Self { session, swept: None, is_processor, thread, reports, ahead: Duration::ZERO };
         let Report::Ready { adapter } = bench.report() else { panic!("no renderer") };
         bench.session.on_report(Report::Ready { adapter });
         Some(bench)

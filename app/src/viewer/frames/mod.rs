@@ -11,7 +11,7 @@ use cloud::Progress;
 use render::FrameStats;
 use serde_json::{Value, json};
 
-use crate::viewer::picture::pace::{Haste, Spared};
+use crate::viewer::picture::pace::{Haste, QuickPace, Spared};
 use crate::viewer::picture::render_thread;
 use crate::viewer::picture::render_thread::{Command, FrameRequest};
 use crate::viewer::requests::outside::Outside;
@@ -73,6 +73,10 @@ pub struct Frames {
     hurried_milliseconds: f64,
     /// Chooses the quality of frames while something moves.
     haste: Haste,
+    /// The same for quick pictures.
+    quick_pace: QuickPace,
+    /// Whether the last hurried frame was a quick picture, as the next one will be.
+    moves_quickly: bool,
     /// The quality of the first picture since the movement ended; `None` while something moves.
     first_still: Option<Spared>,
     /// The frame of the current values: parameters, mirrors and lights.
@@ -178,7 +182,10 @@ impl Frames {
         let is_passing = soon_changes && self.would_delay();
         let spared = if is_moving && milliseconds > 0.0 {
             self.first_still = None;
-            Some(self.haste.spare(wanted.size, milliseconds))
+            Some(match self.moves_quickly {
+                true => self.quick_pace.spare(wanted.size, milliseconds),
+                false => self.haste.spare(wanted.size, milliseconds),
+            })
         } else if self.shown.is_none() && !is_recorded {
             Some(FIRST)
         } else {
@@ -217,7 +224,11 @@ impl Frames {
         let shown = self.shown.as_ref().filter(|shown| shown.is_moving && shown.request.hurried)?;
         if self.first_still.is_none() && self.careful_milliseconds > 2.0 * FIRST_STILL {
             let before = shown.request.spared.map_or(1, |spared| spared.divisor);
-            self.first_still = Some(self.haste.choose(size, FIRST_STILL)).filter(|still| still.divisor < before);
+            let still = match self.moves_quickly {
+                true => self.quick_pace.choose(size, FIRST_STILL),
+                false => self.haste.choose(size, FIRST_STILL),
+            };
+            self.first_still = Some(still).filter(|still| still.divisor < before);
         }
         self.first_still
     }
@@ -292,11 +303,15 @@ impl Frames {
         // The render thread draws only the newest request, so at most that one is still under way.
         self.under_way = u32::from(self.requested.as_ref() != Some(&request) || !is_whole);
         if request.hurried {
+            self.moves_quickly = stats.is_quick;
             self.hurried_milliseconds = total_milliseconds;
         } else {
             self.careful_milliseconds = total_milliseconds;
         }
-        self.haste.learn(&stats, &request, total_milliseconds, milliseconds);
+        match stats.is_quick {
+            true => self.quick_pace.learn(&stats, &request, total_milliseconds, milliseconds),
+            false => self.haste.learn(&stats, &request, total_milliseconds, milliseconds),
+        }
         // Older requests are never answered. One whose picture is not whole yet is answered again.
         let place = self.asked.iter().position(|asked| asked.request == request);
         self.asked.drain(..place.unwrap_or(0));
@@ -320,6 +335,7 @@ impl Frames {
         Some(json!({
             "event": "frame", "ms": shown.total_milliseconds, "points": shown.stats.points_drawn,
             "size": shown.request.drawn_size(), "moving": shown.is_moving, "since_input_ms": since_input,
+            "flip": shown.stats.flip,
         }))
     }
 
@@ -372,6 +388,66 @@ mod tests {
         assert!(!is_hurried(&Situation { is_recorded: true, points_come: false, ..situation }));
         situation.soon_changes = false;
         assert!(!is_hurried(&situation), "normals and radii do not hold it up");
+    }
+
+    #[test]
+    fn what_moves_where_nothing_reflects_is_a_quick_picture_and_leaves_the_picture_at_rest_as_it_was() {
+        let Some(mut bench) = Bench::with_scene("five-mirrors/none") else { return };
+        bench.settle();
+        let (rest, camera) = (bench.read(), bench.session.scene.camera);
+        assert!(!bench.session.frames.moves_quickly || bench.is_processor);
+        // Lit by lamps, then in the colours of the data.
+        for light in ["auto", "colors"] {
+            bench.session.scene.settings.set_text("light.by", light).unwrap();
+            bench.settle();
+            let still = bench.read();
+            bench.session.frames.careful_milliseconds = 1000.0;
+            bench.session.act(Action::Orbit(glam::DVec2::new(40.0, 0.0)));
+            bench.settle();
+            assert_eq!(bench.session.frames.moves_quickly, bench.is_processor, "{light}");
+            assert!(bench.read() != still, "the camera has turned");
+            bench.session.scene.camera = camera;
+            bench.settle();
+            assert!(bench.read() == still, "{light}");
+        }
+        bench.session.scene.settings.set_text("light.by", "auto").unwrap();
+        bench.settle();
+        assert!(bench.read() == rest);
+    }
+
+    #[test]
+    fn quick_pictures_take_the_time_that_they_may_and_give_up_pixels_before_points() {
+        let Some(mut bench) = Bench::with_scene("five-mirrors/none") else { return };
+        bench.settle();
+        let shown = bench.session.frames.shown.take().unwrap();
+        // Milliseconds for a point and for a pixel: many cores, two cores, two slow ones.
+        for [per_point, per_pixel] in [[1e-6, 5e-6], [1e-5, 4e-5], [6e-5, 2e-4]] {
+            for points in [8_000, 3_000_000, 12_000_000] {
+                let mut pace = QuickPace::default();
+                let mut last = (Spared::NOTHING, 0.0);
+                for _ in 0..5 {
+                    let spared = pace.spare([1400, 900], 40.0);
+                    let request = FrameRequest { size: [1400, 900], spared: Some(spared), ..shown.request.clone() };
+                    let drawn = spared.most_points.map_or(points, |most: u64| most.min(points));
+                    let splatting = drawn as f64 * per_point;
+                    let pixels = request.drawn_size().map(f64::from).iter().product::<f64>();
+                    let milliseconds = splatting + pixels * per_pixel;
+                    let stats = FrameStats {
+                        splatting_milliseconds: splatting,
+                        points_drawn: drawn,
+                        is_quick: true,
+                        ..shown.stats.clone()
+                    };
+                    pace.learn(&stats, &request, milliseconds, 40.0);
+                    last = (spared, milliseconds);
+                }
+                let (spared, milliseconds) = last;
+                assert!(spared.divisor <= 2, "{spared:?}");
+                let is_least = spared.most_points.is_some_and(|most| most <= 700 * 450);
+                assert!(milliseconds < 50.0 || is_least, "{per_point} {points}: {last:?}");
+                assert!(spared.most_points.is_none() || spared.divisor == 2, "{per_point} {points}: {last:?}");
+            }
+        }
     }
 
     #[test]

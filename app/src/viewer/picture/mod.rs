@@ -4,6 +4,8 @@ pub mod canvas;
 pub mod capture;
 pub mod event_log;
 pub mod frame_request;
+pub mod judging;
+pub mod moving;
 pub mod pace;
 pub mod picture_writer;
 pub mod render_thread;

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use cloud::{PointTest, Progress};
 use glam::DVec3;
-use render::{Aov, AovImage, FrameStats, Gpu, IsGivenUp, LightReuse, Objects, Renderer};
+use render::{Aov, AovImage, FrameStats, Gpu, IsGivenUp, LightReuse, Objects, PictureRows, Renderer};
 use scene::{Camera, Settings};
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
@@ -24,6 +24,8 @@ use world::{Change, ChunkKey, Resident};
 use crate::overlays::{self, Facts};
 use crate::system::picture_file;
 pub use crate::viewer::picture::frame_request::{FrameRequest, hurried};
+use crate::viewer::picture::judging::{self, MovingJudge};
+use crate::viewer::picture::moving::MovingPictures;
 use crate::viewer::picture::picture_writer::{self, DrawnFrame, Finished};
 use crate::viewer::picture::under_way::Pass;
 
@@ -266,6 +268,8 @@ struct Worker {
     summed: u32,
     /// The frame in the window; points are picked from it.
     on_screen: Option<FrameRequest>,
+    moving: MovingPictures,
+    judge: MovingJudge,
     /// When the device was last lost.
     lost_at: Option<Instant>,
 }
@@ -290,6 +294,8 @@ impl Worker {
             exposed_at: None,
             summed: 0,
             on_screen: None,
+            moving: MovingPictures::default(),
+            judge: MovingJudge::from_environment(),
             lost_at: None,
         })
     }
@@ -449,14 +455,18 @@ impl Worker {
     fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
             Command::Pick { pixel, purpose } => {
-                if let Some(request) = self.on_screen.clone() {
+                if let Some(request) = self.on_screen.clone().filter(|_| !self.moving.is_shown) {
                     self.hold(&request, false)?;
                 }
                 // The picture may have fewer pixels than the window.
                 let divisor =
                     self.on_screen.as_ref().and_then(|request| request.spared).map_or(1, |spared| spared.divisor);
-                let drawn = pixel.map(|place| place / divisor);
-                let picked = self.renderer.pick(&self.resident.store, drawn, PICK_RADIUS.div_ceil(divisor))?;
+                let (drawn, radius) = (pixel.map(|place| place / divisor), PICK_RADIUS.div_ceil(divisor));
+                let store = &self.resident.store;
+                let picked = match self.moving.is_shown {
+                    true => self.moving.pick(store, drawn, radius),
+                    false => self.renderer.pick(store, drawn, radius)?,
+                };
                 let point = picked.and_then(|picked| self.resident.origin(picked.chunk, picked.index));
                 let point = point.map(|(chunk, index)| PickedPoint { chunk, index });
                 report(Report::Picked { pixel, purpose, point });
@@ -592,15 +602,35 @@ impl Worker {
 
     fn draw(&mut self, request: FrameRequest) -> render::Result<DrawnFrame> {
         let started = Instant::now();
-        // At rest, the samples of glossy mirrors come in steps that grow, so that the first picture comes soon.
-        let is_same = |(held, _): &&(FrameRequest, bool)| *held == request;
-        let summed = if self.held.as_ref().is_some_and(|held| is_same(&held)) { self.summed } else { 0 };
-        let stats = self.render(&request, Some(summed.clamp(1, MOST_SAMPLES)))?;
-        self.summed = stats.glossy_samples[0];
+        let quick = match request.hurried {
+            true => self.moving.draw(&self.gpu, &self.resident.store, &request),
+            false => None,
+        };
+        let (mut stats, rows) = match quick {
+            Some(drawn) => drawn,
+            None => self.draw_by_passes(&request)?,
+        };
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
-        let rows = self.renderer.picture_rows()?;
+        if !request.hurried {
+            self.moving.keep_light(&self.gpu, &self.renderer, &request)?;
+            self.judge.on_still(&request);
+        }
+        if let Some(still) = self.judge.still_of(&request) {
+            self.render(&still, None)?;
+            stats.flip = Some(judging::flip_to_still(&rows, request.drawn_size(), &self.renderer, request.size)?);
+        }
         self.on_screen = Some(request.clone());
         Ok(DrawnFrame { request, stats, rows, started, window_gpu: self.window_gpu.clone() })
+    }
+
+    /// Draws a frame by the passes of the renderer.
+    fn draw_by_passes(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
+        // At rest, the samples of glossy mirrors come in steps that grow, so that the first picture comes soon.
+        let is_same = |(held, _): &&(FrameRequest, bool)| held == request;
+        let summed = if self.held.as_ref().is_some_and(|held| is_same(&held)) { self.summed } else { 0 };
+        let stats = self.render(request, Some(summed.clamp(1, MOST_SAMPLES)))?;
+        self.summed = stats.glossy_samples[0];
+        Ok((stats, self.renderer.picture_rows()?))
     }
 }
 
