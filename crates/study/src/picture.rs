@@ -97,6 +97,15 @@ pub fn cut(size: [u32; 2], mirror: &[f32], picture: &[u8]) -> anyhow::Result<Opt
     png([(right - left) as u32, (bottom - top) as u32], &rgb).map(Some)
 }
 
+/// The linear colours, 0 to 1, of a picture of four bytes a pixel in sRGB.
+pub fn linear(picture: &[u8]) -> Vec<[f64; 3]> {
+    let part = |part: u8| {
+        let value = f64::from(part) / 255.0;
+        if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+    };
+    picture.chunks_exact(4).map(|pixel| [part(pixel[0]), part(pixel[1]), part(pixel[2])]).collect()
+}
+
 /// Enlarges a picture of four bytes a pixel from one size to another, between pixel centres. A pixel takes nothing from
 /// drawn pixels at another depth than the nearest one, so that edges stay sharp; `depth` is NaN where nothing is seen.
 pub fn enlarged(picture: &[u8], depth: &[f32], from: [u32; 2], to: [u32; 2]) -> Vec<u8> {
