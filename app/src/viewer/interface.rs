@@ -267,9 +267,9 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             if let Some(shown) = &session.frames.shown {
                 ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
             }
-            if session.scene.is_flying() {
-                ui.label(RichText::new("fly").color(theme::ACCENT));
-            }
+            let [turning, help] = session.scene.turning();
+            let color = if turning == "orbit" { theme::WEAK } else { theme::ACCENT };
+            ui.label(RichText::new(turning).color(color)).on_hover_text(help);
             if session.is_unlit() {
                 ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
             }

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use cloud::Bounds;
 use glam::DVec3;
 
-use crate::{Camera, Lighting, SpotLight};
+use crate::{Camera, Interior, Lighting, SpotLight};
 
 /// The surroundings of a viewer of a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,10 +83,16 @@ impl Surroundings {
     /// `positions` are world coordinates spread evenly over the points, in any order; 100 thousand take 20 ms. `up` is the
     /// axis that points up.
     pub fn of(positions: impl Iterator<Item = DVec3>, up: DVec3) -> Self {
+        Self::with_interior(positions, up).0
+    }
+
+    /// Judges likewise, and returns the free space of all rooms beside it, if the points are a room.
+    pub fn with_interior(positions: impl Iterator<Item = DVec3>, up: DVec3) -> (Self, Option<Interior>) {
         let frame = Frame::new(up);
         let points: Vec<DVec3> = positions.map(|position| frame.local(position)).collect();
-        let room = GroundPlan::new(&points).filter(GroundPlan::is_room).and_then(|plan| plan.room(&frame));
-        room.map_or(Self::OpenSky, Self::Room)
+        let plan = GroundPlan::new(&points).filter(GroundPlan::is_room);
+        let room = plan.and_then(|plan| Some((plan.room(&frame)?, plan.interior(&frame))));
+        room.map_or((Self::OpenSky, None), |(room, interior)| (Self::Room(room), Some(interior)))
     }
 }
 
@@ -223,6 +229,11 @@ impl GroundPlan {
             inside.include(frame.world(opposite.with_z(gap.ceiling)));
         }
         Some(Room { lamp: lamp.in_world(frame), inside, eye: frame.world(eye), pivot: frame.world(pivot) })
+    }
+
+    fn interior(&self, frame: &Frame) -> Interior {
+        let cells = self.covered.iter().map(|(cell, gap)| (*cell, [gap.floor, gap.ceiling])).collect();
+        Interior { axes: frame.0, corner: self.corner, edge: self.edge, cells }
     }
 
     /// Where to stand in these cells, and what to look at: from the middle, the line of sight goes to the farthest cell, and

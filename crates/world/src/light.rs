@@ -6,14 +6,18 @@
 //! lamp if there is no light, and that lamp shines only while the eye is in the room, or when lights are asked for:
 //! from outside it would light nothing visible.
 
+use std::sync::Arc;
+
 use cloud::Chunk;
 use glam::DVec3;
-use scene::{Camera, ColorBy, LightClues, Lighting, SpotLight, Surroundings};
+use scene::{Camera, ColorBy, Interior, LightClues, Lighting, SpotLight, Surroundings};
 
 /// The surroundings of the points, if they are known.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutoLight {
     pub surroundings: Option<Surroundings>,
+    /// The free space of the rooms, if the points are some.
+    pub interior: Option<Arc<Interior>>,
     /// Where the camera of a depth image was, if the points are one.
     pub sensor: Option<Camera>,
 }
@@ -53,8 +57,8 @@ const MOST_UPRIGHT: f64 = 0.98;
 impl AutoLight {
     /// Finds the surroundings of the points; `up` is a unit vector.
     pub fn around(chunks: &[Chunk], up: DVec3) -> Self {
-        let surroundings = Some(Surroundings::of(cloud::spread_sample(chunks), up));
-        Self { surroundings, sensor: sensor(chunks, up) }
+        let (surroundings, interior) = Surroundings::with_interior(cloud::spread_sample(chunks), up);
+        Self { surroundings: Some(surroundings), interior: interior.map(Arc::new), sensor: sensor(chunks, up) }
     }
 
     /// What decides about automatic light. `chunks` are those of the clouds, each with what its cloud is coloured by if

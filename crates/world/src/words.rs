@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use cloud::sampling::Surface;
 use cloud::{Placement, PointTest};
+use glam::DVec3;
 use scene::{
     Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Note, Profile, SceneFile, SpotLight,
     View, Visibility, five_mirrors, shown,
@@ -130,6 +132,18 @@ impl Request {
         let variant = |input: &Input| if let Input::BuiltIn { variant, .. } = input { Some(*variant) } else { None };
         let variants: Option<Vec<five_mirrors::Variant>> = self.inputs.iter().map(variant).collect();
         variants?.first()?.ground()
+    }
+
+    /// A corner and two edges of each wall of the built-in scenes, if all inputs are built-in scenes.
+    pub fn walls(&self) -> Vec<[DVec3; 3]> {
+        let walls =
+            |input: &Input| if let Input::BuiltIn { variant, .. } = input { Some(variant.walls()) } else { None };
+        let all: Option<Vec<_>> = self.inputs.iter().map(walls).collect();
+        let rectangle = |surface: Surface| match surface {
+            Surface::Rectangle { corner, edges: [u, v] } => Some([corner, u, v]),
+            _ => None,
+        };
+        all.unwrap_or_default().into_iter().flatten().filter_map(|(surface, _)| rectangle(surface)).collect()
     }
 
     /// What the cloud that came from `input` and has the name `name` has of its own.

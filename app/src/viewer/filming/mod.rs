@@ -88,7 +88,9 @@ impl Filming {
                 self.timeline.pause();
             }
             // These concern the picture as it is, or the window.
-            Action::Fly(_)
+            Action::BeginDrag
+            | Action::EndDrag
+            | Action::Fly(_)
             | Action::Fast
             | Action::Slow
             | Action::PointAt(_)

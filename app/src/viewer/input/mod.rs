@@ -84,7 +84,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     }
     let rests = [
         session.scene.navigation.time_to_rest(session.outside.now),
-        session.scene.navigation.pivot_mark(session.outside.now),
+        session.scene.navigation.pivot_mark(session.outside.now).map(|(_, left)| left),
     ];
     if let Some(soonest) = rests.into_iter().flatten().min() {
         ui.ctx().request_repaint_after(soonest);
@@ -223,12 +223,18 @@ fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mu
 
 fn drags(picture: &Response, session: &Session, scale: f64, actions: &mut Vec<Action>) {
     for button in [egui::PointerButton::Primary, egui::PointerButton::Secondary, egui::PointerButton::Middle] {
+        if picture.drag_started_by(button) {
+            actions.push(Action::BeginDrag);
+        }
         if picture.dragged_by(button) {
             let delta = picture.drag_delta();
             let delta = DVec2::new(f64::from(delta.x), f64::from(delta.y));
             let action = bindings::action(Trigger::Drag(button), session.scene.mode);
             actions.extend(action.map(|action| action.dragged(delta, scale)));
         }
+    }
+    if picture.drag_stopped() {
+        actions.push(Action::EndDrag);
     }
 }
 

@@ -28,8 +28,10 @@ impl Loaded {
         if !self.light_search.answer(asked, found) {
             return;
         }
+        let found = &self.light_search.light;
         let (id, lamp) = (beside.scene.next_object_id(), found.lamp());
         beside.scene.room = found.camera_inside(beside.scene.up(&self.clouds));
+        beside.scene.confines.interior = found.interior.clone();
         beside.scene.frame_while_unplaced(beside.scene.bounds(&self.clouds), &self.clouds);
         beside.scene.rewrite_objects(|objects| objects.guess(id, lamp));
         beside.outside.log(json!({

@@ -12,6 +12,7 @@ use crate::viewer::objects::Origin;
 use crate::viewer::objects::clouds::apart;
 use crate::viewer::objects::clouds::{CloudEntry, JobEntry, short_name};
 use crate::viewer::requests::messages::Level;
+use crate::viewer::scene::confines::Confines;
 
 impl Loaded {
     pub fn on_loading(&mut self, job: u32, event: Event, beside: &mut Beside<'_>) {
@@ -314,6 +315,7 @@ impl Loaded {
         if is_last {
             beside.scene.camera_is_placed = false;
             beside.scene.room = None;
+            beside.scene.confines = Confines::default();
             beside.scene.rewrite_objects(|objects| {
                 objects.paths.clear();
                 objects.bookmarks.clear();

@@ -206,7 +206,7 @@ mod tests {
     }
 
     fn light_of(surroundings: Surroundings) -> AutoLight {
-        AutoLight { surroundings: Some(surroundings), sensor: None }
+        AutoLight { surroundings: Some(surroundings), ..AutoLight::default() }
     }
 
     fn harness() -> Harness<'static, Session> {

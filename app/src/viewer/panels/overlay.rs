@@ -37,9 +37,8 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
             wire(&painter, &place, bounds, Stroke::new(1.0, Color32::from_rgb(red, green, blue)));
         }
     }
-    let marked =
-        session.scene.navigation.pivot_mark(session.outside.now).and_then(|_| place(shown.request.camera.pivot));
-    if let Some(at) = marked {
+    let marked = session.scene.navigation.pivot_mark(session.outside.now).map(|(at, _)| at);
+    if let Some(at) = marked.and_then(place) {
         pivot(&painter, at);
     }
     if let Some(at) = session.tools.pick.as_ref().and_then(|pick| place(pick.world)) {
@@ -123,7 +122,7 @@ mod tests {
     fn nothing_is_painted_before_there_is_a_picture() {
         let mut session = Session::with_two_points();
         session.scene.settings.stream.overlay = true;
-        session.scene.navigation.show_pivot(session.outside.now);
+        session.scene.navigation.show_pivot(DVec3::ZERO, session.outside.now);
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
         assert!(
             shapes(|painter| paint(painter, rect, &session)).iter().all(|shape| matches!(shape, egui::Shape::Noop))

@@ -267,6 +267,9 @@ impl PictureDraft {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     // ---- camera ----
+    /// A drag over the picture begins, or has ended: what is under the cursor decides what it turns.
+    BeginDrag,
+    EndDrag,
     /// The distance of a drag, in points of the window; `Look` has the same unit.
     Orbit(DVec2),
     Look(DVec2),

@@ -79,7 +79,13 @@ pub const BINDINGS: &[Binding] = {
     use Action as A;
     use Trigger::{Click, Digit, DoubleClick, Drag, Hold, Modifier, Numpad, Wheel};
     &[
-        bind_in(Mode::Orbit, MOVE, Drag(PointerButton::Primary), A::Orbit(DVec2::ZERO), "Orbit about the pivot"),
+        bind_in(
+            Mode::Orbit,
+            MOVE,
+            Drag(PointerButton::Primary),
+            A::Orbit(DVec2::ZERO),
+            "Orbit what is under the cursor; in a room, look around",
+        ),
         bind_in(Mode::Fly, MOVE, Drag(PointerButton::Primary), A::Look(DVec2::ZERO), "Look around (fly)"),
         bind(MOVE, Drag(PointerButton::Secondary), A::Pan(DVec2::ZERO), "Pan"),
         bind(MOVE, Drag(PointerButton::Middle), A::Pan(DVec2::ZERO), "Pan"),

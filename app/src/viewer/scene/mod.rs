@@ -1,10 +1,12 @@
 //! What the user looks at: the parameters, the objects, the camera, and the history that undoes changes of them.
 
+pub mod confines;
 pub mod furnishing;
 pub mod light_search;
 pub mod navigation;
 pub mod past_views;
 pub mod posing;
+pub mod turning;
 
 use std::time::{Duration, Instant};
 
@@ -31,13 +33,10 @@ use crate::viewer::picture::render_thread::{Command, PickPurpose};
 use crate::viewer::requests::action::{Action, Mode};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
+use crate::viewer::scene::confines::Confines;
 use crate::viewer::scene::navigation::Navigation;
 use crate::viewer::scene::past_views::PastViews;
 
-/// The turn of the camera in radians per pixel of mouse movement. A half turn takes 630 pixels, about half a window.
-const RADIANS_PER_PIXEL: f64 = 0.005;
-/// How far above the ground of a built-in scene orbiting keeps the eye, in its metres.
-const ABOVE_GROUND: f64 = 0.3;
 /// The factor by which a notch of the wheel changes the distance.
 const ZOOM_PER_NOTCH: f64 = 0.85;
 /// The longest wait for the point under the cursor. A zoom that starts later feels stuck.
@@ -57,8 +56,7 @@ pub struct Scene {
     pub camera_is_placed: bool,
     /// A camera in the room that is open, if it is one.
     pub room: Option<Camera>,
-    /// The height of the ground along the up axis, if the scene has one.
-    pub ground: Option<f64>,
+    pub confines: Confines,
     /// The side from which everything is seen until then, if the command line names one.
     pub first_side: Option<StandardView>,
     pub mode: Mode,
@@ -83,7 +81,7 @@ impl Scene {
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
             camera_is_placed: false,
             room: None,
-            ground: None,
+            confines: Confines::default(),
             first_side: None,
             mode: Mode::Orbit,
             navigation: Navigation::default(),
@@ -481,29 +479,6 @@ impl Scene {
         self.navigation.camera_moved(now);
     }
 
-    /// Moves the camera by a drag. `Orbit` and `Look` are in points of the window, `Pan` in pixels of the picture.
-    pub fn drag_camera(&mut self, drag: &Action, now: Instant) {
-        let (Action::Orbit(delta) | Action::Look(delta) | Action::Pan(delta)) = drag else { return };
-        if *delta != DVec2::ZERO {
-            let angles = *delta * -RADIANS_PER_PIXEL;
-            match drag {
-                Action::Orbit(_) => match self.ground {
-                    Some(ground) => self.camera.orbit_above(ground + ABOVE_GROUND, angles.x, angles.y),
-                    None => self.camera.orbit(angles.x, angles.y),
-                },
-                Action::Look(_) => self.camera.look(angles.x, angles.y),
-                _ => {
-                    let height = f64::from(self.view_size[1].max(1));
-                    self.camera.pan(*delta, self.settings.view.field_of_view, height);
-                }
-            }
-            self.camera_moved_by_hand(now);
-        }
-        if !matches!(drag, Action::Look(_)) {
-            self.navigation.show_pivot(now);
-        }
-    }
-
     /// Flies by `way`: world units right, up, forward.
     pub fn travel(&mut self, way: DVec3, now: Instant) {
         self.camera.fly(way);
@@ -575,6 +550,7 @@ impl Scene {
     pub fn act(&mut self, action: Action, clouds: &[CloudEntry], outside: &mut Outside) -> Option<Action> {
         match action {
             Action::Orbit(_) | Action::Look(_) | Action::Pan(_) => self.drag_camera(&action, outside.now),
+            Action::EndDrag => self.end_drag(),
             Action::Zoom(notches) => self.zoom(notches, outside),
             Action::FieldOfView(notches) => {
                 let view = &self.settings.view;

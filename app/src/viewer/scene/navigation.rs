@@ -8,6 +8,7 @@ use glam::DVec3;
 
 use crate::overlays::lens::to_vector;
 use crate::viewer::requests::pick::Pick;
+use crate::viewer::scene::turning::{Orbit, Turn};
 
 /// The camera rests when it has not moved for this long. Then the picture is refined.
 const REST: Duration = Duration::from_millis(150);
@@ -31,7 +32,12 @@ pub struct Navigation {
     is_coarse: bool,
     pub pending_zoom: f32,
     pub zoom_since: Option<Instant>,
-    pivot_shown: Option<Instant>,
+    /// The point that is marked as the centre of a turn, and since when.
+    pivot_shown: Option<(DVec3, Instant)>,
+    /// What the drag that is under way turns.
+    pub turn: Option<Turn>,
+    /// The orbit that ended last.
+    pub last_orbit: Option<Orbit>,
     /// How many times the speed of flight is doubled.
     pub speed: f32,
     /// The pick before the click that may become a double-click.
@@ -63,13 +69,16 @@ impl Navigation {
         REST.checked_sub(now.saturating_duration_since(self.last_move?)).filter(|left| !left.is_zero())
     }
 
-    pub fn show_pivot(&mut self, now: Instant) {
-        self.pivot_shown = Some(now);
+    /// Marks the point about which the camera turns.
+    pub fn show_pivot(&mut self, at: DVec3, now: Instant) {
+        self.pivot_shown = Some((at, now));
     }
 
-    /// How long the pivot stays marked; `None` if it is not.
-    pub fn pivot_mark(&self, now: Instant) -> Option<Duration> {
-        PIVOT_MARK.checked_sub(now.saturating_duration_since(self.pivot_shown?)).filter(|left| !left.is_zero())
+    /// The point that is marked, and how long it stays so.
+    pub fn pivot_mark(&self, now: Instant) -> Option<(DVec3, Duration)> {
+        let (at, since) = self.pivot_shown?;
+        let left = PIVOT_MARK.checked_sub(now.saturating_duration_since(since)).filter(|left| !left.is_zero())?;
+        Some((at, left))
     }
 
     /// Records that the cursor is over another pixel of the picture now, or over none.

@@ -23,6 +23,7 @@ use crate::viewer::requests::outside::{Asked, Effect, Outside};
 use crate::viewer::requests::preferences::Preferences;
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
+use crate::viewer::scene::confines::Confines;
 use crate::viewer::scene::past_views::PastViews;
 
 /// Unsaved work is written at most this often.
@@ -105,7 +106,7 @@ impl Scene {
     /// Forgets everything that belongs to what was open; `own` are the person's own parameters.
     pub fn clear(&mut self, own: Settings) {
         self.rewrite_objects(|objects| *objects = Objects::default());
-        (self.settings, self.selected, self.room, self.ground) = (own, None, None, None);
+        (self.settings, self.selected, self.room, self.confines) = (own, None, None, Confines::default());
         (self.history, self.past_views) = (History::default(), PastViews::default());
         self.camera_is_placed = false;
     }

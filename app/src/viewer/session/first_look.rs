@@ -141,7 +141,7 @@ mod tests {
         let low = session.scene.camera.eye.y;
         assert!(low > 0.2 && low < 0.4, "{low}");
         session.act(Action::Open("five-mirrors/none".into()));
-        assert_eq!(session.scene.ground, None);
+        assert_eq!(session.scene.confines.ground, None);
     }
 
     #[test]

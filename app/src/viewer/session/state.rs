@@ -28,6 +28,7 @@ use crate::viewer::requests::outside::{Effect, News, Outside};
 use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::requests::preferences::Preferences;
 use crate::viewer::requests::work::{Found, Work};
+use crate::viewer::scene::confines::Confines;
 use crate::viewer::scene::{STEP, Scene};
 use crate::viewer::session::document::{Document, Leaving, Next};
 use crate::viewer::session::first_look::FirstLook;
@@ -117,10 +118,10 @@ impl Session {
 
     pub fn act(&mut self, action: Action) {
         use Action::{
-            AddSpot, AskHover, ChangeObject, ChangeSettings, ColorBy, DollHouse, Duplicate, FieldOfView, FlySpeed,
-            FrameAll, FrameCloud, GoInside, LastView, LightBy, Look, LookAlong, LookFrom, Mark, NextLight, NextView,
-            Orbit, Pan, Paste, PivotHere, PointAt, PointSize, ReturnTo, Select, SetParameter, ShowClasses, ToggleEdl,
-            ToggleLight, ToggleMode, ToggleProjection, Travel, Unmark, Zoom,
+            AddSpot, AskHover, ChangeObject, ChangeSettings, ColorBy, DollHouse, Duplicate, EndDrag, FieldOfView,
+            FlySpeed, FrameAll, FrameCloud, GoInside, LastView, LightBy, Look, LookAlong, LookFrom, Mark, NextLight,
+            NextView, Orbit, Pan, Paste, PivotHere, PointAt, PointSize, ReturnTo, Select, SetParameter, ShowClasses,
+            ToggleEdl, ToggleLight, ToggleMode, ToggleProjection, Travel, Unmark, Zoom,
         };
         self.filming.before(&action, &mut self.scene);
         let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };
@@ -170,6 +171,7 @@ impl Session {
             Action::ChangeDraft(draft) => self.tools.draft = *draft,
             Action::CountPoints(key, wanted) => self.loaded.count_points(key, *wanted, &mut self.outside),
             Action::StopMarking(key) => self.loaded.stop_marking(key),
+            Action::BeginDrag => self.tools.begin_drag(&mut self.scene, &self.loaded, &mut self.outside),
             Action::Pick => self.tools.click(&mut self.scene, &mut self.outside),
             Action::UndoPick => self.tools.pick = self.scene.navigation.pick_before.take(),
             Action::CopyPick => self.tools.copy_pick(&mut self.outside),
@@ -222,11 +224,11 @@ impl Session {
             Action::Quit => self.leave(Leaving::Quit),
             // The scene has already carried these out.
             LookAlong { .. } | SetParameter { .. } | Action::Undo | Action::Redo | Action::Delete => {}
-            Orbit(_) | Look(_) | Pan(_) | Zoom(_) | FieldOfView(_) | FlySpeed(_) | Travel(_) | FrameAll | GoInside
-            | DollHouse | FrameCloud(_) | ToggleMode | LookFrom(_) | ToggleProjection | LastView | NextView
-            | PointAt(_) | AskHover | PivotHere | ChangeSettings(_) | PointSize(_) | ColorBy(_) | ShowClasses(..)
-            | ToggleEdl | ToggleLight | NextLight | LightBy(_) | Paste(_) | AddSpot | Select(_) | ChangeObject(..)
-            | Duplicate | Mark(_) | Unmark(_) | ReturnTo(_) => {}
+            EndDrag | Orbit(_) | Look(_) | Pan(_) | Zoom(_) | FieldOfView(_) | FlySpeed(_) | Travel(_) | FrameAll
+            | GoInside | DollHouse | FrameCloud(_) | ToggleMode | LookFrom(_) | ToggleProjection | LastView
+            | NextView | PointAt(_) | AskHover | PivotHere | ChangeSettings(_) | PointSize(_) | ColorBy(_)
+            | ShowClasses(..) | ToggleEdl | ToggleLight | NextLight | LightBy(_) | Paste(_) | AddSpot | Select(_)
+            | ChangeObject(..) | Duplicate | Mark(_) | Unmark(_) | ReturnTo(_) => {}
         }
     }
 
@@ -355,7 +357,7 @@ impl Session {
         if !request.inputs.is_empty() {
             self.leave_first_look();
             self.document.add_inputs(request.inputs.iter().map(world::Input::name));
-            self.scene.ground = request.ground();
+            self.scene.confines = Confines { ground: request.ground(), walls: request.walls(), interior: None };
             let is_alone = self.loaded.clouds.is_empty() && !self.loaded.is_loading() && !self.is_recorded;
             self.first_look = FirstLook::of(&mut request, &self.scene.settings).filter(|_| is_alone);
         }

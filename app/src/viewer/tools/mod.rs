@@ -127,6 +127,12 @@ impl Tools {
         }
     }
 
+    /// Begins a drag that moves the camera: on a mirror it orbits the mirror.
+    pub fn begin_drag(&mut self, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        let mirror = scene.cursor().and_then(|pixel| mirror_at(pixel, scene, loaded));
+        scene.begin_drag(mirror.map(|(_, at)| at), outside);
+    }
+
     /// Handles a click in the picture: it belongs to the tool that is in use, or picks what is under the cursor.
     pub fn click(&mut self, scene: &mut Scene, outside: &mut Outside) {
         scene.navigation.pick_before = self.pick.clone();
@@ -191,13 +197,14 @@ impl Tools {
         match (purpose, world) {
             (PickPurpose::Hover, world) => {
                 scene.navigation.on_hover(pixel, world);
+                scene.on_drag_point(world);
                 scene.apply_pending_zoom(true, outside.now);
             }
             (PickPurpose::Pivot, Some(world)) => {
                 let mut camera = scene.camera;
                 camera.recenter(world);
                 scene.jump(outside.now, scene.settings.clone(), camera);
-                scene.navigation.show_pivot(outside.now);
+                scene.navigation.show_pivot(world, outside.now);
                 outside.log(json!({ "event": "pivot", "world": world.to_array() }));
             }
             (PickPurpose::Pivot, None) => outside.note("No point there to turn about"),
