@@ -457,7 +457,8 @@ impl Viewer {
         // The result of actions becomes visible in the next paint.
         let is_changed = !actions.is_empty();
         session.act_all(actions);
-        let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
+        let is_held = screen.context.input(|input| input.pointer.any_down());
+        session.is_typing = screen.context.text_edit_focused();
         let again = session.step(Instant::now(), is_held);
         let capture = match (self.captures.last_mut(), &painted) {
             (Some(capture), Painted::Next { is_new, .. }) => {

@@ -21,7 +21,7 @@ const PIVOT_MARK: Duration = Duration::from_millis(700);
 #[derive(Default)]
 pub struct Navigation {
     last_move: Option<Instant>,
-    /// The time since which a mouse button is down or text is being typed.
+    /// The time since which a mouse button is down.
     held_since: Option<Instant>,
     /// The pixel that the cursor is over, and the time since which it is there.
     pub cursor: Option<([u32; 2], Instant)>,

@@ -4,6 +4,7 @@
 pub mod document;
 pub mod effects;
 pub mod first_look;
+mod judging;
 mod kept;
 mod state;
 pub mod views;

@@ -13,10 +13,9 @@ use scene::{Camera, MirrorPoints, Shape};
 use serde_json::json;
 use world::CloudKey;
 
-use crate::viewer::filming::{self, Filming, Wiping};
+use crate::viewer::filming::{self, Filming};
 use crate::viewer::frames::Frames;
 use crate::viewer::frames::auto::Auto;
-use crate::viewer::jobs::tasks::Answer;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::look::reflection_figures::FigureHistory;
 use crate::viewer::look::theme::bytes;
@@ -37,8 +36,8 @@ use crate::viewer::session::wanted;
 use crate::viewer::tools::Tools;
 use crate::viewer::truth::sweep::Sweeps;
 use crate::viewer::truth::tuning::Tuning;
-use crate::viewer::truth::view::{Taken, TruthView};
-use crate::viewer::truth::{Around, sweep, tuning};
+use crate::viewer::truth::view::TruthView;
+use crate::viewer::truth::{sweep, tuning};
 
 pub struct Session {
     pub loaded: Loaded,
@@ -67,6 +66,8 @@ pub struct Session {
     /// Set while the window shows what it does when nothing is named.
     pub first_look: Option<FirstLook>,
     pub document: Document,
+    /// Whether a text has the keyboard: what it changes is one step of undo. The picture does not wait for its end.
+    pub is_typing: bool,
     /// The reason why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
@@ -103,6 +104,7 @@ impl Session {
             filming: Filming::default(),
             first_look: None,
             document: Document::default(),
+            is_typing: false,
             fatal: None,
             wants_to_quit: false,
             is_recorded: false,
@@ -508,7 +510,7 @@ impl Session {
 
     /// Acts on all that has happened since the last step: requests the frame, the figures and the truth that are wanted
     /// now, and notes what can be undone. It is called after each paint. `now` is the time by the caller's clock.
-    /// `is_held` says that a mouse button is down or text is being typed. Returns when the next step is due at the latest.
+    /// `is_held` says that a mouse button is down. Returns when the next step is due at the latest.
     pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
         self.outside.now = now;
         let zoom = self.scene.end_zoom_wait(self.outside.now);
@@ -517,7 +519,7 @@ impl Session {
         let steps = self.scene.history.steps();
         let still = self.still_frame().filter(|_| !self.is_recorded).cloned();
         let film = self.filming.step(&mut self.scene, still.as_ref(), &mut self.outside);
-        let quiet = self.scene.watch(is_held, now);
+        let quiet = self.scene.watch(is_held || self.is_typing, now);
         let view = self.scene.past_views.watch(self.scene.camera, self.scene.camera_is_placed, is_held, now);
         self.with_loaded(Loaded::sync_visibility);
         let frame = self.request_frame();
@@ -632,67 +634,6 @@ impl Session {
                 self.outside.log(json!({ "event": "lost", "text": problem }));
                 self.fatal = Some(problem);
             }
-        }
-    }
-
-    /// Calls `act` with what the truth and a sweep read from the session, and with the parts that they change.
-    fn with_truth<R>(
-        &mut self,
-        act: impl FnOnce(&Around<'_>, &mut TruthView, &mut Tuning, &mut Sweeps, &mut Wiping, &mut Outside) -> R,
-    ) -> R {
-        let around = Around {
-            still: self.still_frame().cloned(),
-            clouds: &self.loaded.clouds,
-            samples: &self.loaded.samples,
-            settings: &self.scene.settings,
-            test: self.scene.objects.test(),
-            frames: &self.frames,
-            raw_colors: self.raw_colors,
-            is_taken: self.sweeps.under_way.is_some() || self.filming.timeline.wiping.is_tracing(),
-        };
-        let wiping = &mut self.filming.timeline.wiping;
-        act(&around, &mut self.truth, &mut self.tuning, &mut self.sweeps, wiping, &mut self.outside)
-    }
-
-    /// Advances the sweep and the truth by one step. Returns the time after which to call again.
-    pub fn sync_truth(&mut self) -> Option<Duration> {
-        self.with_truth(|around, truth, _, sweeps, _, outside| sweeps.sync(around, truth, outside));
-        // A sweep draws other frames.
-        let still = self.still_frame().filter(|_| self.sweeps.under_way.is_none()).cloned();
-        let estimate = self.truth.live.sync(still.as_ref(), &mut self.outside);
-        self.with_truth(|around, truth, _, _, wiping, outside| wiping.sync(around, truth, outside));
-        let truth = self.with_truth(|around, truth, tuning, _, _, outside| truth.sync(around, tuning, outside));
-        estimate.into_iter().chain(truth).min()
-    }
-
-    pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
-        self.with_truth(|around, _, _, sweeps, _, outside| sweeps.start(key, values, places, around, outside));
-    }
-
-    /// Stops all work for the truth, the chart and a sweep.
-    pub fn stop_truth(&mut self) {
-        self.truth.stop();
-        self.tuning.is_open = false;
-        self.sweeps.stop(&mut self.outside);
-    }
-
-    /// Handles a truth that cannot be computed: nothing more is requested, or the current value of a sweep has failed.
-    fn on_not_judged(&mut self, problem: &str) {
-        self.truth.on_not_judged();
-        self.tuning.forget_measuring();
-        if !self.sweeps.on_failed(problem, &mut self.outside) {
-            self.stop_truth();
-            self.outside.say(Level::Error, format!("The truth cannot be shown: {problem}"));
-        }
-    }
-
-    pub fn on_truth(&mut self, answer: Answer) {
-        let Some(answer) = self.filming.timeline.wiping.take_answer(answer, &mut self.outside) else { return };
-        match self.truth.on_answer(answer, self.frames.revision) {
-            Taken::Nothing => {}
-            Taken::Log(event) => self.outside.log(event),
-            Taken::Swept(swept) => self.sweeps.on_judged(swept, &mut self.tuning),
-            Taken::Failed(problem) => self.on_not_judged(&problem),
         }
     }
 }

@@ -216,3 +216,25 @@ fn what_is_opened_in_an_empty_window_is_no_step_of_undo() {
     assert_eq!((session.scene.camera, &session.scene.settings), (camera, &settings));
     assert!(!session.outside.messages.all.iter().any(|message| message.text.starts_with("Undone")));
 }
+
+#[test]
+fn a_text_that_has_the_keyboard_lets_the_picture_rest_and_is_one_step_of_undo() {
+    let mut session = Session::with_two_points();
+    let start = session.outside.now;
+    let at = |milliseconds| start + Duration::from_millis(milliseconds);
+    session.step(start, false);
+    let steps = session.scene.history.steps();
+    session.is_typing = true;
+    session.step(at(0), true);
+    session.act(Action::set("splat", "size", param::Value::F32(2.0)));
+    session.step(at(10), true);
+    assert!(session.scene.navigation.time_to_rest(at(10)).is_some(), "a slider is dragged");
+    // It is released, and the text keeps the keyboard.
+    session.step(at(20), false);
+    session.step(at(1000), false);
+    assert_eq!(session.scene.navigation.time_to_rest(at(1000)), None);
+    assert_eq!(session.scene.history.steps(), steps, "the text may go on");
+    session.is_typing = false;
+    session.step(at(2000), false);
+    assert_eq!(session.scene.history.steps(), steps + 1);
+}
