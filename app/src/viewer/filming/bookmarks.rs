@@ -1,8 +1,6 @@
 //! Kept views: how the camera flies to one, and the small pictures of them.
 
-use std::time::Instant;
-
-use scene::{Bookmark, Camera, CameraPath, Ease, Motion};
+use scene::{Bookmark, Camera};
 use serde_json::json;
 
 use crate::viewer::objects::numbered;
@@ -45,34 +43,12 @@ pub fn keep(digit: Option<u8>, scene: &mut Scene, outside: &mut Outside) {
     });
 }
 
-/// The camera on its way to a bookmark.
-pub struct Flight {
-    /// The bookmark to which it leads.
-    pub index: usize,
-    motion: Motion,
-    since: Instant,
-}
-
-impl Flight {
-    /// Begins a flight, in one step of undo.
-    pub fn to(index: usize, scene: &mut Scene, outside: &mut Outside) -> Option<Self> {
-        let bookmark = scene.objects.bookmarks.get(index).filter(|bookmark| bookmark.camera() != scene.camera)?.clone();
-        outside.log(json!({ "event": "flight", "name": bookmark.name }));
-        let from = scene.camera;
-        let mut path = CameraPath { name: bookmark.name.clone(), ease: Ease::InOut, ..CameraPath::default() };
-        path.set_keyframe(0.0, from);
-        path.set_keyframe(FLIGHT_SECONDS, bookmark.camera());
-        scene.jump(outside.now, scene.settings.clone(), from);
-        Some(Self { index, motion: Motion::new(&path)?, since: outside.now })
-    }
-
-    /// Moves the camera. Returns whether it has arrived.
-    pub fn step(&self, scene: &mut Scene, now: Instant) -> bool {
-        let passed = now.saturating_duration_since(self.since).as_secs_f64();
-        scene.camera = self.motion.camera(passed);
-        scene.camera_moved_by_hand(now);
-        passed >= self.motion.duration()
-    }
+/// Begins a flight to a bookmark, in one step of undo.
+pub fn fly(index: usize, scene: &mut Scene, outside: &mut Outside) {
+    let bookmark = scene.objects.bookmarks.get(index).filter(|bookmark| bookmark.camera() != scene.camera);
+    let Some(bookmark) = bookmark.cloned() else { return };
+    outside.log(json!({ "event": "flight", "name": bookmark.name }));
+    scene.fly_to(bookmark.camera(), FLIGHT_SECONDS, Some(index), outside.now);
 }
 
 /// Small pictures of the bookmarks. They are made one by one while nothing else is to be drawn.

@@ -11,7 +11,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use bookmarks::Flight;
 pub use bookmarks::Thumbnails;
 use codec::Units;
 use recording::Recording;
@@ -42,7 +41,6 @@ pub struct Filming {
     pub recording: Recording,
     /// The recording of the window that is under way.
     pub live: Option<Live>,
-    flight: Option<Flight>,
 }
 
 /// A recording of the window.
@@ -84,7 +82,7 @@ impl Filming {
     pub fn before(&mut self, action: &Action, scene: &mut Scene) {
         match action {
             Action::Orbit(_) | Action::Look(_) | Action::Pan(_) | Action::Zoom(_) | Action::Travel(_) => {
-                self.flight = None;
+                scene.flight = None;
                 self.timeline.pause();
             }
             // These concern the picture as it is, or the window.
@@ -129,11 +127,11 @@ impl Filming {
             Action::Film(film) if *film != Film::StartRecording => {}
             // The picture goes on to follow the path, which may be another one then.
             Action::Undo | Action::Redo => {
-                self.flight = None;
+                scene.flight = None;
                 scene.unpose();
             }
             _ => {
-                self.flight = None;
+                scene.flight = None;
                 self.timeline.leave();
                 scene.unpose();
             }
@@ -229,27 +227,18 @@ impl Filming {
 
     fn fly(&mut self, index: usize, scene: &mut Scene, outside: &mut Outside) {
         // A key that is held down repeats.
-        if self.flight.as_ref().is_some_and(|flight| flight.index == index) {
+        if scene.flight.as_ref().is_some_and(|flight| flight.bookmark == Some(index)) {
             return;
         }
         self.timeline.leave();
         scene.unpose();
-        self.flight = Flight::to(index, scene, outside);
+        bookmarks::fly(index, scene, outside);
     }
 
     /// Moves what moves by itself. `still` is the picture on the screen, if it is final. Returns the time after which to call this
     /// again.
     pub fn step(&mut self, scene: &mut Scene, still: Option<&FrameRequest>, outside: &mut Outside) -> Option<Duration> {
-        let flies = match &self.flight {
-            Some(flight) => {
-                let is_over = flight.step(scene, outside.now);
-                if is_over {
-                    self.flight = None;
-                }
-                true
-            }
-            None => false,
-        };
+        let flies = scene.step_flight(outside.now);
         let plays = self.timeline.step(scene, outside);
         if let Some(still) = still.filter(|_| !flies && !plays) {
             self.thumbnails.step(scene, still, outside);

@@ -628,7 +628,7 @@ fn a_digit_with_shift_keeps_and_flies_whatever_character_shift_makes_of_it() {
     harness.get_by_label("Fly to view");
     orbit(harness.state_mut());
     press(&mut harness, egui::Key::Exclamationmark, egui::Key::Num1, egui::Modifiers::SHIFT);
-    assert!(harness.state().filming.flight.is_some());
+    assert!(harness.state().scene.flight.is_some());
     assert_ne!(harness.state().scene.settings.color.by, scene::ColorBy::Rgb, "Shift+1 is not 1");
 }
 

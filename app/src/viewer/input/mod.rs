@@ -20,6 +20,8 @@ const HOVER_DELAY: Duration = Duration::from_millis(60);
 
 /// An arrow key turns the camera as a drag of so many points of the window a second does: by a radian.
 const ARROW_SPEED: f64 = 200.0;
+/// The longest time between two paints for which held keys move the camera, in seconds: slow paints do not slow it.
+const LONGEST_STEP: f32 = 0.5;
 /// How much faster it turns at most while the key for moving fast is down.
 const MOST_ARROW_FACTOR: f64 = 2.0;
 
@@ -210,7 +212,7 @@ fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mu
     // The camera flies a quarter of the scene's radius per second, so it crosses the scene in eight seconds.
     let speed = session.bounds().radius().max(1e-6) * 0.25 * f64::from(session.scene.navigation.speed).exp2() * factor;
     // The camera must not jump after a pause of the window.
-    let seconds = f64::from(seconds.min(0.1));
+    let seconds = f64::from(seconds.min(LONGEST_STEP));
     if direction != DVec3::ZERO {
         actions.push(Action::Travel(direction * speed * seconds));
     }

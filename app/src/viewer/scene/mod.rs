@@ -1,6 +1,7 @@
 //! What the user looks at: the parameters, the objects, the camera, and the history that undoes changes of them.
 
 pub mod confines;
+pub mod flight;
 pub mod furnishing;
 pub mod light_search;
 pub mod navigation;
@@ -34,6 +35,7 @@ use crate::viewer::requests::action::{Action, Mode};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::confines::Confines;
+use crate::viewer::scene::flight::Flight;
 use crate::viewer::scene::navigation::Navigation;
 use crate::viewer::scene::past_views::PastViews;
 
@@ -59,6 +61,8 @@ pub struct Scene {
     pub confines: Confines,
     /// The side from which everything is seen until then, if the command line names one.
     pub first_side: Option<StandardView>,
+    /// A move of the camera that is under way.
+    pub flight: Option<Flight>,
     pub mode: Mode,
     pub navigation: Navigation,
     pub history: History,
@@ -83,6 +87,7 @@ impl Scene {
             room: None,
             confines: Confines::default(),
             first_side: None,
+            flight: None,
             mode: Mode::Orbit,
             navigation: Navigation::default(),
             history: History::default(),
@@ -364,6 +369,7 @@ impl Scene {
     /// Moves the camera at once, perhaps with other parameters, in one step of undo.
     pub fn jump(&mut self, now: Instant, settings: Settings, camera: Camera) {
         self.history.before_jump(&self.settings, &self.objects, self.camera);
+        self.flight = None;
         self.settings = settings;
         self.camera = camera;
         self.camera_is_placed = true;

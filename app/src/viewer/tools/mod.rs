@@ -201,13 +201,10 @@ impl Tools {
                 scene.apply_pending_zoom(true, outside.now);
             }
             (PickPurpose::Pivot, Some(world)) => {
-                let mut camera = scene.camera;
-                camera.recenter(world);
-                scene.jump(outside.now, scene.settings.clone(), camera);
-                scene.navigation.show_pivot(world, outside.now);
+                scene.approach(world, outside.now);
                 outside.log(json!({ "event": "pivot", "world": world.to_array() }));
             }
-            (PickPurpose::Pivot, None) => outside.note("No point there to turn about"),
+            (PickPurpose::Pivot, None) => outside.note("No point there to go to"),
             (PickPurpose::Corner, _) => {
                 let found = found.map(|(_, world)| world);
                 self.measurements.on_corner(found, mirror.is_some(), scene, outside);
