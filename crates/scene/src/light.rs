@@ -58,7 +58,7 @@ pub struct LightClues {
 pub struct ResolvedLight {
     /// Neither `Auto` nor `Surroundings`.
     pub by: Lighting,
-    /// Whether `light.by = auto` has guessed a sun or a lamp, because there is no other light.
+    /// Whether a sun or a lamp is guessed, because there is no other light.
     pub is_guess: bool,
     /// What a lamp at the eye adds to sun or lamp: the radiance of white.
     pub fill: f32,
@@ -74,7 +74,6 @@ impl ColorBy {
 impl Settings {
     /// The light of the points in a scene with or without lights.
     pub fn resolved_light(&self, has_lights: bool, clues: LightClues) -> ResolvedLight {
-        let is_auto = self.light.by == Lighting::Auto;
         let has_own_lights = has_lights && !clues.is_guessed;
         let shows_colors = if self.color.by.shows_rgb() { clues.has_colors } else { clues.keeps_colors };
         let by = match self.light.by {
@@ -84,7 +83,8 @@ impl Settings {
             Lighting::Auto | Lighting::Surroundings => Lighting::Headlight,
             chosen => chosen,
         };
-        let is_guess = is_auto && !has_own_lights && matches!(by, Lighting::Lights | Lighting::Sun);
+        let guesses = matches!(self.light.by, Lighting::Auto | Lighting::Surroundings);
+        let is_guess = guesses && !has_own_lights && matches!(by, Lighting::Lights | Lighting::Sun);
         ResolvedLight { by, is_guess, fill: if is_guess { self.light.fill } else { 0.0 } }
     }
 }
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn auto_takes_own_lights_then_own_colours_then_a_guess_with_fill() {
+    fn own_lights_come_first_then_own_colours_then_a_guess_with_fill() {
         let resolved = |by: Lighting, color: ColorBy, has_lights, has_colors, sky_is_open, is_guessed| {
             let mut settings = Settings::default();
             (settings.light.by, settings.color.by, settings.light.fill) = (by, color, 0.25);
@@ -125,8 +125,9 @@ mod tests {
             (Auto, ColorBy::Height, [false, true, true, false], (Sun, true, 0.25)),
             (Auto, ColorBy::Auto, [false, false, true, false], (Sun, true, 0.25)),
             (Auto, ColorBy::Auto, [false, false, false, false], (Headlight, false, 0.0)),
-            (Surroundings, ColorBy::Auto, [false, true, true, false], (Sun, false, 0.0)),
-            (Surroundings, ColorBy::Auto, [true, true, false, true], (Lights, false, 0.0)),
+            (Surroundings, ColorBy::Auto, [false, true, true, false], (Sun, true, 0.25)),
+            (Surroundings, ColorBy::Auto, [true, true, false, true], (Lights, true, 0.25)),
+            (Surroundings, ColorBy::Auto, [true, true, false, false], (Lights, false, 0.0)),
             (Surroundings, ColorBy::Auto, [false, true, false, false], (Headlight, false, 0.0)),
             (Sun, ColorBy::Auto, [true, true, false, false], (Sun, false, 0.0)),
             (Headlight, ColorBy::Auto, [true, true, true, true], (Headlight, false, 0.0)),
