@@ -57,6 +57,9 @@ fn hint(start: &[u8]) -> String {
         [0x00, 0x05, 0x16, 0x07, ..] => {
             "this is what macOS keeps beside a file of the same name without `._` (AppleDouble)".into()
         }
+        start if start.starts_with(b"version https://git-lfs") => {
+            "this is a pointer of Git LFS, which stands for the file; `git lfs pull` gets the file itself".into()
+        }
         _ => "it starts with none of their signatures (\"LASF\", \"ply\")".into(),
     }
 }
@@ -178,6 +181,13 @@ impl Source {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pointer_of_git_lfs_is_named_and_says_how_to_get_the_file() {
+        let text = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+        let told = hint(text);
+        assert!(told.contains("Git LFS") && told.contains("git lfs pull"), "{told}");
+    }
 
     #[cfg(unix)]
     #[test]

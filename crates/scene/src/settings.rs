@@ -213,7 +213,7 @@ params! {
         low: f32 = 0.01, 0.0..=1.0, "share";
         /// Share of the values below the ramp's upper end.
         high: f32 = 0.99, 0.0..=1.0, "share";
-        /// What points of exact black are in a cloud of colours: auto takes them for points without a colour where eight times as many are exactly black as nearly, as scanners write them, and shows them in the grey of their intensity, else in color.plain; black shows them black.
+        /// What points that are exactly black are in a cloud of colours. Scanners write black where they have no colour: where exact black is eight times as frequent as nearly black, auto shows these points in the grey of their intensity, else in color.plain; black shows them black.
         blank: Blank = Blank::Auto;
         /// Colour of points that have no other, sRGB.
         plain: param::Color = param::Color(0xc8c4_bcff);
@@ -231,7 +231,7 @@ params! {
 
     /// Light.
     pub struct Light = "light" in "Light" => affects(shading truth) {
-        /// What lights the points: the scene's lights, a sun and a sky, a lamp at the eye, or nothing (the data's own colours); surroundings takes the scene's lights, else a sun where the sky is open above the points, else inside of a closed room a lamp under its ceiling, else the lamp at the eye; auto takes the scene's lights, else the points' own colours where most points are shown in RGB, else what surroundings takes, with light.fill.
+        /// What lights the points: the scene's lights, a sun and a sky, a lamp at the eye, or nothing (the data's own colours); surroundings takes the scene's lights, else a sun where the sky is open above the points, else inside of a closed room a lamp under its ceiling, else the lamp at the eye; auto takes the scene's lights, else the points' own colours where most points are shown in RGB, else what surroundings takes. A sun or a lamp that is not the scene's own shines with light.fill.
         by: Lighting = Lighting::Auto => not(kept);
         /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
         headlight: f32 = 0.5, 0.0..=1.0, "share";
@@ -347,7 +347,7 @@ params! {
         seed: u32 = 1;
         /// Keep what the rays meet, so that new colours and lights trace none. The picture is the same; 512 MB at most.
         cache: bool = true => affects();
-        /// Specular power whose lobe all glossy mirrors draw from; rays then weigh by the mirror's own lobe, and another power of the mirror traces none. 0 draws from the mirror's own lobe.
+        /// Specular power from whose lobe all glossy mirrors draw their rays; the rays then weigh by the mirror's own lobe, so that a change of the mirror's power traces no new rays. 0 draws from the mirror's own lobe.
         cache_power: f32 = 0.0, 0.0..=1_000_000.0, "";
         /// Every other ray is drawn from a lobe of so many times less power, for mirrors less polished than gloss.cache_power; 1 draws from one lobe, as published.
         cache_spread: f32 = 10.0, 1.0..=100.0, "ratio";
@@ -415,7 +415,7 @@ params! {
     pub struct ScreenTrace = "screen_trace" in "Reflections" => affects(found) {
         /// What a ray meets: plane takes each pixel for a plane, and says what it cannot tell; the others are published, and go by depth alone: whatever the ray is behind, by up to a thickness, or before the layer behind.
         criterion: ScreenCriterion = ScreenCriterion::Plane;
-        /// Thickness of all things, for the criterion of this name: streaks when thick, holes when thin.
+        /// How thick every surface is taken to be where screen_trace.criterion = thickness: too much draws streaks, too little leaves holes.
         thickness: f32 = 0.05, 0.001..=10.0, "scene radii";
         /// Test each pixel that the ray crosses, or take even steps, as published.
         sampling: ScreenSampling = ScreenSampling::Texel;

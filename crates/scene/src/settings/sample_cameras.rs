@@ -30,7 +30,7 @@ params! {
         cells: CameraCells = CameraCells::Image;
         /// Largest error of a bundle or a pinhole on the rays that it stands for; those with a larger one are divided.
         accuracy: f32 = 1.0, 0.25..=16.0, "pixels";
-        /// Distance of the rays that cameras are fitted to, rounded down to a power of two; 0 is 1 for squares, which are no smaller than two of it, and 4 for cells of space.
+        /// Cameras are fitted to every ray at 1, to every second one along a row at 2, to every fourth at 4. 0 is 1 for squares, which are at least twice as wide, and 4 for cells of space.
         down_sampling: u32 = 0, 0..=32, "pixels";
         /// Degree of a bundle's polynomials: with a higher one fewer squares are divided, but single ones take longer. For squares.
         degree: u32 = 2, 1..=3, "";
