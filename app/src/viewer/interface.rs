@@ -59,7 +59,6 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     session.outside.messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
     let above_status = ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0));
     panels::pick::show(ui.ctx(), above_status, session, &mut actions);
-    panels::tuning::show(ui.ctx(), session, &mut actions);
     panels::sweep::show(ui.ctx(), session, &mut actions);
     panels::recording::show(ui.ctx(), session, &mut actions);
     panels::profiles::window(ui.ctx(), session, &mut actions);

@@ -36,9 +36,9 @@ impl Tab {
             Self::Data => "Clouds, clip volumes and filters, how files are read",
             Self::Look => "Colours, splats, the view and its overlays",
             Self::Light => "Lamps, sun and sky, indirect light, tones",
-            Self::Mirrors => "Mirrors, and how reflections are found",
+            Self::Mirrors => "Mirrors: their places, shapes and surfaces, and points that reflect",
             Self::Measure => "Measurements, notes and profiles",
-            Self::Tuning => "The truth, errors and times",
+            Self::Tuning => "How reflections are found: method, presets, parameters, sweeps, chart, truth and times",
             Self::Streaming => "Clouds larger than memory: indexes and budgets",
         }
     }
@@ -53,8 +53,7 @@ impl Tab {
         match section {
             "When loading" => Self::Data,
             "Light" => Self::Light,
-            "Reflections" => Self::Mirrors,
-            "Truth" => Self::Tuning,
+            "Reflections" | "Truth" => Self::Tuning,
             "When streaming" => Self::Streaming,
             _ => Self::Look,
         }

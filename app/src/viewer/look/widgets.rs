@@ -9,13 +9,23 @@ use crate::viewer::look::theme::grouped;
 /// The width of a line's name, in points of the window. The longest name fits.
 pub const NAME_WIDTH: f32 = 96.0;
 
-/// Draws the name of a line. All names have the same width and can be clicked.
+/// The smallest size of a letter that is still read, in points.
+const SMALLEST: f32 = 9.5;
+
+/// Draws the name of a line, in smaller letters where it is long. All names have the same width and can be clicked.
 pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Response {
     let height = ui.spacing().interact_size.y;
     let layout = egui::Layout::left_to_right(egui::Align::Center);
+    let text = text.into();
+    let font = egui::TextStyle::Body.resolve(ui.style());
+    let wide = text.clone().into_galley(ui, Some(egui::TextWrapMode::Extend), f32::INFINITY, font.clone()).size().x;
     let label = egui::Label::new(text).sense(egui::Sense::click()).selectable(false).truncate();
     ui.allocate_ui_with_layout(egui::vec2(NAME_WIDTH, height), layout, |ui| {
         ui.set_min_width(NAME_WIDTH);
+        if wide > NAME_WIDTH {
+            let size = (font.size * NAME_WIDTH / wide).max(SMALLEST);
+            ui.style_mut().override_font_id = Some(egui::FontId { size, ..font });
+        }
         ui.add(label)
     })
     .inner

@@ -1,25 +1,12 @@
-//! The command palette: a list of all actions that have a key, of the tabs and of all parameters. A person types part
-//! of a name, and Enter does it or goes to it.
+//! The command palette: a person types part of a name, or another word for it, and Enter does it or goes to it.
 
-use crate::viewer::look::tab::Tab;
-use crate::viewer::look::theme;
-use crate::viewer::objects::PlacedProfile;
-use crate::viewer::panels::{parameters, side};
-use crate::viewer::requests::action::{Action, Clipping, Profiling};
-use crate::viewer::requests::bindings::{self, BINDINGS, Trigger};
-use crate::viewer::session::Session;
 use egui::{Key, Modifiers, RichText};
-use scene::ClipShape;
 
-/// A row of the palette.
-struct Entry {
-    text: String,
-    /// What stands at its right end: the key of an action, the name of a parameter.
-    detail: String,
-    /// What the search looks into besides.
-    help: &'static str,
-    action: Action,
-}
+use crate::viewer::look::theme;
+use crate::viewer::panels::commands::{Entry, entries};
+use crate::viewer::panels::side;
+use crate::viewer::requests::action::Action;
+use crate::viewer::session::Session;
 
 /// Draws the palette if it is open.
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
@@ -102,90 +89,30 @@ fn list(ui: &mut egui::Ui, entries: &[Entry], chosen: usize, has_changed: bool) 
     clicked
 }
 
-/// The rows that have all words of the search: first those that have them in what is read, and then those that have
-/// them in their help.
+/// The rows that have all words of the search: first the one whose name or key it is, then those that have its words in
+/// what is read, and then those that have them among the words that people use, or in their help.
 fn found(search: &str, entries: Vec<Entry>) -> Vec<Entry> {
     let search = search.to_lowercase();
+    let plain = |text: &str| text.to_lowercase().replace(['.', '_'], " ");
+    let wanted = plain(search.trim());
     let rank = |entry: &Entry| {
         let read = format!("{} {}", entry.text, entry.detail).to_lowercase();
+        let name = plain(entry.text.split_once(": ").map_or(entry.text.as_str(), |(_, name)| name));
         let has_all = |text: &str| search.split_whitespace().all(|word| text.contains(word));
+        let more = || format!("{read} {} {}", entry.words, entry.help.to_lowercase());
         match () {
-            () if entry.detail.to_lowercase() == search.trim() => Some(0),
-            () if read.starts_with(search.trim()) => Some(1),
-            () if has_all(&read) => Some(2),
-            () if has_all(&entry.help.to_lowercase()) => Some(3),
+            () if plain(&entry.detail) == wanted => Some(0),
+            () if name == wanted => Some(1),
+            () if read.starts_with(search.trim()) || name.starts_with(&wanted) => Some(2),
+            () if has_all(&read) => Some(3),
+            () if has_all(entry.words) => Some(4),
+            () if has_all(&more()) => Some(5),
             () => None,
         }
     };
     let mut found: Vec<(u8, Entry)> = entries.into_iter().filter_map(|entry| Some((rank(&entry)?, entry))).collect();
     found.sort_by_key(|(rank, _)| *rank);
     found.into_iter().map(|(_, entry)| entry).collect()
-}
-
-/// All rows: actions that a key does at once, those with the profiles of the scene, tabs, parameters.
-fn entries(session: &Session) -> Vec<Entry> {
-    let mut entries: Vec<Entry> = Vec::new();
-    for binding in BINDINGS {
-        let is_at_once = matches!(binding.trigger, Trigger::Key(..) | Trigger::Numpad(..));
-        // The text of the clipboard comes with the keys for pasting alone.
-        let is_left_out = matches!(binding.action, Action::PasteView | Action::TogglePalette);
-        if is_at_once && !is_left_out && entries.iter().all(|entry| entry.action != binding.action) {
-            entries.push(Entry {
-                text: format!("{}: {}", binding.section, binding.text),
-                detail: bindings::shortcut(&binding.action),
-                help: "",
-                action: binding.action.clone(),
-            });
-        }
-    }
-    // What the menu adds and no key does.
-    let shapes = [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab];
-    entries.extend(shapes.map(|shape| Entry {
-        text: format!("Clips: {} about everything", shape.name()),
-        detail: String::new(),
-        help: "Shows the points inside of it",
-        action: Action::Clip(Clipping::AroundAll(shape)),
-    }));
-    entries.extend(of_profiles(session));
-    for tab in Tab::ALL {
-        let text = format!("Tab: {}", tab.name());
-        entries.push(Entry { text, detail: String::new(), help: tab.help(), action: Action::OpenTab(tab) });
-    }
-    for params in session.scene.settings.groups() {
-        let group = params.group();
-        for field in &group.fields {
-            let key = format!("{}.{}", group.name, field.name);
-            let text = format!("{}: {}", group.section, parameters::title(field.name));
-            entries.push(Entry { text, detail: key.clone(), help: field.help, action: Action::FindParameter(key) });
-        }
-    }
-    entries
-}
-
-/// What can be done with the profiles of the scene, and with the one in view.
-fn of_profiles(session: &Session) -> Vec<Entry> {
-    let tool = &session.tools.profiles;
-    let entry = |text: String, help, step| {
-        let (text, detail) = (format!("Profiles: {text}"), String::new());
-        Entry { text, detail, help, action: Action::Profile(step) }
-    };
-    let look = |one: &PlacedProfile| {
-        let help = "Shows its points by distance along and height";
-        entry(format!("{} from the side", one.profile.name), help, Profiling::Look(Some(one.id)))
-    };
-    let mut entries: Vec<Entry> = session.scene.objects.profiles.iter().map(look).collect();
-    if let Some(profile) = tool.profile(&session.scene) {
-        let name = &profile.name;
-        for ending in ["csv", "laz", "png", "svg"] {
-            let text = format!("save {name} as {}", ending.to_uppercase());
-            entries.push(entry(text, "Writes its points, or a chart of them", Profiling::Save(ending)));
-        }
-        let (ruler, together) = (tool.ruler.is_none(), !tool.is_together);
-        entries.push(entry("ruler".into(), "Measures between two clicks", Profiling::Ruler(ruler)));
-        entries.push(entry("all in one chart".into(), "Shows the others behind it", Profiling::Together(together)));
-        entries.push(entry(format!("close {name}"), "Closes the chart", Profiling::Look(None)));
-    }
-    entries
 }
 
 #[cfg(test)]
@@ -197,6 +124,8 @@ mod tests {
 
     use super::*;
     use crate::viewer::interface;
+    use crate::viewer::requests::action::{Film, Profiling, SavePicture};
+    use crate::viewer::requests::bindings::{BINDINGS, Trigger};
     use crate::viewer::requests::preferences::Preferences;
 
     fn harness() -> Harness<'static, Session> {
@@ -274,6 +203,46 @@ mod tests {
         harness.run_ok();
         assert_eq!(harness.state().preferences.tab, "Streaming");
         assert!(harness.state().palette.is_none());
+    }
+
+    #[test]
+    fn words_that_people_use_find_actions_parameters_and_bookmarks() {
+        let mut session = Session::with_two_points();
+        session.act(Action::Film(Film::Keep(None)));
+        session.scene.objects.bookmarks[0].name = "North gate".into();
+        let first =
+            |text: &str| found(text, entries(&session)).into_iter().next().map(|entry| (entry.text, entry.action));
+        let parameter = |key: &str| Action::FindParameter(key.into());
+        for (text, action) in [
+            ("reflection method", parameter("reflection.method")),
+            ("screenshot", Action::SavePicture(SavePicture::AtOnce)),
+            ("north gate", Action::Film(Film::FlyTo(0))),
+            ("bookmark", Action::Film(Film::Keep(None))),
+        ] {
+            assert_eq!(first(text).map(|(_, action)| action), Some(action), "{text}");
+        }
+        let all = |text: &str| -> Vec<String> {
+            found(text, entries(&session)).into_iter().map(|entry| format!("{} {}", entry.text, entry.detail)).collect()
+        };
+        for (text, expected) in [
+            ("preset", "Preset: Published"),
+            ("sweep", "Sweep: Bounces"),
+            ("point size", "splat.size"),
+            ("point size", "Points larger"),
+            ("reset", "Reset all parameters"),
+            ("night", "sun.elevation"),
+            ("section", "Draw the line of a profile"),
+            ("section", "Add a clip box"),
+            ("bookm", "Fly to North gate"),
+            ("torus", "Add a mirror: torus"),
+            ("courtyard", "Open: courtyard/pool"),
+        ] {
+            let rows = all(text);
+            assert!(rows.iter().any(|row| row.contains(expected)), "{text}: {rows:?}");
+        }
+        // What changes nothing now says so.
+        let seeds = all("sscr.seed_attempts");
+        assert!(seeds[0].contains("sscr is not in use"), "{seeds:?}");
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! Draws any group of parameters from its table, one line each, with the widget for its kind. Hovering shows the help,
-//! the key and the range. A double-click or a right-click on the name resets the parameter. Parameters that differ from
-//! their defaults are marked.
+//! the key and the range. A double-click on the name resets the parameter, and a right-click on its line offers that and a
+//! sweep. Parameters that differ from their defaults are marked.
 
 use egui::{RichText, Sense, Ui};
 use param::{Field, Group, Kind, Params, Value};
 
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{NAME_WIDTH, name_label};
+use crate::viewer::look::widgets::name_label;
 use crate::viewer::requests::action::Action;
 
 /// Draws the parameters of a group, except those named in `skip`.
@@ -17,13 +17,52 @@ pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut
     }
 }
 
-/// Whether all words of a search stand in the key or the title of a parameter, or all of them in its help.
-pub fn is_found(search: &str, group: &Group, field: &Field) -> bool {
-    let name = format!("{}.{} {}", group.name, field.name, title(field.name)).to_lowercase();
-    let help = field.help.to_lowercase();
-    let search = search.to_lowercase();
-    let has_all = |text: &str| search.split_whitespace().all(|word| text.contains(word));
-    has_all(&name) || has_all(&help)
+/// Where a search finds a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Match {
+    /// The search is its key or its title.
+    Whole,
+    /// All words stand in its key or its title.
+    Name,
+    /// All words stand in its help, or are words for it that people use.
+    Help,
+}
+
+impl Match {
+    pub const ALL: [Self; 3] = [Self::Whole, Self::Name, Self::Help];
+
+    pub fn of(search: &str, group: &Group, field: &Field) -> Option<Self> {
+        let (key, title) = (format!("{}.{}", group.name, field.name), title(field.name).to_lowercase());
+        let name = format!("{key} {title}");
+        let help = format!("{} {}", field.help.to_lowercase(), words(&key));
+        let search = search.to_lowercase();
+        let has_all = |text: &str| search.split_whitespace().all(|word| text.contains(word));
+        match () {
+            () if [key.as_str(), &title].contains(&search.trim()) => Some(Self::Whole),
+            () if has_all(&name) => Some(Self::Name),
+            () if has_all(&help) => Some(Self::Help),
+            () => None,
+        }
+    }
+}
+
+/// Words that people use for a parameter and that stand neither in its name nor in its help.
+pub fn words(key: &str) -> &'static str {
+    match key {
+        "splat.size" => "point size",
+        "view.background" => "night dark sky backdrop",
+        "view.field_of_view" => "fov lens wide angle",
+        "view.frame_ms" => "fps frame rate lag smooth speed",
+        "view.point_budget" => "limit number of points",
+        "sun.elevation" | "sun.azimuth" => "night day time shadow",
+        "light.by" => "night day lamp shading",
+        "tone.exposure" => "brightness bright dark",
+        "edl.strength" => "outline edges depth shading",
+        "reflection.method" => "reflection algorithm technique preset",
+        "sscr.max_splat_size" => "splat size",
+        "sscr.initial_step" => "step size",
+        _ => "",
+    }
 }
 
 /// Draws one parameter.
@@ -42,8 +81,8 @@ fn line(ui: &mut Ui, group: &str, field: &Field, value: Value, actions: &mut Vec
         let name = title(field.name);
         let text = if is_changed { RichText::new(name).color(theme::ACCENT) } else { RichText::new(name) };
         let label = name_label(ui, text);
-        if label.double_clicked() || label.secondary_clicked() {
-            return Some(field.default());
+        if label.double_clicked() {
+            actions.push(Action::Reset(format!("{group}.{}", field.name)));
         }
         let label_id = label.id;
         label.on_hover_ui(|ui| {
@@ -52,35 +91,43 @@ fn line(ui: &mut Ui, group: &str, field: &Field, value: Value, actions: &mut Vec
             ui.label(
                 RichText::new(format!("{group}.{} · {}", field.name, field.range_text())).small().color(theme::WEAK),
             );
-            let reset = format!("default {} · double-click resets", field.format(&field.default()));
+            let reset = format!(
+                "default {} · a double-click resets, a right-click offers more",
+                field.format(&field.default())
+            );
             ui.label(RichText::new(reset).small().color(theme::WEAK));
         });
         let edited = widget(ui, field, value, label_id);
-        // All of the line but its name, since a right-click on the name resets the parameter.
-        let rest = ui.min_rect().with_min_x(ui.min_rect().left() + NAME_WIDTH);
-        let rest = ui.interact(rest, ui.scope_id().with("sweep"), Sense::hover());
+        let whole = ui.interact(ui.min_rect(), ui.scope_id().with("menu"), Sense::hover());
         let by_secondary = ui.input(|input| {
             let button = egui::PointerButton::Secondary;
             input.pointer.button_down(button) || input.pointer.button_released(button)
         });
-        sweep_menu(&rest, group, field, actions);
+        menu(&whole, group, field, actions);
         // A slider follows any mouse button, even slightly beside it. This right-click is meant for the menu.
         edited.filter(|_| !by_secondary)
     })
     .inner
 }
 
-fn sweep_menu(response: &egui::Response, group: &str, field: &Field, actions: &mut Vec<Action>) {
-    if !field.can_be_swept() {
-        return;
-    }
+/// What a right-click offers.
+fn menu(response: &egui::Response, group: &str, field: &Field, actions: &mut Vec<Action>) {
+    let key = format!("{group}.{}", field.name);
     let is_asked = response.ctx.rect_contains_pointer(response.layer_id, response.rect)
         && response.ctx.input(|input| input.pointer.secondary_clicked());
     let menu = egui::Popup::menu(response).open_memory(is_asked.then_some(egui::SetOpenCommand::Bool(true)));
     menu.at_pointer_fixed().show(|ui| {
+        if ui.button(format!("Reset to {}", field.format(&field.default()))).clicked() {
+            actions.push(Action::Reset(key.clone()));
+            ui.close();
+        }
         let help = "Draws, times and judges this view with a range of values: a contact sheet and a table";
-        if ui.button("Sweep…").on_hover_text(help).clicked() {
-            actions.push(Action::AskSweep(format!("{group}.{}", field.name)));
+        if field.can_be_swept() && ui.button("Sweep…").on_hover_text(help).clicked() {
+            actions.push(Action::AskSweep(key.clone()));
+            ui.close();
+        }
+        if ui.button("Copy its name").on_hover_text(&key).clicked() {
+            actions.push(Action::Copy(key));
             ui.close();
         }
     });
@@ -194,6 +241,14 @@ mod tests {
                     parameters(ui, group, &[], &mut actions);
                 }
                 for action in actions {
+                    if let Action::Reset(key) = &action {
+                        let (group, name) = key.split_once('.').unwrap();
+                        let known =
+                            settings.groups_mut().into_iter().find(|known| known.group().name == group).unwrap();
+                        let default = known.group().fields.iter().find(|field| field.name == name).unwrap().default();
+                        known.set(name, default).unwrap();
+                        continue;
+                    }
                     let Action::SetParameter { key, value } = action else {
                         others.push(action);
                         continue;

@@ -13,7 +13,7 @@ pub fn show<'a>(
     actions: &mut Vec<Action>,
 ) {
     ui.horizontal(|ui| {
-        ui.label(egui::RichText::new("SSCR").small().color(theme::WEAK));
+        ui.label(egui::RichText::new("Presets of sscr").small().color(theme::WEAK));
         for preset in &PRESETS {
             let applied = preset.applied(settings, mirrors.clone());
             if ui.selectable_label(applied == *settings, preset.name).on_hover_text(preset.help).clicked() {

@@ -10,14 +10,15 @@ use crate::viewer::look::tab::Tab;
 use crate::viewer::look::theme;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::objects::clouds::{CloudEntry, short_name};
-use crate::viewer::panels::{self, presets};
+use crate::viewer::panels;
+use crate::viewer::panels::parameters::Match;
 use crate::viewer::requests::action::{Action, Filing};
 use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
 
 /// The sections of parameters that have panels of their own. All other sections are generated from the parameter
 /// tables.
-pub const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
+pub const OWN_PANELS: [&str; 4] = ["Colour", "Light", "Reflections", "Truth"];
 
 /// Parameters that are shown elsewhere: the panel of streaming shows the point budget, and the window draws all pixels
 /// of a picture at rest.
@@ -38,16 +39,28 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
     search_field(ui, session, actions);
     ui.add_space(2.0);
     let tab = Tab::named(&session.preferences.tab);
+    let place = ui.available_rect_before_wrap();
+    let is_searched = !session.search.trim().is_empty();
+    let has_chart = tab == Tab::Tuning && session.tuning.is_open && !is_searched;
+    // The chart stays in view while the parameters above it are scrolled.
+    let chart = if has_chart { panels::tuning::height(place.height()) } else { 0.0 };
+    let (above, below) = place.split_top_bottom_at_y(place.bottom() - chart);
     // Each tab has a place of its own to which it is scrolled.
     let area = egui::ScrollArea::vertical().auto_shrink(false).id_salt(tab.name());
-    let scrolled = area.show(ui, |ui| {
-        if session.search.trim().is_empty() {
-            contents(ui, session, tab, actions)
-        } else {
+    let mut upper = ui.new_child(egui::UiBuilder::new().max_rect(above));
+    let scrolled = area.show(&mut upper, |ui| {
+        if is_searched {
             found(ui, session, actions);
             false
+        } else {
+            contents(ui, session, tab, actions)
         }
     });
+    if has_chart {
+        let mut lower = ui.new_child(egui::UiBuilder::new().max_rect(below));
+        panels::tuning::show(&mut lower, session, actions);
+    }
+    ui.advance_cursor_after_rect(place);
     if session.frames.time_to_late(session.outside.now).is_some_and(|left| left.is_zero()) {
         late_notice(ui);
     }
@@ -114,25 +127,30 @@ fn search_field(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
 }
 
-/// Draws the parameters of all tabs that the search finds.
+/// Draws the parameters of all tabs that the search finds: first those that have its words in their names, and then those
+/// that have them in their helps.
 fn found(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut count = 0;
-    for params in session.scene.settings.groups() {
-        let group = params.group();
-        let fields = || group.fields.iter().filter(|field| panels::parameters::is_found(&session.search, group, field));
-        if fields().next().is_none() {
-            continue;
+    for rank in Match::ALL {
+        for params in session.scene.settings.groups() {
+            let group = params.group();
+            let is_found = |field: &&param::Field| Match::of(&session.search, group, field) == Some(rank);
+            let fields: Vec<&param::Field> = group.fields.iter().filter(is_found).collect();
+            if fields.is_empty() {
+                continue;
+            }
+            let tab = Tab::of_section(group.section);
+            let place = format!("{} · {}", tab.name(), subject(group));
+            if ui.link(RichText::new(place).small()).on_hover_text("Open its tab").clicked() {
+                actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
+            }
+            panels::reflections::unused_notice(ui, session, group, actions);
+            for field in fields {
+                panels::parameters::parameter(ui, params, field.name, actions);
+                count += 1;
+            }
+            ui.add_space(4.0);
         }
-        let tab = Tab::of_section(group.section);
-        let place = format!("{} · {}", tab.name(), subject(group));
-        if ui.link(RichText::new(place).small()).on_hover_text("Open its tab").clicked() {
-            actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
-        }
-        for field in fields() {
-            panels::parameters::parameter(ui, params, field.name, actions);
-            count += 1;
-        }
-        ui.add_space(4.0);
     }
     if count == 0 {
         ui.label(RichText::new("No parameter has these words in its name or its help.").color(theme::WEAK));
@@ -160,13 +178,20 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
         Tab::Light => {
             lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
         }
-        Tab::Mirrors => drop(section(ui, "Mirrors", true, |ui| panels::mirrors::show(ui, session, actions))),
+        Tab::Mirrors => drop(section(ui, "Mirrors", true, |ui| {
+            panels::mirrors::show(ui, session, actions);
+            let text = format!("How reflections are found: tab {}", Tab::Tuning.name());
+            if ui.link(RichText::new(text).small()).on_hover_text(Tab::Tuning.help()).clicked() {
+                actions.push(Action::OpenTab(Tab::Tuning));
+            }
+        })),
         Tab::Measure => {
             section(ui, "Measurements and notes", true, |ui| panels::measurements::show(ui, session, actions));
             section(ui, "Profiles", true, |ui| panels::profiles::show(ui, session, actions));
             section(ui, "Compare", true, |ui| panels::comparing::show(ui, session, actions));
         }
         Tab::Tuning => {
+            section(ui, "Reflections", true, |ui| panels::reflections::show(ui, session, actions));
             section(ui, "Truth", true, |ui| panels::truth::show(ui, session, actions));
             section(ui, "Timings", true, |ui| panels::timings::show(ui, session));
         }
@@ -216,15 +241,8 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut U
 }
 
 /// The subject of a group, with which its help begins: `Light.`, `Eye-dome lighting (Boucheny 2009): ...`.
-fn subject(group: &Group) -> &str {
+pub fn subject(group: &Group) -> &str {
     group.help.split([':', '.', '(']).next().unwrap_or(group.help).trim()
-}
-
-/// Whether the reflection method in use reads no parameter of this group, but another method does.
-fn is_of_another_method(session: &Session, group: &Group) -> bool {
-    let in_use = session.scene.settings.reflection.method.chosen().row();
-    let is_of_a_method = scene::METHODS.iter().any(|row| row.group == Some(group.name));
-    is_of_a_method && in_use.group != Some(group.name)
 }
 
 /// The parameters that change nothing of what is open: the points of meshes and of built-in scenes where there are none.
@@ -241,24 +259,19 @@ fn idle(session: &Session) -> Vec<(&'static str, &'static str)> {
 
 fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut Vec<Action>) {
     let groups = session.scene.settings.groups().into_iter().filter(|params| params.group().section == section);
-    let (others, used): (Vec<&dyn Params>, Vec<&dyn Params>) =
-        groups.partition(|params| is_of_another_method(session, params.group()));
-    let are_several = used.len() > 1;
-    for params in used {
-        parameter_group(ui, session, params, are_several, actions);
-    }
-    if !others.is_empty() {
-        let header = egui::CollapsingHeader::new(RichText::new("Other methods").color(theme::WEAK));
-        let shown = header.id_salt("other methods").show_unindented(ui, |ui| {
-            for params in others {
-                parameter_group(ui, session, params, true, actions);
-            }
-        });
-        shown.header_response.on_hover_text("Parameters of methods that are not in use now");
+    let groups: Vec<&dyn Params> = groups.collect();
+    for params in &groups {
+        parameter_group(ui, session, *params, groups.len() > 1, actions);
     }
 }
 
-fn parameter_group(ui: &mut Ui, session: &Session, params: &dyn Params, has_heading: bool, actions: &mut Vec<Action>) {
+pub fn parameter_group(
+    ui: &mut Ui,
+    session: &Session,
+    params: &dyn Params,
+    has_heading: bool,
+    actions: &mut Vec<Action>,
+) {
     let group = params.group();
     let idle = idle(session).into_iter().filter(|(name, _)| *name == group.name).map(|(_, field)| field);
     let skipped: Vec<&str> = ELSEWHERE.into_iter().chain(idle).collect();
@@ -267,10 +280,6 @@ fn parameter_group(ui: &mut Ui, session: &Session, params: &dyn Params, has_head
     }
     if has_heading {
         ui.label(RichText::new(subject(group)).small().color(theme::WEAK)).on_hover_text(group.help);
-    }
-    if group.name == scene::Sscr::table().name {
-        let mirrors = session.scene.objects.mirrors.iter().map(|placed| &placed.mirror);
-        presets::show(ui, &session.scene.settings, mirrors, actions);
     }
     panels::parameters::parameters(ui, params, &skipped, actions);
 }
@@ -382,7 +391,7 @@ mod tests {
 
     #[test]
     fn parameters_of_other_methods_are_folded_but_found_by_the_search() {
-        let mut harness = harness(Tab::Mirrors);
+        let mut harness = harness(Tab::Tuning);
         harness.state_mut().scene.settings.reflection.method = Method::CubemapTrace;
         harness.run_ok();
         assert!(has(&harness, "Maps") && !has(&harness, "Seed attempts") && has(&harness, "Other methods"));
@@ -398,5 +407,45 @@ mod tests {
         harness.get_by_label("×").click();
         harness.run_ok();
         assert!(has(&harness, "Other methods") && harness.state().search.is_empty());
+    }
+
+    #[test]
+    fn a_parameter_of_a_method_that_is_not_in_use_says_so_and_offers_the_method() {
+        let mut harness = harness(Tab::Data);
+        harness.state_mut().act(Action::Search("seed attempts".into()));
+        harness.run_ok();
+        assert!(has(&harness, "Seed attempts"));
+        let told = "sscr is not in use: these change nothing.";
+        assert!(has(&harness, told));
+        harness.get_by_label("Use sscr").click();
+        harness.run_ok();
+        assert_eq!(harness.state().scene.settings.reflection.method, Method::Sscr);
+        assert!(!has(&harness, told) && has(&harness, "Seed attempts"));
+        // What has the words in its name comes before what has them in its help.
+        harness.state_mut().act(Action::Search("reflection.method".into()));
+        harness.run_ok();
+        let top = |label: &str| harness.query_all_by_label(label).map(|node| node.rect().top()).next().unwrap();
+        assert!(top("Method") < top("Still ms"));
+    }
+
+    #[test]
+    fn the_tuning_tab_has_method_presets_parameters_sweep_truth_and_the_chart_beside_them() {
+        let mut harness = harness(Tab::Data);
+        harness.state_mut().scene.settings.reflection.method = Method::Sscr;
+        harness.state_mut().act(Action::ToggleChart);
+        harness.run_ok();
+        assert_eq!(harness.state().preferences.tab, "Tuning");
+        for label in ["Method", "Published", "Seed attempts", "Sweep…", "Truth", "Timings"] {
+            assert!(has(&harness, label), "{label}");
+        }
+        let chart = harness.get_by_label("Tuning chart").rect();
+        assert!(chart.right() < 310.0, "it lies beside the picture: {chart}");
+        // From another tab, its key shows it; in view, the key closes it.
+        harness.state_mut().act(Action::OpenTab(Tab::Look));
+        harness.state_mut().act(Action::ToggleChart);
+        harness.run_ok();
+        assert!(harness.state().tuning.is_open && harness.state().preferences.tab == "Tuning");
+        harness.state_mut().act(Action::ToggleChart);
+        assert!(!harness.state().tuning.is_open);
     }
 }

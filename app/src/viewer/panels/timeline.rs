@@ -26,7 +26,7 @@ const CAPTION_SECONDS: f64 = 3.0;
 /// Half of the width of a key's mark.
 const MARK: f32 = 5.5;
 
-const PRESETS: [(PathPreset, &str, &str); 9] = [
+pub const PRESETS: [(PathPreset, &str, &str); 9] = [
     (PathPreset::View, "From this view", "One keyframe; move on and add others"),
     (PathPreset::Bookmarks, "Through the bookmarks", "All kept views, two seconds apart"),
     (PathPreset::Turntable, "Turntable", "Once around what the camera looks at, in ten seconds"),

@@ -43,10 +43,6 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if ui.selectable_label(session.truth.is_pinned, "Pin").on_hover_text(help).clicked() {
             actions.push(Action::PinTruth);
         }
-        let help = format!("Every setting tried, time against error ({})", bindings::shortcut(&Action::ToggleChart));
-        if ui.selectable_label(session.tuning.is_open, "Tuning chart").on_hover_text(help).clicked() {
-            actions.push(Action::ToggleChart);
-        }
         ui.label(RichText::new(format!("hold {}", bindings::shortcut(&Action::ShowTruth))).color(theme::WEAK));
     });
     let truth = &session.truth;

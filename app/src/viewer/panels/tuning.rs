@@ -1,7 +1,7 @@
 //! The tuning chart: each setting that was tried is a dot, placed by its time and its error. A click on a dot goes back
-//! to its setting.
+//! to its setting. It is docked in the tab of tuning, so that it never lies over the picture that it judges.
 
-use egui::{Align2, Color32, Pos2, RichText, Ui};
+use egui::{Color32, Pos2, RichText, Ui};
 use egui_plot::{GridMark, Line, MarkerShape, Plot, PlotPoint, PlotPoints, Points};
 use study::Accuracy;
 
@@ -100,18 +100,23 @@ fn dots(tuning: &Tuning, axes: Axes, series: &FrameRequest, is_of_series: bool) 
     trials.filter(|(_, trial)| (trial.series == *series) == is_of_series).filter_map(dot).collect()
 }
 
-/// Draws the window of the chart.
-pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
-    if !session.tuning.is_open {
-        return;
-    }
-    let mut is_open = true;
-    egui::Window::new("Tuning chart")
-        .open(&mut is_open)
-        .default_size([460.0, 470.0])
-        .anchor(Align2::RIGHT_BOTTOM, [-12.0, -40.0])
-        .show(context, |ui| contents(ui, session, actions));
-    actions.extend((!is_open).then_some(Action::ToggleChart));
+/// How much of the panel's height the chart takes.
+pub fn height(panel: f32) -> f32 {
+    (panel * 0.55).clamp(120.0, 400.0)
+}
+
+/// Draws the chart into the panel.
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    ui.separator();
+    ui.horizontal(|ui| {
+        ui.label(RichText::new("Tuning chart").strong().size(13.5));
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            if ui.small_button("×").on_hover_text("Close the chart").clicked() {
+                actions.push(Action::ToggleChart);
+            }
+        });
+    });
+    egui::ScrollArea::vertical().id_salt("tuning chart").show(ui, |ui| contents(ui, session, actions));
 }
 
 fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
@@ -122,7 +127,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let tuning = &session.tuning;
     let id = egui::Id::unique("axes of the tuning chart");
     let mut axes: Axes = ui.data(|data| data.get_temp(id)).unwrap_or_default();
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let times = [
             (false, "method", "Time of what finds the points that mirrors show"),
             (true, "frame", "Time of the whole frame, from scratch"),
@@ -150,7 +155,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if ui.button("Add to study").on_hover_text(help).clicked() {
             actions.push(Action::AddToStudy);
         }
-        if ui.button("Clear").on_hover_text("Forget what was tried").clicked() {
+        if ui.button("Forget all").on_hover_text("Forget what was tried").clicked() {
             actions.push(Action::ForgetTrials);
         }
         let figures = session.truth.figures(&view);
@@ -180,7 +185,7 @@ fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: 
         if value < 1.0 { format!("{value:.2}") } else { format!("{value:.0}") }
     };
     let plot = Plot::new("tuning")
-        .height(ui.available_height().clamp(160.0, 260.0))
+        .height(180.0)
         .allow_scroll(false)
         .x_axis_label(time)
         .y_axis_label(error)

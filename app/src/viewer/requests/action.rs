@@ -315,6 +315,8 @@ pub enum Action {
         key: String,
         value: param::Value,
     },
+    /// Gives the parameter of this key its default.
+    Reset(String),
     /// Replaces all parameters at once.
     ChangeSettings(Box<Settings>),
     PointSize(f32),

@@ -32,6 +32,7 @@ use crate::viewer::objects::{
 };
 use crate::viewer::picture::render_thread::{Command, PickPurpose};
 use crate::viewer::requests::action::{Action, Mode};
+use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::confines::Confines;
@@ -304,6 +305,23 @@ impl Scene {
             // A slider that is dragged makes frames hurried, as a moving camera does.
             self.navigation.camera_moved(now);
         }
+    }
+
+    /// Gives a parameter its default, in one step of undo.
+    fn reset(&mut self, key: &str, outside: &mut Outside) {
+        let group = |settings: &Settings| {
+            let (group, name) = key.split_once('.')?;
+            let group = settings.groups().into_iter().map(param::Params::group).find(|known| known.name == group)?;
+            let field = group.fields.iter().find(|field| field.name == name)?;
+            Some(field.format(&field.default()))
+        };
+        let Some(default) = group(&self.settings) else { return };
+        self.edit(outside.now, |settings, _| {
+            if let Err(error) = settings.set_text(key, &default) {
+                tracing::warn!("{error}");
+            }
+        });
+        outside.note(format!("{key} is {default} again; {COMMAND}+Z takes that back"));
     }
 
     /// Whether the points are shown in their own colours when they are lit by `by`.
@@ -592,6 +610,7 @@ impl Scene {
             Action::PointAt(pixel) => self.navigation.point_at(pixel, outside.now),
             Action::AskHover => self.ask_hover(outside),
             Action::SetParameter { key, value } => self.set_parameter(&key, value, outside.now),
+            Action::Reset(key) => self.reset(&key, outside),
             Action::ChangeSettings(settings) => self.settings = *settings,
             Action::PointSize(notches) => {
                 self.settings.splat.size = scaled(&self.settings.splat, "size", self.settings.splat.size, notches);

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use crate::viewer::filming::Wiping;
 use crate::viewer::jobs::tasks::Answer;
+use crate::viewer::look::tab::Tab;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::session::Session;
@@ -46,6 +47,21 @@ impl Session {
 
     pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
         self.with_truth(|around, _, _, sweeps, _, outside| sweeps.start(key, values, places, around, outside));
+    }
+
+    /// Shows the tuning chart in its tab, or closes it where it is in view.
+    pub fn toggle_chart(&mut self) {
+        let preferences = &mut self.preferences;
+        let is_in_view = preferences.panel_is_open
+            && !self.interface_is_hidden
+            && self.search.trim().is_empty()
+            && Tab::named(&preferences.tab) == Tab::Tuning;
+        self.tuning.is_open = !(self.tuning.is_open && is_in_view);
+        if self.tuning.is_open {
+            (preferences.panel_is_open, self.interface_is_hidden) = (true, false);
+            preferences.tab = Tab::Tuning.name().to_owned();
+            self.search.clear();
+        }
     }
 
     /// Stops all work for the truth, the chart and a sweep.

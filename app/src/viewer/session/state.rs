@@ -195,7 +195,7 @@ impl Session {
             Action::JudgeSettings(is_on) => self.truth.judges = is_on,
             Action::EstimateErrors(is_on) => self.truth.live.is_on = is_on,
             Action::StopTruth => self.stop_truth(),
-            Action::ToggleChart => self.tuning.is_open = !self.tuning.is_open,
+            Action::ToggleChart => self.toggle_chart(),
             Action::ForgetTrials => self.tuning.forget_trials(),
             Action::AddToStudy => self.scene.add_to_study(&self.loaded, &mut self.outside),
             Action::AskSweep(key) => self.sweeps.ask(&key, &self.scene.settings, &mut self.outside),
@@ -226,11 +226,43 @@ impl Session {
             Action::Quit => self.leave(Leaving::Quit),
             // The scene has already carried these out.
             LookAlong { .. } | SetParameter { .. } | Action::Undo | Action::Redo | Action::Delete => {}
-            EndDrag | Orbit(_) | Look(_) | Pan(_) | Zoom(_) | FieldOfView(_) | FlySpeed(_) | Travel(_) | FrameAll
-            | GoInside | DollHouse | FrameCloud(_) | ToggleMode | LookFrom(_) | ToggleProjection | LastView
-            | NextView | PointAt(_) | AskHover | PivotHere | ChangeSettings(_) | PointSize(_) | ColorBy(_)
-            | ShowClasses(..) | ToggleEdl | ToggleLight | NextLight | LightBy(_) | Paste(_) | AddSpot | Select(_)
-            | ChangeObject(..) | Duplicate | Mark(_) | Unmark(_) | ReturnTo(_) => {}
+            EndDrag
+            | Orbit(_)
+            | Look(_)
+            | Pan(_)
+            | Zoom(_)
+            | FieldOfView(_)
+            | FlySpeed(_)
+            | Travel(_)
+            | FrameAll
+            | GoInside
+            | DollHouse
+            | FrameCloud(_)
+            | ToggleMode
+            | LookFrom(_)
+            | ToggleProjection
+            | LastView
+            | NextView
+            | PointAt(_)
+            | AskHover
+            | PivotHere
+            | ChangeSettings(_)
+            | PointSize(_)
+            | ColorBy(_)
+            | ShowClasses(..)
+            | ToggleEdl
+            | ToggleLight
+            | NextLight
+            | LightBy(_)
+            | Paste(_)
+            | AddSpot
+            | Select(_)
+            | ChangeObject(..)
+            | Duplicate
+            | Mark(_)
+            | Unmark(_)
+            | ReturnTo(_)
+            | Action::Reset(_) => {}
         }
     }
 
@@ -264,7 +296,12 @@ impl Session {
             self.shortcuts_are_open = false;
         } else if self.path_prompt.is_some() {
             self.close_prompt();
-        } else if !self.tools.end_one(&mut self.scene, &mut self.outside) && self.is_full_screen {
+        } else if self.sweeps.asked.take().is_some()
+            || self.filming.recording.asked.take().is_some()
+            || self.tools.end_one(&mut self.scene, &mut self.outside)
+            || std::mem::take(&mut self.tuning.is_open)
+        {
+        } else if self.is_full_screen {
             self.act(Action::ToggleFullScreen);
         }
     }
