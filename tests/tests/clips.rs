@@ -52,6 +52,9 @@ fn a_box_about_a_pick_and_a_prism_clip_a_scan_are_saved_and_undone() {
     // What is shown is saved, as `export` saves it.
     let seen = window.events().len();
     window.press("ctrl+e");
+    // No dialog answers here, so the path is asked for.
+    window.wait_until_painted("prompt", seen);
+    window.press("Return");
     let exported = window.wait_for_event("exported", seen, |_| true);
     let path = session.folder.path(exported["path"].as_str().expect("a path"));
     let told = session.folder.glint(["export", scene, "-o", "same.laz"]);

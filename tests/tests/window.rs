@@ -368,6 +368,9 @@ fn unsaved_work_comes_back_after_a_crash_and_is_asked_for_before_the_window_clos
     window.wait_for_event("left", 0, |event| event["count"] == 1);
     window.wait_until_painted("loaded", 0);
     let seen = window.events().len();
+    window.press("ctrl+p");
+    window.wait_until_painted("palette", seen);
+    window.type_text("restore unsaved");
     window.press("Return");
     window.wait_for_event("kept", seen, |event| event["unsaved"] == true);
     // The window stays while the question has no answer, and when the answer is to stay.

@@ -143,9 +143,9 @@ pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Resul
     let mut session = Session::new(preferences);
     session.auto.is_kept = true;
     if let Some(folder) = preferences::unsaved_folder() {
-        session.document.abandoned = autosave::abandoned(&folder);
-        let left = session.document.abandoned.len();
-        session.outside.log(json!({ "event": "left", "count": left }));
+        let named: Vec<PathBuf> = request.inputs.iter().map(|input| PathBuf::from(input.name())).collect();
+        let named = [request.scene_files.clone(), named].concat();
+        session.document.find_abandoned(autosave::abandoned(&folder), &named, &mut session.outside);
         session.document.keeper = Some(autosave::Keeper::new(folder));
     }
     if let Some(problem) = problem {
@@ -510,8 +510,9 @@ impl Viewer {
         match (asked, chosen) {
             (Asked::Points, Some(path)) => session.act(Action::Export(Export::To(path))),
             (Asked::Points, None) if has_no_dialog => {
-                session.outside.note("No file dialog answers on this desktop: the file gets a name of its own.");
-                session.act(Action::Export(Export::To(proposed)));
+                session.outside.log(json!({ "event": "prompt" }));
+                let reason = "No file dialog answers on this desktop: type the path.";
+                session.path_prompt = Some(PathPrompt::to_save_points(&proposed, reason));
             }
             (Asked::Points, None) => {}
             (Asked::Scene, Some(path)) => session.act(Action::File(Filing::SaveTo(path))),

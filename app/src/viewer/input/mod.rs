@@ -9,7 +9,7 @@ use std::time::Duration;
 use egui::{Event, MouseWheelUnit, Response, Ui};
 use glam::{DVec2, DVec3};
 
-use crate::viewer::requests::action::{Action, Measuring};
+use crate::viewer::requests::action::{Action, Filing, Measuring};
 use crate::viewer::requests::bindings;
 use crate::viewer::requests::bindings::Trigger;
 use crate::viewer::session::Session;
@@ -37,6 +37,9 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let awaits_text = |placing: &Placing| placing.wanted == Wanted::Note && placing.has_begun();
     if is_typing || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
         hold(session, [false; 3], actions);
+        if session.palette.is_none() && session.path_prompt.is_none() && session.document.asked.is_none() {
+            actions.extend(ui.input(|input| input.events.iter().find_map(|event| saving(event, session))));
+        }
     } else if session.palette.is_none() && session.tools.picture_draft.is_none() {
         let mut events = ui.input(|input| input.events.clone());
         if session.document.asked.is_some() {
@@ -115,6 +118,13 @@ fn is_of_widget(ui: &Ui, key: egui::Key) -> bool {
     let is_taken =
         matches!(key, Key::Enter | Key::Space | Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown);
     has_focus && is_taken
+}
+
+/// The action of a key that saves the scene, which means nothing to a text.
+fn saving(event: &Event, session: &Session) -> Option<Action> {
+    let Event::Key { key, pressed: true, modifiers, .. } = event else { return None };
+    bindings::action(Trigger::Key((*modifiers).into(), *key), session.scene.mode)
+        .filter(|action| matches!(action, Action::File(Filing::Save | Filing::SaveAs)))
 }
 
 /// Where egui keeps whether a text was being typed in the last frame of the window.

@@ -8,7 +8,7 @@ use crate::viewer::objects::PlacedProfile;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::panels::{parameters, reflections, timeline};
 use crate::viewer::requests::action::{
-    Action, Clipping, Compare, Export, Filing, Film, KeptStep, Measuring, Profiling, SavePicture,
+    Action, Clipping, Compare, Export, Filing, Film, KeptStep, Measuring, Profiling,
 };
 use crate::viewer::requests::bindings::{self, BINDINGS, Trigger};
 use crate::viewer::requests::path_prompt::PathPrompt;
@@ -169,6 +169,9 @@ fn of_panels(session: &Session) -> Vec<Entry> {
     ] {
         let text = format!("Truth: {text}{}", if is_on { ", no longer" } else { "" });
         entries.push(Entry::new(text, "", action));
+    }
+    if !session.document.abandoned.is_empty() {
+        entries.push(Entry::new("Files: Restore unsaved work", "Asks first", Action::File(Filing::Restore)));
     }
     if session.tools.pick.is_some() {
         entries.push(Entry::new("Picked point: Copy", "", Action::CopyPick));

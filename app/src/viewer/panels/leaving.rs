@@ -1,5 +1,5 @@
 //! The questions about unsaved work: what to do with it before it would be lost, and whether to restore what a program
-//! that ended unexpectedly has left.
+//! has left that ended before it was saved.
 
 use egui::{Key, RichText};
 
@@ -47,17 +47,22 @@ fn unsaved(context: &egui::Context, session: &Session, leaving: &Leaving, action
     });
 }
 
-/// Offers the newest work that a crash has left.
+/// Offers the newest work that was not saved. It waits while something else asks, and takes no key unasked.
 fn left(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
-    let Some(abandoned) = session.document.abandoned.last() else { return };
+    let Some(abandoned) = session.document.abandoned.last().filter(|_| session.document.offers) else { return };
+    let has_question = session.path_prompt.is_some()
+        || session.palette.is_some()
+        || session.shortcuts_are_open
+        || session.tools.picture_draft.is_some()
+        || session.sweeps.asked.is_some()
+        || session.filming.recording.asked.is_some();
+    if has_question {
+        return;
+    }
     let window = egui::Window::new("Unsaved work").collapsible(false).resizable(false);
-    // Nothing hides it: it waits for an answer.
-    let window = window.order(egui::Order::Foreground);
     window.anchor(egui::Align2::CENTER_TOP, [0.0, 60.0]).show(context, |ui| {
         ui.set_width(400.0);
-        let name = abandoned.place.as_ref().map(|place| place.display().to_string());
-        let name = name.as_deref().map_or("a scene that has no file", short_name);
-        ui.label(format!("glint ended unexpectedly {}, with unsaved work on {name}.", abandoned.age()));
+        ui.label(format!("glint ended {} before its work on {} was saved.", abandoned.age(), abandoned.name()));
         let more = session.document.abandoned.len() - 1;
         if more > 0 {
             let left = if more == 1 { "One more is left.".to_owned() } else { format!("{more} more are left.") };
@@ -67,16 +72,10 @@ fn left(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
             let answers = [
                 ("Restore", "Closes what is open, and shows the work as it was", Filing::Restore),
                 ("Delete", "The work is lost", Filing::DeleteLeft),
-                ("Later", "The next start asks again", Filing::Later),
+                ("Later", "Recent has it, and the next start asks again", Filing::Later),
             ];
-            let is_shown = egui::Id::unique("the offer of unsaved work is shown");
-            let is_first = !ui.data_mut(|data| std::mem::replace(data.get_temp_mut_or(is_shown, false), true));
             for (text, help, answer) in answers {
-                let button = ui.button(text);
-                if is_first && answer == Filing::Restore {
-                    button.request_focus();
-                }
-                if button.on_hover_text(help).clicked() {
+                if ui.button(text).on_hover_text(help).clicked() {
                     actions.push(Action::File(answer));
                 }
             }
@@ -143,5 +142,49 @@ mod tests {
         harness.run_ok();
         assert_eq!(harness.state().document.asked, None);
         assert_eq!(by(&harness), scene::ColorBy::Height);
+    }
+
+    #[test]
+    fn unsaved_work_is_offered_without_taking_a_key_and_never_where_something_else_was_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let left = || {
+            let keeper = crate::viewer::requests::autosave::Keeper::new(folder.path().to_owned());
+            keeper.keep(Some(("clouds = [\"a.laz\"]\n", Some(std::path::Path::new("/scans/hall.toml"))))).unwrap();
+            drop(keeper);
+            crate::viewer::requests::autosave::abandoned(folder.path())
+        };
+        let mut harness = Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| {
+                let actions = interface::show(ui, session, None);
+                session.act_all(actions);
+            },
+            Session::with_two_points(),
+        );
+        let offers = |harness: &Harness<'_, Session>| harness.query_by_label("Restore").is_some();
+        let session = harness.state_mut();
+        session.document.find_abandoned(left(), &["tile.laz".into()], &mut session.outside);
+        harness.run_ok();
+        assert!(!offers(&harness), "a file was named");
+        harness.get_by_label("Recent").click();
+        harness.run_ok();
+        harness.get_by_label_contains("Unsaved work on hall.toml").click();
+        harness.run_ok();
+        assert!(offers(&harness));
+        harness.key_press(Key::Enter);
+        harness.run_ok();
+        assert!(offers(&harness) && harness.state().document.abandoned.len() == 1, "Enter answers nothing");
+        harness.state_mut().act(Action::OpenPrompt);
+        harness.run_ok();
+        assert!(!offers(&harness), "one question at a time");
+        harness.state_mut().act(Action::ClosePrompt);
+        // The scene file itself, or nothing, is named.
+        for named in [vec!["/scans/hall.toml".into()], Vec::new()] {
+            let session = harness.state_mut();
+            session.document.offers = false;
+            let abandoned = std::mem::take(&mut session.document.abandoned);
+            session.document.find_abandoned(abandoned, &named, &mut session.outside);
+            harness.run_ok();
+            assert!(offers(&harness), "{named:?}");
+        }
     }
 }

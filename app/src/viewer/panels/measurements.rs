@@ -240,8 +240,11 @@ fn note_row(ui: &mut Ui, session: &Session, PlacedNote { id, note }: &PlacedNote
     let mut changed = note.clone();
     let edit = egui::TextEdit::multiline(&mut changed.text).desired_rows(3).desired_width(f32::INFINITY);
     let edit = ui.add(edit.hint_text("What is there to see?"));
-    // A new note takes the keyboard.
-    if note.text.is_empty() && !ui.ctx().text_edit_focused() {
+    // A new note takes the keyboard once: one whose text was undone leaves it to the shortcuts.
+    let place = egui::Id::unique("the note that took the keyboard last");
+    let has_had = ui.data(|data| data.get_temp::<ObjectId>(place)) == Some(*id);
+    if note.text.is_empty() && !has_had && !ui.ctx().text_edit_focused() {
+        ui.data_mut(|data| data.insert_temp(place, *id));
         edit.request_focus();
     }
     ui.horizontal(|ui| {
@@ -312,6 +315,27 @@ mod tests {
     fn measurements(harness: &Harness<'static, Session>) -> Vec<Measurement> {
         let placed = &harness.state().scene.objects.measurements;
         placed.iter().map(|placed| placed.measurement.clone()).collect()
+    }
+
+    #[test]
+    fn a_new_note_takes_the_keyboard_and_one_whose_text_is_undone_does_not() {
+        let mut harness = harness();
+        harness.run_ok();
+        let session = harness.state_mut();
+        session.act(Action::Measuring(Measuring::BeginNote));
+        click(session, Some(0));
+        harness.run_ok();
+        assert!(harness.ctx.text_edit_focused(), "its text can be typed at once");
+        harness.event(egui::Event::Text("crack".into()));
+        harness.run_ok();
+        harness.key_press(egui::Key::Escape);
+        harness.run_ok();
+        let session = harness.state_mut();
+        session.scene.history.settle(&session.scene.settings, &session.scene.objects);
+        session.act(Action::Undo);
+        harness.run_ok();
+        assert_eq!(harness.state().scene.objects.notes[0].note.text, "");
+        assert!(!harness.ctx.text_edit_focused(), "keys are shortcuts again");
     }
 
     #[test]

@@ -295,10 +295,16 @@ fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Acti
 
 fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.menu_button("Recent", |ui| {
-        for session in &session.preferences.sessions {
-            let help = format!("Closes what is open, and opens {session}");
-            if ui.button(short_name(session)).on_hover_text(help).clicked() {
-                actions.push(Action::File(Filing::Open(session.into())));
+        for path in &session.preferences.sessions {
+            let help = format!("Closes what is open, and opens {path}");
+            if ui.button(short_name(path)).on_hover_text(help).clicked() {
+                actions.push(Action::File(Filing::Open(path.into())));
+            }
+        }
+        if let Some(left) = session.document.abandoned.last() {
+            let text = format!("Unsaved work on {}, {}…", left.name(), left.age());
+            if ui.button(text).on_hover_text("Asks whether to restore it").clicked() {
+                actions.push(Action::File(Filing::Offer));
             }
         }
         let mut reopens = session.preferences.reopens;

@@ -151,7 +151,9 @@ pub enum Filing {
     SaveAndLeave,
     Discard,
     Stay,
-    /// The answers to the offer of work that a crash has left.
+    /// Offers work that a program has left which ended before it was saved.
+    Offer,
+    /// The answers to that offer.
     Restore,
     DeleteLeft,
     Later,

@@ -116,6 +116,12 @@ impl Abandoned {
         remove(&self.path, self.lock);
     }
 
+    /// What was being worked on.
+    pub fn name(&self) -> String {
+        let name = self.place.as_ref().and_then(|place| place.file_name());
+        name.map_or("a scene that has no file".into(), |name| name.to_string_lossy().into_owned())
+    }
+
     /// Says how long ago it was written: `3 minutes ago`.
     pub fn age(&self) -> String {
         let seconds = self.written.elapsed().unwrap_or_default().as_secs();

@@ -32,6 +32,8 @@ pub enum Purpose {
     Mesh,
     /// The scene is saved under this name.
     SaveScene,
+    /// The points that are shown are saved under this name.
+    SavePoints,
 }
 
 /// How the prompt ended.
@@ -66,18 +68,25 @@ impl PathPrompt {
         Self { purpose: Purpose::SaveScene, text: proposed.display().to_string(), ..Self::because(reason) }
     }
 
+    /// A prompt for the name of a file of the points that are shown, which proposes one.
+    pub fn to_save_points(proposed: &Path, reason: &'static str) -> Self {
+        Self { purpose: Purpose::SavePoints, ..Self::to_save_scene(proposed, reason) }
+    }
+
     fn saves(&self) -> bool {
-        self.purpose == Purpose::SaveScene
+        matches!(self.purpose, Purpose::SaveScene | Purpose::SavePoints)
     }
 
     /// Draws the prompt. Returns how it ended, if it has.
     pub fn show(&mut self, context: &egui::Context) -> Option<Outcome> {
         let mut outcome = None;
         let mut is_open = true;
-        let (title, help) = if self.saves() {
-            ("Save the scene", "Tab completes, Enter saves, Esc closes")
-        } else {
-            ("Open a file", "Tab completes, Enter opens, Esc closes")
+        let (title, help) = match self.purpose {
+            Purpose::SaveScene => ("Save the scene", "Tab completes, Enter saves, Esc closes"),
+            Purpose::SavePoints => {
+                ("Save the points that are shown", ".laz, .las, .copc.laz, .ply or .csv; Enter saves, Esc closes")
+            }
+            _ => ("Open a file", "Tab completes, Enter opens, Esc closes"),
         };
         egui::Window::new(title)
             .open(&mut is_open)

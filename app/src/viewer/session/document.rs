@@ -78,6 +78,8 @@ pub struct Document {
     failed_at: Option<Instant>,
     /// Work of programs that have ended unexpectedly, the newest last.
     pub abandoned: Vec<Abandoned>,
+    /// Whether the newest of it is offered: not where a person has named something else to open.
+    pub offers: bool,
     /// The one of them that was restored. It is deleted once this program keeps the work.
     restored: Option<Abandoned>,
 }
@@ -97,6 +99,7 @@ impl Default for Document {
             is_being_kept: false,
             failed_at: None,
             abandoned: Vec::new(),
+            offers: false,
             restored: None,
         }
     }
@@ -212,7 +215,8 @@ impl Document {
             Filing::Open(path) => return Some(Next::Leave(Leaving::Open(path))),
             Filing::Restore => return Some(Next::Leave(Leaving::Restore)),
             Filing::DeleteLeft => self.delete_abandoned(),
-            Filing::Later => self.abandoned.clear(),
+            Filing::Offer => self.offers = !self.abandoned.is_empty(),
+            Filing::Later => self.offers = false,
             Filing::Reopen(is_on) => preferences.reopens = is_on,
         }
         None
@@ -376,6 +380,21 @@ impl Document {
                         .say(Level::Warning, format!("Unsaved work is not kept against a crash ({again}): {problem}"));
                 }
             }
+        }
+    }
+
+    /// Takes in the work of programs that have ended before it was saved. The newest is offered, unless a person has named
+    /// something else to open: that is not to be replaced.
+    pub fn find_abandoned(&mut self, abandoned: Vec<Abandoned>, named: &[PathBuf], outside: &mut Outside) {
+        outside.log(json!({ "event": "left", "count": abandoned.len() }));
+        self.abandoned = abandoned;
+        let Some(newest) = self.abandoned.last() else { return };
+        let is_named =
+            |place: &PathBuf| named.iter().any(|name| std::path::absolute(name).is_ok_and(|name| name == *place));
+        self.offers = named.is_empty() || newest.place.as_ref().is_some_and(is_named);
+        if !self.offers {
+            let what = newest.name();
+            outside.note(format!("Unsaved work on {what}, {}, is kept: Recent has it", newest.age()));
         }
     }
 

@@ -21,7 +21,7 @@ use crate::viewer::look::reflection_figures::FigureHistory;
 use crate::viewer::look::theme::bytes;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::picture::render_thread::{Command, Frame, FrameRequest, Report};
-use crate::viewer::requests::action::{Action, Filing, KeptStep, Palette};
+use crate::viewer::requests::action::{Action, Export, Filing, KeptStep, Palette};
 use crate::viewer::requests::messages::{Level, Messages};
 use crate::viewer::requests::outside::{Effect, News, Outside};
 use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
@@ -279,6 +279,9 @@ impl Session {
         if purpose == Purpose::SaveScene {
             self.path_prompt = None;
             self.file(Filing::SaveTo(path.into()));
+        } else if purpose == Purpose::SavePoints {
+            self.path_prompt = None;
+            self.act(Action::Export(Export::To(path.into())));
         } else if purpose == Purpose::Mesh {
             self.path_prompt = None;
             self.outside.work(Work::ReadMesh(Shape::Mesh(path.into())));
