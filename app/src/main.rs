@@ -10,7 +10,7 @@ mod viewer;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser as _;
+use clap::{CommandFactory as _, Parser as _};
 use commands::{compare, export, index, info, listing, measure, profile, record, render, study, surfaces};
 use shared::command_line::{self, Command, CommandLine};
 use system::failure::{self, NoScreen};
@@ -64,6 +64,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::View(arguments) => {
             // The names are checked before the display: a wrong name is an error on every machine.
             let mut request = world::resolve(&arguments.inputs);
+            mistaken(&request)?;
             request.check()?;
             let start = viewer::Start::new(&arguments, &mut request)?;
             if !environment::has_display() {
@@ -91,6 +92,21 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Measure(arguments) => measure::run(&arguments),
         Command::Surfaces(arguments) => surfaces::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
+    }
+}
+
+/// Refuses a first word that names nothing to open and is nearly the name of a command.
+///
+/// # Errors
+/// It is; names the command.
+fn mistaken(request: &world::Request) -> anyhow::Result<()> {
+    let Some(world::Input::Unknown { name: word, .. }) = request.inputs.first() else { return Ok(()) };
+    let line = CommandLine::command();
+    match param::nearest(word, line.get_subcommands().map(clap::Command::get_name)) {
+        Some(near) => {
+            Err(failure::usage(format!("{word}: neither a file nor a command; did you mean `glint {near}`?")))
+        }
+        None => Ok(()),
     }
 }
 

@@ -219,6 +219,15 @@ fn files_without_permission_are_bad_input_in_every_command() {
 }
 
 #[test]
+fn a_word_that_is_nearly_a_command_is_taken_for_one() {
+    let folder = Folder::new();
+    folder.write("cloud.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n");
+    for words in [&["rendr", "cloud.ply"][..], &["rendr"]] {
+        assert_failed(&folder.glint(words), 2, &["neither a file nor a command; did you mean `glint render`?"]);
+    }
+}
+
+#[test]
 fn bad_words_are_bad_usage_in_every_command() {
     let folder = Folder::new();
     las(&folder, "cloud.las", 10);

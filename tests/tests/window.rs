@@ -487,6 +487,6 @@ fn closed_while_an_index_is_made(close: impl FnOnce(Window<'_>)) {
     // It may have been complete by then.
     assert!(left.iter().all(|path| path.join("nodes").exists() && !path.join("building").exists()), "{left:?}");
     let outcome = session.folder.glint(["index", "hills.ply"]);
-    assert!(outcome.status == Some(0) && outcome.text().contains("3000000 points"), "{outcome}");
+    assert!(outcome.status == Some(0) && outcome.text().contains("3,000,000 points"), "{outcome}");
     assert_eq!(outcome.text().contains("was there"), !left.is_empty(), "{outcome}");
 }

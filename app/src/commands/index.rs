@@ -12,6 +12,7 @@ use stream::{BuildOptions, Cache};
 use world::{CloudTask, Input, TaskKind, half_of};
 
 use crate::shared::command_line::IndexArguments;
+use crate::shared::numbers::grouped;
 use crate::system::failure::{self, FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few, print};
 use crate::system::{interrupt, picture_file, progress_bar};
@@ -196,10 +197,10 @@ fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path) -> 
     print([format!("{}, {}", summary(&name, points, nodes, bytes), effort.text(points))])
 }
 
-/// For example `scan.laz: 10653336 points in 412 nodes, 17.9 bytes a point`.
+/// For example `scan.laz: 10,653,336 points in 412 nodes, 17.9 bytes a point`.
 fn summary(name: &str, points: u64, nodes: usize, bytes: u64) -> String {
     let per_point = bytes as f64 / points.max(1) as f64;
-    format!("{name}: {points} points in {nodes} nodes, {per_point:.1} bytes a point")
+    format!("{name}: {} points in {} nodes, {per_point:.1} bytes a point", grouped(points), grouped(nodes as u64))
 }
 
 /// The CPU time that this process has used so far, in seconds, where the system reports it (Linux).

@@ -10,6 +10,7 @@ use world::Request;
 
 use crate::shared::command_line::ProfileArguments;
 use crate::shared::export;
+use crate::shared::numbers::grouped;
 use crate::shared::profiles::{Asked, Kind, Table, read};
 use crate::system::failure::{self, FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
@@ -113,8 +114,16 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     }
     let report = arguments.json.then(|| table.report(arguments.output.as_deref()));
     match &arguments.output {
-        Some(output) if kind == Kind::Chart => table.draw(&settings, &request.cloud_settings, output)?,
-        Some(output) => picture_file::write_text(output, &table.into_csv()?)?,
+        Some(output) => {
+            let points: u64 = table.extents.iter().map(|extent| extent.points).sum();
+            match kind {
+                Kind::Chart => table.draw(&settings, &request.cloud_settings, output)?,
+                _ => picture_file::write_text(output, &table.into_csv()?)?,
+            }
+            if report.is_none() {
+                terminal::print([format!("{}: {} points", shown(output), grouped(points))])?;
+            }
+        }
         None if arguments.json => {}
         None => terminal::print(table.into_csv()?.lines())?,
     }
@@ -150,7 +159,7 @@ fn export_points(request: &Request, asked: &Asked, output: &Path, is_json: bool)
         }
         terminal::print_json(&table.report(Some(output)))?;
     } else {
-        terminal::print([format!("{}: {points} points", shown(output))])?;
+        terminal::print([format!("{}: {} points", shown(output), grouped(points))])?;
     }
     Ok(status)
 }

@@ -12,11 +12,11 @@ use crate::viewer::input::gizmo;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{progress_bar, progress_text};
-use crate::viewer::objects::clouds::{JobEntry, short_name};
-use crate::viewer::panels::overlay;
+use crate::viewer::objects::clouds::JobEntry;
+use crate::viewer::panels::{overlay, welcome};
 use crate::viewer::picture::canvas::Picture;
-use crate::viewer::requests::action::{Action, Filing};
-use crate::viewer::requests::bindings::{self, COMMAND};
+use crate::viewer::requests::action::Action;
+use crate::viewer::requests::bindings;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::path_prompt::Outcome;
 use crate::viewer::session::Session;
@@ -128,7 +128,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         if let Some(wait) = waiting(session).filter(|_| !is_empty) {
             let is_compiling = session.frames.compiled().is_some();
             let more = if is_compiling { "; the first start takes longest" } else { "" };
-            caption(ui, rect.center(), &format!("{wait}{more}"));
+            welcome::caption(ui, rect, rect.center(), &format!("{wait}{more}"));
         }
     }
     panels::truth::paint(ui, rect, session, actions);
@@ -141,73 +141,14 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
     if session.loaded.clouds.is_empty() && !session.loaded.is_loading() {
-        empty_state(ui, session, rect, actions);
+        welcome::empty_state(ui, session, rect, actions);
     }
-    if session.first_look.is_some() && session.frames.shown.is_some() && !session.interface_is_hidden {
-        caption(ui, rect.center_bottom() - egui::vec2(0.0, 24.0), &format!("{FIRST_LOOK} {COMMAND}+O."));
-    }
+    welcome::hint(ui, rect, session);
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
         ui.painter().rect_filled(rect, 0.0, Color32::from_black_alpha(150));
         let font = egui::FontId::proportional(22.0);
         ui.painter().text(rect.center(), Align2::CENTER_CENTER, "Drop to open", font, theme::ACCENT);
     }
-}
-
-/// What a newcomer can do.
-const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a LAS, LAZ or PLY file here, or press";
-
-/// Writes a line over the picture that can be read whatever is behind it.
-fn caption(ui: &Ui, middle: egui::Pos2, text: &str) {
-    let galley = ui.painter().layout_no_wrap(text.into(), egui::FontId::proportional(15.0), Color32::WHITE);
-    let area = Rect::from_center_size(middle, galley.size());
-    ui.painter().rect_filled(area.expand2(egui::vec2(12.0, 6.0)), 6.0, Color32::from_black_alpha(170));
-    ui.painter().galley(area.min, galley, Color32::WHITE);
-}
-
-/// How many of the last scenes the page lists.
-const RECENT_SCENES: usize = 4;
-
-/// Draws the page that is left when everything is closed.
-fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec<Action>) {
-    let size = egui::vec2(420.0, 320.0).min(rect.size());
-    let area = Rect::from_center_size(rect.center(), size);
-    ui.scope_builder(egui::UiBuilder::new().max_rect(area), |ui| {
-        ui.vertical_centered(|ui| {
-            ui.label(RichText::new("glint").size(34.0).color(theme::ACCENT));
-            ui.add_space(6.0);
-            ui.label(RichText::new(format!("Drop a LAS, LAZ or PLY file here, or press {COMMAND}+O")).size(16.0));
-            ui.add_space(10.0);
-            if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
-                actions.push(Action::OpenDialog);
-            }
-            for path in session.preferences.sessions.iter().take(RECENT_SCENES) {
-                if ui.link(short_name(path)).on_hover_text(path).clicked() {
-                    actions.push(Action::File(Filing::Open(path.into())));
-                }
-            }
-            ui.add_space(14.0);
-            ui.label(RichText::new("or look at a built-in scene").color(theme::WEAK));
-            ui.add_space(4.0);
-        });
-        let names = world::built_in_names();
-        for row in names.chunks(4) {
-            // The row is centred by hand, because a centred layout puts each button on a line of its own.
-            let wide = |name: &String| 7.2 * short_scene(name).len() as f32 + 24.0;
-            let width: f32 = row.iter().map(wide).sum();
-            ui.horizontal(|ui| {
-                ui.add_space(((ui.available_width() - width) * 0.5).max(0.0));
-                for name in row {
-                    if ui.button(short_scene(name)).on_hover_text(name).clicked() {
-                        actions.push(Action::Open(name.into()));
-                    }
-                }
-            });
-        }
-    });
-}
-
-fn short_scene(name: &str) -> &str {
-    name.rsplit('/').next().unwrap_or(name)
 }
 
 /// What the next picture waits for before it is drawn, and the first one while it is.
@@ -280,8 +221,12 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 ui.add_space(6.0);
                 // Three decimals are enough for the status bar. A pick shows the others.
                 let text = format!("{:.3}  {:.3}  {:.3}", world.x, world.y, world.z);
-                let text = RichText::new(text).monospace().size(11.5);
-                ui.label(text.color(theme::WEAK));
+                let font = egui::FontId::monospace(11.5);
+                let text = ui.painter().layout_no_wrap(text, font, theme::WEAK);
+                // In a narrow window they would lie over the number of points.
+                if text.size().x < ui.available_width() {
+                    ui.label(text);
+                }
             }
         });
     });
@@ -380,7 +325,7 @@ mod tests {
     use crate::viewer::panels::side::OWN_PANELS;
     use crate::viewer::picture::render_thread::Report;
     use crate::viewer::requests::action::Measuring;
-    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::outside::{Asked, Effect};
     use crate::viewer::requests::preferences::Preferences;
 
     fn harness() -> Harness<'static, Session> {
@@ -488,6 +433,39 @@ mod tests {
         harness.key_press(egui::Key::Escape);
         harness.run_ok();
         assert!(press(&mut harness, egui::Key::ArrowRight));
+    }
+
+    #[test]
+    fn coordinates_of_the_cursor_are_shown_only_where_they_lie_over_nothing() {
+        for (width, is_shown) in [(1400.0, true), (420.0, false)] {
+            let mut session = Session::with_two_points();
+            session.preferences.panel_is_open = false;
+            let mut harness = Harness::builder().with_size([width, 600.0]).with_max_steps(16).build_ui_state(
+                |ui, session: &mut Session| {
+                    // Where the cursor points is not asked for here.
+                    session.scene.navigation.on_hover([0, 0], Some(glam::DVec3::new(2_635_000.5, 1_248_000.25, 410.0)));
+                    drop(show(ui, session, None));
+                },
+                session,
+            );
+            harness.run_ok();
+            let text = "2635000.500  1248000.250  410.000";
+            assert_eq!(harness.query_by_label(text).is_some(), is_shown, "{width}");
+        }
+    }
+
+    #[test]
+    fn the_scene_is_saved_while_a_text_has_the_keyboard() {
+        let mut harness = harness();
+        *harness.state_mut() = Session::with_two_points();
+        harness.run_ok();
+        harness.get_by_label("Find a parameter").focus();
+        harness.run_ok();
+        assert!(harness.ctx.text_edit_focused());
+        harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::S);
+        harness.run_ok();
+        let asks = |effect: &Effect| matches!(effect, Effect::AskPlace(Asked::Scene, _));
+        assert!(harness.state().outside.effects.iter().any(asks));
     }
 
     #[test]

@@ -60,8 +60,19 @@ fn hint(start: &[u8]) -> String {
         start if start.starts_with(b"version https://git-lfs") => {
             "this is a pointer of Git LFS, which stands for the file; `git lfs pull` gets the file itself".into()
         }
+        start if is_table(start) => {
+            "this looks like a table of numbers (XYZ, PTS, PTX, CSV), which is not read; convert it to LAZ or PLY first"
+                .into()
+        }
         _ => "it starts with none of their signatures (\"LASF\", \"ply\")".into(),
     }
+}
+
+/// Whether a file begins with a line of numbers.
+fn is_table(start: &[u8]) -> bool {
+    let line = start.split(|byte| matches!(byte, b'\n' | b'\r')).next().unwrap_or_default();
+    let is_part = |byte: &u8| byte.is_ascii_digit() || b" \t,;.+-eE".contains(byte);
+    line.iter().any(u8::is_ascii_digit) && line.iter().all(is_part)
 }
 
 impl Source {
@@ -183,9 +194,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pointer_of_git_lfs_is_named_and_says_how_to_get_the_file() {
+    fn what_looks_like_a_known_thing_is_named_with_a_way_out() {
         let text = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
         let told = hint(text);
+        assert!(hint(b"1024\n768\n0 0 0\n").contains("table of numbers"), "a PTX begins with its columns");
+        assert!(hint(b"3.5 -1.25e3 7\n").contains("table of numbers") && !hint(b"name 1\n").contains("table"));
         assert!(told.contains("Git LFS") && told.contains("git lfs pull"), "{told}");
     }
 

@@ -94,8 +94,20 @@ impl Place<'_> {
     }
 }
 
+/// A distance with commas between groups of three digits.
 fn rounded(distance: f64) -> String {
-    if distance < 10.0 { format!("{distance:.2}") } else { format!("{distance:.0}") }
+    if distance < 10.0 {
+        return format!("{distance:.2}");
+    }
+    let digits = format!("{distance:.0}");
+    let mut grouped = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            grouped.push(',');
+        }
+        grouped.push(digit);
+    }
+    grouped
 }
 
 fn are_near(a: Bounds, b: Bounds) -> bool {
@@ -133,8 +145,8 @@ mod tests {
         assert_eq!(
             apart.warnings,
             [
-                "small lies 899800 units away from large, which is in the view",
-                "other lies 4999800 units away from large, which is in the view; they have different coordinate systems"
+                "small lies 899,800 units away from large, which is in the view",
+                "other lies 4,999,800 units away from large, which is in the view; they have different coordinate systems"
             ]
         );
     }

@@ -26,7 +26,7 @@ use crate::viewer::picture::render_thread::{FrameRequest, Picture};
 use crate::viewer::requests::action::{Action, Film};
 use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::requests::messages::Level;
-use crate::viewer::requests::outside::{Effect, Outside};
+use crate::viewer::requests::outside::{Effect, Outside, whole};
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::measurements::units;
 use crate::viewer::truth::tuning::Tuning;
@@ -208,7 +208,7 @@ impl Filming {
     /// Tells how a recording of the window has ended.
     pub fn on_captured(&mut self, captured: Captured, outside: &mut Outside) {
         let Some(live) = self.live.take() else { return };
-        let (name, dropped) = (live.name.display(), live.dropped.load(Ordering::Relaxed));
+        let (name, dropped) = (whole(&live.name), live.dropped.load(Ordering::Relaxed));
         outside.log(json!({ "event": "captured", "path": live.name, "frames": captured.result.as_ref().ok(), "dropped": dropped }));
         let told = if dropped > 0 {
             format!("; {dropped} were dropped, because writing took too long")

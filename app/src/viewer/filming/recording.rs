@@ -10,7 +10,7 @@ use crate::viewer::jobs::process::{Ended, Leash};
 use crate::viewer::loaded::Loaded;
 use crate::viewer::requests::file_names::free_path;
 use crate::viewer::requests::messages::Level;
-use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::outside::{Outside, whole};
 use crate::viewer::requests::recording::Wanted;
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
@@ -107,7 +107,13 @@ impl Recording {
         let Some(under_way) = self.under_way.take() else { return };
         outside.log(json!({ "event": "recorded", "output": under_way.output, "ended": format!("{ended:?}") }));
         match ended {
-            Ended::Done(told) => outside.note(format!("Recorded: {told}")),
+            Ended::Done(told) => {
+                // The command tells the path as it was given.
+                let told = told
+                    .strip_prefix(&under_way.output)
+                    .map_or(told.clone(), |rest| format!("{}{rest}", whole(under_way.output.as_ref())));
+                outside.note(format!("Recorded: {told}"));
+            }
             Ended::Stopped => outside.note(format!(
                 "Recording stopped; what is done of {} stays, and the same recording goes on from there",
                 under_way.output

@@ -189,7 +189,7 @@ fn edits_of_a_path_are_undone_and_the_picture_follows() {
     assert_eq!(path(&session).duration(), 4.0);
     let before = session.scene.camera;
     session.act(Action::Undo);
-    assert!(session.outside.messages.all.last().unwrap().text.contains("path path"));
+    assert!(session.outside.messages.all.last().unwrap().text.contains("path `path`"));
     later(&mut session, 0.1);
     assert_eq!(path(&session).duration(), 3.0);
     assert!(session.scene.camera != before && session.scene.camera.eye.distance(end.eye) < 1e-9);

@@ -23,6 +23,7 @@ use crate::system::peak_memory::host_peak_bytes;
 use crate::system::progress_bar::Bar;
 use crate::system::terminal;
 use crate::viewer::jobs::tasks::SceneKey;
+use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::picture::render_thread::{Command, FrameRequest, Picture, Report};
 use crate::viewer::requests::messages::Level;
@@ -268,6 +269,13 @@ impl Headless {
         self.session.scene.settings.tone = Tone { fit: ExposureFit::Locked, exposure: stops, ..self.tone.clone() };
     }
 
+    /// Puts the camera where a recording has it at time `now`, without a hurried frame. Streamed clouds load at once.
+    fn stand(&mut self, camera: Camera, now: Instant) {
+        self.session.outside.now = now;
+        (self.session.scene.camera, self.session.scene.camera_is_placed) = (camera, true);
+        self.session.with_loaded(Loaded::look_around);
+    }
+
     /// Steps the session until the picture that the camera sees is final; without a camera, until everything is loaded
     /// and seen from where the scene opens. Returns `None` if there is nothing to show. `now` is the time by the recording's clock. `bar` shows the progress while files are loaded.
     ///
@@ -275,7 +283,7 @@ impl Headless {
     /// Somebody pressed Ctrl-C, or the picture cannot be drawn.
     pub fn settle(&mut self, camera: Option<Camera>, now: Instant, bar: &Bar) -> anyhow::Result<Option<FrameRequest>> {
         match camera {
-            Some(camera) => self.session.stand(camera, now),
+            Some(camera) => self.stand(camera, now),
             None => self.session.outside.now = now,
         }
         loop {

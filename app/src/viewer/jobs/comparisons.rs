@@ -28,16 +28,13 @@ pub struct CompareDraft {
 }
 
 /// What the distances are measured to.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub enum Second {
+    /// Another cloud that is open, if there is one, else a file that is still to be named.
+    #[default]
+    Other,
     Cloud(CloudKey),
     File(String),
-}
-
-impl Default for Second {
-    fn default() -> Self {
-        Self::File(String::new())
-    }
 }
 
 /// What the panel shows of comparisons, and the one under way.

@@ -18,7 +18,7 @@ use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::requests::action::Compare;
 use crate::viewer::requests::file_names::{free_path, picture_name};
 use crate::viewer::requests::messages::Level;
-use crate::viewer::requests::outside::Effect;
+use crate::viewer::requests::outside::{Effect, whole};
 use crate::viewer::requests::work::Work;
 
 impl Loaded {
@@ -45,10 +45,20 @@ impl Loaded {
         chosen.or(self.clouds.first())
     }
 
+    /// What the distances would be measured to.
+    pub fn compared_second(&self) -> Second {
+        let first = self.compared_first().map(|entry| entry.key);
+        let other = || self.clouds.iter().find(|entry| Some(entry.key) != first);
+        match &self.comparisons.draft.second {
+            Second::Other => other().map_or(Second::File(String::new()), |entry| Second::Cloud(entry.key)),
+            chosen => chosen.clone(),
+        }
+    }
+
     fn comparing(&self, beside: &Beside<'_>) -> Result<Comparing, String> {
-        let CompareDraft { second, is_m3c2, scales, core, output, .. } = &self.comparisons.draft;
+        let CompareDraft { is_m3c2, scales, core, output, .. } = &self.comparisons.draft;
         let first = self.compared_first().ok_or("There is no cloud to compare yet")?;
-        let (second, to) = match second {
+        let (second, to) = match &self.compared_second() {
             Second::Cloud(key) => {
                 let entry = self.cloud(*key).ok_or("Choose a second cloud, or a file, to measure the distances to")?;
                 if entry.key == first.key {
@@ -56,6 +66,7 @@ impl Loaded {
                 }
                 (ends(entry)?, entry.cloud.name.clone())
             }
+            Second::Other => return Err("Choose a second cloud, or a file, to measure the distances to".into()),
             Second::File(path) if path.trim().is_empty() => {
                 return Err("Choose a second cloud, or a file, to measure the distances to".into());
             }
@@ -123,7 +134,7 @@ impl Loaded {
         if let Err(error) = request.check() {
             return beside.outside.say(Level::Error, error.to_string());
         }
-        beside.outside.note(format!("Distances written: {}", path.display()));
+        beside.outside.note(format!("Distances written: {}", whole(path)));
         beside.outside.push(Effect::Load { inputs: request.inputs });
         self.set_visible(key, false, beside);
         color_by(attribute, beside);

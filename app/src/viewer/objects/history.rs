@@ -213,14 +213,17 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
             told.push(text);
         }
     };
-    for (_, (name, object)) in differing {
-        let name = param::shortened(name.lines().next().unwrap_or_default(), MOST_NAMED);
-        tell(format!("{} {name}", object.kind().name).trim_end().to_owned());
+    let ids: BTreeSet<ObjectId> = differing.map(|(id, _)| *id).collect();
+    for id in ids {
+        // A note that is not written yet has no name.
+        let all = [&before, &after].into_iter().filter_map(|objects| objects.get(&id));
+        let named = all.max_by_key(|(name, _)| !name.is_empty());
+        named.into_iter().for_each(|(name, object)| tell(quoted(object.kind().name, name)));
     }
     for own in differing_of(&from.objects.own_settings, &objects.own_settings) {
         let placement = |objects: &Objects| objects.settings_of(own.key).and_then(CloudSettings::placement);
         let what = if placement(&from.objects) == placement(objects) { "cloud" } else { "the place of cloud" };
-        tell(format!("{what} {}", param::shortened(short_name(&own.settings.cloud), MOST_NAMED)));
+        tell(quoted(what, short_name(&own.settings.cloud)));
     }
     if from.objects.markings != objects.markings {
         tell("points that reflect".into());
@@ -229,10 +232,10 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
         tell("which points are shown".into());
     }
     for path in differing_of(&from.objects.paths, &objects.paths) {
-        tell(format!("path {}", param::shortened(&path.name, MOST_NAMED)));
+        tell(quoted("path", &path.name));
     }
     for bookmark in differing_of(&from.objects.bookmarks, &objects.bookmarks) {
-        tell(format!("bookmark {}", param::shortened(&bookmark.name, MOST_NAMED)));
+        tell(quoted("bookmark", &bookmark.name));
     }
     let (before, after): (BTreeSet<_>, BTreeSet<_>) =
         (from.settings.differing().into_iter().collect(), settings.differing().into_iter().collect());
@@ -246,6 +249,14 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
         told.push(format!("{rest} more"));
     }
     told.join(", ")
+}
+
+/// A thing and its name, in a form that commas within the name do not divide.
+fn quoted(what: &str, name: &str) -> String {
+    match param::shortened(name.lines().next().unwrap_or_default(), MOST_NAMED) {
+        name if name.is_empty() => what.to_owned(),
+        name => format!("{what} `{name}`"),
+    }
 }
 
 /// What is in one of two lists and not in the other.
@@ -364,7 +375,7 @@ mod tests {
             subject.watch(true);
         }
         assert!(subject.undo());
-        assert_eq!(subject.told.as_deref(), Some("mirror sphere"));
+        assert_eq!(subject.told.as_deref(), Some("mirror `sphere`"));
         assert_eq!((subject.objects.mirrors[0].mirror.position.x, subject.settings.splat.size), (0.0, 2.0));
         assert!(subject.undo());
         assert_eq!(subject.told.as_deref(), Some("splat.size"));

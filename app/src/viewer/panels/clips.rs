@@ -94,7 +94,9 @@ fn row(ui: &mut Ui, session: &Session, PlacedClip { id, clip }: &PlacedClip, act
                 Keep::Inside => ("inside", Keep::Outside),
                 Keep::Outside => ("outside", Keep::Inside),
             };
-            let keep = ui.small_button(word).on_hover_text("Whose points are shown; click for the other side");
+            let keep = ui.small_button(word).on_hover_text(
+                "Which points are shown: those inside of the volume, or those outside. A click changes it",
+            );
             if keep.accessible_name(format!("{} shows its {word}", clip.name)).clicked() {
                 actions.push(change(Clip { keep: other, ..clip.clone() }));
             }

@@ -271,7 +271,7 @@ mod tests {
         assert_eq!((label(session).as_str(), session.scene.settings.color.by), ("normal", ColorBy::Auto));
         session.act(Action::Undo);
         let told = session.outside.messages.all.last().map(|message| message.text.clone()).unwrap_or_default();
-        assert_eq!(told, "Undone: cloud cloud.ply");
+        assert_eq!(told, "Undone: cloud `cloud.ply`");
         with_figures(session);
         assert_eq!(label(session), "plain");
         session.act(Action::Redo);
@@ -379,7 +379,7 @@ mod tests {
         assert_eq!(places(session), moved);
         session.act(Action::Undo);
         let told = session.outside.messages.all.last().map(|message| message.text.clone()).unwrap_or_default();
-        assert_eq!((told.as_str(), places(session)), ("Undone: the place of cloud cloud.ply", before.clone()));
+        assert_eq!((told.as_str(), places(session)), ("Undone: the place of cloud `cloud.ply`", before.clone()));
         session.act(Action::Redo);
         assert_eq!(places(session), moved);
         harness.run_ok();

@@ -48,7 +48,7 @@ fn kept(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         let help =
             "The kept state becomes the present one, with its parameters, lights, clips and shown points, and that is kept";
         button(ui, "Swap", false, is_there, KeptStep::Swap, help);
-        button(ui, "Let go", false, is_there, KeptStep::LetGo, "Forgets the kept state");
+        button(ui, "Forget", false, is_there, KeptStep::LetGo, "Forgets the kept state, and frees its memory");
         let hold = bindings::shortcut(&Action::ShowKept);
         ui.label(RichText::new(format!("hold {hold} to see it")).color(theme::WEAK));
     });
@@ -208,7 +208,9 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 fn second(ui: &mut Ui, session: &Session, draft: &mut CompareDraft) {
     let clouds = &session.loaded.clouds;
     let own = session.loaded.compared_first().map(|entry| entry.key);
-    let other = match &draft.second {
+    let chosen = session.loaded.compared_second();
+    let other = match &chosen {
+        Second::Other => None,
         Second::Cloud(key) => clouds.iter().find(|entry| entry.key == *key).map(|entry| entry.cloud.name.as_str()),
         Second::File(_) => Some("a file"),
     };
@@ -222,18 +224,20 @@ fn second(ui: &mut Ui, session: &Session, draft: &mut CompareDraft) {
             for entry in clouds.iter().filter(|entry| Some(entry.key) != own) {
                 ui.selectable_value(&mut draft.second, Second::Cloud(entry.key), &entry.cloud.name);
             }
-            let is_file = matches!(draft.second, Second::File(_));
+            let is_file = matches!(chosen, Second::File(_));
             if ui.selectable_label(is_file, "a file").clicked() && !is_file {
-                draft.second = Second::default();
+                draft.second = Second::File(String::new());
             }
         });
         shown.response.labelled_by(label.id);
     });
-    if let Second::File(path) = &mut draft.second {
+    if let Second::File(mut path) = chosen {
         ui.horizontal(|ui| {
             let label = name_label(ui, "File");
-            let field = egui::TextEdit::singleline(path).hint_text("/folder/scan.laz").desired_width(180.0);
-            ui.add(field).labelled_by(label.id);
+            let field = egui::TextEdit::singleline(&mut path).hint_text("/folder/scan.laz").desired_width(180.0);
+            if ui.add(field).labelled_by(label.id).changed() {
+                draft.second = Second::File(path);
+            }
         });
     }
 }
@@ -341,7 +345,7 @@ mod tests {
         assert_eq!(size(&harness), 1.0);
         click(&mut harness, "Swap");
         assert_eq!(size(&harness), 3.0);
-        click(&mut harness, "Let go");
+        click(&mut harness, "Forget");
         assert!(!harness.state().kept.is_there() && !harness.state().kept.is_asked_for());
     }
 }

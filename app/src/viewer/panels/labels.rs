@@ -30,7 +30,7 @@ pub fn placing(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, sessio
     if let Some(last) = placing.corners.last().and_then(|corner| place(*corner)).filter(|_| !kind.has_reach()) {
         painter.line_segment([last, pointer], Stroke::new(1.0, theme::ACCENT));
     }
-    if let Some(figure) = placing.live(session.hovered(), session.up()).first() {
+    if let Some(figure) = placing.live(session.scene.hovered(), session.up()).first() {
         let text = format!("{}  {}", figure.name, figure.text(&units(&session.loaded)));
         label(painter, pointer + vec2(14.0, 0.0), &text, theme::ACCENT, false, size);
     }

@@ -167,7 +167,7 @@ mod tests {
         assert!(!offers(&harness), "a file was named");
         harness.get_by_label("Recent").click();
         harness.run_ok();
-        harness.get_by_label_contains("Unsaved work on hall.toml").click();
+        harness.get_by_label_contains("ago…").click();
         harness.run_ok();
         assert!(offers(&harness));
         harness.key_press(Key::Enter);

@@ -66,12 +66,14 @@ fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft,
         NormalsWay::Own | NormalsWay::Flatten => {}
     }
     slider(ui, "Intensity", egui::Slider::new(&mut draft.specular_intensity, 0.0..=1.0));
-    slider(ui, "Power", egui::Slider::new(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true))
+    slider(ui, "Specular power", egui::Slider::new(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true))
         .on_hover_text("Sharpness of the highlights that they show of lights; 0: none");
     if draft.specular_power > 0.0 {
         ui.horizontal(|ui| {
             let label = name_label(ui, "Highlights only");
-            ui.checkbox(&mut draft.gloss, "").labelled_by(label.id).on_hover_text("They are glossy and no mirror");
+            ui.checkbox(&mut draft.gloss, "")
+                .labelled_by(label.id)
+                .on_hover_text("The points shine by this power, and reflect nothing sharply");
         });
     }
     if !(draft.gloss && draft.specular_power > 0.0) {

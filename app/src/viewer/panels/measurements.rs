@@ -81,7 +81,7 @@ fn help(kind: MeasurementKind) -> &'static str {
 fn placing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(placing) = &session.tools.measurements.placing else { return };
     ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
-    if let Some(figure) = placing.live(session.hovered(), session.up()).first() {
+    if let Some(figure) = placing.live(session.scene.hovered(), session.up()).first() {
         ui.label(RichText::new(format!("{}  {}", figure.name, figure.text(&units(&session.loaded)))).monospace());
     }
     ui.horizontal_wrapped(|ui| {
@@ -379,7 +379,7 @@ mod tests {
         harness.state_mut().act(Action::Undo);
         assert_eq!(measurements(&harness)[0].name, "the door");
         let told = &harness.state().outside.messages.all;
-        assert!(told.last().is_some_and(|message| message.text == "Undone: measurement the door"), "undo tells");
+        assert!(told.last().is_some_and(|message| message.text == "Undone: measurement `the door`"), "undo tells");
     }
 
     #[test]

@@ -166,7 +166,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
     }
     slider(ui, "Intensity", egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
         .on_hover_text("Share of the light that is reflected; the rest is diffuse");
-    slider(ui, "Power", egui::Slider::new(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true))
+    slider(ui, "Specular power", egui::Slider::new(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true))
         .on_hover_text("Sharpness of the highlights that it shows of lights; 0: none");
     if mirror.shape.has_formula() {
         refraction(ui, &mut mirror.refraction);
@@ -191,7 +191,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
 /// Edits whether light goes through a mirror, and how much it bends.
 pub fn refraction(ui: &mut Ui, refraction: &mut Option<f32>) {
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Clear");
+        let label = name_label(ui, "Glass or water");
         let mut is_clear = refraction.is_some();
         ui.checkbox(&mut is_clear, "")
             .labelled_by(label.id)
@@ -302,7 +302,7 @@ mod tests {
         let refraction =
             |harness: &Harness<'static, Session>| harness.state().scene.objects.mirrors[0].mirror.refraction;
         assert!(refraction(&harness).is_none() && harness.query_by_label("Refraction").is_none());
-        harness.get_by_label("Clear").click();
+        harness.get_by_label("Glass or water").click();
         harness.run_ok();
         assert_eq!(refraction(&harness), Some(GLASS));
         assert!(harness.query_all_by_label("Refraction").next().is_some());

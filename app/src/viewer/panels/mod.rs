@@ -29,4 +29,5 @@ pub mod timeline;
 pub mod timings;
 pub mod truth;
 pub mod tuning;
+pub mod welcome;
 pub mod wipe;

@@ -202,8 +202,19 @@ fn even_amount(bytes: param::Bytes) -> param::Bytes {
     param::Bytes(bytes.0.saturating_add(step / 2) / step * step)
 }
 
-/// Turns a name into words for people: `min_pixels` becomes `Min pixels`.
+/// Turns a name into words for people: `min_pixels` becomes `Min pixels`. A single word that says little gets others.
 pub fn title(name: &str) -> String {
+    let said = match name {
+        "across" => "Power across",
+        "carve" => "End at edges",
+        "keep" => "Keep reflections",
+        "point" => "Error of point",
+        "reading" => "Interleaved as in",
+        _ => "",
+    };
+    if !said.is_empty() {
+        return said.to_owned();
+    }
     let mut words = name.replace('_', " ");
     if let Some(first) = words.get_mut(..1) {
         first.make_ascii_uppercase();

@@ -51,7 +51,10 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         Some(Ok(_)) => {
             egui::ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
                 egui::Grid::new("record").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
-                    for (name, value) in pick.attributes() {
+                    // What is 0 says least, and comes last.
+                    let mut attributes: Vec<_> = pick.attributes().collect();
+                    attributes.sort_by_key(|(_, value)| value.parse() == Ok(0.0));
+                    for (name, value) in attributes {
                         let value = if value.is_empty() { "no value" } else { value };
                         ui.label(RichText::new(name).size(12.0));
                         ui.add(egui::Label::new(RichText::new(value).monospace().size(11.5)).selectable(true));
@@ -69,7 +72,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if ui.button("Copy").clicked() {
             actions.push(Action::CopyPick);
         }
-        if ui.button("Clear").clicked() {
+        if ui.button("Close").on_hover_text("Forgets the picked point").clicked() {
             actions.push(Action::ClearPick);
         }
     });
@@ -89,7 +92,7 @@ mod tests {
 
     fn pick(world: DVec3) -> Pick {
         // The coordinates of the file, and a column of another thing that has the name of one.
-        let record = [("X", "3"), ("y", "0.0"), ("Z", "-400"), ("intensity", "1234")];
+        let record = [("X", "3"), ("y", "0.0"), ("returns", "0"), ("Z", "-400"), ("intensity", "1234")];
         let record = Some(Ok(record.map(|(name, value)| (name.into(), value.into())).to_vec()));
         Pick {
             point: PickedPoint { chunk: CloudKey(0).chunk(Part::Block(0)), index: 77 },
@@ -112,6 +115,8 @@ mod tests {
         );
         harness.run();
         assert!(harness.query_by_label("3  0  -4").is_some());
+        let top = |label: &str| harness.get_by_label(label).rect().top();
+        assert!(top("returns") > top("distance"), "what is 0 comes last");
         assert!(harness.query_by_label("1234").is_some() && harness.query_by_label("0.25").is_some());
         let is_listed = |name: &str| harness.query_by_label(name).is_some();
         assert_eq!(["X", "y", "Z"].map(is_listed), [false, false, true], "the coordinates stand above");
@@ -121,8 +126,8 @@ mod tests {
             Effect::Copy(text) => Some(text.clone()),
             _ => None,
         });
-        assert!(
-            copied.is_some_and(|text| text.contains("point 77\t3\t0\t-4\nZ\t-400\nintensity\t1234\ndistance\t0.25\n"))
-        );
+        assert!(copied.is_some_and(|text| {
+            text.contains("point 77\t3\t0\t-4\nreturns\t0\nZ\t-400\nintensity\t1234\ndistance\t0.25\n")
+        }));
     }
 }

@@ -260,7 +260,7 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
             painter.circle_stroke(at, radius, Stroke::new(1.5, color));
         }
     };
-    mark(session.hovered(), 6.0, Color32::WHITE);
+    mark(session.scene.hovered(), 6.0, Color32::WHITE);
     mark(session.tools.pick.as_ref().map(|pick| pick.world), 7.0, theme::ACCENT);
     let pointer = response.hover_pos().filter(|at| transform.frame().contains(*at));
     let pointed = pointer.and_then(|pointer| nearest(slice, &transform, pointer));
@@ -574,6 +574,6 @@ mod tests {
         assert_eq!((session.scene.objects.profiles.len(), session.tools.profiles.in_view), (0, None));
         session.act(Action::Undo);
         let told = &session.outside.messages.all;
-        assert!(told.iter().any(|message| message.text == "Undone: profile profile"), "undo tells");
+        assert!(told.iter().any(|message| message.text == "Undone: profile `profile`"), "undo tells");
     }
 }

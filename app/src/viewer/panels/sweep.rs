@@ -62,7 +62,7 @@ pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(sweep) = &session.sweeps.under_way else { return };
     ui.spinner();
     ui.label(RichText::new(sweep.text()).small().color(theme::WEAK));
-    if ui.small_button("End sweep").on_hover_text("What there is of it is saved").clicked() {
+    if ui.small_button("End sweep").on_hover_text("The values that are judged so far are saved").clicked() {
         actions.push(Action::EndSweep);
     }
 }

@@ -68,8 +68,8 @@ enum Selected {
 /// Draws the timeline at the lower edge.
 pub fn dock(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     Panel::bottom("timeline")
-        .default_size(150.0)
-        .size_range(110.0..=420.0)
+        .default_size(174.0)
+        .size_range(134.0..=420.0)
         .resizable(true)
         .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 6)))
         .show(ui, |ui| show(ui, session, actions));
@@ -88,9 +88,16 @@ fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut selected = selected.filter(|selected| time_of(path, *selected).is_some());
     let mut changed = path.clone();
     ui.horizontal(|ui| options(ui, session, &mut changed, &mut selected, &mut push));
-    if let Some(Selected::Caption(index)) = selected {
-        let end = changed.duration();
-        changed.captions.get_mut(index).into_iter().for_each(|caption| captions::row(ui, caption, end));
+    // The row is always there, so that nothing moves when a caption is selected.
+    let end = changed.duration();
+    match selected {
+        Some(Selected::Caption(index)) if index < changed.captions.len() => {
+            captions::row(ui, &mut changed.captions[index], end);
+        }
+        _ => {
+            let text = "A click selects a mark or a caption below; a drag moves it.";
+            ui.horizontal(|ui| ui.label(RichText::new(text).small().color(theme::WEAK)));
+        }
     }
     wipe::row(ui, session, &mut changed);
     lanes(ui, session, &mut changed, &mut selected, &mut push);

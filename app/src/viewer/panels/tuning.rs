@@ -102,7 +102,7 @@ fn dots(tuning: &Tuning, axes: Axes, series: &FrameRequest, is_of_series: bool) 
 
 /// How much of the panel's height the chart takes.
 pub fn height(panel: f32) -> f32 {
-    (panel * 0.55).clamp(120.0, 400.0)
+    (panel * 0.48).clamp(120.0, 360.0)
 }
 
 /// Draws the chart into the panel.
@@ -150,7 +150,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let listed = list(ui, tuning, &view, &series);
     let trial = chosen.or(listed).and_then(|trial| tuning.trials.get(trial));
     actions.extend(trial.map(|trial| Action::ReturnTo(Box::new(trial.settings.clone()))));
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let help = format!("Appends the setting at hand to {STUDY} in the current folder, for `glint study`");
         if ui.button("Add to study").on_hover_text(help).clicked() {
             actions.push(Action::AddToStudy);
@@ -180,16 +180,14 @@ fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: 
     let greyed: Vec<[f64; 2]> = others.iter().map(|(_, place)| *place).collect();
     let error = ERRORS.iter().find(|(error, ..)| *error == axes.error).map_or("", |(_, name, _)| name);
     let time = if axes.by_frame { "frame, ms" } else { "method, ms" };
-    let milliseconds = |mark: GridMark, _: &std::ops::RangeInclusive<f64>| {
-        let value = 10_f64.powf(mark.value);
-        if value < 1.0 { format!("{value:.2}") } else { format!("{value:.0}") }
-    };
+    let milliseconds = |mark: GridMark, _: &std::ops::RangeInclusive<f64>| time_text(mark.value);
     let plot = Plot::new("tuning")
-        .height(180.0)
+        .height(150.0)
         .allow_scroll(false)
         .x_axis_label(time)
         .y_axis_label(error)
         .x_axis_formatter(milliseconds)
+        .x_grid_spacer(|input| time_marks(input.bounds))
         .label_formatter(|_| None)
         .include_y(0.0)
         .include_y(LEAST_ERROR)
@@ -216,6 +214,28 @@ fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: 
     let note = if trial.is_sparse() { SPARSE } else { "" };
     let response = drawn.response.on_hover_text_at_pointer(format!("{}\n{note}{}", summary(trial), trial.text()));
     response.clicked().then_some(pointed)
+}
+
+/// The marks of an axis of times whose values are decimal logarithms: 1, 2 and 5 of each decade.
+fn time_marks((low, high): (f64, f64)) -> Vec<GridMark> {
+    let decades = (low.floor() as i32)..=(high.ceil() as i32).min(low.floor() as i32 + 12);
+    let of = |decade: i32| {
+        [1.0_f64, 2.0, 5.0]
+            .map(|digit| GridMark { value: f64::from(decade) + digit.log10(), step_size: digit_step(digit) })
+    };
+    decades.flat_map(of).collect()
+}
+
+/// How far apart marks of this kind are at least: those of 1 are drawn strongest.
+fn digit_step(digit: f64) -> f64 {
+    if digit == 1.0 { 1.0 } else { 0.3 }
+}
+
+/// A time in milliseconds from its decimal logarithm.
+fn time_text(logarithm: f64) -> String {
+    let value = 10_f64.powf(logarithm);
+    let rounded = if value < 1.0 { format!("{value:.2}") } else { format!("{value:.0}") };
+    if value < 1000.0 { rounded } else { format!("{} s", (value / 1000.0 * 10.0).round() / 10.0) }
 }
 
 /// The dot that the mouse means.
@@ -278,6 +298,16 @@ mod tests {
             front
         };
         assert_eq!(pareto(&points), by_force);
+    }
+
+    #[test]
+    fn the_axis_of_times_has_round_numbers() {
+        let texts: Vec<String> = time_marks((0.9, 4.2)).iter().map(|mark| time_text(mark.value)).collect();
+        assert_eq!(texts[..6], ["1", "2", "5", "10", "20", "50"]);
+        assert!(
+            ["1 s", "2 s", "5 s", "10 s", "20 s"].iter().all(|text| texts.iter().any(|known| known == text)),
+            "{texts:?}"
+        );
     }
 
     #[test]

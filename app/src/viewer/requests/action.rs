@@ -18,7 +18,7 @@ use crate::viewer::objects::inspection::Pose;
 use crate::viewer::objects::{Marking, ObjectId};
 use crate::viewer::picture::render_thread::PickedPoint;
 use crate::viewer::requests::draft::Draft;
-use crate::viewer::requests::path_prompt::PathPrompt;
+use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::requests::recording::Wanted;
 
 /// What a pinned truth shows.
@@ -454,6 +454,15 @@ pub enum Action {
 }
 
 impl Action {
+    /// What saves under this path, if that is the purpose of a prompt.
+    pub fn saving(purpose: Purpose, path: &str) -> Option<Self> {
+        match purpose {
+            Purpose::SaveScene => Some(Self::File(Filing::SaveTo(path.into()))),
+            Purpose::SavePoints => Some(Self::Export(Export::To(path.into()))),
+            Purpose::Open | Purpose::MirrorPoints | Purpose::Mesh => None,
+        }
+    }
+
     /// Multiplies a wheel action by the number of notches; other actions stay as they are.
     pub fn scaled(self, notches: f32) -> Self {
         match self {

@@ -15,6 +15,11 @@ use crate::viewer::picture::under_way::Pass;
 use crate::viewer::requests::messages::{Level, Messages};
 use crate::viewer::requests::work::{Found, Work};
 
+/// A path from the root, as messages name what was written: a person may look for it from another folder.
+pub fn whole(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or(path.to_owned()).display().to_string()
+}
+
 /// A request of the session for something outside of it.
 pub enum Effect {
     Render(Command),
@@ -95,7 +100,7 @@ impl Outside {
     /// Tells that a picture was written.
     pub fn saved(&mut self, path: &Path) {
         self.log(json!({ "event": "saved", "path": path }));
-        self.note(format!("Picture saved: {}", path.display()));
+        self.note(format!("Picture saved: {}", whole(path)));
     }
 
     /// Tells whether a scene file was written.

@@ -1,10 +1,12 @@
 //! What the user looks at: the parameters, the objects, the camera, and the history that undoes changes of them.
 
+pub mod approach;
 pub mod confines;
 pub mod flight;
 pub mod furnishing;
 pub mod light_search;
 pub mod navigation;
+pub mod orbit;
 pub mod past_views;
 pub mod posing;
 pub mod turning;
@@ -57,6 +59,8 @@ pub struct Scene {
     pub camera: Camera,
     /// True if a person or a file chose the camera: then loading no longer moves it.
     pub camera_is_placed: bool,
+    /// The view that the first scene opened with, to which framing goes back.
+    pub opening: Option<Camera>,
     /// A camera in the room that is open, if it is one.
     pub room: Option<Camera>,
     pub confines: Confines,
@@ -85,6 +89,7 @@ impl Scene {
             selected: None,
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
             camera_is_placed: false,
+            opening: None,
             room: None,
             confines: Confines::default(),
             first_side: None,
@@ -462,6 +467,9 @@ impl Scene {
     }
 
     pub fn frame_all(&mut self, clouds: &[CloudEntry], now: Instant) {
+        if let Some(opening) = self.opening {
+            return self.jump(now, self.settings.clone(), opening);
+        }
         if !self.bounds(clouds).is_empty() {
             let mut camera = self.camera;
             camera.frame(&self.outline(clouds), self.settings.view.field_of_view, self.aspect());
@@ -495,6 +503,11 @@ impl Scene {
     /// Returns the pixel under the cursor.
     pub fn cursor(&self) -> Option<[u32; 2]> {
         self.navigation.cursor.map(|(pixel, _)| pixel)
+    }
+
+    /// The place of the point under the cursor, if it is known.
+    pub fn hovered(&self) -> Option<DVec3> {
+        self.navigation.hovered.and_then(|(_, world)| world)
     }
 
     /// Records that a person moved the camera.

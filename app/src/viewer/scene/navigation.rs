@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use crate::overlays::lens::to_vector;
 use crate::viewer::requests::pick::Pick;
-use crate::viewer::scene::turning::{Orbit, Turn};
+use crate::viewer::scene::orbit::{Orbit, Turn};
 
 /// The camera rests when it has not moved for this long. Then the picture is refined.
 const REST: Duration = Duration::from_millis(150);

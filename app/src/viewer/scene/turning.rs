@@ -4,88 +4,17 @@
 use std::time::Instant;
 
 use glam::{DVec2, DVec3};
-use scene::{Camera, Projection};
+use scene::Projection;
 
 use crate::viewer::requests::action::Action;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::Scene;
-use crate::viewer::scene::confines::Confines;
+use crate::viewer::scene::orbit::{Orbit, Turn};
 
 /// The turn of the camera in radians per pixel of mouse movement. A half turn takes 630 pixels, about half a window.
 const RADIANS_PER_PIXEL: f64 = 0.005;
 /// A point that is farther away than so many times the pivot is out of reach: to orbit it would sweep the eye away.
 const REACH: f64 = 3.0;
-/// The number of halvings that find how far a drag may go: to a thousandth of it.
-const HALVINGS: u32 = 10;
-
-/// What a drag turns.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Turn {
-    Head,
-    About(Orbit),
-}
-
-/// A turn about a point.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Orbit {
-    pub center: DVec3,
-    /// The camera as it would be if nothing stood in its way.
-    free: Camera,
-    /// The camera as this orbit has left it.
-    shown: Camera,
-    /// Whether the eye comes nearer where something would come between it and the centre.
-    yields: bool,
-    /// Whether the point under the cursor is still being looked up.
-    awaits: bool,
-}
-
-impl Orbit {
-    /// A camera that was pulled nearer before, and not moved since, begins where it would be without that.
-    fn new(center: DVec3, camera: Camera, before: Option<&Self>, confines: &Confines) -> Self {
-        let free = before.filter(|before| before.shown == camera && before.center == center).map(|before| before.free);
-        let free = free.unwrap_or(camera);
-        let arm = confines.arm(center, free.eye, camera.up);
-        let yields = arm.is_some_and(|arm| arm >= center.distance(camera.eye) * (1.0 - 1e-9));
-        Self { center, free, shown: camera, yields, awaits: false }
-    }
-
-    /// Turns by two angles, as far as nothing stops the eye. Returns the camera that is shown.
-    fn turn(&mut self, turn: f64, tilt: f64, now: Camera, confines: &Confines) -> Camera {
-        if now != self.shown {
-            self.free = now;
-        }
-        for [turn, tilt] in [[turn, 0.0], [0.0, tilt]] {
-            let turned = |share: f64| {
-                let mut camera = self.free;
-                camera.orbit_about(self.center, turn * share, tilt * share);
-                let shown = self.pulled(camera, confines);
-                confines.lets(self.shown.eye, shown.eye, shown.up).then_some((camera, shown))
-            };
-            let (mut low, mut high) = (0.0, 1.0);
-            let mut best = turned(high);
-            for _ in 0..if best.is_some() { 0 } else { HALVINGS } {
-                let middle = (low + high) * 0.5;
-                match turned(middle) {
-                    Some(found) => (low, best) = (middle, Some(found)),
-                    None => high = middle,
-                }
-            }
-            (self.free, self.shown) = best.unwrap_or((self.free, self.shown));
-        }
-        self.shown
-    }
-
-    /// The camera, nearer to the centre where something comes between.
-    fn pulled(&self, mut camera: Camera, confines: &Confines) -> Camera {
-        let distance = self.center.distance(camera.eye);
-        let arm = confines.arm(self.center, camera.eye, camera.up).filter(|_| self.yields);
-        if let Some(arm) = arm.filter(|arm| *arm < distance) {
-            camera.zoom_toward(self.center, arm / distance);
-        }
-        camera
-    }
-}
-
 impl Scene {
     /// Whether a drag turns the head here.
     pub fn is_in_room(&self) -> bool {
@@ -112,7 +41,9 @@ impl Scene {
             if awaits && self.navigation.asked.is_none() {
                 self.ask_hover(outside);
             }
-            self.navigation.turn = Some(Turn::About(Orbit { awaits, ..self.orbit(known) }));
+            let mut orbit = self.orbit(known);
+            orbit.awaits = awaits;
+            self.navigation.turn = Some(Turn::About(orbit));
         }
         self.bring_pivot(known);
     }
@@ -145,10 +76,8 @@ impl Scene {
         let is_behind = depth > camera.distance() * 1e-3 && depth < camera.distance();
         if is_behind && self.settings.view.projection == Projection::Perspective {
             camera.pivot = camera.eye + camera.forward() * depth;
-            if let Some(Turn::About(orbit)) = &mut self.navigation.turn
-                && orbit.free.eye == camera.eye
-            {
-                (orbit.free, orbit.shown) = (*camera, *camera);
+            if let Some(Turn::About(orbit)) = &mut self.navigation.turn {
+                orbit.on_pivot(*camera);
             }
         }
     }
@@ -197,10 +126,11 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use scene::{Interior, Surroundings};
+    use scene::{Camera, Interior, Surroundings};
 
     use super::*;
     use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::scene::confines::Confines;
     use crate::viewer::session::Session;
 
     /// The free space of a room of 8 by 6 by 3 metres, whose floor begins at the origin.

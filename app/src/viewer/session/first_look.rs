@@ -1,7 +1,7 @@
 //! What the window shows when nothing is named: a built-in scene with a ball to take in hand. It makes room for the
 //! first file that is opened, and takes its own parameters with it; those that the person changed meanwhile stay.
 
-use scene::{Settings, pool};
+use scene::{Camera, Settings, pool};
 use world::{Input, Request};
 
 use crate::viewer::loaded::{Beside, Loaded};
@@ -14,6 +14,8 @@ pub struct FirstLook {
     own: Settings,
     /// The parameters that the scene opened with.
     given: Settings,
+    /// The view that it opened with, to which `Home` goes back.
+    pub camera: Camera,
     /// Whether the ball has been selected.
     has_ball: bool,
 }
@@ -25,7 +27,8 @@ impl FirstLook {
         let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
         let view = request.view.as_mut().filter(|_| names == [world::first_scene()])?;
         view.settings = own.with_changes(&Settings::default(), &view.settings);
-        Some(Self { own: own.clone(), given: view.settings.clone(), has_ball: false })
+        let camera = view.camera?;
+        Some(Self { own: own.clone(), given: view.settings.clone(), camera, has_ball: false })
     }
 
     /// The person's own parameters, with what has been changed since.
@@ -45,7 +48,7 @@ impl FirstLook {
     /// Closes the scene, and brings the person's parameters back.
     pub fn leave(self, loaded: &mut Loaded, beside: &mut Beside<'_>) {
         loaded.close_all(beside);
-        beside.scene.selected = None;
+        (beside.scene.selected, beside.scene.opening) = (None, None);
         beside.scene.settings = self.own(&beside.scene.settings);
         // Nobody wants the scene back by undoing.
         beside.scene.history = History::default();
@@ -142,6 +145,16 @@ mod tests {
         assert!(low > 0.2 && low < 0.4, "{low}");
         session.act(Action::Open("five-mirrors/none".into()));
         assert_eq!(session.scene.confines.ground, None);
+    }
+
+    #[test]
+    fn home_brings_back_the_view_that_the_scene_opened_with() {
+        let mut session = session();
+        let opened = session.scene.camera;
+        session.act(Action::Orbit(DVec2::new(30.0, 10.0)));
+        assert!(session.scene.camera != opened);
+        session.act(Action::FrameAll);
+        assert_eq!(session.scene.camera, opened);
     }
 
     #[test]

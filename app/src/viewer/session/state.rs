@@ -9,19 +9,20 @@ use std::time::{Duration, Instant};
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{Camera, MirrorPoints, Shape};
+use scene::{MirrorPoints, Shape};
 use serde_json::json;
 use world::CloudKey;
 
-use crate::viewer::filming::{self, Filming};
+use crate::viewer::filming::{self, Filming, Wiping};
 use crate::viewer::frames::Frames;
 use crate::viewer::frames::auto::Auto;
+use crate::viewer::jobs::tasks::Answer;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::look::reflection_figures::FigureHistory;
 use crate::viewer::look::theme::bytes;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::picture::render_thread::{Command, Frame, FrameRequest, Report};
-use crate::viewer::requests::action::{Action, Export, Filing, KeptStep, Palette};
+use crate::viewer::requests::action::{Action, Filing, KeptStep, Palette};
 use crate::viewer::requests::messages::{Level, Messages};
 use crate::viewer::requests::outside::{Effect, News, Outside};
 use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
@@ -29,6 +30,7 @@ use crate::viewer::requests::preferences::Preferences;
 use crate::viewer::requests::work::{Found, Work};
 use crate::viewer::scene::confines::Confines;
 use crate::viewer::scene::{STEP, Scene};
+use crate::viewer::session::Session;
 use crate::viewer::session::document::{Document, Leaving, Next};
 use crate::viewer::session::first_look::FirstLook;
 use crate::viewer::session::kept::Kept;
@@ -36,44 +38,8 @@ use crate::viewer::session::wanted;
 use crate::viewer::tools::Tools;
 use crate::viewer::truth::sweep::Sweeps;
 use crate::viewer::truth::tuning::Tuning;
-use crate::viewer::truth::view::TruthView;
-use crate::viewer::truth::{sweep, tuning};
-
-pub struct Session {
-    pub loaded: Loaded,
-    pub scene: Scene,
-    pub figure_history: FigureHistory,
-    pub tools: Tools,
-    pub raw_colors: bool,
-    pub truth: TruthView,
-    pub kept: Kept,
-    pub tuning: Tuning,
-    pub sweeps: Sweeps,
-    pub outside: Outside,
-    pub preferences: Preferences,
-    pub path_prompt: Option<PathPrompt>,
-    pub palette: Option<Palette>,
-    /// What is searched for among the parameters.
-    pub search: String,
-    pub shortcuts_are_open: bool,
-    pub interface_is_hidden: bool,
-    pub is_full_screen: bool,
-    /// The name of the adapter that draws; `None` until its shaders are compiled.
-    pub adapter: Option<String>,
-    pub frames: Frames,
-    pub auto: Auto,
-    pub filming: Filming,
-    /// Set while the window shows what it does when nothing is named.
-    pub first_look: Option<FirstLook>,
-    pub document: Document,
-    /// Whether a text has the keyboard: what it changes is one step of undo. The picture does not wait for its end.
-    pub is_typing: bool,
-    /// The reason why nothing can be drawn any more.
-    pub fatal: Option<String>,
-    pub wants_to_quit: bool,
-    /// True while pictures are recorded: only final pictures are drawn, and none depends on the pictures before it.
-    pub is_recorded: bool,
-}
+use crate::viewer::truth::view::{Taken, TruthView};
+use crate::viewer::truth::{Around, sweep, tuning};
 
 impl Session {
     pub fn new(preferences: Preferences) -> Self {
@@ -195,7 +161,10 @@ impl Session {
             Action::JudgeSettings(is_on) => self.truth.judges = is_on,
             Action::EstimateErrors(is_on) => self.truth.live.is_on = is_on,
             Action::StopTruth => self.stop_truth(),
-            Action::ToggleChart => self.toggle_chart(),
+            Action::ToggleChart => {
+                let hidden = &mut self.interface_is_hidden;
+                self.tuning.toggle(&mut self.preferences, hidden, &mut self.search);
+            }
             Action::ForgetTrials => self.tuning.forget_trials(),
             Action::AddToStudy => self.scene.add_to_study(&self.loaded, &mut self.outside),
             Action::AskSweep(key) => self.sweeps.ask(&key, &self.scene.settings, &mut self.outside),
@@ -276,12 +245,9 @@ impl Session {
     /// If the typed text names nothing, the prompt stays open.
     fn open_prompted(&mut self, path: String) {
         let purpose = self.path_prompt.as_ref().map_or(Purpose::Open, |prompt| prompt.purpose);
-        if purpose == Purpose::SaveScene {
+        if let Some(action) = Action::saving(purpose, &path) {
             self.path_prompt = None;
-            self.file(Filing::SaveTo(path.into()));
-        } else if purpose == Purpose::SavePoints {
-            self.path_prompt = None;
-            self.act(Action::Export(Export::To(path.into())));
+            self.act(action);
         } else if purpose == Purpose::Mesh {
             self.path_prompt = None;
             self.outside.work(Work::ReadMesh(Shape::Mesh(path.into())));
@@ -402,6 +368,7 @@ impl Session {
             self.scene.confines = Confines { ground: request.ground(), walls: request.walls(), interior: None };
             let is_alone = self.loaded.clouds.is_empty() && !self.loaded.is_loading() && !self.is_recorded;
             self.first_look = FirstLook::of(&mut request, &self.scene.settings).filter(|_| is_alone);
+            self.scene.opening = self.first_look.as_ref().map(|first| first.camera);
         }
         for warning in std::mem::take(&mut request.warnings) {
             self.outside.say(Level::Warning, warning);
@@ -522,11 +489,6 @@ impl Session {
         self.scene.bounds(&self.loaded.clouds)
     }
 
-    /// The place of the point under the cursor, if it is known.
-    pub fn hovered(&self) -> Option<DVec3> {
-        self.scene.navigation.hovered.and_then(|(_, world)| world)
-    }
-
     pub fn up(&self) -> DVec3 {
         self.scene.up(&self.loaded.clouds)
     }
@@ -538,14 +500,6 @@ impl Session {
             let bounds = self.bounds();
             self.scene.frame_while_unplaced(bounds, &self.loaded.clouds);
         }
-    }
-
-    /// Puts the camera where a recording has it at time `now`, without a hurried frame. Streamed clouds load at once.
-    pub fn stand(&mut self, camera: Camera, now: Instant) {
-        self.outside.now = now;
-        self.scene.camera = camera;
-        self.scene.camera_is_placed = true;
-        self.with_loaded(Loaded::look_around);
     }
 
     /// Acts on all that has happened since the last step: requests the frame, the figures and the truth that are wanted
@@ -674,6 +628,67 @@ impl Session {
                 self.outside.log(json!({ "event": "lost", "text": problem }));
                 self.fatal = Some(problem);
             }
+        }
+    }
+
+    /// Calls `act` with what the truth and a sweep read from the session, and with the parts that they change.
+    fn with_truth<R>(
+        &mut self,
+        act: impl FnOnce(&Around<'_>, &mut TruthView, &mut Tuning, &mut Sweeps, &mut Wiping, &mut Outside) -> R,
+    ) -> R {
+        let around = Around {
+            still: self.still_frame().cloned(),
+            clouds: &self.loaded.clouds,
+            samples: &self.loaded.samples,
+            settings: &self.scene.settings,
+            test: self.scene.objects.test(),
+            frames: &self.frames,
+            raw_colors: self.raw_colors,
+            is_taken: self.sweeps.under_way.is_some() || self.filming.timeline.wiping.is_tracing(),
+        };
+        let wiping = &mut self.filming.timeline.wiping;
+        act(&around, &mut self.truth, &mut self.tuning, &mut self.sweeps, wiping, &mut self.outside)
+    }
+
+    /// Advances the sweep and the truth by one step. Returns the time after which to call again.
+    pub fn sync_truth(&mut self) -> Option<Duration> {
+        self.with_truth(|around, truth, _, sweeps, _, outside| sweeps.sync(around, truth, outside));
+        // A sweep draws other frames.
+        let still = self.still_frame().filter(|_| self.sweeps.under_way.is_none()).cloned();
+        let estimate = self.truth.live.sync(still.as_ref(), &mut self.outside);
+        self.with_truth(|around, truth, _, _, wiping, outside| wiping.sync(around, truth, outside));
+        let truth = self.with_truth(|around, truth, tuning, _, _, outside| truth.sync(around, tuning, outside));
+        estimate.into_iter().chain(truth).min()
+    }
+
+    pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
+        self.with_truth(|around, _, _, sweeps, _, outside| sweeps.start(key, values, places, around, outside));
+    }
+
+    /// Stops all work for the truth, the chart and a sweep.
+    pub fn stop_truth(&mut self) {
+        self.truth.stop();
+        self.tuning.is_open = false;
+        self.sweeps.stop(&mut self.outside);
+    }
+
+    /// Handles a truth that cannot be computed: nothing more is requested, or the current value of a sweep has failed.
+    fn on_not_judged(&mut self, problem: &str) {
+        self.truth.on_not_judged();
+        self.tuning.forget_measuring();
+        if !self.sweeps.on_failed(problem, &mut self.outside) {
+            self.stop_truth();
+            self.outside.say(Level::Error, format!("The truth cannot be shown: {problem}"));
+        }
+    }
+
+    pub fn on_truth(&mut self, answer: Answer) {
+        let Some(answer) = self.filming.timeline.wiping.take_answer(answer, &mut self.outside) else { return };
+        match self.truth.on_answer(answer, self.frames.revision) {
+            Taken::Nothing => {}
+            Taken::Log(event) => self.outside.log(event),
+            Taken::Swept(swept) => self.sweeps.on_judged(swept, &mut self.tuning),
+            Taken::Failed(problem) => self.on_not_judged(&problem),
         }
     }
 }

@@ -187,7 +187,7 @@ fn of_clouds_that_lie_far_apart_the_largest_is_framed_and_the_distance_of_others
     let camera = session.scene.camera;
     assert!(camera.pivot.length() < 10.0 && camera.eye.length() < 100.0, "{camera:?}");
     let said: Vec<&str> = session.outside.messages.all.iter().map(|message| message.text.as_str()).collect();
-    assert!(said.contains(&"far.ply lies 99997 units away from near.ply, which is in the view"), "{said:?}");
+    assert!(said.contains(&"far.ply lies 99,997 units away from near.ply, which is in the view"), "{said:?}");
 }
 
 #[test]
@@ -237,4 +237,39 @@ fn a_text_that_has_the_keyboard_lets_the_picture_rest_and_is_one_step_of_undo() 
     session.is_typing = false;
     session.step(at(2000), false);
     assert_eq!(session.scene.history.steps(), steps + 1);
+}
+
+#[test]
+fn a_comparison_begins_with_the_other_cloud_that_is_open() {
+    use crate::viewer::jobs::comparisons::Second;
+
+    let points = vec![[0.0; 3], [1.0, 0.0, 0.0]];
+    let session = session_of(&[("a.ply", points.clone()), ("b.ply", points)]);
+    assert_eq!(session.loaded.compared_second(), Second::Cloud(session.loaded.clouds[1].key));
+    assert_eq!(Session::with_two_points().loaded.compared_second(), Second::File(String::new()));
+}
+
+#[test]
+fn escape_closes_a_sweep_that_is_set_up_and_then_the_chart() {
+    let mut session = Session::with_two_points();
+    session.act(Action::ToggleChart);
+    session.act(Action::AskSweep("splat.size".into()));
+    assert!(session.sweeps.asked.is_some());
+    session.act(Action::EndTool);
+    assert!(session.sweeps.asked.is_none() && session.tuning.is_open);
+    session.act(Action::EndTool);
+    assert!(!session.tuning.is_open);
+}
+
+#[test]
+fn a_parameter_that_is_reset_comes_back_by_undo() {
+    let mut session = Session::with_two_points();
+    session.step(session.outside.now, false);
+    let size = session.scene.settings.splat.size;
+    session.scene.edit(session.outside.now, |settings, _| settings.splat.size = 3.0);
+    session.act(Action::Reset("splat.size".into()));
+    assert_eq!(session.scene.settings.splat.size, size);
+    assert!(session.outside.messages.all.last().unwrap().text.starts_with("splat.size is "));
+    session.act(Action::Undo);
+    assert_eq!(session.scene.settings.splat.size, 3.0);
 }

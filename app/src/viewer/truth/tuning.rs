@@ -8,9 +8,11 @@ use serde_json::json;
 use study::Accuracy;
 use study::results::Spread;
 
+use crate::viewer::look::tab::Tab;
 use crate::viewer::picture::render_thread::{Command, FrameRequest};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
+use crate::viewer::requests::preferences::Preferences;
 
 /// A time is the median of this many frames that are drawn from scratch.
 const FRAMES: usize = 3;
@@ -38,6 +40,20 @@ pub struct Tuning {
     pub is_open: bool,
     pub trials: Vec<Trial>,
     measuring: Option<FrameRequest>,
+}
+
+impl Tuning {
+    /// Shows the chart in its tab, or closes it where it is in view. `search` hides the tab while it has words.
+    pub fn toggle(&mut self, preferences: &mut Preferences, interface_is_hidden: &mut bool, search: &mut String) {
+        let has_tab = preferences.panel_is_open && Tab::named(&preferences.tab) == Tab::Tuning;
+        let is_in_view = has_tab && !*interface_is_hidden && search.trim().is_empty();
+        self.is_open = !(self.is_open && is_in_view);
+        if self.is_open {
+            (preferences.panel_is_open, *interface_is_hidden) = (true, false);
+            preferences.tab = Tab::Tuning.name().to_owned();
+            search.clear();
+        }
+    }
 }
 
 /// The milliseconds of a frame and of the passes that find the points that mirrors show.

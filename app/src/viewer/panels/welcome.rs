@@ -1,0 +1,80 @@
+//! What a newcomer sees over the picture: the hint of the first scene, and the page that is left when everything is closed.
+
+use egui::{Color32, Rect, RichText, Ui};
+
+use crate::viewer::look::theme;
+use crate::viewer::objects::clouds::short_name;
+use crate::viewer::requests::action::{Action, Filing};
+use crate::viewer::requests::bindings::COMMAND;
+use crate::viewer::session::Session;
+
+/// What a newcomer can do.
+const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a LAS, LAZ or PLY file here, or press";
+
+/// Tells a newcomer what to do, until a hand has done something.
+pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
+    let Some(first) = &session.first_look else { return };
+    let is_untouched = session.scene.camera == first.camera && session.scene.history.steps() == 0;
+    let is_free = !session.interface_is_hidden && !session.filming.timeline.is_open;
+    if is_untouched && is_free && session.frames.shown.is_some() {
+        caption(ui, rect, rect.center_bottom() - egui::vec2(0.0, 24.0), &format!("{FIRST_LOOK} {COMMAND}+O."));
+    }
+}
+
+/// Writes a text over the picture that can be read whatever is behind it, in lines that fit into the picture. It stands
+/// above `foot`, or about it where it has one line.
+pub fn caption(ui: &Ui, rect: Rect, foot: egui::Pos2, text: &str) {
+    let (font, wrap) = (egui::FontId::proportional(15.0), (rect.width() - 40.0).max(80.0));
+    let galley = ui.painter().layout(text.into(), font, Color32::WHITE, wrap);
+    let line = galley.size().y / galley.rows.len().max(1) as f32;
+    let middle = foot - egui::vec2(0.0, (galley.size().y - line) * 0.5);
+    let area = Rect::from_center_size(middle, galley.size());
+    ui.painter().rect_filled(area.expand2(egui::vec2(12.0, 6.0)), 6.0, Color32::from_black_alpha(170));
+    ui.painter().galley(area.min, galley, Color32::WHITE);
+}
+
+/// How many of the last scenes the page lists.
+const RECENT_SCENES: usize = 4;
+
+/// Draws the page that is left when everything is closed.
+pub fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec<Action>) {
+    let size = egui::vec2(420.0, 320.0).min(rect.size());
+    let area = Rect::from_center_size(rect.center(), size);
+    ui.scope_builder(egui::UiBuilder::new().max_rect(area), |ui| {
+        ui.vertical_centered(|ui| {
+            ui.label(RichText::new("glint").size(34.0).color(theme::ACCENT));
+            ui.add_space(6.0);
+            ui.label(RichText::new(format!("Drop a LAS, LAZ or PLY file here, or press {COMMAND}+O")).size(16.0));
+            ui.add_space(10.0);
+            if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
+                actions.push(Action::OpenDialog);
+            }
+            for path in session.preferences.sessions.iter().take(RECENT_SCENES) {
+                if ui.link(short_name(path)).on_hover_text(path).clicked() {
+                    actions.push(Action::File(Filing::Open(path.into())));
+                }
+            }
+            ui.add_space(14.0);
+            ui.label(RichText::new("or look at a built-in scene").color(theme::WEAK));
+            ui.add_space(4.0);
+        });
+        let names = world::built_in_names();
+        for row in names.chunks(4) {
+            // The row is centred by hand, because a centred layout puts each button on a line of its own.
+            let wide = |name: &String| 7.2 * short_scene(name).len() as f32 + 24.0;
+            let width: f32 = row.iter().map(wide).sum();
+            ui.horizontal(|ui| {
+                ui.add_space(((ui.available_width() - width) * 0.5).max(0.0));
+                for name in row {
+                    if ui.button(short_scene(name)).on_hover_text(name).clicked() {
+                        actions.push(Action::Open(name.into()));
+                    }
+                }
+            });
+        }
+    });
+}
+
+fn short_scene(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or(name)
+}
