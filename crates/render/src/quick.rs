@@ -1,8 +1,9 @@
 //! The picture while something moves, where the adapter is a processor: every pixel of the picture and as many points as
 //! its time allows, computed without the GPU's passes.
 //!
-//! Each point is put once into a pyramid of cells (levels.rs), at the level whose cells are as large as its splat, so a
-//! point costs the same however large its splat is. Each pixel then looks up the few points around it (look_up.rs).
+//! Each point is put once into a pyramid of cells (levels.rs), at the level whose cells are a quarter to half as wide as its
+//! splat, so a point costs the same however large its splat is. Each pixel then looks up the few points around it
+//! (look_up.rs).
 //! Schuetz et al. 2021 splat points with one atomic minimum each, as here; docs/performance.md has the times.
 
 mod levels;
@@ -64,6 +65,7 @@ impl QuickPicture {
         light: Option<&KnownLight>,
     ) -> FrameStats {
         let began = Instant::now();
+        let size = size.map(|edge| edge.max(1));
         let reach = store.reach();
         let (center, radius) = if reach.is_empty() { (camera.pivot, 1.0) } else { (reach.center(), reach.radius()) };
         let frame = FrameCamera::new(camera, &settings.view, size, center, radius);
@@ -128,10 +130,5 @@ impl QuickPicture {
         let (pixel, key) = found.min_by_key(|(place, _)| distance(*place))?;
         let (cloud, chunk, index) = store.find(identity_of(key), &self.drawn)?;
         Some(Picked { cloud, chunk, index, linear_depth: depth_of(key), pixel })
-    }
-
-    /// The memory that it takes in bytes.
-    pub fn bytes(&self) -> u64 {
-        self.levels.bytes() + self.pixels.bytes()
     }
 }

@@ -166,8 +166,4 @@ impl Levels {
     pub fn coarse(&self) -> impl IndexedParallelIterator<Item = u64> {
         self.cells[self.starts[1]..].par_iter().map(|cell| cell.load(Ordering::Relaxed))
     }
-
-    pub fn bytes(&self) -> u64 {
-        self.cells.len() as u64 * 8
-    }
 }

@@ -72,10 +72,6 @@ impl KnownLight {
         let curve = Box::new(std::array::from_fn(screen));
         Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, curve }
     }
-
-    pub fn bytes(&self) -> u64 {
-        (self.depth.len() + self.light.len()) as u64 * 4
-    }
 }
 
 /// The colour on the screen of albedos in light.

@@ -310,11 +310,6 @@ impl Pixels {
         let shown = self.depth[(y as usize + 1) * (width as usize + 2) + x as usize + 1];
         (shown / depth - 1.0).abs() < ALONG_PLANE
     }
-
-    pub fn bytes(&self) -> u64 {
-        let discs = (self.discs.len() * size_of::<Disc>()) as u64;
-        discs + (self.depth.len() + self.color.len() + self.lights.len() + self.picture.len()) as u64 * 4
-    }
 }
 
 /// sRGB above its dark end: (1 + offset) times a power of linear light, less the offset, in steps of 1/255.
