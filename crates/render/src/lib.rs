@@ -54,7 +54,7 @@ pub use lighting::MOST_LIGHTS;
 pub use pass_times::PassTime;
 pub use passes::PassStage;
 pub use probe::{LightProbe, MirrorProbe, Probe, SeenMirror, Shown};
-pub use quick::{Detail, KnownLight, QuickPicture};
+pub use quick::{Detail, Known, KnownLight, QuickPicture};
 pub use read_back::Picked;
 pub use recorder::IsGivenUp;
 pub use reflection::kept_hits::GlossCache;

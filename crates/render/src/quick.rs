@@ -28,8 +28,8 @@ use crate::reflection::kept_hits::GlossCache;
 use crate::renderer::FrameStats;
 use crate::store::PointStore;
 use levels::{EMPTY, Levels, depth_of, identity_of};
-pub use light::KnownLight;
 pub(crate) use light::StillImages;
+pub use light::{Known, KnownLight};
 use look_up::Pixels;
 use splat::{Piece, View};
 
@@ -53,8 +53,8 @@ pub struct Detail {
 }
 
 impl QuickPicture {
-    /// Draws a picture of `size` pixels of the points that `camera` sees. They are lit as `light` knows it, or show their
-    /// own colours without it. Mirrors are drawn as if they were not.
+    /// Draws a picture of `size` pixels of the points that `camera` sees. They are lit as `known` says, or show their own
+    /// colours, and mirrors show what it says, or black.
     pub fn draw(
         &mut self,
         store: &PointStore,
@@ -62,7 +62,7 @@ impl QuickPicture {
         settings: &Settings,
         size: [u32; 2],
         detail: Detail,
-        light: Option<&KnownLight>,
+        known: Known<'_>,
     ) -> FrameStats {
         let began = Instant::now();
         let size = size.map(|edge| edge.max(1));
@@ -80,7 +80,7 @@ impl QuickPicture {
         let splatting = began.elapsed().as_secs_f64() * 1e3;
         let began = Instant::now();
         self.pixels.look_up(&pieces, &view, &self.levels);
-        self.pixels.shade(&view, &frame, settings, light, detail.coarseness as f32);
+        self.pixels.shade(&view, &frame, settings, known, detail.coarseness as f32);
         (self.size, self.drawn) = (size, store.identities().clone());
         let shading = began.elapsed().as_secs_f64() * 1e3;
         let pass = |name, stage, milliseconds| PassTime { name, stage, milliseconds };

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use cloud::{Attribute, Chunk, Cloud, CloudLayout, Column, ColumnType, PointTest, hash, pack_normal, pack_radius};
 use glam::DVec3;
-use render::{Aov, ColorPlan, Detail, Material, Objects, PointStore, QuickPicture};
+use render::{Aov, ColorPlan, Detail, Known, Material, Objects, PointStore, QuickPicture};
 use scene::{Camera, Settings};
 
 use stage::Stage;
@@ -100,7 +100,7 @@ fn a_quick_picture_is_like_the_picture_at_rest_in_both_projections_and_with_fewe
         let mut quick = QuickPicture::default();
         let mut draw = |most_points| {
             let detail = Detail { most_points, ..ALL };
-            let stats = quick.draw(&store, &camera(), &settings, SIZE, detail, None);
+            let stats = quick.draw(&store, &camera(), &settings, SIZE, detail, Known::default());
             (stats.points_drawn, difference(&quick.take_rows().tight(), &rest))
         };
         let (points, all) = draw(None);
@@ -134,7 +134,7 @@ fn points_have_the_colours_in_which_the_renderer_shows_them() {
         let store = store(&stage, &cloud, &settings);
         let rest = still(&mut stage, &store, &camera(), &settings);
         let mut quick = QuickPicture::default();
-        quick.draw(&store, &camera(), &settings, SIZE, ALL, None);
+        quick.draw(&store, &camera(), &settings, SIZE, ALL, Known::default());
         let difference = difference(&quick.take_rows().tight(), &rest);
         assert!(difference < 3.0, "{source:?}: {difference} of 255");
     }
@@ -148,7 +148,7 @@ fn a_quick_picture_shows_no_point_that_is_hidden_and_nothing_before_the_eye() {
     let mut store = store(&stage, &cloud, &settings);
     let mut quick = QuickPicture::default();
     let mut shows = |store: &PointStore, camera: &Camera| {
-        quick.draw(store, camera, &settings, SIZE, ALL, None);
+        quick.draw(store, camera, &settings, SIZE, ALL, Known::default());
         let picture = quick.take_rows().tight();
         [2, 6].map(|class| picture.chunks_exact(4).any(|pixel| pixel[..3] == render::class_color(class)[..3]))
     };
@@ -175,7 +175,7 @@ fn a_quick_picture_takes_over_the_light_of_a_picture_at_rest_into_other_views() 
     let known = stage.renderer.known_light(&settings).unwrap();
     let mut quick = QuickPicture::default();
     let mut error = |light| {
-        quick.draw(&store, &turned, &settings, SIZE, ALL, light);
+        quick.draw(&store, &turned, &settings, SIZE, ALL, Known { light, mirrors: None });
         difference(&quick.take_rows().tight(), &other)
     };
     let (lit, unlit) = (error(Some(&known)), error(None));
@@ -191,7 +191,7 @@ fn the_point_under_a_pixel_of_a_quick_picture_is_that_of_the_picture_at_rest() {
     still(&mut stage, &store, &camera(), &settings);
     let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
     let mut quick = QuickPicture::default();
-    quick.draw(&store, &camera(), &settings, SIZE, ALL, None);
+    quick.draw(&store, &camera(), &settings, SIZE, ALL, Known::default());
     let at = |x: u32, y: u32| depth[(y * SIZE[0] + x) as usize];
     let mut count = 0;
     for (x, y) in (5..SIZE[1] - 5).step_by(7).flat_map(|y| (5..SIZE[0] - 5).step_by(7).map(move |x| (x, y))) {

@@ -141,8 +141,9 @@ impl QuickPace {
     /// The least number of points per pixel.
     const LEAST_POINTS: f64 = 1.0;
 
-    /// Learns from a picture that took `milliseconds` and should have taken `wanted`.
-    pub fn learn(&mut self, stats: &FrameStats, request: &FrameRequest, milliseconds: f64, wanted: f64) {
+    /// Learns from a picture that should have taken `wanted` milliseconds. What mirrors show counts apart.
+    pub fn learn(&mut self, stats: &FrameStats, request: &FrameRequest, wanted: f64) {
+        let milliseconds = stats.frame_milliseconds;
         let pixels = request.drawn_size().map(f64::from).iter().product::<f64>().max(1.0);
         if request.spared.is_none_or(|spared| spared.most_points.is_none()) {
             self.points = stats.points_drawn as f64;

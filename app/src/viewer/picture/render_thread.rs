@@ -25,7 +25,7 @@ use crate::overlays::{self, Facts};
 use crate::system::picture_file;
 pub use crate::viewer::picture::frame_request::{FrameRequest, hurried};
 use crate::viewer::picture::judging::{self, MovingJudge};
-use crate::viewer::picture::moving::MovingPictures;
+use crate::viewer::picture::moving::{Moving, MovingPictures};
 use crate::viewer::picture::picture_writer::{self, DrawnFrame, Finished};
 use crate::viewer::picture::under_way::Pass;
 
@@ -602,13 +602,9 @@ impl Worker {
 
     fn draw(&mut self, request: FrameRequest) -> render::Result<DrawnFrame> {
         let started = Instant::now();
-        let quick = match request.hurried {
-            true => self.moving.draw(&self.gpu, &self.resident.store, &request),
-            false => None,
-        };
-        let (mut stats, rows) = match quick {
-            Some(drawn) => drawn,
-            None => self.draw_by_passes(&request)?,
+        let (mut stats, rows) = match request.hurried {
+            true => self.draw_moving(&request)?,
+            false => self.draw_by_passes(&request)?,
         };
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         if !request.hurried {
@@ -621,6 +617,20 @@ impl Worker {
         }
         self.on_screen = Some(request.clone());
         Ok(DrawnFrame { request, stats, rows, started, window_gpu: self.window_gpu.clone() })
+    }
+
+    /// Draws a hurried frame: as a quick picture, if that can be.
+    fn draw_moving(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
+        let mut moving = self.moving.draw(&self.gpu, &self.resident.store, request);
+        if let Moving::Mirrors(coarse) = &moving {
+            self.draw_by_passes(coarse)?;
+            self.moving.keep_mirrors(&self.renderer, coarse)?;
+            moving = self.moving.draw(&self.gpu, &self.resident.store, request);
+        }
+        match moving {
+            Moving::Drawn(stats, rows) => Ok((stats, rows)),
+            Moving::Mirrors(_) | Moving::Never => self.draw_by_passes(request),
+        }
     }
 
     /// Draws a frame by the passes of the renderer.

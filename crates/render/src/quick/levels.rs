@@ -96,7 +96,7 @@ impl Levels {
         for level in 0..LEVELS {
             let (start, width, height) = (self.starts[level], self.widths[level], self.heights[level]);
             let cells = &self.cells[start..start + width * height];
-            let enough = if level == 0 { 4 } else { 3 };
+            let enough = if level == 0 { 4 } else { 2 };
             let row = |(y, keys): (usize, &mut [u64])| {
                 let row = |y: usize| &cells[y * width..(y + 1) * width];
                 let here = row(y);

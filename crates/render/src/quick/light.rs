@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::splat::View;
+use super::splat::{MIRROR, View};
 use crate::frame::FrameCamera;
 
 /// What a picture at rest knows of the light on the surfaces that it shows.
@@ -12,9 +12,21 @@ pub struct KnownLight {
     size: [usize; 2],
     /// The linear depth in world units; 0 where nothing is seen.
     depth: Vec<f32>,
-    /// The light that leaves each surface over its albedo, coded by `code`; the fourth byte is 0 where it is not known.
+    /// The light that leaves each surface over its albedo, coded by `code`. The fourth byte says whether it is known, and
+    /// whether the pixel is a mirror's.
     light: Vec<[u8; 4]>,
+    /// The picture in sRGB, without eye-dome lighting.
+    shown: Vec<[u8; 4]>,
     curve: Box<[u8; CURVE]>,
+}
+
+/// What quick pictures take over from pictures of the renderer.
+#[derive(Clone, Copy, Default)]
+pub struct Known<'a> {
+    /// The light on the points; without it they show their own colours.
+    pub light: Option<&'a KnownLight>,
+    /// What mirrors show.
+    pub mirrors: Option<&'a KnownLight>,
 }
 
 /// The images of a picture at rest: rows of linear values.
@@ -39,6 +51,11 @@ const SAME_SURFACE: f32 = 0.03;
 /// The width in pixels of the tiles whose mean light stands for what is not known in them.
 const TILE: usize = 16;
 
+/// The fourth bytes of what is known of a pixel.
+const NOTHING: u8 = 0;
+const LIGHT: u8 = 1;
+const REFLECTION: u8 = 2;
+
 fn code(light: f32) -> u8 {
     // Eyes tell apart shares of dark light, not its amounts.
     ((light / MOST).clamp(0.0, 1.0).sqrt() * 255.0 + 0.5) as u8
@@ -49,15 +66,6 @@ impl KnownLight {
     pub(crate) fn new(camera: FrameCamera, images: StillImages, stops: f32, is_filmic: bool) -> Self {
         let StillImages { depth, albedo, color } = images;
         let exposed = stops.exp2();
-        let of_pixel = |(albedo, color): (&[f32], &[f32])| {
-            // What a mirror shows is no light on it.
-            if albedo[3] > 0.0 || albedo[..3].iter().all(|part| *part < LEAST_ALBEDO) {
-                return [0; 4];
-            }
-            let [red, green, blue] = [0, 1, 2].map(|part| code(color[part] * exposed / albedo[part].max(LEAST_ALBEDO)));
-            [red, green, blue, 1]
-        };
-        let light = albedo.par_chunks_exact(4).zip(color.par_chunks_exact(4)).map(of_pixel).collect();
         let screen = |entry: usize| {
             let share = (entry as f32 + 0.5) / CURVE as f32;
             let mut shown = MIDDLE * share / (1.0 - share);
@@ -69,9 +77,32 @@ impl KnownLight {
             let srgb = if shown <= 0.003_130_8 { shown * 12.92 } else { 1.055 * shown.powf(1.0 / 2.4) - 0.055 };
             (srgb * 255.0 + 0.5) as u8
         };
-        let curve = Box::new(std::array::from_fn(screen));
-        Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, curve }
+        let curve: Box<[u8; CURVE]> = Box::new(std::array::from_fn(screen));
+        let of_pixel = |(albedo, color): (&[f32], &[f32])| {
+            // What a mirror shows is no light on it.
+            if albedo[3] > 0.0 {
+                return [0, 0, 0, REFLECTION];
+            }
+            if albedo[..3].iter().all(|part| *part < LEAST_ALBEDO) {
+                return [0, 0, 0, NOTHING];
+            }
+            let [red, green, blue] = [0, 1, 2].map(|part| code(color[part] * exposed / albedo[part].max(LEAST_ALBEDO)));
+            [red, green, blue, LIGHT]
+        };
+        let light = albedo.par_chunks_exact(4).zip(color.par_chunks_exact(4)).map(of_pixel).collect();
+        let screen = |color: &[f32]| {
+            let [red, green, blue] = [0, 1, 2].map(|part| on_screen(&curve, (color[part] * exposed).max(0.0)));
+            [red, green, blue, REFLECTION]
+        };
+        let shown = color.par_chunks_exact(4).map(screen).collect();
+        Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, shown, curve }
     }
+}
+
+/// The colour of linear light on the screen.
+#[inline(always)]
+fn on_screen(curve: &[u8; CURVE], light: f32) -> u8 {
+    curve[(((light / (light + MIDDLE)) * CURVE as f32) as usize).min(CURVE - 1)]
 }
 
 /// The colour on the screen of albedos in light.
@@ -95,11 +126,83 @@ impl<'a> Lit<'a> {
     /// The colour of a surface with an albedo in sRGB and a coded light.
     pub fn color(&self, albedo: [u8; 4], light: [u8; 4]) -> [u8; 4] {
         let part = |part: usize| {
-            let light = self.linear[usize::from(albedo[part])] * self.lights[usize::from(light[part])];
-            self.curve[((light / (light + MIDDLE)) * CURVE as f32) as usize % CURVE]
+            on_screen(self.curve, self.linear[usize::from(albedo[part])] * self.lights[usize::from(light[part])])
         };
         [part(0), part(1), part(2), u8::MAX]
     }
+}
+
+/// A view and that of the picture before it.
+struct Before<'a> {
+    known: &'a KnownLight,
+    view: &'a View,
+    turn: Mat3,
+    offset: Vec3,
+    half: [f32; 2],
+}
+
+impl<'a> Before<'a> {
+    fn new(known: &'a KnownLight, frame: &FrameCamera, view: &'a View) -> Self {
+        let before = &known.camera;
+        let turn: DMat3 = before.view_from_world * frame.view_from_world.transpose();
+        let offset: DVec3 = before.view_from_world * (frame.eye - before.eye);
+        let half = before.size.map(|edge| edge as f32 * 0.5);
+        Self { known, view, turn: turn.as_mat3(), offset: offset.as_vec3(), half }
+    }
+
+    /// Where in the picture before it is what a pixel shows at a depth: its place in pixels, and its depth there.
+    #[inline(always)]
+    fn place(&self, x: usize, y: usize, depth: f32) -> Option<(f32, f32, f32)> {
+        let [slope_x, slope_y] = self.view.slope(x as f32 + 0.5, y as f32 + 0.5);
+        let across = if self.view.orthographic { 1.0 } else { depth };
+        let place = self.turn * Vec3::new(slope_x * across, slope_y * across, depth) + self.offset;
+        let camera = &self.known.camera;
+        let scale = camera.focal_pixels as f32 / if camera.orthographic { 1.0 } else { place.z };
+        let (x, y) = (self.half[0] + place.x * scale, self.half[1] - place.y * scale);
+        let [width, height] = self.known.size.map(|edge| edge as f32);
+        (place.z > 0.0 && x >= 0.0 && y >= 0.0 && x < width && y < height).then_some((x, y, place.z))
+    }
+
+    /// What is known at a pixel of the picture before, if it shows the surface at this depth.
+    #[inline(always)]
+    fn at(&self, x: usize, y: usize, depth: f32) -> Option<[u8; 4]> {
+        let at = y * self.known.size[0] + x;
+        ((self.known.depth[at] - depth).abs() <= SAME_SURFACE * depth).then(|| self.known.light[at])
+    }
+}
+
+/// Gives the pixels of mirrors what they show, as far as it is known: else they are black.
+pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f32], color: &mut [[u8; 4]]) {
+    let width = view.size[0] as usize;
+    let stride = width + 2;
+    let before = Before::new(known, frame, view);
+    let [last_x, last_y] = known.size.map(|edge| edge - 1);
+    let row = |(y, color): (usize, &mut [[u8; 4]])| {
+        let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
+        for (x, (color, depth)) in color.iter_mut().zip(depths).enumerate() {
+            if color[3] != MIRROR || *depth == f32::INFINITY {
+                continue;
+            }
+            let Some((at_x, at_y, _)) = before.place(x, y, *depth) else { continue };
+            // The picture before may be a coarse one: its pixels are mixed, and it may have lost the border of a mirror.
+            let (at_x, at_y) = (at_x - 0.5, at_y - 0.5);
+            let (left, top) = (at_x.floor(), at_y.floor());
+            let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
+            for (x, y) in (0..4).flat_map(|y| (0..4).map(move |x| (left + x as f32 - 1.0, top + y as f32 - 1.0))) {
+                let inside = (x.clamp(0.0, last_x as f32) as usize, y.clamp(0.0, last_y as f32) as usize);
+                let texel = inside.1 * known.size[0] + inside.0;
+                // Beside a mirror, what stands before it there is better than nothing.
+                let share = if known.light[texel][3] == REFLECTION { 1.0 } else { 1e-6 };
+                let [red, green, blue, _] = known.shown[texel];
+                let weight = share * (1.0 - (x - at_x).abs()).max(1e-3) * (1.0 - (y - at_y).abs()).max(1e-3);
+                sum += weight * Vec3::new(f32::from(red), f32::from(green), f32::from(blue));
+                weights += weight;
+            }
+            let mean = sum / weights + 0.5;
+            *color = [mean.x as u8, mean.y as u8, mean.z as u8, MIRROR];
+        }
+    };
+    color.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
 }
 
 /// Finds the coded light of each pixel of a view. `depth` has a border of one pixel; depths are infinite where nothing is
@@ -108,13 +211,7 @@ pub fn spread(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f32
     let [width, height] = view.size.map(|edge| edge as usize);
     let stride = width + 2;
     lights.resize(width * height, [0; 4]);
-    let before = &known.camera;
-    let to_before: DMat3 = before.view_from_world * frame.view_from_world.transpose();
-    let offset: DVec3 = before.view_from_world * (frame.eye - before.eye);
-    let (turn, offset): (Mat3, Vec3) = (to_before.as_mat3(), offset.as_vec3());
-    let (focal, orthographic) = (before.focal_pixels as f32, before.orthographic);
-    let half = before.size.map(|edge| edge as f32 * 0.5);
-    let [known_width, known_height] = known.size;
+    let before = Before::new(known, frame, view);
     let row = |(y, lights): (usize, &mut [[u8; 4]])| {
         let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
         for (x, (light, depth)) in lights.iter_mut().zip(depths).enumerate() {
@@ -122,20 +219,9 @@ pub fn spread(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f32
             if *depth == f32::INFINITY {
                 continue;
             }
-            let [slope_x, slope_y] = view.slope(x as f32 + 0.5, y as f32 + 0.5);
-            let across = if view.orthographic { 1.0 } else { *depth };
-            let place = turn * Vec3::new(slope_x * across, slope_y * across, *depth) + offset;
-            let scale = if orthographic { focal } else { focal / place.z };
-            let (from_x, from_y) = (half[0] + place.x * scale, half[1] - place.y * scale);
-            if !(place.z > 0.0 && from_x >= 0.0 && from_y >= 0.0) {
-                continue;
-            }
-            let (from_x, from_y) = (from_x as usize, from_y as usize);
-            if from_x < known_width && from_y < known_height {
-                let at = from_y * known_width + from_x;
-                if (known.depth[at] - place.z).abs() <= SAME_SURFACE * place.z {
-                    *light = known.light[at];
-                }
+            if let Some((x, y, seen)) = before.place(x, y, *depth) {
+                let found = before.at(x as usize, y as usize, seen);
+                *light = found.filter(|light| light[3] == LIGHT).unwrap_or([0; 4]);
             }
         }
     };

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use scene::Settings;
 
 use super::levels::{EMPTY, LEVELS, Levels, depth_of, identity_of};
-use super::light::{self, KnownLight, Lit};
-use super::splat::{Piece, View};
+use super::light::{self, Known, Lit};
+use super::splat::{MIRROR, Piece, View};
 use crate::frame::FrameCamera;
 use crate::layout::BLOCK_POINTS;
 
@@ -29,6 +29,8 @@ pub struct Pixels {
 const SAME_SURFACE: f32 = 1.01;
 /// How far beyond the rim of a splat, in radii, a pixel counts as a gap in its surface, if it is covered by none.
 const GAP: f32 = 1.5;
+/// The same where nothing lies behind.
+const WIDE_GAP: f32 = 4.0;
 
 /// The points by their identities.
 struct Found<'a> {
@@ -80,7 +82,7 @@ impl Disc {
         let normal = piece.normals.and_then(|normals| unpack_normal(normals[index])).unwrap_or(Vec3::ZERO);
         let normal = view.view_from_world * normal;
         let radius = piece.radius(index) * view.scale;
-        let color = piece.paint.color(index, piece.positions[index]);
+        let color = piece.color(index);
         Self { center, normal, offset: normal.dot(center), inverse_square: 1.0 / (radius * radius), color }
     }
 
@@ -154,12 +156,17 @@ impl Scene<'_> {
         }
         if level == 0 {
             let (piece, index) = self.found.point(key);
-            return (depth_of(key), piece.paint.color(index, piece.positions[index]));
+            return (depth_of(key), piece.color(index));
         }
-        if let Some(seen) = self.blend(level, x, y) {
+        if let Some(seen) = self.blend(level, x, y, GAP) {
             return seen;
         }
-        self.behind(x, y, 1 << level)
+        let (depth, color) = self.behind(x, y, 1 << level);
+        if depth < f32::INFINITY {
+            return (depth, color);
+        }
+        // Of a surface that is seen along its plane, a cell keeps the point at its near end.
+        self.blend(level, x, y, WIDE_GAP).unwrap_or((depth, color))
     }
 
     /// What a pixel shows beside the levels with a bit in `skipped`, whose splats do not cover it.
@@ -173,16 +180,17 @@ impl Scene<'_> {
             if level == 0 || key == EMPTY {
                 return self.pixel(x, y, key, 0);
             }
-            if let Some(seen) = self.blend(level, x, y) {
+            if let Some(seen) = self.blend(level, x, y, GAP) {
                 return seen;
             }
             skipped |= 1 << level;
         }
     }
 
-    /// The mean of the splats of a level that cover a pixel; `None` if none does.
+    /// The mean of the splats of a level that cover a pixel, or the nearest one if the pixel is at most `gap` radii from its
+    /// middle; `None` if there is none.
     #[inline(always)]
-    fn blend(&self, level: usize, x: usize, y: usize) -> Option<(f32, [u8; 4])> {
+    fn blend(&self, level: usize, x: usize, y: usize, gap: f32) -> Option<(f32, [u8; 4])> {
         let slope = self.view.slope(x as f32 + 0.5, y as f32 + 0.5);
         let [a, b, c, d] = self.levels.around(level, x, y);
         let discs = [&self.discs[a], &self.discs[b], &self.discs[c], &self.discs[d]];
@@ -204,13 +212,16 @@ impl Scene<'_> {
             }
         }
         if front == f32::INFINITY {
-            let is_gap = nearest.0 <= GAP * GAP;
+            let is_gap = nearest.0 <= gap * gap;
             return is_gap.then(|| (met[nearest.1].0, discs[nearest.1].color));
         }
         let (mut sum, mut weights, mut depths) = (Vec3::ZERO, 0.0, 0.0);
+        // A mirror's colour is not mixed with that of what it stands on.
+        let kind = discs[nearest.1].color[3];
         for place in 0..4 {
             let (depth, square) = met[place];
-            if square <= 1.0 && depth <= front * SAME_SURFACE {
+            let is_alike = discs[place].color[3] == kind;
+            if square <= 1.0 && depth <= front * SAME_SURFACE && is_alike {
                 let weight = 1.001 - square;
                 let [red, green, blue, _] = discs[place].color;
                 sum += weight * Vec3::new(f32::from(red), f32::from(green), f32::from(blue));
@@ -218,9 +229,12 @@ impl Scene<'_> {
                 depths += weight * depth;
             }
         }
+        if weights == 0.0 {
+            return Some((met[nearest.1].0, discs[nearest.1].color));
+        }
         let inverse = 1.0 / weights;
         let color = sum * inverse + 0.5;
-        Some((depths * inverse, [color.x as u8, color.y as u8, color.z as u8, u8::MAX]))
+        Some((depths * inverse, [color.x as u8, color.y as u8, color.z as u8, kind]))
     }
 }
 
@@ -261,21 +275,21 @@ impl Pixels {
 
     /// Makes the picture: closes gaps of single pixels, and draws eye-dome lighting.
     /// `coarseness` is the width of its pixels on the screen: wide lines are drawn weaker.
-    pub fn shade(
-        &mut self,
-        view: &View,
-        frame: &FrameCamera,
-        settings: &Settings,
-        light: Option<&KnownLight>,
-        coarseness: f32,
-    ) {
+    pub fn shade(&mut self, view: &View, frame: &FrameCamera, settings: &Settings, known: Known<'_>, coarseness: f32) {
         let width = view.size[0] as usize;
         let pixels = width * view.size[1] as usize;
         self.picture.resize(pixels, [0; 4]);
-        if let Some(known) = light {
+        if let Some(mirrors) = known.mirrors {
+            light::reflect(mirrors, frame, view, &self.depth, &mut self.color);
+        }
+        if let Some(known) = known.light {
             light::spread(known, frame, view, &self.depth, &mut self.lights);
             let lit = Lit::new(known);
-            let color = |(color, light): (&mut [u8; 4], &[u8; 4])| *color = lit.color(*color, *light);
+            let color = |(color, light): (&mut [u8; 4], &[u8; 4])| {
+                if color[3] != MIRROR {
+                    *color = lit.color(*color, *light);
+                }
+            };
             self.color.par_iter_mut().with_min_len(1 << 13).zip(&self.lights).for_each(color);
         }
         let background = settings.view.background.bytes();

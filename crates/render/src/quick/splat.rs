@@ -80,8 +80,12 @@ pub struct Piece<'a> {
     provisional_radius: f32,
     /// The place of the chunk's origin in view space.
     pub origin: Vec3,
-    pub paint: Paint<'a>,
+    is_mirror: bool,
+    paint: Paint<'a>,
 }
+
+/// The fourth byte of the colour of a mirror, whose own colour is not shown.
+pub const MIRROR: u8 = 0;
 
 /// The radius of each packed one but for its shape, and the square root of the ratio of each shape's axes.
 struct Sizes {
@@ -109,7 +113,17 @@ impl<'a> Piece<'a> {
             first_identity,
             provisional_radius,
             origin: (view.full * (points.origin - view.eye)).as_vec3(),
+            is_mirror: chunk.is_mirror,
             paint: Paint::new(chunk),
+        }
+    }
+
+    /// The colour of a point in sRGB; the fourth byte is `MIRROR` for a mirror's.
+    #[inline(always)]
+    pub fn color(&self, index: usize) -> [u8; 4] {
+        match self.is_mirror {
+            true => [0, 0, 0, MIRROR],
+            false => self.paint.color(index, self.positions[index]),
         }
     }
 

@@ -101,6 +101,7 @@ pub(crate) struct SeenChunk<'a> {
     pub first_identity: u32,
     /// The radius of points whose own is not known yet, in world units.
     pub provisional_radius: f32,
+    pub is_mirror: bool,
     pub colors: PointColors,
 }
 
@@ -214,22 +215,21 @@ impl PointStore {
         DrawList { pages, items, chunks: chunk_ids, hides_points: self.hides_points(), points, step: 1 }
     }
 
-    /// The chunks that may be in the picture, except mirrors that are drawn by their formula, in the order of their
+    /// The chunks that may be in the picture, mirrors that are drawn by their formula among them, in the order of their
     /// identities.
     pub(crate) fn seen_chunks(&self, camera: &FrameCamera, settings: &Settings) -> Vec<SeenChunk<'_>> {
         let identities = self.identities();
         let seen = self.chunks.iter().filter_map(|(id, chunk)| {
             let cloud = self.clouds.get(&chunk.cloud)?;
-            let is_seen = cloud.visible
-                && !chunk.shown.bounds.is_empty()
-                && !cloud.is_by_formula(settings)
-                && chunk.is_seen(cloud, camera, &settings.splat);
+            let is_seen =
+                cloud.visible && !chunk.shown.bounds.is_empty() && chunk.is_seen(cloud, camera, &settings.splat);
             is_seen.then(|| SeenChunk {
                 points: &chunk.points,
                 shown: &chunk.shown.which,
                 layout: chunk.layout.as_deref(),
                 first_identity: identities.first_of(*id),
                 provisional_radius: cloud.provisional_radius,
+                is_mirror: cloud.material.specular_intensity > 0.0,
                 colors: PointColors {
                     tint: chunk.tint,
                     source: cloud.source,
