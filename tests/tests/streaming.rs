@@ -247,7 +247,7 @@ fn a_build_that_was_killed_is_made_anew_by_the_next() {
     assert!(!the_entry(&folder).join("nodes").exists(), "it had finished");
     let outcome = folder.glint(["index", "scan.las"]);
     assert_eq!(outcome.status, Some(0), "{outcome}");
-    assert!(outcome.text().contains("1500000 points"), "{outcome}");
+    assert!(outcome.text().contains("1,500,000 points"), "{outcome}");
     assert!(!is_building(&folder) && the_entry(&folder).join("nodes").exists());
 }
 
@@ -356,7 +356,7 @@ fn what_is_missing_of_a_folder_of_tiles_is_said_when_it_is_indexed_and_drawn() {
     };
     let outcome = folder.glint(["index", "tiles"]);
     check(&outcome);
-    assert!(outcome.text().contains("30000 points"), "{outcome}");
+    assert!(outcome.text().contains("30,000 points"), "{outcome}");
     check(&folder.glint(["index", "tiles"]));
     if let Some(outcome) = run(&folder, "picture.png", &["tiles"]) {
         check(&outcome);
@@ -373,7 +373,7 @@ fn a_copc_file_that_was_written_is_streamed_without_an_index() {
     folder.write("scan.las", scan(300_000, 0.0, 1.0));
     let outcome = folder.glint(["index", "scan.las", "-o", "scan.copc.laz"]);
     assert_eq!(outcome.status, Some(0), "{outcome}");
-    assert!(outcome.text().contains("scan.copc.laz: 300000 points") && outcome.messages.is_empty(), "{outcome}");
+    assert!(outcome.text().contains("scan.copc.laz: 300,000 points") && outcome.messages.is_empty(), "{outcome}");
     let info = |name: &str| {
         let outcome = folder.glint(["info", "--json", "--scan", name]);
         assert_eq!(outcome.status, Some(0), "{outcome}");
