@@ -506,10 +506,29 @@ fn surfaces_judges_made_scans_by_their_exact_surfaces() {
             let all: f64 = ["right", "in_front", "behind", "empty"].map(number).iter().sum();
             assert!((all - 1.0).abs() < 1e-9 && number("pixels") > 8000.0 && number("unscanned") > 50.0, "{input}");
         }
+        assert_intervals(input);
     }
     let text = folder.glint(arguments);
     assert_done(&text);
     assert!(text.text().contains("unscanned") && text.text().contains("tripod/hall-40"), "{text}");
+    assert!(text.text().contains("stated error") && text.text().contains("incidence 30"), "{text}");
+}
+
+/// The stated intervals of an input of `glint surfaces --json`: all sightlines within first, then bins of distance, of
+/// incidence and of spacing, which have as many.
+fn assert_intervals(input: &Value) {
+    let intervals = input["intervals"].as_array().expect("intervals");
+    let rays = |kind: &str| {
+        let of_kind = intervals.iter().filter(|bin| bin["bin"].as_str().is_some_and(|name| name.starts_with(kind)));
+        of_kind.map(|bin| bin["rays"].as_u64().expect("a number")).sum::<u64>()
+    };
+    assert!(intervals[0]["bin"] == "all" && rays("all") > 100, "{input}");
+    assert_eq!([rays("distance"), rays("incidence"), rays("spacing")], [rays("all"); 3], "{input}");
+    for bin in intervals {
+        assert_eq!(bin["stated"], 0.95, "{bin}");
+        assert!(bin["held"].as_f64().is_some_and(|held| (0.0..=1.0).contains(&held)), "{bin}");
+        assert!(bin["half_width"].as_f64().is_some_and(|width| width > 0.0), "{bin}");
+    }
 }
 
 #[test]
@@ -792,6 +811,7 @@ fn surfaces_judges_a_depth_image_by_the_half_of_it_that_is_held_out() {
     assert!(entry["depth_error"]["median"].as_f64().is_some_and(|error| error < 1e-4), "{entry}");
     assert!(entry["colour_error"]["median"].as_f64().is_some_and(|error| error < 0.5), "{entry}");
     assert!(entry["traced"]["within"].as_f64().is_some_and(|within| within > 0.93), "{entry}");
+    assert_intervals(entry);
     // Of the same seed, to the digit; from elsewhere the box hides the wall.
     let again = folder.glint(["surfaces", "image.ply", "--json", "--seed", "3", "--set", "splat.size=1"]);
     assert_eq!(again.text(), outcome.text());

@@ -15,5 +15,6 @@ pub mod scans;
 pub mod stats;
 pub mod study;
 pub mod subject;
+pub mod surface_error;
 pub mod surfaces;
 pub mod truth;

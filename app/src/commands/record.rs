@@ -259,8 +259,9 @@ impl Recording<'_> {
             self.path.first(&PathPlace { view, bounds, up })
         };
         // What cannot be read is reported again when it is recorded.
-        let opened =
-            subject::open(gpu, request, &settings, size, |outline, up, room| -> Camera { first(outline, up, room) })?;
+        let opened = subject::open(gpu, request, &settings, size, false, |outline, up, room| -> Camera {
+            first(outline, up, room)
+        })?;
         let subject = match opened {
             Ok(LoadedSubject { subject, .. }) => subject,
             Err(status) => return Ok(Err(status)),

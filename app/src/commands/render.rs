@@ -17,6 +17,7 @@ use crate::commands::chosen;
 use crate::commands::recording::{self, PathChoice, Recorder};
 use crate::commands::stats::Stats;
 use crate::commands::subject::{self, LoadedSubject};
+use crate::commands::surface_error;
 use crate::commands::truth::{self, Asked, Reference};
 use crate::overlays;
 use crate::shared::command_line::RenderArguments;
@@ -31,7 +32,7 @@ use crate::system::{interrupt, picture_file, terminal};
 /// # Errors
 /// Fails on bad usage, without an adapter, if no input can be read, if a file cannot be written, or on Ctrl-C.
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
-    let (images, references) = images(arguments)?;
+    let Images { images, references, error } = images(arguments)?;
     let mut request = world::resolve(&arguments.inputs);
     request.check()?;
     spare_inputs(arguments, &request)?;
@@ -61,6 +62,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
     }
     if let Some(time) = arguments.time {
+        if error.is_some() {
+            return Err(usage(format!("--aov: `{}` is of a view; leave --time out", surface_error::NAME)));
+        }
         return at_time(arguments, time, request, settings, &images, &references);
     }
     let mut settings = settings.drawn();
@@ -76,8 +80,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     terminal::warn(&request.warnings);
 
     let camera = |outline: &[glam::DVec3], up, room| viewpoint.camera(outline, up, room, &settings, arguments.size);
-    let LoadedSubject { mut subject, status, stream, sources, facts } =
-        match subject::open(&gpu, request, &settings, arguments.size, camera)? {
+    let LoadedSubject { mut subject, status, stream, sources, facts, errors } =
+        match subject::open(&gpu, request, &settings, arguments.size, error.is_some(), camera)? {
             Ok(opened) => opened,
             // The reasons have been reported already.
             Err(status) => return Ok(status),
@@ -120,6 +124,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
             Some(image) => picture_file::write_exr(path, image)?,
             None => picture_file::write_exr(path, &renderer.read_aov(*aov)?)?,
         }
+    }
+    if let Some((path, errors)) = error.as_ref().zip(errors) {
+        picture_file::write_exr(path, &errors.image(&renderer, &subject, &settings)?)?;
     }
     for (path, image) in &traced.references {
         picture_file::write_exr(path, image)?;
@@ -231,19 +238,28 @@ pub fn check_is_made(aov: Aov, settings: &Settings, is_traced: bool) -> anyhow::
     }
 }
 
-/// The images of `--aov` with their files: those that the renderer makes, and those of the truth.
-type Images = (Vec<(Aov, PathBuf)>, Vec<(Reference, PathBuf)>);
+/// The images of `--aov` with their files.
+struct Images {
+    /// Those that the renderer makes.
+    images: Vec<(Aov, PathBuf)>,
+    /// Those of the truth.
+    references: Vec<(Reference, PathBuf)>,
+    /// That of how sure the surface is.
+    error: Option<PathBuf>,
+}
 
 /// Parses the images of `--aov`. Checks that each output file of the run can be written and has a path of its own.
 fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
     let mut files = vec![arguments.output.clone()];
     needs_extension(&arguments.output, "png")?;
-    let (mut images, mut references) = (Vec::new(), Vec::new());
+    let (mut images, mut references, mut error) = (Vec::new(), Vec::new(), None);
     for (name, path) in &arguments.aov {
         let aov = Aov::ALL.into_iter().find(|aov| aov.name() == name);
         let reference = Reference::ALL.into_iter().find(|reference| reference.name() == name);
-        if aov.is_none() && reference.is_none() {
-            let names = Aov::ALL.map(Aov::name).into_iter().chain(Reference::ALL.map(Reference::name));
+        let is_error = name == surface_error::NAME;
+        if aov.is_none() && reference.is_none() && !is_error {
+            let names = Aov::ALL.map(Aov::name).into_iter().chain([surface_error::NAME]);
+            let names = names.chain(Reference::ALL.map(Reference::name));
             let available = names.collect::<Vec<_>>().join(", ");
             return Err(usage(format!("--aov: `{name}` is unknown; available: {available}")));
         }
@@ -251,6 +267,7 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
         files.push(path.clone());
         images.extend(aov.map(|aov| (aov, path.clone())));
         references.extend(reference.map(|reference| (reference, path.clone())));
+        error = error.or(is_error.then(|| path.clone()));
     }
     if let Some(path) = &arguments.stats {
         if !picture_file::is_special(path) {
@@ -267,7 +284,7 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
         }
         places.push(place);
     }
-    Ok((images, references))
+    Ok(Images { images, references, error })
 }
 
 /// Refuses outputs that would replace a file that the run reads.

@@ -198,7 +198,7 @@ impl Scenes for Inputs {
         let framing =
             |outline: &[glam::DVec3], up| Camera::framing(outline, StandardView::Isometric, up, field_of_view, ASPECT);
         let camera = |outline: &[glam::DVec3], up, _| own.unwrap_or_else(|| framing(outline, up));
-        let opened = subject::open(gpu, request, settings, STREAMED_FOR, camera)?;
+        let opened = subject::open(gpu, request, settings, STREAMED_FOR, false, camera)?;
         match opened {
             Ok(LoadedSubject { mut subject, status: 0, sources, .. }) => {
                 if let Err(error) = truth::find_surfaces(&mut subject, &sources) {

@@ -12,7 +12,9 @@ use anyhow::anyhow;
 use cloud::{Bounds, Chunk, Cloud, Placement, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
-use scene::{Camera, CloudSettings, Measurement, Mirror, MirrorPoints, MirrorSurface, Settings, Strays, Visibility};
+use scene::{
+    Camera, CloudSettings, ColorBy, Measurement, Mirror, MirrorPoints, MirrorSurface, Settings, Strays, Visibility,
+};
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
 use world::{
@@ -20,6 +22,7 @@ use world::{
     StreamView, mirrors,
 };
 
+use crate::commands::surface_error::{self, SurfaceErrors};
 use crate::overlays::Facts;
 use crate::overlays::labels::Mark;
 use crate::shared::measuring;
@@ -42,6 +45,8 @@ pub struct LoadedSubject {
     pub sources: Vec<Option<Arc<codec::Source>>>,
     /// What overlays of the picture tell.
     pub facts: Facts,
+    /// How sure the surface is, if that was asked for.
+    pub errors: Option<SurfaceErrors>,
 }
 
 /// What was loaded of streamed clouds for the picture.
@@ -60,16 +65,18 @@ pub struct StreamReport {
 
 /// Reads the inputs and puts them on the GPU. `camera` gets points around the outline of the scene, its up direction,
 /// and a camera in the room if the scene is one, and returns the camera. Of streamed clouds, this loads the points that
-/// a picture of `size` pixels from that camera needs. If no input can be shown, returns the exit status; the reasons
+/// a picture of `size` pixels from that camera needs. `finds_errors` asks how sure the surface is. If no input can be shown, returns the exit status; the reasons
 /// have been reported then.
 ///
 /// # Errors
-/// Fails if the inputs have no points, if the GPU has no memory left, or on Ctrl-C.
+/// Fails if the inputs have no points, if the GPU has no memory left, if how sure a streamed surface is is asked for, or
+/// on Ctrl-C.
 pub fn open(
     gpu: &Arc<Gpu>,
     mut request: Request,
     settings: &Settings,
     size: [u32; 2],
+    finds_errors: bool,
     camera: impl FnOnce(&[DVec3], DVec3, Option<Camera>) -> Camera,
 ) -> anyhow::Result<Result<LoadedSubject, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
@@ -88,6 +95,9 @@ pub fn open(
     let is_over = loads.receive(&job, 0)?;
     if loads.is_empty() && loads.status != 0 {
         return Ok(Err(loads.status));
+    }
+    if finds_errors {
+        surface_error::check(&loads.clouds)?;
     }
     // Those of a folder are told apart by their names.
     let placed = loads.clouds.iter().enumerate().filter_map(|(index, loaded)| Some((index, loaded.placement()?)));
@@ -166,6 +176,9 @@ pub fn open(
     let units = clouds.first().map(|loaded| loaded.units).unwrap_or_default();
     let mut facts = Facts::new(units, up);
     for loaded in &mut clouds {
+        if finds_errors {
+            surface_error::find(loaded)?;
+        }
         let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
         let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
         let own = world::own_settings(&request.cloud_settings, loaded);
@@ -185,10 +198,11 @@ pub fn open(
             terminal::warn([format!("mirror points: no cloud is called `{}`", points.cloud)]);
         }
     }
-    let mut mirrors = Vec::new();
+    let (mut mirrors, mut mirror_samples) = (Vec::new(), Vec::new());
     for (index, (mirror, samples)) in placed.into_iter().enumerate() {
         let cloud = CloudKey((clouds.len() + index) as u32);
         resident.apply(Change::Mirror { cloud, mirror: mirror.clone(), samples: samples.clone() })?;
+        mirror_samples.push(samples.clone());
         let samples = Cloud { name: mirror.name.clone(), chunks: samples, ..Cloud::default() };
         parts.push(SubjectPart::of_mirror(&mirror, samples));
         mirrors.push(mirror);
@@ -196,12 +210,14 @@ pub fn open(
     if settings.overlay.labels {
         facts.marks = marks(&request, &clouds, up, &test, &units);
     }
+    let errors = finds_errors.then(|| SurfaceErrors::of(&resident, &clouds, &mirror_samples));
+    drop(mirror_samples);
     let store = resident.store;
     let subject = Subject { parts, store, mirrors, lights, clues, camera, exact };
     // If some points of a mesh are hidden, its triangles are not what is drawn.
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
-    Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect(), facts }))
+    Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect(), facts, errors }))
 }
 
 /// Where the points of a cloud lie that are shown.
@@ -429,6 +445,9 @@ fn upload(
 ) -> anyhow::Result<Vec<SubjectPart>> {
     let color = own.map_or_else(|| settings.color.clone(), |own| own.color_of(&settings.color));
     let size = own.map_or(1.0, |own| own.size);
+    if color.by == ColorBy::Certainty {
+        surface_error::find(loaded)?;
+    }
     let (plan, warning) = ColorPlan::new(&loaded.cloud.shown(test), &color, loaded.up);
     if let Some(warning) = warning {
         terminal::warn([warning]);

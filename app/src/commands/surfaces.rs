@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use cloud::Progress;
+use cloud::{PointTest, Progress};
+use glam::DVec3;
 use render::{Gpu, Renderer};
 use scene::five_mirrors::Variant;
 use scene::{Settings, Tripod};
 use serde::Serialize;
 use study::referee::{self, Shares, Verdict};
-use study::{HoldOut, Referee, Ruler, Scan, ScannerFrom, Sightlines};
+use study::{HoldOut, Interval, Referee, Ruler, Scan, ScannerFrom, Sightlines};
 use world::Input;
 
 use crate::commands::scans;
@@ -47,6 +48,8 @@ struct Judged {
     by: &'static str,
     /// The same by the ray tracer, through the points as discs.
     traced: Sightlines,
+    /// How often the intervals held that the discs state for their error.
+    intervals: Vec<Interval>,
     points: u64,
     holdout: f64,
     seed: u64,
@@ -60,6 +63,8 @@ struct Refereed {
     scanners: Vec<[f64; 3]>,
     scanner_from: ScannerFrom,
     exact: Verdict,
+    /// How often stated intervals held, by points held out, as of other scans.
+    intervals: Vec<Interval>,
     points: u64,
     set: BTreeMap<String, serde_json::Value>,
 }
@@ -92,7 +97,7 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
             if !arguments.scanner.is_empty() {
                 terminal::warn([format!("{}: its stations are known, so --scanner does not count", input.name())]);
             }
-            let refereed = referee(&input.name(), *scan, arguments, &gpu, &mut renderer)?;
+            let refereed = referee(input, *scan, arguments, &gpu, &mut renderer)?;
             inputs.push(Entry::Refereed(Box::new(refereed)));
             continue;
         }
@@ -137,13 +142,8 @@ fn judge(
     gpu: &Arc<Gpu>,
     renderer: &mut Renderer,
 ) -> anyhow::Result<Judged> {
-    let hold_out = HoldOut { share: arguments.holdout, seed: arguments.seed };
-    let progress = Progress::default();
-    let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, settings);
-    let ruler = || Ruler::new(scan, hold_out, &arguments.scanner, options, settings, gpu, &progress);
-    let mut ruler = progress_bar::watch("normals", &progress, ruler).with_context(|| path.to_owned())?;
-    interrupt::check()?;
-    let traced = ruler.traced().with_context(|| path.to_owned())?;
+    let mut ruler = ruler(scan, &arguments.scanner, arguments, settings, gpu).with_context(|| path.to_owned())?;
+    let (traced, intervals) = ruler.traced_with_intervals().with_context(|| path.to_owned())?;
     interrupt::check()?;
     let drawn = ruler.drawn(renderer, settings).with_context(|| path.to_owned())?;
     let said: Vec<&str> = arguments.set.iter().map(|(key, _)| key.as_str()).collect();
@@ -154,6 +154,7 @@ fn judge(
         by: if drawn.is_some() { "picture" } else { "trace" },
         figures: drawn.unwrap_or_else(|| traced.clone()),
         traced,
+        intervals,
         points: scan.cloud.len(),
         holdout: arguments.holdout,
         seed: arguments.seed,
@@ -161,37 +162,62 @@ fn judge(
     })
 }
 
-/// Judges a made scan with all its points, as the program opens it.
+/// Holds out points of a scan and makes a surface of the others.
+fn ruler(
+    scan: &Scan,
+    places: &[DVec3],
+    arguments: &SurfacesArguments,
+    settings: &Settings,
+    gpu: &Arc<Gpu>,
+) -> anyhow::Result<Ruler> {
+    let hold_out = HoldOut { share: arguments.holdout, seed: arguments.seed };
+    let progress = Progress::default();
+    let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, settings);
+    let ruler = || Ruler::new(scan, hold_out, places, options, settings, gpu, &progress);
+    let ruler = progress_bar::watch("normals", &progress, ruler)?;
+    interrupt::check()?;
+    Ok(ruler)
+}
+
+/// Judges a made scan with all its points, as the program opens it, and its intervals by points held out.
 fn referee(
-    name: &str,
+    input: &Input,
     scan: Tripod,
     arguments: &SurfacesArguments,
     gpu: &Arc<Gpu>,
     renderer: &mut Renderer,
 ) -> anyhow::Result<Refereed> {
-    let request = world::resolve(&[name]);
+    let name = input.name();
+    let request = world::resolve(&[&name]);
     let mut settings = scan.settings();
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     let camera = scan.camera();
-    let opened = subject::open(gpu, request, &settings, referee::JUDGED, |_, _, _| camera)?;
+    let opened = subject::open(gpu, request, &settings, referee::JUDGED, false, |_, _, _| camera)?;
     let Ok(LoadedSubject { subject, .. }) = opened else { return Err(failure::usage(format!("{name}: no points"))) };
     let exact = Referee::new(scan).draw_and_judge(&subject, renderer, &settings)?;
+    let points = subject.parts.iter().filter(|part| part.specular_intensity == 0.0).map(|part| part.cloud.len()).sum();
+    drop(subject);
+    let mut intervals = Vec::new();
+    for (_, scan) in scans::of_input(input, &PointTest::default(), &settings) {
+        intervals = ruler(&scan?, &[], arguments, &settings, gpu)?.traced_with_intervals()?.1;
+    }
     let said: Vec<&str> = arguments.set.iter().map(|(key, _)| key.as_str()).collect();
     Ok(Refereed {
-        path: name.to_owned(),
+        path: name,
         scanners: scan.stations().into_iter().map(Into::into).collect(),
         scanner_from: ScannerFrom::File,
         exact,
-        points: subject.parts.iter().filter(|part| part.specular_intensity == 0.0).map(|part| part.cloud.len()).sum(),
+        intervals,
+        points,
         set: set_values(&settings, &said),
     })
 }
 
 /// The report on a made scan for people.
 fn exact_lines(refereed: &Refereed) -> Vec<String> {
-    let Refereed { path, scanners, exact: Verdict { camera, mirrors, covered }, points, .. } = refereed;
+    let Refereed { path, scanners, exact: Verdict { camera, mirrors, covered }, points, intervals, .. } = refereed;
     let place = |[x, y, z]: &[f64; 3]| format!("({x:.2}, {y:.2}, {z:.2})");
     let places: Vec<String> = scanners.iter().map(place).collect();
     let row = |name: &str, shares: &Shares, covered: Option<f64>| {
@@ -200,7 +226,7 @@ fn exact_lines(refereed: &Refereed) -> Vec<String> {
         let covered = covered.map_or("-".into(), |covered| format!("{:.2} %", covered * 100.0));
         format!("  {name:<13} {shares} {covered:>9} {:>9} {:>9}", grouped(*pixels as u64), grouped(*unscanned as u64))
     };
-    vec![
+    let lines = vec![
         path.clone(),
         format!("  {:<13} {}", "scanner", places.join(", ")),
         format!("  {:<13} {}, judged by the exact surfaces", "points", grouped(*points)),
@@ -210,7 +236,19 @@ fn exact_lines(refereed: &Refereed) -> Vec<String> {
         ),
         row("camera", camera, None),
         row("mirrors", mirrors, Some(*covered)),
-    ]
+    ];
+    lines.into_iter().chain(interval_lines(intervals)).collect()
+}
+
+/// How often stated intervals held, for people.
+fn interval_lines(intervals: &[Interval]) -> impl Iterator<Item = String> {
+    let title = format!("  {:<34} {:>9} {:>9} {:>12} {:>11}", "stated error", "stated", "held", "half width", "rays");
+    let row = |Interval { bin, rays, stated, held, half_width }: &Interval| {
+        let [stated, held] = [stated, held].map(|share| format!("{:.2} %", share * 100.0));
+        format!("    {bin:<32} {stated:>9} {held:>9} {half_width:>12.5} {:>11}", grouped(*rays as u64))
+    };
+    let title = (!intervals.is_empty()).then_some(title);
+    title.into_iter().chain(intervals.iter().map(row)).collect::<Vec<_>>().into_iter()
 }
 
 /// The report for people.
@@ -247,5 +285,6 @@ fn lines(judged: &Judged) -> Vec<String> {
         row("picture", &judged.figures);
     }
     row("ray tracer", &judged.traced);
+    lines.extend(interval_lines(&judged.intervals));
     lines
 }

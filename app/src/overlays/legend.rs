@@ -1,5 +1,6 @@
 //! The colour legend: a ramp with its numbers, or the classes that occur, with the name of what is shown.
 
+use cloud::SURFACE_ERROR;
 use codec::Units;
 use egui::epaint::Mesh;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
@@ -100,13 +101,14 @@ impl Legend {
     }
 }
 
-/// The name of what colours show, with its unit where it is known: of heights, and of the distances of a comparison.
+/// The name of what colours show, with its unit where it is known: of heights, of the distances of a comparison, and of
+/// how sure the surface is.
 pub fn title(plan: &ColorPlan, units: &Units) -> String {
     // Further attributes of one name have a number.
     let name = plan.label.trim_end_matches(|end: char| end.is_ascii_digit()).trim_end_matches('_');
     let unit = match plan.source {
         ColorSource::Height => units.rise(),
-        ColorSource::Column(_) => units.length().filter(|_| COMPARED.contains(&name)),
+        ColorSource::Column(_) => units.length().filter(|_| COMPARED.contains(&name) || name == SURFACE_ERROR),
         _ => None,
     };
     unit.map_or(plan.label.clone(), |unit| format!("{} ({unit})", plan.label))

@@ -131,8 +131,9 @@ pub struct RenderArguments {
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, indirect, color, mirror_position,
-    /// mirror_albedo, mirror_normal, specular_intensity, specular_power, refraction, regions, curvature, uncertain; reference_position,
-    /// reference_color and reference_indirect are traced on the CPU
+    /// mirror_albedo, mirror_normal, specular_intensity, specular_power, refraction, regions, curvature, uncertain; surface_error,
+    /// how far the surface may be off along the pixel's ray; reference_position, reference_color and reference_indirect are
+    /// traced on the CPU
     #[arg(long, value_name = "NAME=FILE.exr", value_parser = OsStringValueParser::new().try_map(parse_image))]
     pub aov: Vec<(String, PathBuf)>,
     /// Write times, counts and memory as JSON
@@ -299,7 +300,7 @@ pub struct MergeArguments {
 
 #[derive(Debug, Args)]
 pub struct SurfacesArguments {
-    /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`) for its clouds, names of built-in scenes; made scans (`tripod/hall`) are judged by their exact surfaces, without points held out
+    /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`) for its clouds, names of built-in scenes; made scans (`tripod/hall`) are judged by their exact surfaces, too, with all their points
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
     /// A place of the scanner, in the coordinates of the file; of several places, each point was seen from one at least

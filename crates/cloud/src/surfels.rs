@@ -150,7 +150,7 @@ pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) 
 }
 
 /// Runs of chunks with at most `limit` points (or a single chunk).
-fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
+pub(crate) fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
     let mut parts = Vec::new();
     let (mut first, mut points) = (0, 0);
     for (index, chunk) in chunks.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, ColorCount, Column, Scalar, constant, histogram, percentile_range};
+use cloud::{Chunk, Cloud, ColorCount, Column, SURFACE_ERROR, Scalar, constant, histogram, percentile_range};
 use glam::DVec3;
 use param::Choice as _;
 
@@ -91,6 +91,11 @@ impl ColorPlan {
                     let hint = param::nearest(&color.attribute, known).map(|near| format!(" (did you mean `{near}`?)"));
                     lacks(format!("attribute `{}`{}", color.attribute, hint.unwrap_or_default()))
                 },
+                |index| Some(ColorSource::Column(index)),
+            ),
+            // A file may have an attribute of that name, which stands before the program's own.
+            ColorBy::Certainty => cloud.attributes.iter().rposition(|known| known.name == SURFACE_ERROR).map_or_else(
+                || lacks("certainty, which only clouds in memory have".into()),
                 |index| Some(ColorSource::Column(index)),
             ),
             ColorBy::Intensity | ColorBy::ReturnNumber | ColorBy::GpsTime => {

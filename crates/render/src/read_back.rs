@@ -3,6 +3,7 @@
 use glam::DVec3;
 use scene::Settings;
 
+use crate::frame::FrameCamera;
 use crate::gpu::{Error, Result};
 use crate::handed::PictureRows;
 use crate::identities::{ChunkId, CloudId};
@@ -13,6 +14,9 @@ use crate::reflection::Reflections;
 use crate::renderer::{Renderer, nothing_rendered};
 use crate::store::PointStore;
 use crate::targets::{Image, Targets};
+
+/// How many pixels beside a closed one a point is searched that it shows.
+const CLOSED_REACH: usize = 8;
 
 /// The point under a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -157,11 +161,8 @@ impl Renderer {
             for x in left..=right {
                 let place = ((y - top) * width + x) as usize;
                 let word = words[place];
-                // The point behind a closed gap is not visible.
-                let same =
-                    SAME_SURFACE * if camera.orthographic { camera.reference_depth as f32 } else { shown[place] };
-                let is_seen = word[1] != 0 && f32::from_bits(u32::MAX - word[1]) <= shown[place] + same;
                 let distance = x.abs_diff(pixel[0]).pow(2) + y.abs_diff(pixel[1]).pow(2);
+                let is_seen = is_seen(word, shown[place], &camera);
                 if is_seen && best.is_none_or(|(least, ..)| distance < least) {
                     best = Some((distance, [x, y], word));
                 }
@@ -176,6 +177,38 @@ impl Renderer {
             linear_depth,
             pixel,
         }))
+    }
+
+    /// For each pixel of the last frame the point that it shows, as its chunk and its index there, rows top to bottom. Where
+    /// a gap was closed, a point at most `CLOSED_REACH` pixels beside it. `None` where nothing is shown, and amid larger
+    /// gaps.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn shown_points(&self, store: &PointStore) -> Result<Vec<Option<(ChunkId, usize)>>> {
+        let targets = self.rendered()?;
+        let camera = self.camera.ok_or_else(nothing_rendered)?;
+        let [width, height] = targets.size.map(|length| length as usize);
+        let bytes = self.gpu.read_buffer(&targets.nearest, 0, (width * height * 8) as u64)?;
+        let words: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
+        let shown = floats32(&self.gpu.read_texture(&targets.surface().depth.texture)?);
+        let is_seen = |pixel: usize| is_seen(words[pixel], shown[pixel], &camera);
+        let point = |pixel: usize| store.find(words[pixel][0], &self.drawn).map(|(_, chunk, index)| (chunk, index));
+        let beside = |pixel: usize| {
+            let (x, y) = (pixel % width, pixel / width);
+            let columns = x.saturating_sub(CLOSED_REACH)..(x + CLOSED_REACH + 1).min(width);
+            let rows = y.saturating_sub(CLOSED_REACH)..(y + CLOSED_REACH + 1).min(height);
+            let around = rows.flat_map(|row| columns.clone().map(move |column| (column, row)));
+            let distance = |&(column, row): &(usize, usize)| column.abs_diff(x).pow(2) + row.abs_diff(y).pow(2);
+            let nearest = around.filter(|(column, row)| is_seen(row * width + column)).min_by_key(distance);
+            nearest.and_then(|(column, row)| point(row * width + column))
+        };
+        let of_pixel = |pixel: usize| match shown[pixel] > 0.0 {
+            true if is_seen(pixel) => point(pixel),
+            true => beside(pixel),
+            false => None,
+        };
+        Ok((0..width * height).map(of_pixel).collect())
     }
 
     /// The curvature and the regions of the mirror pixels of the last frame.
@@ -211,6 +244,12 @@ impl Renderer {
     fn rendered(&self) -> Result<&Targets> {
         self.targets.as_ref().ok_or_else(nothing_rendered)
     }
+}
+
+/// Whether the nearest point of a pixel is what is shown at this depth: the point behind a closed gap is not visible.
+fn is_seen([_, nearness]: [u32; 2], shown: f32, camera: &FrameCamera) -> bool {
+    let same = SAME_SURFACE * if camera.orthographic { camera.reference_depth as f32 } else { shown };
+    nearness != 0 && f32::from_bits(u32::MAX - nearness) <= shown + same
 }
 
 /// One value a pixel as four, which the other images have.

@@ -39,6 +39,7 @@ choices! {
     pub enum ColorBy {
         Auto = "auto", Rgb = "rgb", Height = "height", Intensity = "intensity", Class = "class",
         ReturnNumber = "return", Normal = "normal", GpsTime = "gps-time", Attribute = "attribute", Plain = "plain",
+        Certainty = "certainty",
     }
 }
 choices! {
@@ -203,7 +204,7 @@ params! {
 
     /// Colour of the points.
     pub struct Color = "color" in "Colour" => affects(surface found truth) not(kept swept) {
-        /// What colours the points; auto takes RGB where a cloud has it; for LAS and LAZ without, height if the cloud is a landscape, wider than a building and much wider than high, else intensity, else height; else plain.
+        /// What colours the points; auto takes RGB where a cloud has it; for LAS and LAZ without, height if the cloud is a landscape, wider than a building and much wider than high, else intensity, else height; else plain; certainty shows how far the surface may be off along its normal, the half width of an interval of 95 %, of clouds in memory.
         by: ColorBy = ColorBy::Auto;
         /// Name of the attribute shown when color.by is attribute (any extra byte or PLY property).
         attribute: String = String::new();
@@ -573,7 +574,8 @@ impl Color {
             ColorBy::ReturnNumber => Some("return_number"),
             ColorBy::GpsTime => Some("gps_time"),
             ColorBy::Attribute => Some(&self.attribute),
-            ColorBy::Auto | ColorBy::Rgb | ColorBy::Height | ColorBy::Normal | ColorBy::Plain => None,
+            ColorBy::Auto | ColorBy::Rgb | ColorBy::Height | ColorBy::Normal => None,
+            ColorBy::Plain | ColorBy::Certainty => None,
         }
     }
 }

@@ -19,6 +19,7 @@ mod file_name;
 mod five_mirrors;
 mod flicker;
 pub mod flip;
+mod intervals;
 mod journal;
 pub mod light;
 mod loaded;
@@ -47,6 +48,7 @@ pub use estimate::{Estimate, Judged, RAYS, estimate, judge};
 pub use file_name::file_name;
 pub use five_mirrors::{FiveMirrors, IndirectTruth, JudgedLight, TracedLight};
 pub use flicker::{Flicker, flicker};
+pub use intervals::Interval;
 pub use journal::{Folder, FolderError};
 pub use light::{LightError, light_error};
 pub use metrics::{

@@ -7,14 +7,15 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use cloud::{Chunk, Cloud, Progress, SurfelOptions, hash};
+use cloud::{Chunk, Cloud, NO_RADIUS, Progress, SurfelOptions, error_along, hash, stretch_ratio, unpack_radius};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use render::{Aov, Renderer};
 use scene::{Blank, Camera, ColorBy, Lighting, Method, Projection, Settings};
 use serde::Serialize;
-use trace::{Geometry as _, Ray, linear_from_srgb};
+use trace::{Geometry as _, Hit, Ray, linear_from_srgb};
 
+use crate::intervals::{Interval, Stated, intervals, spacing};
 use crate::metrics::{Percentiles, delta_e};
 use crate::scanner::{self, Scanner, ScannerFrom};
 use crate::subject::Subject;
@@ -236,6 +237,8 @@ pub struct Ruler {
     subject: Subject,
     traced: TracedScene,
     up: DVec3,
+    /// How sure the surface is of itself, one list for each chunk of the subject.
+    errors: Vec<Vec<f32>>,
 }
 
 impl Ruler {
@@ -264,6 +267,7 @@ impl Ruler {
             chunk.radii = Some(surfels.radii.into());
             chunk.columns.clear();
         }
+        let errors = cloud::surface_errors(&rest, &Progress::default()).ok_or(SightlineError::Cancelled)?;
         let part = scene::five_mirrors::SampledPart { chunks: rest, mirror: None };
         let camera = Camera { eye: DVec3::ZERO, pivot: DVec3::X, up: DVec3::Z };
         let settings = pictured(settings);
@@ -273,7 +277,7 @@ impl Ruler {
             [] => scanner::find(scan, &traced, hold_out.seed),
             places => (Scanner::Places(places.to_vec()), ScannerFrom::Flag),
         };
-        Ok(Self { held, scanner, from, subject, traced, up: scan.up })
+        Ok(Self { held, scanner, from, subject, traced, up: scan.up, errors })
     }
 
     /// The points that are held out.
@@ -286,23 +290,52 @@ impl Ruler {
     /// # Errors
     /// No point has a sightline.
     pub fn traced(&self) -> SightlineResult<Sightlines> {
-        let met: Vec<Option<Met>> = self
+        Ok(self.traced_with_intervals()?.0)
+    }
+
+    /// The same, and how often the intervals that the surface states for its error held.
+    ///
+    /// # Errors
+    /// Those of `traced`.
+    pub fn traced_with_intervals(&self) -> SightlineResult<(Sightlines, Vec<Interval>)> {
+        type Cast = (Met, Option<Stated>);
+        let best = |known: Cast, other: Cast| if known.0.or(other.0) == known.0 { known } else { other };
+        let cast = |point: &HeldPoint, from: DVec3| {
+            let way = point.position - from;
+            let distance = way.length();
+            let direction = way / distance;
+            let ray = Ray::from_eye(from - self.traced.origin, direction);
+            (distance > 0.0).then(|| match self.traced.surfels.nearest(&ray) {
+                Some(hit) => {
+                    let met = Met { error: hit.distance / distance - 1.0, color: hit.albedo.as_vec3().into() };
+                    (met, Some(self.stated(&hit, direction, distance)))
+                }
+                None => (Met::NOTHING, None),
+            })
+        };
+        let found: Vec<Option<Cast>> = self
             .held
             .par_iter()
-            .map(|point| {
-                let cast = |from: DVec3| {
-                    let way = point.position - from;
-                    let distance = way.length();
-                    let ray = Ray::from_eye(from - self.traced.origin, way / distance);
-                    (distance > 0.0).then(|| match self.traced.surfels.nearest(&ray) {
-                        Some(hit) => Met { error: hit.distance / distance - 1.0, color: hit.albedo.as_vec3().into() },
-                        None => Met::NOTHING,
-                    })
-                };
-                self.scanner.places_of(point).into_iter().filter_map(cast).reduce(Met::or)
-            })
+            .map(|point| self.scanner.places_of(point).into_iter().filter_map(|from| cast(point, from)).reduce(best))
             .collect();
-        Sightlines::of(&self.held, &met)
+        let met: Vec<Option<Met>> = found.iter().map(|found| found.as_ref().map(|(met, _)| *met)).collect();
+        let is_within = |(met, stated): &Cast| stated.filter(|_| met.is_within());
+        let stated: Vec<Stated> = found.iter().flatten().filter_map(is_within).collect();
+        Ok((Sightlines::of(&self.held, &met)?, intervals(&stated)))
+    }
+
+    /// What the surface states of its error where a sightline meets it.
+    fn stated(&self, hit: &Hit, direction: DVec3, distance: f64) -> Stated {
+        let (chunk, point) = (hit.surface as usize, hit.point as usize);
+        let packed = self.subject.parts[0].cloud.chunks[chunk].radii.as_ref().map_or(NO_RADIUS, |radii| radii[point]);
+        let radius = unpack_radius(packed).map_or(f64::NAN, f64::from);
+        Stated {
+            error: hit.distance - distance,
+            half_width: error_along(self.errors[chunk][point].into(), hit.normal, direction),
+            distance,
+            incidence: hit.normal.dot(direction).abs().min(1.0).acos().to_degrees(),
+            spacing: spacing(radius, stretch_ratio(packed).into()),
+        }
     }
 
     /// Takes the depth at each sightline's pixel from pictures that the renderer draws from the scanner's places;

@@ -212,6 +212,13 @@ impl Resident {
         Some((*key, index))
     }
 
+    /// The chunks of the store that hold points of a chunk: all of them in their order, or those with the indices that come
+    /// with it.
+    pub fn places_of(&self, key: ChunkKey) -> impl Iterator<Item = (ChunkId, Option<&[u32]>)> {
+        let own = self.origins.iter().filter(move |(_, (origin, _))| *origin == key);
+        own.map(|(id, (_, indices))| (*id, indices.as_deref()))
+    }
+
     fn put(&mut self, key: ChunkKey, chunk: Chunk, layout: &Arc<CloudLayout>) -> Result<()> {
         let Some(resident) = self.clouds.get_mut(&key.cloud) else { return Ok(()) };
         let chunk = chunk.resized(resident.size);

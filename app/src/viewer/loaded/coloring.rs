@@ -6,6 +6,7 @@ use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 use cloud::{Column, Progress};
+use scene::ColorBy;
 use serde_json::json;
 use world::{Change, CloudKey};
 
@@ -21,9 +22,15 @@ impl Loaded {
         self.read_filtered(beside);
         self.renew_radii(beside);
         self.tell_lacking(beside);
+        self.find_errors(beside);
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
+            let mut color = beside.scene.objects.color_of(entry.key, &beside.scene.settings.color);
+            // Until it is known how sure the surface is, the cloud has the colours that it would have by itself.
+            if color.by == ColorBy::Certainty && entry.streamed.is_none() && entry.error_column().is_none() {
+                color.by = ColorBy::Auto;
+            }
             let basis = Basis {
-                color: beside.scene.objects.color_of(entry.key, &beside.scene.settings.color),
+                color,
                 test: beside.scene.objects.test(),
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
@@ -49,6 +56,25 @@ impl Loaded {
                 beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept, measures_noise });
             }
         }
+    }
+
+    /// Finds out how sure the surfaces are that are coloured by that, once their normals are there.
+    fn find_errors(&mut self, beside: &mut Beside<'_>) {
+        for entry in self.clouds.iter_mut().filter(|entry| entry.is_read && entry.streamed.is_none()) {
+            let color = beside.scene.objects.color_of(entry.key, &beside.scene.settings.color);
+            let is_wanted = color.by == ColorBy::Certainty && entry.points > 0 && entry.lacks_errors();
+            if is_wanted && !entry.is_finding_errors {
+                entry.is_finding_errors = true;
+                beside.outside.work(Work::FindErrors { key: entry.key, cloud: entry.cloud.clone() });
+            }
+        }
+    }
+
+    pub fn on_errors(&mut self, key: CloudKey, errors: BTreeMap<u64, Arc<Column>>, beside: &mut Beside<'_>) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        entry.is_finding_errors = false;
+        entry.marked = Vec::new();
+        entry.put_errors(errors).into_iter().for_each(|change| beside.outside.change(change));
     }
 
     /// Says what colours ask for and clouds that are shown lack. What the first points have in common, others may not.
@@ -155,5 +181,68 @@ impl Loaded {
             let reads = reads.filter_map(|(attribute, progress)| Some((*attribute, progress.as_deref()?)));
             reads.map(|(attribute, progress)| (entry.cloud.attributes[attribute].name.as_str(), progress))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use cloud::{Chunk, SURFACE_ERROR, Surfels};
+    use glam::DVec3;
+    use scene::Settings;
+    use world::{Event, Opened, Part};
+
+    use super::*;
+    use crate::viewer::requests::action::Action;
+    use crate::viewer::requests::outside::Effect;
+    use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::session::Session;
+
+    /// Runs the figures and searches that are asked for, until none is; returns how many searches ran.
+    fn work(session: &mut Session) -> usize {
+        let mut searches = 0;
+        loop {
+            session.with_loaded(Loaded::renew_figures);
+            let work = std::mem::take(&mut session.outside.effects).into_iter().filter_map(|effect| match effect {
+                Effect::Work(work @ (Work::FindErrors { .. } | Work::FindFigures { .. })) => Some(work),
+                _ => None,
+            });
+            let work: Vec<Work> = work.collect();
+            if work.is_empty() {
+                return searches;
+            }
+            for work in work {
+                searches += usize::from(matches!(work, Work::FindErrors { .. }));
+                assert!(session.loaded.clouds[0].is_busy());
+                let found = std::cell::RefCell::new(Vec::new());
+                work.run(&Settings::default().stream, |news| found.borrow_mut().push(news));
+                found.into_inner().into_iter().for_each(|news| session.on_found(news));
+            }
+        }
+    }
+
+    #[test]
+    fn certainty_is_found_out_once_normals_are_there_and_colours_the_points_then() {
+        let mut session = Session::new(Preferences::default());
+        let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+        let opened = Opened { name: "plate".into(), expected_points: 400, up: DVec3::Z, ..Opened::default() };
+        let point = |at: usize| [(at % 20) as f32, (at / 20) as f32, if at % 20 < 10 { 0.0 } else { (at % 3) as f32 }];
+        let chunk = Chunk::new(0, DVec3::ZERO, (0..400).map(point).collect());
+        let up = cloud::pack_normal(glam::Vec3::Z);
+        let surfels = vec![Surfels { normals: vec![up; 400], radii: vec![cloud::pack_radius(1.0); 400] }];
+        let read = Event::Read { cloud: 0, summary: codec::Summary::default() };
+        for event in [Event::Opened { cloud: 0, opened }, Event::Chunk { cloud: 0, part: Part::Block(0), chunk }, read]
+        {
+            session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+        }
+        session.act(Action::ColorBy(ColorBy::Certainty));
+        let label =
+            |session: &Session| session.loaded.clouds[0].figures.as_ref().map(|figures| figures.plan.label.clone());
+        assert_eq!((work(&mut session), label(&session).as_deref()), (0, Some("plain")), "there are no normals yet");
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Surfels { cloud: 0, surfels }, beside));
+        assert_eq!((work(&mut session), label(&session).as_deref()), (1, Some(SURFACE_ERROR)));
+        assert_eq!(session.loaded.clouds[0].figures.as_ref().and_then(|figures| figures.warning.clone()), None);
+        session.act(Action::ColorBy(ColorBy::Height));
+        session.act(Action::ColorBy(ColorBy::Certainty));
+        assert_eq!((work(&mut session), label(&session).as_deref()), (0, Some(SURFACE_ERROR)), "it is known");
     }
 }

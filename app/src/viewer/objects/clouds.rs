@@ -60,6 +60,8 @@ pub struct CloudEntry {
     /// The attributes whose columns are being read. `None` marks a column that could not be read and is not tried
     /// again.
     pub column_reads: HashMap<usize, Option<Arc<Progress>>>,
+    /// Whether a worker thread finds out how sure its surface is.
+    pub is_finding_errors: bool,
     /// The marked points that the render thread shows as a mirror.
     pub marked: Vec<MirrorPoints>,
     /// The numbers of these points.
@@ -103,7 +105,8 @@ pub fn colored_chunks<'a>(
 impl CloudEntry {
     /// Whether work is under way that changes how the cloud looks.
     pub fn is_busy(&self) -> bool {
-        self.marking.is_some() || self.figures_under_way || self.fitting.is_some() || self.is_placing
+        let is_searched = self.marking.is_some() || self.fitting.is_some() || self.is_finding_errors;
+        is_searched || self.figures_under_way || self.is_placing
     }
 
     pub fn new(assembly: Assembly) -> Self {
@@ -119,6 +122,7 @@ impl CloudEntry {
             radii_test: PointTest::default(),
             fitting: None,
             column_reads: HashMap::new(),
+            is_finding_errors: false,
             marked: Vec::new(),
             marks: Arc::default(),
             marking: None,

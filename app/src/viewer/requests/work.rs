@@ -51,6 +51,11 @@ pub enum Work {
         test: PointTest,
         progress: Arc<Progress>,
     },
+    /// Finds out how sure the surface of a cloud is.
+    FindErrors {
+        key: CloudKey,
+        cloud: Cloud,
+    },
     /// Turns and moves the points of a cloud.
     Place {
         key: CloudKey,
@@ -171,6 +176,11 @@ pub enum Found {
         test: PointTest,
         radii: Option<Vec<Arc<Vec<u16>>>>,
     },
+    /// How sure the surface is, by the first records of the chunks.
+    Errors {
+        key: CloudKey,
+        errors: BTreeMap<u64, Arc<Column>>,
+    },
     Placed {
         key: CloudKey,
         moved: Moved,
@@ -250,6 +260,7 @@ impl Work {
         match self {
             Self::FindFigures { .. } => "figures",
             Self::FitRadii { .. } => "radii",
+            Self::FindErrors { .. } => "certainty",
             Self::Place { .. } => "placement",
             Self::ReadColumn { .. } => "column",
             Self::ReadRecord { .. } => "record",
@@ -292,6 +303,10 @@ impl Work {
             Self::FitRadii { key, cloud, up, settings, test, progress } => {
                 let radii = world::radii_of_shown(&cloud, up, &settings, &test, &progress);
                 found(Found::Radii { key, test, radii });
+            }
+            Self::FindErrors { key, cloud } => {
+                let errors = world::surface_errors(&cloud, &Progress::default()).unwrap_or_default();
+                found(Found::Errors { key, errors });
             }
             Self::Place { key, own, placement } => found(Found::Placed { key, moved: own.placed(placement) }),
             Self::ReadColumn { key, source, attribute, progress } => {

@@ -417,6 +417,7 @@ impl Session {
             Found::Radii { key, test, radii } => {
                 self.with_loaded(|loaded, beside| loaded.on_radii(key, &test, radii, beside))
             }
+            Found::Errors { key, errors } => self.with_loaded(|loaded, beside| loaded.on_errors(key, errors, beside)),
             Found::Placed { key, moved } => self.with_loaded(|loaded, beside| loaded.on_placed(key, moved, beside)),
             Found::Column { key, attribute, result } => {
                 self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))

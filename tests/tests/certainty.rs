@@ -1,0 +1,89 @@
+//! How sure a surface is, as pictures show it: the colours by certainty, and the image of float values.
+
+use exr::prelude::{FlatSamples, read_first_flat_layer_from_file};
+use tests::{Folder, Outcome};
+
+const SIZE: [usize; 2] = [160, 120];
+
+/// A number from 0 to 1 for each index, by steps of the golden ratio and its like.
+fn fraction(index: usize, step: f64) -> f64 {
+    (index as f64 * step).fract()
+}
+
+/// A plate of 4 by 3 with points 0.02 apart, whose left half has a noise of 1 mm and its right half of 2 cm (of a triangular
+/// distribution).
+fn plate() -> String {
+    let (columns, rows) = (200, 150);
+    let point = |index: usize| {
+        let (x, y) = ((index % columns) as f64 * 0.02, (index / columns) as f64 * 0.02);
+        let noise = if x < 2.0 { 0.001 } else { 0.02 };
+        let off = noise * 6.0_f64.sqrt() * (fraction(index, 0.754_877_666) - fraction(index, 0.569_840_29));
+        format!("{x} {y} {off}\n")
+    };
+    let header = "ply\nformat ascii 1.0\nelement vertex 30000\nproperty float x\nproperty float y\nproperty float z\n";
+    format!("{header}end_header\n{}", (0..columns * rows).map(point).collect::<String>())
+}
+
+/// Draws the plate from above; `None`, with a note, without an adapter.
+fn render(folder: &Folder, words: &[&str]) -> Option<Outcome> {
+    let common = ["render", "plate.ply", "-o", "picture.png", "--size", "160x120", "--camera", "top"];
+    let flat = ["--set", "light.by=colors", "--set", "color.ramp=gray", "--set", "edl.strength=0"];
+    folder.write("plate.ply", plate());
+    let outcome = folder.glint(common.iter().chain(&flat).chain(words));
+    if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+        println!("skipped: no adapter: {}", outcome.messages.trim());
+        return None;
+    }
+    Some(outcome)
+}
+
+fn float_image(folder: &Folder, name: &str) -> Vec<f32> {
+    let image = read_first_flat_layer_from_file(folder.path(name)).expect("a float image");
+    let FlatSamples::F32(values) = &image.layer_data.channel_data.list[0].sample_data else { panic!("not full float") };
+    values.clone()
+}
+
+/// The mean of the values in the left and in the right half of the picture that are numbers, without the middle.
+fn halves(values: &[f32]) -> [f64; 2] {
+    [0..70, 90..SIZE[0]].map(|columns| {
+        let all =
+            values.iter().enumerate().filter(|(pixel, value)| columns.contains(&(pixel % SIZE[0])) && !value.is_nan());
+        let (count, sum) = all.fold((0.0, 0.0), |(count, sum), (_, value)| (count + 1.0, sum + f64::from(*value)));
+        sum / count
+    })
+}
+
+#[test]
+fn the_image_and_the_colours_tell_a_noisy_half_from_a_smooth_one() {
+    let folder = Folder::new();
+    let images = ["--aov", "surface_error=error.exr", "--aov", "depth=depth.exr"];
+    let words = [&["--set", "color.by=certainty"][..], &images].concat();
+    let Some(outcome) = render(&folder, &words) else { return };
+    assert_eq!((outcome.status, outcome.messages.contains("warning")), (Some(0), false), "{outcome}");
+    let (error, depth) = (float_image(&folder, "error.exr"), float_image(&folder, "depth.exr"));
+    // Seen from above each pixel's half width is some three times the noise.
+    let [smooth, noisy] = halves(&error);
+    assert!((0.0022..0.0040).contains(&smooth) && (0.044..0.080).contains(&noisy), "{smooth}, {noisy}");
+    let pixels = || error.iter().zip(&depth);
+    assert!(pixels().any(|(_, depth)| depth.is_nan()) && depth.iter().any(|depth| !depth.is_nan()));
+    assert!(pixels().all(|(error, depth)| error.is_nan() == depth.is_nan()), "a number just where something is shown");
+    let picture = image::open(folder.path("picture.png")).expect("the picture").into_luma8().into_raw();
+    let shades =
+        picture.iter().zip(&depth).map(|(shade, depth)| if depth.is_nan() { f32::NAN } else { f32::from(*shade) });
+    let [smooth, noisy] = halves(&shades.collect::<Vec<_>>());
+    assert!(smooth < 30.0 && noisy > 90.0, "{smooth}, {noisy}");
+}
+
+#[test]
+fn a_streamed_cloud_says_that_it_does_not_know_how_sure_its_surface_is() {
+    let folder = Folder::new();
+    let streamed = ["--set", "stream.pages=always", "--set", "color.by=certainty"];
+    let Some(outcome) = render(&folder, &streamed) else { return };
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    assert!(outcome.messages.contains("no certainty, which only clouds in memory have"), "{outcome}");
+    let image = [&streamed[..], &["--aov", "surface_error=error.exr"]].concat();
+    let refused = folder.glint(["render", "plate.ply", "-o", "none.png"].iter().chain(&image));
+    assert_eq!(refused.status, Some(2), "{refused}");
+    assert!(refused.messages.contains("surface_error") && refused.messages.contains("stream.pages"), "{refused}");
+    assert!(!folder.path("none.png").exists() && !folder.path("error.exr").exists());
+}
