@@ -37,9 +37,12 @@ fn render(folder: &Folder, words: &[&str]) -> Option<Outcome> {
     Some(outcome)
 }
 
-fn float_image(folder: &Folder, name: &str) -> Vec<f32> {
+/// A channel of a float image.
+fn float_image(folder: &Folder, name: &str, channel: usize) -> Vec<f32> {
     let image = read_first_flat_layer_from_file(folder.path(name)).expect("a float image");
-    let FlatSamples::F32(values) = &image.layer_data.channel_data.list[0].sample_data else { panic!("not full float") };
+    let FlatSamples::F32(values) = &image.layer_data.channel_data.list[channel].sample_data else {
+        panic!("not full float")
+    };
     values.clone()
 }
 
@@ -56,17 +59,22 @@ fn halves(values: &[f32]) -> [f64; 2] {
 #[test]
 fn the_image_and_the_colours_tell_a_noisy_half_from_a_smooth_one() {
     let folder = Folder::new();
-    let images = ["--aov", "surface_error=error.exr", "--aov", "depth=depth.exr"];
+    let images = ["--aov", "surface_error=error.exr", "--aov", "depth=depth.exr", "--aov", "position=position.exr"];
     let words = [&["--set", "color.by=certainty"][..], &images].concat();
     let Some(outcome) = render(&folder, &words) else { return };
     assert_eq!((outcome.status, outcome.messages.contains("warning")), (Some(0), false), "{outcome}");
-    let (error, depth) = (float_image(&folder, "error.exr"), float_image(&folder, "depth.exr"));
+    let [error, depth] = ["error.exr", "depth.exr"].map(|name| float_image(&folder, name, 0));
     // Seen from above each pixel's half width is some three times the noise.
     let [smooth, noisy] = halves(&error);
     assert!((0.0022..0.0040).contains(&smooth) && (0.044..0.080).contains(&noisy), "{smooth}, {noisy}");
     let pixels = || error.iter().zip(&depth);
     assert!(pixels().any(|(_, depth)| depth.is_nan()) && depth.iter().any(|depth| !depth.is_nan()));
     assert!(pixels().all(|(error, depth)| error.is_nan() == depth.is_nan()), "a number just where something is shown");
+    // The plate itself is at height 0, and a half width also has room for the noise of a further measurement.
+    let heights = float_image(&folder, "position.exr", 2);
+    let held = error.iter().zip(&heights).filter(|(error, height)| height.abs() <= **error).count();
+    let shown = depth.iter().filter(|depth| !depth.is_nan()).count();
+    assert!(held as f64 > 0.97 * shown as f64, "{held} of {shown}");
     let picture = image::open(folder.path("picture.png")).expect("the picture").into_luma8().into_raw();
     let shades =
         picture.iter().zip(&depth).map(|(shade, depth)| if depth.is_nan() { f32::NAN } else { f32::from(*shade) });
