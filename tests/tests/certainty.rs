@@ -5,9 +5,12 @@ use tests::{Folder, Outcome};
 
 const SIZE: [usize; 2] = [160, 120];
 
-/// A number from 0 to 1 for each index, by steps of the golden ratio and its like.
-fn fraction(index: usize, step: f64) -> f64 {
-    (index as f64 * step).fract()
+/// A number from 0 to 1 for each number, as if drawn at random (the finaliser of splitmix64).
+fn drawn(number: u64) -> f64 {
+    let mut mixed = number.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((mixed ^ mixed >> 31) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 /// A plate of 4 by 3 with points 0.02 apart, whose left half has a noise of 1 mm and its right half of 2 cm (of a triangular
@@ -17,7 +20,7 @@ fn plate() -> String {
     let point = |index: usize| {
         let (x, y) = ((index % columns) as f64 * 0.02, (index / columns) as f64 * 0.02);
         let noise = if x < 2.0 { 0.001 } else { 0.02 };
-        let off = noise * 6.0_f64.sqrt() * (fraction(index, 0.754_877_666) - fraction(index, 0.569_840_29));
+        let off = noise * 6.0_f64.sqrt() * (drawn(2 * index as u64) - drawn(2 * index as u64 + 1));
         format!("{x} {y} {off}\n")
     };
     let header = "ply\nformat ascii 1.0\nelement vertex 30000\nproperty float x\nproperty float y\nproperty float z\n";
