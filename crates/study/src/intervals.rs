@@ -94,7 +94,8 @@ fn quantiles(mut values: Vec<f64>) -> Vec<f64> {
 /// A number of three digits for people.
 fn short(value: f64) -> String {
     let decimals = if value > 0.0 { (2 - value.log10().floor() as i32).clamp(0, 9) as usize } else { 0 };
-    format!("{value:.decimals$}")
+    let text = format!("{value:.decimals$}");
+    if decimals > 0 { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 #[cfg(test)]
@@ -126,7 +127,7 @@ mod tests {
         assert_eq!(of("incidence 30 to 60"), [(100, 0.5)]);
         assert_eq!(of("incidence").len(), 1, "bins without sightlines are left out");
         // All have one spacing, which is in one bin.
-        assert_eq!(of("spacing 0.0200 to 0.0200"), [(100, 0.5)]);
+        assert_eq!(of("spacing 0.02 to 0.02"), [(100, 0.5)]);
         assert!(found.iter().all(|bin| bin.stated == 0.95 && bin.half_width == 0.1));
     }
 
