@@ -507,6 +507,7 @@ fn surfaces_judges_made_scans_by_their_exact_surfaces() {
             assert!((all - 1.0).abs() < 1e-9 && number("pixels") > 8000.0 && number("unscanned") > 50.0, "{input}");
         }
         assert_intervals(input);
+        assert!(input["picture_held"].as_f64().is_some_and(|held| (0.5..=1.0).contains(&held)), "{input}");
     }
     let text = folder.glint(arguments);
     assert_done(&text);

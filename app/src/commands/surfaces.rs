@@ -63,6 +63,8 @@ struct Refereed {
     scanners: Vec<[f64; 3]>,
     scanner_from: ScannerFrom,
     exact: Verdict,
+    /// How often the exact surface is within the error that a pixel states, of the pixels that are right.
+    picture_held: f64,
     /// How often stated intervals held, by points held out, as of other scans.
     intervals: Vec<Interval>,
     points: u64,
@@ -194,9 +196,16 @@ fn referee(
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     let camera = scan.camera();
-    let opened = subject::open(gpu, request, &settings, referee::JUDGED, false, |_, _, _| camera)?;
-    let Ok(LoadedSubject { subject, .. }) = opened else { return Err(failure::usage(format!("{name}: no points"))) };
-    let exact = Referee::new(scan).draw_and_judge(&subject, renderer, &settings)?;
+    let opened = subject::open(gpu, request, &settings, referee::JUDGED, true, |_, _, _| camera)?;
+    let Ok(LoadedSubject { subject, errors, .. }) = opened else {
+        return Err(failure::usage(format!("{name}: no points")));
+    };
+    let known = Referee::new(scan);
+    let exact = known.draw_and_judge(&subject, renderer, &settings)?;
+    let half_widths = errors.map(|errors| errors.image(renderer, &subject, &settings)).transpose()?;
+    let shown = referee::Shown::read(renderer)?;
+    let held = |image: render::AovImage| known.held(&camera, &settings, referee::JUDGED, &shown, &image.data);
+    let picture_held = half_widths.map_or(f64::NAN, held);
     let points = subject.parts.iter().filter(|part| part.specular_intensity == 0.0).map(|part| part.cloud.len()).sum();
     drop(subject);
     let mut intervals = Vec::new();
@@ -209,6 +218,7 @@ fn referee(
         scanners: scan.stations().into_iter().map(Into::into).collect(),
         scanner_from: ScannerFrom::File,
         exact,
+        picture_held,
         intervals,
         points,
         set: set_values(&settings, &said),
@@ -217,7 +227,9 @@ fn referee(
 
 /// The report on a made scan for people.
 fn exact_lines(refereed: &Refereed) -> Vec<String> {
-    let Refereed { path, scanners, exact: Verdict { camera, mirrors, covered }, points, intervals, .. } = refereed;
+    let Refereed {
+        path, scanners, exact: Verdict { camera, mirrors, covered }, points, picture_held, intervals, ..
+    } = refereed;
     let place = |[x, y, z]: &[f64; 3]| format!("({x:.2}, {y:.2}, {z:.2})");
     let places: Vec<String> = scanners.iter().map(place).collect();
     let row = |name: &str, shares: &Shares, covered: Option<f64>| {
@@ -236,6 +248,7 @@ fn exact_lines(refereed: &Refereed) -> Vec<String> {
         ),
         row("camera", camera, None),
         row("mirrors", mirrors, Some(*covered)),
+        format!("  {:<13} {:>7.2} % of the pixels that are right", "error held", picture_held * 100.0),
     ];
     lines.into_iter().chain(interval_lines(intervals)).collect()
 }

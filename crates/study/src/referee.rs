@@ -178,6 +178,28 @@ impl Referee {
         }
     }
 
+    /// How often the exact surface lies within the interval that each pixel states for its error (`half_widths`, along the
+    /// pixels' rays), of the pixels that see no mirror and are right. Not a number where there are none.
+    pub fn held(
+        &self,
+        camera: &Camera,
+        settings: &Settings,
+        size: [u32; 2],
+        shown: &Shown,
+        half_widths: &[f32],
+    ) -> f64 {
+        let rays = PixelRays::new(camera, &settings.view, size, 0.0);
+        let held = |pixel: usize| {
+            let Truth::Surface { distance, .. } = self.truth(rays.ray(pixel)) else { return None };
+            let place = DVec3::from([0, 1, 2].map(|axis| f64::from(shown.position[3 * pixel + axis])));
+            let found = place.is_finite().then(|| place.distance(camera.eye))?;
+            let is_right = Outcome::of(Some(found), distance) == Outcome::Right && !half_widths[pixel].is_nan();
+            is_right.then(|| (found - distance).abs() <= f64::from(half_widths[pixel]))
+        };
+        let held: Vec<bool> = (0..rays.pixel_count()).into_par_iter().filter_map(held).collect();
+        held.iter().filter(|held| **held).count() as f64 / held.len() as f64
+    }
+
     fn truth(&self, ray: Ray) -> Truth {
         let Some(hit) = self.exact.nearest(&ray) else { return Truth::Nothing };
         let is_scanned = |place| self.scan.is_scanned(&self.solids, place);
@@ -269,6 +291,19 @@ mod tests {
             assert!(verdict.camera.pixels > 25_000 && verdict.mirrors.pixels > 2000, "{verdict:?}");
             assert!(verdict.camera.unscanned > 500 && verdict.mirrors.unscanned > 20, "{verdict:?}");
         }
+    }
+
+    #[test]
+    fn half_widths_hold_where_the_exact_surface_is_within_them() {
+        let referee = Referee::new(Tripod::Room);
+        // All is 0.005 of its distance too far, which half widths of 0.02 hold up to a distance of 4.
+        let (shown, camera) = shown(&referee, |ray, truth| right(ray, truth, 1.005));
+        let held = |half_width: f32| {
+            let half_widths = vec![half_width; (SIZE[0] * SIZE[1]) as usize];
+            referee.held(&camera, &settings(), SIZE, &shown, &half_widths)
+        };
+        assert_eq!([held(0.0), held(1.0)], [0.0, 1.0]);
+        assert!((0.05..0.95).contains(&held(0.02)) && held(f32::NAN).is_nan(), "{}", held(0.02));
     }
 
     #[test]

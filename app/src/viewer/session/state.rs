@@ -349,8 +349,7 @@ impl Session {
 
     // ---- opening ----
 
-    /// Opens what the words name: files, scene files or built-in scenes. Reports what is wrong if they name nothing,
-    /// and returns whether they name something.
+    /// Opens the files, scene files or built-in scenes that words name. Returns whether there are any, or says why not.
     pub fn open<Word: AsRef<OsStr>>(&mut self, words: &[Word]) -> bool {
         let request = world::resolve(words);
         if let Err(error) = request.check() {
