@@ -64,6 +64,7 @@ const COLOR_BY_NORMAL: u32 = 6u;
 const COLOR_BY_GPS_TIME: u32 = 7u;
 const COLOR_BY_ATTRIBUTE: u32 = 8u;
 const COLOR_BY_PLAIN: u32 = 9u;
+const COLOR_BY_CERTAINTY: u32 = 10u;
 const COLOR_RAMP_TURBO: u32 = 0u;
 const COLOR_RAMP_VIRIDIS: u32 = 1u;
 const COLOR_RAMP_MAGMA: u32 = 2u;
