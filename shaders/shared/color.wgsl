@@ -10,16 +10,20 @@ const COLOR_NORMAL: u32 = 2u;
 const COLOR_CLASS: u32 = 3u;
 const COLOR_HEIGHT: u32 = 4u;
 const COLOR_SCALAR: u32 = 5u;
-const COLOR_RGB_OR_PLAIN: u32 = 6u;
-const COLOR_RGB_OR_GREY: u32 = 7u;
+const COLOR_STRAY: u32 = 6u;
+const COLOR_RGB_OR_PLAIN: u32 = 7u;
+const COLOR_RGB_OR_GREY: u32 = 8u;
 
-// The entry of the palette (256 colours of each ramp, then 256 of the classes), or PALETTE_NONE for a colour of its
+// The entry of the palette (256 colours of each ramp, then 256 of the classes and those of strays), or PALETTE_NONE for a colour of its
 // own. A point without a value (NaN) has no entry: it is plain.
 const PALETTE_NONE: u32 = 0xffffffffu;
 
 fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
     if item.color_source == COLOR_CLASS {
         return item.palette + ((point.w >> 16u) & 0xffu);
+    }
+    if item.color_source == COLOR_STRAY {
+        return item.palette + stray_kind(point.w & 0xffffu);
     }
     var value = scalar;
     if item.color_source == COLOR_HEIGHT {

@@ -19,6 +19,11 @@ fn unpack_radius(packed: u32) -> f32 {
     return select(exp2(f32(packed & 0xffe0u) / 2048.0 - 20.0), 0.0, packed == 0u);
 }
 
+// What keeps a point with this packed radius from being on a surface: 1 of a lone stray, 2 of a mixed pixel, or 0.
+fn stray_kind(packed: u32) -> u32 {
+    return select(0u, packed, packed <= 2u);
+}
+
 // How much longer an ellipse is than wide, and in which direction of its plane. A disc has the ratio 1.
 struct Stretch {
     axis: vec3f,
@@ -30,7 +35,7 @@ const SHAPE_BITS: u32 = 31u;
 const DIRECTIONS_OF_3: u32 = 10u;
 const DIRECTIONS_OF_7: u32 = 21u;
 
-// The shape of a splat with a unit normal from its packed radius. `STRAY_RADIUS` is a disc.
+// The shape of a splat with a unit normal from its packed radius. Strays are discs.
 fn unpack_stretch(packed: u32, normal: vec3f) -> Stretch {
     let shape = packed & SHAPE_BITS;
     if shape == 0u || packed <= SHAPE_BITS || all(normal == vec3f(0.0)) {

@@ -36,7 +36,8 @@ fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
     let item = item_of_point(index);
     // Points are scattered over memory: only what is needed is fetched.
     var point = vec4u(0u);
-    if item.color_source == COLOR_HEIGHT || item.color_source == COLOR_CLASS {
+    let source = item.color_source;
+    if source == COLOR_HEIGHT || source == COLOR_CLASS || source == COLOR_STRAY {
         point = points[index];
     }
     let color_normal = attributes[index];

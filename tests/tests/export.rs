@@ -134,6 +134,20 @@ fn hidden_strays_are_not_exported() {
     exported(&["grid.ply", "--scene", "class.toml"], "d.laz", 1600);
     exported(&["hiding.toml", "--set", "splat.strays=faded"], "e.laz", 1663);
     exported(&["hiding.toml", "--set", "surface.radii=full"], "f.laz", 1663);
+    // A filter leaves all others out.
+    let filter = |low: u32, high: u32| {
+        format!("[visibility]\nfilters = [{{ attribute = 'stray', low = {low}, high = {high} }}]\n")
+    };
+    folder.write("stray.toml", format!("clouds = ['grid.ply']\n{}", filter(1, 2)));
+    exported(&["stray.toml"], "g.laz", 2);
+    folder.write("surface.toml", filter(0, 0));
+    exported(&["grid.ply", "--scene", "surface.toml"], "h.laz", 1661);
+    let outcome = folder.glint(["export", "stray.toml", "-o", "i.laz", "--set", "surface.radii=full"]);
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    assert!(
+        outcome.messages.contains("no attribute `stray` to filter by; surface.radii = spread tells it"),
+        "{outcome}"
+    );
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use cloud::{Bounds, Chunk, Progress};
+use cloud::{Bounds, Chunk, Progress, STRAY};
 use codec::{ExportFormat, Exported, Source, Wanted};
 use scene::five_mirrors::Variant;
 use scene::{SceneFile, Settings, Strays, Tripod, shown, tripod};
@@ -34,7 +34,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     if let Some(scene) = &arguments.scene {
         let (file, _) = SceneFile::read(scene)?;
         let Settings { splat, surface, .. } = file.view().settings;
-        if splat.strays == Strays::Hidden {
+        if splat.strays == Strays::Hidden || file.visibility.filters.iter().any(|filter| filter.attribute == STRAY) {
             (settings.splat.strays, settings.surface) = (splat.strays, surface);
         }
         request.visibility.hide(&file.visibility);
@@ -50,7 +50,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
         return write_made(*scan, &settings, arguments);
     }
     let memory = half_of(settings.stream.host_bytes);
-    terminal::warn(request.check_filters(memory)?);
+    terminal::warn(request.check_filters(&settings)?);
     let mut failed = Few::of("that cannot be read");
     let inputs = open(&request, memory, &mut failed);
     let status = if failed.count() > 0 { UNUSABLE } else { 0 };

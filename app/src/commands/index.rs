@@ -41,7 +41,7 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
     let asked = world::asked_attributes(&settings, &request.visibility, &request.cloud_settings);
     let cache = world::cache(&settings.stream)?.keeping(asked);
     terminal::warn(&request.warnings);
-    terminal::warn(request.check_filters(half_of(settings.stream.host_bytes))?);
+    terminal::warn(request.check_filters(&settings)?);
     let mut unreadable = Few::of("that cannot be read");
     let mut clouds = Vec::new();
     for input in &request.inputs {

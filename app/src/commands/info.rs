@@ -79,8 +79,9 @@ pub struct BoundsReport {
 struct NeighbourhoodReport {
     /// The number of points that were looked at.
     points: u64,
-    /// The share of those that are far from all others.
+    /// The shares of those that are lone strays, and mixed pixels.
     strays: f64,
+    mixed: f64,
     /// The standard deviation of points from the surface through their neighbours, in the file's unit.
     noise: Option<f64>,
 }
@@ -235,8 +236,8 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
 fn neighbourhoods(chunks: &[Chunk]) -> Option<NeighbourhoodReport> {
     let progress = Progress::default();
     let found = progress_bar::watch("neighbours", &progress, || cloud::neighbourhoods(chunks, &progress))?;
-    let share = found.strays as f64 / found.points as f64;
-    (found.points > 0).then_some(NeighbourhoodReport { points: found.points, strays: share, noise: found.noise })
+    let [strays, mixed] = [found.strays, found.mixed].map(|count| count as f64 / found.points as f64);
+    (found.points > 0).then_some(NeighbourhoodReport { points: found.points, strays, mixed, noise: found.noise })
 }
 
 /// The smallest and the largest value, of which the first is larger if there is none, and the number of points without
@@ -351,8 +352,9 @@ fn lines(report: &FileReport) -> Vec<String> {
     if let Some(blank) = report.without_colour.filter(|blank| *blank > 0) {
         line("no colour", &format!("{} points", grouped(blank)));
     }
-    if let Some(NeighbourhoodReport { strays, noise, .. }) = &report.neighbourhoods {
+    if let Some(NeighbourhoodReport { strays, mixed, noise, .. }) = &report.neighbourhoods {
         line("strays", &format!("{}% of the points", two_digits(100.0 * strays)));
+        line("mixed", &format!("{}% of the points, between two surfaces", two_digits(100.0 * mixed)));
         let unit = report.known_units.length().map_or(String::new(), |unit| format!(" {unit}"));
         line("noise", &noise.map_or("unknown: no surface".into(), |noise| format!("{}{unit}", two_digits(noise))));
     }

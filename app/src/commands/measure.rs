@@ -57,12 +57,13 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     }
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let memory = world::half_of(settings.stream.host_bytes);
-    terminal::warn(request.check_filters(memory)?);
+    terminal::warn(request.check_filters(&settings)?);
     let files = request.placed_files();
     let failed = Few::of("that cannot be measured");
     let (read, test) = (Vec::new(), request.test());
     let mut left_out = HashMap::new();
-    for input in request.inputs.iter().filter(|_| settings.splat.strays == Strays::Hidden) {
+    let hidden = test.hiding_strays(settings.splat.strays == Strays::Hidden).hidden_kinds(&[]);
+    for input in request.inputs.iter().filter(|_| hidden != [false; 3]) {
         // What cannot be read is told when it is measured.
         let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file)).ok();
         let sources: Vec<_> = input.files().iter().filter_map(open).collect();

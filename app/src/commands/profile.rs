@@ -45,7 +45,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     }
     let test = request.test();
     terminal::warn(&request.warnings);
-    terminal::warn(request.check_filters(world::half_of(settings.stream.host_bytes))?);
+    terminal::warn(request.check_filters(&settings)?);
     let stack = (arguments.copies, arguments.spacing.unwrap_or_default());
     if !stack.1.is_finite() {
         return Err(usage(format!("--spacing {}: expected a finite distance", stack.1)));

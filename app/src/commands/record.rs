@@ -47,8 +47,8 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     let frames = all.iter().copied().filter(of_shard).collect();
     set(&mut request, arguments)?;
     // The session warns of what some clouds lack.
-    let host_bytes = recording::settings(&mut request).stream.host_bytes;
-    request.check_filters(world::half_of(host_bytes))?;
+    let settings = recording::settings(&mut request).clone();
+    request.check_filters(&settings)?;
     let averaging = Averaging::new(arguments.subframes, arguments.shutter, arguments.supersample);
     let images = images(arguments, recording::settings(&mut request))?;
     path.check_images(images.len())?;

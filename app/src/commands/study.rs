@@ -213,7 +213,7 @@ impl Scenes for Inputs {
     fn ruler(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Ruler> {
         let request = world::resolve(&[scene.to_owned()]);
         request.check()?;
-        warn(request.check_filters(world::half_of(settings.stream.host_bytes))?);
+        warn(request.check_filters(settings)?);
         let read = |input| scans::of_input(input, &request.test(), settings);
         let mut scans: Vec<_> = request.inputs.iter().flat_map(read).collect();
         match (scans.pop(), scans.is_empty()) {

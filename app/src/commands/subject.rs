@@ -81,7 +81,7 @@ pub fn open(
 ) -> anyhow::Result<Result<LoadedSubject, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
     request.leave_out_hidden()?;
-    terminal::warn(request.check_filters(world::half_of(settings.stream.host_bytes))?);
+    terminal::warn(request.check_filters(settings)?.into_iter().chain(world::stray_warning(settings)));
     let exact = request.built_in().map(Exact::five_mirrors);
     request.lights.extend(request.built_in_light());
     if request.lights.len() > MOST_LIGHTS {

@@ -83,7 +83,7 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     let settings = settings.drawn();
-    terminal::warn(request.check_filters(world::half_of(settings.stream.host_bytes))?);
+    terminal::warn(request.check_filters(&settings)?);
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     terminal::warn(&request.warnings);
     if request.cloud_settings.iter().any(|own| own.placement().is_some()) {

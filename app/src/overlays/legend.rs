@@ -4,7 +4,7 @@ use cloud::SURFACE_ERROR;
 use codec::Units;
 use egui::epaint::Mesh;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
-use render::{ColorPlan, ColorSource, class_color, class_name, ramp_colors};
+use render::{ColorPlan, ColorSource, STRAY_KINDS, class_color, class_name, ramp_colors};
 use scene::Ramp;
 use stream::COMPARED;
 
@@ -28,6 +28,7 @@ pub struct Legend {
 pub enum Scale {
     Ramp { ramp: Ramp, low: f64, high: f64 },
     Classes(Vec<u8>),
+    Strays,
 }
 
 impl Legend {
@@ -38,6 +39,7 @@ impl Legend {
                 let classes: Vec<u8> = classes.collect();
                 (!classes.is_empty()).then(|| Self { title: "class".into(), scale: Scale::Classes(classes) })
             }
+            ColorSource::Stray => Some(Self { title: plan.label.clone(), scale: Scale::Strays }),
             ColorSource::Height | ColorSource::Column(_) => {
                 let title = title(plan, units);
                 let (ramp, low, high) = (plan.ramp, plan.low, plan.high);
@@ -55,10 +57,13 @@ impl Legend {
         let rows: Vec<(String, Color32)> = match &self.scale {
             Scale::Ramp { .. } => Vec::new(),
             Scale::Classes(classes) => class_rows(classes),
+            Scale::Strays => {
+                STRAY_KINDS.map(|(name, [r, g, b, _])| (name.to_owned(), Color32::from_rgb(r, g, b))).into()
+            }
         };
         let (ticks, decimals) = match self.scale {
             Scale::Ramp { low, high, .. } => steps::ticks(low, high, MOST_TICKS),
-            Scale::Classes(_) => (Vec::new(), 0),
+            Scale::Classes(_) | Scale::Strays => (Vec::new(), 0),
         };
         let numbers: Vec<String> = ticks.iter().map(|value| format!("{value:.decimals$}")).collect();
         let texts = rows.iter().map(|(text, _)| text).chain(&numbers);
@@ -168,6 +173,7 @@ mod tests {
         let title = |units| Legend::of(&distances, units, std::iter::empty()).unwrap().title;
         assert_eq!((title(&metres), title(&feet)), ("distance_2 (m)".into(), "distance_2".into()));
         assert_eq!(of(ColorSource::Class).unwrap().scale, Scale::Classes(vec![2, 6]));
+        assert_eq!(of(ColorSource::Stray).unwrap().scale, Scale::Strays);
         for source in [ColorSource::Rgb, ColorSource::RgbOr(Some(0)), ColorSource::Plain, ColorSource::Normal] {
             assert_eq!(of(source), None);
         }

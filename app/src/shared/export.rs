@@ -1,10 +1,10 @@
-//! Points of files as a new file: which of them are stray, and writing the others.
+//! Points of files as a new file: which of them are hidden as strays, and writing the others.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use cloud::{Chunk, Orientation, PointTest, Progress, RadiusRule, STRAY_RADIUS, SurfelOptions};
+use cloud::{Chunk, Orientation, PointTest, Progress, RadiusRule, SurfelOptions, stray_kind};
 use codec::{Added, ExportFormat, Exported, Runs, Source, Wanted};
 use glam::Vec3;
 use scene::{CloudSettings, Settings, Strays, SurfaceRadii, shown};
@@ -16,8 +16,8 @@ use crate::system::terminal::Few;
 /// read, another place among those that are shown, and what the search for neighbours needs.
 const BYTES_A_POINT: u64 = 64;
 
-/// The points of the files of one cloud that are stray, if the settings hide these: for each file their indices in it,
-/// ascending. They are told as in pictures: among the points of all its files that classes and filters show. `None`
+/// The points of the files of one cloud that are hidden because of what `stray_kind` tells of them, by the settings or by
+/// filters of `cloud::STRAY`: for each file their indices in it, ascending. Strays are told as in pictures: among the points of all its files that classes and filters show. `None`
 /// when cancelled.
 ///
 /// # Errors
@@ -29,7 +29,9 @@ pub fn strays(
     progress: &Progress,
 ) -> Result<Option<Vec<Vec<u64>>>, String> {
     let mut strays = vec![Vec::new(); sources.len()];
-    if settings.splat.strays != Strays::Hidden || settings.surface.radii != SurfaceRadii::Spread {
+    let whole = test.hiding_strays(settings.splat.strays == Strays::Hidden);
+    let hidden: Vec<[bool; 3]> = sources.iter().map(|source| whole.hidden_kinds(&source.info().attributes)).collect();
+    if hidden.iter().all(|kinds| *kinds == [false; 3]) || settings.surface.radii != SurfaceRadii::Spread {
         return Ok(Some(strays));
     }
     let test = test.of_attributes();
@@ -38,7 +40,7 @@ pub fn strays(
     if let Some(first) = sources.first().filter(|_| points > most) {
         return Err(format!(
             "{}: it cannot be told which of {points} points are stray, as at most {most} fit into stream.host_bytes = {}; \
-             raise it, or keep stray points with --set splat.strays=faded",
+             raise it, or keep stray points with --set splat.strays=faded and without a filter of `stray`",
             shown(&first.info().path),
             settings.stream.host_bytes
         ));
@@ -71,8 +73,8 @@ pub fn strays(
     };
     let Some(surfels) = cloud::estimate_part(&chunks, &options, progress) else { return Ok(None) };
     for ((file, first_point, indices), surfels) in places.into_iter().zip(surfels) {
-        let is_stray = |(_, radius): &(&u32, &u16)| **radius == STRAY_RADIUS;
-        let found = indices.iter().zip(&surfels.radii).filter(is_stray);
+        let is_hidden = |(_, radius): &(&u32, &u16)| hidden[file][usize::from(stray_kind(**radius))];
+        let found = indices.iter().zip(&surfels.radii).filter(is_hidden);
         strays[file].extend(found.map(|(index, _)| first_point + u64::from(*index)));
     }
     Ok(Some(strays))

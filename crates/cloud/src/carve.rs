@@ -4,9 +4,9 @@
 use glam::{DMat3, DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::surfels::smallest_eigenvector;
+use crate::shape::smallest_eigenvector;
 use crate::{
-    Chunk, NO_NORMAL, Progress, STRAY_RADIUS, Surfels, hash, pack_normal, pack_radius, spread_sample, unpack_normal,
+    Chunk, NO_NORMAL, Progress, Surfels, hash, pack_normal, pack_radius, spread_sample, stray_kind, unpack_normal,
     unpack_radius,
 };
 
@@ -199,7 +199,7 @@ pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, pro
                 let towards = unpack_normal(normal).unwrap_or(-seen.way);
                 normal = pack_normal(if fitted.dot(towards) < 0.0 { -fitted } else { fitted });
             }
-            let sized = unpack_radius(radius).filter(|_| radius != STRAY_RADIUS).zip(unpack_normal(normal));
+            let sized = unpack_radius(radius).filter(|_| stray_kind(radius) == 0).zip(unpack_normal(normal));
             let carve = sized.map(|(radius, normal)| {
                 let radius = WIDER * radius;
                 let nearest = nearest_hidden(&directions, lists, middle, seen.way, radius, normal);

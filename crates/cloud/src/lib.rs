@@ -22,8 +22,10 @@ mod random;
 mod robust;
 mod rows;
 pub mod sampling;
+mod shape;
 mod shown_radii;
 mod smoothing;
+mod strays;
 mod surfels;
 mod triangle_mesh;
 mod visibility;
@@ -40,8 +42,8 @@ pub use names::{attribute_named, attributes_named, standard_name};
 pub use noise::{Neighbourhoods, neighbourhoods};
 pub use origin::{Amid, amid, offset_from};
 pub use packing::{
-    NO_NORMAL, NO_RADIUS, STRAY_RADIUS, Stretch, pack_ellipse, pack_normal, pack_radius, resized_radius, stretch_ratio,
-    unpack_normal, unpack_radius, unpack_stretch,
+    MIXED_RADIUS, NO_NORMAL, NO_RADIUS, RADIUS_SHAPES, RADIUS_STEPS, STRAY_RADIUS, Stretch, pack_ellipse, pack_normal,
+    pack_radius, resized_radius, stray_kind, stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
 };
 pub use placement::Placement;
 pub use progress::Progress;
@@ -50,14 +52,15 @@ pub use robust::{
     Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, robust_range, scene_fence,
     spread_sample,
 };
+pub use shape::smallest_eigenvector;
 pub use shown_radii::radii_among;
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
     ESTIMATOR, MeshNormals, Orientation, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
-    guess_orientation, normals_from_triangles, provisional_radius, smallest_eigenvector,
+    guess_orientation, normals_from_triangles, provisional_radius,
 };
 pub use triangle_mesh::TriangleMesh;
-pub use visibility::{ChunkTest, ClipVolume, CloudLayout, Filter, PointTest, ShownPoints};
+pub use visibility::{ChunkTest, ClipVolume, CloudLayout, Filter, PointTest, STRAY, ShownPoints};
 pub use volume::{Cover, Volume, VolumeShape};
 
 /// The most points of a chunk when a reader is free to choose (2.4 MB of 36-byte LAS records).

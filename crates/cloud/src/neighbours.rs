@@ -11,13 +11,14 @@
 
 mod search;
 
+use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::ops::Range;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{self, AtomicU32};
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use search::Search;
+use search::{Ball, Search};
 pub use search::{Neighbourhood, is_aside};
 
 use crate::{Bounds, Chunk, Progress, hash};
@@ -61,7 +62,7 @@ impl<'a> Points<'a> {
         (chunk, (index - self.starts[chunk]) as usize)
     }
 
-    fn position(&self, index: u32) -> DVec3 {
+    pub fn position(&self, index: u32) -> DVec3 {
         let (chunk, local) = self.locate(index);
         self.chunks[chunk].position(local)
     }
@@ -120,11 +121,7 @@ struct Planes {
 impl Planes {
     fn new(points: &Points) -> Self {
         let tiles = points.len().div_ceil(TILE_POINTS).next_power_of_two();
-        let wanted = (tiles * SAMPLE_PER_TILE).min(points.len());
-        let mut sample: Vec<DVec3> = (0..wanted as u64)
-            .map(|i| points.position((i * points.len() as u64 / wanted as u64) as u32))
-            .filter(|position| position.is_finite())
-            .collect();
+        let mut sample = sample_of(points, tiles * SAMPLE_PER_TILE);
         // A cloud of mostly points that are not finite gives a small sample; every cell must still get some of it.
         let depth = tiles.ilog2().min((sample.len() / 16).max(1).ilog2());
         let everywhere = Bounds { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
@@ -167,6 +164,30 @@ impl Planes {
         }
         node - (1 << self.depth)
     }
+}
+
+/// About `wanted` of the places of finite points, each once, drawn by their coordinates, so that it does not depend on
+/// the order of the points.
+fn sample_of(points: &Points, wanted: usize) -> Vec<DVec3> {
+    let limit = (wanted as f64 / points.len().max(1) as f64 * 2.0_f64.powi(64)) as u64;
+    let of_chunk = |chunk: &Chunk| {
+        let places = (0..chunk.len()).map(|local| chunk.position(local));
+        places.filter(|place| place.is_finite() && hash_of(*place) <= limit).collect::<Vec<_>>()
+    };
+    let mut sample: Vec<DVec3> = points.chunks.par_iter().flat_map_iter(of_chunk).collect();
+    sample.sort_unstable_by(|a, b| total_order(a.to_array(), b.to_array()));
+    sample.dedup();
+    sample
+}
+
+/// A hash of a place; the two zeros are equal.
+fn hash_of(place: DVec3) -> u64 {
+    (place + DVec3::ZERO).to_array().into_iter().fold(0, |mixed, value| hash(mixed ^ value.to_bits()))
+}
+
+/// The order of coordinates one after the other.
+fn total_order(a: [f64; 3], b: [f64; 3]) -> Ordering {
+    (0..3).map(|axis| a[axis].total_cmp(&b[axis])).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
 }
 
 /// The points of one cell, arranged in bricks.
@@ -337,10 +358,11 @@ impl<const LANES: usize> Surroundings<'_, '_, LANES> {
         &self.search.neighbourhood
     }
 
-    /// The number of places no further than `radius`, to about a brick's; no more are counted than `most` and a node's.
-    pub fn count_within(&mut self, radius: f32, most: usize) -> usize {
-        let point = self.search.place(self.brick, self.place);
-        self.search.count_within(point, radius * radius, most)
+    /// The number of places no further than `radius` that are more than `layer` beside the plane with this unit normal
+    /// through the point, to about a brick's; no more are counted than `most` and a node's.
+    pub fn count_beside(&mut self, radius: f32, normal: Vec3, layer: f32, most: usize) -> usize {
+        let middle = self.search.place(self.brick, self.place);
+        self.search.count_beside(&Ball { middle, radius_squared: radius * radius, normal, layer }, most)
     }
 
     /// Searches the nearest points aside from the line along the unit vector `axis` through the point, by more than 30
@@ -380,7 +402,7 @@ fn sort_into_cells(points: &Points, planes: &Planes, progress: &Progress) -> Opt
     let order: Vec<AtomicU32> = (0..total).map(|_| AtomicU32::new(0)).collect();
     groups.par_iter().zip(&mut cursors).for_each(|(group, cursor)| {
         for_each_cell(points, planes, group, progress, |index, cell| {
-            order[cursor[cell] as usize].store(index, Ordering::Relaxed);
+            order[cursor[cell] as usize].store(index, atomic::Ordering::Relaxed);
             cursor[cell] += 1;
         });
     });
@@ -443,24 +465,30 @@ fn firsts_of_places(points: &Points, order: &[u32], local: impl Fn(u32) -> Vec3)
     let step = points.usual_reach(order).log2().ceil().exp2() * 2.0_f64.powi(-22);
     let place = |index: u32| {
         let local = local(index).as_dvec3();
-        let cell = if step > 0.0 { (local / step).round() } else { local };
-        // Adding zero makes the two zeros equal.
-        (cell + DVec3::ZERO).to_array().into_iter().fold(0, |mixed, value| hash(mixed ^ value.to_bits()))
+        hash_of(if step > 0.0 { (local / step).round() } else { local })
     };
     let mut places: Vec<(u64, u32)> = order.iter().zip(0..).map(|(&index, at)| (place(index), at)).collect();
     places.sort_unstable();
     let mut firsts = order.to_vec();
     for same in places.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
-        let first = order[same[0].1 as usize];
+        let least =
+            |a: &&(u64, u32), b: &&(u64, u32)| by_place(&local(order[a.1 as usize]), &local(order[b.1 as usize]));
+        let Some(first) = same.iter().min_by(least).map(|(_, at)| order[*at as usize]) else { continue };
         same.iter().for_each(|(_, at)| firsts[*at as usize] = first);
     }
     firsts
+}
+
+/// The order of places by their coordinates.
+fn by_place(a: &Vec3, b: &Vec3) -> Ordering {
+    total_order(a.as_dvec3().to_array(), b.as_dvec3().to_array())
 }
 
 /// Splits the points of a node, which are to fill the bricks `covered`, at the median of the longest side of their box.
 fn halve(located: &mut [(Vec3, u32)], total: usize, node: usize, covered: Range<usize>, boxes: &mut [Box3]) {
     boxes[node] = Box3::of(located);
     if covered.len() == 1 {
+        located.sort_unstable_by(|a, b| by_place(&a.0, &b.0));
         return;
     }
     let bricks = boxes.len() / 2;
@@ -468,7 +496,9 @@ fn halve(located: &mut [(Vec3, u32)], total: usize, node: usize, covered: Range<
     let middle = covered.start + covered.len() / 2;
     let split = brick_start(total, bricks, middle) - brick_start(total, bricks, covered.start);
     if split < located.len() {
-        located.select_nth_unstable_by(split, |a, b| a.0[axis].total_cmp(&b.0[axis]));
+        let order =
+            |a: &(Vec3, u32), b: &(Vec3, u32)| a.0[axis].total_cmp(&b.0[axis]).then_with(|| by_place(&a.0, &b.0));
+        located.select_nth_unstable_by(split, order);
     }
     let (left, right) = located.split_at_mut(split);
     halve(left, total, 2 * node, covered.start..middle, boxes);

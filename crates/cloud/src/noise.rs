@@ -1,13 +1,12 @@
-//! The noise of a scan and the share of its stray points, told from the neighbours of some of its points.
-
-use std::sync::Mutex;
-use std::sync::PoisonError;
+//! The noise of a scan and the share of its strays and mixed pixels, told from the neighbours of some of its points.
 
 use rayon::prelude::*;
 
 use crate::neighbours::{Points, Surroundings, Tiles};
-use crate::surfels::Shape;
-use crate::{Chunk, Progress, hash};
+use crate::shape::Shape;
+use crate::strays::{Stray, kinds_of, strays_of};
+use crate::surfels::{self, RadiusRule};
+use crate::{Chunk, MIXED_RADIUS, Progress, hash};
 
 /// The number of neighbours that a plane is fitted to, as when normals are estimated.
 const NEIGHBOURS: usize = 16;
@@ -28,8 +27,10 @@ const MOST_THINNINGS: u32 = 4;
 pub struct Neighbourhoods {
     /// The number of points that were looked at.
     pub points: u64,
-    /// The number of those that are stray: far from all of their neighbours.
+    /// The number of those that are lone strays, and mixed pixels, as radii that follow the spread tell them. Those that
+    /// know one another only across the border of a part that was looked at count as lone.
     pub strays: u64,
+    pub mixed: u64,
     /// The standard deviation of points from the plane through them and their neighbours, in world units: what is
     /// rough or bent at that scale counts, too. `None` where most points are on no surface.
     pub noise: Option<f64>,
@@ -38,7 +39,7 @@ pub struct Neighbourhoods {
 /// Looks at the neighbours of up to some 300 thousand points, from all over the cloud. `None` when cancelled.
 pub fn neighbourhoods(chunks: &[Chunk], progress: &Progress) -> Option<Neighbourhoods> {
     let mut looks = look(chunks, progress)?;
-    let (points, strays) = (looks.variances.len() as u64, looks.strays);
+    let (points, strays, mixed) = (looks.variances.len() as u64, looks.strays, looks.mixed);
     let mut thinned: Vec<Chunk> = Vec::new();
     for thinning in 0..MOST_THINNINGS {
         if looks.is_flat() || looks.variances.is_empty() {
@@ -55,7 +56,7 @@ pub fn neighbourhoods(chunks: &[Chunk], progress: &Progress) -> Option<Neighbour
         looks = look(&thinned, progress)?;
     }
     let noise = if looks.is_flat() { median(&mut looks.variances).map(f64::sqrt) } else { None };
-    Some(Neighbourhoods { points, strays, noise })
+    Some(Neighbourhoods { points, strays, mixed, noise })
 }
 
 /// What neighbourhoods are like, one entry each.
@@ -66,6 +67,7 @@ struct Looks {
     /// How thick it is relative to its width.
     roughness: Vec<f64>,
     strays: u64,
+    mixed: u64,
 }
 
 impl Looks {
@@ -80,24 +82,30 @@ fn look(chunks: &[Chunk], progress: &Progress) -> Option<Looks> {
     let points = Points::new(chunks);
     let tiles = Tiles::new(&points, progress)?;
     let searched = tiles.len().min(MOST_TILES);
-    let looks = Mutex::new(Looks::default());
-    (0..searched).into_par_iter().for_each(|number| {
-        let mut own = Looks::default();
-        let visit = |_: u32, surroundings: &mut Surroundings<'_, '_, NEIGHBOURS>| {
-            let neighbourhood = surroundings.neighbourhood();
-            let Some(shape) = Shape::of(neighbourhood).filter(|_| neighbourhood.count == NEIGHBOURS) else { return };
-            own.strays += u64::from(shape.is_stray());
+    let of_tile = |number: usize| {
+        let (mut own, mut points, tile) = (Looks::default(), Vec::new(), number * tiles.len() / searched);
+        let visit = |index: u32, surroundings: &mut Surroundings<'_, '_, NEIGHBOURS>| {
+            let around = surroundings.neighbourhood();
+            let shape = Shape::of(around);
+            points.push(surfels::look(index, around, shape.as_ref(), RadiusRule::Spread));
+            let Some(shape) = shape.filter(|_| around.count == NEIGHBOURS) else { return };
             own.roughness.push(f64::from(shape.roughness()));
-            let squares = shape.thinnest() * f64::from(neighbourhood.distance_squared) * (NEIGHBOURS + 1) as f64;
+            let squares = shape.thinnest() * f64::from(around.distance_squared) * (NEIGHBOURS + 1) as f64;
             own.variances.push(squares / MEDIAN_SUM);
         };
-        tiles.search::<NEIGHBOURS>(number * tiles.len() / searched, NEIGHBOURS, visit, progress);
-        let mut all = looks.lock().unwrap_or_else(PoisonError::into_inner);
-        all.strays += own.strays;
-        all.variances.extend(own.variances);
-        all.roughness.extend(own.roughness);
-    });
-    (!progress.is_cancelled()).then(|| looks.into_inner().unwrap_or_else(PoisonError::into_inner))
+        tiles.search::<NEIGHBOURS>(tile, NEIGHBOURS, visit, progress);
+        (own, strays_of(&tiles, tile, NEIGHBOURS, &points, progress))
+    };
+    let (parts, strays): (Vec<Looks>, Vec<Vec<Stray>>) = (0..searched).into_par_iter().map(of_tile).unzip();
+    let strays: Vec<Stray> = strays.into_iter().flatten().collect();
+    let kinds = kinds_of(&points, &strays, progress)?;
+    let mixed = kinds.iter().filter(|kind| **kind == MIXED_RADIUS).count() as u64;
+    let mut all = Looks { strays: kinds.len() as u64 - mixed, mixed, ..Looks::default() };
+    for part in parts {
+        all.variances.extend(part.variances);
+        all.roughness.extend(part.roughness);
+    }
+    (!progress.is_cancelled()).then_some(all)
 }
 
 fn median(values: &mut [f64]) -> Option<f64> {

@@ -13,6 +13,8 @@ pub const NO_RADIUS: u16 = 0;
 /// The packed radius of a stray point, which is on no surface: the smallest one, so that it is a dot in pictures and no
 /// ray meets it.
 pub const STRAY_RADIUS: u16 = 1;
+/// The packed radius of a mixed pixel, between two surfaces: as small as that of a stray point.
+pub const MIXED_RADIUS: u16 = 2;
 
 /// Packs a unit normal into two snorm16 octahedral coordinates (x in the low half). A zero vector or one that is not
 /// finite gives `NO_NORMAL`. The worst error is about 0.003 degrees.
@@ -46,36 +48,43 @@ fn fold(p: Vec2) -> Vec2 {
 }
 
 /// The number of packed steps per doubling of the radius.
-const RADIUS_STEPS: f32 = 2048.0;
+pub const RADIUS_STEPS: u16 = 2048;
 /// The lowest bits of a packed radius are the shape, so that radii come in these steps: 1.1 % from one to the next.
-const SHAPES: u16 = 32;
+pub const RADIUS_SHAPES: u16 = 32;
 /// The binary logarithm of the smallest radius, 2^-20; the largest is 2^12: from the bunny in metres to a survey in
 /// feet.
 const RADIUS_LOG_MIN: f32 = -20.0;
 
-/// Packs the radius of a disc in world units; clamped to 2^-20 ..= 2^12, but never `STRAY_RADIUS`, and `NO_RADIUS` if
+/// Packs the radius of a disc in world units; clamped to 2^-20 ..= 2^12, but never that of a stray, and `NO_RADIUS` if
 /// not positive and finite.
 pub fn pack_radius(radius: f32) -> u16 {
     if !(radius > 0.0 && radius.is_finite()) {
         return NO_RADIUS;
     }
-    let steps = RADIUS_STEPS / f32::from(SHAPES);
-    ((radius.log2() - RADIUS_LOG_MIN) * steps).round().clamp(1.0, 2047.0) as u16 * SHAPES
+    let steps = f32::from(RADIUS_STEPS / RADIUS_SHAPES);
+    ((radius.log2() - RADIUS_LOG_MIN) * steps).round().clamp(1.0, 2047.0) as u16 * RADIUS_SHAPES
 }
 
 /// The radius in world units, or the long half axis of an ellipse; `None` for `NO_RADIUS`.
 pub fn unpack_radius(packed: u16) -> Option<f32> {
-    (packed != NO_RADIUS).then(|| (f32::from(packed / SHAPES * SHAPES) / RADIUS_STEPS + RADIUS_LOG_MIN).exp2())
+    (packed != NO_RADIUS)
+        .then(|| (f32::from(packed / RADIUS_SHAPES * RADIUS_SHAPES) / f32::from(RADIUS_STEPS) + RADIUS_LOG_MIN).exp2())
+}
+
+/// What keeps a point with this packed radius from being on a surface: 1 of a lone stray, 2 of a mixed pixel, and 0 of all
+/// other points.
+pub fn stray_kind(packed: u16) -> u8 {
+    if packed <= MIXED_RADIUS { packed as u8 } else { 0 }
 }
 
 /// A packed radius times `size`, with its shape. Strays stay strays, and unknown radii unknown.
 pub fn resized_radius(packed: u16, size: f32) -> u16 {
-    if packed == NO_RADIUS || packed == STRAY_RADIUS {
+    if packed < RADIUS_SHAPES {
         return packed;
     }
-    let steps = (size.log2() * RADIUS_STEPS / f32::from(SHAPES)).round() as i32;
-    let resized = (i32::from(packed / SHAPES).saturating_add(steps)).clamp(1, 2047) as u16;
-    resized * SHAPES + packed % SHAPES
+    let steps = (size.log2() * f32::from(RADIUS_STEPS / RADIUS_SHAPES)).round() as i32;
+    let resized = (i32::from(packed / RADIUS_SHAPES).saturating_add(steps)).clamp(1, 2047) as u16;
+    resized * RADIUS_SHAPES + packed % RADIUS_SHAPES
 }
 
 /// How much longer an ellipse is than wide, and in which direction.
@@ -120,10 +129,10 @@ pub fn stretch_ratio(packed: u16) -> f32 {
 
 /// The ratio of an ellipse, and its direction as a share of half a turn.
 fn ratio_and_turn(packed: u16) -> Option<(f32, f32)> {
-    if packed < SHAPES {
+    if packed < RADIUS_SHAPES {
         return None;
     }
-    let mut direction = (packed % SHAPES).checked_sub(1)?;
+    let mut direction = (packed % RADIUS_SHAPES).checked_sub(1)?;
     for (ratio, directions) in RATIOS {
         if direction < directions {
             return Some((ratio, f32::from(direction) / f32::from(directions)));
@@ -157,7 +166,8 @@ mod tests {
                 assert!(size != 1.0 || resized_radius(packed, size) == packed);
                 assert_eq!(resized_radius(packed + 7, size), resized_radius(packed, size) + 7, "its shape stays");
             }
-            assert_eq!([NO_RADIUS, STRAY_RADIUS].map(|packed| resized_radius(packed, size)), [NO_RADIUS, STRAY_RADIUS]);
+            let marks = [NO_RADIUS, STRAY_RADIUS, MIXED_RADIUS];
+            assert_eq!(marks.map(|packed| resized_radius(packed, size)), marks);
         }
         assert_eq!((resized_radius(70, 0.05), resized_radius(65_001, 20.0)), (32 + 6, 65_504 + 9));
     }
@@ -200,7 +210,10 @@ mod tests {
             assert!((back / radius - 1.0).abs() < 6e-3, "{radius} became {back}");
             assert_eq!(unpack_stretch(pack_radius(radius), Vec3::X), None);
         }
-        assert_eq!([NO_RADIUS, STRAY_RADIUS].map(|packed| unpack_stretch(packed, Vec3::X)), [None, None]);
+        let marks = [NO_RADIUS, STRAY_RADIUS, MIXED_RADIUS];
+        assert_eq!(marks.map(|packed| unpack_stretch(packed, Vec3::X)), [None; 3]);
+        assert_eq!(marks.map(stray_kind), [0, 1, 2]);
+        assert_eq!([pack_radius(1e-9), pack_radius(2.0) + 2].map(stray_kind), [0, 0]);
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub(crate) fn row_splat(axis: Vec3, spacing: f32, beside: &[Vec3], normal: Optio
     };
     let way = normal.map_or(Some(way), |normal| (way - way.dot(normal) * normal).try_normalize())?;
     let ratio = long / (CLOSING * spacing);
-    let is_in_rows = ratio.is_finite() && ratio < FARTHEST * CLOSING.max(BORDER) / CLOSING;
+    let is_in_rows = ratio.is_finite() && ratio < FARTHEST;
     let own = axis.cross(way).try_normalize();
     let normal = normal.or(own).filter(|_| is_in_rows)?;
     Some(RowSplat { normal, stretch: Stretch { axis: way, ratio }, long })

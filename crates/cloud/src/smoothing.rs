@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use crate::surfels::smallest_eigenvector;
+use crate::shape::smallest_eigenvector;
 use crate::{Bounds, Chunk, NO_NORMAL, Orientation, Progress, SurfelOptions, estimate, pack_normal, unpack_normal};
 
 /// The mean normals of the points that `marks` names (one list per chunk, one entry per point), from those points

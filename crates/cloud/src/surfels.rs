@@ -14,21 +14,23 @@
 
 use std::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::carve::carve;
 use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles, is_aside};
 use crate::robust::{robust_bounds, spread_sample};
 use crate::rows::{RowSplat, row_splat};
+use crate::shape::Shape;
+use crate::strays::{Look, Stray, kinds_of, median_radius, strays_of};
 use crate::{
-    Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, STRAY_RADIUS, pack_ellipse, pack_normal, pack_radius, unpack_normal,
-    unpack_radius,
+    Bounds, Chunk, MIXED_RADIUS, NO_NORMAL, NO_RADIUS, Progress, STRAY_RADIUS, pack_ellipse, pack_normal, pack_radius,
+    stray_kind, unpack_normal,
 };
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 2;
+pub const ESTIMATOR: u32 = 3;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
@@ -42,11 +44,6 @@ const BORDER: f32 = 1.2;
 const LEAST_SHARE: f32 = 0.4;
 /// The least spread of neighbours that counts: a point ever so far from a speck of points stays visible near by.
 const LEAST_SPREAD: f32 = 0.1;
-/// A point whose neighbours are spread by less than this is stray: it is further away from them than 1.7 times the radius
-/// of the disc that they fill. On a straight border they are spread by 0.80, in a corner by 0.53.
-const STRAY_SPREAD: f32 = 0.5;
-/// Fewer neighbours than this lie on one side by chance.
-const FEWEST_AROUND: f32 = 8.0;
 /// The spread of the neighbours is taken as this much wider: that of 16 points at random differs from place to place,
 /// and no radius is larger than by how far they reach.
 const WIDER: f32 = 1.1;
@@ -62,21 +59,8 @@ const LARGEST_RADIUS: f32 = 2.0;
 const CROWDED: f32 = 0.4;
 /// Neighbours that are spread by so much about the point are not crowded; others are looked at.
 const EVEN: std::ops::RangeInclusive<f32> = 0.88..=1.12;
-/// The most neighbours whose pairs are counted.
+/// The most neighbours whose pairs are counted, the nearest ones.
 const MOST_PAIRED: usize = 16;
-/// Neighbourhoods narrower than this times their length (in variance: squared) are in a line, or in rows: beside a
-/// straight border it is 0.28.
-const NARROW_VARIANCE: f64 = 0.15;
-/// A splat is looked at more closely if its radius is so many times the median one of some 50 thousand points around it.
-const LARGE: f32 = 3.0;
-/// It is alone if within so many times the distance of the last neighbour ...
-const ALONE_REACH: f32 = 4.0;
-/// ... there are so many times as many points: a surface has 16 times as many there, and a volume 64 times.
-const ALONE: usize = 128;
-/// Neighbourhoods narrower than this times their length (in variance: squared) are lines, which have no normal; below
-/// it f32 rounding of the covariance would turn the normal by a degree.
-const THINNEST: f64 = 1e-5;
-
 /// The side of a surface to which normals point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Orientation {
@@ -170,13 +154,13 @@ pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progr
     let points = Points::new(chunks);
     let tiles = Tiles::new(&points, progress)?;
     let estimate = Estimate::new(chunks, &points, options);
-    let doubtful: Vec<Vec<Doubtful>> =
-        (0..tiles.len()).into_par_iter().map(|tile| estimate.search(&tiles, tile, progress)).collect();
+    let (doubtful, strays): (Vec<Vec<Doubtful>>, Vec<Vec<Stray>>) =
+        (0..tiles.len()).into_par_iter().map(|tile| estimate.search(&tiles, tile, progress)).unzip();
     let searched: usize = (0..tiles.len()).map(|tile| tiles.points_of(tile)).sum();
     drop(tiles);
-    if progress.is_cancelled() {
-        return None;
-    }
+    let strays: Vec<Stray> = strays.into_iter().flatten().collect();
+    let kinds = kinds_of(&points, &strays, progress)?;
+    strays.iter().zip(kinds).for_each(|(stray, kind)| estimate.set(stray.index, &Splat::Disc(kind)));
     let bounded: Vec<Vec<(u32, Splat)>> = doubtful
         .into_par_iter()
         .map(|points| points.into_iter().map(|point| (point.index, estimate.bounded(point))).collect())
@@ -224,10 +208,11 @@ impl<'a> Estimate<'a> {
         Self { chunks, points, options, results: chunks.par_iter().map(empty).collect() }
     }
 
-    /// Estimates each point of a tile from its own neighbours. Returns the doubtful ones, in the order of the search.
-    fn search(&self, tiles: &Tiles, tile: usize, progress: &Progress) -> Vec<Doubtful> {
+    /// Estimates each point of a tile from its own neighbours. Returns the doubtful ones, in the order of the search, and
+    /// those that are on no surface.
+    fn search(&self, tiles: &Tiles, tile: usize, progress: &Progress) -> (Vec<Doubtful>, Vec<Stray>) {
         let count = self.options.neighbours.clamp(3, 64);
-        let doubtful = match count {
+        let found = match count {
             ..=16 => self.search_in::<16>(tiles, tile, count, progress),
             17..=32 => self.search_in::<32>(tiles, tile, count, progress),
             _ => self.search_in::<64>(tiles, tile, count, progress),
@@ -235,7 +220,7 @@ impl<'a> Estimate<'a> {
         if !progress.is_cancelled() {
             progress.add(tiles.points_of(tile) as u64);
         }
-        doubtful
+        found
     }
 
     fn search_in<const LANES: usize>(
@@ -244,25 +229,23 @@ impl<'a> Estimate<'a> {
         tile: usize,
         count: usize,
         progress: &Progress,
-    ) -> Vec<Doubtful> {
-        let (mut doubtful, mut sizes) = (Vec::new(), Vec::with_capacity(tiles.points_of(tile)));
+    ) -> (Vec<Doubtful>, Vec<Stray>) {
+        let (mut doubtful, mut looks) = (Vec::new(), Vec::with_capacity(tiles.points_of(tile)));
         let visit = |index: u32, surroundings: &mut Surroundings<'_, '_, LANES>| {
             let (chunk, local) = self.points.locate(index);
             let (normals, radii) = &self.results[chunk];
             let around = surroundings.neighbourhood();
             let shape = Shape::of(around);
-            let is_stray = self.options.radii == RadiusRule::Spread && shape.as_ref().is_some_and(Shape::is_stray);
-            let radius = pack_radius(splat_radius(around, shape.as_ref(), self.options.radii));
-            let radius = if is_stray { STRAY_RADIUS } else { radius };
-            let reach = around.distance_squared.sqrt();
-            radii[local].store(radius, Ordering::Relaxed);
-            sizes.push((index, radius, reach));
+            let look = look(index, around, shape.as_ref(), self.options.radii);
+            let is_stray = stray_kind(look.radius) != 0;
+            radii[local].store(look.radius, Ordering::Relaxed);
             if normals[local].load(Ordering::Relaxed) == NO_NORMAL
                 && let Some(normal) = shape.as_ref().and_then(Shape::normal)
             {
                 let normal = orient(normal, self.chunks[chunk].position(local), self.options.orientation);
                 normals[local].store(pack_normal(normal), Ordering::Relaxed);
             }
+            looks.push(look);
             let is_doubtful = |shape: &Shape| !shape.is_wide() || !EVEN.contains(&shape.spread) && is_crowded(around);
             let Some(shape) = shape.filter(|shape| !is_stray && is_doubtful(shape)) else {
                 return;
@@ -276,38 +259,22 @@ impl<'a> Estimate<'a> {
             doubtful.push(Doubtful { index, neighbours, row });
         };
         tiles.search::<LANES>(tile, count, visit, progress);
-        if self.options.radii == RadiusRule::Spread {
-            self.mark_alone(tiles, tile, count, &sizes, progress);
-        }
-        doubtful
-    }
-
-    /// Marks as stray the points of a tile that are far more apart from one another than the points around all of them,
-    /// like those between the edge of a thing and what is behind it. `sizes` are the running indices of all of its points
-    /// in the order of the search, their packed radii, and the distances of their last neighbours.
-    fn mark_alone(&self, tiles: &Tiles, tile: usize, count: usize, sizes: &[(u32, u16, f32)], progress: &Progress) {
-        let mut radii: Vec<u16> = sizes.iter().map(|(_, radius, _)| *radius).collect();
-        let Some(usual) = median_radius(&mut radii) else { return };
-        let large = pack_radius(LARGE * usual);
-        let (wanted, reaches): (Vec<u32>, Vec<f32>) =
-            sizes.iter().filter(|(_, radius, _)| *radius >= large).map(|(index, _, reach)| (*index, *reach)).unzip();
-        let visit = |number: usize, surroundings: &mut Surroundings<'_, '_, 1>| {
-            if surroundings.count_within(ALONE_REACH * reaches[number], ALONE * count) >= ALONE * count {
-                let (chunk, local) = self.points.locate(wanted[number]);
-                self.results[chunk].1[local].store(STRAY_RADIUS, Ordering::Relaxed);
-            }
-        };
-        tiles.search_some(tile, &wanted, visit, progress);
+        let has_strays = self.options.radii == RadiusRule::Spread;
+        let strays = if has_strays { strays_of(tiles, tile, count, &looks, progress) } else { Vec::new() };
+        (doubtful, strays)
     }
 
     /// The splat of a doubtful point, once the radii of all points are known.
     fn bounded(&self, doubtful: Doubtful) -> Splat {
         let radius = self.radius(doubtful.index);
-        if let Some(row) = doubtful.row.filter(|_| radius != STRAY_RADIUS) {
+        if stray_kind(radius) != 0 {
+            return Splat::Disc(radius);
+        }
+        if let Some(row) = doubtful.row {
             return Splat::InRow(row);
         }
         let mut radii: Vec<u16> = doubtful.neighbours.iter().map(|index| self.radius(*index)).collect();
-        radii.retain(|radius| *radius > STRAY_RADIUS);
+        radii.retain(|radius| *radius > MIXED_RADIUS);
         let largest = median_radius(&mut radii).map_or(u16::MAX, |median| pack_radius(LARGEST_RADIUS * median));
         Splat::Disc(radius.min(largest))
     }
@@ -359,10 +326,12 @@ fn spacing_along(axis: Vec3, around: &Neighbourhood) -> f32 {
     (high - low) / count as f32
 }
 
-/// The median of packed radii in world units; `None` if there are none, and where it is not known.
-fn median_radius(packed: &mut [u16]) -> Option<f32> {
-    let middle = packed.len() / 2;
-    (!packed.is_empty()).then(|| *packed.select_nth_unstable(middle).1).and_then(unpack_radius)
+/// What tells of a point whether it is on a surface, by its neighbours and their shape.
+pub(crate) fn look(index: u32, around: &Neighbourhood, shape: Option<&Shape>, rule: RadiusRule) -> Look {
+    let is_far = rule == RadiusRule::Spread && shape.is_some_and(Shape::is_stray);
+    let radius = if is_far { STRAY_RADIUS } else { pack_radius(splat_radius(around, shape, rule)) };
+    let normal = shape.and_then(Shape::normal).map_or(NO_NORMAL, pack_normal);
+    Look { index, radius, normal, reach: around.distance_squared.sqrt() }
 }
 
 fn splat_radius(neighbourhood: &Neighbourhood, shape: Option<&Shape>, rule: RadiusRule) -> f32 {
@@ -377,13 +346,13 @@ fn splat_radius(neighbourhood: &Neighbourhood, shape: Option<&Shape>, rule: Radi
     }
 }
 
-/// Whether the neighbours are nearer to one another than they would be if they were spread evenly about the point.
+/// Whether the nearest neighbours are nearer to one another than they would be if they were spread evenly about the point.
 fn is_crowded(neighbourhood: &Neighbourhood) -> bool {
     let limit = neighbourhood.distance_squared / 4.0;
     // Lanes without a neighbour are far from all others, and from themselves.
     let mut places = [[f32::INFINITY; MOST_PAIRED]; 3];
     let mut count = 0;
-    for offset in neighbourhood.offsets().take(MOST_PAIRED) {
+    for offset in neighbourhood.nearest(MOST_PAIRED) {
         (0..3).for_each(|axis| places[axis][count] = offset[axis]);
         count += 1;
     }
@@ -405,131 +374,6 @@ fn aside(neighbourhood: &Neighbourhood) -> f32 {
     let reach = neighbourhood.distance_squared.sqrt() * neighbourhood.count as f32;
     let sum: Vec3 = neighbourhood.offsets().sum();
     if reach > 0.0 { sum.length() / reach } else { 0.0 }
-}
-
-/// The shape of a point and its neighbours, in units of the distance to the last of them, so that nothing under- or
-/// overflows.
-pub(crate) struct Shape {
-    covariance: DMat3,
-    /// Of the covariance; none for a place, a ball and numbers that are not finite.
-    eigenvalues: Option<Eigenvalues>,
-    /// How far the neighbours are spread about their own middle: the root of twice the trace of their covariance, which
-    /// is 1 for an even disc about the point.
-    spread: f32,
-    /// The number of neighbours.
-    neighbours: f32,
-}
-
-impl Shape {
-    pub(crate) fn of(neighbourhood: &Neighbourhood) -> Option<Self> {
-        if neighbourhood.count < 2 {
-            return None;
-        }
-        let scale = neighbourhood.distance_squared.sqrt().recip();
-        let (mut members, mut sum, mut diagonal, mut mixed) = (1.0_f32, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-        for offset in neighbourhood.offsets() {
-            let offset = offset * scale;
-            members += 1.0;
-            sum += offset;
-            diagonal += offset * offset;
-            mixed += Vec3::new(offset.y * offset.z, offset.z * offset.x, offset.x * offset.y);
-        }
-        let neighbours = members - 1.0;
-        let squares = diagonal.element_sum() / neighbours - (sum / neighbours).length_squared();
-        let mean = sum / members;
-        let diagonal = (diagonal / members - mean * mean).as_dvec3();
-        let mixed = (mixed / members - Vec3::new(mean.y * mean.z, mean.z * mean.x, mean.x * mean.y)).as_dvec3();
-        let covariance = DMat3::from_cols(
-            DVec3::new(diagonal.x, mixed.z, mixed.y),
-            DVec3::new(mixed.z, diagonal.y, mixed.x),
-            DVec3::new(mixed.y, mixed.x, diagonal.z),
-        );
-        let eigenvalues = Eigenvalues::of(covariance);
-        Some(Self { covariance, eigenvalues, spread: (2.0 * squares).max(0.0).sqrt(), neighbours })
-    }
-
-    /// The direction in which the points are thinnest; its sign is arbitrary.
-    fn normal(&self) -> Option<Vec3> {
-        self.eigenvalues.as_ref()?.smallest_eigenvector(self.covariance).map(|normal| normal.as_vec3())
-    }
-
-    /// Whether the points lie in more than one direction.
-    fn is_wide(&self) -> bool {
-        self.eigenvalues.as_ref().is_none_or(|values| values.middle >= NARROW_VARIANCE * values.largest)
-    }
-
-    /// The unit direction of the line in which the points lie; `None` where they are wide.
-    fn line(&self) -> Option<Vec3> {
-        let values = self.eigenvalues.as_ref().filter(|_| !self.is_wide())?;
-        let shifted = self.covariance - DMat3::from_diagonal(DVec3::splat(values.largest));
-        longest_cross_product(shifted).map(|line| line.as_vec3())
-    }
-
-    /// Whether the point is far from all of its neighbours, and so on no surface.
-    pub(crate) fn is_stray(&self) -> bool {
-        self.neighbours >= FEWEST_AROUND && self.spread < STRAY_SPREAD
-    }
-
-    /// The variance of the points in the direction in which they are thinnest.
-    pub(crate) fn thinnest(&self) -> f64 {
-        self.eigenvalues.as_ref().map_or(0.0, |values| values.smallest.max(0.0))
-    }
-
-    /// How thick the points are relative to their width: 0 for a surface, 1 for a ball.
-    pub(crate) fn roughness(&self) -> f32 {
-        let thickness =
-            |values: &Eigenvalues| (2.0 * values.smallest.max(0.0) / (values.middle + values.largest)).sqrt();
-        self.eigenvalues.as_ref().map_or(1.0, |values| thickness(values) as f32)
-    }
-}
-
-/// The eigenvalues of a covariance. They have a closed form (Smith 1961); it is in f64 because two nearly equal ones
-/// lose half the digits.
-struct Eigenvalues {
-    smallest: f64,
-    middle: f64,
-    largest: f64,
-}
-
-impl Eigenvalues {
-    /// `None` where all are equal, or not finite.
-    fn of(covariance: DMat3) -> Option<Self> {
-        let mean = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z) / 3.0;
-        let centred = covariance - DMat3::from_diagonal(DVec3::splat(mean));
-        let squares =
-            centred.x_axis.length_squared() + centred.y_axis.length_squared() + centred.z_axis.length_squared();
-        let spread = (squares / 6.0).sqrt();
-        if !(spread > 0.0 && spread.is_finite()) {
-            return None;
-        }
-        let angle = ((centred * (1.0 / spread)).determinant() / 2.0).clamp(-1.0, 1.0).acos() / 3.0;
-        let largest = mean + 2.0 * spread * angle.cos();
-        let smallest = mean + 2.0 * spread * (angle + std::f64::consts::TAU / 3.0).cos();
-        Some(Self { smallest, middle: 3.0 * mean - largest - smallest, largest })
-    }
-
-    /// The unit eigenvector of the smallest one, if the two smaller ones differ and the points are not on a line.
-    fn smallest_eigenvector(&self, covariance: DMat3) -> Option<DVec3> {
-        if self.middle <= THINNEST * self.largest {
-            return None;
-        }
-        longest_cross_product(covariance - DMat3::from_diagonal(DVec3::splat(self.smallest)))
-    }
-}
-
-/// The unit eigenvector of an eigenvalue that was taken off a symmetric matrix. The rows of what is left span the other
-/// two eigenvectors; the longest of their cross products is the exact one.
-fn longest_cross_product(shifted: DMat3) -> Option<DVec3> {
-    let [x, y, z] = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
-    let crosses = [x.cross(y), y.cross(z), z.cross(x)];
-    let longest = crosses.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
-    longest.try_normalize()
-}
-
-/// The direction in which points with this covariance are thinnest, as a unit vector whose sign is arbitrary. `None` if
-/// the points are on a line, or even in all directions.
-pub fn smallest_eigenvector(covariance: DMat3) -> Option<DVec3> {
-    Eigenvalues::of(covariance)?.smallest_eigenvector(covariance)
 }
 
 /// Turns a normal at a world position to the side that `orientation` asks for; the result is the same for both signs of
@@ -648,25 +492,6 @@ mod tests {
         let sizes: Vec<Vec<usize>> =
             parts(&chunks, 7).into_iter().map(|part| part.iter().map(Chunk::len).collect()).collect();
         assert_eq!(sizes, [vec![3, 0, 4], vec![9], vec![1]]);
-    }
-
-    #[test]
-    fn smallest_eigenvector_of_known_matrices() {
-        let rotation = DMat3::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 2.0);
-        for eigenvalues in [[1.0, 0.5, 0.0], [1.0, 1.0, 1e-9], [1.0, 1e-3, 1e-6], [4e-20, 3e-20, 1e-20]] {
-            let covariance = rotation * DMat3::from_diagonal(DVec3::from(eigenvalues)) * rotation.transpose();
-            let normal = smallest_eigenvector(covariance).unwrap();
-            let angle = normal.dot(rotation.z_axis).abs().min(1.0).acos().to_degrees();
-            assert!(angle < 0.05, "{eigenvalues:?}: {angle} degrees off");
-        }
-    }
-
-    #[test]
-    fn lines_and_balls_have_no_smallest_eigenvector() {
-        for eigenvalues in [[1.0, 0.0, 0.0], [1.0, 1e-7, 1e-9], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [f64::NAN, 1.0, 1.0]]
-        {
-            assert_eq!(smallest_eigenvector(DMat3::from_diagonal(DVec3::from(eigenvalues))), None, "{eigenvalues:?}");
-        }
     }
 
     #[test]

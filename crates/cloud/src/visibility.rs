@@ -9,14 +9,18 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::cells::Cells;
-use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, STRAY_RADIUS, Volume, attribute_named};
+use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, Volume, attribute_named, stray_kind};
 
 /// The name of the attribute that classes are.
 const CLASSES: &str = "classification";
+/// The name of the attribute that every cloud has whose radii tell strays, unless its file has one of this name: the kinds
+/// of `stray_kind`.
+pub const STRAY: &str = "stray";
 
 /// Decides which points are shown: those that are in no hidden class, whose attributes are in the ranges of all
 /// filters, and whose positions the clip volumes keep.
 ///
+/// - A filter of `STRAY` tests the kinds that are known from radii.
 /// - A point without a class is never hidden by class, and a cloud without an attribute is not filtered by it. A point
 ///   without a value (NaN) is in no range, not even in an endless one.
 /// - Points are kept that are in at least one of the volumes that keep their inside, if there is any, and in none of
@@ -84,10 +88,12 @@ impl PointTest {
         Self::new(classes, Vec::new(), Vec::new())
     }
 
-    /// The same test by classes and filters alone.
+    /// The same test by classes and filters alone, but for filters of `STRAY`: strays are told among the points that are
+    /// left.
     pub fn of_attributes(&self) -> Self {
         let Rule { class_words, filters, volumes: _, within: _, hides_strays: _ } = &*self.rule;
-        let rule = Rule { class_words: *class_words, filters: filters.clone(), ..Rule::default() };
+        let filters = filters.iter().filter(|filter| filter.attribute != STRAY).cloned().collect();
+        let rule = Rule { class_words: *class_words, filters, ..Rule::default() };
         Self { rule: Arc::new(rule) }
     }
 
@@ -129,6 +135,16 @@ impl PointTest {
         let columns = self.filtered().chain(classes).filter_map(|name| attribute_named(attributes, name));
         columns.for_each(|column| reads[column] = true);
         reads
+    }
+
+    /// Which of the kinds of `stray_kind` are hidden in a cloud with these attributes.
+    pub fn hidden_kinds(&self, attributes: &[Attribute]) -> [bool; 3] {
+        let is_known = attribute_named(attributes, STRAY).is_none();
+        let of_kinds = || self.rule.filters.iter().filter(|filter| is_known && filter.attribute == STRAY);
+        [0, 1, 2].map(|kind| {
+            let is_out = of_kinds().any(|filter| !(filter.low..=filter.high).contains(&f64::from(kind)));
+            is_out || self.rule.hides_strays && kind > 0
+        })
     }
 
     /// The names in its filters of what a cloud with these attributes lacks.
@@ -200,7 +216,8 @@ impl PointTest {
         };
         let classes = layout.class_column().filter(|_| self.hides_classes());
         let filters = self.rule.filters.iter().filter_map(filter).collect();
-        ChunkTest { test: self.clone(), classes, filters, grid: layout.grid }
+        let hidden_kinds = self.hidden_kinds(&layout.attributes);
+        ChunkTest { test: self.clone(), classes, filters, hidden_kinds, grid: layout.grid }
     }
 }
 
@@ -228,6 +245,8 @@ pub struct ChunkTest {
     classes: Option<usize>,
     /// Columns and the ranges of their values.
     filters: Vec<(usize, f64, f64)>,
+    /// Which kinds of `stray_kind` are hidden.
+    hidden_kinds: [bool; 3],
     grid: Option<Grid>,
 }
 
@@ -245,9 +264,9 @@ impl ChunkTest {
     /// Whether a point is shown as far as clip volumes are not concerned.
     fn passes(&self, chunk: &Chunk, index: usize) -> bool {
         let column = |column: usize| chunk.columns.get(column)?.as_deref();
-        let is_stray = |radii: &Arc<Vec<u16>>| radii[index] == STRAY_RADIUS;
+        let is_hidden = |radii: &Arc<Vec<u16>>| self.hidden_kinds[usize::from(stray_kind(radii[index]))];
         chunk.class(self.classes, index).is_none_or(|class| self.test.shows_class(class))
-            && !(self.test.rule.hides_strays && chunk.radii.as_ref().is_some_and(is_stray))
+            && !(self.hidden_kinds != [false; 3] && chunk.radii.as_ref().is_some_and(is_hidden))
             && self.filters.iter().all(|(filtered, low, high)| {
                 column(*filtered).is_none_or(|column| (*low..=*high).contains(&column.value(index)))
             })
@@ -257,7 +276,7 @@ impl ChunkTest {
     pub fn shown(&self, chunk: &Chunk, bounds: Bounds) -> ShownPoints {
         let tests_columns = self.classes.is_some_and(|column| chunk.columns.get(column).is_some_and(Option::is_some))
             || self.filters.iter().any(|(column, ..)| chunk.columns.get(*column).is_some_and(Option::is_some))
-            || self.test.rule.hides_strays && chunk.radii.is_some();
+            || self.hidden_kinds != [false; 3] && chunk.radii.is_some();
         let cover = if !self.test.has_volumes() { Cover::Inside } else { self.test.cover(self.widened(chunk, bounds)) };
         match cover {
             Cover::Outside => ShownPoints::None,
@@ -374,15 +393,6 @@ impl Cloud {
         CloudLayout { attributes: self.attributes.clone(), grid: self.grid }
     }
 
-    /// The number of its stray points; `None` where nobody has looked for them.
-    pub fn strays(&self) -> Option<u64> {
-        let of_chunk = |chunk: &Chunk| {
-            let radii = chunk.radii.as_ref()?;
-            Some(radii.iter().filter(|radius| **radius == STRAY_RADIUS).count() as u64)
-        };
-        self.chunks.iter().filter(|chunk| !chunk.is_empty()).map(of_chunk).sum()
-    }
-
     /// The test of its points.
     pub fn test(&self, test: &PointTest) -> ChunkTest {
         test.of(&self.layout())
@@ -430,9 +440,34 @@ mod tests {
         let hiding = PointTest::default().hiding_strays(true);
         assert!(!hiding.shows_all() && hiding.of_attributes().shows_all() && hiding.hiding_strays(false).shows_all());
         assert_eq!((cloud(&chunk).strays(), cloud(&chunk).shown(&hiding).len()), (None, 3));
-        chunk.radii = Some(Arc::new(vec![500, STRAY_RADIUS, crate::NO_RADIUS]));
-        assert_eq!((cloud(&chunk).strays(), cloud(&chunk).shown(&PointTest::default()).len()), (Some(1), 3));
+        chunk.radii = Some(Arc::new(vec![500, crate::STRAY_RADIUS, crate::NO_RADIUS]));
+        assert_eq!((cloud(&chunk).strays(), cloud(&chunk).shown(&PointTest::default()).len()), (Some([1, 0]), 3));
         assert_eq!(cloud(&chunk).shown(&hiding).chunks[0].positions[..], [[0.0; 3], [2.0; 3]]);
+        chunk.radii = Some(Arc::new(vec![500, crate::STRAY_RADIUS, crate::MIXED_RADIUS]));
+        assert_eq!((cloud(&chunk).strays(), cloud(&chunk).shown(&hiding).len()), (Some([1, 1]), 1));
+    }
+
+    #[test]
+    fn filters_of_strays_test_what_radii_tell_unless_a_file_has_an_attribute_of_this_name() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3], [2.0; 3]]);
+        let cloud = |chunk: &Chunk| Cloud { chunks: vec![chunk.clone()], ..Cloud::default() };
+        let test =
+            |low: f64, high: f64| PointTest::new([], vec![Filter { attribute: STRAY.into(), low, high }], Vec::new());
+        assert_eq!(cloud(&chunk).shown(&test(1.0, 2.0)).len(), 3, "nobody has looked yet");
+        assert!(test(0.0, 0.0).tests_attributes() && test(0.0, 0.0).of_attributes().shows_all());
+        chunk.radii = Some(Arc::new(vec![500, crate::STRAY_RADIUS, crate::MIXED_RADIUS]));
+        for (low, high, expected) in
+            [(0.0, 0.0, vec![0]), (0.0, 1.0, vec![0, 1]), (1.0, 2.0, vec![1, 2]), (3.0, 9.0, vec![])]
+        {
+            let shown = cloud(&chunk).shown(&test(low, high)).chunks;
+            let places: Vec<i32> =
+                shown.iter().flat_map(|chunk| chunk.positions.iter().map(|at| at[0] as i32)).collect();
+            assert_eq!(places, expected, "{low} to {high}");
+        }
+        chunk.columns = vec![Some(Arc::new(Column::U8(vec![0, 0, 7])))];
+        let attributes = vec![Attribute { name: STRAY.into(), column_type: ColumnType::U8 }];
+        let own = Cloud { attributes, ..cloud(&chunk) };
+        assert_eq!((own.shown(&test(0.0, 0.0)).len(), own.shown(&test(7.0, 7.0)).len()), (2, 1));
     }
 
     #[test]

@@ -185,10 +185,7 @@ fn point_order_does_not_change_the_result() {
         run(&chunked(&shuffled, 9999), Orientation::Up(Vec3::Z)),
     );
     for (place, &index) in order.iter().enumerate() {
-        assert_eq!(b.radii[place], a.radii[index]);
-        // Sums in another order differ in their last digits.
-        let [one, other] = [a.normals[index], b.normals[place]].map(|n| unpack_normal(n).expect("a normal"));
-        assert!(degrees_between(one, other) < 0.05, "{one} and {other}");
+        assert_eq!((b.radii[place], b.normals[place]), (a.radii[index], a.normals[index]));
     }
 }
 
@@ -212,8 +209,13 @@ fn coordinates_of_seven_digits_cost_no_accuracy() {
     let near = run(&chunked(&cloud, 8192), Orientation::Up(Vec3::Z));
     let far =
         run(&chunked_at(&cloud, 8192, DVec3::new(6_312_345.25, 5_077_123.5, -1_000_000.0)), Orientation::Up(Vec3::Z));
-    assert_eq!(near.radii, far.radii);
-    assert_eq!(near.normals, far.normals);
+    let packed = |surfels: &Surfels| surfels.radii.iter().copied().zip(surfels.normals.clone()).collect::<Vec<_>>();
+    for ((radius, normal), (far_radius, far_normal)) in packed(&near).into_iter().zip(packed(&far)) {
+        // Other coordinates divide space elsewhere: sums in another order differ in their last digits.
+        assert!(radius.abs_diff(far_radius) <= 32, "{radius} and {far_radius}");
+        let [one, other] = [normal, far_normal].map(|normal| unpack_normal(normal).expect("a normal"));
+        assert!(degrees_between(one, other) < 0.05, "{one} and {other}");
+    }
 }
 
 #[test]

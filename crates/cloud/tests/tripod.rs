@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
 
 use cloud::{
-    Chunk, Orientation, Progress, RadiusRule, Random, STRAY_RADIUS, SurfelOptions, Surfels, estimate, stretch_ratio,
-    unpack_normal, unpack_radius, unpack_stretch,
+    Chunk, Orientation, Progress, RadiusRule, Random, SurfelOptions, Surfels, estimate, hash, neighbourhoods,
+    stray_kind, stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
 };
 use glam::{DVec3, Vec3};
 
@@ -92,21 +92,88 @@ fn a_radius_follows_from_the_points_around_and_not_from_the_whole_cloud() {
     assert!(unpack_radius(alone.radii[10 * 20 + 10]).unwrap() > 0.8);
 }
 
-#[test]
-fn points_between_the_edge_of_a_thing_and_what_is_behind_it_are_strays() {
-    // Rays that an edge splits have any range between its own and that of the wall behind.
-    let edge = |i: u64| {
-        let mut random = Random(i);
-        let distance = 2.3 + 1.4 * random.below(1000) as f32 / 1000.0;
-        Vec3::new(distance, 0.5 * distance, random.below(1000) as f32 / 1000.0 * distance)
-    };
-    let between: Vec<Vec3> = (0..40).map(edge).collect();
-    let mut points = between.clone();
+/// The kinds of points by `stray_kind`, the number of each.
+fn kinds(radii: &[u16]) -> [usize; 3] {
+    let mut counts = [0; 3];
+    radii.iter().for_each(|radius| counts[usize::from(stray_kind(*radius))] += 1);
+    counts
+}
+
+/// Points between the edge of a wall and the wall behind it, as a scanner at the origin measures them: rays that an edge
+/// splits have any range between its own and that of what is behind. Then some points of nothing in the air, and the walls.
+fn edge() -> (Vec<Vec3>, usize, usize) {
+    let mut random = Random(8);
+    let mut share = || random.below(1000) as f32 / 1000.0;
+    let between = (0..40).map(|_| {
+        let distance = 2.3 + 1.4 * share();
+        Vec3::new(distance, 0.5 * distance, share() * distance)
+    });
+    let mut points: Vec<Vec3> = between.collect();
+    points.extend([[3.0, 3.0, 0.5], [3.1, 4.4, 1.0], [2.6, 2.6, 2.2], [3.3, 3.6, 2.6]].map(Vec3::from));
+    let strays = points.len() - 40;
     points.extend(wall(2.0, 1.0, 0.005));
     points.extend(wall(4.0, 3.0, 0.01).into_iter().map(|point| point.with_y(point.y + 2.0)));
-    let surfels = surfels(&points);
-    let strays = |radii: &[u16]| radii.iter().filter(|radius| **radius == STRAY_RADIUS).count();
-    let found = strays(&surfels.radii[..between.len()]);
-    assert!(found >= 38, "{found} of 40");
-    assert_eq!(strays(&surfels.radii[between.len()..]), 0);
+    (points, 40, strays)
+}
+
+#[test]
+fn points_between_the_edge_of_a_thing_and_what_is_behind_it_are_mixed_pixels() {
+    let (points, between, strays) = edge();
+    let radii = surfels(&points).radii;
+    let [on_surface, lone, mixed] = kinds(&radii[..between]);
+    assert!(on_surface <= 2 && mixed >= 36, "{on_surface} on a surface, {lone} lone, {mixed} mixed of 40");
+    let [on_surface, _, mixed] = kinds(&radii[between..between + strays]);
+    assert!(on_surface == 0 && mixed <= 1, "{on_surface} on a surface, {mixed} mixed of {strays} strays");
+    assert_eq!(kinds(&radii[between + strays..])[1..], [0, 0]);
+}
+
+#[test]
+fn the_sparse_part_of_a_dense_surface_is_no_stray() {
+    // A scanner does not see the floor below itself; another one measures it there, far more sparsely.
+    let floor = |step: f32, is_in: &dyn Fn(f32) -> bool| {
+        let count = (3.0 / step) as i32;
+        let place = |i: i32| Vec3::new((i % count) as f32 * step - 1.5, (i / count) as f32 * step - 1.5, 0.0);
+        (0..count * count).map(place).filter(|place| is_in(place.length())).collect::<Vec<_>>()
+    };
+    let sparse = floor(0.06, &|distance| distance < 0.5);
+    let count = sparse.len();
+    let radii = surfels(&[sparse, floor(0.01, &|distance| distance >= 0.5)].concat()).radii;
+    assert_eq!(kinds(&radii)[1..], [0, 0], "of {count}");
+}
+
+#[test]
+fn strays_are_counted_as_they_are_estimated() {
+    let (points, ..) = edge();
+    let [_, lone, mixed] = kinds(&surfels(&points).radii);
+    let chunk = Chunk::new(0, DVec3::ZERO, points.iter().map(|point| point.to_array()).collect());
+    let found = neighbourhoods(&[chunk], &Progress::default()).unwrap();
+    assert_eq!([found.strays, found.mixed], [lone as u64, mixed as u64]);
+}
+
+#[test]
+fn the_order_of_points_changes_no_surfel() {
+    // Several tiles, with grids whose distances tie, rows, strays and places with two points.
+    let (mut points, ..) = edge();
+    points.extend(floor(0.002).into_iter().map(|point| point - Vec3::new(0.0, 0.0, 3.0)));
+    points.extend_from_within(..300);
+    let estimated = |order: &[usize], neighbours: usize| {
+        let chunk =
+            |order: &[usize]| Chunk::new(0, DVec3::ZERO, order.iter().map(|at| points[*at].to_array()).collect());
+        let chunks: Vec<Chunk> = order.chunks(30_000).map(chunk).collect();
+        let radii = RadiusRule::Spread;
+        let options = SurfelOptions { radii, neighbours, ..SurfelOptions::new(Orientation::Up(Vec3::Z)) };
+        let surfels = estimate(&chunks, &options, &Progress::default()).unwrap();
+        let found = surfels.into_iter().flat_map(|surfels| surfels.normals.into_iter().zip(surfels.radii));
+        let mut found: Vec<(usize, (u32, u16))> = order.iter().copied().zip(found).collect();
+        found.sort_unstable();
+        found
+    };
+    let in_order: Vec<usize> = (0..points.len()).collect();
+    let mut shuffled = in_order.clone();
+    shuffled.sort_by_key(|at| hash(*at as u64));
+    for neighbours in [16, 24] {
+        let (one, other) = (estimated(&in_order, neighbours), estimated(&shuffled, neighbours));
+        let differing = one.iter().zip(&other).filter(|(one, other)| one != other).count();
+        assert_eq!(differing, 0, "of {} with {neighbours} neighbours", points.len());
+    }
 }

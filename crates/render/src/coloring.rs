@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, ColorCount, Column, SURFACE_ERROR, Scalar, constant, histogram, percentile_range};
+use cloud::{Chunk, Cloud, ColorCount, Column, STRAY, SURFACE_ERROR, Scalar, constant, histogram, percentile_range};
 use glam::DVec3;
 use param::Choice as _;
 
@@ -19,6 +19,8 @@ pub enum ColorSource {
     RgbOr(Option<usize>),
     Normal,
     Class,
+    /// What keeps a point from being on a surface (`cloud::stray_kind`).
+    Stray,
     /// The coordinate along the axis that points up.
     Height,
     /// The index in `Cloud::attributes`.
@@ -34,6 +36,7 @@ impl ColorSource {
             Self::RgbOr(Some(_)) => layout::COLOR_RGB_OR_GREY,
             Self::Normal => layout::COLOR_NORMAL,
             Self::Class => layout::COLOR_CLASS,
+            Self::Stray => layout::COLOR_STRAY,
             Self::Height => layout::COLOR_HEIGHT,
             Self::Column(_) => layout::COLOR_SCALAR,
         }
@@ -80,6 +83,7 @@ impl ColorPlan {
             ColorBy::Plain => Some(ColorSource::Plain),
             ColorBy::Normal => Some(ColorSource::Normal),
             ColorBy::Height => Some(ColorSource::Height),
+            ColorBy::Stray => Some(ColorSource::Stray),
             ColorBy::Rgb if has_colors => Some(ColorSource::Rgb),
             ColorBy::Rgb => lacks("RGB colours".into()),
             ColorBy::Class => {
@@ -87,6 +91,9 @@ impl ColorPlan {
             }
             ColorBy::Attribute => cloud.column_of(&color.attribute).map_or_else(
                 || {
+                    if color.attribute == STRAY {
+                        return Some(ColorSource::Stray);
+                    }
                     let known = cloud.attributes.iter().map(|attribute| attribute.name.as_str());
                     let hint = param::nearest(&color.attribute, known).map(|near| format!(" (did you mean `{near}`?)"));
                     lacks(format!("attribute `{}`{}", color.attribute, hint.unwrap_or_default()))
@@ -133,6 +140,7 @@ impl ColorPlan {
             ColorSource::Rgb | ColorSource::RgbOr(_) => "RGB".into(),
             ColorSource::Normal => "normal".into(),
             ColorSource::Class => "class".into(),
+            ColorSource::Stray => STRAY.into(),
             ColorSource::Height => "height".into(),
             ColorSource::Column(index) => cloud.attributes[index].name.clone(),
         };
@@ -312,15 +320,25 @@ pub fn ramp_colors(ramp: Ramp) -> [[u8; 4]; 256] {
     })
 }
 
-/// The colours of all ramps, 256 each, then those of the classes.
+/// The names and the sRGB colours of points on a surface, of lone strays and of mixed pixels.
+pub const STRAY_KINDS: [(&str, [u8; 4]); 3] =
+    [("on a surface", [170, 170, 170, 255]), ("lone stray", [255, 60, 200, 255]), ("mixed pixel", [255, 150, 0, 255])];
+
+/// The colours of all ramps, 256 each, then those of the classes, and of strays.
 pub(crate) fn palette() -> Vec<u32> {
     let ramps = (0..Ramp::NAMES.len() as u32).filter_map(Ramp::from_index).flat_map(ramp_colors);
-    ramps.chain((0..=255).map(class_color)).map(u32::from_le_bytes).collect()
+    let strays = STRAY_KINDS.map(|(_, color)| color);
+    ramps.chain((0..=255).map(class_color)).chain(strays).map(u32::from_le_bytes).collect()
 }
 
 /// Where the colours begin in the palette that a cloud is shown in.
 pub(crate) fn palette_start(source: ColorSource, ramp: Ramp) -> u32 {
-    256 * if source == ColorSource::Class { Ramp::NAMES.len() as u32 } else { ramp.index() }
+    let ramps = Ramp::NAMES.len() as u32;
+    256 * match source {
+        ColorSource::Class => ramps,
+        ColorSource::Stray => ramps + 1,
+        _ => ramp.index(),
+    }
 }
 
 /// The names of the ASPRS classes (LAS 1.4 R15, table 17); empty for reserved and user-defined codes.

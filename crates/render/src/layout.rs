@@ -298,8 +298,9 @@ constants! {
     COLOR_CLASS: u32 = 3;
     COLOR_HEIGHT: u32 = 4;
     COLOR_SCALAR: u32 = 5;
-    COLOR_RGB_OR_PLAIN: u32 = 6;
-    COLOR_RGB_OR_GREY: u32 = 7;
+    COLOR_STRAY: u32 = 6;
+    COLOR_RGB_OR_PLAIN: u32 = 7;
+    COLOR_RGB_OR_GREY: u32 = 8;
     /// Marks a leaf among the nodes of a tree of rays, and the kinds of leaves.
     CAMERA_LEAF: u32 = 1 << 31;
     CAMERA_OPEN: u32 = 0;

@@ -411,6 +411,47 @@ fn points_without_a_value_are_plain_among_those_on_a_ramp() {
 }
 
 #[test]
+fn lone_strays_and_mixed_pixels_have_colours_of_their_own() {
+    let mut stage = stage_or_skip!();
+    // The left part is on a surface, then come lone strays, then mixed pixels.
+    let point = |i: i32| {
+        let position = DVec3::new(f64::from(i) / 192.0 - 1.0, 0.0, 0.0);
+        Point { position, normal: Vec3::ZERO, color: [0; 3], radius: 0.01 }
+    };
+    let points: Vec<Point> = (0..384).map(point).collect();
+    let mut chunk = chunk(&points, DVec3::ZERO);
+    let kinds = [cloud::pack_radius(0.01), cloud::STRAY_RADIUS, cloud::MIXED_RADIUS];
+    chunk.radii = Some(Arc::new((0..384).map(|i| kinds[i / 128]).collect()));
+    let cloud = Cloud { chunks: vec![chunk], ..Cloud::default() };
+    let mut store = PointStore::new(stage.gpu.clone());
+    let id = store.add_cloud(Material::default());
+    let ids = [store.add_chunk(id, &cloud.chunks[0], None).unwrap()];
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
+    for by in ["stray", "attribute"] {
+        let mut settings = settings(&[
+            ("color.by", by),
+            ("color.attribute", "stray"),
+            ("splat.quality", "nearest"),
+            ("edl.strength", "0"),
+        ]);
+        settings.light.headlight = 0.0;
+        let (plan, warning) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
+        assert_eq!((plan.label.as_str(), warning), ("stray", None));
+        store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+        stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+        let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
+        let shown: Vec<[f32; 3]> = albedo.as_chunks().0.iter().filter(|albedo| !albedo[0].is_nan()).copied().collect();
+        // Grey, magenta and orange, and nothing else.
+        let counts = [[0.402, 0.402, 0.402], [1.0, 0.045, 0.578], [1.0, 0.305, 0.0]].map(|kind: [f32; 3]| {
+            let is_kind = |albedo: &&[f32; 3]| albedo.iter().zip(kind).all(|(one, other)| (one - other).abs() < 0.01);
+            shown.iter().filter(is_kind).count()
+        });
+        assert!(counts.iter().all(|count| *count > 20), "{by}: {counts:?}");
+        assert_eq!(counts.iter().sum::<usize>(), shown.len(), "{by}");
+    }
+}
+
+#[test]
 fn raw_colours_come_back_exactly_when_light_is_off() {
     let mut stage = stage_or_skip!();
     // A board of every grey level, and its opposite, squares apart.

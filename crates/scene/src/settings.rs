@@ -38,8 +38,8 @@ choices! {
     /// What colours the points.
     pub enum ColorBy {
         Auto = "auto", Rgb = "rgb", Height = "height", Intensity = "intensity", Class = "class",
-        ReturnNumber = "return", Normal = "normal", GpsTime = "gps-time", Attribute = "attribute", Plain = "plain",
-        Certainty = "certainty",
+        ReturnNumber = "return", Normal = "normal", GpsTime = "gps-time", Attribute = "attribute", Stray = "stray",
+        Plain = "plain", Certainty = "certainty",
     }
 }
 choices! {
@@ -194,7 +194,7 @@ params! {
         back_faces: bool = true => affects(surface found) not(kept);
         /// One point in so many is drawn of those that the camera sees, and each larger; mirrors and light still see all points.
         step: u32 = 1, 1..=64, "points" => affects(surface found);
-        /// Stray points, which surface.radii = spread tells when a cloud is read: faded to dots of splat.min_pixels that no ray meets, or hidden.
+        /// Stray points and mixed pixels, which surface.radii = spread tells when a cloud is read: faded to dots of splat.min_pixels that no ray meets, or hidden.
         strays: Strays = Strays::Faded;
         /// Width of the atomics; auto takes 64 bits where the adapter has them.
         atomics: Atomics = Atomics::Auto;
@@ -574,7 +574,7 @@ impl Color {
             ColorBy::ReturnNumber => Some("return_number"),
             ColorBy::GpsTime => Some("gps_time"),
             ColorBy::Attribute => Some(&self.attribute),
-            ColorBy::Auto | ColorBy::Rgb | ColorBy::Height | ColorBy::Normal => None,
+            ColorBy::Auto | ColorBy::Rgb | ColorBy::Height | ColorBy::Normal | ColorBy::Stray => None,
             ColorBy::Plain | ColorBy::Certainty => None,
         }
     }

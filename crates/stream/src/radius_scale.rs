@@ -13,16 +13,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use cloud::{Chunk, NO_RADIUS, STRAY_RADIUS, pack_radius};
+use cloud::{Chunk, NO_RADIUS, RADIUS_SHAPES, RADIUS_STEPS, pack_radius, stray_kind};
 use glam::{DVec3, Vec3};
 
 use crate::{NodeId, Octree};
 
-/// The number of steps of a packed radius that double it.
-const STEPS_PER_OCTAVE: u16 = 2048;
-const EIGHTH: u16 = STEPS_PER_OCTAVE / 8;
-/// The lowest steps of a packed radius are its shape.
-const SHAPES: u16 = 32;
+/// The steps of a packed radius for an eighth of a doubling.
+const EIGHTH: u16 = RADIUS_STEPS / 8;
 
 /// The bounds of enlarged radii, in distances between the points that are drawn at a place. One point of each cell of a
 /// grid is drawn, and a surface meets up to 1.5 cells for each that it would fill. 0.8 leaves no holes; pictures of a
@@ -201,7 +198,7 @@ impl Field {
         let radii = chunk.radii.as_ref()?;
         let Some(&first) = self.indices.get(&id) else { return Some(radii.clone()) };
         let grow = |index: usize| match radii[index] {
-            radius @ (NO_RADIUS | STRAY_RADIUS) => radius,
+            radius if !has_size(radius) => radius,
             radius => self.growth(first, chunk.position(index)).apply(radius, has_bounds),
         };
         let grown: Vec<u16> = (0..radii.len()).map(grow).collect();
@@ -221,6 +218,11 @@ impl Field {
     }
 }
 
+/// Whether a packed radius is one, and not a mark of points without a size.
+fn has_size(radius: u16) -> bool {
+    radius != NO_RADIUS && stray_kind(radius) == 0
+}
+
 impl Growth {
     /// `hidden` is the number of points of the child in the octant, which is not drawn.
     fn new(place: Above, hidden: Option<u64>) -> Self {
@@ -238,10 +240,10 @@ impl Growth {
     }
 
     fn apply(self, radius: u16, has_bounds: bool) -> u16 {
-        let (shape, radius) = (radius % SHAPES, radius / SHAPES * SHAPES);
+        let (shape, radius) = (radius % RADIUS_SHAPES, radius / RADIUS_SHAPES * RADIUS_SHAPES);
         let grown = radius.saturating_add(u16::from(self.eighths) * EIGHTH);
         let grown = if has_bounds { grown.max(self.smallest).min(self.largest).max(radius) } else { grown };
-        grown / SHAPES * SHAPES + shape
+        grown / RADIUS_SHAPES * RADIUS_SHAPES + shape
     }
 }
 
@@ -258,7 +260,7 @@ pub fn larger(radii: &Radii, other: &Radii) -> Radii {
 /// Whether no radius exceeds its counterpart in `other` by half an octave (41 %) or more.
 pub fn is_near(radii: &Radii, other: &Radii) -> bool {
     let (Some(radii), Some(other)) = (radii, other) else { return true };
-    radii.iter().zip(other.iter()).all(|(radius, other)| radius.saturating_sub(*other) < STEPS_PER_OCTAVE / 2)
+    radii.iter().zip(other.iter()).all(|(radius, other)| radius.saturating_sub(*other) < RADIUS_STEPS / 2)
 }
 
 /// Converts radii that were estimated from a node's own points to full density: divides by the growth that they get
@@ -271,12 +273,11 @@ pub fn to_full_density(radii: &mut [u16], chunk: &Chunk, octree: &Octree, id: No
         let total = f64::from(own[octant]) + node.children[octant].map_or(0, |child| octree.node(child).total) as f64;
         // An octant without own points has no radius to change.
         let scale = if own[octant] == 0 { 1.0 } else { (total / f64::from(own[octant])).sqrt() };
-        (scale.log2() * f64::from(STEPS_PER_OCTAVE / SHAPES)).round() as i32 * i32::from(SHAPES)
+        (scale.log2() * f64::from(RADIUS_STEPS / RADIUS_SHAPES)).round() as i32 * i32::from(RADIUS_SHAPES)
     });
-    let has_size = |radius: u16| radius != NO_RADIUS && radius != STRAY_RADIUS;
     for (radius, octant) in radii.iter_mut().zip(octants(chunk, center)).filter(|(radius, _)| has_size(**radius)) {
-        let shape = i32::from(*radius % SHAPES);
-        *radius = (i32::from(*radius) - steps[octant]).max(i32::from(SHAPES) + shape) as u16;
+        let shape = i32::from(*radius % RADIUS_SHAPES);
+        *radius = (i32::from(*radius) - steps[octant]).max(i32::from(RADIUS_SHAPES) + shape) as u16;
     }
 }
 

@@ -197,7 +197,7 @@ fn radii_grow_to_the_bounds_and_none_shrinks() {
     }
     let radius = pack_radius(0.5);
     assert_eq!(cloud::unpack_radius(growth.apply(radius, false)), Some(2.0));
-    assert_eq!(growth.apply(radius + 7, true) % SHAPES, 7, "an ellipse stays one");
+    assert_eq!(growth.apply(radius + 7, true) % RADIUS_SHAPES, 7, "an ellipse stays one");
     assert_eq!(growth.apply(u16::MAX, false), u16::MAX);
 }
 

@@ -223,6 +223,10 @@ impl SubjectPart {
                     let values = column(classes?)?;
                     each(&|point| render::class_color(values.value(point) as u8))
                 }
+                ColorSource::Stray => each(&|point| {
+                    let kind = chunk.radii.as_ref().map_or(0, |radii| cloud::stray_kind(radii[point]));
+                    render::STRAY_KINDS[usize::from(kind)].1
+                }),
                 ColorSource::Normal => {
                     let normals = chunk.normals.as_ref()?;
                     each(&|point| {

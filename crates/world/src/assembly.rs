@@ -7,6 +7,7 @@ use std::sync::Arc;
 use cloud::{Attribute, Bounds, Chunk, Cloud, CloudLayout, Column, Grid, Placement, Surfels};
 use glam::DVec3;
 use rayon::prelude::*;
+use scene::Settings;
 use stream::Octree;
 
 use crate::apart::Place;
@@ -319,8 +320,8 @@ impl Assembly {
     }
 
     /// What filters may test of it.
-    pub fn offer(&self) -> Offer {
-        Offer { cloud: self.cloud.name.clone(), attributes: self.offered().cloned().collect() }
+    pub fn offer(&self, settings: &Settings) -> Offer {
+        Offer::new(self.cloud.name.clone(), self.offered().cloned().collect(), settings)
     }
 
     pub fn chunks(&self) -> Vec<(Part, Chunk)> {
@@ -539,7 +540,7 @@ mod tests {
         assert_eq!(names(&cloud), ["classification", "gps_time", "angle"]);
         let filter = |name: &str| cloud::Filter { attribute: name.into(), low: 0.0, high: 1.0 };
         let test = PointTest::new([], ["gps_time", "of_no_file"].map(filter).into(), Vec::new());
-        let offer = cloud.offer();
+        let offer = cloud.offer(&Settings::default());
         let idle: Vec<&str> = test.idle_filters(&offer.attributes).collect();
         assert_eq!(idle, ["of_no_file"], "what the file has may come");
         let octree = Arc::new(Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });

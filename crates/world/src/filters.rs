@@ -2,16 +2,34 @@
 
 use std::collections::BTreeSet;
 
-use cloud::{Attribute, CloudLayout, PointTest};
-use scene::shown;
+use cloud::{Attribute, CloudLayout, ColumnType, PointTest, STRAY};
+use scene::{ColorBy, Settings, SurfaceRadii, shown};
 
 use crate::error::{Error, Result};
+use crate::half_of;
 use crate::words::{Input, Request};
 
 /// A cloud by its name, and the attributes that it has.
 pub struct Offer {
     pub cloud: String,
     pub attributes: Vec<Attribute>,
+}
+
+impl Offer {
+    /// The attributes of a cloud's files, and `STRAY` where radii tell strays.
+    pub fn new(cloud: String, mut attributes: Vec<Attribute>, settings: &Settings) -> Self {
+        if settings.surface.radii == SurfaceRadii::Spread {
+            attributes.push(Attribute { name: STRAY.into(), column_type: ColumnType::U8 });
+        }
+        Self { cloud, attributes }
+    }
+}
+
+/// Says why no strays are shown where colours ask for them.
+pub fn stray_warning(settings: &Settings) -> Option<String> {
+    let is_told = settings.surface.radii == SurfaceRadii::Spread;
+    let warning = || "color.by = stray: only surface.radii = spread tells strays, so all points are shown on a surface";
+    (settings.color.by == ColorBy::Stray && !is_told).then(|| warning().into())
 }
 
 /// Asks whether each filter of a test, and its hidden classes, have an attribute to test. Returns a warning for each
@@ -29,6 +47,7 @@ pub fn check_filters(test: &PointTest, clouds: &[Offer]) -> Result<Vec<String>> 
         let lacking: Vec<&Offer> = clouds.iter().filter(lacks).collect();
         if lacking.len() == clouds.len() {
             let hint = param::instead(name, names(clouds).into_iter());
+            let hint = if name == STRAY { "surface.radii = spread tells it".into() } else { hint };
             return Err(Error::NoFilter(format!("{}: no attribute `{name}` to filter by; {hint}", all_of(clouds))));
         }
         let warning =
@@ -63,24 +82,25 @@ fn names(clouds: &[Offer]) -> Vec<&str> {
 }
 
 impl Request {
-    /// The same question about all inputs, of whose files the heads are read with `memory` bytes for decoders. Inputs
-    /// that cannot be read are reported by those who read them.
+    /// The same question about all inputs, of whose files the heads are read. Inputs that cannot be read are reported by
+    /// those who read them.
     ///
     /// # Errors
     /// Those of `check_filters`.
-    pub fn check_filters(&self, memory: u64) -> Result<Vec<String>> {
+    pub fn check_filters(&self, settings: &Settings) -> Result<Vec<String>> {
+        let memory = half_of(settings.stream.host_bytes);
         let test = self.test();
         if !test.tests_attributes() {
             return Ok(Vec::new());
         }
         let of_file = |source: codec::Source| {
             let codec::Info { path, attributes, .. } = source.info();
-            Offer { cloud: shown(path), attributes: attributes.clone() }
+            Offer::new(shown(path), attributes.clone(), settings)
         };
         let files = self.inputs.iter().flat_map(Input::files);
         let of_files = files.filter_map(|file| codec::open_within(file, memory).ok()).map(of_file);
         let built_in = self.inputs.iter().filter(|input| matches!(input, Input::BuiltIn { .. }));
-        let built_in = built_in.map(|input| Offer { cloud: input.name(), attributes: Vec::new() });
+        let built_in = built_in.map(|input| Offer::new(input.name(), Vec::new(), settings));
         let warnings = check_filters(&test, &of_files.chain(built_in).collect::<Vec<_>>())?;
         Ok(param::few(warnings, "filters that hide nothing of a cloud"))
     }
@@ -114,6 +134,18 @@ mod tests {
         assert_eq!(nothing, "five-mirrors/none: no attribute `z` to filter by; there is none");
         assert!(check_filters(&filtering("withheld"), &[]).unwrap().is_empty());
         assert!(check_filters(&PointTest::default(), &both).unwrap().is_empty());
+    }
+
+    #[test]
+    fn strays_can_be_filtered_where_radii_tell_them() {
+        let offer = |radii: SurfaceRadii| {
+            let mut settings = Settings::default();
+            settings.surface.radii = radii;
+            [Offer::new("a.las".into(), Vec::new(), &settings)]
+        };
+        assert!(check_filters(&filtering(STRAY), &offer(SurfaceRadii::Spread)).unwrap().is_empty());
+        let refused = check_filters(&filtering(STRAY), &offer(SurfaceRadii::Full)).unwrap_err().to_string();
+        assert_eq!(refused, "a.las: no attribute `stray` to filter by; surface.radii = spread tells it");
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub use change::Change;
 pub use chunk_key::{ChunkKey, CloudKey, Part};
 pub use error::{Error, Result};
 pub use event::{Event, IndexEntry, IndexState, Opened, StreamStats};
-pub use filters::{Offer, check_filters};
+pub use filters::{Offer, check_filters, stray_warning};
 pub use job::{Job, start, start_unseen};
 pub use light::AutoLight;
 pub use mailbox::{IndexRequest, Mailbox, StreamView};

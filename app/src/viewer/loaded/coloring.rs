@@ -86,7 +86,8 @@ impl Loaded {
         };
         let is_told = |entry: &&CloudEntry| entry.is_visible && entry.is_read && knows_all(entry);
         let read = self.clouds.iter().filter(is_told);
-        for warning in read.filter_map(|entry| entry.figures.as_ref()?.warning.as_ref()) {
+        let of_strays = world::stray_warning(&beside.scene.settings);
+        for warning in read.filter_map(|entry| entry.figures.as_ref()?.warning.as_ref()).chain(&of_strays) {
             if !self.warned.contains(warning) {
                 beside.outside.say(Level::Warning, warning.clone());
                 self.warned.push(warning.clone());

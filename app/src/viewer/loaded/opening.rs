@@ -202,7 +202,7 @@ impl Loaded {
         let test = beside.scene.objects.test();
         if test.tests_attributes() && !self.is_loading() {
             let visible = self.clouds.iter().filter(|entry| entry.is_visible);
-            let offers: Vec<_> = visible.map(|entry| entry.offer()).collect();
+            let offers: Vec<_> = visible.map(|entry| entry.offer(&beside.scene.settings)).collect();
             let idle = world::check_filters(&test, &offers).unwrap_or_else(|error| vec![error.to_string()]);
             self.warn_once(idle, "filters that hide nothing of a cloud", beside);
         }

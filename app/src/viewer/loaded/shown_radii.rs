@@ -153,9 +153,9 @@ mod tests {
         let (key, strays) = (session.loaded.clouds[0].key, vec![Arc::new(vec![cloud::STRAY_RADIUS; 1681])]);
         let (test, _) = session.loaded.clouds[0].fitting.clone().unwrap();
         session.with_loaded(|loaded, beside| loaded.on_radii(key, &test, Some(strays), beside));
-        assert_eq!(answer(&mut session, early), Some(0));
+        assert_eq!(answer(&mut session, early), Some([0, 0]));
         let late = figures(&mut session).unwrap();
-        assert_eq!(answer(&mut session, late), Some(1681));
+        assert_eq!(answer(&mut session, late), Some([1681, 0]));
         assert!(figures(&mut session).is_none());
     }
 

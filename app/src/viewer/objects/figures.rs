@@ -39,8 +39,8 @@ pub struct Figures {
     pub bounds: Bounds,
     /// The points that framing must keep in the picture.
     pub outline: Vec<DVec3>,
-    /// The number of stray points, if they are known.
-    pub strays: Option<u64>,
+    /// The numbers of lone strays and of mixed pixels, if they are known.
+    pub strays: Option<[u64; 2]>,
     /// The noise of the points, in world units; `None` until it is measured, then whether there is a surface.
     pub noise: Option<Option<f64>>,
 }

@@ -1,6 +1,7 @@
 //! The panel of clip volumes and filters: adds, selects, switches, names, copies and deletes them, and edits their
 //! numbers.
 
+use cloud::STRAY;
 use egui::{RichText, Ui};
 use render::ColorSource;
 use scene::{Clip, ClipShape, Filter, Keep, Object};
@@ -152,18 +153,27 @@ fn filter_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             names.push(name);
         }
     }
+    let tells_strays = session.scene.settings.surface.radii == scene::SurfaceRadii::Spread;
+    if tells_strays && !names.contains(&STRAY) && known.iter().all(|filter| filter.attribute != STRAY) {
+        names.push(STRAY);
+    }
     ui.menu_button("Add filter", |ui| {
         if names.is_empty() {
             ui.label("no attributes");
         }
         for name in names {
             if ui.button(name).clicked() {
-                let (low, high) = handles_of(session, name).unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+                let (low, high) = handles_of(session, name).unwrap_or(usual_range(name));
                 let added = Filter { attribute: name.to_owned(), low, high };
                 actions.push(Action::Clip(Clipping::Filter(known.iter().cloned().chain([added]).collect())));
             }
         }
     });
+}
+
+/// The range of a new filter: all values, but of strays the points on surfaces.
+fn usual_range(attribute: &str) -> (f64, f64) {
+    if attribute == STRAY { (0.0, 0.0) } else { (f64::NEG_INFINITY, f64::INFINITY) }
 }
 
 /// The values at the handles of the histogram, if it shows this attribute.

@@ -61,15 +61,17 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let moving = if entry.is_placing { " · being moved" } else { "" };
             let line = points + &format.unwrap_or_default() + streamed + moving;
             ui.label(RichText::new(line).small().color(theme::WEAK));
-            let known = |figures: &Figures| (figures.strays.unwrap_or(0), figures.noise.flatten());
-            let (strays, noise) = entry.figures.as_ref().map_or((0, None), known);
-            let strays = (strays > 0).then(|| format!("{} stray", grouped(strays)));
+            let known = |figures: &Figures| (figures.strays.unwrap_or_default(), figures.noise.flatten());
+            let (strays, noise) = entry.figures.as_ref().map_or(([0; 2], None), known);
+            let strays = strays.into_iter().zip(["stray", "mixed"]).filter(|(count, _)| *count > 0);
+            let strays = strays.map(|(count, kind)| format!("{} {kind}", grouped(count)));
             let noise = noise.map(|noise| format!("noise {}", crate::shared::numbers::two_digits(noise)));
-            let line: Vec<String> = strays.into_iter().chain(noise).collect();
+            let line: Vec<String> = strays.chain(noise).collect();
             if !line.is_empty() {
                 let quality = ui.label(RichText::new(line.join(" · ")).small().color(theme::WEAK));
                 quality.on_hover_text(
-                    "Stray points are far from all surfaces (splat.strays). Noise is how far points are from the \
+                    "Stray points are far from all surfaces, and mixed pixels between two of them (splat.strays; the \
+                     attribute `stray` of colours and filters). Noise is how far points are from the \
                      planes through their neighbours, in the file's unit: the standard deviation.",
                 );
             }
@@ -399,12 +401,12 @@ mod tests {
         for effect in std::mem::take(&mut session.outside.effects) {
             if let Effect::Work(Work::FindFigures { key, cloud, basis, up, .. }) = effect {
                 let figures = Figures::of(&cloud, &basis.color, &basis.test, up);
-                let figures = Box::new(Figures { strays: Some(1234), noise: Some(Some(0.001_63)), ..figures });
+                let figures = Box::new(Figures { strays: Some([1234, 56]), noise: Some(Some(0.001_63)), ..figures });
                 session.on_found(Found::Figures { key, basis, figures });
             }
         }
         harness.run_ok();
-        assert!(harness.query_by_label("1,234 stray · noise 0.0016").is_some());
+        assert!(harness.query_by_label("1,234 stray · 56 mixed · noise 0.0016").is_some());
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
-use super::{BRICK_POINTS, Box3, TILE_POINTS, Tile, Tiles};
+use super::{BRICK_POINTS, Box3, TILE_POINTS, Tile, Tiles, by_place};
 
 /// The neighbours of one point: as many as were asked for, all others at the distance of the last of them (so that ties
 /// do not depend on the order of the points), and fewer only if the cloud has no more. Several points at one place
@@ -40,6 +40,16 @@ impl Neighbourhood {
         self.neighbours().map(|candidate| candidate.offset)
     }
 
+    /// The offsets of the nearest `most` neighbours; equally near ones follow in the order of their coordinates.
+    pub fn nearest(&self, most: usize) -> Vec<Vec3> {
+        let mut all: Vec<&Candidate> = self.neighbours().collect();
+        if all.len() > most {
+            let by_distance = |a: &&Candidate, b: &&Candidate| a.distance_squared.total_cmp(&b.distance_squared);
+            all.sort_unstable_by(|a, b| by_distance(a, b).then_with(|| by_place(&a.offset, &b.offset)));
+        }
+        all.into_iter().take(most).map(|candidate| candidate.offset).collect()
+    }
+
     /// The running indices of the neighbours (`Points`).
     pub fn indices(&self) -> impl Iterator<Item = u32> {
         self.neighbours().map(|candidate| candidate.index)
@@ -50,6 +60,16 @@ impl Neighbourhood {
 pub fn is_aside(offset: Vec3, axis: Vec3) -> bool {
     let along = offset.dot(axis);
     along * along < 0.75 * offset.length_squared()
+}
+
+/// A ball without a layer about a plane through its middle.
+pub(super) struct Ball {
+    pub middle: Vec3,
+    pub radius_squared: f32,
+    /// The unit normal of the plane.
+    pub normal: Vec3,
+    /// Half of the layer's thickness.
+    pub layer: f32,
 }
 
 /// The nearest distances so far.
@@ -110,18 +130,21 @@ struct View {
 }
 
 impl View {
-    /// The number of the tile's places whose squared distance is within `limit`; bricks count by their middles.
-    fn count_within(&self, tile: &Tile, point: Vec3, limit: f32, most: usize) -> usize {
+    /// The number of the tile's places in a ball and outside of a layer; bricks count by their middles.
+    fn count_beside(&self, tile: &Tile, ball: &Ball, most: usize) -> usize {
         let bricks = self.starts.len();
         let (mut count, mut pending) = (0, vec![(1, 0..bricks)]);
         while let Some((node, covered)) = pending.pop() {
             let Box3 { min, max } = self.boxes[node];
-            if count >= most || self.boxes[node].distance_squared(point) > limit {
+            if count >= most || self.boxes[node].distance_squared(ball.middle) > ball.radius_squared {
                 continue;
             }
-            let farthest = (point - min).abs().max((max - point).abs()).length_squared();
-            let middle = ((min + max) / 2.0).distance_squared(point);
-            if farthest <= limit || node >= bricks && middle <= limit {
+            let farthest = (ball.middle - min).abs().max((max - ball.middle).abs()).length_squared();
+            let (middle, half) = ((min + max) / 2.0 - ball.middle, (max - min) / 2.0);
+            let is_in =
+                farthest <= ball.radius_squared || node >= bricks && middle.length_squared() <= ball.radius_squared;
+            let reach = if node >= bricks { 0.0 } else { half.dot(ball.normal.abs()) };
+            if is_in && middle.dot(ball.normal).abs() - reach > ball.layer {
                 count += tile.brick(covered.end - 1).end - tile.brick(covered.start).start;
             } else if node < bricks {
                 let middle = covered.start + covered.len() / 2;
@@ -308,16 +331,16 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         self.neighbourhood.distance_squared = if found > 0 { nearest.distances[found - 1] } else { 0.0 };
     }
 
-    pub(super) fn count_within(&mut self, point: Vec3, limit: f32, most: usize) -> usize {
-        let mut count = self.home_view.count_within(&self.tiles.tiles[self.home], point, limit, most);
+    pub(super) fn count_beside(&mut self, ball: &Ball, most: usize) -> usize {
+        let mut count = self.home_view.count_beside(&self.tiles.tiles[self.home], ball, most);
         for other in 0..self.others.len() {
-            if count >= most || self.others[other].distance_squared > limit {
+            if count >= most || self.others[other].distance_squared > ball.radius_squared {
                 break;
             }
-            if self.others[other].bounds.distance_squared(point) <= limit {
+            if self.others[other].bounds.distance_squared(ball.middle) <= ball.radius_squared {
                 self.reach(other);
                 if let Some(view) = &self.others[other].view {
-                    count += view.count_within(&self.tiles.tiles[view.tile], point, limit, most - count);
+                    count += view.count_beside(&self.tiles.tiles[view.tile], ball, most - count);
                 }
             }
         }
