@@ -118,12 +118,13 @@ fn a_quick_picture_is_like_the_picture_at_rest_in_both_projections_and_with_fewe
 fn points_have_the_colours_in_which_the_renderer_shows_them() {
     let mut stage = stage_or_skip!();
     let cloud = scan();
-    let sources: [&[(&str, &str)]; 6] = [
+    let sources: [&[(&str, &str)]; 7] = [
         &[("color.by", "rgb")],
         &[("color.by", "plain")],
         &[("color.by", "normal")],
         &[("color.by", "class")],
         &[("color.by", "height")],
+        &[("color.by", "stray")],
         &[("color.by", "attribute"), ("color.attribute", "classification")],
     ];
     for source in sources {

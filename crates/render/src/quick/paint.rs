@@ -2,9 +2,9 @@
 
 use std::borrow::Cow;
 
-use cloud::{Column, unpack_normal};
+use cloud::{Column, stray_kind, unpack_normal};
 
-use crate::coloring::{ColorSource, class_color, ramp_colors};
+use crate::coloring::{ColorSource, STRAY_KINDS, class_color, ramp_colors};
 use crate::store::draw_list::SeenChunk;
 
 /// What colours the points of a chunk. The colours are those of shaders/shared/color.wgsl.
@@ -15,6 +15,8 @@ pub enum Paint<'a> {
     RgbOr(&'a [[u8; 4]], Option<OnRamp<'a>>, [u8; 4]),
     Normal(&'a [u32]),
     Class(Cow<'a, [u8]>),
+    /// By the radii, which say what is on no surface.
+    Stray(Option<&'a [u16]>),
     Height {
         axis: usize,
         origin: f64,
@@ -70,6 +72,7 @@ impl<'a> Paint<'a> {
                 let classes = points.classes(chunk.layout.and_then(|layout| layout.class_column()));
                 Self::Class(classes.unwrap_or_else(|| Cow::Owned(vec![0; points.len()])))
             }
+            (ColorSource::Stray, _) => Self::Stray(points.radii.as_ref().map(|radii| radii.as_slice())),
             (ColorSource::Height, _) => {
                 Self::Height { axis: colors.up_axis, origin: points.origin[colors.up_axis], on_ramp: on_ramp(None) }
             }
@@ -94,6 +97,7 @@ impl<'a> Paint<'a> {
                 [red, green, blue, u8::MAX]
             }
             Self::Class(classes) => class_color(classes[index]),
+            Self::Stray(radii) => STRAY_KINDS[usize::from(radii.map_or(0, |radii| stray_kind(radii[index])))].1,
             Self::Height { axis, origin, on_ramp } => {
                 let place = on_ramp.place(origin + f64::from(position[*axis]));
                 on_ramp.colors[usize::from(place.unwrap_or(0))]
