@@ -3,8 +3,9 @@
 
 use std::time::{Duration, Instant};
 
+use cloud::PointTest;
 use render::{Detail, FrameStats, Gpu, Known, KnownLight, Picked, PictureRows, PointStore, QuickPicture, Renderer};
-use scene::{LightClues, LightView, Lighting, Mirror, Settings, SpotLight, Tone};
+use scene::{LightClues, LightView, Lighting, Mirror, Settings, Show, SpotLight, Tone};
 
 use crate::viewer::picture::frame_request::{FrameRequest, hurried};
 use crate::viewer::picture::pace::Spared;
@@ -14,8 +15,9 @@ pub struct MovingPictures {
     quick: QuickPicture,
     /// The light of the last picture at rest.
     light: Option<(LightInputs, KnownLight)>,
-    /// What mirrors show in a coarse frame, and when and of what that was drawn.
-    mirrors: Option<(Instant, MirrorInputs, KnownLight)>,
+    mirrors: Option<Reflections>,
+    /// The mirrors of the last picture at rest: their points stand where they stood there.
+    stand: Vec<Mirror>,
     /// Whether the picture in the window is a quick one.
     pub is_shown: bool,
 }
@@ -46,27 +48,29 @@ struct MirrorInputs {
     light: LightInputs,
     settings: Settings,
     mirrors: Vec<Mirror>,
+    test: PointTest,
 }
 
 impl MirrorInputs {
     fn new(request: &FrameRequest) -> Self {
         let settings = request.settings.only(|field| field.affects.found);
-        Self { light: LightInputs::new(request), settings, mirrors: request.mirrors.clone() }
+        let FrameRequest { mirrors, test, .. } = request;
+        Self { light: LightInputs::new(request), settings, mirrors: mirrors.clone(), test: test.clone() }
     }
+}
+
+/// What mirrors show in a coarse frame, and when and of what that was drawn.
+type Reflections = (Instant, MirrorInputs, KnownLight);
+
+/// What is known of what mirrors show in a hurried frame.
+fn reflections<'a>(known: Option<&'a Reflections>, request: &FrameRequest) -> Option<&'a KnownLight> {
+    let (at, of, known) = known?;
+    (at.elapsed() < MIRRORS_STAY && *of == MirrorInputs::new(request)).then_some(known)
 }
 
 /// Whether the points of a picture show their own colours, without light.
 fn is_unlit(request: &FrameRequest) -> bool {
     request.settings.resolved_light(!request.lights.is_empty(), request.clues).by == Lighting::Colors
-}
-
-/// What a hurried frame needs before it can be a quick picture.
-pub enum Moving {
-    Drawn(FrameStats, PictureRows),
-    /// The renderer must draw this coarse frame first, which `keep_mirrors` is then told.
-    Mirrors(FrameRequest),
-    /// The renderer must draw the frame itself.
-    Never,
 }
 
 /// How long what mirrors show may stay, fixed to their surfaces, while the camera moves.
@@ -75,36 +79,48 @@ const MIRRORS_STAY: Duration = Duration::from_millis(300);
 const OF_MIRRORS: u32 = 5;
 
 impl MovingPictures {
+    /// Whether the processor may draw a frame: where the adapter is one too, the picture is shown and nothing else, and no
+    /// mirror moves.
+    fn can_draw(&self, gpu: &Gpu, request: &FrameRequest) -> bool {
+        let settings = &request.settings;
+        let is_picture = settings.light.show == LightView::Picture && settings.reflection.show == Show::Picture;
+        gpu.is_processor() && is_picture && request.mirrors == self.stand
+    }
+
+    /// The coarse frame that the renderer must draw, and `keep_mirrors` be told, before a hurried frame can be a quick
+    /// picture; `None` if it needs none, or cannot be one.
+    pub fn lacks(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
+        let reflects = !request.mirrors.is_empty() || store.has_mirrors();
+        if !reflects || !self.can_draw(gpu, request) || reflections(self.mirrors.as_ref(), request).is_some() {
+            return None;
+        }
+        let pixels = request.size.map(|edge| u64::from(edge / OF_MIRRORS)).iter().product();
+        let spared = Spared { divisor: OF_MIRRORS, most_points: Some(pixels) };
+        Some(FrameRequest { spared: Some(spared), ..request.clone() })
+    }
+
     /// Draws a hurried frame, if the adapter is a processor, and the light on the points and what mirrors show is known.
-    pub fn draw(&mut self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Moving {
+    pub fn draw(&mut self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<(FrameStats, PictureRows)> {
         let FrameRequest { camera, settings, mirrors, .. } = request;
         self.is_shown = false;
-        if !gpu.is_processor() || settings.light.show != LightView::Picture {
-            return Moving::Never;
-        }
-        let inputs = LightInputs::new(request);
         let reflects = !mirrors.is_empty() || store.has_mirrors();
-        let is_new = |(at, of, _): &&(Instant, MirrorInputs, KnownLight)| {
-            at.elapsed() < MIRRORS_STAY && *of == MirrorInputs::new(request)
-        };
-        let shown = self.mirrors.as_ref().filter(|_| reflects).filter(is_new).map(|(.., known)| known);
-        if reflects && shown.is_none() {
-            let size = request.size.map(|edge| u64::from(edge / OF_MIRRORS));
-            let spared = Spared { divisor: OF_MIRRORS, most_points: Some(size[0] * size[1]) };
-            return Moving::Mirrors(FrameRequest { spared: Some(spared), ..request.clone() });
+        let mirrors = reflections(self.mirrors.as_ref(), request).filter(|_| reflects);
+        if !self.can_draw(gpu, request) || reflects && mirrors.is_none() {
+            return None;
         }
         // The coarse frame knows the light, too.
-        let known = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| light).or(shown);
+        let inputs = LightInputs::new(request);
+        let known = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| light).or(mirrors);
         let light = known.filter(|_| !is_unlit(request));
         if light.is_none() && !is_unlit(request) {
-            return Moving::Never;
+            return None;
         }
         let Spared { divisor, most_points } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor };
-        let known = Known { light, mirrors: shown };
+        let known = Known { light, mirrors };
         let stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
         self.is_shown = true;
-        Moving::Drawn(stats, self.quick.take_rows())
+        Some((stats, self.quick.take_rows()))
     }
 
     /// Keeps what mirrors show in the coarse frame that the renderer holds.
@@ -124,6 +140,7 @@ impl MovingPictures {
     pub fn keep_light(&mut self, gpu: &Gpu, renderer: &Renderer, request: &FrameRequest) -> render::Result<()> {
         self.is_shown = false;
         self.light = None;
+        self.stand = request.mirrors.clone();
         if gpu.is_processor() && !is_unlit(request) {
             self.light = Some((LightInputs::new(request), renderer.known_light(&request.settings)?));
         }

@@ -25,7 +25,7 @@ use crate::overlays::{self, Facts};
 use crate::system::picture_file;
 pub use crate::viewer::picture::frame_request::{FrameRequest, hurried};
 use crate::viewer::picture::judging::{self, MovingJudge};
-use crate::viewer::picture::moving::{Moving, MovingPictures};
+use crate::viewer::picture::moving::MovingPictures;
 use crate::viewer::picture::picture_writer::{self, DrawnFrame, Finished};
 use crate::viewer::picture::under_way::Pass;
 
@@ -621,15 +621,13 @@ impl Worker {
 
     /// Draws a hurried frame: as a quick picture, if that can be.
     fn draw_moving(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
-        let mut moving = self.moving.draw(&self.gpu, &self.resident.store, request);
-        if let Moving::Mirrors(coarse) = &moving {
-            self.draw_by_passes(coarse)?;
-            self.moving.keep_mirrors(&self.renderer, coarse)?;
-            moving = self.moving.draw(&self.gpu, &self.resident.store, request);
+        if let Some(coarse) = self.moving.lacks(&self.gpu, &self.resident.store, request) {
+            self.draw_by_passes(&coarse)?;
+            self.moving.keep_mirrors(&self.renderer, &coarse)?;
         }
-        match moving {
-            Moving::Drawn(stats, rows) => Ok((stats, rows)),
-            Moving::Mirrors(_) | Moving::Never => self.draw_by_passes(request),
+        match self.moving.draw(&self.gpu, &self.resident.store, request) {
+            Some(drawn) => Ok(drawn),
+            None => self.draw_by_passes(request),
         }
     }
 
