@@ -97,7 +97,7 @@ fn only_guessed_light_is_fitted_unless_all_is_asked_for_and_data_colours_never()
     for (pairs, is_fitted) in [
         (&[][..], true),
         (&[("light.by", "sun")], false),
-        (&[("light.by", "surroundings")], false),
+        (&[("light.by", "surroundings")], true),
         (&[("light.by", "sun"), ("tone.fit", "always")], true),
         (&[("light.by", "headlight"), ("tone.fit", "always")], true),
         (&[("light.by", "colors"), ("tone.fit", "always")], false),

@@ -315,7 +315,8 @@ fn no_light_is_dark_and_an_open_sky_brings_a_sun() {
     assert_eq!(brightest(&by_sun(&[("sun.irradiance", "0")]), &[lamp()], true), 0.0);
     // Just above the horizon, it lights no floor.
     assert!(brightest(&by_sun(&[("sun.elevation", "0")]), &[], true) < 1e-6);
-    let sun = brightest(&settings(&[("light.by", "surroundings"), ("sun.elevation", "90")]), &[], true);
+    let sun =
+        brightest(&settings(&[("light.by", "surroundings"), ("light.fill", "0"), ("sun.elevation", "90")]), &[], true);
     let expected = 2.5 * ALBEDO * FRAC_1_PI;
     assert!((sun / expected - 1.0).abs() < 0.003, "{sun}, expected {expected}");
     let lamp_at_eye = brightest(&settings(&[("light.headlight", "0")]), &[], false);

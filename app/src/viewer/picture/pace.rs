@@ -124,13 +124,15 @@ pub struct QuickPace {
     per_pixel: f64,
     /// The number of points that the last picture without a limit on them drew.
     points: f64,
+    /// Whether a picture has been measured.
+    has_learned: bool,
     chosen: Option<Spared>,
 }
 
 impl Default for QuickPace {
     fn default() -> Self {
-        // A processor with two cores: the first picture of a movement is no test.
-        Self { per_point: 1e-5, per_pixel: 4e-5, points: 0.0, chosen: None }
+        // A processor with two cores, until a picture has been measured.
+        Self { per_point: 1e-5, per_pixel: 4e-5, points: 0.0, has_learned: false, chosen: None }
     }
 }
 
@@ -149,9 +151,11 @@ impl QuickPace {
             self.points = stats.points_drawn as f64;
         }
         // The estimates follow the fastest recent pictures, because other programs slow down single ones.
-        let slower = |known: f64, measured: f64| measured.min(known * 1.1);
+        let most = if self.has_learned { 1.1 } else { f64::INFINITY };
+        let slower = |known: f64, measured: f64| measured.min(known * most);
         self.per_point = slower(self.per_point, stats.splatting_milliseconds / stats.points_drawn.max(1) as f64);
         self.per_pixel = slower(self.per_pixel, (milliseconds - stats.splatting_milliseconds).max(0.0) / pixels);
+        self.has_learned = true;
         // Small deviations change nothing, because each new choice makes the picture jump.
         if !(0.4..1.25).contains(&(milliseconds / wanted.max(1.0))) {
             self.chosen = None;

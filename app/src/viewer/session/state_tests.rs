@@ -201,7 +201,7 @@ fn a_filter_of_an_attribute_that_a_cloud_lacks_is_said() {
     load(Event::Chunk { cloud: 0, part: Part::Block(0), chunk: cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]) });
     load(Event::Finished);
     let said: Vec<&str> = session.outside.messages.all.iter().map(|message| message.text.as_str()).collect();
-    assert_eq!(said, ["a.ply: no attribute `amplitude` to filter by; there is none"]);
+    assert_eq!(said, ["a.ply: no attribute `amplitude` to filter by; Known: stray"]);
 }
 
 #[test]

@@ -330,7 +330,7 @@ impl Pixels {
 const GAMMA: f32 = 2.4;
 const OFFSET: f32 = 0.055 * 255.0;
 /// How far a splat that is seen along its plane reaches before and behind its middle, as a share of the depth.
-const ALONG_PLANE: f32 = 0.1;
+const ALONG_PLANE: f32 = 0.3;
 /// The strength of eye-dome lighting over that in a picture at rest, which has smoother depths: the means of many points.
 const OF_STILL: f32 = 0.8;
 /// Neighbours that are nearer than a pixel by this share of its depth are in front of it.
