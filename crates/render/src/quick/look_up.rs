@@ -161,12 +161,15 @@ impl Scene<'_> {
         if let Some(seen) = self.blend(level, x, y, GAP) {
             return seen;
         }
-        let (depth, color) = self.behind(x, y, 1 << level);
-        if depth < f32::INFINITY {
-            return (depth, color);
+        let seen = self.behind(x, y, 1 << level);
+        if seen.0 < f32::INFINITY {
+            return seen;
         }
         // Of a surface that is seen along its plane, a cell keeps the point at its near end.
-        self.blend(level, x, y, WIDE_GAP).unwrap_or((depth, color))
+        self.blend(level, x, y, WIDE_GAP).unwrap_or_else(|| {
+            let (piece, index) = self.found.point(key);
+            (depth_of(key), piece.color(index))
+        })
     }
 
     /// What a pixel shows beside the levels with a bit in `skipped`, whose splats do not cover it.
