@@ -114,6 +114,65 @@ fn a_quick_picture_is_like_the_picture_at_rest_in_both_projections_and_with_fewe
     }
 }
 
+/// A red wall of random points that leads away from the eye, with splats of uneven sizes, before a green one.
+fn walls() -> Cloud {
+    let (mut places, mut normals, mut colors, mut radii) = (vec![], vec![], vec![], vec![]);
+    let density = 4000.0;
+    // Six splats lie over each place in the mean.
+    let radius = (6.0 / (std::f64::consts::PI * density)).sqrt();
+    let mut add = |place: DVec3, normal: DVec3, color: [u8; 4], radius: f64| {
+        places.push(place);
+        normals.push(pack_normal(normal.as_vec3()));
+        colors.push(color);
+        radii.push(pack_radius(radius as f32));
+    };
+    for i in 0..(12.0 * 4.0 * density) as u64 {
+        let (along, z) = (12.0 * random(i * 3), 4.0 * random(i * 3 + 1) - 2.0);
+        let place = DVec3::new(1.0 + 0.8 * along, 2.0 - 0.6 * along, z);
+        add(place, DVec3::new(-0.6, -0.8, 0.0), [255, 0, 0, 255], radius * (0.8 + 0.5 * random(i * 3 + 2)));
+    }
+    for i in 0..100_000 {
+        let place = |k: u64| 40.0 * random(i * 2 + k + 1_000_000) - 20.0;
+        add(DVec3::new(20.0, place(0), place(1)), -DVec3::X, [0, 255, 0, 255], 0.2);
+    }
+    let mut chunk = Chunk::of_places(0, &places);
+    (chunk.normals, chunk.radii) = (Some(Arc::new(normals)), Some(Arc::new(radii)));
+    chunk.colors = Some(Arc::new(colors));
+    Cloud { chunks: vec![chunk], ..Cloud::default() }
+}
+
+#[test]
+fn a_thinned_wall_of_random_points_shows_nothing_behind_it() {
+    let stage = stage_or_skip!();
+    let (cloud, settings) = (walls(), settings(&[("light.by", "colors"), ("edl.strength", "0")]));
+    let store = store(&stage, &cloud, &settings);
+    let camera = Camera::from_eye(DVec3::ZERO, DVec3::X, DVec3::Z);
+    let size = [400, 300];
+    let tangent = (f64::from(settings.view.field_of_view).to_radians() / 2.0).tan();
+    let mut quick = QuickPicture::default();
+    for most_points in [None, Some(100_000), Some(40_000), Some(15_000), Some(6_000)] {
+        quick.draw(&store, &camera, &settings, size, Detail { most_points, coarseness: 1 }, Known::default());
+        let picture = quick.take_rows().tight();
+        let green = |x: u32, y: u32| picture[((y * size[0] + x) * 4 + 1) as usize];
+        // The lines of sight that meet the wall far from its borders.
+        let (mut inside, mut wrong) = (0, 0);
+        for (x, y) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y))) {
+            let half = f64::from(size[1]) / 2.0;
+            let across = (f64::from(size[0]) / 2.0 - f64::from(x) - 0.5) / half * tangent;
+            let up = (half - f64::from(y) - 0.5) / half * tangent;
+            let distance = 2.2 / (0.6 + 0.8 * across);
+            let along = (distance - 1.0) / 0.8;
+            if !(0.7..11.3).contains(&along) || (distance * up).abs() > 1.6 {
+                continue;
+            }
+            inside += 1;
+            wrong += u32::from(green(x, y) > 30);
+        }
+        // No splat covers 0.3 % of the wall.
+        assert!(inside > 50_000 && wrong * 100 < inside, "{most_points:?}: {wrong} of {inside} pixels");
+    }
+}
+
 #[test]
 fn points_have_the_colours_in_which_the_renderer_shows_them() {
     let mut stage = stage_or_skip!();

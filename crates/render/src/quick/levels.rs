@@ -13,13 +13,21 @@ const MARGIN: usize = 32;
 pub const EMPTY: u64 = u64::MAX;
 
 /// The share of the depth by which splats of a coarser level must be nearer to hide those of a finer one.
-const NEARER: f32 = 0.985;
+pub const NEARER: f32 = 0.985;
+
+/// Neighbours that are nearer than a cell's point by this share of its depth are in front of it.
+pub const IN_FRONT: f32 = 0.98;
+/// So many of the eight neighbours in front make a cell of the finest level a gap in their surface.
+const AROUND_PIXEL: usize = 4;
+/// The same for the other levels, where the points of a surface fill one cell in three at the least.
+const AROUND_CELL: usize = 2;
 
 /// The nearest point of each cell.
 #[derive(Default)]
 pub struct Levels {
     cells: Vec<AtomicU64>,
-    /// The keys with those of gaps.
+    /// The keys of the cells, and those that gaps have taken from their neighbours: to see which are gaps, the cells must
+    /// stay as they are.
     keys: Vec<u64>,
     heights: [usize; LEVELS],
     /// The first cell of each level, and the number of cells in a row of it.
@@ -28,6 +36,28 @@ pub struct Levels {
     size: [u32; 2],
     /// The pixels along each side with the margins.
     reach: [f32; 2],
+}
+
+/// The keys of the nearest points in four directions from a pixel.
+#[derive(Clone, Copy)]
+pub struct Sides {
+    top_left: u64,
+    top_right: u64,
+    bottom_left: u64,
+    bottom_right: u64,
+}
+
+impl Sides {
+    pub const EMPTY: Self = Self { top_left: EMPTY, top_right: EMPTY, bottom_left: EMPTY, bottom_right: EMPTY };
+
+    /// The depth of the nearest surface that may surround the pixel: points that are as near or nearer lie on opposite
+    /// sides of it. On a surface that leads away from the eye, nearer points lie on one side. No number without any.
+    #[inline(always)]
+    pub fn surrounding_depth(self) -> f32 {
+        let falling = self.top_left.max(self.bottom_right);
+        let rising = self.top_right.max(self.bottom_left);
+        depth_of(falling.min(rising))
+    }
 }
 
 /// The key of a point: points that are nearer have lower ones, and of points that are equally near the one with the larger
@@ -60,7 +90,9 @@ impl Levels {
     /// Empties all cells, for a picture of this size.
     pub fn begin(&mut self, size: [u32; 2]) {
         if self.size != size {
-            let cells = size.map(|edge| (edge as usize + 2 * MARGIN).next_multiple_of(1 << (LEVELS - 1)));
+            // `reaching` gives four by four cells of each level.
+            let enough = |edge: u32| (edge as usize + 2 * MARGIN).max(4 << (LEVELS - 1));
+            let cells = size.map(|edge| enough(edge).next_multiple_of(1 << (LEVELS - 1)));
             let mut start = 0;
             for level in 0..LEVELS {
                 (self.starts[level], self.widths[level], self.heights[level]) =
@@ -91,12 +123,13 @@ impl Levels {
         }
     }
 
-    /// Gives cells that see through a gap between others the key of the nearest of those.
+    /// Gives cells that see through a gap between others the key of the nearest of those. The finest level has a cell for
+    /// each pixel, where an outline shows, and wants more of them around.
     pub fn close_gaps(&mut self) {
         for level in 0..LEVELS {
             let (start, width, height) = (self.starts[level], self.widths[level], self.heights[level]);
             let cells = &self.cells[start..start + width * height];
-            let enough = if level == 0 { 4 } else { 2 };
+            let enough = if level == 0 { AROUND_PIXEL } else { AROUND_CELL };
             let row = |(y, keys): (usize, &mut [u64])| {
                 let row = |y: usize| &cells[y * width..(y + 1) * width];
                 let here = row(y);
@@ -106,7 +139,7 @@ impl Levels {
                 let (above, below) = (row(y - 1), row(y + 1));
                 for x in 1..width - 1 {
                     let own = here[x].load(Ordering::Relaxed);
-                    let nearer = if own == EMPTY { EMPTY } else { key_of(depth_of(own) * 0.98, u32::MAX) };
+                    let nearer = if own == EMPTY { EMPTY } else { key_of(depth_of(own) * IN_FRONT, u32::MAX) };
                     let mut count = 0;
                     let mut front = EMPTY;
                     for other in [
@@ -160,6 +193,52 @@ impl Levels {
         let width = self.widths[level];
         let first = self.starts[level] - self.starts[1] + top * width + left;
         [first, first + 1, first + width, first + width + 1]
+    }
+
+    /// The first of four by four cells of a level, whose splats may reach a pixel, among the cells of all levels but the
+    /// finest, and the number of cells in a row: a splat is at most four cells wide. `level` is at least 1.
+    #[inline(always)]
+    pub fn reaching(&self, level: usize, x: usize, y: usize) -> [usize; 2] {
+        let half = 1 << (level - 1);
+        let (width, height) = (self.widths[level], self.heights[level]);
+        // At the border of the pyramid, the nearest four.
+        let first = |at: usize, cells: usize| ((at + MARGIN - half) >> level).clamp(1, cells - 3) - 1;
+        [self.starts[level] - self.starts[1] + first(y, height) * width + first(x, width), width]
+    }
+
+    /// The depth of the point in a cell, which is numbered among those of all levels but the finest. It is no number where
+    /// there is no point.
+    #[inline(always)]
+    pub fn coarse_depth(&self, cell: usize) -> f32 {
+        depth_of(self.cells[self.starts[1] + cell].load(Ordering::Relaxed))
+    }
+
+    /// Takes in the nearest points of a level around a pixel whose splats may reach it. `level` is at least 1.
+    #[inline(always)]
+    pub fn look_around(&self, level: usize, x: usize, y: usize, mut sides: Sides) -> Sides {
+        let [first, width] = self.reaching(level, x, y);
+        let two = |cell: usize| {
+            let [left, right] = [&self.cells[cell], &self.cells[cell + 1]];
+            left.load(Ordering::Relaxed).min(right.load(Ordering::Relaxed))
+        };
+        let quarter = |cell: usize| two(cell).min(two(cell + width));
+        let top = self.starts[1] + first;
+        let bottom = top + 2 * width;
+        let (mut above, mut below) = ([quarter(top), quarter(top + 2)], [quarter(bottom), quarter(bottom + 2)]);
+        // Beside the picture there may be as much as on the other side.
+        let reach = 2 << level;
+        if x < reach || x + reach > self.size[0] as usize {
+            (above, below) = ([above[0].min(above[1]); 2], [below[0].min(below[1]); 2]);
+        }
+        if y < reach || y + reach > self.size[1] as usize {
+            above = [above[0].min(below[0]), above[1].min(below[1])];
+            below = above;
+        }
+        sides.top_left = sides.top_left.min(above[0]);
+        sides.top_right = sides.top_right.min(above[1]);
+        sides.bottom_left = sides.bottom_left.min(below[0]);
+        sides.bottom_right = sides.bottom_right.min(below[1]);
+        sides
     }
 
     /// The keys of the cells of all levels but the finest.

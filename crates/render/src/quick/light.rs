@@ -159,8 +159,8 @@ impl<'a> Before<'a> {
         let camera = &self.known.camera;
         let scale = camera.focal_pixels as f32 / if camera.orthographic { 1.0 } else { place.z };
         let (x, y) = (self.half[0] + place.x * scale, self.half[1] - place.y * scale);
-        let [width, height] = self.known.size.map(|edge| edge as f32);
-        (place.z > 0.0 && x >= 0.0 && y >= 0.0 && x < width && y < height).then_some((x, y, place.z))
+        let [width, height] = self.known.size;
+        (place.z > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32).then_some((x, y, place.z))
     }
 
     /// What is known at a pixel of the picture before, if it shows the surface at this depth.

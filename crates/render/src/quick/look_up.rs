@@ -5,7 +5,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use scene::Settings;
 
-use super::levels::{EMPTY, LEVELS, Levels, depth_of, identity_of};
+use super::levels::{EMPTY, IN_FRONT, LEVELS, Levels, NEARER, Sides, depth_of, identity_of};
 use super::light::{self, Known, Lit};
 use super::splat::{MIRROR, Piece, View};
 use crate::frame::FrameCamera;
@@ -118,7 +118,7 @@ const TILE: usize = 8;
 const TILE_LEVEL: usize = 3;
 
 impl Scene<'_> {
-    /// Finds the depths and the colours of the pixels of a tile, row by row.
+    /// Finds the depths and the colours of the pixels of a tile.
     #[inline(always)]
     fn tile(&self, left: usize, top: usize, mut put: impl FnMut(usize, usize, f32, [u8; 4])) {
         let [width, height] = self.view.size.map(|edge| edge as usize);
@@ -126,26 +126,65 @@ impl Scene<'_> {
         for level in (TILE_LEVEL..LEVELS).rev() {
             whole = Levels::nearer(whole, self.levels.key(level, left, top), level);
         }
+        let mut around_all = Sides::EMPTY;
+        for level in TILE_LEVEL + 1..LEVELS {
+            around_all = self.levels.look_around(level, left, top, around_all);
+        }
         for (y, x) in (0..TILE).step_by(4).flat_map(|y| [(y, 0), (y, 4)]) {
             let (x, y) = (left + x, top + y);
             if x >= width || y >= height {
                 continue;
             }
             let quarter = Levels::nearer(whole, self.levels.key(2, x, y), 2);
+            let around_quarter = self.levels.look_around(TILE_LEVEL, x, y, around_all);
             for (y, x) in [(y, x), (y, x + 2), (y + 2, x), (y + 2, x + 2)] {
                 if x >= width || y >= height {
                     continue;
                 }
                 let four = Levels::nearer(quarter, self.levels.key(1, x, y), 1);
+                let around = self.levels.look_around(2, x, y, around_quarter).surrounding_depth();
                 for (y, x) in [(y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1)] {
                     if x < width && y < height {
                         let (key, level) = Levels::nearer(four, self.levels.key(0, x, y), 0);
-                        let (depth, color) = self.pixel(x, y, key, level);
-                        put(x, y, depth, color);
+                        let mut seen = self.pixel(x, y, key, level);
+                        // The depth is no number where nothing is around.
+                        if around < seen.0 * NEARER {
+                            seen = self.before(x, y, seen);
+                        }
+                        put(x, y, seen.0, seen.1);
                     }
                 }
             }
         }
+    }
+
+    /// What a pixel shows of splats before what was found at first. Near the border of two levels each has half of the
+    /// splats of a surface, and the four cells around the pixel may have none of those that cover it.
+    fn before(&self, x: usize, y: usize, mut seen: (f32, [u8; 4])) -> (f32, [u8; 4]) {
+        let slope = self.view.slope(x as f32 + 0.5, y as f32 + 0.5);
+        for level in 1..LEVELS {
+            let nearer = seen.0 * NEARER;
+            let [first, width] = self.levels.reaching(level, x, y);
+            let covers = |place: usize| {
+                let (depth, square) = self.discs[place].meet(slope, self.view);
+                square <= 1.0 && depth > self.view.near && depth < nearer
+            };
+            let mut is_covered = false;
+            for row in 0..4 {
+                let start = first + row * width;
+                for place in start..start + 4 {
+                    is_covered |= self.levels.coarse_depth(place) < nearer && covers(place);
+                }
+            }
+            if is_covered {
+                let mut places = [first; 16];
+                for (number, place) in places.iter_mut().enumerate() {
+                    *place += number / 4 * width + number % 4;
+                }
+                seen = self.blend(places, x, y, 1.0).unwrap_or(seen);
+            }
+        }
+        seen
     }
 
     /// The depth and the colour of a pixel with this nearest key; an infinite depth where nothing is seen.
@@ -158,7 +197,7 @@ impl Scene<'_> {
             let (piece, index) = self.found.point(key);
             return (depth_of(key), piece.color(index));
         }
-        if let Some(seen) = self.blend(level, x, y, GAP) {
+        if let Some(seen) = self.blend(self.levels.around(level, x, y), x, y, GAP) {
             return seen;
         }
         let seen = self.behind(x, y, 1 << level);
@@ -166,7 +205,7 @@ impl Scene<'_> {
             return seen;
         }
         // Of a surface that is seen along its plane, a cell keeps the point at its near end.
-        self.blend(level, x, y, WIDE_GAP).unwrap_or_else(|| {
+        self.blend(self.levels.around(level, x, y), x, y, WIDE_GAP).unwrap_or_else(|| {
             let (piece, index) = self.found.point(key);
             (depth_of(key), piece.color(index))
         })
@@ -183,25 +222,30 @@ impl Scene<'_> {
             if level == 0 || key == EMPTY {
                 return self.pixel(x, y, key, 0);
             }
-            if let Some(seen) = self.blend(level, x, y, GAP) {
+            if let Some(seen) = self.blend(self.levels.around(level, x, y), x, y, GAP) {
                 return seen;
             }
             skipped |= 1 << level;
         }
     }
 
-    /// The mean of the splats of a level that cover a pixel, or the nearest one if the pixel is at most `gap` radii from its
-    /// middle; `None` if there is none.
+    /// The mean of the splats at these places that cover a pixel, or the nearest one if the pixel is at most `gap` radii
+    /// from its middle; `None` if there is none.
     #[inline(always)]
-    fn blend(&self, level: usize, x: usize, y: usize, gap: f32) -> Option<(f32, [u8; 4])> {
+    fn blend<const PLACES: usize>(
+        &self,
+        places: [usize; PLACES],
+        x: usize,
+        y: usize,
+        gap: f32,
+    ) -> Option<(f32, [u8; 4])> {
         let slope = self.view.slope(x as f32 + 0.5, y as f32 + 0.5);
-        let [a, b, c, d] = self.levels.around(level, x, y);
-        let discs = [&self.discs[a], &self.discs[b], &self.discs[c], &self.discs[d]];
-        let mut met = [(f32::INFINITY, f32::INFINITY); 4];
+        let disc = |place: usize| &self.discs[places[place]];
+        let mut met = [(f32::INFINITY, f32::INFINITY); PLACES];
         let mut front = f32::INFINITY;
         let mut nearest = (f32::INFINITY, 0);
-        for place in 0..4 {
-            let (depth, square) = discs[place].meet(slope, self.view);
+        for place in 0..PLACES {
+            let (depth, square) = disc(place).meet(slope, self.view);
             // A plane through the eye meets no line of sight. Neither does the disc of an empty cell.
             if !(square < f32::INFINITY && depth > self.view.near) {
                 continue;
@@ -216,24 +260,24 @@ impl Scene<'_> {
         }
         if front == f32::INFINITY {
             let is_gap = nearest.0 <= gap * gap;
-            return is_gap.then(|| (met[nearest.1].0, discs[nearest.1].color));
+            return is_gap.then(|| (met[nearest.1].0, disc(nearest.1).color));
         }
         let (mut sum, mut weights, mut depths) = (Vec3::ZERO, 0.0, 0.0);
         // A mirror's colour is not mixed with that of what it stands on.
-        let kind = discs[nearest.1].color[3];
-        for place in 0..4 {
+        let kind = disc(nearest.1).color[3];
+        for place in 0..PLACES {
             let (depth, square) = met[place];
-            let is_alike = discs[place].color[3] == kind;
+            let is_alike = disc(place).color[3] == kind;
             if square <= 1.0 && depth <= front * SAME_SURFACE && is_alike {
                 let weight = 1.001 - square;
-                let [red, green, blue, _] = discs[place].color;
+                let [red, green, blue, _] = disc(place).color;
                 sum += weight * Vec3::new(f32::from(red), f32::from(green), f32::from(blue));
                 weights += weight;
                 depths += weight * depth;
             }
         }
         if weights == 0.0 {
-            return Some((met[nearest.1].0, discs[nearest.1].color));
+            return Some((met[nearest.1].0, disc(nearest.1).color));
         }
         let inverse = 1.0 / weights;
         let color = sum * inverse + 0.5;
@@ -336,8 +380,6 @@ const OFFSET: f32 = 0.055 * 255.0;
 const ALONG_PLANE: f32 = 0.3;
 /// The strength of eye-dome lighting over that in a picture at rest, which has smoother depths: the means of many points.
 const OF_STILL: f32 = 0.8;
-/// Neighbours that are nearer than a pixel by this share of its depth are in front of it.
-const IN_FRONT: f32 = 0.98;
 /// So many of the eight neighbours in front make a pixel a gap in their surface.
 const ENOUGH: u32 = 5;
 
