@@ -43,40 +43,47 @@ impl Confines {
     pub fn lets(&self, from: DVec3, to: DVec3, up: DVec3) -> bool {
         let is_above = |ground: f64| to.dot(up) >= (ground + ABOVE_GROUND).min(from.dot(up)) - 1e-9;
         let way = to - from;
-        let passes = |wall: &[DVec3; 3]| crossing(wall, from, way).is_some_and(|share| share <= 1.0);
+        let passes = |wall: &[DVec3; 3]| Wall::new(wall, from).crossing(way, 0.0, 1.0).is_some();
         self.ground.is_none_or(is_above)
             && !self.walls.iter().any(passes)
             && self.rooms().is_none_or(|rooms| !rooms.contains(from) || rooms.contains(to))
     }
 
-    /// How far one can go from `center` in a direction, a unit vector, at most `most`. `None` if the centre is not in
-    /// free space and none is near.
-    fn free(&self, center: DVec3, direction: DVec3, most: f64) -> Option<f64> {
-        // A centre is on a surface: what is closer than this is that surface.
-        let hits = self.walls.iter().filter_map(|wall| crossing(wall, center, direction));
-        let nearest = hits.filter(|distance| *distance > most * 1e-3).fold(most, f64::min);
-        let Some(rooms) = self.rooms() else { return Some(nearest) };
-        let mut places = (1..=PLACES).map(|place| most * f64::from(place) / f64::from(PLACES));
-        let is_free = |distance: &f64| rooms.contains(center + direction * *distance);
-        let first = places.by_ref().find(is_free)?;
-        Some(places.take_while(is_free).last().unwrap_or(first))
-    }
-
-    /// How far an eye that orbits `center` may be from it: `most`, or less near what would come between.
+    /// How far an eye that orbits `center` may be from it: `most`, or less near what would come between. `None` if the
+    /// centre is not in free space and none is near.
     pub fn arm(&self, center: DVec3, eye: DVec3, up: DVec3) -> Option<f64> {
         let most = center.distance(eye);
         let back = (eye - center).try_normalize().filter(|_| !self.walls.is_empty() || self.rooms().is_some())?;
         let side = back.cross(up).try_normalize()?;
+        // The least angle to a wall tells how near it must be.
+        let matters = |wall: &Wall| {
+            let angle = wall.middle.angle_between(back) - (wall.radius / wall.middle.length()).min(1.0).asin();
+            wall.distance < most * (1.0 + MARGIN - angle.max(0.0) * SLOPE).min(1.0)
+        };
+        let walls = self.walls.iter().map(|wall| Wall::new(wall, center));
+        let mut walls: Vec<Wall> = walls.filter(matters).collect();
+        walls.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance));
+        // A centre is on a surface: what is closer than this is that surface.
+        let least = most * 1e-3;
+        let turns: Vec<(i32, DQuat)> =
+            (-STEPS[0]..=STEPS[0]).map(|turn| (turn, DQuat::from_axis_angle(up, f64::from(turn) * STEP))).collect();
         let mut arm = most;
         for rise in -STEPS[1]..=STEPS[1] {
             let risen = DQuat::from_axis_angle(side, f64::from(rise) * STEP) * back;
-            for turn in -STEPS[0]..=STEPS[0] {
-                let angle = f64::from(turn).hypot(f64::from(rise)) * STEP;
+            for (turn, turned) in &turns {
+                let slack = f64::from(turn * turn + rise * rise).sqrt() * STEP * SLOPE * most - most * MARGIN;
                 // Farther obstacles than this shorten nothing.
-                if angle * SLOPE < 1.0 {
-                    let free = self.free(center, DQuat::from_axis_angle(up, f64::from(turn) * STEP) * risen, most)?;
-                    let kept = if free < most { free - most * MARGIN } else { most };
-                    arm = arm.min(kept + angle * SLOPE * most);
+                let limit = (arm - slack).min(most);
+                let direction = *turned * risen;
+                let free = match self.rooms() {
+                    Some(rooms) => free_way(rooms, center, direction, most)?,
+                    None => {
+                        let near = walls.iter().take_while(|wall| wall.distance < limit);
+                        near.fold(limit, |free, wall| wall.crossing(direction, least, free).unwrap_or(free))
+                    }
+                };
+                if free < limit {
+                    arm = free + slack;
                 }
             }
         }
@@ -84,11 +91,49 @@ impl Confines {
     }
 }
 
-/// Where a line meets a wall: at `from + way * share`, with a positive share.
-fn crossing([corner, u, v]: &[DVec3; 3], from: DVec3, way: DVec3) -> Option<f64> {
-    let normal = u.cross(*v);
-    let share = normal.dot(*corner - from) / normal.dot(way);
-    let at = from + way * share - *corner;
-    let is_within = |edge: &DVec3| (0.0..=1.0).contains(&(at.dot(*edge) / edge.length_squared()));
-    (share.is_finite() && share > 0.0 && is_within(u) && is_within(v)).then_some(share)
+/// How far one can go from `center` in a direction, a unit vector, at most `most`. `None` if the centre is not in free
+/// space and none is near.
+fn free_way(rooms: &Interior, center: DVec3, direction: DVec3, most: f64) -> Option<f64> {
+    let mut places = (1..=PLACES).map(|place| most * f64::from(place) / f64::from(PLACES));
+    let is_free = |distance: &f64| rooms.contains(center + direction * *distance);
+    let first = places.by_ref().find(is_free)?;
+    Some(places.take_while(is_free).last().unwrap_or(first))
+}
+
+/// A wall as seen from a place.
+struct Wall {
+    normal: DVec3,
+    /// The product of the normal with the way from the place to the wall's plane.
+    offset: f64,
+    /// The corner, relative to the place.
+    corner: DVec3,
+    /// The two edges over the squares of their lengths.
+    edges: [DVec3; 2],
+    /// The middle, relative to the place, and how far the corners are from it.
+    middle: DVec3,
+    radius: f64,
+    /// The wall is at least so far from the place.
+    distance: f64,
+}
+
+impl Wall {
+    fn new([corner, u, v]: &[DVec3; 3], from: DVec3) -> Self {
+        let (normal, corner) = (u.cross(*v), *corner - from);
+        let (offset, edges) = (normal.dot(corner), [u, v].map(|edge| *edge / edge.length_squared()));
+        let (middle, radius) = (corner + (*u + *v) * 0.5, u.distance(*v).max((*u + *v).length()) * 0.5);
+        let distance = (offset.abs() / normal.length()).max(middle.length() - radius);
+        Self { normal, offset, corner, edges, middle, radius, distance }
+    }
+
+    /// Where a line from the place meets the wall: at `way * share`, if the share is between two others.
+    #[inline]
+    fn crossing(&self, way: DVec3, low: f64, high: f64) -> Option<f64> {
+        let share = self.offset / self.normal.dot(way);
+        if !(share > low && share < high) {
+            return None;
+        }
+        let at = way * share - self.corner;
+        let is_within = |edge: DVec3| (0.0..=1.0).contains(&at.dot(edge));
+        (is_within(self.edges[0]) && is_within(self.edges[1])).then_some(share)
+    }
 }

@@ -32,7 +32,7 @@ use crate::viewer::objects::posed::Posed;
 use crate::viewer::objects::{
     ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, PlacedMeasurement, PlacedNote, spot, unnamed,
 };
-use crate::viewer::picture::render_thread::{Command, PickPurpose};
+use crate::viewer::picture::messages::{Command, PickPurpose};
 use crate::viewer::requests::action::{Action, Mode};
 use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::requests::messages::Level;

@@ -5,8 +5,8 @@ use scene::Camera;
 
 use crate::viewer::scene::confines::Confines;
 
-/// The number of halvings that find how far a drag may go: to a thousandth of it.
-const HALVINGS: u32 = 10;
+/// The number of halvings that find how far a move of the mouse may go: to a thirtieth of it.
+const HALVINGS: u32 = 5;
 
 /// What a drag turns.
 #[derive(Clone, Copy, Debug, PartialEq)]

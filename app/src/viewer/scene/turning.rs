@@ -91,8 +91,8 @@ impl Scene {
             _ => None,
         };
         // A key turns as a drag does that begins with it.
-        let of_key = if self.is_in_room() { Turn::Head } else { Turn::About(self.orbit(None)) };
-        let turn = turn.unwrap_or(of_key);
+        let of_key = || if self.is_in_room() { Turn::Head } else { Turn::About(self.orbit(None)) };
+        let turn = turn.unwrap_or_else(of_key);
         match (drag, turn) {
             (Action::Pan(_), _) => self.pan(*delta),
             (Action::Look(_), _) | (_, Turn::Head) => self.camera.look(angles.x, angles.y),
