@@ -9,7 +9,8 @@ use render::Gpu;
 
 use crate::viewer::interface;
 use crate::viewer::jobs::sweep_files::SweepResult;
-use crate::viewer::picture::render_thread::{Command, RenderThread, Report};
+use crate::viewer::picture::messages::{Command, Report};
+use crate::viewer::picture::render_thread::RenderThread;
 use crate::viewer::requests::action::Action;
 use crate::viewer::requests::outside::Effect;
 use crate::viewer::requests::preferences::Preferences;

@@ -323,7 +323,7 @@ mod tests {
     use crate::viewer::bench::Bench;
     use crate::viewer::look::tab::Tab;
     use crate::viewer::panels::side::OWN_PANELS;
-    use crate::viewer::picture::render_thread::Report;
+    use crate::viewer::picture::messages::Report;
     use crate::viewer::requests::action::Measuring;
     use crate::viewer::requests::outside::{Asked, Effect};
     use crate::viewer::requests::preferences::Preferences;

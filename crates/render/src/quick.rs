@@ -15,6 +15,7 @@ mod splat;
 use std::sync::Arc;
 use std::time::Instant;
 
+use rayon::ThreadPool;
 use scene::{Camera, Settings};
 
 use crate::frame::FrameCamera;
@@ -34,13 +35,23 @@ use look_up::Pixels;
 use splat::{Piece, View};
 
 /// Draws quick pictures.
-#[derive(Default)]
 pub struct QuickPicture {
+    /// Threads for these pictures alone, which do not wait for what is read, decoded or compiled on the others; `None` if
+    /// the system has none left.
+    threads: Option<ThreadPool>,
     levels: Levels,
     pixels: Pixels,
     /// The size and the identities of the last picture.
     size: [u32; 2],
     drawn: Arc<Identities>,
+}
+
+impl Default for QuickPicture {
+    fn default() -> Self {
+        let threads = rayon::ThreadPoolBuilder::new().thread_name(|_| "quick picture".into()).build().ok();
+        let (levels, pixels, size, drawn) = Default::default();
+        Self { threads, levels, pixels, size, drawn }
+    }
 }
 
 /// How coarse a quick picture is.
@@ -56,6 +67,26 @@ impl QuickPicture {
     /// Draws a picture of `size` pixels of the points that `camera` sees. They are lit as `known` says, or show their own
     /// colours, and mirrors show what it says, or black.
     pub fn draw(
+        &mut self,
+        store: &PointStore,
+        camera: &Camera,
+        settings: &Settings,
+        size: [u32; 2],
+        detail: Detail,
+        known: Known<'_>,
+    ) -> FrameStats {
+        let threads = self.threads.take();
+        let mut draw = || self.draw_here(store, camera, settings, size, detail, known);
+        let stats = match &threads {
+            Some(threads) => threads.install(draw),
+            None => draw(),
+        };
+        self.threads = threads;
+        stats
+    }
+
+    /// Draws on the threads on which it is called.
+    fn draw_here(
         &mut self,
         store: &PointStore,
         camera: &Camera,

@@ -4,7 +4,8 @@ use scene::{Bookmark, Camera};
 use serde_json::json;
 
 use crate::viewer::objects::numbered;
-use crate::viewer::picture::render_thread::{Command, FrameRequest, Picture};
+use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::messages::{Command, Picture};
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::Scene;
 use crate::viewer::truth::view;

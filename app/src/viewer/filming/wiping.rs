@@ -9,7 +9,8 @@ use serde_json::json;
 use study::TracedScene;
 
 use crate::viewer::jobs::tasks::{Answer, Kind, SceneKey, Task};
-use crate::viewer::picture::render_thread::{Command, FrameRequest, Report};
+use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::messages::{Command, Report};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::work::Work;

@@ -11,7 +11,8 @@ use study::cost::{Costs, Slowest};
 use study::{Choice, CostModel, Target};
 
 use crate::system::costs;
-use crate::viewer::picture::render_thread::{Command, FrameRequest};
+use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::messages::Command;
 use crate::viewer::requests::outside::Outside;
 
 /// The time for which the picture stands still before settings are chosen for it: choosing draws many frames.

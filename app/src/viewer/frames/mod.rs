@@ -11,9 +11,9 @@ use cloud::Progress;
 use render::FrameStats;
 use serde_json::{Value, json};
 
+use crate::viewer::picture::frame_request::{FrameRequest, hurried};
+use crate::viewer::picture::messages::Command;
 use crate::viewer::picture::pace::{Haste, QuickPace, Spared};
-use crate::viewer::picture::render_thread;
-use crate::viewer::picture::render_thread::{Command, FrameRequest};
 use crate::viewer::requests::outside::Outside;
 
 /// The shortest time between two frames while points are loaded. Each frame takes time from reading, so a frame is
@@ -150,9 +150,10 @@ impl Frames {
         self.shown.is_none() && self.under_way > 0
     }
 
-    /// Returns true if frames in full quality take too long to steer the camera by.
+    /// Returns true if frames in full quality take too long to steer the camera by. Where there are quick pictures they
+    /// do until one is drawn.
     pub fn is_slow(&self) -> bool {
-        self.careful_milliseconds > TOO_LONG
+        self.careful_milliseconds > TOO_LONG || self.careful_milliseconds == 0.0 && self.moves_quickly
     }
 
     /// Returns true if a frame in full quality, which something else is about to replace, would hold that up. Until one
@@ -192,7 +193,7 @@ impl Frames {
             self.first_still(wanted.size).filter(|_| !is_recorded)
         };
         if !is_recorded && (self.shown.is_none() || is_passing) || is_moving || spared.is_some() {
-            let settings = render_thread::hurried(&wanted.settings, a_mirror_is_dragged);
+            let settings = hurried(&wanted.settings, a_mirror_is_dragged);
             wanted.spared = spared.filter(|spared| *spared != Spared::NOTHING);
             // While something moves, light of earlier frames is taken over.
             wanted.hurried = is_moving || settings != wanted.settings || wanted.spared.is_some();

@@ -14,7 +14,7 @@ use world::{CloudKey, Part};
 use crate::shared::profile_chart::{self, AxisUnits, Dot, Series, colors_of};
 use crate::shared::profiles;
 use crate::viewer::objects::ObjectId;
-use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::picture::messages::PickedPoint;
 
 /// The most points of a profile that are kept: 56 MB. Of more, evenly many are left out.
 pub const MOST_KEPT: usize = 1_000_000;

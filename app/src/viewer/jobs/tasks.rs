@@ -14,7 +14,7 @@ use world::mirrors::{self, Marked};
 
 use crate::viewer::jobs::contact_sheet;
 use crate::viewer::objects::clouds::{CloudEntry, Samples};
-use crate::viewer::picture::render_thread::FrameRequest;
+use crate::viewer::picture::frame_request::FrameRequest;
 
 /// What a traced scene depends on: the points, their colours, and the size of splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -484,7 +484,7 @@ mod tests {
     use scene::{Method, Quality};
 
     use super::*;
-    use crate::viewer::picture::render_thread::hurried;
+    use crate::viewer::picture::frame_request::hurried;
 
     #[test]
     fn how_the_renderer_finds_things_does_not_change_the_truth_and_what_is_seen_does() {

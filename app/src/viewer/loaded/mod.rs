@@ -25,7 +25,7 @@ use crate::viewer::jobs::comparisons::Comparisons;
 use crate::viewer::objects::clouds::{CloudEntry, JobEntry, Samples};
 use crate::viewer::objects::inspection::Inspection;
 use crate::viewer::objects::{ObjectId, Objects};
-use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::picture::messages::PickedPoint;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::preferences::Preferences;
 use crate::viewer::scene::Scene;

@@ -273,7 +273,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::objects::Marking;
-    use crate::viewer::picture::render_thread::{Command, PickPurpose, PickedPoint, Report};
+    use crate::viewer::picture::messages::{Command, PickPurpose, PickedPoint, Report};
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::preferences::Preferences;
     use crate::viewer::requests::work::Found;

@@ -212,7 +212,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::loaded::Loaded;
-    use crate::viewer::picture::render_thread::Command;
+    use crate::viewer::picture::messages::Command;
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::work::{Found, Work};
 

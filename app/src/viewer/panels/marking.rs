@@ -208,7 +208,7 @@ mod tests {
     use super::*;
     use crate::viewer::loaded::Loaded;
     use crate::viewer::objects::figures::{Basis, Figures};
-    use crate::viewer::picture::render_thread::Command;
+    use crate::viewer::picture::messages::Command;
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::preferences::Preferences;
     use crate::viewer::requests::work::{Found, Work};

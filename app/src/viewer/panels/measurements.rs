@@ -268,7 +268,7 @@ mod tests {
     use super::*;
     use crate::overlays::lens::Lens;
     use crate::viewer::bench::Bench;
-    use crate::viewer::picture::render_thread::{PickPurpose, PickedPoint, Report};
+    use crate::viewer::picture::messages::{PickPurpose, PickedPoint, Report};
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::tools::measurements::Placing;
 

@@ -85,7 +85,7 @@ mod tests {
     use world::{CloudKey, Part};
 
     use super::*;
-    use crate::viewer::picture::render_thread::PickedPoint;
+    use crate::viewer::picture::messages::PickedPoint;
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::pick::Pick;
     use crate::viewer::requests::preferences::Preferences;

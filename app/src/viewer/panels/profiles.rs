@@ -369,7 +369,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::jobs::slices::ProfileWork;
-    use crate::viewer::picture::render_thread::{PickPurpose, PickedPoint, Report};
+    use crate::viewer::picture::messages::{PickPurpose, PickedPoint, Report};
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::work::Work;
 

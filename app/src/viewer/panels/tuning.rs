@@ -7,7 +7,7 @@ use study::Accuracy;
 
 use crate::viewer::jobs::study_file::STUDY;
 use crate::viewer::look::theme;
-use crate::viewer::picture::render_thread::FrameRequest;
+use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::requests::action::Action;
 use crate::viewer::session::Session;
 use crate::viewer::truth::tuning::{Trial, Tuning, medians, series};

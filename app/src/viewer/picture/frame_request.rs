@@ -47,7 +47,17 @@ impl FrameRequest {
     pub fn drawn_size(&self) -> [u32; 2] {
         self.spared.unwrap_or(Spared::NOTHING).size(self.size)
     }
+
+    /// The pixel of the drawn picture at a pixel of the window, and the distance in pixels within which a point counts as
+    /// picked.
+    pub fn picked(&self, pixel: [u32; 2]) -> ([u32; 2], u32) {
+        let divisor = self.spared.unwrap_or(Spared::NOTHING).divisor;
+        (pixel.map(|place| place / divisor), PICK_RADIUS.div_ceil(divisor))
+    }
 }
+
+/// A point counts as picked within this many pixels of the cursor: a mouse is about as precise as a fingertip.
+const PICK_RADIUS: u32 = 6;
 
 /// The settings for a hurried frame: one point for each pixel, and mirrors that show no further mirrors. A mirror that
 /// is being dragged is drawn by its formula, because its points are made later.

@@ -4,10 +4,12 @@
 use std::time::{Duration, Instant};
 
 use cloud::PointTest;
-use render::{Detail, FrameStats, Gpu, Known, KnownLight, Picked, PictureRows, PointStore, QuickPicture, Renderer};
+use render::{Detail, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture, Renderer};
 use scene::{LightClues, LightView, Lighting, Mirror, Settings, Show, SpotLight, Tone};
+use world::Resident;
 
 use crate::viewer::picture::frame_request::{FrameRequest, hurried};
+use crate::viewer::picture::messages::PickedPoint;
 use crate::viewer::picture::pace::Spared;
 
 #[derive(Default)]
@@ -16,8 +18,8 @@ pub struct MovingPictures {
     /// The light of the last picture at rest.
     light: Option<(LightInputs, KnownLight)>,
     mirrors: Option<Reflections>,
-    /// The mirrors of the last picture at rest: their points stand where they stood there.
-    stand: Vec<Mirror>,
+    /// The mirrors of the last picture at rest, if there was one: their points stand where they stood there.
+    stand: Option<Vec<Mirror>>,
     /// Whether the picture in the window is a quick one.
     pub is_shown: bool,
 }
@@ -84,13 +86,19 @@ impl MovingPictures {
     fn can_draw(&self, gpu: &Gpu, request: &FrameRequest) -> bool {
         let settings = &request.settings;
         let is_picture = settings.light.show == LightView::Picture && settings.reflection.show == Show::Picture;
-        gpu.is_processor() && is_picture && request.mirrors == self.stand
+        let stand = self.stand.as_ref().is_none_or(|stand| *stand == request.mirrors);
+        gpu.is_processor() && is_picture && stand
+    }
+
+    /// Whether mirrors reflect in quick pictures. The first ones come before the renderer has drawn anything.
+    fn reflects(&self, store: &PointStore, request: &FrameRequest) -> bool {
+        self.stand.is_some() && (!request.mirrors.is_empty() || store.has_mirrors())
     }
 
     /// The coarse frame that the renderer must draw, and `keep_mirrors` be told, before a hurried frame can be a quick
     /// picture; `None` if it needs none, or cannot be one.
     pub fn lacks(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
-        let reflects = !request.mirrors.is_empty() || store.has_mirrors();
+        let reflects = self.reflects(store, request);
         if !reflects || !self.can_draw(gpu, request) || reflections(self.mirrors.as_ref(), request).is_some() {
             return None;
         }
@@ -100,10 +108,11 @@ impl MovingPictures {
     }
 
     /// Draws a hurried frame, if the adapter is a processor, and the light on the points and what mirrors show is known.
+    /// Before the first picture at rest, points show their own colours and mirrors are black.
     pub fn draw(&mut self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<(FrameStats, PictureRows)> {
-        let FrameRequest { camera, settings, mirrors, .. } = request;
+        let FrameRequest { camera, settings, .. } = request;
         self.is_shown = false;
-        let reflects = !mirrors.is_empty() || store.has_mirrors();
+        let reflects = self.reflects(store, request);
         let mirrors = reflections(self.mirrors.as_ref(), request).filter(|_| reflects);
         if !self.can_draw(gpu, request) || reflects && mirrors.is_none() {
             return None;
@@ -112,7 +121,7 @@ impl MovingPictures {
         let inputs = LightInputs::new(request);
         let known = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| light).or(mirrors);
         let light = known.filter(|_| !is_unlit(request));
-        if light.is_none() && !is_unlit(request) {
+        if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
         }
         let Spared { divisor, most_points } = request.spared.unwrap_or(Spared::NOTHING);
@@ -140,15 +149,16 @@ impl MovingPictures {
     pub fn keep_light(&mut self, gpu: &Gpu, renderer: &Renderer, request: &FrameRequest) -> render::Result<()> {
         self.is_shown = false;
         self.light = None;
-        self.stand = request.mirrors.clone();
+        self.stand = Some(request.mirrors.clone());
         if gpu.is_processor() && !is_unlit(request) {
             self.light = Some((LightInputs::new(request), renderer.known_light(&request.settings)?));
         }
         Ok(())
     }
 
-    /// The point near a pixel of the picture in the window, which must be a quick one.
-    pub fn pick(&self, store: &PointStore, pixel: [u32; 2], radius: u32) -> Option<Picked> {
-        self.quick.pick(store, pixel, radius)
+    /// The point near a pixel of the frame in the window, if that is a quick picture.
+    pub fn pick(&self, resident: &Resident, shown: Option<&FrameRequest>, pixel: [u32; 2]) -> Option<PickedPoint> {
+        let (drawn, radius) = shown.filter(|_| self.is_shown)?.picked(pixel);
+        PickedPoint::new(resident, self.quick.pick(&resident.store, drawn, radius)?)
     }
 }

@@ -3,7 +3,7 @@
 
 use render::FrameStats;
 
-use crate::viewer::picture::render_thread::FrameRequest;
+use crate::viewer::picture::frame_request::FrameRequest;
 
 /// Divides a budget among clouds. Each demand is the share that the cloud would use if it were the only one. Clouds
 /// that need little get what they need, and the others share the rest evenly. What nobody needs is added evenly to all.

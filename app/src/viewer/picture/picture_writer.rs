@@ -9,7 +9,7 @@ use std::time::Instant;
 use render::{FrameStats, Gpu, PictureRows};
 
 use crate::viewer::picture::frame_request::FrameRequest;
-use crate::viewer::picture::render_thread::{Frame, Report};
+use crate::viewer::picture::messages::{Frame, Report};
 use crate::viewer::picture::window_texture::picture_texture;
 
 /// What the render thread hands over.

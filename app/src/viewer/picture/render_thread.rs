@@ -7,7 +7,7 @@
 //! picture into a texture of the window's device (picture_writer.rs). The window's next frame shows it, either whole or
 //! not at all.
 
-use std::path::PathBuf;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
@@ -15,162 +15,19 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use cloud::{PointTest, Progress};
-use glam::DVec3;
-use render::{Aov, AovImage, FrameStats, Gpu, IsGivenUp, LightReuse, Objects, PictureRows, Renderer};
-use scene::{Camera, Settings};
+use render::{FrameStats, Gpu, IsGivenUp, LightReuse, Objects, PictureRows, Renderer};
+use scene::Settings;
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
-use world::{Change, ChunkKey, Resident};
+use world::{Change, Resident};
 
-use crate::overlays::{self, Facts};
+use crate::overlays;
 use crate::system::picture_file;
-pub use crate::viewer::picture::frame_request::{FrameRequest, hurried};
+use crate::viewer::picture::beginning::Beginning;
+use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::judging::{self, MovingJudge};
+use crate::viewer::picture::messages::{Captured, Command, PickedPoint, Picture, Report};
 use crate::viewer::picture::moving::MovingPictures;
 use crate::viewer::picture::picture_writer::{self, DrawnFrame, Finished};
-use crate::viewer::picture::under_way::Pass;
-
-/// What a picked point is used for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PickPurpose {
-    /// The coordinates in the status bar, and the point to zoom toward.
-    Hover,
-    Select,
-    Pivot,
-    /// The next point of a measurement.
-    Corner,
-}
-
-pub enum Command {
-    /// A change of the points or of how they are shown.
-    Change(Change),
-    /// All commands for a chunk have been sent. Dropping the pass marks the chunk as received.
-    Arrived(Pass),
-    Frame(Box<FrameRequest>),
-    /// The window has another device from now on, because the one before was lost: its picture is drawn again.
-    ShowOn(Arc<Gpu>),
-    Pick {
-        pixel: [u32; 2],
-        purpose: PickPurpose,
-    },
-    /// Writes a picture as a PNG file. The frame is drawn first unless it is the last one that was drawn.
-    Save {
-        request: Box<FrameRequest>,
-        path: PathBuf,
-        /// What the overlays tell that are drawn over it.
-        facts: Box<Facts>,
-    },
-    /// Hands over a picture and float images of it. The frame is drawn first unless it is the last one that was drawn.
-    Read {
-        request: Box<FrameRequest>,
-        images: Vec<Aov>,
-    },
-    /// Captures the images that the ray tracer needs to judge a frame; positions are relative to `origin`.
-    Capture {
-        request: Box<FrameRequest>,
-        origin: DVec3,
-    },
-    /// Lets `auto` choose settings for the view of a frame.
-    Choose {
-        request: Box<FrameRequest>,
-        target: Target,
-        model: Box<CostModel>,
-    },
-    /// Draws a frame from scratch to measure its times.
-    Measure(Box<FrameRequest>),
-    /// Judges the frame in the window at some hundred random pixels, which `seed` decides.
-    Estimate {
-        request: Box<FrameRequest>,
-        seed: u64,
-    },
-    /// Makes a picture of a frame from other colours: linear red, green and blue. `pass` identifies the answer.
-    Present {
-        request: Box<FrameRequest>,
-        colors: Arc<Vec<[f32; 3]>>,
-        pass: u32,
-    },
-}
-
-/// A picture with what a recording keeps of it.
-pub struct Picture {
-    pub camera: Camera,
-    /// That of the frame.
-    pub revision: u64,
-    /// Rows of sRGB red, green, blue and opacity.
-    pub rgba: Vec<u8>,
-    /// The images that were asked for, in order.
-    pub images: Vec<AovImage>,
-}
-
-/// The images of a frame.
-pub struct Captured {
-    pub request: FrameRequest,
-    pub drawn: Drawn,
-    /// Rows of sRGB red, green, blue and opacity.
-    pub picture: Vec<u8>,
-}
-
-/// A finished picture.
-pub struct Frame {
-    pub request: FrameRequest,
-    pub stats: FrameStats,
-    /// Milliseconds from the start of drawing until the picture is in the window's texture.
-    pub total_milliseconds: f64,
-    /// The device of the window that has the texture.
-    pub window_gpu: Arc<Gpu>,
-    /// A texture of the window's device. It stays as it is until the picture after the next is finished.
-    pub texture: wgpu::Texture,
-}
-
-/// A point of a cloud that was found under a pixel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PickedPoint {
-    pub chunk: ChunkKey,
-    /// The point's index in its chunk.
-    pub index: usize,
-}
-
-pub enum Report {
-    /// The shaders are compiled.
-    Ready {
-        adapter: String,
-    },
-    Frame(Box<Frame>),
-    Picked {
-        pixel: [u32; 2],
-        purpose: PickPurpose,
-        point: Option<PickedPoint>,
-    },
-    Saved(PathBuf),
-    Read(Box<Picture>),
-    Captured(Box<Captured>),
-    /// What was chosen; nothing if another command came in between.
-    Chosen {
-        request: Box<FrameRequest>,
-        choice: Result<Option<Choice>, String>,
-        model: Box<CostModel>,
-    },
-    Measured {
-        request: Box<FrameRequest>,
-        stats: Box<FrameStats>,
-    },
-    Presented {
-        request: Box<FrameRequest>,
-        pass: u32,
-        rgba: Vec<u8>,
-    },
-    /// The answer is `None` if another frame is in the window, or is wanted.
-    Estimated {
-        request: Box<FrameRequest>,
-        answer: Result<Option<Judged>, String>,
-    },
-    /// Images or pictures that the truth asked for cannot be made.
-    NotJudged(String),
-    Problem(String),
-    /// The latest frame failed; later frames may succeed.
-    NotDrawn(String),
-    /// Nothing can be drawn any more.
-    Lost(String),
-}
 
 /// The window's handle to the thread. When it is dropped, the thread ends after the frame that it is drawing.
 pub struct RenderThread {
@@ -184,8 +41,6 @@ pub struct RenderThread {
     is_waited_for: Arc<AtomicBool>,
 }
 
-/// A point counts as picked within this many pixels of the cursor: a mouse is about as precise as a fingertip.
-const PICK_RADIUS: u32 = 6;
 /// The most samples of glossy mirrors that are added before the picture in the window is renewed.
 const MOST_SAMPLES: u32 = 16;
 /// The longest time for which points are uploaded before a waiting frame is drawn, if the frame before took no longer.
@@ -212,10 +67,10 @@ impl RenderThread {
         let work = move || {
             // The writer ends early only after it has reported the reason.
             let finish = |done| drop(finished.send(done));
-            let draw = || match Worker::new(window_gpu, wanted.as_deref(), compiled) {
-                Ok(mut worker) => {
+            let draw = || match Worker::new(window_gpu, wanted.as_deref(), compiled, &receiver, &finish) {
+                Ok((mut worker, first)) => {
                     finish(Finished::Told(Report::Ready { adapter: worker.gpu.info.name.clone() }));
-                    worker.run(&receiver, &urgent, &waiting, &finish);
+                    worker.run(first, &receiver, &urgent, &waiting, &finish);
                 }
                 Err(error) => finish(Finished::Told(Report::Lost(error.to_string()))),
             };
@@ -278,26 +133,38 @@ struct Worker {
 const LOST_AGAIN: Duration = Duration::from_secs(60);
 
 impl Worker {
-    fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>, shaders: Arc<Progress>) -> render::Result<Self> {
+    /// Opens the device and compiles what every picture needs. Returns the commands that came meanwhile and were not
+    /// carried out, too.
+    fn new(
+        window_gpu: Arc<Gpu>,
+        wanted: Option<&str>,
+        shaders: Arc<Progress>,
+        commands: &Receiver<Command>,
+        finish: &impl Fn(Finished),
+    ) -> render::Result<(Self, VecDeque<Command>)> {
         // The same adapter as the window's, unless another is wanted: the adapter that presents is the one that has the
         // screen.
         let gpu =
             wanted.map_or_else(|| Gpu::on_same_adapter(&window_gpu.info), |wanted| Gpu::headless(Some(wanted)))?;
-        Ok(Self {
-            renderer: Renderer::with_progress(gpu.clone(), &shaders)?,
+        let mut beginning = Beginning::new(gpu, window_gpu);
+        let renderer = beginning.compile(commands, &shaders, finish)?;
+        let Beginning { gpu, window_gpu, resident, moving, on_screen, waiting } = beginning;
+        let worker = Self {
+            renderer,
             shaders,
-            resident: Resident::new(gpu.clone()),
+            resident,
             gpu,
             window_gpu,
             test: None,
             held: None,
             exposed_at: None,
             summed: 0,
-            on_screen: None,
-            moving: MovingPictures::default(),
+            on_screen,
+            moving,
             judge: MovingJudge::from_environment(),
             lost_at: None,
-        })
+        };
+        Ok((worker, waiting))
     }
 
     /// Makes the device anew after a loss, and uploads the points again. Other errors pass.
@@ -319,6 +186,7 @@ impl Worker {
 
     fn run(
         &mut self,
+        mut first: VecDeque<Command>,
         commands: &Receiver<Command>,
         urgent: &Arc<AtomicBool>,
         waiting: &Arc<AtomicBool>,
@@ -335,11 +203,14 @@ impl Worker {
         let mut choose = None;
         loop {
             let is_idle = frame.is_none() && estimate.is_none() && choose.is_none();
-            let first =
-                if !is_idle { commands.try_recv() } else { commands.recv().map_err(|_| TryRecvError::Disconnected) };
-            let mut next = match first {
+            let received = match first.pop_front() {
+                Some(command) => Ok(command),
+                None if is_idle => commands.recv().map_err(|_| TryRecvError::Disconnected),
+                None => commands.try_recv(),
+            };
+            let mut next = match received {
                 Err(TryRecvError::Disconnected) => return,
-                first => first.ok(),
+                received => received.ok(),
             };
             urgent.store(false, Ordering::Relaxed);
             waiting.store(false, Ordering::Relaxed);
@@ -389,7 +260,7 @@ impl Worker {
                 if frame.is_some() && started.elapsed() > upload_slice {
                     break;
                 }
-                next = commands.try_recv().ok();
+                next = first.pop_front().or_else(|| commands.try_recv().ok());
             }
             self.apply_test();
             if let Some(request) = frame.take() {
@@ -455,20 +326,15 @@ impl Worker {
     fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
             Command::Pick { pixel, purpose } => {
-                if let Some(request) = self.on_screen.clone().filter(|_| !self.moving.is_shown) {
-                    self.hold(&request, false)?;
-                }
-                // The picture may have fewer pixels than the window.
-                let divisor =
-                    self.on_screen.as_ref().and_then(|request| request.spared).map_or(1, |spared| spared.divisor);
-                let (drawn, radius) = (pixel.map(|place| place / divisor), PICK_RADIUS.div_ceil(divisor));
-                let store = &self.resident.store;
-                let picked = match self.moving.is_shown {
-                    true => self.moving.pick(store, drawn, radius),
-                    false => self.renderer.pick(store, drawn, radius)?,
+                let point = match self.on_screen.clone() {
+                    Some(request) if !self.moving.is_shown => {
+                        self.hold(&request, false)?;
+                        let (drawn, radius) = request.picked(pixel);
+                        let picked = self.renderer.pick(&self.resident.store, drawn, radius)?;
+                        picked.and_then(|picked| PickedPoint::new(&self.resident, picked))
+                    }
+                    shown => self.moving.pick(&self.resident, shown.as_ref(), pixel),
                 };
-                let point = picked.and_then(|picked| self.resident.origin(picked.chunk, picked.index));
-                let point = point.map(|(chunk, index)| PickedPoint { chunk, index });
                 report(Report::Picked { pixel, purpose, point });
             }
             Command::Save { request, path, facts } => {

@@ -2,9 +2,10 @@ use std::sync::mpsc::Receiver;
 
 use cloud::PointTest;
 use glam::DVec3;
-use scene::{LightClues, Mirror, MirrorSurface, Quality, Reflection, Shape};
+use scene::{Camera, LightClues, Mirror, MirrorSurface, Quality, Reflection, Shape};
 
 use super::*;
+use crate::viewer::picture::frame_request::hurried;
 use crate::viewer::picture::window_texture::tests::Refusal;
 
 /// Software Vulkan compiles for a minute on a busy machine.
@@ -173,7 +174,7 @@ fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_point
         Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
         Err(error) => return println!("skipped: {error}"),
     };
-    let mut worker = Worker::new(window_gpu, None, Arc::default()).unwrap();
+    let mut worker = Worker::new(window_gpu, None, Arc::default(), &channel().1, &|_| {}).unwrap().0;
     let cloud = world::CloudKey(0);
     let points: Vec<[f32; 3]> =
         (0..4096).map(|i| [(i % 64) as f32 / 32.0 - 1.0, 0.0, (i / 64) as f32 / 32.0]).collect();
@@ -207,7 +208,7 @@ fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_point
         lost.device.destroy();
     });
     sender.borrow().as_ref().unwrap().send(Command::Frame(other)).unwrap();
-    worker.run(&commands, &Arc::default(), &Arc::default(), &finish);
+    worker.run(VecDeque::new(), &commands, &Arc::default(), &Arc::default(), &finish);
     breaker.join().unwrap();
     let reports: Vec<Finished> = reports.try_iter().collect();
     let is_told = |done: &Finished| matches!(done, Finished::Told(Report::Problem(_)));

@@ -16,7 +16,7 @@ use crate::viewer::jobs::tasks::Measure;
 use crate::viewer::look::tab::Tab;
 use crate::viewer::objects::inspection::Pose;
 use crate::viewer::objects::{Marking, ObjectId};
-use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::picture::messages::PickedPoint;
 use crate::viewer::requests::draft::Draft;
 use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::requests::recording::Wanted;

@@ -10,7 +10,7 @@ use scene::CaptureFormat;
 use serde_json::json;
 use world::{Change, Event, Input};
 
-use crate::viewer::picture::render_thread::{Command, Report};
+use crate::viewer::picture::messages::{Command, Report};
 use crate::viewer::picture::under_way::Pass;
 use crate::viewer::requests::messages::{Level, Messages};
 use crate::viewer::requests::work::{Found, Work};

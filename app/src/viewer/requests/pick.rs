@@ -3,7 +3,7 @@
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
 
-use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::picture::messages::PickedPoint;
 
 /// A point that the user clicked on.
 #[derive(Clone)]

@@ -27,7 +27,7 @@ use crate::viewer::objects::ObjectId;
 use crate::viewer::objects::figures::{Basis, Figures};
 use crate::viewer::objects::inspection;
 use crate::viewer::picture::capture::Captured;
-use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::picture::messages::PickedPoint;
 use crate::viewer::requests::autosave::Keeper;
 
 /// Work that the session asks for.

@@ -12,7 +12,8 @@ use world::{Event, Input, Job};
 
 use crate::viewer::jobs::tasks::Answer;
 use crate::viewer::objects::clouds::JobEntry;
-use crate::viewer::picture::render_thread::{Command, RenderThread};
+use crate::viewer::picture::messages::Command;
+use crate::viewer::picture::render_thread::RenderThread;
 use crate::viewer::picture::under_way::UnderWay;
 use crate::viewer::requests::outside::{Effect, News};
 use crate::viewer::requests::work::Work;

@@ -21,7 +21,8 @@ use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::look::reflection_figures::FigureHistory;
 use crate::viewer::look::theme::bytes;
 use crate::viewer::objects::clouds::CloudEntry;
-use crate::viewer::picture::render_thread::{Command, Frame, FrameRequest, Report};
+use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::messages::{Command, Frame, Report};
 use crate::viewer::requests::action::{Action, Filing, KeptStep, Palette};
 use crate::viewer::requests::messages::{Level, Messages};
 use crate::viewer::requests::outside::{Effect, News, Outside};
@@ -542,13 +543,13 @@ impl Session {
         let is_first = self.frames.shown.is_none();
         let is_empty =
             self.loaded.clouds.is_empty() || is_first && self.loaded.points() == 0 && self.loaded.is_loading();
-        if self.adapter.is_none() || self.scene.view_size.contains(&0) || is_empty {
+        if self.scene.view_size.contains(&0) || is_empty {
             return None;
         }
         let situation = wanted::situation(&self.scene, &self.loaded, &self.tools, self.outside.now, self.is_recorded);
         let under_way = self.frames.under_way;
         let again = self.frames.request(self.auto.applied(self.picture()), &situation, &mut self.outside);
-        if is_first && self.frames.under_way > under_way {
+        if is_first && self.adapter.is_some() && self.frames.under_way > under_way {
             self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
         }
         again
@@ -578,8 +579,8 @@ impl Session {
                 self.auto.ready(&adapter, &mut self.outside);
                 self.adapter = Some(adapter);
                 // The window is painted before it requests the next frame.
-                let has_points = self.loaded.points() > 0;
-                self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(has_points));
+                let is_first = self.loaded.points() > 0 && self.frames.shown.is_none();
+                self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(is_first));
             }
             // The frame shows clouds that have been removed since.
             Report::Frame(_) if self.loaded.clouds.is_empty() => self.frames.give_up(),

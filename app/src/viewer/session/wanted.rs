@@ -6,7 +6,7 @@ use scene::{Lighting, Show};
 
 use crate::viewer::frames::Situation;
 use crate::viewer::loaded::{Loaded, all_mirrors};
-use crate::viewer::picture::render_thread::FrameRequest;
+use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::Tools;
 

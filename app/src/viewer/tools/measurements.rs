@@ -14,7 +14,7 @@ use crate::shared::measuring::{Figure, Outcome, of_corners};
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedMeasurement};
-use crate::viewer::picture::render_thread::PickPurpose;
+use crate::viewer::picture::messages::PickPurpose;
 use crate::viewer::requests::action::Measuring;
 use crate::viewer::requests::outside::{Effect, Outside};
 use crate::viewer::requests::work::Work;

@@ -18,7 +18,7 @@ use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::inspection::{self, Inspection, Pose, Surface, Target};
 use crate::viewer::objects::{ObjectId, Placed};
-use crate::viewer::picture::render_thread::{PickPurpose, PickedPoint};
+use crate::viewer::picture::messages::{PickPurpose, PickedPoint};
 use crate::viewer::requests::action::{Handles, Measuring, PictureDraft, Profiling, SavePicture};
 use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::requests::draft::Draft;

@@ -14,7 +14,7 @@ use crate::viewer::jobs::slices::{Cuttable, ProfileFound, ProfileWork, Slice};
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::objects::clouds::CloudEntry;
-use crate::viewer::picture::render_thread::PickedPoint;
+use crate::viewer::picture::messages::PickedPoint;
 use crate::viewer::requests::action::Profiling;
 use crate::viewer::requests::file_names::free_path;
 use crate::viewer::requests::outside::Outside;

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use study::{Estimate, Judged};
 
-use crate::viewer::picture::render_thread::{Command, FrameRequest};
+use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::messages::Command;
 use crate::viewer::requests::outside::Outside;
 
 /// A frame that has stood still for this long is worth the work: a slider that is dragged passes many frames that

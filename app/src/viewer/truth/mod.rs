@@ -21,7 +21,8 @@ use serde_json::json;
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::tasks::{Answer, Judge, Measure, SceneKey, Source, Task, Trace};
 use crate::viewer::objects::clouds::{CloudEntry, Samples};
-use crate::viewer::picture::render_thread::{Captured, Command, FrameRequest};
+use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::messages::{Captured, Command};
 use crate::viewer::requests::action::Look;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
@@ -306,7 +307,7 @@ mod tests {
     use crate::viewer::bench::Bench;
     use crate::viewer::jobs::tasks::Kind;
     use crate::viewer::look::tab::Tab;
-    use crate::viewer::picture::render_thread::Report;
+    use crate::viewer::picture::messages::Report;
     use crate::viewer::requests::action::Action;
     use crate::viewer::session::Session;
 

@@ -12,7 +12,8 @@ use serde_json::json;
 use crate::viewer::jobs::sweep_files::{Outcome, Row, SweepResult, make_folder};
 use crate::viewer::jobs::sweep_range::SweepRange;
 use crate::viewer::jobs::tasks::{Judge, SceneKey, Task};
-use crate::viewer::picture::render_thread::{Captured, Command, FrameRequest};
+use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::messages::{Captured, Command};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::work::Work;
@@ -231,7 +232,7 @@ pub fn on_saved(folder: &Path, result: Result<(), String>, outside: &mut Outside
 mod tests {
     use super::*;
     use crate::viewer::bench::Bench;
-    use crate::viewer::picture::render_thread::Report;
+    use crate::viewer::picture::messages::Report;
     use crate::viewer::requests::action::Action;
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::session::Session;

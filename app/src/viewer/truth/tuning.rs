@@ -9,7 +9,8 @@ use study::Accuracy;
 use study::results::Spread;
 
 use crate::viewer::look::tab::Tab;
-use crate::viewer::picture::render_thread::{Command, FrameRequest};
+use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::messages::Command;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::preferences::Preferences;

@@ -15,7 +15,7 @@ use study::{Accuracy, Drawn, Refinement, TracedScene};
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::tasks::{Answer, Kind, Measure, Pass, SceneKey};
 use crate::viewer::look::theme::grouped;
-use crate::viewer::picture::render_thread::FrameRequest;
+use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::requests::action::Look;
 use crate::viewer::truth::live::LiveEstimate;
 
