@@ -51,10 +51,29 @@ impl Loaded {
                 // The ramp of a streamed cloud must not change with the points that happen to be loaded.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
                 let kept = kept.cloned().map(Box::new);
-                let is_measured = entry.figures.as_ref().is_some_and(|figures| figures.noise.is_some());
-                let measures_noise = basis.is_read && entry.source.is_some() && !is_measured;
-                beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept, measures_noise });
+                beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
             }
+        }
+        self.measure_noise(beside);
+    }
+
+    /// Measures the noise of clouds that are read. The picture comes first.
+    fn measure_noise(&mut self, beside: &mut Beside<'_>) {
+        let is_at_rest = beside.frames.final_one().is_some();
+        for entry in self.clouds.iter_mut().filter(|entry| is_at_rest && entry.is_read && entry.source.is_some()) {
+            let lacks_noise = entry.figures.as_ref().is_some_and(|figures| figures.noise.is_none());
+            if lacks_noise && !entry.noise_under_way {
+                entry.noise_under_way = true;
+                beside.outside.work(Work::MeasureNoise { key: entry.key, cloud: entry.cloud.clone() });
+            }
+        }
+    }
+
+    pub fn on_noise(&mut self, key: CloudKey, noise: Option<f64>) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        entry.noise_under_way = false;
+        if let Some(figures) = &mut entry.figures {
+            figures.noise = Some(noise);
         }
     }
 
@@ -126,19 +145,17 @@ impl Loaded {
             return;
         }
         let same_plan = entry.figures.as_ref().is_some_and(|old| old.plan == figures.plan);
-        let same_points = entry.figures_basis.as_ref().is_some_and(|old| {
-            old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
-        });
+        // Points are coloured when they arrive; columns that are read later are not.
+        let same_columns = entry.figures_basis.as_ref().is_some_and(|old| old.late_columns == basis.late_columns);
+        let same_columns = same_columns || entry.is_indexed();
         // The camera stays where it is when someone hides points.
         let same_visibility = entry.figures_basis.as_ref().is_none_or(|old| old.test == basis.test);
-        // Chunks of streamed clouds are coloured when they arrive.
-        let same_points = same_points || entry.is_indexed();
         entry.figures_basis = Some(basis);
         let outline_changed = entry.figures.as_ref().is_none_or(|old| old.outline != figures.outline);
         let (name, up, plan) = (entry.cloud.name.clone(), entry.up, figures.plan.clone());
         entry.figures = Some(figures);
         let chunks = entry.chunks();
-        if !(same_plan && same_points) {
+        if !(same_plan && same_columns) {
             beside.outside.log(json!({ "event": "colored", "name": name, "by": plan.label }));
             beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
             beside.frames.points_changed();

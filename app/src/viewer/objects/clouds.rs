@@ -51,6 +51,7 @@ pub struct CloudEntry {
     pub figures: Option<Figures>,
     pub figures_basis: Option<Basis>,
     pub figures_under_way: bool,
+    pub noise_under_way: bool,
     /// How often normals and radii have come.
     pub surfels: u32,
     /// Which points the radii are for: a test of classes and filters.
@@ -118,6 +119,7 @@ impl CloudEntry {
             figures: None,
             figures_basis: None,
             figures_under_way: false,
+            noise_under_way: false,
             surfels: 0,
             radii_test: PointTest::default(),
             fitting: None,

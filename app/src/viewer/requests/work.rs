@@ -39,8 +39,11 @@ pub enum Work {
         up: DVec3,
         /// For a streamed cloud, its earlier figures: colours and bounds stay, and only the counts are new.
         kept: Option<Box<Figures>>,
-        /// Whether the noise of its points is wanted, too.
-        measures_noise: bool,
+    },
+    /// Measures the noise of a cloud's points.
+    MeasureNoise {
+        key: CloudKey,
+        cloud: Cloud,
     },
     /// Estimates the radii of the points that a test shows.
     FitRadii {
@@ -170,6 +173,11 @@ pub enum Found {
         basis: Basis,
         figures: Box<Figures>,
     },
+    /// The noise in world units; `None` if the points form no surface.
+    Noise {
+        key: CloudKey,
+        noise: Option<f64>,
+    },
     /// `radii` is `None` if the work was cancelled.
     Radii {
         key: CloudKey,
@@ -259,6 +267,7 @@ impl Work {
     pub fn name(&self) -> &'static str {
         match self {
             Self::FindFigures { .. } => "figures",
+            Self::MeasureNoise { .. } => "noise",
             Self::FitRadii { .. } => "radii",
             Self::FindErrors { .. } => "certainty",
             Self::Place { .. } => "placement",
@@ -289,16 +298,16 @@ impl Work {
     /// where the cache of indexes is.
     pub fn run(self, stream: &Stream, found: impl Fn(Found)) {
         match self {
-            Self::FindFigures { key, cloud, basis, up, kept, measures_noise } => {
-                let mut figures = Box::new(match kept {
+            Self::FindFigures { key, cloud, basis, up, kept } => {
+                let figures = Box::new(match kept {
                     Some(kept) => kept.recounted(&cloud, &basis.test, up),
                     None => Figures::of(&cloud, &basis.color, &basis.test, up),
                 });
-                if measures_noise {
-                    let found = cloud::neighbourhoods(&cloud.chunks, &Progress::default());
-                    figures.noise = Some(found.and_then(|found| found.noise));
-                }
                 found(Found::Figures { key, basis, figures });
+            }
+            Self::MeasureNoise { key, cloud } => {
+                let noise = cloud::neighbourhoods(&cloud.chunks, &Progress::default()).and_then(|found| found.noise);
+                found(Found::Noise { key, noise });
             }
             Self::FitRadii { key, cloud, up, settings, test, progress } => {
                 let radii = world::radii_of_shown(&cloud, up, &settings, &test, &progress);

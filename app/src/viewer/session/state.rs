@@ -414,6 +414,7 @@ impl Session {
             Found::Figures { key, basis, figures } => {
                 self.with_loaded(|loaded, beside| loaded.on_figures(key, basis, *figures, beside))
             }
+            Found::Noise { key, noise } => self.loaded.on_noise(key, noise),
             Found::Radii { key, test, radii } => {
                 self.with_loaded(|loaded, beside| loaded.on_radii(key, &test, radii, beside))
             }
