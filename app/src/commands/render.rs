@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use param::Choice as _;
-use render::{Aov, FrameStats, Gpu, Renderer};
+use render::{Aov, Frame, FrameStats, Gpu, Renderer};
 use scene::{Method, Settings};
-use study::{Estimate, Subject, View};
+use study::{Estimate, Subject};
 use world::Request;
 
 use crate::commands::chosen;
@@ -321,8 +321,8 @@ fn estimate(
     size: [u32; 2],
     renderer: &mut Renderer,
 ) -> render::Result<Option<Estimate>> {
-    let view = View { camera: &subject.camera, settings, objects: subject.objects(), size };
-    study::estimate(renderer, &subject.store, view, study::RAYS, settings.scene.seed.into())
+    let frame = Frame::new(&subject.camera, settings, subject.objects(), size);
+    study::estimate(renderer, &subject.store, frame, study::RAYS, settings.scene.seed.into())
 }
 
 /// Counts the pixels that show a mirror, whether or not their reflections were looked for.

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
-use render::{Clock, Gpu, Material, Objects, PassTime, PointStore, Renderer};
+use render::{Clock, Frame, Gpu, Material, Objects, PassTime, PointStore, Renderer};
 use scene::{Camera, Settings};
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -249,7 +249,8 @@ fn main() {
             .map(|((_, settings), passes)| {
                 renderer.forget();
                 let start = Instant::now();
-                let stats = renderer.render(&store, &camera, settings, Objects::default(), SIZE).expect("a frame");
+                let stats =
+                    renderer.render(&store, &Frame::new(&camera, settings, Objects::default(), SIZE)).expect("a frame");
                 let wall = start.elapsed().as_secs_f64() * 1000.0;
                 for pass in stats.passes.iter().filter(|_| round > 0) {
                     match passes.iter_mut().find(|(name, _)| *name == pass.name) {

@@ -11,7 +11,7 @@ use std::sync::mpsc::sync_channel;
 use std::time::Instant;
 
 use glam::DVec3;
-use render::{Gpu, Objects, PictureRows, PointStore, Renderer};
+use render::{Frame, Gpu, Objects, PictureRows, PointStore, Renderer};
 use scene::{Camera, Method, Settings};
 
 const ROUNDS: usize = 9;
@@ -32,7 +32,7 @@ fn main() {
     let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
     for size in SIZES {
         let [width, height] = size;
-        renderer.render(&store, &camera, &settings, Objects::default(), size).expect("a frame");
+        renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), size)).expect("a frame");
         let texture = window.device.create_texture(&wgpu::TextureDescriptor {
             label: None,
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
@@ -78,7 +78,7 @@ fn main() {
         });
         println!("{width} x {height}: rows {} with the copy {}; bytes {}", shown(&rows), shown(&copied), shown(&bytes));
         let mut draw = || {
-            renderer.render(&store, &camera, &settings, Objects::default(), size).expect("a frame");
+            renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), size)).expect("a frame");
             renderer.picture_rows().expect("rows")
         };
         let in_turn = timed(|| {

@@ -40,7 +40,7 @@ pub(crate) mod tests {
     use glam::DVec3;
     use scene::{Camera, LightClues, LightView, Method, Mirror, Settings, Shape, Show, SpotLight};
 
-    use crate::{Error, Gpu, Material, Objects, PointStore, Renderer};
+    use crate::{Error, Frame, Gpu, Material, Objects, PointStore, Renderer};
 
     thread_local! {
         /// How many more buffers and textures are made before one is refused.
@@ -131,7 +131,8 @@ pub(crate) mod tests {
             let mut renderer = Renderer::bare(gpu.clone());
             let mut draw = |left: Option<u32>| {
                 LEFT.set(left);
-                let outcome = renderer.render(&room.store, &room.camera, &settings, room.objects(), [16, 12]);
+                let outcome =
+                    renderer.render(&room.store, &Frame::new(&room.camera, &settings, room.objects(), [16, 12]));
                 let was_refused = LEFT.replace(None).is_none() && left.is_some();
                 let picture = outcome.and_then(|_| renderer.read_picture());
                 if picture.is_ok() {

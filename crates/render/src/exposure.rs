@@ -19,7 +19,7 @@ use crate::targets::{Targets, storage, uniform_buffer};
 pub struct Exposure {
     /// The stops that the picture is brightened by, with those of `tone.exposure`.
     pub stops: f32,
-    /// Whether the exposure is on its way to the one that fits (`Renderer::adapt_exposure`).
+    /// Whether the exposure is on its way to the one that fits (`Effort::exposure_share`).
     pub adapts: bool,
 }
 
@@ -29,8 +29,6 @@ pub(crate) struct ExposureMeter {
     pub fitted: wgpu::Buffer,
     /// Whether the last frame was fitted.
     pub is_used: bool,
-    /// The share of the way to the exposure that fits which a frame goes; `None` for all of it.
-    pub share: Option<f32>,
 }
 
 /// Whether the settings ask for a fit under this light. The colours of the data are never changed.
@@ -48,15 +46,21 @@ impl ExposureMeter {
             histogram: storage(&gpu.device, "histogram", u64::from(EXPOSURE_BINS) * EXPOSURE_COUNT_BYTES),
             fitted: storage(&gpu.device, "exposure", size_of::<FittedExposure>() as u64),
             is_used: false,
-            share: None,
         }
     }
 
-    /// Fits the exposure to the frame's colours, and gives it to the passes that follow.
+    /// Fits the exposure to the frame's colours, and gives it to the passes that follow. The exposure goes this share of
+    /// the way from that of the last frame to the one that fits, or all of it for `None`.
     ///
     /// # Errors
     /// A shader is refused.
-    pub fn fit(&mut self, recorder: &mut Recorder<'_>, inputs: &Inputs, targets: &Targets) -> Result<()> {
+    pub fn fit(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        targets: &Targets,
+        share: Option<f32>,
+    ) -> Result<()> {
         recorder.clear(&self.histogram);
         let bindings = passes::exposure_histogram {
             color_in: targets.color.bind(),
@@ -65,7 +69,7 @@ impl ExposureMeter {
         };
         let [width, height] = inputs.size;
         recorder.over(&[], inputs, bindings, [width.div_ceil(16), height.div_ceil(16), 1])?;
-        let share = self.share.filter(|_| self.is_used).unwrap_or(1.0);
+        let share = share.filter(|_| self.is_used).unwrap_or(1.0);
         let adaptation = Adaptation { share, unused_0: 0, unused_1: 0, unused_2: 0 };
         let adaptation = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&adaptation));
         let bindings = passes::exposure_fit {

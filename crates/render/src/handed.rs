@@ -212,7 +212,7 @@ mod tests {
     use scene::{Camera, Settings};
 
     use super::*;
-    use crate::{Objects, PointStore, Renderer};
+    use crate::{Frame, Objects, PointStore, Renderer};
 
     #[test]
     fn a_picture_stays_as_long_as_it_is_read_and_its_buffer_is_taken_again() {
@@ -228,7 +228,7 @@ mod tests {
         let draw = |renderer: &mut Renderer, gray: u32, size| {
             let mut settings = Settings::default();
             settings.view.background = param::Color(gray << 24 | gray << 16 | gray << 8 | 0xff);
-            renderer.render(&store, &camera, &settings, Objects::default(), size).unwrap();
+            renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), size)).unwrap();
             renderer.picture_rows().unwrap()
         };
         let shows =

@@ -231,11 +231,7 @@ impl Renderer {
             store,
             mirrors: objects.mirrors,
             bounce: 0,
-            camera: SurfaceImages {
-                albedo: &targets.surface().albedo,
-                normal: &targets.surface().normal,
-                position: &targets.position,
-            },
+            camera: SurfaceImages::of_camera(targets),
             mirror: &mirror,
             normal: &normal,
             seen: &seen,

@@ -17,7 +17,7 @@ use crate::lighting::MOST_LIGHTS;
 use crate::passes::Compiled;
 use crate::recorder::{Rehearsal, Variant};
 use crate::reflection::{gloss, is_clear};
-use crate::renderer::{FrameStats, Renderer};
+use crate::renderer::{Frame, FrameStats, Renderer};
 use crate::store::{Material, PointStore};
 
 /// What decides which passes a frame has.
@@ -152,7 +152,7 @@ impl Renderer {
         let Stage { store, settings, mirrors, lights, clues } = stage;
         let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
         let objects = Objects { mirrors, lights, clues: *clues };
-        self.draw(store, &camera, settings, objects, size, Some(rehearsal))
+        self.draw(store, &Frame::new(&camera, settings, objects, size), Some(rehearsal))
     }
 
     /// A tiny scene with what a frame like this one has.
@@ -273,7 +273,7 @@ mod tests {
             renderer.prepare(&store, &settings, objects, &progress).unwrap();
             assert!(progress.total() > 10 && progress.done() >= progress.total());
             let compiled = renderer.pipelines.len();
-            renderer.render(&store, &camera, &settings, objects, [64, 48]).unwrap();
+            renderer.render(&store, &Frame::new(&camera, &settings, objects, [64, 48])).unwrap();
             assert_eq!(renderer.pipelines.len(), compiled, "{}: the rehearsal overlooks passes", method.row().name);
             // What is compiled is not compiled again.
             renderer.prepare(&store, &settings, objects, &progress).unwrap();

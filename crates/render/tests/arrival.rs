@@ -10,7 +10,7 @@ use std::sync::Arc;
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
 use param::Choice as _;
-use render::{ChunkId, ColorPlan, Material, Objects, PointStore};
+use render::{ChunkId, ColorPlan, Frame, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{LightClues, Method, Mirror, Settings};
 
@@ -91,7 +91,7 @@ fn picture(stage: &mut Stage, store: &PointStore, walls: &Walls, settings: &Sett
         clues: LightClues::default(),
     };
     stage.renderer.forget();
-    stage.renderer.render(store, &five_mirrors::camera(), settings, objects, SIZE).unwrap();
+    stage.renderer.render(store, &Frame::new(&five_mirrors::camera(), settings, objects, SIZE)).unwrap();
     stage.renderer.read_picture().unwrap()
 }
 

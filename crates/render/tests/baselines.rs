@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud};
 use glam::{DVec3, Vec3};
-use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore};
+use render::{Aov, CloudId, ColorPlan, Frame, FrameStats, Material, Objects, PointStore};
 use scene::{Camera, Mirror, Settings, Shape};
 
 use stage::Stage;
@@ -86,7 +86,8 @@ impl Scene {
 
     fn render(&self, stage: &mut Stage, settings: &Settings) -> FrameStats {
         let objects = Objects { mirrors: &self.mirrors, ..Objects::default() };
-        stage.renderer.render(&self.store, &self.camera, settings, objects, SIZE).unwrap()
+        let frame = Frame::new(&self.camera, settings, objects, SIZE);
+        stage.renderer.render(&self.store, &Frame { effort: stage.effort, ..frame }).unwrap()
     }
 }
 
@@ -393,7 +394,7 @@ fn maps_that_may_lag_are_drawn_a_few_faces_a_frame_and_end_as_those_drawn_at_onc
     let counted = scene.render(&mut stage, &settings).reflection.and_then(|found| found.maps).unwrap();
     assert_eq!((counted.drawn, counted.asked), (4, 4));
     assert!(proven(&before) > 500);
-    stage.renderer.let_light_lag(true);
+    stage.effort.light_may_lag = true;
     assert!(!draws_maps(&scene.render(&mut stage, &settings)), "nothing has changed");
     let screen = |x: f64| wall(DVec3::new(x, -0.5, 0.5), [DVec3::X * 0.3, DVec3::Y * 0.6]);
     add_points(&mut scene.store, vec![screen(-0.9)], Material::default());
@@ -410,16 +411,16 @@ fn maps_that_may_lag_are_drawn_a_few_faces_a_frame_and_end_as_those_drawn_at_onc
     }
     let caught_up = bits(&stage);
     assert!(!draws_maps(&scene.render(&mut stage, &settings)), "all faces are drawn");
-    stage.renderer.let_light_lag(false);
+    stage.effort.light_may_lag = false;
     stage.renderer.forget();
     scene.render(&mut stage, &settings);
     assert!(bits(&stage) == caught_up, "as at once");
 
     // A picture that stays draws all that is left, though nothing else has changed.
-    stage.renderer.let_light_lag(true);
+    stage.effort.light_may_lag = true;
     add_points(&mut scene.store, vec![screen(0.6)], Material::default());
     scene.render(&mut stage, &settings);
-    stage.renderer.let_light_lag(false);
+    stage.effort.light_may_lag = false;
     assert!(draws_maps(&scene.render(&mut stage, &settings)));
     let settled = bits(&stage);
     stage.renderer.forget();
@@ -459,7 +460,7 @@ fn faces_that_lag_show_the_points_of_before_by_their_new_identities_and_none_tha
     let of_screens = before.iter().filter(|seen| is_of_screen(seen)).count();
     assert!(of_screens > 50, "{of_screens}");
 
-    stage.renderer.let_light_lag(true);
+    stage.effort.light_may_lag = true;
     scene.store.remove_chunk(first);
     scene.store.set_visible(clouds[1], false);
     let without = seen(&scene, &mut stage);
@@ -472,7 +473,7 @@ fn faces_that_lag_show_the_points_of_before_by_their_new_identities_and_none_tha
     scene.store.add_chunk(clouds[0], &screens[0], None).unwrap();
     scene.store.set_visible(clouds[1], true);
     walls_are_kept(&seen(&scene, &mut stage));
-    stage.renderer.let_light_lag(false);
+    stage.effort.light_may_lag = false;
 }
 
 #[test]
@@ -483,7 +484,8 @@ fn pictures_of_another_size_keep_the_maps() {
         let settings = by_cubemaps(&[("reflection.method", method)]);
         let mut render = |size| {
             let objects = Objects { mirrors: &scene.mirrors, ..Objects::default() };
-            let stats = stage.renderer.render(&scene.store, &scene.camera, &settings, objects, size).unwrap();
+            let stats =
+                stage.renderer.render(&scene.store, &Frame::new(&scene.camera, &settings, objects, size)).unwrap();
             (draws_maps(&stats), bits(&stage))
         };
         render(SIZE);
@@ -491,7 +493,7 @@ fn pictures_of_another_size_keep_the_maps() {
         assert!(!is_drawn, "{method}");
         stage.renderer.forget();
         let objects = Objects { mirrors: &scene.mirrors, ..Objects::default() };
-        stage.renderer.render(&scene.store, &scene.camera, &settings, objects, [80, 60]).unwrap();
+        stage.renderer.render(&scene.store, &Frame::new(&scene.camera, &settings, objects, [80, 60])).unwrap();
         assert!(bits(&stage) == kept, "{method}");
     }
 }

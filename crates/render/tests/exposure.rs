@@ -9,7 +9,7 @@ use std::f64::consts::FRAC_1_PI;
 
 use cloud::Chunk;
 use glam::{DVec3, Vec3};
-use render::{Aov, FrameStats, Material, Objects, PointStore};
+use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
 use scene::{Camera, LightClues, Settings};
 
 use stage::Stage;
@@ -41,7 +41,8 @@ fn under_open_sky() -> Objects<'static> {
 fn render(stage: &mut Stage, store: &PointStore, settings: &Settings) -> (FrameStats, Vec<u8>) {
     // North is -z where y points up, so the sun of the zenith shines along the camera's up.
     let camera = Camera { up: DVec3::Y, ..camera() };
-    let stats = stage.renderer.render(store, &camera, settings, under_open_sky(), SIZE).unwrap();
+    let frame = Frame::new(&camera, settings, under_open_sky(), SIZE);
+    let stats = stage.renderer.render(store, &Frame { effort: stage.effort, ..frame }).unwrap();
     (stats, stage.renderer.read_picture().unwrap())
 }
 
@@ -115,7 +116,7 @@ fn adaptation_goes_a_share_of_the_way_and_ends_at_the_exposure_that_fits() {
     let by = |irradiance| by_sun(&[&ALONG[..], &[("sun.irradiance", irradiance)]].concat());
     let (dark, still) = render(&mut stage, &store, &by("0.3"));
     let dark = dark.exposure.unwrap().stops;
-    stage.renderer.adapt_exposure(Some(0.5));
+    stage.effort.exposure_share = Some(0.5);
     let (bright, _) = render(&mut stage, &store, &by("2.4"));
     let bright = bright.exposure.unwrap();
     // Three stops brighter, of which half is made up for.
@@ -129,8 +130,6 @@ fn adaptation_goes_a_share_of_the_way_and_ends_at_the_exposure_that_fits() {
         }
         assert!(frame < 20 && exposure.stops < dark, "{exposure:?}");
     }
-    // The renderer is that of all tests.
-    stage.renderer.adapt_exposure(None);
 }
 
 #[test]

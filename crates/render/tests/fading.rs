@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DQuat, DVec3, Vec3};
-use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore};
+use render::{Aov, CloudId, ColorPlan, Frame, FrameStats, Material, Objects, PointStore};
 use scene::{Camera, Mirror, Settings, Shape};
 
 use stage::Stage;
@@ -67,7 +67,7 @@ impl Scene {
 
     fn render(&self, stage: &mut Stage, settings: &Settings) -> FrameStats {
         let objects = Objects { mirrors: &self.mirrors, ..Objects::default() };
-        stage.renderer.render(&self.store, &self.camera, settings, objects, SIZE).unwrap()
+        stage.renderer.render(&self.store, &Frame::new(&self.camera, settings, objects, SIZE)).unwrap()
     }
 }
 

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
 use param::{Kind, Params as _, Value};
-use render::{Aov, ColorPlan, FrameStats, LightReuse, Material, Objects, PointStore};
+use render::{Aov, ColorPlan, Frame, FrameStats, LightReuse, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Gi, Settings, SpotLight};
 
@@ -28,7 +28,8 @@ fn render(
     lights: &[SpotLight],
 ) -> FrameStats {
     let objects = Objects { lights, ..Objects::default() };
-    stage.renderer.render(store, camera, settings, objects, SIZE).unwrap()
+    let frame = Frame::new(camera, settings, objects, SIZE);
+    stage.renderer.render(store, &Frame { effort: stage.effort, ..frame }).unwrap()
 }
 
 fn read(stage: &Stage, aov: Aov) -> Vec<DVec3> {
@@ -366,12 +367,12 @@ fn light_may_lag_behind_points_that_come_and_is_right_when_it_may_not() {
     assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
     let other = store.add_cloud(Material::default());
     store.add_chunk(other, &beside, None).unwrap();
-    stage.renderer.let_light_lag(true);
+    stage.effort.light_may_lag = true;
     assert!(!drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
     assert!(mean(&read(&stage, Aov::Indirect)) > 1e-4, "what has come is lit");
     let moved = SpotLight { position: DVec3::new(0.2, 0.0, 2.0), ..lamp };
     assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[moved])), "only the points may lag");
-    stage.renderer.let_light_lag(false);
+    stage.effort.light_may_lag = false;
     store.set_provisional_radius(other, 0.0);
     assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
     let late = read(&stage, Aov::Indirect);
@@ -393,7 +394,7 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
         Camera { eye: start.eye + shift, pivot: start.pivot + 0.5 * shift, up: start.up }
     };
     let still = |stage: &mut Stage, camera: &Camera| {
-        stage.renderer.reuse_light(LightReuse::Keep);
+        stage.effort.light_reuse = LightReuse::Keep;
         render(stage, &store, camera, &settings, &lights);
         read(stage, Aov::Indirect)
     };
@@ -407,7 +408,7 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
     };
     stage.renderer.forget();
     let first = still(&mut stage, &at(0));
-    stage.renderer.reuse_light(LightReuse::Reuse);
+    stage.effort.light_reuse = LightReuse::Reuse;
     let mut moving = Vec::new();
     for step in 1..=20 {
         let stats = render(&mut stage, &store, &at(step), &settings, &lights);
@@ -425,7 +426,7 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
     stage.renderer.forget();
     assert!(bits(&still(&mut stage, &at(20))) == bits(&fresh));
     // Where the camera has not moved, all light is taken over but for its rounding.
-    stage.renderer.reuse_light(LightReuse::Reuse);
+    stage.effort.light_reuse = LightReuse::Reuse;
     render(&mut stage, &store, &at(20), &settings, &lights);
     let rounding = differences(&read(&stage, Aov::Indirect), &fresh);
     assert!(rounding.last().unwrap() < &0.02, "{:?}", rounding.last());
@@ -437,9 +438,9 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
     // The other side of a wall has other light.
     let mut beside = |reuse| {
         let outside = Camera { eye: DVec3::X * 4.0, pivot: DVec3::ZERO, up: start.up };
-        stage.renderer.reuse_light(LightReuse::Keep);
+        stage.effort.light_reuse = LightReuse::Keep;
         render(&mut stage, &store, &start, &settings, &lights);
-        stage.renderer.reuse_light(reuse);
+        stage.effort.light_reuse = reuse;
         render(&mut stage, &store, &outside, &settings, &lights);
         read(&stage, Aov::Indirect)
     };
@@ -450,17 +451,17 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
     // What a mirror shows is lit by fewer lights, but as brightly.
     let mirrors = Variant::Sphere.mirrors();
     let mut shown = |reuse| {
-        stage.renderer.reuse_light(reuse);
+        stage.effort.light_reuse = reuse;
         let objects = Objects { lights: &lights, mirrors: &mirrors, ..Objects::default() };
-        stage.renderer.render(&store, &at(20), &settings, objects, SIZE).unwrap();
+        let camera = at(20);
+        let frame = Frame { effort: stage.effort, ..Frame::new(&camera, &settings, objects, SIZE) };
+        stage.renderer.render(&store, &frame).unwrap();
         let [color, mirror] = [Aov::Color, Aov::Mirror].map(|aov| stage.renderer.read_aov(aov).unwrap().data);
         let of_mirrors = color.as_chunks::<3>().0.iter().zip(mirror).filter(|(_, share)| *share > 0.0);
         mean(&of_mirrors.map(|(rgb, _)| Vec3::from(*rgb).as_dvec3()).collect::<Vec<_>>())
     };
     let [all, fewer] = [LightReuse::Keep, LightReuse::Reuse].map(&mut shown);
     assert!(all != fewer && (fewer / all - 1.0).abs() < 0.05, "{fewer} instead of {all}");
-    // Other tests use the same renderer.
-    stage.renderer.reuse_light(LightReuse::Never);
 }
 
 #[test]
@@ -554,7 +555,7 @@ fn too_many_shadow_maps_are_refused_with_what_to_lower() {
     let lights = [five_mirrors::light()];
     let objects = Objects { lights: &lights, ..Objects::default() };
     // More than five gigabytes: more than any adapter binds at once here.
-    match stage.renderer.render(&store, &five_mirrors::camera(), &settings, objects, SIZE) {
+    match stage.renderer.render(&store, &Frame::new(&five_mirrors::camera(), &settings, objects, SIZE)) {
         Err(error) => assert!(error.to_string().contains("gi.shadow_size"), "{error}"),
         Ok(_) => println!("this adapter binds more than five gigabytes at once"),
     }

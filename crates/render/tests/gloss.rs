@@ -9,7 +9,8 @@ use std::sync::Arc;
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DQuat, DVec3};
 use render::{
-    Aov, CloudId, ColorPlan, ColorSource, Error, FrameStats, GlossCache, Material, Objects, PointStore, ReflectionStats,
+    Aov, CloudId, ColorPlan, ColorSource, Error, Frame, FrameStats, GlossCache, Material, Objects, PointStore,
+    ReflectionStats,
 };
 use scene::{Camera, METHODS, Method, Mirror, Settings, Shape, SpotLight, Supply};
 
@@ -87,7 +88,8 @@ impl Scene {
 
     fn try_render(&self, stage: &mut Stage, settings: &Settings) -> render::Result<FrameStats> {
         let objects = Objects { mirrors: &self.mirrors, lights: &self.lights, ..Objects::default() };
-        stage.renderer.render(&self.store, &self.camera, settings, objects, SIZE)
+        let frame = Frame::new(&self.camera, settings, objects, SIZE);
+        stage.renderer.render(&self.store, &Frame { effort: stage.effort, ..frame })
     }
 }
 
@@ -285,14 +287,14 @@ fn samples_may_be_summed_over_frames_and_begin_anew_after_a_change() {
         let few_lights = [("light.by", "lights"), ("gi.vpls", "16"), ("gi.shadow_points", "256")];
         let settings = settings(method, 7, &few_lights);
         stage.renderer.forget();
-        stage.renderer.sum_at_once(None);
+        stage.effort.most_samples = None;
         scene.render(&mut stage, &settings);
         let whole = stage.renderer.read_picture().unwrap();
         // Nothing is left to sum.
         assert_eq!(scene.render(&mut stage, &settings).glossy_samples, [7, 7]);
         assert!(stage.renderer.read_picture().unwrap() == whole, "{}: drawn again", method.row().name);
         stage.renderer.forget();
-        stage.renderer.sum_at_once(Some(3));
+        stage.effort.most_samples = Some(3);
         let mut sums = Vec::new();
         for _ in 0..3 {
             sums.push(scene.render(&mut stage, &settings).glossy_samples[0]);
@@ -312,7 +314,7 @@ fn samples_may_be_summed_over_frames_and_begin_anew_after_a_change() {
         let mut darker = settings.clone();
         darker.tone.exposure = -1.0;
         assert_eq!(scene.render(&mut stage, &darker).glossy_samples, [6, 7]);
-        stage.renderer.sum_at_once(None);
+        stage.effort.most_samples = None;
     }
 }
 
@@ -482,7 +484,7 @@ fn a_blur_is_as_wide_as_the_lobe_where_rays_end_and_keeps_sums() {
                 &[("mirror.surface", "exact"), ("gloss.lobe", lobe), ("gloss.blur", &blur), ("gloss.blur_most", "65")],
             );
             let objects = Objects { mirrors: &scene.mirrors, lights: &scene.lights, ..Objects::default() };
-            stage.renderer.render(&scene.store, &scene.camera, &settings, objects, SIZE).unwrap();
+            stage.renderer.render(&scene.store, &Frame::new(&scene.camera, &settings, objects, SIZE)).unwrap();
             let shown = colors(&stage);
             let columns = WIDE / 2 - 30..WIDE / 2 + 30;
             (55..65).map(|y| columns.clone().map(|x| f64::from(shown[y * WIDE + x][0])).collect()).collect()
@@ -593,10 +595,10 @@ fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as
             // A picture of less quality in between, as while a slider moves.
             let mut hurried = settings.clone();
             hurried.splat.quality = scene::Quality::Nearest;
-            stage.renderer.sum_at_once(Some(1));
+            stage.effort.most_samples = Some(1);
             scene.render(&mut stage, &hurried);
             // The picture at rest, in steps.
-            stage.renderer.sum_at_once(Some(2));
+            stage.effort.most_samples = Some(2);
             let (mut traced, mut known) = (0, 0);
             let told = loop {
                 let stats = scene.render(&mut stage, &settings);
@@ -605,7 +607,7 @@ fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as
                     break stats.reflection;
                 }
             };
-            stage.renderer.sum_at_once(None);
+            stage.effort.most_samples = None;
             let shown = images(&stage);
             stage.renderer.forget();
             let fresh = scene.render(&mut stage, &settings);

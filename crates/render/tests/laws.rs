@@ -16,7 +16,7 @@ use cloud::{
 };
 use glam::{DMat3, DQuat, DVec3};
 use param::{Field, Group, Kind, Value};
-use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore, ReflectionStats};
+use render::{Aov, CloudId, ColorPlan, Frame, FrameStats, Material, Objects, PointStore, ReflectionStats};
 use scene::{
     Camera, METHODS, Method, MethodRow, Mirror, MirrorSurface, Settings, Shape, SpotLight, Supply, Tripod, five_mirrors,
 };
@@ -149,7 +149,7 @@ fn scene_of(stage: &Stage, turn: DMat3, refraction: Option<f32>) -> Scene {
 
 impl Scene {
     fn render(&self, stage: &mut Stage, settings: &Settings, size: [u32; 2]) -> FrameStats {
-        stage.renderer.render(&self.store, &self.camera, settings, self.objects(), size).unwrap()
+        stage.renderer.render(&self.store, &Frame::new(&self.camera, settings, self.objects(), size)).unwrap()
     }
 
     fn objects(&self) -> Objects<'_> {
@@ -284,8 +284,9 @@ fn finite_at_every_end_of_every_parameter() {
                     settings.set_text(&key, &text).unwrap();
                     let what = format!("{}, {key}={text}", method.name);
                     if method.method == Method::MirroredViewpoint && settings.gloss.samples > 0 {
-                        let drawn =
-                            stage.renderer.render(&scene.store, &scene.camera, &settings, scene.objects(), SIZE);
+                        let drawn = stage
+                            .renderer
+                            .render(&scene.store, &Frame::new(&scene.camera, &settings, scene.objects(), SIZE));
                         assert!(matches!(drawn, Err(render::Error::PerfectMirrorsOnly { .. })), "{what}");
                         continue;
                     }
@@ -431,7 +432,7 @@ fn hidden_points_leave_no_trace() {
         (settings.gi.bounces, settings.gi.vpls, settings.gi.shadow_points) = (1, 32, 1000);
         let objects = Objects { mirrors: &scene.mirrors, lights: &[lamp], ..Objects::default() };
         stage.renderer.forget();
-        let stats = stage.renderer.render(&scene.store, &scene.camera, &settings, objects, SIZE).unwrap();
+        let stats = stage.renderer.render(&scene.store, &Frame::new(&scene.camera, &settings, objects, SIZE)).unwrap();
         (bits(&stage), read(&stage, Aov::Indirect).iter().map(|value| value.to_bits()).collect::<Vec<_>>(), stats)
     };
     let without: Vec<_> = METHODS.iter().map(|method| render(&scene, method)).collect();
@@ -545,7 +546,8 @@ fn a_frame_that_was_given_up_leaves_no_trace() {
         for part in 0..8 {
             change(&mut scene, part);
             give_up_after(&mut stage, asked[part as usize % 2] * part / 8);
-            let ended = stage.renderer.render(&scene.store, &scene.camera, &settings, scene.objects(), SIZE);
+            let ended =
+                stage.renderer.render(&scene.store, &Frame::new(&scene.camera, &settings, scene.objects(), SIZE));
             stage.renderer.give_up_when(None);
             if let Err(error) = ended {
                 assert!(matches!(error, render::Error::GivenUp), "{}: {error}", method.name);

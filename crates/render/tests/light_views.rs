@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
-use render::{Aov, ColorPlan, FrameStats, Material, Objects, PointStore};
+use render::{Aov, ColorPlan, Frame, FrameStats, Material, Objects, PointStore};
 use scene::{Camera, Settings, SpotLight};
 
 use stage::Stage;
@@ -82,7 +82,7 @@ fn picture(
     lights: &[SpotLight],
 ) -> (Vec<[u8; 3]>, FrameStats) {
     let objects = Objects { lights, ..Objects::default() };
-    let stats = stage.renderer.render(store, &camera(), &settings(pairs), objects, SIZE).unwrap();
+    let stats = stage.renderer.render(store, &Frame::new(&camera(), &settings(pairs), objects, SIZE)).unwrap();
     let picture = stage.renderer.read_picture().unwrap();
     (picture.as_chunks::<4>().0.iter().map(|[red, green, blue, _]| [*red, *green, *blue]).collect(), stats)
 }

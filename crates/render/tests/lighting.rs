@@ -9,7 +9,7 @@ use std::f64::consts::{FRAC_1_PI, PI};
 
 use cloud::Chunk;
 use glam::{DVec3, Vec3};
-use render::{Aov, Material, Objects, PointStore};
+use render::{Aov, Frame, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, LightClues, Settings, SpotLight};
 
@@ -87,7 +87,7 @@ fn a_lamp_on_a_glossy_wall_is_the_closed_form() {
             ("reflection.method", "none"),
         ]);
         let objects = Objects { lights: &[lamp], ..Objects::default() };
-        stage.renderer.render(&store, &camera, &settings, objects, SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&camera, &settings, objects, SIZE)).unwrap();
         let direct = read(&stage, Aov::Direct);
         assert_eq!(direct, read(&stage, Aov::Color));
         for (pixel, direct) in direct.into_iter().enumerate() {
@@ -111,7 +111,7 @@ fn points_with_a_gloss_of_their_own_are_no_mirror_and_show_it() {
     {
         let settings = settings(&[("light.gloss", "0.9"), ("splat.quality", quality), ("reflection.method", method)]);
         let objects = Objects { lights: &[lamp], ..Objects::default() };
-        stage.renderer.render(&store, &camera, &settings, objects, SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&camera, &settings, objects, SIZE)).unwrap();
         let (direct, mirror) = (read(&stage, Aov::Direct), stage.renderer.read_aov(Aov::Mirror).unwrap().data);
         assert!(mirror.iter().all(|mirror| *mirror == 0.0), "{quality}, {method}: a mirror");
         for (pixel, direct) in direct.into_iter().enumerate() {
@@ -140,7 +140,7 @@ fn a_mirror_with_a_power_shows_the_lamp_and_one_without_does_not() {
             ("reflection.bounces", bounces),
             ("mirror.tint", &tint.to_string()),
         ]);
-        stage.renderer.render(&store, &camera, &settings, objects, SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&camera, &settings, objects, SIZE)).unwrap();
         let (direct, color) = (read(&stage, Aov::Direct), read(&stage, Aov::Color));
         for (pixel, (direct, color)) in direct.into_iter().zip(color).enumerate() {
             let at = on_floor(&camera, pixel);
@@ -184,7 +184,7 @@ fn tone_mapping_is_its_formula_and_leaves_the_background_alone() {
             ]);
             let lights = if is_lit { &[lamp][..] } else { &[] };
             let objects = Objects { lights, ..Objects::default() };
-            stage.renderer.render(&store, &camera(), &settings, objects, SIZE).unwrap();
+            stage.renderer.render(&store, &Frame::new(&camera(), &settings, objects, SIZE)).unwrap();
             let (color, picture) = (read(&stage, Aov::Color), stage.renderer.read_picture().unwrap());
             let texels: Vec<[f32; 3]> = color.iter().map(|color| color.as_vec3().to_array()).collect();
             stage.renderer.present(&settings, &texels).unwrap();
@@ -236,7 +236,7 @@ fn a_sun_lights_a_plane_evenly_but_for_the_shadow_of_what_is_above_it() {
         let store = floor_with_blocker(&stage, half);
         let camera = slanted_camera();
         let settings = by_sun(&[]);
-        stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), SIZE)).unwrap();
         let (direct, depth) = (read(&stage, Aov::Direct), stage.renderer.read_aov(Aov::Depth).unwrap().data);
         let to_sun = settings.sun.direction(camera.up);
         let lit = 3.0 * to_sun.z * ALBEDO * FRAC_1_PI;
@@ -279,7 +279,7 @@ fn shadows_of_a_sun_stand_still_while_the_camera_moves() {
     // With y up, the sun is in the south, toward z.
     let settings = by_sun(&[("view.projection", "orthographic"), ("sun.azimuth", "180")]);
     let mut direct = |camera: &Camera| {
-        stage.renderer.render(&store, camera, &settings, Objects::default(), SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(camera, &settings, Objects::default(), SIZE)).unwrap();
         read(&stage, Aov::Direct)
     };
     let before = direct(&camera);
@@ -304,7 +304,7 @@ fn no_light_is_dark_and_an_open_sky_brings_a_sun() {
     let mut brightest = |settings: &Settings, lights: &[SpotLight], sky_is_open| {
         let clues = LightClues { sky_is_open, ..LightClues::default() };
         let objects = Objects { lights, clues, ..Objects::default() };
-        stage.renderer.render(&store, &slanted_camera(), settings, objects, SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&slanted_camera(), settings, objects, SIZE)).unwrap();
         read(&stage, Aov::Direct)
             .into_iter()
             .filter(|color| !color.is_nan())
@@ -328,7 +328,7 @@ fn shadow_maps_are_drawn_again_only_where_something_changed() {
     let mut stage = stage_or_skip!();
     let store = floor_with_blocker(&stage, 8.0);
     let mut draws = |settings: &Settings| {
-        let stats = stage.renderer.render(&store, &camera(), settings, Objects::default(), SIZE).unwrap();
+        let stats = stage.renderer.render(&store, &Frame::new(&camera(), settings, Objects::default(), SIZE)).unwrap();
         stats.passes.iter().any(|pass| pass.name == "shadow_maps")
     };
     draws(&by_sun(&[]));
@@ -357,7 +357,7 @@ fn the_lamp_of_five_mirrors_lights_its_walls_as_the_closed_form_does_within_a_hu
     let store = store_of(&stage, parts.into_iter().flat_map(|part| part.chunks).collect(), Material::default());
     let (camera, lamp) = (five_mirrors::camera(), five_mirrors::light());
     let objects = Objects { lights: &[lamp], ..Objects::default() };
-    stage.renderer.render(&store, &camera, &Settings::default(), objects, size).unwrap();
+    stage.renderer.render(&store, &Frame::new(&camera, &Settings::default(), objects, size)).unwrap();
     let walls = five_mirrors::walls();
     let mut compared = [0; 6];
     for (pixel, direct) in read(&stage, Aov::Direct).into_iter().enumerate() {
@@ -402,7 +402,7 @@ fn surfaces_that_turn_their_back_are_left_out_if_asked_for_and_the_inside_of_a_r
                 let pairs = [("splat.back_faces", backs), ("splat.quality", quality), ("view.projection", projection)];
                 let camera = Camera::looking(DVec3::ZERO, DVec3::Z, 2.0, DVec3::Y);
                 let objects = Objects::default();
-                stage.renderer.render(&store, &camera, &settings(&pairs), objects, [64, 48]).unwrap();
+                stage.renderer.render(&store, &Frame::new(&camera, &settings(&pairs), objects, [64, 48])).unwrap();
                 let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data[24 * 64 + 32];
                 assert!((f64::from(depth) - expected).abs() < 0.01, "{projection} {quality} {backs}: {depth}");
             }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use cloud::{Attribute, Chunk, Cloud, CloudLayout, Column, ColumnType, PointTest, hash, pack_normal, pack_radius};
 use glam::DVec3;
-use render::{Aov, ColorPlan, Detail, Known, Material, Objects, PointStore, QuickPicture};
+use render::{Aov, ColorPlan, Detail, Frame, Known, Material, Objects, PointStore, QuickPicture};
 use scene::{Camera, Settings};
 
 use stage::Stage;
@@ -80,7 +80,7 @@ fn store(stage: &Stage, cloud: &Cloud, settings: &Settings) -> PointStore {
 }
 
 fn still(stage: &mut Stage, store: &PointStore, camera: &Camera, settings: &Settings) -> Vec<u8> {
-    stage.renderer.render(store, camera, settings, Objects::default(), SIZE).unwrap();
+    stage.renderer.render(store, &Frame::new(camera, settings, Objects::default(), SIZE)).unwrap();
     stage.renderer.read_picture().unwrap()
 }
 

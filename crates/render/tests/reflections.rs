@@ -11,7 +11,7 @@ use std::sync::Arc;
 use cloud::sampling::Surface;
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DMat3, DQuat, DVec3, Vec3};
-use render::{Aov, ColorPlan, FrameStats, Material, Objects, PassStage, PassTime, PointStore};
+use render::{Aov, ColorPlan, Frame, FrameStats, Material, Objects, PassStage, PassTime, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
@@ -77,7 +77,7 @@ impl Scene {
 
     fn render_sized(&self, stage: &mut Stage, settings: &Settings, size: [u32; 2]) -> FrameStats {
         let objects = Objects { mirrors: &self.mirrors, lights: &self.lights, ..Objects::default() };
-        stage.renderer.render(&self.store, &self.camera, settings, objects, size).unwrap()
+        stage.renderer.render(&self.store, &Frame::new(&self.camera, settings, objects, size)).unwrap()
     }
 }
 

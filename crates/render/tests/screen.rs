@@ -7,7 +7,7 @@ mod stage;
 mod walls;
 
 use glam::{DQuat, DVec3, Vec3};
-use render::{Aov, FrameStats, Material, Objects, PointStore};
+use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
 use scene::{Camera, Mirror, Settings, Shape};
 
 use stage::Stage;
@@ -22,7 +22,7 @@ struct Scene {
 impl Scene {
     fn render(&self, stage: &mut Stage, settings: &Settings, size: [u32; 2]) -> FrameStats {
         let objects = Objects { mirrors: &self.mirrors, ..Objects::default() };
-        stage.renderer.render(&self.store, &self.camera, settings, objects, size).unwrap()
+        stage.renderer.render(&self.store, &Frame::new(&self.camera, settings, objects, size)).unwrap()
     }
 }
 

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use cloud::{Attribute, Chunk, Cloud, CloudLayout, Column, ColumnType, PointTest, pack_normal, pack_radius};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use param::{Kind, Value};
-use render::{Aov, ColorPlan, Material, Objects, PointStore};
+use render::{Aov, ColorPlan, Effort, Frame, Material, Objects, PointStore};
 use scene::{Camera, Settings};
 
 use stage::Stage;
@@ -44,7 +44,8 @@ fn draw(stage: &mut Stage, chunks: Vec<Chunk>, camera: &Camera, settings: &Setti
     let cloud = Cloud { chunks, ..Cloud::default() };
     let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
     store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
-    stage.renderer.render(&store, camera, settings, Objects::default(), SIZE).unwrap();
+    let frame = Frame::new(camera, settings, Objects::default(), SIZE);
+    stage.renderer.render(&store, &Frame { effort: stage.effort, ..frame }).unwrap();
     let picture = stage.renderer.read_picture().unwrap();
     (store, picture)
 }
@@ -276,10 +277,12 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
             .renderer
             .render(
                 store,
-                &front_camera(),
-                &settings(&[("splat.max_pixels", "1"), ("splat.rest_pixels", "1")]),
-                Objects::default(),
-                SIZE,
+                &Frame::new(
+                    &front_camera(),
+                    &settings(&[("splat.max_pixels", "1"), ("splat.rest_pixels", "1")]),
+                    Objects::default(),
+                    SIZE,
+                ),
             )
             .unwrap();
         stage.renderer.read_aov(Aov::Depth).unwrap().data.iter().filter(|depth| !depth.is_nan()).count()
@@ -314,9 +317,10 @@ fn a_thinned_picture_covers_about_as_much_with_fewer_points_and_leaves_no_trace(
     let speck = store.add_cloud(Material::default());
     store.add_chunk(speck, &chunk(&ball(1), DVec3::Z * -0.5), None).unwrap();
     let (camera, settings) = (front_camera(), settings(&[("splat.quality", "nearest")]));
-    let mut drawn = |most| {
-        stage.renderer.thin(most);
-        let stats = stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+    let mut drawn = |most_points| {
+        let frame = Frame::new(&camera, &settings, Objects::default(), SIZE);
+        let frame = Frame { effort: Effort { most_points, ..Effort::FULL }, ..frame };
+        let stats = stage.renderer.render(&store, &frame).unwrap();
         let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
         let covered = depth.iter().filter(|depth| !depth.is_nan()).count();
         (stats.points_drawn, covered, stage.renderer.read_picture().unwrap())
@@ -358,7 +362,7 @@ fn an_attribute_of_large_values_is_coloured_across_its_whole_ramp() {
     let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
     store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
     let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
-    stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+    stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), SIZE)).unwrap();
     let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
     let row = (0..SIZE[0] as usize).map(|x| albedo[(60 * SIZE[0] as usize + x) * 3]);
     let shown: Vec<f32> = row.filter(|level| !level.is_nan()).collect();
@@ -398,7 +402,7 @@ fn points_without_a_value_are_plain_among_those_on_a_ramp() {
     let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
     for quality in ["nearest", "high"] {
         settings.set_text("splat.quality", quality).unwrap();
-        stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), SIZE)).unwrap();
         let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
         let row = (0..SIZE[0] as usize).map(|x| (60 * SIZE[0] as usize + x) * 3);
         let shown: Vec<&[f32]> = row.map(|at| &albedo[at..at + 3]).filter(|albedo| !albedo[0].is_nan()).collect();
@@ -438,7 +442,7 @@ fn lone_strays_and_mixed_pixels_have_colours_of_their_own() {
         let (plan, warning) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
         assert_eq!((plan.label.as_str(), warning), ("stray", None));
         store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
-        stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), SIZE)).unwrap();
         let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
         let shown: Vec<[f32; 3]> = albedo.as_chunks().0.iter().filter(|albedo| !albedo[0].is_nan()).copied().collect();
         // Grey, magenta and orange, and nothing else.
@@ -495,7 +499,10 @@ fn a_specular_cloud_is_a_mirror_in_both_qualities() {
         store.add_chunk(wall, &chunk(&shifted, DVec3::ZERO), None).unwrap();
         stage
             .renderer
-            .render(&store, &front_camera(), &settings(&[("splat.quality", quality)]), Objects::default(), SIZE)
+            .render(
+                &store,
+                &Frame::new(&front_camera(), &settings(&[("splat.quality", quality)]), Objects::default(), SIZE),
+            )
             .unwrap();
         let mask = stage.renderer.read_aov(Aov::Mirror).unwrap().data;
         assert_eq!(mask[60 * 160 + 80], 1.0, "{quality}");
@@ -628,7 +635,7 @@ fn an_empty_store_shows_the_background() {
     let store = PointStore::new(stage.gpu.clone());
     for quality in ["nearest", "high"] {
         let settings = settings(&[("splat.quality", quality), ("view.background", "#123456")]);
-        stage.renderer.render(&store, &front_camera(), &settings, Objects::default(), SIZE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&front_camera(), &settings, Objects::default(), SIZE)).unwrap();
         assert_eq!(stage.renderer.read_picture().unwrap()[..4], [0x12, 0x34, 0x56, 255]);
     }
 }
@@ -701,7 +708,7 @@ fn chunks_that_come_and_go_for_long_stay_in_one_page_and_keep_picture_and_picks_
         fresh.add_chunk(other, chunk, None).unwrap();
     }
     let mut draw = |store: &PointStore| {
-        stage.renderer.render(store, &front_camera(), &settings(&[]), Objects::default(), SIZE).unwrap();
+        stage.renderer.render(store, &Frame::new(&front_camera(), &settings(&[]), Objects::default(), SIZE)).unwrap();
         stage.renderer.read_picture().unwrap()
     };
     let expected = draw(&fresh);
@@ -740,7 +747,7 @@ fn colours_and_normals_that_stay_are_not_sent_again() {
     let id = store.add_chunk(cloud, &before, None).unwrap();
     let mut sent = vec![store.uploaded_bytes()];
     let mut draw = |store: &PointStore| {
-        stage.renderer.render(store, &front_camera(), &settings(&[]), Objects::default(), SIZE).unwrap();
+        stage.renderer.render(store, &Frame::new(&front_camera(), &settings(&[]), Objects::default(), SIZE)).unwrap();
         [Aov::Albedo, Aov::Normal, Aov::Depth].map(|aov| stage.renderer.read_aov(aov).unwrap().data)
     };
     for next in [&larger, &green, &bare, &bare] {
@@ -776,8 +783,9 @@ fn a_cloud_is_given_little_more_than_what_was_announced_of_it() {
 fn a_picture_too_large_for_the_adapter_is_a_named_error() {
     let mut stage = stage_or_skip!();
     let store = PointStore::new(stage.gpu.clone());
-    let result =
-        stage.renderer.render(&store, &front_camera(), &Settings::default(), Objects::default(), [200_000, 10]);
+    let result = stage
+        .renderer
+        .render(&store, &Frame::new(&front_camera(), &Settings::default(), Objects::default(), [200_000, 10]));
     let error = result.unwrap_err().to_string();
     assert!(error.contains("ask for a smaller picture"), "{error}");
 }
@@ -788,7 +796,10 @@ fn a_scene_without_mirrors_runs_no_pass_of_reflections() {
     let mut store = PointStore::new(stage.gpu.clone());
     let cloud = store.add_cloud(Default::default());
     store.add_chunk(cloud, &Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]), None).unwrap();
-    let stats = stage.renderer.render(&store, &front_camera(), &Settings::default(), Objects::default(), SIZE).unwrap();
+    let stats = stage
+        .renderer
+        .render(&store, &Frame::new(&front_camera(), &Settings::default(), Objects::default(), SIZE))
+        .unwrap();
     let passes: Vec<&str> = stats.passes.iter().map(|pass| pass.name).collect();
     assert!(passes.contains(&"present"), "{passes:?}");
     assert!(!passes.iter().any(|name| name.starts_with("mirror") || name.contains("trace")), "{passes:?}");
@@ -860,9 +871,9 @@ fn a_near_wall_is_closed_at_rest_and_capped_while_moving() {
     let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 1.7, DVec3::Z);
     let near = |stage: &mut Stage, pairs: &[(&str, &str)], moves: bool| {
         let settings = settings(&[pairs, &[("view.field_of_view", "60"), ("splat.close_gaps", "false")]].concat());
-        stage.renderer.thin(moves.then_some(u64::MAX));
+        stage.effort.most_points = moves.then_some(u64::MAX);
         let (_, picture) = draw(stage, vec![chunk(&wall, DVec3::ZERO)], &camera, &settings);
-        stage.renderer.thin(None);
+        stage.effort = Effort::FULL;
         let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
         (depth.iter().filter(|depth| depth.is_nan()).count(), picture)
     };
@@ -900,7 +911,7 @@ fn of_discs_that_fill_the_picture_the_nearest_one_is_seen_everywhere() {
     let cloud = store.add_cloud(Material::default());
     store.add_chunk(cloud, &chunk(&points, DVec3::ZERO), None).unwrap();
     let size = [400, 300];
-    stage.renderer.render(&store, &camera, &settings, Objects::default(), size).unwrap();
+    stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), size)).unwrap();
     // Discs are hollow by a thousandth of their radius, which is 4 here.
     let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
     let wrong = depth.iter().filter(|depth| (**depth - 4.0).abs() > 0.005).count();
@@ -985,7 +996,7 @@ fn eye_dome(stage: &mut Stage, points: &[Point], camera: &Camera, quality: &str,
         let settings = settings(&[("splat.quality", quality), ("light.by", "colors"), ("edl.strength", strength)]);
         let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
         store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
-        stage.renderer.render(&store, camera, &settings, Objects::default(), size).unwrap();
+        stage.renderer.render(&store, &Frame::new(camera, &settings, Objects::default(), size)).unwrap();
         // Linear light of the sRGB values.
         let linear = |value: u8| ((f64::from(value) / 255.0 + 0.055) / 1.055).powf(2.4);
         let picture = stage.renderer.read_picture().unwrap();

@@ -14,7 +14,7 @@ use std::time::Instant;
 use cloud::{Chunk, Cloud, Progress, unpack_radius};
 use param::Choice as _;
 use rayon::prelude::*;
-use render::{ChunkId, ColorPlan, Gpu, Material, Objects, PassStage, PointStore, Renderer};
+use render::{ChunkId, ColorPlan, Frame, Gpu, Material, Objects, PassStage, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{Method, Mirror, Settings};
 use study::{SubjectPart, TracedScene, Tracer, Truth, View};
@@ -190,7 +190,7 @@ fn compare(renderer: &mut Renderer, stage: &mut Stage, asked: &Asked) -> anyhow:
             let objects = Objects { mirrors: &stage.mirrors, ..Objects::default() };
             renderer.forget();
             let start = Instant::now();
-            let stats = renderer.render(&stage.store, &camera, tried, objects, size)?;
+            let stats = renderer.render(&stage.store, &Frame::new(&camera, tried, objects, size))?;
             let milliseconds = start.elapsed().as_secs_f64() * 1000.0;
             // The first round compiles.
             if round > 0 {

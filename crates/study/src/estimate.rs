@@ -7,14 +7,13 @@
 //! method and fewer lights all count. [`estimate`] does both for the frame drawn last. The errors of pixels are those
 //! of [`metrics`](crate::metrics).
 
-use render::{MirrorProbe, PointStore, Probe, Renderer, SeenMirror, Shown};
+use render::{Effort, Frame, MirrorProbe, PointStore, Probe, Renderer, SeenMirror, Shown};
 use serde::Serialize;
 use trace::MirrorPoint;
 
 use crate::light::light_error;
 use crate::metrics::{MirrorPixel, Percentiles, PixelError, pixel_error};
 use crate::still::still_settings;
-use crate::truth::View;
 
 /// The number of mirror pixels, and of visible pixels, behind an estimate.
 pub const RAYS: usize = 500;
@@ -63,11 +62,11 @@ pub struct EstimatedLight {
 pub fn estimate(
     renderer: &mut Renderer,
     store: &PointStore,
-    view: View<'_>,
+    frame: Frame<'_>,
     rays: usize,
     seed: u64,
 ) -> render::Result<Option<Estimate>> {
-    Ok(judge(renderer, store, view, rays, seed)?.estimate())
+    Ok(judge(renderer, store, frame, rays, seed)?.estimate())
 }
 
 /// The errors of the single pixels behind [`estimate`]. Where the frame has fewer pixels or points than the still
@@ -78,21 +77,21 @@ pub fn estimate(
 pub fn judge(
     renderer: &mut Renderer,
     store: &PointStore,
-    view: View<'_>,
+    frame: Frame<'_>,
     rays: usize,
     seed: u64,
 ) -> render::Result<Judged> {
-    let View { camera, settings, objects, size } = view;
+    let Frame { settings, objects, size, .. } = frame;
     let drawn = renderer.picture().map_or(size, |picture| [picture.width(), picture.height()]);
     let is_coarse = drawn != size || settings.splat.step > 1;
     if is_coarse {
         let mut fine = settings.clone();
         fine.splat.step = 1;
-        renderer.render(store, camera, &fine, objects, size)?;
+        renderer.render(store, &Frame { settings: &fine, effort: Effort::FULL, ..frame })?;
     }
     let probe = renderer.probe(store, &still_settings(settings), objects, rays, seed)?;
     if is_coarse {
-        renderer.render(store, camera, settings, objects, drawn)?;
+        renderer.render(store, &Frame { size: drawn, ..frame })?;
     }
     let shown = renderer.shown_at(settings, &probe)?;
     Ok(Judged::new(&probe, &shown))

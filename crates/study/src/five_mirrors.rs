@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use cloud::Progress;
 use glam::DVec3;
-use render::{Aov, FrameStats, Gpu, Renderer};
+use render::{Aov, Frame, FrameStats, Gpu, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Method, Settings};
 use trace::{
@@ -236,7 +236,7 @@ impl FiveMirrors {
         frames: u32,
     ) -> anyhow::Result<Flicker> {
         let draw = |camera: &Camera| -> anyhow::Result<FrameImages> {
-            renderer.render(&self.subject.store, camera, settings, self.subject.objects(), size)?;
+            renderer.render(&self.subject.store, &Frame::new(camera, settings, self.subject.objects(), size))?;
             let read =
                 |aov| -> anyhow::Result<Vec<[f32; 3]>> { Ok(renderer.read_aov(aov)?.data.as_chunks::<3>().0.to_vec()) };
             Ok(FrameImages { positions: read(Aov::Position)?, colors: read(Aov::Indirect)? })

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 use cloud::Progress;
-use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
+use render::{Aov, Effort, Frame, FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, ColorBy, Preset, Settings};
 
 use crate::chart;
@@ -457,7 +457,7 @@ impl<'a> Runner<'a> {
             true => None,
             false => {
                 let view = view(&loaded.subject, &settings, case.size);
-                estimate(renderer, &loaded.subject.store, view, RAYS, settings.scene.seed.into())?
+                estimate(renderer, &loaded.subject.store, view.frame(), RAYS, settings.scene.seed.into())?
             }
         };
         // So would the ray tracer's own scene where no truth judges.
@@ -598,10 +598,9 @@ fn draw(
             camera.orbit(-case.orbit.to_radians() * f64::from(left), 0.0);
         }
         let size = drawn_size(case.size, settings);
-        renderer.let_light_lag(group.lags && left < before);
-        let frame = renderer.render(store, &camera, &anew, loaded.subject.objects(), size);
-        renderer.let_light_lag(false);
-        frames.push(frame?);
+        let effort = Effort { light_may_lag: group.lags && left < before, ..Effort::FULL };
+        let frame = Frame::new(&camera, &anew, loaded.subject.objects(), size);
+        frames.push(renderer.render(store, &Frame { effort, ..frame })?);
     }
     let skipped = if case.orbit == 0.0 { before as usize } else { 1 };
     Ok(frames.split_off(skipped))
@@ -639,7 +638,7 @@ fn flickers(
             let camera = Camera { eye: camera.eye + origin, pivot: camera.pivot + origin, ..*camera };
             // The ray tracer's random numbers continue as they would from frame to frame.
             settings.trace.seed = settings.trace.seed.wrapping_add(1);
-            renderer.render(&subject.store, &camera, &settings, subject.objects(), case.size)?;
+            renderer.render(&subject.store, &Frame::new(&camera, &settings, subject.objects(), case.size))?;
             let view = View { camera: &camera, settings: &settings, objects: subject.objects(), size: case.size };
             let tracer = Tracer::new(scene, view);
             let mut drawn = tracer.drawn(renderer)?;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, Progress, RadiusRule, SurfelOptions, guess_orientation};
 use glam::{DVec3, Vec3};
-use render::{ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
+use render::{ColorPlan, ColorSource, Frame, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, ColorBy, LightClues, Mirror, Settings, SpotLight};
 use trace::{Clear, Exact, Mesh, Vertex, linear_from_srgb};
@@ -126,7 +126,7 @@ impl Subject {
     /// The device was lost, or the picture is too large.
     pub fn render(&self, renderer: &mut Renderer, settings: &Settings, size: [u32; 2]) -> render::Result<FrameStats> {
         renderer.forget();
-        renderer.render(&self.store, &self.camera, settings, self.objects(), size)
+        renderer.render(&self.store, &Frame::new(&self.camera, settings, self.objects(), size))
     }
 }
 

@@ -10,7 +10,7 @@ use std::time::Instant;
 use cloud::{Bounds, Chunk, Progress};
 use glam::DVec3;
 use rayon::prelude::*;
-use render::{Aov, AovImage, MOST_LIGHTS, Objects, Renderer};
+use render::{Aov, AovImage, Frame, MOST_LIGHTS, Objects, Renderer};
 use scene::{Camera, GlossLobe, Highlight, Lighting, Method, Settings, SpotLight};
 use trace::{
     Exact, Fill, Geometry, Gloss, HalfLobe, Hit, Illuminant, Illumination, Indirect, Lobe, Medium, MirrorPoint,
@@ -67,6 +67,13 @@ pub struct View<'a> {
     pub settings: &'a Settings,
     pub objects: Objects<'a>,
     pub size: [u32; 2],
+}
+
+impl<'a> View<'a> {
+    /// The request for the picture of the view, in full effort.
+    pub fn frame(self) -> Frame<'a> {
+        Frame::new(self.camera, self.settings, self.objects, self.size)
+    }
 }
 
 /// For each pixel the hit that it sees and the direction of the ray; `None` if it sees nothing.

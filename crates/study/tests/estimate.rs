@@ -6,7 +6,7 @@ mod studio;
 use std::sync::Arc;
 
 use cloud::Progress;
-use render::{Aov, Gpu, Renderer};
+use render::{Aov, Frame, Gpu, Renderer};
 use scene::Settings;
 use scene::five_mirrors::Variant;
 use study::{
@@ -50,7 +50,7 @@ impl Stage {
         let tracer = Tracer::new(traced, view);
         let drawn = tracer.drawn(renderer).unwrap();
         let full = tracer.judge(Truth::SameInput, &drawn, &Progress::default()).unwrap();
-        let estimate = estimate(renderer, &subject.store, view, RAYS, seed).unwrap();
+        let estimate = estimate(renderer, &subject.store, view.frame(), RAYS, seed).unwrap();
         (full, estimate.unwrap())
     }
 }
@@ -115,10 +115,10 @@ fn what_is_exact_has_no_error_and_a_small_picture_has_that_of_its_pixels() {
         let mut coarse = settings.clone();
         coarse.splat.step = step;
         let drawn = SIZE.map(|edge| edge / divisor);
-        let view = View { camera, settings: &coarse, objects, size: SIZE };
+        let frame = Frame::new(camera, &coarse, objects, SIZE);
         stage.subject.render(renderer, &coarse, drawn).unwrap();
         let picture = renderer.read_picture().unwrap();
-        let small = judge(renderer, store, view, RAYS, 1).unwrap().estimate().unwrap().pixel_error.unwrap();
+        let small = judge(renderer, store, frame, RAYS, 1).unwrap().estimate().unwrap().pixel_error.unwrap();
         assert!(renderer.read_picture().unwrap() == picture, "the frame is the same as before");
         println!("1 / {divisor}, one point in {step}: {small:?}");
         assert!(range.contains(&small.median), "1 / {divisor}, one point in {step}: {small:?}");
@@ -135,8 +135,9 @@ fn indirect_light_is_compared_with_that_of_many_lights() {
     let mut drawn = |text: &str, seeds: &[u64]| {
         let settings = &settings(text);
         stage.subject.render(renderer, settings, SIZE).unwrap();
-        let view = View { camera, settings, objects, size: SIZE };
-        let mut by_seed = |seed: &u64| estimate(renderer, store, view, RAYS, *seed).unwrap().unwrap().indirect.unwrap();
+        let frame = Frame::new(camera, settings, objects, SIZE);
+        let mut by_seed =
+            |seed: &u64| estimate(renderer, store, frame, RAYS, *seed).unwrap().unwrap().indirect.unwrap();
         let estimates: Vec<_> = seeds.iter().map(&mut by_seed).collect();
         let image = renderer.read_aov(Aov::Indirect).unwrap().data.as_chunks::<3>().0.to_vec();
         (estimates, image)
@@ -160,7 +161,7 @@ fn indirect_light_is_compared_with_that_of_many_lights() {
     assert!(held * 4 >= all * 3, "{held} of {all} intervals hold the error of all pixels");
     let settings = &settings("gi.bounces=0 reflection.method=none");
     stage.subject.render(renderer, settings, SIZE).unwrap();
-    let without = estimate(renderer, store, View { camera, settings, objects, size: SIZE }, RAYS, 5).unwrap();
+    let without = estimate(renderer, store, Frame::new(camera, settings, objects, SIZE), RAYS, 5).unwrap();
     assert_eq!(without, None, "nothing to estimate");
 }
 

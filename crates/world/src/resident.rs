@@ -297,7 +297,7 @@ impl Resident {
 mod tests {
     use cloud::{Attribute, Column, ColumnType, pack_normal, pack_radius};
     use glam::Vec3;
-    use render::{Objects, Renderer};
+    use render::{Frame, Objects, Renderer};
     use scene::{Camera, Color, ColorBy, Lighting, Mirror, Ramp, Settings, Shape};
 
     use super::*;
@@ -337,7 +337,7 @@ mod tests {
             let mut settings = Settings::default();
             settings.light.by = Lighting::Colors;
             settings.edl.strength = 0.0;
-            renderer.render(&resident.store, &camera, &settings, Objects::default(), [64, 48]).unwrap();
+            renderer.render(&resident.store, &Frame::new(&camera, &settings, Objects::default(), [64, 48])).unwrap();
             renderer.read_picture().unwrap()
         };
         let [left, right] = [(CloudKey(1), -1.4), (CloudKey(2), 0.4)];
@@ -388,7 +388,7 @@ mod tests {
             settings.gloss.samples = 2;
             let objects = Objects { mirrors: std::slice::from_ref(mirror), ..Objects::default() };
             renderer.forget();
-            renderer.render(&resident.store, &camera, &settings, objects, [64, 48]).unwrap();
+            renderer.render(&resident.store, &Frame::new(&camera, &settings, objects, [64, 48])).unwrap();
             renderer.read_picture().unwrap()
         };
         let mut changed = Resident::new(gpu.clone());

@@ -15,9 +15,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use cloud::{PointTest, Progress};
-use render::{FrameStats, Gpu, IsGivenUp, LightReuse, Objects, PictureRows, Renderer};
+use render::{Effort, FrameStats, Gpu, IsGivenUp, LightReuse, Objects, PictureRows, Renderer};
 use scene::Settings;
-use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
+use study::{Choice, CostModel, Drawn, Judged, Target, auto};
 use world::{Change, Resident};
 
 use crate::overlays;
@@ -409,9 +409,10 @@ impl Worker {
         self.hold(request, false)?;
         let FrameRequest { camera, mirrors, lights, clues, settings, .. } = request;
         let objects = Objects { mirrors, lights, clues: *clues };
-        let view = View { camera, settings, objects, size: request.drawn_size() };
+        let effort = effort_of(request);
+        let frame = render::Frame { camera, settings, objects, size: request.drawn_size(), effort };
         let held = self.held.take();
-        let judged = study::judge(&mut self.renderer, &self.resident.store, view, study::RAYS, seed)?;
+        let judged = study::judge(&mut self.renderer, &self.resident.store, frame, study::RAYS, seed)?;
         self.held = held;
         tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "estimate");
         Ok(Some(judged))
@@ -423,12 +424,9 @@ impl Worker {
         let objects = Objects { mirrors, lights, clues: *clues };
         self.held = None;
         let Self { renderer, resident, .. } = self;
-        renderer.let_light_lag(false);
-        renderer.thin(None);
-        renderer.time_passes(true);
         let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
             renderer.forget();
-            Ok(renderer.render(&resident.store, camera, settings, objects, size)?)
+            Ok(renderer.render(&resident.store, &render::Frame::new(camera, settings, objects, size))?)
         };
         let mut hands = auto::Hands { renderer, draw: &mut draw, model };
         auto::choose(target, settings, &["view.resolution".to_owned()], (camera, *size), &mut hands)
@@ -450,16 +448,16 @@ impl Worker {
         let objects = Objects { mirrors, lights, clues: *clues };
         self.held = None;
         self.renderer.prepare(&self.resident.store, &request.settings, objects, &self.shaders)?;
-        self.renderer.let_light_lag(request.light_may_lag);
-        self.renderer.reuse_light(if request.hurried { LightReuse::Reuse } else { LightReuse::Keep });
-        self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
-        self.renderer.sum_at_once(samples);
-        self.renderer.time_passes(!request.hurried);
         let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
-        self.renderer.adapt_exposure(since.map(adapted_share));
         self.exposed_at = samples.is_some().then(Instant::now);
-        let size = request.drawn_size();
-        let stats = self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, size)?;
+        let frame = render::Frame {
+            camera: &request.camera,
+            settings: &request.settings,
+            objects,
+            size: request.drawn_size(),
+            effort: Effort { most_samples: samples, exposure_share: since.map(adapted_share), ..effort_of(request) },
+        };
+        let stats = self.renderer.render(&self.resident.store, &frame)?;
         let [summed, asked] = stats.glossy_samples;
         let adapts = stats.exposure.is_some_and(|exposure| exposure.adapts);
         self.held = Some((request.clone(), summed == asked && !adapts));
@@ -505,6 +503,17 @@ impl Worker {
         let stats = self.render(request, Some(summed.clamp(1, MOST_SAMPLES)))?;
         self.summed = stats.glossy_samples[0];
         Ok((stats, self.renderer.picture_rows()?))
+    }
+}
+
+/// The effort of a frame for the window, whose exposure and samples are those of a picture at rest.
+fn effort_of(request: &FrameRequest) -> Effort {
+    Effort {
+        most_points: request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)),
+        light_may_lag: request.light_may_lag,
+        light_reuse: if request.hurried { LightReuse::Reuse } else { LightReuse::Keep },
+        times_passes: !request.hurried,
+        ..Effort::FULL
     }
 }
 

@@ -145,7 +145,8 @@ fn samples_of_glossy_mirrors_come_in_steps_and_end_in_the_picture_of_all() {
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let objects = Objects { mirrors: &glossy.mirrors, ..Objects::default() };
     let store = render::PointStore::new(gpu);
-    let stats = renderer.render(&store, &glossy.camera, &glossy.settings, objects, glossy.size).unwrap();
+    let stats =
+        renderer.render(&store, &render::Frame::new(&glossy.camera, &glossy.settings, objects, glossy.size)).unwrap();
     assert_eq!(stats.glossy_samples, [7, 7]);
     assert!(captured.picture == renderer.read_picture().unwrap(), "another picture than that drawn at once");
 

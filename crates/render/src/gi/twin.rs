@@ -8,7 +8,7 @@ use scene::five_mirrors::{self, Variant};
 use scene::{Settings, SpotLight};
 
 use crate::layout::{VPL_SKY, Virtual, Vpl};
-use crate::{Aov, ColorPlan, Gpu, Material, Objects, PointStore, Renderer};
+use crate::{Aov, ColorPlan, Frame, Gpu, Material, Objects, PointStore, Renderer};
 
 const VPL_NONE: f32 = 0.0;
 
@@ -174,7 +174,7 @@ const SIZE: [u32; 2] = [64, 48];
 impl TestGpu {
     fn render(&mut self, store: &PointStore, settings: &Settings, lights: &[SpotLight]) {
         let objects = Objects { lights, ..Objects::default() };
-        self.renderer.render(store, &five_mirrors::camera(), settings, objects, SIZE).unwrap();
+        self.renderer.render(store, &Frame::new(&five_mirrors::camera(), settings, objects, SIZE)).unwrap();
     }
 
     fn placed(&self) -> Placed {

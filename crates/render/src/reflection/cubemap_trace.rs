@@ -268,7 +268,7 @@ pub(super) mod tests {
     use super::*;
     use crate::frame::Objects;
     use crate::gpu::Gpu;
-    use crate::renderer::Renderer;
+    use crate::renderer::{Frame, Renderer};
     use crate::store::PointStore;
     use crate::{ColorPlan, Material};
 
@@ -347,7 +347,7 @@ pub(super) mod tests {
             (chosen.threshold, chosen.step, chosen.angle, chosen.refine) = (0.015, 0.01, 1.0, 2);
             let chosen = chosen.clone();
             let picture = [96, 80];
-            let stats = renderer.render(&store, &camera, &settings, Objects::default(), picture).unwrap();
+            let stats = renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), picture)).unwrap();
             let reflections = renderer.reflections.as_ref().unwrap();
             let cubes = &reflections.methods.cubemaps;
             let drawn = cubes.maps.as_ref().unwrap();

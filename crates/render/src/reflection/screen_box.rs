@@ -200,7 +200,7 @@ mod tests {
     use crate::coloring::ColorPlan;
     use crate::frame::Objects;
     use crate::gpu::Gpu;
-    use crate::renderer::Renderer;
+    use crate::renderer::{Frame, Renderer};
     use crate::store::{Material, PointStore};
 
     /// The length of a square of the checkered wall.
@@ -258,7 +258,7 @@ mod tests {
             (settings.screen_trace.box_from, settings.screen_trace.box_size) = (ScreenBox::Picture, edge);
             settings.screen_trace.completion = completion;
             let objects = Objects { mirrors: &mirrors, ..Objects::default() };
-            renderer.render(&store, &camera, &settings, objects, size).unwrap();
+            renderer.render(&store, &Frame::new(&camera, &settings, objects, size)).unwrap();
             let walls = renderer.reflections.as_ref().unwrap().methods.screen.walls.as_ref().unwrap();
             let read = |buffer: &wgpu::Buffer| gpu.read_buffer(buffer, 0, buffer.size()).unwrap();
             let texels: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&read(&walls.texels));

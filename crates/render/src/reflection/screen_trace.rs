@@ -246,7 +246,7 @@ mod tests {
     use super::*;
     use crate::frame::Objects;
     use crate::gpu::Gpu;
-    use crate::renderer::Renderer;
+    use crate::renderer::{Frame, Renderer};
 
     fn gpu() -> Option<std::sync::Arc<Gpu>> {
         match Gpu::headless(None) {
@@ -307,7 +307,7 @@ mod tests {
             (settings.view.field_of_view, settings.view.projection) = (field_of_view, projection);
             (settings.screen_trace.skip, settings.screen_trace.rest) = (skip, ScreenRest::None);
             (settings.screen_trace.criterion, settings.screen_trace.back) = (criterion, back);
-            let stats = renderer.render(store, &of_room, &settings, Objects::default(), picture).unwrap();
+            let stats = renderer.render(store, &Frame::new(&of_room, &settings, Objects::default(), picture)).unwrap();
             let reflections = renderer.reflections.as_ref().unwrap();
             let screen = &reflections.methods.screen;
             let records = &screen.picture.as_ref().unwrap().records;
@@ -409,7 +409,10 @@ mod tests {
         for rest in [ScreenRest::None, ScreenRest::SurfelTrace] {
             settings.screen_trace.rest = rest;
             renderer
-                .render(&store, &camera, &settings, Objects { mirrors: &mirrors, ..Objects::default() }, [96, 96])
+                .render(
+                    &store,
+                    &Frame::new(&camera, &settings, Objects { mirrors: &mirrors, ..Objects::default() }, [96, 96]),
+                )
                 .unwrap();
             let bounces = &renderer.reflections.as_ref().unwrap().bounces;
             let [points, eyes] = [&bounces[1].mirror.point, &bounces[1].mirror.eye].map(|image| vectors(&gpu, image));

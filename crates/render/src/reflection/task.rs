@@ -7,7 +7,7 @@ use crate::inputs::Inputs;
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::store::PointStore;
-use crate::targets::Image;
+use crate::targets::{GBuffer, Image, Targets};
 
 /// A surface that light bounces off: the camera's G-buffer, or the Mirror G-Buffer of the bounce before.
 #[derive(Clone, Copy)]
@@ -15,6 +15,14 @@ pub(crate) struct SurfaceImages<'a> {
     pub albedo: &'a Image,
     pub normal: &'a Image,
     pub position: &'a Image,
+}
+
+impl<'a> SurfaceImages<'a> {
+    /// The surface that the camera sees.
+    pub fn of_camera(targets: &'a Targets) -> Self {
+        let GBuffer { albedo, normal, .. } = targets.surface();
+        Self { albedo, normal, position: &targets.position }
+    }
 }
 
 /// The mirror pixels of one bounce, as the methods see them. All images are picture-sized.

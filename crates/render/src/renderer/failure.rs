@@ -22,11 +22,7 @@ impl Renderer {
         let bare = Self::bare(self.gpu.clone());
         let before = std::mem::replace(self, bare);
         self.pipelines = pipelines;
-        (self.samples_at_once, self.most_points) = (before.samples_at_once, before.most_points);
-        (self.given_up, self.longest_piece) = (before.given_up, before.longest_piece);
-        self.times_passes = before.times_passes;
-        (self.exposure.share, self.prepared) = (before.exposure.share, before.prepared);
-        (self.gi.may_lag, self.gi.keeper.reuse) = (before.gi.may_lag, before.gi.keeper.reuse);
+        (self.given_up, self.longest_piece, self.prepared) = (before.given_up, before.longest_piece, before.prepared);
     }
 }
 
@@ -41,7 +37,7 @@ mod tests {
 
     use super::*;
     use crate::allocation::tests::Room;
-    use crate::{Gpu, Objects, PointStore};
+    use crate::{Frame, Gpu, Objects, PointStore};
 
     #[test]
     fn a_pass_that_would_take_seconds_at_a_time_is_refused_on_a_gpu_and_tried_again() {
@@ -59,7 +55,7 @@ mod tests {
                 compiled.1.group_milliseconds =
                     seconds.map_or(compiled.1.group_milliseconds, |seconds| Some(seconds * 1000.0 / groups));
             }
-            let outcome = renderer.render(&store, &camera, &settings, Objects::default(), [64, 64]);
+            let outcome = renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), [64, 64]));
             outcome.and_then(|_| renderer.read_picture()).map_err(|error| error.to_string())
         };
         let whole = draw(None).unwrap();
@@ -95,7 +91,7 @@ mod tests {
                 };
                 renderer.give_up_when(Some(Arc::new(destroy)));
                 renderer.forget();
-                renderer.render(&room.store, &room.camera, &settings, room.objects(), [16, 12]).map(drop)
+                renderer.render(&room.store, &Frame::new(&room.camera, &settings, room.objects(), [16, 12])).map(drop)
             };
             draw(u32::MAX).unwrap();
             let passes = passed.load(Ordering::Relaxed);

@@ -248,7 +248,8 @@ fn maps_are_drawn_for_the_pixels_that_need_them_and_kept_within_the_memory() {
     assert!(alike * 100 >= few.len() * 97, "{alike} of {}", few.len());
     let too_large = by_field(&[("light_field.size", "512"), ("light_field.memory", "16 MiB")]);
     let objects = Objects { mirrors: &scene.mirrors, ..Objects::default() };
-    let refused = stage.renderer.render(&scene.store, &scene.camera, &too_large, objects, SIZE).unwrap_err();
+    let refused =
+        stage.renderer.render(&scene.store, &Frame::new(&scene.camera, &too_large, objects, SIZE)).unwrap_err();
     assert!(matches!(refused, Error::TooLarge { .. }), "{refused}");
     assert!(refused.to_string().contains("light_field.memory allows; lower light_field.size"), "{refused}");
 }
@@ -261,7 +262,7 @@ fn maps_that_may_lag_are_drawn_a_few_a_frame_and_end_as_those_drawn_at_once() {
         by_field(&[("light_field.maps_per_frame", "3"), ("light_field.neighbours", "1"), ("light_field.rest", "none")]);
     let maps = |stats: FrameStats| stats.reflection.and_then(|found| found.maps).unwrap();
     stage.renderer.forget();
-    stage.renderer.let_light_lag(true);
+    stage.effort.light_may_lag = true;
     let first = maps(scene.render(&mut stage, &settings));
     assert!(first.drawn == 3 && first.asked > 6, "{first:?}");
     let (seen, open) = errors(&stage, &scene);
@@ -272,14 +273,14 @@ fn maps_that_may_lag_are_drawn_a_few_a_frame_and_end_as_those_drawn_at_once() {
     }
     assert!(!draws_maps(&scene.render(&mut stage, &settings)), "all stand");
     let caught_up = bits(&stage);
-    stage.renderer.let_light_lag(false);
+    stage.effort.light_may_lag = false;
     stage.renderer.forget();
     scene.render(&mut stage, &settings);
     assert!(bits(&stage) == caught_up, "as at once");
 
     // Points that come: old maps are used until they are drawn anew, and a picture that stays has none.
     let before = errors(&stage, &scene).1;
-    stage.renderer.let_light_lag(true);
+    stage.effort.light_may_lag = true;
     let screen = wall(DVec3::new(-0.9, -0.5, 0.9), [DVec3::X * 0.5, DVec3::Y * 1.1]);
     add_points(&mut scene.store, vec![screen], Material::default());
     let mut one = settings.clone();
@@ -287,7 +288,7 @@ fn maps_that_may_lag_are_drawn_a_few_a_frame_and_end_as_those_drawn_at_once() {
     let stats = scene.render(&mut stage, &one);
     assert!(maps(stats).drawn == 1 && errors(&stage, &scene).1 <= before + 5);
     let lagging = bits(&stage);
-    stage.renderer.let_light_lag(false);
+    stage.effort.light_may_lag = false;
     scene.render(&mut stage, &settings);
     let settled = bits(&stage);
     stage.renderer.forget();

@@ -87,7 +87,7 @@ fn a_frame_that_may_lag_shows_the_cells_of_an_earlier_view_and_says_so() {
     let mut scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::ZERO, RADIUS)]);
     let settings = by_space(&[]);
     scene.render(&mut stage, &settings);
-    stage.renderer.let_light_lag(true);
+    stage.effort.light_may_lag = true;
     scene.camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, 0.3, 1.0), 1.1, DVec3::Y);
     let late = cameras(&scene.render(&mut stage, &settings));
     assert!(late.is_late, "{late:?}");
@@ -101,7 +101,7 @@ fn a_frame_that_may_lag_shows_the_cells_of_an_earlier_view_and_says_so() {
     }
     assert!(!now.is_late);
     let caught_up = bits(&stage);
-    stage.renderer.let_light_lag(false);
+    stage.effort.light_may_lag = false;
     stage.renderer.forget();
     scene.render(&mut stage, &settings);
     assert!(bits(&stage) == caught_up, "as at once");
@@ -139,7 +139,10 @@ fn an_eye_sees_a_point_where_the_point_would_see_the_eye() {
             ("sscr.pull_levels", "0"),
         ];
         let objects = Objects { mirrors: &mirrors, ..Objects::default() };
-        stage.renderer.render(&store, &camera, &settings(&[&all, pairs].concat()), objects, LARGE).unwrap();
+        stage
+            .renderer
+            .render(&store, &Frame::new(&camera, &settings(&[&all, pairs].concat()), objects, LARGE))
+            .unwrap();
         let places = pixels(&stage, &camera);
         let places = places.iter().filter(|seen| seen.found.is_some_and(|found| found.distance(point) < 0.06));
         let (sum, count) = places.fold((DVec3::ZERO, 0), |(sum, count), seen| (sum + seen.point, count + 1));
@@ -254,7 +257,7 @@ fn the_highlight_of_a_mirrored_ball_is_that_towards_the_mirror() {
         let all = [("light.gloss", "0.5"), ("light.gloss_power", "300"), ("gi.bounces", "0"), ("light.by", "lights")];
         let settings = settings(&[&all, pairs].concat());
         let objects = Objects { mirrors: &mirrors, lights: &[lamp], ..Objects::default() };
-        stage.renderer.render(&store, &camera, &settings, objects, LARGE).unwrap();
+        stage.renderer.render(&store, &Frame::new(&camera, &settings, objects, LARGE)).unwrap();
         let read = |aov| stage.renderer.read_aov(aov).unwrap().data;
         let [mask, color, own, seen] = [Aov::Mirror, Aov::Color, Aov::Position, Aov::MirrorPosition].map(read);
         let brightest = |is_mirror: bool| {

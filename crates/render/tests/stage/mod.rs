@@ -3,11 +3,13 @@
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
 
-use render::{Gpu, Renderer};
+use render::{Effort, Gpu, Renderer};
 
 pub struct Stage {
     pub gpu: Arc<Gpu>,
     pub renderer: Renderer,
+    /// The effort of the frames that a test draws by its stage.
+    pub effort: Effort,
 }
 
 static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| {
@@ -20,12 +22,14 @@ static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| {
         }
     };
     let renderer = Renderer::new(gpu.clone()).expect("every pass compiles");
-    Some(Mutex::new(Stage { gpu, renderer }))
+    Some(Mutex::new(Stage { gpu, renderer, effort: Effort::FULL }))
 });
 
 /// The renderer; `None` if there is no adapter and none is required.
 pub fn stage() -> Option<MutexGuard<'static, Stage>> {
-    STAGE.as_ref().map(|stage| stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
+    let mut stage = STAGE.as_ref()?.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    stage.effort = Effort::FULL;
+    Some(stage)
 }
 
 macro_rules! stage_or_skip {

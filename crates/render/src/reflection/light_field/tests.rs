@@ -7,7 +7,7 @@ use super::super::depth_walk::texel_of;
 use super::twin::{self, Found};
 use super::*;
 use crate::frame::Objects;
-use crate::renderer::Renderer;
+use crate::renderer::{Frame, Renderer};
 
 /// The colours of an image of halves.
 fn halves(gpu: &Gpu, image: &crate::targets::Image) -> Vec<Vec3> {
@@ -60,7 +60,7 @@ fn the_gpu_looks_up_as_its_twin_does() {
         let sides = [DVec3::new(-1.0, 0.4, 0.1), DVec3::new(0.3, -1.0, 0.2)];
         for side in sides {
             let camera = Camera::looking(DVec3::new(0.1, 0.0, 0.1), side, 1.4, DVec3::Z);
-            renderer.render(store, &camera, &settings, Objects::default(), [96, 80]).unwrap();
+            renderer.render(store, &Frame::new(&camera, &settings, Objects::default(), [96, 80])).unwrap();
         }
         let reflections = renderer.reflections.as_ref().unwrap();
         let field = &reflections.methods.light_field;

@@ -1,48 +1,85 @@
-//! What is asked of the frames that follow, beside what they show.
+//! The request for a frame: what it shows, and how much work it takes.
 
 use std::sync::Arc;
 
+use scene::{Camera, Settings};
+
 use super::Renderer;
+use crate::frame::Objects;
 use crate::gi::LightReuse;
 use crate::recorder::IsGivenUp;
 
-impl Renderer {
-    /// Lets the frames that follow move the exposure this share of the way from that of the frame before to the one that
-    /// fits, or all the way for `None`. Exposures that nobody can tell apart from the one that fits become that.
-    pub fn adapt_exposure(&mut self, share: Option<f32>) {
-        self.exposure.share = share;
-    }
+/// A request for one frame. It says all that decides about the picture besides the points.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    pub camera: &'a Camera,
+    pub settings: &'a Settings,
+    pub objects: Objects<'a>,
+    /// The width and the height of the picture in pixels.
+    pub size: [u32; 2],
+    pub effort: Effort,
+}
 
-    /// Whether the following frames may be lit by the current virtual lights and shadow maps, and walk rays through the
-    /// current maps around mirrors, although points have come or gone since: making them examines all points, which is
+impl<'a> Frame<'a> {
+    /// A frame in full effort.
+    pub fn new(camera: &'a Camera, settings: &'a Settings, objects: Objects<'a>, size: [u32; 2]) -> Self {
+        Self { camera, settings, objects, size, effort: Effort::FULL }
+    }
+}
+
+/// How much work a frame takes: what first, moving and final pictures of a view differ in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effort {
+    /// The number of points that the camera sees of which the frame draws about so many, spread evenly and each
+    /// larger; `None` in pictures at rest. Mirrors reflect all points, and all points cast shadows. While something
+    /// moves, a sun casts shadows by the map of the whole scene alone, because its finer map goes with the view.
+    pub most_points: Option<u64>,
+    /// The number of samples of mirrors that the frame adds to those of the frames before, at least one, as long as
+    /// nothing else changes; `None` for all. The picture with all samples is the same either way.
+    pub most_samples: Option<u32>,
+    /// Whether the frame may be lit by the current virtual lights and shadow maps, and may walk rays through the current
+    /// maps around mirrors, although points have come or gone since. Making them examines all points, which is
     /// worthwhile only for pictures that stay.
-    pub fn let_light_lag(&mut self, may_lag: bool) {
-        self.gi.may_lag = may_lag;
-    }
+    pub light_may_lag: bool,
+    /// What the frame does with the indirect light of earlier frames on the surfaces that the camera sees.
+    pub light_reuse: LightReuse,
+    /// The share of the way that the exposure goes from that of the frame before to the one that fits; `None` for all.
+    /// An exposure that nobody can distinguish from the one that fits becomes that.
+    pub exposure_share: Option<f32>,
+    /// Whether each pass is timed. The choice matters on GPUs without timestamps, where the host's clock can only time
+    /// what it waits for. Without it such a frame is submitted in two parts, as long as each of its passes has been
+    /// timed before: what splats the points that the camera sees, and the rest.
+    pub times_passes: bool,
+}
 
-    /// What the frames that follow do with the indirect light of earlier frames on the surfaces that the camera sees.
-    pub fn reuse_light(&mut self, reuse: LightReuse) {
-        self.gi.keeper.reuse = reuse;
-    }
+impl Effort {
+    /// The effort of final pictures: files, studies and comparisons with the truth.
+    pub const FULL: Self = Self {
+        most_points: None,
+        most_samples: None,
+        light_may_lag: false,
+        light_reuse: LightReuse::Never,
+        exposure_share: None,
+        times_passes: true,
+    };
 
-    /// Lets the frames that follow draw about `most_points` of the points that the camera sees, spread evenly and each
-    /// larger, or all for `None`. This is for pictures while something moves: a sun then casts shadows by the map of
-    /// the whole scene alone, because its finer map goes with the view. Mirrors reflect all points, and all points cast
-    /// shadows.
-    pub fn thin(&mut self, most_points: Option<u64>) {
-        self.most_points = most_points;
+    /// Whether something moves in the picture.
+    pub(super) fn is_moving(self) -> bool {
+        self.most_points.is_some()
     }
+}
 
-    /// Lets the frames that follow add at most `samples` of the samples of glossy mirrors to those of the frames before, as
-    /// long as nothing else changes, or all for `None`. The picture with all samples is the same either way.
-    pub fn sum_at_once(&mut self, samples: Option<u32>) {
-        self.samples_at_once = samples.map(|samples| samples.max(1));
+impl Default for Effort {
+    fn default() -> Self {
+        Self::FULL
     }
+}
 
-    /// Lets the frames that follow end with `Error::GivenUp` before their next pass once `is_given_up` says so, because
-    /// another picture is wanted; it is asked before each pass. The frame after it is made as if that one had not been begun. Where the GPU times the
-    /// passes, what is recorded is not waited for, so that a frame is given up only while it is recorded. Elsewhere long
-    /// passes are cut into several (`cut_passes`), which changes no picture.
+impl Renderer {
+    /// Lets frames and probes end with `Error::GivenUp` before their next pass once `is_given_up` says so, because
+    /// another picture is wanted; it is asked before each pass. The frame after it is made as if that one had not been
+    /// begun. Where the GPU times the passes, what is recorded is not waited for, so that a frame is given up only while
+    /// it is recorded. Elsewhere long passes are cut into several (`cut_passes`), which changes no picture.
     pub fn give_up_when(&mut self, is_given_up: Option<Arc<IsGivenUp>>) {
         self.given_up = is_given_up;
     }
@@ -51,13 +88,6 @@ impl Renderer {
     /// frame can be given up; 25 unless set.
     pub fn cut_passes(&mut self, longest_piece: f64) {
         self.longest_piece = longest_piece;
-    }
-
-    /// Sets whether the frames that follow time each pass; they do unless set. It matters on GPUs without timestamps, where
-    /// the host's clock can only time what it waits for. Without it such frames are submitted in two parts, as long as
-    /// each of their passes has been timed before: what splats the points that the camera sees, and the rest.
-    pub fn time_passes(&mut self, each: bool) {
-        self.times_passes = each;
     }
 }
 
@@ -85,9 +115,10 @@ mod tests {
         let room = Room::new(&gpu);
         let settings = Room::settings(Method::SurfelTrace);
         let draw = |renderer: &mut Renderer, times_passes| {
-            renderer.time_passes(times_passes);
             renderer.forget();
-            let stats = renderer.render(&room.store, &room.camera, &settings, room.objects(), [64, 48]).unwrap();
+            let frame = Frame::new(&room.camera, &settings, room.objects(), [64, 48]);
+            let frame = Frame { effort: Effort { times_passes, ..Effort::FULL }, ..frame };
+            let stats = renderer.render(&room.store, &frame).unwrap();
             (stats, renderer.read_picture().unwrap())
         };
         let mut renderer = Renderer::bare(gpu.clone());
@@ -116,13 +147,14 @@ mod tests {
             let mut settings = Room::settings(method);
             settings.screen_trace.box_from = ScreenBox::Picture;
             let mut renderer = Renderer::bare(gpu.clone());
-            renderer.time_passes(false);
             let mut draw = |known: Option<f64>| {
                 for compiled in renderer.pipelines.values_mut().filter(|_| known.is_some()) {
                     compiled.group_milliseconds = known;
                 }
                 renderer.forget();
-                let stats = renderer.render(&room.store, &room.camera, &settings, room.objects(), [72, 56]).unwrap();
+                let frame = Frame::new(&room.camera, &settings, room.objects(), [72, 56]);
+                let frame = Frame { effort: Effort { times_passes: false, ..Effort::FULL }, ..frame };
+                let stats = renderer.render(&room.store, &frame).unwrap();
                 (stats, renderer.read_picture().unwrap())
             };
             draw(None);
@@ -141,12 +173,13 @@ mod tests {
         let settings = Room::settings(Method::None);
         let mut renderer = Renderer::bare(gpu.clone());
         let mut draw = |known: Option<f64>| {
-            renderer.time_passes(known.is_none());
             for compiled in renderer.pipelines.values_mut() {
                 compiled.group_milliseconds = known.or(compiled.group_milliseconds);
             }
             renderer.forget();
-            renderer.render(&room.store, &room.camera, &settings, room.objects(), [64, 48]).unwrap();
+            let frame = Frame::new(&room.camera, &settings, room.objects(), [64, 48]);
+            let frame = Frame { effort: Effort { times_passes: known.is_none(), ..Effort::FULL }, ..frame };
+            renderer.render(&room.store, &frame).unwrap();
             // It runs once a frame.
             let mut accumulating = renderer.pipelines.iter().filter(|(key, _)| key.0 == "splat_accumulate");
             accumulating.find_map(|(_, compiled)| compiled.group_milliseconds).unwrap_or(0.0)
