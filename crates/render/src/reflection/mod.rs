@@ -34,6 +34,7 @@ pub(crate) mod screen_trace;
 #[cfg(test)]
 mod screen_walk;
 pub(crate) mod sscr;
+mod step;
 pub(crate) mod surfel_index;
 pub(crate) mod surfel_trace;
 mod surfel_tree;
@@ -44,17 +45,18 @@ use scene::{MapFill, Method, Settings, Supply};
 pub(crate) use bounce::{Bounce, Search};
 use clear::Clear;
 pub use cubemaps::MapCount;
-use fading::{Fading, is_published};
+use fading::Fading;
 use footprint::Footprint;
 pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet, has_reflectance, is_weighed};
 use kept_hits::{GlossCache, KeptHits, KnownRays, Scenery};
 pub use light_field::{MapLimit, MapUse};
 pub use sample_cameras::CameraCount;
+use step::Step;
 pub(crate) use task::SurfaceImages;
 use task::Task;
 
-use crate::gpu::Result;
+use crate::gpu::{Gpu, Result};
 use crate::inputs::Inputs;
 use crate::layout::{
     CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, HIT_BYTES, MIRROR_PIXELS, NODES_TESTED,
@@ -62,7 +64,6 @@ use crate::layout::{
     TEXELS_TRACED,
 };
 use crate::method::{Methods, Views, behind_clear, has_cells, walks_maps};
-use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, storage};
 
@@ -216,150 +217,126 @@ impl Reflections {
         let gpu = recorder.gpu;
         search.supply.set_sample(gpu, rays.sample);
         let search = &*search;
-        let Search { supply, settings, store, mirrors, formulas, camera } = search;
-        let method = settings.reflection.method.chosen();
+        let fading = Fading::new(gpu, search);
+        self.provide(gpu, search.settings, rays, fading.is_some());
+        recorder.clear_part(&self.counters, OF_SEARCH);
+        if let Some(set) = rays.kept_as {
+            self.kept.take_up(set);
+        }
+        // All rays of perfect mirrors are known, or none.
+        let may_be_known = rays.kept_as.is_some() && rays.is_perfect();
+        let counters = self.kept.known_counters().filter(|_| may_be_known);
+        if let Some(counters) = counters {
+            recorder.copy_part(counters, &self.counters, OF_SEARCH);
+        }
+        let all_known = counters.is_some();
+        for index in 0..self.count {
+            self.find_bounce(recorder, search, rays, index, fading.as_ref(), all_known)?;
+        }
+        Ok(())
+    }
+
+    /// Makes the images that a set of rays needs.
+    fn provide(&mut self, gpu: &Gpu, settings: &Settings, rays: RaySet, fades: bool) {
         self.count = Self::asked(settings);
         while self.bounces.len() < self.count {
             self.bounces.push(Bounce::new(&gpu.device, self.size));
         }
         self.bounces.truncate(self.count);
-        let fading = Fading::new(gpu, search);
         let weighs = has_reflectance(settings);
-        self.bounces.iter_mut().for_each(|bounce| bounce.provide(&gpu.device, fading.is_some(), weighs));
+        self.bounces.iter_mut().for_each(|bounce| bounce.provide(&gpu.device, fades, weighs));
         if rays.sample.is_some() {
             self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size)).provide(gpu, settings);
         }
         if rays.is_moved {
             self.footprint.get_or_insert_with(|| Footprint::new(gpu, self.size));
         }
-        recorder.clear_part(&self.counters, OF_SEARCH);
+    }
+
+    /// Finds a bounce, step by step; with `all_known` the method has nothing to search.
+    fn find_bounce(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        search: &Search<'_>,
+        rays: RaySet,
+        index: usize,
+        fading: Option<&Fading>,
+        all_known: bool,
+    ) -> Result<()> {
+        let Search { supply, settings, store, mirrors, formulas, camera } = search;
+        let (before, rest) = self.bounces.split_at(index);
+        let step = Step::new(search, index, before.last(), &rest[0]);
+        let any_clear = self.clear.as_ref().filter(|_| self.has_clear);
+        // Of clear surfaces that mirrors show, the stronger ray is followed.
+        let clear = any_clear.filter(|_| index > 0);
         let gloss = self.gloss.as_ref().filter(|_| rays.is_glossy || rays.kept_as.is_some());
         let drawn = gloss.filter(|_| rays.is_glossy);
-        let footprint = self.footprint.as_ref().filter(|_| rays.is_moved);
-        let places = places_of(supply);
-        if let Some(set) = rays.kept_as {
-            self.kept.take_up(set);
+
+        // The rays: perfect ones, and those that rough mirrors draw about them.
+        let (mirror, own_normal) = match clear {
+            Some(clear) => {
+                let onward = clear.go_on(recorder, supply, search, step.surface, step.from)?;
+                (&onward.rays, &onward.normal)
+            }
+            None => step.reflect(recorder, self.footprint.as_ref().filter(|_| rays.is_moved && index == 0))?,
+        };
+        let kept = rays.kept_as.and_then(|set| self.kept.of_bounce(recorder.gpu, set, index, places_of(supply)));
+        let mut normal = own_normal;
+        if let Some(gloss) = drawn {
+            if index == 0 && is_weighed(settings) && self.weights_are_new {
+                gloss.judge_weights(recorder, supply, settings, (mirror, normal))?;
+                self.weights_are_new = false;
+            }
+            gloss.draw_normals(recorder, supply, settings, index, (mirror, normal), kept)?;
+            normal = &gloss.normal;
         }
-        // All rays of perfect mirrors are known, or none.
-        let is_perfect = rays.kept_as.is_some() && rays.is_perfect();
-        let known_counters = self.kept.known_counters().filter(|_| is_perfect).cloned();
-        if let Some(counters) = &known_counters {
-            recorder.copy_part(counters, &self.counters, OF_SEARCH);
+        step.weigh(recorder, mirror, [own_normal, normal])?;
+
+        // What they meet.
+        let task = Task {
+            supply,
+            settings,
+            store,
+            mirrors,
+            bounce: index,
+            camera: *camera,
+            mirror,
+            normal,
+            seen: clear.map_or(&step.bounce.seen, |clear| &clear.found),
+            formulas: formulas.as_ref(),
+            counters: &self.counters,
+        };
+        let unknown = drawn.map(|gloss| gloss.unknown(mirror));
+        let known = gloss.zip(kept).map(|(gloss, kept)| KnownRays {
+            kept,
+            pixels: &gloss.pixels,
+            unknown: unknown.as_ref(),
+            all: all_known,
+        });
+        self.methods.run(recorder, settings.reflection.method.chosen(), &task, known.as_ref())?;
+        if index == 0 && rays.kept_as.is_some() && rays.is_perfect() {
+            self.kept.keep_counters(recorder, &self.counters, OF_SEARCH);
         }
-        for index in 0..self.count {
-            let (before, rest) = self.bounces.split_at(index);
-            let bounce = &rest[0];
-            let surface = before.last().map_or(*camera, Bounce::surface);
-            // The origin of the rays: the camera, or the mirror points of the bounce before.
-            let from = before.last().map_or(camera.position, |before| &before.mirror.point);
-            // Of clear surfaces that mirrors show, the stronger ray is followed.
-            let clear = self.clear.as_ref().filter(|_| self.has_clear && index > 0);
-            let (mirror, normal) = match clear {
-                Some(clear) => {
-                    let onward = clear.go_on(recorder, supply, search, surface, from)?;
-                    (&onward.rays, &onward.normal)
-                }
-                None => {
-                    let footprint = footprint.filter(|_| index == 0);
-                    let bindings = passes::mirror_surface {
-                        albedo_in: surface.albedo.bind(),
-                        normal_in: surface.normal.bind(),
-                        position_in: surface.position.bind(),
-                        from_in: from.bind(),
-                        point_out: footprint.map_or(&bounce.mirror.point, |footprint| &footprint.centers).bind(),
-                        eye_out: bounce.mirror.eye.bind(),
-                    };
-                    let first = [("from_camera", u32::from(index == 0))];
-                    recorder.over_pixels(&first, supply, bindings)?;
-                    match footprint {
-                        Some(footprint) => {
-                            let formulas = formulas.as_ref();
-                            footprint.move_points(recorder, supply, surface.normal, formulas, &bounce.mirror)?;
-                            (&bounce.mirror, &footprint.normal)
-                        }
-                        None => (&bounce.mirror, surface.normal),
-                    }
-                }
-            };
-            let kept = rays.kept_as.and_then(|set| self.kept.of_bounce(gpu, set, index, places));
-            let own_normal = normal;
-            let normal = match drawn {
-                Some(gloss) => {
-                    if index == 0 && is_weighed(settings) && self.weights_are_new {
-                        gloss.judge_weights(recorder, supply, settings, (mirror, normal))?;
-                        self.weights_are_new = false;
-                    }
-                    gloss.draw_normals(recorder, supply, settings, index, (mirror, normal), kept)?;
-                    &gloss.normal
-                }
-                None => normal,
-            };
-            if let Some(reflectance) = &bounce.reflectance {
-                let bindings = passes::gloss_reflectance {
-                    point_in: mirror.point.bind(),
-                    normal_in: own_normal.bind(),
-                    eye_in: mirror.eye.bind(),
-                    drawn_in: normal.bind(),
-                    reflectance_out: reflectance.bind(),
-                };
-                let switches = [("is_published", u32::from(is_published(settings)))];
-                recorder.over_mirrors(&switches, supply, bindings)?;
-            }
-            let task = Task {
-                supply,
-                settings,
-                store,
-                mirrors,
-                bounce: index,
-                camera: *camera,
-                mirror,
-                normal,
-                seen: clear.map_or(&bounce.seen, |clear| &clear.found),
-                formulas: formulas.as_ref(),
-                counters: &self.counters,
-            };
-            let unknown = drawn.map(|gloss| gloss.unknown(mirror));
-            let known = gloss.zip(kept).map(|(gloss, kept)| KnownRays {
-                kept,
-                pixels: &gloss.pixels,
-                unknown: unknown.as_ref(),
-                all: known_counters.is_some(),
-            });
-            self.methods.run(recorder, method, &task, known.as_ref())?;
-            if index == 0 && is_perfect {
-                self.kept.keep_counters(recorder, &self.counters, OF_SEARCH);
-            }
-            if let Some(clear) = clear {
-                clear.take(recorder, &task, surface, false, bounce)?;
-                let (methods, points) = (&mut self.methods, clear.known_points());
-                clear.look_inside(recorder, methods, search, &task, surface.normal, points, true, bounce)?;
-            }
-            if let Some(fading) = &fading {
-                let of_camera = self.clear.as_ref().filter(|_| self.has_clear).map(Clear::index);
-                let refraction = clear.map_or(of_camera, |clear| Some(clear.later_index()));
-                fading.measure(recorder, supply, mirror, refraction, bounce)?;
-            }
-            let learnt = match self.clear.as_ref().filter(|_| self.has_clear) {
-                Some(clear) => clear.learn_points(recorder, &self.methods, &task)?,
-                None => false,
-            };
-            if index == 0 && rays.is_perfect() {
-                let hits = self.methods.marked_hits();
-                let bindings = passes::mirror_doubt {
-                    point_in: bounce.mirror.point.bind(),
-                    normal_in: normal.bind(),
-                    eye_in: bounce.mirror.eye.bind(),
-                    seen_in: bounce.seen.position.bind(),
-                    seen_normal_in: bounce.seen.normal.bind(),
-                    doubt_out: self.doubt.bind(),
-                    counters: self.counters.as_entire_binding(),
-                    hits: hits.unwrap_or(&self.no_hits).as_entire_binding(),
-                };
-                recorder.over_mirrors(&[("knows_rest", u32::from(hits.is_some()))], supply, bindings)?;
-            }
-            if let Some(clear) = &mut self.clear {
-                clear.knows_points = learnt;
-            }
+        if let Some(clear) = clear {
+            clear.take(recorder, &task, step.surface, false, step.bounce)?;
+            let (methods, points) = (&mut self.methods, clear.known_points());
+            clear.look_inside(recorder, methods, search, &task, step.surface.normal, points, true, step.bounce)?;
+        }
+
+        // What the following steps of the frame want to know of them.
+        if let Some(fading) = fading {
+            let refraction = clear.map_or(any_clear.map(Clear::index), |clear| Some(clear.later_index()));
+            fading.measure(recorder, supply, mirror, refraction, step.bounce)?;
+        }
+        let learnt = match any_clear {
+            Some(clear) => clear.learn_points(recorder, &self.methods, &task)?,
+            None => false,
+        };
+        if index == 0 && rays.is_perfect() {
+            step.doubt(recorder, normal, &self.doubt, task.counters, (self.methods.marked_hits(), &self.no_hits))?;
+        }
+        if let Some(clear) = &mut self.clear {
+            clear.knows_points = learnt;
         }
         Ok(())
     }
