@@ -17,6 +17,7 @@ mod kept_pipelines;
 mod layout;
 mod light_views;
 mod lighting;
+mod loads;
 #[cfg(test)]
 mod memory;
 mod method;

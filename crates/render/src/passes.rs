@@ -3,10 +3,11 @@
 //! in order.
 
 use param::choices;
-use scene::{Method, Settings, Splat};
+use scene::Settings;
 use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
 
 use crate::gpu::Gpu;
+use crate::loads;
 
 choices! {
     /// What of a frame a pass works for: the surface that the camera sees, what the reflection method finds, light and shading, or
@@ -43,6 +44,8 @@ pub struct Pass {
     pub is_over_points: bool,
     /// The pass's own slots.
     pub slots: Slots,
+    /// How much more a thread of the pass may do by some settings than by those that docs/gpu.md computes its time with.
+    pub load: fn(&Settings) -> f64,
     /// The source of the shader, without its imports.
     pub source: &'static str,
 }
@@ -100,10 +103,20 @@ const FRAME: Slots = &[("frame", Uniform), ("settings", Uniform)];
 /// Group 1 of passes that read points, declared in shaders/shared/page_group.wgsl.
 const PAGE: Slots = &[("page", Uniform), ("points", Read), ("attributes", Read), ("tables", Read)];
 
-/// Declares the passes: `name: PassStage over What { slot: kind, ... }`. Generates a type for each, the list of all,
-/// and their shaders.
+/// The load of a row: the function that the row names, or one for passes that do about the same by all settings.
+macro_rules! load {
+    () => {
+        |_| 1.0
+    };
+    ($load:path) => {
+        $load
+    };
+}
+
+/// Declares the passes: `name: PassStage over What { slot: kind, ... }`, with `load function` after `What` where a thread
+/// does more by some settings. Generates a type for each, the list of all, and their shaders.
 macro_rules! passes {
-    ($($name:ident: $stage:ident over $over:ident { $($slot:ident: $kind:expr),* $(,)? })*) => {
+    ($($name:ident: $stage:ident over $over:ident $(load $load:path)? { $($slot:ident: $kind:expr),* $(,)? })*) => {
         $(
             #[allow(non_camel_case_types, reason = "the name of a pass is that of its shader")]
             #[derive(Clone)]
@@ -116,6 +129,7 @@ macro_rules! passes {
                     page: <$over as Over>::PAGE,
                     is_over_points: <$over as Over>::IS_OVER_POINTS,
                     slots: &[$((stringify!($slot), $kind)),*],
+                    load: load!($($load)?),
                     source: include_str!(concat!("../../../shaders/", stringify!($name), ".wgsl")),
                 };
                 type Over = $over;
@@ -133,10 +147,10 @@ macro_rules! passes {
 }
 
 passes! {
-    splat_nearest: Surface over Blocks { nearest: ReadWrite }
-    splat_nearest_blind: Surface over Blocks { nearest: ReadWrite }
-    splat_narrow: Surface over Blocks { nearest: ReadWrite, run: Uniform }
-    splat_accumulate: Surface over Blocks {
+    splat_nearest: Surface over Blocks load loads::discs { nearest: ReadWrite }
+    splat_nearest_blind: Surface over Blocks load loads::discs { nearest: ReadWrite }
+    splat_narrow: Surface over Blocks load loads::discs { nearest: ReadWrite, run: Uniform }
+    splat_accumulate: Surface over Blocks load loads::discs {
         nearest: Read, color_sums: ReadWrite, surface_sums: ReadWrite, specular_sums: ReadWrite, carries: ReadWrite,
     }
     splat_average: Surface over Pixels {
@@ -230,7 +244,7 @@ passes! {
     cube_planes: Method over Pages { nearest: Read, records: ReadWrite }
     cube_renumber: Method over Pixels { runs: Read, records: ReadWrite }
     cube_bounds: Method over Pixels { cubes: Read, records: Read, bounds: ReadWrite, work: Read }
-    cubemap_trace: Method over Pixels {
+    cubemap_trace: Method over Pixels load loads::maps {
         point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, cubes: Read, records: Read, bounds: Read,
         hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite, listed: Read,
     }
@@ -259,9 +273,9 @@ passes! {
     screen_planes: Method over Pixels {
         normal_in: Texture, position_in: Texture, records: ReadWrite, albedo_in: Texture,
     }
-    splat_behind: Method over Blocks { records: Read, nearest: ReadWrite, run: Uniform }
+    splat_behind: Method over Blocks load loads::discs { records: Read, nearest: ReadWrite, run: Uniform }
     screen_bounds: Method over Pixels { screen: Read, records: Read, bounds: ReadWrite }
-    screen_trace: Method over Pixels {
+    screen_trace: Method over Pixels load loads::layers {
         point_in: Texture, normal_in: Texture, eye_in: Texture, screen: Read, records: Read, bounds: Read,
         hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite, walls: Read,
     }
@@ -271,9 +285,9 @@ passes! {
     screen_box_edges: Method over Pixels {
         screen: Read, picture_albedo_in: Texture, texels: Read, edges: ReadWrite, periods: ReadWrite,
     }
-    screen_box_scores: Method over Pixels { screen: Read, edges: Read, scores: ReadWrite }
+    screen_box_scores: Method over Pixels load loads::walls { screen: Read, edges: Read, scores: ReadWrite }
     screen_box_periods: Method over Pixels { screen: Read, scores: Read, periods: ReadWrite }
-    screen_box_fill: Method over Pixels { screen: Read, texels: ReadWrite, periods: Read }
+    screen_box_fill: Method over Pixels load loads::texels_of_walls { screen: Read, texels: ReadWrite, periods: Read }
     screen_resolve: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, hits: Read, picture_albedo_in: Texture,
         picture_normal_in: Texture, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
@@ -299,7 +313,7 @@ passes! {
         mirror_pixels: ReadWrite,
     }
     sscr_cull: Method over Pixels { regions: Read, spheres: Read, chunks_reached: ReadWrite }
-    sscr_solve: Method over Blocks {
+    sscr_solve: Method over Blocks load loads::searches {
         round: Uniform, mirror_pixels: Read, regions: Read, solutions: ReadWrite, counters: ReadWrite,
         endings: ReadWrite,
     }
@@ -311,7 +325,7 @@ passes! {
         counters: ReadWrite, hits: ReadWrite, rest: ReadWrite, analytic: Read,
     }
     bundle_prune: Method over Pixels { grid: Uniform, nodes: ReadWrite }
-    sample_cameras_project: Method over Blocks {
+    sample_cameras_project: Method over Blocks load loads::points_of_a_square {
         grid: Uniform, nodes: Read, bundles: Read, point_in: Texture, normal_in: Texture, eye_in: Texture,
         solutions: ReadWrite, counters: ReadWrite, analytic: Read,
     }
@@ -321,12 +335,12 @@ passes! {
     sample_cameras_mark: Method over Pixels {
         trees: Uniform, standing: Read, point_in: Texture, hits: ReadWrite, rest: ReadWrite, counters: ReadWrite,
     }
-    sample_cameras_space: Method over Blocks {
+    sample_cameras_space: Method over Blocks load loads::cells {
         trees: Uniform, nodes: Read, leaves: Read, rays: Read, point_in: Texture, normal_in: Texture, eye_in: Texture,
         solutions: ReadWrite, counters: ReadWrite,
     }
-    mirror_depth: Method over Blocks { solutions: Read, point_in: Texture, nearest: ReadWrite }
-    mirror_visibility: Method over Blocks {
+    mirror_depth: Method over Blocks load loads::mirror_splats { solutions: Read, point_in: Texture, nearest: ReadWrite }
+    mirror_visibility: Method over Blocks load loads::mirror_splats {
         solutions: Read, point_in: Texture, albedo_sums: ReadWrite, normal_sums: ReadWrite, position_sums: ReadWrite,
         carries: ReadWrite, normal_in: Texture, eye_in: Texture,
     }
@@ -364,11 +378,11 @@ passes! {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, before: Uniform, kept: Read, light_out: ReadWrite,
         tiles: ReadWrite,
     }
-    indirect: Light over Pixels {
+    indirect: Light over Pixels load loads::lights_of_a_pixel {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Uniform, vpls: Read,
         shadow_maps: Read, diffuse_out: Write(Rgba16Float), glossy_out: Write(Rgba16Float), tiles: Read,
     }
-    indirect_filter: Light over Pixels {
+    indirect_filter: Light over Pixels load loads::neighbours {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, diffuse_in: Texture,
         glossy_in: Texture, radiance_out: Write(Rgba16Float), kept: ReadWrite, left_in: Texture,
     }
@@ -399,7 +413,7 @@ passes! {
     show_light_buffer: View over Pixels {
         views: Uniform, lights: Read, shadows: Read, picture_out: Write(Rgba8Unorm),
     }
-    show_virtual_lights: View over Pixels {
+    show_virtual_lights: View over Pixels load loads::all_lights {
         views: Uniform, virtual_lights: Uniform, vpls: Read, lights: Read, shadows: Read, depth_in: Texture,
         picture_out: Write(Rgba8Unorm),
     }
@@ -416,71 +430,14 @@ passes! {
     }
 }
 
-/// How much more a thread of a pass may do by some settings than by those that docs/gpu.md computes its time with. Passes
-/// that are not named do about the same by all settings.
-pub(crate) fn load_of(pass: &str, settings: &Settings) -> f64 {
-    let Settings { gi, splat, sscr, sample_cameras, cubemap_trace, screen_trace, .. } = settings;
-    let ratio = |value: u32, usual: u32| (f64::from(value) / f64::from(usual)).max(1.0);
-    let lights = f64::from(gi.sky_lights + gi.bounces * gi.vpls);
-    // Bounds of depths let a ray pass many texels at once.
-    let by_texels = |skip: bool| if skip { 1.0 } else { WITHOUT_SKIPPING };
-    match pass {
-        "indirect" => lights / f64::from(gi.interleave * gi.interleave) / 1024.0,
-        "show_virtual_lights" => lights / 4096.0,
-        "indirect_filter" => f64::from(gi.interleave * gi.interleave) / 16.0,
-        "splat_nearest" | "splat_nearest_blind" | "splat_narrow" | "splat_accumulate" | "splat_behind" => {
-            (side_of_discs(splat) / 3.0).powi(2)
-        }
-        "mirror_depth" | "mirror_visibility" if settings.reflection.method == Method::SampleCameras => {
-            f64::from(sample_cameras.roots) * (f64::from(sscr.max_splat_size) / 3.0).powi(2).max(1.0)
-        }
-        "mirror_depth" | "mirror_visibility" => (f64::from(sscr.max_splat_size) / 3.0).powi(2),
-        "sscr_solve" => {
-            let seeds = if sscr.per_region { 32 } else { sscr.seed_attempts };
-            f64::from(sscr.max_steps) / 30.0 * ratio(sscr.step_attempts, 6) * ratio(seeds, 6)
-        }
-        "sample_cameras_project" => {
-            let kept =
-                if sample_cameras.points_per_pixel == 0.0 { 16.0 } else { sample_cameras.points_per_pixel / 2.0 };
-            let squares = ratio(4, sample_cameras.least_square).powi(2);
-            f64::from(kept).max(1.0) * squares * ratio(sample_cameras.roots, 4) * ratio(sample_cameras.polish + 1, 1)
-        }
-        "sample_cameras_space" => {
-            let cells = ratio(sample_cameras.longest_list, 64);
-            cells * ratio(sample_cameras.roots, 4) * ratio(sample_cameras.polish + 1, 1)
-        }
-        "cubemap_trace" => {
-            let by_step = (0.001 / f64::from(cubemap_trace.step)).max(0.25 / f64::from(cubemap_trace.angle)).max(1.0);
-            // Rays pass small maps sooner.
-            let texels = (f64::from(cubemap_trace.size) / 256.0).max(0.5) * by_texels(cubemap_trace.skip);
-            ratio(cubemap_trace.tries.min(cubemap_trace.maps), 2) * texels * by_step * ratio(cubemap_trace.refine, 1)
-        }
-        "screen_trace" => by_texels(screen_trace.skip),
-        "screen_box_scores" | "screen_box_fill" => {
-            (f64::from(screen_trace.box_size) / 256.0).powi(if pass == "screen_box_fill" { 1 } else { 2 })
-        }
-        _ => 1.0,
-    }
-}
-
-/// How many times as many texels a ray tests where no bounds of depths are asked.
-pub(crate) const WITHOUT_SKIPPING: f64 = 8.0;
-
-/// The side of most discs in pixels, at least one: streaming and the spacing of points keep them at about three for splats
-/// of the usual size.
-pub(crate) fn side_of_discs(splat: &Splat) -> f64 {
-    let most = splat.max_pixels.max(splat.rest_pixels);
-    f64::from((3.0 * splat.size).min(most).max(splat.min_pixels).max(1.0))
-}
-
 /// A compiled pass.
 pub struct Compiled {
-    name: &'static str,
+    pass: &'static Pass,
     pub pipeline: wgpu::ComputePipeline,
     layouts: Vec<wgpu::BindGroupLayout>,
     /// How long a workgroup took in the last dispatch; `None` before the second one, because drivers compile at the first.
     pub group_milliseconds: Option<f64>,
-    /// The load of the pass (`load_of`) at which it took so long.
+    /// The load of the pass at which it took so long.
     load: f64,
     /// Whether the pass has run.
     pub has_run: bool,
@@ -536,17 +493,19 @@ impl Compiled {
         if let Some(error) = pollster::block_on(scope.pop()) {
             return Err(format!("shader {}: {}", pass.name, woven.explain(&error.to_string())));
         }
-        Ok(Self { name: pass.name, pipeline, layouts, group_milliseconds: None, load: 1.0, has_run: false })
+        Ok(Self { pass, pipeline, layouts, group_milliseconds: None, load: 1.0, has_run: false })
     }
 
-    /// The most milliseconds that a workgroup is known to take at a load; `None` if nobody has timed the pass. A larger load
-    /// than that it was timed at may take longer in proportion; a smaller one may take as long.
-    pub fn estimate(&self, load: f64) -> Option<f64> {
+    /// The most milliseconds that a workgroup is known to take by some settings; `None` if nobody has timed the pass. A
+    /// larger load than that it was timed at may take longer in proportion; a smaller one may take as long.
+    pub fn estimate(&self, settings: &Settings) -> Option<f64> {
+        let load = (self.pass.load)(settings);
         self.group_milliseconds.map(|known| known * (load / self.load).max(1.0))
     }
 
-    /// Notes how long a dispatch of so many workgroups took at a load, if that counts.
-    pub fn learn(&mut self, milliseconds: f64, groups: f64, load: f64, counts: bool) {
+    /// Notes how long a dispatch of so many workgroups took by some settings, if that counts.
+    pub fn learn(&mut self, milliseconds: f64, groups: f64, settings: &Settings, counts: bool) {
+        let load = (self.pass.load)(settings);
         let is_known = self.has_run && counts && groups > 0.0;
         // Parts of a picture differ. The slowest of the last ones counts, of those at the same load.
         let before = self.group_milliseconds.filter(|_| load == self.load).map_or(0.0, |known| 0.97 * known);
@@ -560,11 +519,12 @@ impl Compiled {
         self.group_milliseconds = self.group_milliseconds.map(|known| known * 0.5);
     }
 
-    /// Corrects what is known after the pass and others took `factor` times as long together as was estimated at the load. As
-    /// in `learn`, the slowest of the last times at the same load counts.
-    pub fn correct(&mut self, factor: f64, load: f64) {
+    /// Corrects what is known after the pass and others took `factor` times as long together as was estimated by the
+    /// settings. As in `learn`, the slowest of the last times at the same load counts.
+    pub fn correct(&mut self, factor: f64, settings: &Settings) {
+        let load = (self.pass.load)(settings);
         let least = if load == self.load { 0.97 } else { 0.0 };
-        self.group_milliseconds = self.estimate(load).map(|known| known * factor.max(least));
+        self.group_milliseconds = self.estimate(settings).map(|known| known * factor.max(least));
         self.load = load;
     }
 
@@ -581,7 +541,7 @@ impl Compiled {
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding: binding as u32, resource: resource.clone() })
             .collect();
         device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(self.name),
+            label: Some(self.pass.name),
             layout: &self.layouts[group],
             entries: &entries,
         })

@@ -19,7 +19,7 @@ const GROUPS_OF_UNKNOWN: f64 = 256.0;
 pub(crate) const UNKNOWN_TOGETHER: f64 = 8.0;
 
 /// Into how many pieces a pass of `groups` workgroups is cut so that none takes longer than `longest` milliseconds, if
-/// a workgroup takes `each`; `None` if nobody knows. `load` is that of `passes::load_of`.
+/// a workgroup takes `each`; `None` if nobody knows. `load` is that of the pass (`Pass::load`).
 pub(crate) fn pieces_of(each: Option<f64>, load: f64, groups: f64, longest: f64, is_watched: bool) -> u32 {
     let most = if is_watched { MOST_PIECES_OF_GPU } else { MOST_PIECES };
     let pieces = match each {

@@ -13,7 +13,7 @@ use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
 use crate::layout::{Page, Run};
 use crate::pass_times::{PassTime, Times, summed};
-use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels, load_of};
+use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
 use crate::pieces::{LONGEST_ON_GPU, MOST_AHEAD, TOO_LONG, UNKNOWN_TOGETHER, piece_of, pieces_of};
 use crate::store::draw_list::Cover;
 use crate::targets::{Image, uniform_buffer};
@@ -275,7 +275,7 @@ impl<'a> Recorder<'a> {
         if !self.is_cut() {
             return 1;
         }
-        let load = load_of(pass.name, self.settings);
+        let load = (pass.load)(self.settings);
         let each = self.estimate(&(pass.name, switches.to_vec()));
         let longest = if self.submits_each && self.given_up.is_some() { self.longest_piece } else { LONGEST_ON_GPU };
         pieces_of(each, load, groups.map(f64::from).iter().product(), longest, self.gpu.is_watched)
@@ -283,7 +283,7 @@ impl<'a> Recorder<'a> {
 
     /// The most milliseconds that a workgroup of a pass is known to take; `None` if nobody has timed it.
     fn estimate(&self, pass: &PipelineKey) -> Option<f64> {
-        self.pipelines.get(pass).and_then(|compiled| compiled.estimate(load_of(pass.0, self.settings)))
+        self.pipelines.get(pass).and_then(|compiled| compiled.estimate(self.settings))
     }
 
     /// Whether long passes are cut into pieces: where a frame may be given up between them, and on a GPU.
@@ -542,7 +542,7 @@ impl<'a> Recorder<'a> {
                 self.end_together()
             };
             if let Some(compiled) = self.pipelines.get_mut(&variant) {
-                compiled.learn(milliseconds, groups, load_of(variant.0, self.settings), self.rehearsal.is_none());
+                compiled.learn(milliseconds, groups, self.settings, self.rehearsal.is_none());
             }
         }
         if let Some(Rehearsal::Count(progress)) = self.rehearsal.as_deref() {
@@ -558,7 +558,7 @@ impl<'a> Recorder<'a> {
         }
         for (switches, _, groups) in dispatches {
             let Some(compiled) = self.pipelines.get_mut(&(pass.name, switches.clone())) else { continue };
-            let Some(each) = compiled.estimate(load_of(pass.name, self.settings)) else { continue };
+            let Some(each) = compiled.estimate(self.settings) else { continue };
             let milliseconds = each * groups.map(f64::from).iter().product::<f64>();
             if milliseconds > TOO_LONG {
                 // Other programs may have slowed down the frame that taught it: half is believed, and the next frame tries.
@@ -658,7 +658,7 @@ impl<'a> Recorder<'a> {
             let milliseconds = span(pair[0], pair[1]);
             splatting += if timed.splats { milliseconds } else { 0.0 };
             if let Some(compiled) = pipelines.get_mut(&timed.variant) {
-                compiled.learn(milliseconds, timed.groups, load_of(timed.variant.0, self.settings), counts);
+                compiled.learn(milliseconds, timed.groups, self.settings, counts);
             }
             let (name, stage) = timed.name;
             PassTime { name, stage, milliseconds }

@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use scene::Settings;
 
-use crate::passes::load_of;
 use crate::recorder::{PipelineKey, Pipelines};
 
 /// Passes that are submitted together and timed by the host's clock.
@@ -27,7 +26,7 @@ impl Together {
         if self.estimated > 0.0 {
             for pass in &self.passes {
                 if let Some(compiled) = pipelines.get_mut(pass) {
-                    compiled.correct(milliseconds / self.estimated, load_of(pass.0, settings));
+                    compiled.correct(milliseconds / self.estimated, settings);
                 }
             }
         }

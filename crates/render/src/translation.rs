@@ -314,7 +314,7 @@ fn page(gpu: &std::sync::Arc<Gpu>) -> String {
          Systems take a GPU for stuck where a dispatch takes two seconds or more. On a GPU these passes are cut by rows and\n\
          columns of workgroups or by blocks of points, which changes no picture, and what is estimated to take 50 ms is\n\
          submitted at once. Where settings ask for more than those by which a pass was timed, the estimate grows with the loops\n\
-         that they make longer (`load_of` in crates/render/src/passes.rs). The times are computed as those of each pass below.\n\
+         that they make longer (crates/render/src/loads.rs). The times are computed as those of each pass below.\n\
          A test computes them for both ends of each parameter, alone, and fails where a dispatch takes more than 100 ms: in a\n\
          first frame, in later ones, and in the first one after a change from or to the usual settings. Only `splat_behind`\n\
          takes up to 115 ms with discs of 64 pixels, by the loads of a single workgroup, as does `cubemap_trace` with two\n\

@@ -13,7 +13,8 @@ use rayon::prelude::*;
 use scene::{METHODS, Method, Settings};
 
 use super::{others, valid_module_of};
-use crate::passes::{ALL, Pass, WITHOUT_SKIPPING, load_of, side_of_discs};
+use crate::loads::{WITHOUT_SKIPPING, side_of_discs};
+use crate::passes::{ALL, Pass};
 use crate::pieces::tests::longest_dispatch;
 
 /// A tenth of an H100: instructions a second, at half of what it can do at best; bytes a second; the threads that it
@@ -526,7 +527,7 @@ impl Parsed {
         let points = (POINTS / 8.0, "eighths of points");
         let (threads, what) = told.unwrap_or(if pass.is_over_points { points } else { (PIXELS, "pixels") });
         let threads = threads * settings.map_or(1.0, |settings| threads_by_settings(pass.name, settings));
-        let load = settings.map_or(1.0, |settings| load_of(pass.name, settings));
+        let load = settings.map_or(1.0, |settings| (pass.load)(settings));
         let box_edge = settings.map_or(256, |settings| settings.screen_trace.box_size);
         Row { pass, what, threads, work, load, box_edge, taken: code.taken }
     }
@@ -629,7 +630,7 @@ fn no_dispatch_is_computed_to_take_a_tenth_of_a_second_nor_a_thread_to_turn_too_
             check("as told", &told, &usual);
             let does = |settings: &Settings| {
                 let changes = by_settings(pass.name, settings);
-                (changes, threads_by_settings(pass.name, settings), load_of(pass.name, settings))
+                (changes, threads_by_settings(pass.name, settings), (pass.load)(settings))
             };
             let as_usual = does(&Settings::default());
             for (case, settings) in ends.iter().filter(|(_, settings)| does(settings) != as_usual) {
