@@ -11,17 +11,16 @@ mod plan;
 mod sequence;
 #[cfg(test)]
 mod twin;
+mod work;
 
 use bytemuck::Zeroable as _;
-use glam::{DVec3, Vec4};
+use glam::Vec3;
 use scene::{Gi, Highlight, Light, Occluder, Settings, Splat, VirtualLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
-use crate::layout::{
-    AIM_COUNTS, AIM_HIT_BYTES, Emitter, OCCLUDER_VECTORS, Step, VIRTUAL_TEXEL_BYTES, VPL_TRIES, Virtual, Vpl,
-};
+use crate::layout::{VIRTUAL_TEXEL_BYTES, Virtual, Vpl};
 use crate::lighting::MappedLight;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -32,43 +31,16 @@ use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
 pub use kept::LightReuse;
 use kept::{HURRIED_PARTS, Keeper};
-use occluders::Occluders;
 use plan::LightPlan;
 pub(crate) use plan::Sky;
+use work::{Ground, Work};
 
 /// The number of doublings of distance that a shadow map distinguishes, below four scene radii.
 const DOUBLINGS: f32 = 18.0;
 
-/// The number of points that one pass splats into shadow maps: some 50 ms on two busy cores.
-const SPLATS_AT_ONCE: u32 = 1 << 19;
-
 /// The least number of lights of each bounce that light a pixel in a glossy sample: fewer save little beside what the
 /// sample costs otherwise.
 const LEAST_LIGHTS: u32 = 4;
-
-/// The points that block light, and the origin of the lights' positions.
-struct Ground {
-    geometry_revision: u64,
-    per_map: u32,
-    origin: DVec3,
-    radius: f64,
-    occluders: Occluders,
-    chosen: wgpu::Buffer,
-    surfaces: wgpu::Buffer,
-}
-
-impl Ground {
-    fn new(gpu: &Gpu, store: &PointStore, per_map: u32) -> Self {
-        let bounds = store.bounds();
-        let (origin, radius) =
-            if bounds.is_empty() { (DVec3::ZERO, 1.0) } else { (bounds.center(), bounds.radius().max(1e-9)) };
-        let occluders = Occluders::choose(&store.casting_chunks(), origin, per_map);
-        let chosen = upload(gpu, "occluders", bytemuck::cast_slice(&occluders.points));
-        let surfaces =
-            storage(&gpu.device, "surfaces of occluders", occluders.points.len() as u64 * OCCLUDER_VECTORS * 16);
-        Self { geometry_revision: store.geometry_revision(), per_map, origin, radius, occluders, chosen, surfaces }
-    }
-}
 
 /// The inputs that determine where the virtual lights are and what blocks them.
 #[derive(Clone, PartialEq)]
@@ -98,6 +70,50 @@ struct Asked {
     scattering: [f32; 3],
     tint: f32,
     follows_mirrors: bool,
+}
+
+impl Asked {
+    fn new(store: &PointStore, settings: &Settings, lights: &[MappedLight], sky: Option<Sky>) -> Self {
+        // Parameters that only shading reads are set to their defaults, so that they do not matter here.
+        let defaults = Gi::default();
+        let gi = Gi {
+            vpl: defaults.vpl,
+            clamp: defaults.clamp,
+            shadow_bias: defaults.shadow_bias,
+            interleave: defaults.interleave,
+            filtered: defaults.filtered,
+            filter_depth: defaults.filter_depth,
+            filter_angle: defaults.filter_angle,
+            ..settings.gi.clone()
+        };
+        Self {
+            revision: store.revision(),
+            splat: crate::lighting::splat_of_maps(settings),
+            gi,
+            lights: lights.to_vec(),
+            sky,
+            scattering: scattering(settings),
+            tint: settings.mirror.tint,
+            follows_mirrors: Reflections::asked(settings) > 0,
+        }
+    }
+}
+
+impl Places {
+    fn new(store: &PointStore, gi: &Gi, asked: &Asked, ground: &Ground) -> Self {
+        let Asked { splat, lights, sky, .. } = asked;
+        Self {
+            geometry_revision: store.geometry_revision(),
+            splat: splat.clone(),
+            cameras: lights.iter().map(|light| (light.camera, light.inner, light.outer)).collect(),
+            plan: LightPlan::new(gi, lights, *sky, ground.origin, ground.radius, store.bounds()),
+            shadow_size: gi.shadow_size,
+            shadow_points: gi.shadow_points,
+            pull_levels: gi.pull_levels,
+            occluders: gi.occluders,
+            shadows: gi.shadows,
+        }
+    }
 }
 
 /// The virtual lights that currently light frames, on the GPU.
@@ -203,32 +219,10 @@ impl GlobalIllumination {
         sky: Option<Sky>,
         shadow_maps: &wgpu::Buffer,
     ) -> Result<()> {
-        // Parameters that only shading reads are set to their defaults, so that they do not matter here.
-        let defaults = Gi::default();
-        let gi = Gi {
-            vpl: defaults.vpl,
-            clamp: defaults.clamp,
-            shadow_bias: defaults.shadow_bias,
-            interleave: defaults.interleave,
-            filtered: defaults.filtered,
-            filter_depth: defaults.filter_depth,
-            filter_angle: defaults.filter_angle,
-            ..settings.gi.clone()
-        };
         // The sun's finer map, which moves with the view, is for direct light.
         let is_sun = lights.first().is_some_and(|light| light.camera.orthographic);
         let lights = if is_sun { &lights[..1] } else { lights };
-        let splat = crate::lighting::splat_of_maps(settings);
-        let asked = Asked {
-            revision: store.revision(),
-            splat: splat.clone(),
-            gi,
-            lights: lights.to_vec(),
-            sky,
-            scattering: scattering(settings),
-            tint: settings.mirror.tint,
-            follows_mirrors: Reflections::asked(settings) > 0,
-        };
+        let asked = Asked::new(store, settings, lights, sky);
         let is_same = |lights: &LightBuffers| {
             let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
             Asked { revision, ..asked.clone() } == lights.asked
@@ -246,93 +240,29 @@ impl GlobalIllumination {
             }
             _ => Ground::new(recorder.gpu, store, gi.shadow_points),
         };
-        let (origin, radius) = (ground.origin, ground.radius);
         let ground = &*self.ground.insert(ground);
-        let eye = (camera.eye - origin).as_vec3();
         let kept = self.lights.take();
-        let places = Places {
-            geometry_revision: store.geometry_revision(),
-            splat,
-            cameras: lights.iter().map(|light| (light.camera, light.inner, light.outer)).collect(),
-            plan: LightPlan::new(gi, lights, sky, origin, radius, store.bounds()),
-            shadow_size: gi.shadow_size,
-            shadow_points: gi.shadow_points,
-            pull_levels: gi.pull_levels,
-            occluders: gi.occluders,
-            shadows: gi.shadows,
-        };
+        let places = Places::new(store, gi, &asked, ground);
         let everywhere_list = store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
         let everywhere = &Inputs::new(recorder.gpu, camera, settings, &everywhere_list);
-        self.lights = kept.filter(|lights| lights.places == places);
-        let maps_stand = self.lights.is_some();
+        let kept = kept.filter(|lights| lights.places == places);
+        let maps_stand = kept.is_some();
         let plan = &places.plan;
         let levels = map_levels(gi);
-        let map_stride: u32 = levels.iter().map(|level| level * level).sum();
-        let count = plan.sky.len() as u32 + gi.vpls * plan.bounces;
-        let uniform = Virtual {
-            eye_radius: eye.extend(ground.radius as f32),
-            disc_radius: ground.occluders.radius,
-            nearest: ground.radius as f32 * 4.0 * (-DOUBLINGS).exp2(),
-            steps: 65534.0 / DOUBLINGS,
-            map_size: gi.shadow_size,
-            map_stride,
-            point_count: ground.occluders.points.len() as u32,
-            subsets: ground.occluders.subsets.max(1),
-            sky_lights: plan.sky.len() as u32,
-            lights_per_bounce: gi.vpls,
-            bounces: plan.bounces,
-            area_over_pi: (ground.occluders.area / f64::from(gi.vpls) / std::f64::consts::PI) as f32,
-            follows_mirrors: u32::from(asked.follows_mirrors),
-        };
-        let gpu = recorder.gpu;
+        let uniform = uniform_of(gi, plan, ground, (camera.eye - ground.origin).as_vec3(), asked.follows_mirrors);
         let needs_maps = gi.shadows || plan.bounces > 1 || plan.has_sky_births;
-        let map_bytes = if needs_maps { u64::from(count) * u64::from(map_stride) * VIRTUAL_TEXEL_BYTES } else { 16 };
-        let limit = gpu.device.limits().max_storage_buffer_binding_size;
-        if map_bytes > limit {
-            return Err(Error::TooLarge {
-                what: "the atlas of virtual shadow maps",
-                bytes: map_bytes,
-                limit,
-                adapter: gpu.info.name.clone(),
-                advice: "; lower gi.vpls, gi.bounces, gi.sky_lights or gi.shadow_size",
-            });
-        }
-        let (constants, vpls, maps) = match self.lights.take() {
-            Some(kept) => (kept.constants, kept.vpls, kept.maps),
-            None => (
-                uniform_buffer(gpu, bytemuck::bytes_of(&uniform)),
-                storage(&gpu.device, "virtual lights", u64::from(count.max(1)) * size_of::<Vpl>() as u64),
-                storage(&gpu.device, "virtual shadow maps", map_bytes),
-            ),
+        let [constants, vpls, maps] = match kept {
+            Some(kept) => [kept.constants, kept.vpls, kept.maps],
+            None => buffers(recorder.gpu, &uniform, needs_maps)?,
         };
-        gpu.queue.write_buffer(&constants, 0, bytemuck::bytes_of(&uniform));
-        let mut start = vec![Vpl::zeroed(); count as usize];
+        recorder.gpu.queue.write_buffer(&constants, 0, bytemuck::bytes_of(&uniform));
+        let mut start = vec![Vpl::zeroed(); count_of(&uniform) as usize];
         for (vpl, sky) in start.iter_mut().zip(&plan.sky) {
             *vpl = sky.to_gpu(asked.sky.map_or(0.0, |sky| sky.irradiance));
         }
-        gpu.queue.write_buffer(&vpls, 0, bytemuck::cast_slice(&start));
+        recorder.gpu.queue.write_buffer(&vpls, 0, bytemuck::cast_slice(&start));
         let work = Work { constants: &constants, vpls: &vpls, maps: &maps, ground, levels: &levels, uniform: &uniform };
-        work.points(recorder, everywhere)?;
-        let draw_maps = needs_maps && !maps_stand;
-        if draw_maps {
-            recorder.clear(&maps);
-            if gi.shadows || plan.has_sky_births {
-                work.shadow_maps(recorder, everywhere, 0, plan.sky.len() as u32)?;
-            }
-        }
-        if plan.bounces > 0 {
-            work.first_bounce(recorder, everywhere, lights, plan, shadow_maps)?;
-            let births = upload(gpu, "births", bytemuck::cast_slice(&plan.births));
-            for bounce in 1..=plan.bounces {
-                if bounce > 1 || plan.has_sky_births {
-                    work.bounce(recorder, everywhere, &births, bounce)?;
-                }
-                let first = plan.sky.len() as u32 + (bounce - 1) * gi.vpls;
-                if draw_maps && (gi.shadows || bounce < plan.bounces) {
-                    work.shadow_maps(recorder, everywhere, first, gi.vpls)?;
-                }
-            }
-        }
+        work.run(recorder, everywhere, gi, plan, (lights, shadow_maps), needs_maps && !maps_stand)?;
         self.generations += 1;
         let generation = self.generations;
         self.lights = Some(LightBuffers { asked, places, uniform, constants, vpls, maps, generation });
@@ -455,7 +385,7 @@ impl GlobalIllumination {
     /// The virtual lights that currently light frames, on the GPU.
     pub fn lights(&self) -> Option<VirtualLights<'_>> {
         let LightBuffers { uniform, constants, vpls, maps, .. } = self.lights.as_ref()?;
-        let count = uniform.sky_lights + uniform.lights_per_bounce * uniform.bounces;
+        let count = count_of(uniform);
         let has_maps =
             count > 0 && maps.size() >= u64::from(count) * u64::from(uniform.map_stride) * VIRTUAL_TEXEL_BYTES;
         Some(VirtualLights { count, constants, vpls, maps: has_maps.then_some(maps) })
@@ -504,139 +434,6 @@ impl SurfaceLight {
     }
 }
 
-/// The resources of the passes that make the virtual lights.
-struct Work<'a> {
-    constants: &'a wgpu::Buffer,
-    vpls: &'a wgpu::Buffer,
-    maps: &'a wgpu::Buffer,
-    ground: &'a Ground,
-    levels: &'a [u32],
-    uniform: &'a Virtual,
-}
-
-impl Work<'_> {
-    fn points(&self, recorder: &mut Recorder<'_>, everywhere: &Inputs) -> Result<()> {
-        let Ground { chosen, surfaces, .. } = self.ground;
-        let bindings = passes::vpl_points {
-            lights: self.constants.as_entire_binding(),
-            chosen: chosen.as_entire_binding(),
-            surfaces: surfaces.as_entire_binding(),
-        };
-        let groups = [self.uniform.point_count.div_ceil(64).max(1), 1, 1];
-        recorder.over_page_pixels(everywhere, bindings, groups)
-    }
-
-    /// Places the lights that lamps and the sun give rise to.
-    fn first_bounce(
-        &self,
-        recorder: &mut Recorder<'_>,
-        everywhere: &Inputs,
-        lights: &[MappedLight],
-        plan: &LightPlan,
-        shadow_maps: &wgpu::Buffer,
-    ) -> Result<()> {
-        if plan.flux.is_empty() {
-            return Ok(());
-        }
-        let gpu = recorder.gpu;
-        let emitters: Vec<Emitter> =
-            lights.iter().zip(&plan.flux).map(|(light, flux)| emitter(light, *flux, self.ground.origin)).collect();
-        let aims = upload(gpu, "aims", bytemuck::cast_slice(&plan.aims));
-        let emitters = upload(gpu, "emitters", bytemuck::cast_slice(&emitters));
-        let hits = storage(&gpu.device, "hits", plan.aims.len() as u64 / u64::from(VPL_TRIES) * AIM_HIT_BYTES);
-        let counts = storage(&gpu.device, "hit counts", lights.len() as u64 * AIM_COUNTS * 4);
-        recorder.clear(&counts);
-        let groups = [self.uniform.lights_per_bounce.div_ceil(64), 1, 1];
-        let bindings = passes::vpl_aim {
-            lights: self.constants.as_entire_binding(),
-            aims: aims.as_entire_binding(),
-            shadows: shadow_maps.as_entire_binding(),
-            hits: hits.as_entire_binding(),
-            counts: counts.as_entire_binding(),
-        };
-        recorder.over(&[], everywhere, bindings, groups)?;
-        let bindings = passes::vpl_place {
-            lights: self.constants.as_entire_binding(),
-            hits: hits.as_entire_binding(),
-            counts: counts.as_entire_binding(),
-            shadows: shadow_maps.as_entire_binding(),
-            emitters: emitters.as_entire_binding(),
-            vpls: self.vpls.as_entire_binding(),
-        };
-        recorder.over_page_pixels(everywhere, bindings, groups)
-    }
-
-    fn bounce(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, births: &wgpu::Buffer, bounce: u32) -> Result<()> {
-        let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Step { bounce, ..Step::default() }));
-        let bindings = passes::vpl_bounce {
-            lights: self.constants.as_entire_binding(),
-            births: births.as_entire_binding(),
-            shadow_maps: self.maps.as_entire_binding(),
-            surfaces: self.ground.surfaces.as_entire_binding(),
-            vpls: self.vpls.as_entire_binding(),
-            work: step.as_entire_binding(),
-        };
-        let groups = [self.uniform.lights_per_bounce.div_ceil(64), 1, 1];
-        recorder.over(&[], inputs, bindings, groups)
-    }
-
-    fn shadow_maps(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first_light: u32, count: u32) -> Result<()> {
-        if count == 0 {
-            return Ok(());
-        }
-        let Ground { chosen, surfaces, .. } = self.ground;
-        let per_map = self.uniform.point_count.div_ceil(self.uniform.subsets).max(1);
-        // Some lights at a time, so that a frame can be given up between them. Each light has a map of its own.
-        let run = (SPLATS_AT_ONCE / per_map).max(1);
-        for first in (0..count).step_by(run as usize) {
-            let step = Step { first_light: first_light + first, ..Step::default() };
-            let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&step));
-            let bindings = passes::vpl_shadow_splat {
-                lights: self.constants.as_entire_binding(),
-                chosen: chosen.as_entire_binding(),
-                surfaces: surfaces.as_entire_binding(),
-                vpls: self.vpls.as_entire_binding(),
-                shadow_maps: self.maps.as_entire_binding(),
-                work: step.as_entire_binding(),
-            };
-            recorder.over(&[], inputs, bindings, [per_map.div_ceil(64), run.min(count - first), 1])?;
-        }
-        let starts: Vec<u32> = self
-            .levels
-            .iter()
-            .scan(0, |next, size| {
-                let start = *next;
-                *next += size * size;
-                Some(start)
-            })
-            .collect();
-        let pairs = self.levels.len() - 1;
-        let steps = (0..pairs).map(|level| (level, true)).chain((0..pairs).rev().map(|level| (level, false)));
-        for (level, is_pull) in steps {
-            let (fine_size, coarse_size) = (self.levels[level], self.levels[level + 1]);
-            let step = Step {
-                first_light,
-                fine_size,
-                fine_first: starts[level],
-                coarse_first: starts[level + 1],
-                ..Step::default()
-            };
-            let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&step));
-            let [lights, shadow_maps, work] =
-                [self.constants, self.maps, &step].map(|buffer| buffer.as_entire_binding());
-            let groups = |size: u32| [(size * size).div_ceil(64), count, 1];
-            if is_pull {
-                let bindings = passes::vpl_shadow_pull { lights, shadow_maps, work };
-                recorder.over(&[], inputs, bindings, groups(coarse_size))?;
-            } else {
-                let bindings = passes::vpl_shadow_push { lights, shadow_maps, work };
-                recorder.over(&[], inputs, bindings, groups(fine_size))?;
-            }
-        }
-        Ok(())
-    }
-}
-
 /// The factor of diffuse light, and the share and the power of highlights, of surfaces that are no mirrors.
 fn scattering(settings: &Settings) -> [f32; 3] {
     let Light { diffuse, gloss, gloss_power, .. } = settings.light;
@@ -658,23 +455,50 @@ fn map_levels(gi: &Gi) -> Vec<u32> {
         .collect()
 }
 
-fn emitter(light: &MappedLight, flux: f64, origin: DVec3) -> Emitter {
-    let row = |index| light.camera.view_from_world.row(index).as_vec3();
-    let [red, green, blue] = light.intensity;
-    let strength = Vec4::new(red, green, blue, 0.0);
-    Emitter {
-        position: (light.camera.eye - origin).as_vec3().extend(f32::from(u8::from(light.camera.orthographic))),
-        axis_focal: row(2).extend(light.camera.focal_pixels as f32),
-        right: row(0).extend(0.0),
-        up: row(1).extend(0.0),
-        flux: strength * flux as f32,
-        strength,
-        angles: Vec4::new(light.inner, light.outer, 0.0, 0.0),
+/// What the passes of virtual lights read; `eye` is relative to the origin of the lights.
+fn uniform_of(gi: &Gi, plan: &LightPlan, ground: &Ground, eye: Vec3, follows_mirrors: bool) -> Virtual {
+    Virtual {
+        eye_radius: eye.extend(ground.radius as f32),
+        disc_radius: ground.occluders.radius,
+        nearest: ground.radius as f32 * 4.0 * (-DOUBLINGS).exp2(),
+        steps: 65534.0 / DOUBLINGS,
+        map_size: gi.shadow_size,
+        map_stride: map_levels(gi).iter().map(|level| level * level).sum(),
+        point_count: ground.occluders.points.len() as u32,
+        subsets: ground.occluders.subsets.max(1),
+        sky_lights: plan.sky.len() as u32,
+        lights_per_bounce: gi.vpls,
+        bounces: plan.bounces,
+        area_over_pi: (ground.occluders.area / f64::from(gi.vpls) / std::f64::consts::PI) as f32,
+        follows_mirrors: u32::from(follows_mirrors),
     }
 }
 
-fn upload(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
-    let buffer = storage(&gpu.device, label, bytes.len() as u64);
-    gpu.queue.write_buffer(&buffer, 0, bytes);
-    buffer
+/// The number of virtual lights.
+fn count_of(uniform: &Virtual) -> u32 {
+    uniform.sky_lights + uniform.lights_per_bounce * uniform.bounces
+}
+
+/// Buffers for constants, virtual lights and their shadow maps, if these are needed.
+///
+/// # Errors
+/// More shadow maps than a binding holds.
+fn buffers(gpu: &Gpu, uniform: &Virtual, needs_maps: bool) -> Result<[wgpu::Buffer; 3]> {
+    let count = u64::from(count_of(uniform));
+    let map_bytes = if needs_maps { count * u64::from(uniform.map_stride) * VIRTUAL_TEXEL_BYTES } else { 16 };
+    let limit = gpu.device.limits().max_storage_buffer_binding_size;
+    if map_bytes > limit {
+        return Err(Error::TooLarge {
+            what: "the atlas of virtual shadow maps",
+            bytes: map_bytes,
+            limit,
+            adapter: gpu.info.name.clone(),
+            advice: "; lower gi.vpls, gi.bounces, gi.sky_lights or gi.shadow_size",
+        });
+    }
+    Ok([
+        uniform_buffer(gpu, bytemuck::bytes_of(uniform)),
+        storage(&gpu.device, "virtual lights", count.max(1) * size_of::<Vpl>() as u64),
+        storage(&gpu.device, "virtual shadow maps", map_bytes),
+    ])
 }
