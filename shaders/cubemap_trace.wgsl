@@ -108,8 +108,8 @@ fn choices_by(criterion: u32) -> WalkChoices {
     let chosen = settings.cubemap_trace;
     let is_threshold = criterion == CUBEMAP_TRACE_CRITERION_THRESHOLD;
     return WalkChoices(
-        chosen.skip != 0u, chosen.jump, chosen.disc_slack, MOST_CELLS, i32(chosen.first_level),
-        i32(chosen.last_level), criterion, select(0.0, chosen.threshold * frame.scene_radius, is_threshold), is_threshold,
+        chosen.skip != 0u, chosen.jump, chosen.disc_slack, MOST_CELLS, criterion,
+        select(0.0, chosen.threshold * frame.scene_radius, is_threshold), is_threshold,
     );
 }
 
@@ -289,9 +289,9 @@ fn search_samples(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
             if is_before || (lies_behind && (is_behind || !is_sign)) {
                 is_behind = lies_behind;
                 i = max(i + 1u, sample_before(samples, out));
-                level = level_above(level, view, choices);
+                level = level_above(level, view);
             } else {
-                level = level_below(level, choices);
+                level = level_below(level);
             }
         } else {
             let sample = sample_at(map, offset);
@@ -315,12 +315,15 @@ fn search_samples(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
             }
             i++;
             if choices.skip {
-                level = level_above(0, face_of(map, 0u), choices);
+                level = level_above(0, face_of(map, 0u));
             }
         }
     }
     return walk;
 }
+
+// A second secant step after a change of sign moves the place by less than the step between two samples errs.
+const SECANT_STEPS: u32 = 1u;
 
 // The place between two samples at which a ray goes behind what it passes, by secant steps.
 fn refine(map: u32, ray: WalkRay, center: vec3f, first: f32, second: f32) -> Walk {
@@ -329,7 +332,7 @@ fn refine(map: u32, ray: WalkRay, center: vec3f, first: f32, second: f32) -> Wal
     var height_before = sample_at(map, ray.origin + ray.direction * before - center).behind;
     var last = sample_at(map, ray.origin + ray.direction * after - center);
     var t = second;
-    for (var step = 0u; step < settings.cubemap_trace.refine; step++) {
+    for (var step = 0u; step < SECANT_STEPS; step++) {
         t = before + (after - before) * (height_before / (height_before - last.behind));
         let sample = sample_at(map, ray.origin + ray.direction * t - center);
         if sample.behind > 0.0 {

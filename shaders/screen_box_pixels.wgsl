@@ -11,6 +11,10 @@
 
 override finds_pixel: bool = false;
 
+// Pixels this near to a wall lie on it, in scene radii, if their normals are within 30 degrees of its own.
+const WALL_DEPTH: f32 = 0.02;
+const WALL_COSINE: f32 = 0.8660254;
+
 @compute @workgroup_size(8, 8)
 fn screen_box_pixels(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.width || id.y >= frame.height {
@@ -22,14 +26,13 @@ fn screen_box_pixels(@builtin(global_invocation_id) id: vec3u) {
     }
     let normal = textureLoad(normal_in, id.xy, 0).xyz;
     let pixel = id.y * frame.width + id.x;
-    let most = settings.screen_trace.box_distance * frame.scene_radius;
-    let cosine = cos(radians(settings.screen_trace.box_angle));
+    let most = WALL_DEPTH * frame.scene_radius;
     for (var wall = 0u; wall < 6u; wall++) {
         let axis = wall % 3u;
         let is_low = wall >= 3u;
         let off = abs(select(screen.box_high[axis], screen.box_low[axis], is_low) - position[axis]);
         let inward = select(-normal[axis], normal[axis], is_low);
-        if off <= most && inward >= cosine {
+        if off <= most && inward >= WALL_COSINE {
             let place = 2u * index_in_box(wall, texel_in_box(wall, position.xyz));
             let nearness = 0xffffffffu - bitcast<u32>(off);
             if !finds_pixel {

@@ -29,8 +29,10 @@ const FARTHEST: f32 = 1e30;
 // The mirror's own surface does not stop a ray within so many radii of its largest splat, and so many pixels.
 const OWN_RADII: f32 = 4.0;
 const OWN_PIXELS: f32 = 2.0;
-// Coarser than any.
-const COARSEST_LEVEL: i32 = 31;
+// Depth steps of one pixel are within one surface: more closes cracks, and invents walls.
+const SURFACE_JUMP: f32 = 1.0;
+// No ray through a picture of 3840 x 2160 takes more steps: it crosses at most so many rows and columns.
+const MOST_STEPS: u32 = 8192u;
 // Discs are not known: planes count all over their pixels.
 const ANY_SLACK: f32 = 1e9;
 
@@ -108,8 +110,7 @@ fn meets_wall(ray: WalkRay) -> bool {
 
 fn through_screen(ray: WalkRay) -> Walk {
     let choices = WalkChoices(
-        settings.screen_trace.skip != 0u, settings.screen_trace.jump, ANY_SLACK, settings.screen_trace.max_steps,
-        0, COARSEST_LEVEL, 0u, 0.0, false,
+        settings.screen_trace.skip != 0u, SURFACE_JUMP, ANY_SLACK, MOST_STEPS, 0u, 0.0, false,
     );
     let view = screen_view();
     let along = coordinates_of(view, ray);

@@ -25,7 +25,6 @@ struct Round {
     seed: u32,
 }
 
-override weighted: bool = true;
 override cull: bool = false;
 override cull_chunks: bool = false;
 override count_points: bool = true;
@@ -161,12 +160,9 @@ const REDRAWS: u32 = 4u;
 const REDRAW: u32 = 4099u;
 
 // The label of the region in which a point is tried: drawn in proportion to the regions' pixels with a Halton number
-// (section 4.5.1), or in turn. The paper sorts the regions by size first; drawing from the running sum is the same in
+// (section 4.5.1). The paper sorts the regions by size first; drawing from the running sum is the same in
 // any order.
 fn drawn_label(identity: u32, draw: u32) -> u32 {
-    if !weighted {
-        return (identity + draw) % regions[0].regions + 1u;
-    }
     // Draws differ by the golden ratio, which spreads any number of them evenly: a product of integers wraps where one
     // of floats would run out of digits.
     let apart = f32((draw * 2654435769u) >> 8u) / 16777216.0;

@@ -25,9 +25,6 @@ struct WalkChoices {
     disc_slack: f32,
     // After so many the ray is given up.
     most_cells: u32,
-    // The finest and the coarsest level of bounds that is used.
-    first_level: i32,
-    last_level: i32,
     // Which rule decides, for importing passes that have several; and its threshold.
     criterion: u32,
     threshold: f32,
@@ -224,7 +221,7 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
             walk = Walk(said.kind, said.t, said.identity, walk.cells);
         }
         if !is_passed {
-            level = level_below(level, choices);
+            level = level_below(level);
         } else if walk.kind == WALK_ON {
             is_start = false;
             if out >= part.y {
@@ -242,7 +239,7 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
             }
             t = out;
             if choices.skip {
-                level = level_above(level, view, choices);
+                level = level_above(level, view);
             }
         }
     }
@@ -256,13 +253,12 @@ fn passes_cell(bounds: vec2f, depths: vec2f, goes_on: bool, choices: WalkChoices
     return is_before || (choices.passes_behind && goes_on && is_behind);
 }
 
-fn level_below(level: i32, choices: WalkChoices) -> i32 {
-    return select(level - 1, 0, level <= choices.first_level);
+fn level_below(level: i32) -> i32 {
+    return max(level - 1, 0);
 }
 
-fn level_above(level: i32, view: DepthView, choices: WalkChoices) -> i32 {
-    let above = max(level + 1, choices.first_level);
-    return select(level, above, above <= min(view.levels, choices.last_level));
+fn level_above(level: i32, view: DepthView) -> i32 {
+    return min(level + 1, view.levels);
 }
 
 // The height of a ray over the plane of a texel, along the ray: positive before it.

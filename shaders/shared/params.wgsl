@@ -262,10 +262,7 @@ struct CubemapTrace {
     sampling: u32,
     step: f32,
     angle: f32,
-    refine: u32,
     skip: u32,
-    first_level: u32,
-    last_level: u32,
     jump: f32,
     disc_slack: f32,
     own: u32,
@@ -301,12 +298,8 @@ struct ScreenTrace {
     step: f32,
     back: u32,
     skip: u32,
-    jump: f32,
-    max_steps: u32,
     box_from: u32,
     box_size: u32,
-    box_distance: f32,
-    box_angle: f32,
     completion: u32,
     rest: u32,
 }
@@ -414,7 +407,6 @@ struct Sscr {
     planar_normal_threshold: f32,
     normal_filter: u32,
     depth_step_threshold: f32,
-    distribution: u32,
     visibility: u32,
     solve_once: u32,
     solver: u32,
@@ -427,8 +419,6 @@ struct Sscr {
 }
 const SSCR_READING_TEXT: u32 = 0u;
 const SSCR_READING_LISTING: u32 = 1u;
-const SSCR_DISTRIBUTION_WEIGHTED: u32 = 0u;
-const SSCR_DISTRIBUTION_EQUAL: u32 = 1u;
 const SSCR_VISIBILITY_NEAREST: u32 = 0u;
 const SSCR_VISIBILITY_ACCUMULATED: u32 = 1u;
 const SSCR_SOLVER_INTERLEAVED: u32 = 0u;

@@ -238,6 +238,9 @@ constants! {
     EXPOSURE_BINS: u32 = 256;
     /// Depths belong to one surface if they differ by this share or less.
     SAME_SURFACE: f32 = 0.02;
+    /// Points and pixels this near to a wall of the box about all points lie on it, in scene radii: scans of a wall are
+    /// thinner than that.
+    WALL_DEPTH: f32 = 0.02;
     /// The number of texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about
     /// as fine as a splat.
     SHADOW_SIZE: u32 = 1024;

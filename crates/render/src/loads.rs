@@ -84,7 +84,7 @@ pub(crate) fn maps(settings: &Settings) -> f64 {
     let by_step = (0.001 / f64::from(trace.step)).max(0.25 / f64::from(trace.angle)).max(1.0);
     // Rays pass small maps sooner.
     let texels = (f64::from(trace.size) / 256.0).max(0.5) * by_texels(trace.skip);
-    ratio(trace.tries.min(trace.maps), 2) * texels * by_step * ratio(trace.refine, 1)
+    ratio(trace.tries.min(trace.maps), 2) * texels * by_step
 }
 
 /// The texels of the picture that a ray passes.

@@ -124,10 +124,6 @@ choices! {
     }
 }
 choices! {
-    /// How points are shared out among the mirror's regions.
-    pub enum Distribution { Weighted = "weighted", Equal = "equal" }
-}
-choices! {
     /// What a mirror pixel keeps of the points that are reflected into it.
     pub enum KeptPoints { Nearest = "nearest", Accumulated = "accumulated" }
 }
@@ -392,14 +388,8 @@ params! {
         step: f32 = 0.001, 0.0001..=0.1, "scene radii";
         /// From one sample to the next by equal angles.
         angle: f32 = 0.25, 0.05..=5.0, "degrees";
-        /// Secant steps after a change from before to behind, between two samples; in each texel the place is exact.
-        refine: u32 = 1, 0..=8, "steps";
         /// Pass many texels at once where bounds of their depths say that a ray is before all of them; the picture is the same.
         skip: bool = true;
-        /// The finest level of bounds that is used; the picture is the same.
-        first_level: u32 = 0, 0..=10, "levels";
-        /// The coarsest level of bounds that is used; the picture is the same.
-        last_level: u32 = 10, 0..=10, "levels";
         /// Depth steps up to this size are within one surface: more closes cracks, and invents walls.
         jump: f32 = 1.0, 0.0..=8.0, "texels";
         /// How far beside its disc a texel's plane still counts: 0 leaves edges open, more widens things.
@@ -426,18 +416,10 @@ params! {
         back: ScreenBack = ScreenBack::None;
         /// Pass many pixels at once where bounds of their depths say that a ray is before all of them; the picture is the same.
         skip: bool = true;
-        /// Depth steps up to this size are within one surface: more closes cracks, and invents walls.
-        jump: f32 = 1.0, 0.0..=8.0, "pixels";
-        /// Steps through the picture after which a ray is given up.
-        max_steps: u32 = 8192, 16..=8192, "steps";
         /// What rays meet that leave the picture, before the rest: nothing, or the walls of the box about all points, with the points beside each, or with the pixels that show it. What stands in the box is not in the way.
         box_from: ScreenBox = ScreenBox::None;
         /// Texels along the longer edge of a wall of the box.
         box_size: u32 = 256, 32..=1024, "texels";
-        /// Distance from a wall of the box up to which points or pixels lie on it.
-        box_distance: f32 = 0.02, 0.0..=0.2, "scene radii";
-        /// Angle between a pixel's normal and that of a wall of the box up to which the pixel lies on it.
-        box_angle: f32 = 30.0, 1.0..=90.0, "degrees";
         /// What stands on a wall where the camera does not see it: nothing, the nearest pixel of the row or column, or the pixel so many periods of the wall's pattern away, and the nearest where it has none.
         completion: ScreenCompletion = ScreenCompletion::Repeat;
         /// What rays show that leave the picture or pass behind something: nothing, or what surfel_trace or cubemap_trace finds from where they are known to be free, or what environment_map has in their direction.
@@ -474,8 +456,6 @@ params! {
         normal_filter: u32 = 0, 0..=16, "pixels";
         /// Change of linear depth from pixel to pixel that parts regions, relative to the depth.
         depth_step_threshold: f32 = 0.05, 0.001..=1.0, "share";
-        /// Share the points out by the regions' pixels, or equally.
-        distribution: Distribution = Distribution::Weighted;
         /// Keep the nearest point of a mirror pixel, for which points are searched for once, or the mean of all within the depth offset.
         visibility: KeptPoints = KeptPoints::Accumulated;
         /// Keep each point's pixel from the depth pass instead of searching for it twice.

@@ -344,7 +344,7 @@ pub(super) mod tests {
             (chosen.size, chosen.maps, chosen.tries, chosen.skip, chosen.rest) =
                 (size, maps, maps, skip, CubeRest::None);
             (chosen.criterion, chosen.sampling, chosen.hit) = (criterion, sampling, hit);
-            (chosen.threshold, chosen.step, chosen.angle, chosen.refine) = (0.015, 0.01, 1.0, 2);
+            (chosen.threshold, chosen.step, chosen.angle) = (0.015, 0.01, 1.0);
             let chosen = chosen.clone();
             let picture = [96, 80];
             let stats = renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), picture)).unwrap();
@@ -383,7 +383,7 @@ pub(super) mod tests {
                 hit,
                 step: chosen.step * radius,
                 angle: chosen.angle.to_radians(),
-                refine: chosen.refine,
+                refine: 1,
                 reach: 2.01 * radius,
                 then_sign: criterion == CubeCriterion::ThresholdThenSign,
             };

@@ -13,7 +13,7 @@ use super::task::Task;
 use crate::frame::FrameCamera;
 use crate::gpu::Result;
 use crate::inputs::Inputs;
-use crate::layout::{BOX_EDGE_BYTES, BOX_SCORE_BYTES, BOX_WORD_BYTES};
+use crate::layout::{BOX_EDGE_BYTES, BOX_SCORE_BYTES, BOX_WORD_BYTES, WALL_DEPTH};
 use crate::lighting::splat_of_maps;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -88,7 +88,7 @@ impl Walls {
         if bounds.is_empty() {
             return Ok(());
         }
-        let deep = f64::from(task.settings.screen_trace.box_distance) * bounds.radius();
+        let deep = f64::from(WALL_DEPTH) * bounds.radius();
         let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
         for wall in 0..6 {
             let camera = camera_of(bounds, wall, deep, self.edge);

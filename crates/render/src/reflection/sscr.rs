@@ -18,7 +18,7 @@ use std::num::NonZeroU64;
 
 use cloud::Bounds;
 use glam::Vec4;
-use scene::{Distribution, KeptPoints, Seeds, Show};
+use scene::{KeptPoints, Seeds, Show};
 
 use super::forward::{Forward, Splats, check_size, picture_buffer};
 use super::task::Task;
@@ -266,7 +266,6 @@ impl Sscr {
             ("solver", settings.solver as u32),
             ("seeds", settings.seeds as u32),
             ("per_region", u32::from(settings.per_region)),
-            ("weighted", u32::from(settings.distribution == Distribution::Weighted)),
             ("cull", u32::from(settings.cull_points)),
             ("cull_chunks", u32::from(settings.cull_chunks)),
             ("count_points", u32::from(is_counted)),

@@ -258,7 +258,6 @@ fn by_settings(pass: &str, settings: &Settings) -> Vec<(&'static str, usize, f64
                 ("through_each", 0, tries),
                 ("relay", 1, tries),
                 ("search_samples", 0, by_step),
-                ("refine", 0, f64::from(cubemap_trace.refine)),
                 ("walk_picture", 0, texels),
             ]
         }
