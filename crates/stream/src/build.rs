@@ -142,7 +142,7 @@ fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identit
         if let Some(path) = identity.changed() {
             return Err(Error::Changed { path: path.to_owned() });
         }
-        std::fs::rename(building.join(pages::PAGES), entry.join(pages::PAGES)).map_err(io)?;
+        std::fs::rename(building.join(entry::PAGES), entry.join(entry::PAGES)).map_err(io)?;
         std::fs::remove_dir(&building).map_err(io)?;
         pages::write(entry, &summary, nodes)?;
         Pages::open_locked(entry, None).map(drop)
@@ -240,7 +240,7 @@ impl Build<'_> {
                     continue;
                 }
             }
-            let nodes = self.nodes(&plan, distributed, &temporary, &folder.join(pages::PAGES))?;
+            let nodes = self.nodes(&plan, distributed, &temporary, &folder.join(entry::PAGES))?;
             drop(temporary);
             std::fs::remove_file(&path).map_err(|error| Error::not_written(&path, error))?;
             let summary = Summary {

@@ -14,7 +14,8 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use crate::pages::{self, Pages};
-use crate::{Error, Result, entry, plan, regular_file, surfels};
+use crate::regular_file::is_current;
+use crate::{Error, Result, entry, plan, regular_file, surfel_file};
 
 /// The size of a sample of a file's content in bytes, and the number of samples between those at its ends.
 const SAMPLE_BYTES: usize = 64 << 10;
@@ -121,23 +122,6 @@ pub(crate) fn lock_path(entry: &Path) -> PathBuf {
     entry.with_extension("lock")
 }
 
-/// Whether the open file is still the one with this name. Lock files are removed on Unix only, so elsewhere it always
-/// is.
-#[cfg(unix)]
-pub(crate) fn is_current(file: &File, path: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt as _;
-    let id = |metadata: std::fs::Metadata| (metadata.dev(), metadata.ino());
-    match (file.metadata(), std::fs::metadata(path)) {
-        (Ok(open), Ok(named)) => id(open) == id(named),
-        _ => false,
-    }
-}
-
-#[cfg(not(unix))]
-pub(crate) fn is_current(_: &File, _: &Path) -> bool {
-    true
-}
-
 impl Cache {
     /// Keeps up to `limit` bytes in `folder`, which is made when it is needed.
     pub fn new(folder: PathBuf, limit: u64) -> Self {
@@ -184,7 +168,7 @@ impl Cache {
 
     pub(crate) fn open_known(&self, identity: &Identity) -> Result<Option<Pages>> {
         let entry = self.entry(identity);
-        if !entry::is_own(&entry) || !regular_file::is_there(&entry.join(pages::NODES)) {
+        if !entry::is_own(&entry) || !regular_file::is_there(&entry.join(entry::NODES)) {
             return Ok(None);
         }
         let Some(lock) = self.lock_to_read(&entry) else { return Ok(None) };
@@ -277,7 +261,7 @@ impl Cache {
             && !regular_file::is_there(&aside)
             && std::fs::rename(entry, &aside).is_ok()
         {
-            let _ = std::fs::remove_file(aside.join(pages::NODES));
+            let _ = std::fs::remove_file(aside.join(entry::NODES));
             let _ = std::fs::rename(lock_path(entry), lock_path(&aside));
         }
     }
@@ -296,13 +280,13 @@ impl Cache {
     /// normals and radii are damaged, only they are forgotten.
     pub fn discard(&self, pages: Pages) {
         if pages.has_bad_surfels_only() {
-            let path = pages.folder().join(surfels::SURFELS);
+            let path = pages.folder().join(surfel_file::SURFELS);
             drop(pages);
             let _ = std::fs::remove_file(path);
             return;
         }
         // The other files are removed when the index is made anew: others may still read them.
-        let _ = std::fs::remove_file(pages.folder().join(pages::NODES));
+        let _ = std::fs::remove_file(pages.folder().join(entry::NODES));
     }
 
     /// The size of all entries in bytes.

@@ -11,8 +11,14 @@ use std::io::{ErrorKind, Read as _, Write as _};
 use std::path::Path;
 
 use crate::regular_file::{is_there, kind, open_regular};
-use crate::{Error, Result, pages, surfels};
+use crate::{Error, Result, surfel_file};
 
+/// The file that describes the nodes of an index, its first bytes, and its name while it is being written.
+pub const NODES: &str = "nodes";
+pub const MAGIC: [u8; 8] = *b"glintidx";
+pub const UNFINISHED: &str = "nodes.unfinished";
+/// The file that holds the points of an index.
+pub const PAGES: &str = "pages";
 /// The folder within an entry in which an index is made.
 pub const BUILDING: &str = "building";
 /// The file in `BUILDING` that holds the records of all points while an index is made.
@@ -36,13 +42,13 @@ pub fn is_own(entry: &Path) -> bool {
         let mut bytes = Vec::new();
         file.is_some_and(|file| file.take(start.len() as u64).read_to_end(&mut bytes).is_ok() && bytes == start)
     };
-    let is_marked = || starts_with(MARKER, MARKER_TEXT) || starts_with(pages::NODES, &pages::MAGIC);
+    let is_marked = || starts_with(MARKER, MARKER_TEXT) || starts_with(NODES, &MAGIC);
     has_key(entry) && kind(entry).is_some_and(|kind| kind.is_dir()) && is_marked()
 }
 
 /// Whether the entry is complete: an index, or kept normals and radii.
 pub fn is_whole(entry: &Path) -> bool {
-    is_there(&entry.join(pages::NODES)) || is_there(&entry.join(KEPT))
+    is_there(&entry.join(NODES)) || is_there(&entry.join(KEPT))
 }
 
 /// Makes an empty entry; clears what an earlier one left there.
@@ -80,9 +86,9 @@ pub fn start(entry: &Path, aside: &Path) -> Result<()> {
 /// folder comes before the folder.
 fn names() -> impl Iterator<Item = (bool, String)> {
     // `nodes` is deleted first: an entry that cannot be cleared whole must not look like an index.
-    let files = [pages::NODES, pages::UNFINISHED, pages::PAGES, KEPT].into_iter().chain(surfels::NAMES);
+    let files = [NODES, UNFINISHED, PAGES, KEPT].into_iter().chain(surfel_file::NAMES);
     let files = files.map(String::from);
-    let building = [RECORDS, pages::PAGES, KEPT].map(|name| format!("{BUILDING}/{name}"));
+    let building = [RECORDS, PAGES, KEPT].map(|name| format!("{BUILDING}/{name}"));
     files.chain(building).map(|name| (false, name)).chain([(true, BUILDING.to_owned())])
 }
 

@@ -13,10 +13,11 @@ use std::sync::Arc;
 use cloud::{Chunk, Surfels};
 use rayon::prelude::*;
 
-use crate::cache::{Cache, Identity, is_current, lock_path};
+use crate::cache::{Cache, Identity, lock_path};
 use crate::entry::{self, BUILDING, KEPT, Unfinished};
+use crate::regular_file::is_current;
 use crate::storage::Storage;
-use crate::surfels::{POINT_BYTES, pack, unpack};
+use crate::surfel_file::{POINT_BYTES, pack, unpack};
 use crate::{Error, Result, regular_file};
 
 const MAGIC: [u8; 8] = *b"glintkpt";

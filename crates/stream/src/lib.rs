@@ -27,6 +27,7 @@ mod regular_file;
 mod selection;
 mod storage;
 mod streamer;
+mod surfel_file;
 mod surfels;
 #[cfg(test)]
 mod test_trees;

@@ -19,22 +19,18 @@ use rayon::prelude::*;
 
 use crate::cache::Cache;
 use crate::copc::{self, CopcPages};
+use crate::entry::{MAGIC, NODES, PAGES, UNFINISHED};
 use crate::lattice::{Cell, Lattice};
 use crate::page::{self, Place};
 use crate::records::{Layout, is_believable};
 use crate::storage::Storage;
-use crate::surfels::SurfelFile;
+use crate::surfel_file::SurfelFile;
 use crate::{Error, Node, NodeId, Octree, Result, plan, regular_file};
 
-pub(crate) const NODES: &str = "nodes";
-pub(crate) const PAGES: &str = "pages";
-/// The name of `nodes` while it is being written.
-pub(crate) const UNFINISHED: &str = "nodes.unfinished";
 /// The number of the builder of indexes: indexes with another one are made again. It grows with each change of the form
 /// of an index, of how points are shared out among nodes, and of what readers make of a file. A test holds it
 /// (tests/builder.rs).
 pub const BUILDER: u32 = 4;
-pub(crate) const MAGIC: [u8; 8] = *b"glintidx";
 /// Bytes before the body: magic, version, checksum of the body.
 const HEAD_BYTES: usize = 16;
 /// The size of a node's row in the table, in bytes.

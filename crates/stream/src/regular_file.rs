@@ -36,3 +36,20 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     check_writable(path)?;
     File::open(path)
 }
+
+/// Whether the open file is still the one with this name. Lock files are removed on Unix only, so elsewhere it always
+/// is.
+#[cfg(unix)]
+pub fn is_current(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    let id = |metadata: std::fs::Metadata| (metadata.dev(), metadata.ino());
+    match (file.metadata(), std::fs::metadata(path)) {
+        (Ok(open), Ok(named)) => id(open) == id(named),
+        _ => false,
+    }
+}
+
+#[cfg(not(unix))]
+pub fn is_current(_: &File, _: &Path) -> bool {
+    true
+}

@@ -59,7 +59,7 @@ impl Storage {
         let file = &self.file;
         #[cfg(not(unix))]
         let file = &self.locked();
-        crate::cache::is_current(file, &self.path)
+        regular_file::is_current(file, &self.path)
     }
 
     /// The size of the file in bytes.

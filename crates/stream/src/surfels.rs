@@ -6,9 +6,8 @@
 //! `cloud::estimate_part` estimates it, and its part of the file is written. The blocks of ancestors fill up group by
 //! group.
 //!
-//! The file `surfels` holds six bytes a point, node after node: packed normals, then packed radii, in the page's order.
-//! It is written under another name beside a list of the finished groups, from which a build that was killed goes on;
-//! its head with the checksums is written last.
+//! The file of the index (`surfel_file`) is written under another name beside a list of the finished groups, from which a
+//! build that was killed goes on.
 
 use std::fs::File;
 use std::io::{Read as _, Write as _};
@@ -16,31 +15,20 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use cloud::{Bounds, Chunk, Orientation, Progress, RadiusRule, SurfelOptions, Surfels};
+use cloud::{Bounds, Chunk, Progress, SurfelOptions, Surfels};
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::lattice::Cell;
 use crate::storage::Storage;
+use crate::surfel_file::{
+    DONE, LOCK, MAGIC, POINT_BYTES, SURFELS, SurfelFile, UNFINISHED, VERSION, block_start, data_start, identity, pack,
+    read_block, unpack,
+};
 use crate::{Error, Node, NodeId, Octree, Pages, Result, regular_file};
 
-pub(crate) const SURFELS: &str = "surfels";
-const UNFINISHED: &str = "surfels.unfinished";
-const DONE: &str = "surfels.done";
-const LOCK: &str = "surfels.lock";
-/// The names of all files that are made here.
-pub(crate) const NAMES: [&str; 4] = [SURFELS, UNFINISHED, DONE, LOCK];
-const MAGIC: [u8; 8] = *b"glintsrf";
-/// It grows with each change of the form of the file, and of how points are put into groups.
-const VERSION: u32 = 4;
-/// The size in bytes of the head before the checksums: magic, version, checksum of the remainder, identity.
-const HEAD_BYTES: usize = 16 + IDENTITY_BYTES;
-/// Key of the index, nodes, points, neighbours, orientation, estimator.
-const IDENTITY_BYTES: usize = 16 + 4 + 8 + 4 + 1 + 24 + 4;
 /// The size in bytes of an entry in the list of groups: group, points, checksum of both.
 const DONE_BYTES: usize = 4 + 8 + 4;
-/// The size in bytes of a packed normal and a packed radius.
-pub(crate) const POINT_BYTES: u64 = 6;
 /// The memory in bytes that a point takes while it is estimated: position, order, boxes, results twice (about 30
 /// measured, in groups of 12.5 million points).
 const WORKING_BYTES: u64 = 40;
@@ -55,132 +43,6 @@ const DEEPEST: u8 = 21;
 /// Sixteen neighbours are within 2.3 distances, so a place may be a hundred times sparser than its group and still be
 /// exact.
 const MARGIN: f64 = 22.0;
-
-/// The complete file of an index.
-pub(crate) struct SurfelFile {
-    storage: Storage,
-    options: SurfelOptions,
-    checksums: Vec<u32>,
-}
-
-impl SurfelFile {
-    /// Opens the file of an index; `Damaged` if it belongs to another one.
-    pub fn open(folder: &Path, key: u128, octree: &Octree) -> Result<Self> {
-        let storage = Storage::open(&folder.join(SURFELS))?;
-        let damaged = |problem: &str| Error::damaged(storage.path(), problem);
-        let nodes = octree.nodes.len();
-        // The expected size is checked against the file before anything is allocated.
-        if storage.length() != data_start(nodes) + POINT_BYTES * octree.points() {
-            return Err(damaged("not as large as the index says"));
-        }
-        let mut head = vec![0; data_start(nodes) as usize];
-        storage.read(0, &mut head)?;
-        let body = &head[16..];
-        if head[..8] != MAGIC
-            || head[8..12] != VERSION.to_le_bytes()
-            || head[12..16] != crc32fast::hash(body).to_le_bytes()
-        {
-            return Err(damaged("not complete, or has changed"));
-        }
-        let options =
-            read_options(&body[28..IDENTITY_BYTES]).filter(|options| body.starts_with(&identity(key, octree, options)));
-        let options = options.ok_or_else(|| damaged("of another index"))?;
-        let checksums =
-            body[IDENTITY_BYTES..].as_chunks::<4>().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
-        Ok(Self { storage, options, checksums })
-    }
-
-    /// The options of the estimate.
-    pub fn options(&self) -> &SurfelOptions {
-        &self.options
-    }
-
-    /// The packed normals and radii of a node, in the order of its page.
-    pub fn read(&self, octree: &Octree, node: NodeId) -> Result<Surfels> {
-        let bytes = read_block(&self.storage, octree, node)?;
-        if crc32fast::hash(&bytes) != self.checksums[node.0 as usize] {
-            return Err(Error::damaged(self.storage.path(), format!("the surfels of node {} have changed", node.0)));
-        }
-        Ok(unpack(&bytes))
-    }
-}
-
-/// The offset in bytes of the first node's normals and radii.
-fn data_start(nodes: usize) -> u64 {
-    HEAD_BYTES as u64 + 4 * nodes as u64
-}
-
-fn block_start(octree: &Octree, node: NodeId) -> u64 {
-    data_start(octree.nodes.len()) + POINT_BYTES * octree.node(node).first_point
-}
-
-fn read_block(storage: &Storage, octree: &Octree, node: NodeId) -> Result<Vec<u8>> {
-    let mut bytes = vec![0; POINT_BYTES as usize * octree.node(node).points as usize];
-    storage.read(block_start(octree, node), &mut bytes)?;
-    Ok(bytes)
-}
-
-pub(crate) fn unpack(bytes: &[u8]) -> Surfels {
-    let (normals, radii) = bytes.split_at(bytes.len() / POINT_BYTES as usize * 4);
-    Surfels {
-        normals: normals.as_chunks::<4>().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect(),
-        radii: radii.as_chunks::<2>().0.iter().map(|bytes| u16::from_le_bytes(*bytes)).collect(),
-    }
-}
-
-pub(crate) fn pack(surfels: &Surfels) -> Vec<u8> {
-    let normals = surfels.normals.iter().flat_map(|normal| normal.to_le_bytes());
-    normals.chain(surfels.radii.iter().flat_map(|radius| radius.to_le_bytes())).collect()
-}
-
-/// The bits of the orientation's kind that say which rule the radii follow.
-const NARROW: u8 = 0x80;
-const SPREAD: u8 = 0x40;
-
-/// The bytes that identify the estimate and its input.
-fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
-    let (kind, direction) = match options.orientation {
-        Orientation::Up(up) => (0, up.as_dvec3()),
-        Orientation::Toward(viewer) => (1, viewer),
-        Orientation::AwayFrom(centre) => (2, centre),
-    };
-    let mut bytes = key.to_le_bytes().to_vec();
-    bytes.extend((octree.nodes.len() as u32).to_le_bytes());
-    bytes.extend(octree.points().to_le_bytes());
-    bytes.extend((options.neighbours as u32).to_le_bytes());
-    bytes.push(
-        kind | match options.radii {
-            RadiusRule::Full => 0,
-            RadiusRule::Narrow => NARROW,
-            RadiusRule::Spread => SPREAD,
-        },
-    );
-    direction.to_array().into_iter().for_each(|value| bytes.extend(value.to_le_bytes()));
-    bytes.extend(cloud::ESTIMATOR.to_le_bytes());
-    bytes
-}
-
-/// Reads neighbours, orientation and the rule of the radii as `identity` writes them.
-fn read_options(bytes: &[u8]) -> Option<SurfelOptions> {
-    let (neighbours, rest) = bytes.split_first_chunk::<4>()?;
-    let (kind, rest) = rest.split_first()?;
-    let numbers: Vec<f64> = rest.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
-    let direction = DVec3::from_slice(numbers.get(..3)?);
-    let orientation = match kind & !(NARROW | SPREAD) {
-        0 => Orientation::Up(direction.as_vec3()),
-        1 => Orientation::Toward(direction),
-        2 => Orientation::AwayFrom(direction),
-        _ => return None,
-    };
-    let radii = match kind & (NARROW | SPREAD) {
-        0 => RadiusRule::Full,
-        NARROW => RadiusRule::Narrow,
-        SPREAD => RadiusRule::Spread,
-        _ => return None,
-    };
-    let neighbours = u32::from_le_bytes(*neighbours) as usize;
-    Some(SurfelOptions { neighbours, orientation, radii, seen_from: None })
-}
 
 /// The points of the levels nearest to the root that have up to `points` points together, but at least the root's:
 /// enough of a cloud to guess from (`cloud::guess_orientation`).
@@ -230,7 +92,7 @@ fn estimate_in_groups(pages: &Pages, options: &SurfelOptions, most: u64, progres
     progress.set_total(octree.points());
     let identity = identity(pages.key(), octree, options);
     let made = SurfelFile::open(folder, pages.key(), octree);
-    if made.is_ok_and(|made| self::identity(pages.key(), octree, made.options()) == identity) {
+    if made.is_ok_and(|made| crate::surfel_file::identity(pages.key(), octree, made.options()) == identity) {
         progress.add(octree.points());
         return Ok(());
     }

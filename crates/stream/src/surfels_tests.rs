@@ -1,10 +1,11 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
-use cloud::unpack_normal;
+use cloud::{Orientation, unpack_normal};
 use glam::Vec3;
 
 use super::*;
+use crate::surfel_file::HEAD_BYTES;
 use crate::{BuildOptions, Cache, build};
 
 const OPTIONS: SurfelOptions = SurfelOptions {
