@@ -194,3 +194,12 @@ fn a_made_scan_is_exported_with_its_colours_and_read_back() {
     let high = [0, 2].map(|axis| written["bounds"]["max"][axis].as_f64().expect("a number"));
     assert!((high[0] - 10.15).abs() < 0.03 && (high[1] - 3.0).abs() < 0.03, "{high:?}");
 }
+
+#[test]
+fn a_made_scan_replaces_no_file() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("there.ply"), "kept").expect("a file");
+    let outcome = folder.glint(["export", "tripod/room", "-o", "there.ply", "--set", "scene.points=1000"]);
+    assert!(outcome.status == Some(1) && outcome.messages.contains("is not replaced"), "{outcome}");
+    assert_eq!(std::fs::read_to_string(folder.path("there.ply")).expect("the file"), "kept");
+}

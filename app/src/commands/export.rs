@@ -96,18 +96,7 @@ fn write_made(scan: Tripod, settings: &Settings, arguments: &ExportArguments) ->
     let scene::SceneSettings { points, seed } = settings.scene;
     let cloud = tripod::scan(scan, points.into(), seed.into());
     let count: usize = cloud.iter().map(Chunk::len).sum();
-    let mut bytes = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {count}\nproperty float x\nproperty float y\n\
-         property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
-    )
-    .into_bytes();
-    for chunk in &cloud {
-        for (index, color) in chunk.colors.iter().flat_map(|colors| colors.iter()).enumerate() {
-            bytes.extend(chunk.position(index).as_vec3().to_array().into_iter().flat_map(f32::to_le_bytes));
-            bytes.extend(&color[..3]);
-        }
-    }
-    std::fs::write(output, bytes).with_context(|| shown(output))?;
+    codec::export_chunks(&cloud, output)?;
     if arguments.json {
         let bounds = cloud.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
         terminal::print_json(&json!({

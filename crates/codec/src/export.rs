@@ -15,7 +15,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Attribute, Bounds, Column, ColumnType, Progress};
+use cloud::{Attribute, Bounds, Chunk, Column, ColumnType, Progress};
 use glam::DVec3;
 use param::shown;
 use tempfile::NamedTempFile;
@@ -36,7 +36,7 @@ use columns::{Colors, Field, HAS_COLOR, Meaning, Piece, Reading};
 use merging::{Merged, Origin};
 use names::Names;
 pub use names::short_file_name;
-use ply_file::{PIECE_POINTS, PlyFile, RowFormat};
+use ply_file::{PIECE_POINTS, PlyFile, RowFormat, write_chunks};
 use words::{Words, few_names};
 
 /// The number of bytes of a table that are written at once.
@@ -103,21 +103,8 @@ pub fn export<'a>(
     let wanted = wanted.into();
     let format = ExportFormat::of(output).unwrap_or(ExportFormat::Laz);
     let unwritten = |error: io::Error| Error::not_written(output, error);
-    if output.symlink_metadata().is_ok() {
-        return Err(unwritten(io::Error::new(io::ErrorKind::AlreadyExists, "a file of this name is there")));
-    }
-    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let name = output.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = || {
-        let mut builder = tempfile::Builder::new();
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        builder
-            .prefix(&format!(".{}.", short_file_name(&name)))
-            .suffix(".unfinished")
-            .tempfile_in(folder)
-            .map_err(unwritten)
-    };
+    check_free(output)?;
+    let temporary = || temporary(output);
     let all: u64 = sources.iter().map(|source| source.info().points).sum();
     progress.set_total(progress.done() + all);
     let file = temporary()?;
@@ -166,6 +153,38 @@ pub fn export<'a>(
     };
     let bounds = job.bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok(Some(Exported { points, bounds, attributes, changes, warnings }))
+}
+
+/// Writes the places and the colours of points that no file holds to a new PLY file.
+///
+/// # Errors
+/// A file of that name is there, or the output cannot be written.
+pub fn export_chunks(chunks: &[Chunk], output: &Path) -> Result<()> {
+    let unwritten = |error: io::Error| Error::not_written(output, error);
+    check_free(output)?;
+    let file = write_chunks(temporary(output)?, chunks).map_err(unwritten)?;
+    file.persist_noclobber(output).map(drop).map_err(|error| unwritten(error.error))
+}
+
+/// Checks that no file has the name of the output.
+fn check_free(output: &Path) -> Result<()> {
+    if output.symlink_metadata().is_ok() {
+        let taken = io::Error::new(io::ErrorKind::AlreadyExists, "a file of this name is there");
+        return Err(Error::not_written(output, taken));
+    }
+    Ok(())
+}
+
+/// A file beside the output, which gets its name when it is whole.
+fn temporary(output: &Path) -> Result<NamedTempFile> {
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = output.file_name().unwrap_or_default().to_string_lossy();
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let prefix = format!(".{}.", short_file_name(&name));
+    let made = builder.prefix(&prefix).suffix(".unfinished").tempfile_in(folder);
+    made.map_err(|error| Error::not_written(output, error))
 }
 
 fn las(source: &Source) -> Option<&LasSource> {

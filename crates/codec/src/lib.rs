@@ -18,7 +18,7 @@ mod units;
 
 pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
-pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, short_file_name};
+pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chunks, short_file_name};
 pub use info::{Format, Info, Selection, Summary};
 pub use las::copc_writer::{CopcSummary, write_copc};
 pub use las::{Copc, CopcNode};

@@ -3,7 +3,7 @@
 use std::io::{self, BufWriter, Seek as _, SeekFrom, Write as _};
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Attribute, ColumnType};
+use cloud::{Attribute, Chunk, ColumnType};
 use tempfile::NamedTempFile;
 
 use super::columns::{Field, Piece, loses_digits, put, put_none};
@@ -113,6 +113,27 @@ impl PlyFile {
         file.as_file().sync_data()?;
         Ok(file)
     }
+}
+
+/// Writes the places, as floats, and the colours of chunks as a whole file.
+pub fn write_chunks(file: NamedTempFile, chunks: &[Chunk]) -> io::Result<NamedTempFile> {
+    let columns = |names: [&str; 3], column_type| names.map(|name| Attribute { name: name.into(), column_type });
+    let fields =
+        [columns(["x", "y", "z"], ColumnType::F32), columns(["red", "green", "blue"], ColumnType::U8)].concat();
+    let length = fields.iter().map(|field| field.column_type.size()).sum();
+    let format = RowFormat { fields, length, lost_digits: Mutex::default() };
+    let points = chunks.iter().map(Chunk::len).sum::<usize>() as u64;
+    let mut out = PlyFile::start(file, &format, None, points)?;
+    for chunk in chunks {
+        let mut rows = Vec::with_capacity(format.length * chunk.len());
+        for index in 0..chunk.len() {
+            let color = chunk.colors.as_ref().map_or([255; 4], |colors| colors[index]);
+            rows.extend(chunk.position(index).as_vec3().to_array().into_iter().flat_map(f32::to_le_bytes));
+            rows.extend(&color[..3]);
+        }
+        out.push(&rows)?;
+    }
+    out.finish(points)
 }
 
 /// The name of 1994, which every program reads. The 64-bit integers have none, and are no columns of PLY files.
