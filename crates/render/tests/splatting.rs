@@ -338,34 +338,52 @@ fn a_thinned_picture_covers_about_as_much_with_fewer_points_and_leaves_no_trace(
     assert_eq!(drawn(None), (all, covered, picture), "the picture after a thinned one");
 }
 
+/// Points without colours in a line from left to right.
+fn line(count: i32) -> Chunk {
+    let point = |i: i32| {
+        let position = DVec3::new(f64::from(2 * i) / f64::from(count) - 1.0, 0.0, 0.0);
+        Point { position, normal: Vec3::ZERO, color: [0; 3], radius: 0.01 }
+    };
+    chunk(&(0..count).map(point).collect::<Vec<_>>(), DVec3::ZERO)
+}
+
+/// The settings of a line whose colours are shown without light.
+fn unlit(pairs: &[(&str, &str)]) -> Settings {
+    let mut settings = settings(&[pairs, &[("edl.strength", "0")]].concat());
+    settings.light.headlight = 0.0;
+    settings
+}
+
+/// The albedo of each pixel of a line that is coloured by the settings; NaN where nothing is. Returns it with the plan of
+/// the colours and what that warns of.
+fn albedo_of(stage: &mut Stage, cloud: &Cloud, settings: &Settings) -> (Vec<[f32; 3]>, ColorPlan, Option<String>) {
+    let mut store = PointStore::new(stage.gpu.clone());
+    let id = store.add_cloud(Material::default());
+    let ids = [store.add_chunk(id, &cloud.chunks[0], None).unwrap()];
+    let (plan, warning) = ColorPlan::new(cloud, &settings.color, DVec3::Z);
+    store.set_color(id, cloud, &ids, &plan, DVec3::Z).unwrap();
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
+    stage.renderer.render(&store, &Frame::new(&camera, settings, Objects::default(), SIZE)).unwrap();
+    (stage.renderer.read_aov(Aov::Albedo).unwrap().data.as_chunks().0.to_vec(), plan, warning)
+}
+
+/// The pixels of a row through a line that show a point.
+fn row_of(albedo: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    albedo[60 * SIZE[0] as usize..][..SIZE[0] as usize].iter().filter(|albedo| !albedo[0].is_nan()).copied().collect()
+}
+
 #[test]
 fn an_attribute_of_large_values_is_coloured_across_its_whole_ramp() {
     let mut stage = stage_or_skip!();
     // GPS times of ten digits that differ by milliseconds: f32 alone would make them one colour.
-    let point = |i: i32| {
-        let position = DVec3::new(f64::from(i) / 128.0 - 1.0, 0.0, 0.0);
-        Point { position, normal: Vec3::ZERO, color: [0; 3], radius: 0.01 }
-    };
-    let points: Vec<Point> = (0..256).map(point).collect();
-    let mut chunk = chunk(&points, DVec3::ZERO);
+    let mut chunk = line(256);
     let times = (0..256).map(|i| 1_234_567_890.0 + f64::from(i) * 1e-3).collect();
     chunk.columns = vec![Some(Arc::new(Column::F64(times)))];
     let attributes = vec![Attribute { name: "gps_time".into(), column_type: ColumnType::F64 }];
     let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
-    let mut settings =
-        settings(&[("color.by", "gps-time"), ("color.ramp", "gray"), ("color.low", "0"), ("color.high", "1")]);
-    settings.light.headlight = 0.0;
-    settings.edl.strength = 0.0;
-    let mut store = PointStore::new(stage.gpu.clone());
-    let id = store.add_cloud(Material::default());
-    let ids = [store.add_chunk(id, &cloud.chunks[0], None).unwrap()];
-    let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
-    store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
-    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
-    stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), SIZE)).unwrap();
-    let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
-    let row = (0..SIZE[0] as usize).map(|x| albedo[(60 * SIZE[0] as usize + x) * 3]);
-    let shown: Vec<f32> = row.filter(|level| !level.is_nan()).collect();
+    let settings = unlit(&[("color.by", "gps-time"), ("color.ramp", "gray"), ("color.low", "0"), ("color.high", "1")]);
+    let (albedo, ..) = albedo_of(&mut stage, &cloud, &settings);
+    let shown: Vec<f32> = row_of(&albedo).into_iter().map(|albedo| albedo[0]).collect();
     assert!(shown.len() > 90 && shown[0] < 0.002 && shown[shown.len() - 1] > 0.97, "{shown:?}");
     assert!(shown.windows(2).all(|pair| pair[1] > pair[0] - 0.01), "rises from left to right: {shown:?}");
 }
@@ -374,39 +392,24 @@ fn an_attribute_of_large_values_is_coloured_across_its_whole_ramp() {
 fn points_without_a_value_are_plain_among_those_on_a_ramp() {
     let mut stage = stage_or_skip!();
     // The left half has values, and the right half none.
-    let point = |i: i32| {
-        let position = DVec3::new(f64::from(i) / 128.0 - 1.0, 0.0, 0.0);
-        Point { position, normal: Vec3::ZERO, color: [0; 3], radius: 0.01 }
-    };
-    let points: Vec<Point> = (0..256).map(point).collect();
-    let mut chunk = chunk(&points, DVec3::ZERO);
+    let mut chunk = line(256);
     let heights = (0..256).map(|i| if i < 128 { i as f32 } else { f32::NAN }).collect();
     chunk.columns = vec![Some(Arc::new(Column::F32(heights)))];
     let attributes = vec![Attribute { name: "height_above".into(), column_type: ColumnType::F32 }];
     let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
-    let mut settings = settings(&[
-        ("color.by", "attribute"),
-        ("color.attribute", "height_above"),
-        ("color.ramp", "gray"),
-        ("color.plain", "#ff0000"),
-    ]);
-    settings.light.headlight = 0.0;
-    settings.edl.strength = 0.0;
-    let mut store = PointStore::new(stage.gpu.clone());
-    let id = store.add_cloud(Material::default());
-    let ids = [store.add_chunk(id, &cloud.chunks[0], None).unwrap()];
-    let (plan, warning) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
-    assert_eq!((plan.full_range, warning), ((0.0, 127.0), None));
-    assert_eq!(plan.histogram(&cloud, DVec3::Z, 4).0.iter().sum::<u32>(), 128);
-    store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
-    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
     for quality in ["nearest", "high"] {
-        settings.set_text("splat.quality", quality).unwrap();
-        stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), SIZE)).unwrap();
-        let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
-        let row = (0..SIZE[0] as usize).map(|x| (60 * SIZE[0] as usize + x) * 3);
-        let shown: Vec<&[f32]> = row.map(|at| &albedo[at..at + 3]).filter(|albedo| !albedo[0].is_nan()).collect();
-        let is_red = |albedo: &&&[f32]| albedo[0] > 0.99 && albedo[1] < 0.01;
+        let settings = unlit(&[
+            ("color.by", "attribute"),
+            ("color.attribute", "height_above"),
+            ("color.ramp", "gray"),
+            ("color.plain", "#ff0000"),
+            ("splat.quality", quality),
+        ]);
+        let (albedo, plan, warning) = albedo_of(&mut stage, &cloud, &settings);
+        assert_eq!((plan.full_range, warning), ((0.0, 127.0), None));
+        assert_eq!(plan.histogram(&cloud, DVec3::Z, 4).0.iter().sum::<u32>(), 128);
+        let shown = row_of(&albedo);
+        let is_red = |albedo: &&[f32; 3]| albedo[0] > 0.99 && albedo[1] < 0.01;
         let red = shown.iter().rev().take_while(is_red).count();
         assert!(shown.len() > 90 && red.abs_diff(shown.len() / 2) < 3, "{quality}: {red} of {}", shown.len());
         let grey = &shown[..shown.len() - red - 2];
@@ -418,33 +421,15 @@ fn points_without_a_value_are_plain_among_those_on_a_ramp() {
 fn lone_strays_and_mixed_pixels_have_colours_of_their_own() {
     let mut stage = stage_or_skip!();
     // The left part is on a surface, then come lone strays, then mixed pixels.
-    let point = |i: i32| {
-        let position = DVec3::new(f64::from(i) / 192.0 - 1.0, 0.0, 0.0);
-        Point { position, normal: Vec3::ZERO, color: [0; 3], radius: 0.01 }
-    };
-    let points: Vec<Point> = (0..384).map(point).collect();
-    let mut chunk = chunk(&points, DVec3::ZERO);
+    let mut chunk = line(384);
     let kinds = [cloud::pack_radius(0.01), cloud::STRAY_RADIUS, cloud::MIXED_RADIUS];
     chunk.radii = Some(Arc::new((0..384).map(|i| kinds[i / 128]).collect()));
     let cloud = Cloud { chunks: vec![chunk], ..Cloud::default() };
-    let mut store = PointStore::new(stage.gpu.clone());
-    let id = store.add_cloud(Material::default());
-    let ids = [store.add_chunk(id, &cloud.chunks[0], None).unwrap()];
-    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
     for by in ["stray", "attribute"] {
-        let mut settings = settings(&[
-            ("color.by", by),
-            ("color.attribute", "stray"),
-            ("splat.quality", "nearest"),
-            ("edl.strength", "0"),
-        ]);
-        settings.light.headlight = 0.0;
-        let (plan, warning) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
+        let settings = unlit(&[("color.by", by), ("color.attribute", "stray"), ("splat.quality", "nearest")]);
+        let (albedo, plan, warning) = albedo_of(&mut stage, &cloud, &settings);
         assert_eq!((plan.label.as_str(), warning), ("stray", None));
-        store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
-        stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), SIZE)).unwrap();
-        let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
-        let shown: Vec<[f32; 3]> = albedo.as_chunks().0.iter().filter(|albedo| !albedo[0].is_nan()).copied().collect();
+        let shown: Vec<[f32; 3]> = albedo.into_iter().filter(|albedo| !albedo[0].is_nan()).collect();
         // Grey, magenta and orange, and nothing else.
         let counts = [[0.402, 0.402, 0.402], [1.0, 0.045, 0.578], [1.0, 0.305, 0.0]].map(|kind: [f32; 3]| {
             let is_kind = |albedo: &&[f32; 3]| albedo.iter().zip(kind).all(|(one, other)| (one - other).abs() < 0.01);
