@@ -45,6 +45,23 @@ const KNOWN_CIRCLES: [(&str, &[(&str, &str)]); 1] = [("trace", &[("light.rs", "i
 const KNOWN_FOLDER_CIRCLES: [(&str, &[&str]); 2] =
     [("codec", &["export", "las", "ply"]), ("study", &["plan", "results"])];
 
+/// Functions of more than `MOST_LINES_OF_FUNCTION` lines: the file and the function. This list may only shrink.
+const KNOWN_LONG_FUNCTIONS: &[(&str, &str)] = &[
+    ("app/src/commands/profile.rs", "run"),
+    ("app/src/commands/render.rs", "run"),
+    ("app/src/commands/subject.rs", "open"),
+    ("app/src/shared/comparing.rs", "compare"),
+    ("app/src/viewer/picture/render_thread.rs", "run"),
+    ("app/src/viewer/requests/work.rs", "run"),
+    ("app/src/viewer/session/state.rs", "act"),
+    ("crates/codec/src/las/header.rs", "read"),
+    ("crates/codec/src/las/layout.rs", "new"),
+    ("crates/render/src/reflection/cubemap_trace.rs", "trace"),
+];
+
+/// Lines from the signature of a function to its last brace.
+const MOST_LINES_OF_FUNCTION: usize = 100;
+
 /// The folder that a source file counts to: the first one of its path, and in the viewer the one below. A file counts to
 /// the folder of its own modules. The files beside `lib.rs` are what a crate stands on and what uses its folders, so they
 /// count to none.
@@ -132,6 +149,49 @@ fn no_source_file_is_so_long_that_it_has_several_subjects() {
     let lengths = tracked_texts().into_iter().map(|(name, text)| (name, text.lines().count()));
     let long: Vec<_> = lengths.filter(|(name, lines)| is_source(name) && *lines > MOST_LINES).collect();
     assert!(long.is_empty(), "above {MOST_LINES} lines; split them by subject: {long:#?}");
+}
+
+/// The names and lines of the functions of a source file, without its modules of tests. Formatted code ends a function by
+/// the first brace that stands under its signature.
+fn functions(text: &str) -> Vec<(&str, usize)> {
+    let lines: Vec<&str> = text.lines().collect();
+    let is_test = |pair: &[&str]| pair[0] == "#[cfg(test)]" && pair[1].contains("mod ") && pair[1].ends_with('{');
+    let end = lines.windows(2).position(is_test).unwrap_or(lines.len());
+    let words = ["pub", "pub(crate)", "pub(super)", "const", "async"];
+    let mut functions = Vec::new();
+    for (first, line) in lines[..end].iter().enumerate() {
+        let signature = line.trim_start();
+        let indent = &line[..line.len() - signature.len()];
+        let Some((before, after)) = signature.split_once("fn ") else { continue };
+        if !before.split_whitespace().all(|word| words.contains(&word)) {
+            continue;
+        }
+        let name = after.split(['(', '<']).next().unwrap_or(after);
+        let is_last = |line: &&str| line.strip_prefix(indent) == Some("}");
+        let is_only_declared = |line: &str| line.ends_with(';') && line.len() - line.trim_start().len() == indent.len();
+        let body = &lines[first..end];
+        let length = body.iter().position(is_last).map_or(0, |last| last + 1);
+        if !body.first().is_some_and(|line| is_only_declared(line) || line.ends_with('}')) {
+            functions.push((name, length));
+        }
+    }
+    functions
+}
+
+#[test]
+fn no_function_beside_the_known_ones_has_more_than_a_hundred_lines() {
+    let texts = tracked_texts();
+    let is_source = |name: &str| name.ends_with(".rs") && name.contains("/src/") && !name.ends_with("tests.rs");
+    let sources = texts.iter().filter(|(name, _)| is_source(name));
+    let mut long: Vec<(&str, &str)> = Vec::new();
+    for (file, text) in sources {
+        let of_file = functions(text).into_iter().filter(|(_, lines)| *lines > MOST_LINES_OF_FUNCTION);
+        long.extend(of_file.map(|(function, _)| (file.as_str(), function)));
+    }
+    let new: Vec<_> = long.iter().filter(|found| !KNOWN_LONG_FUNCTIONS.contains(found)).collect();
+    assert!(new.is_empty(), "above {MOST_LINES_OF_FUNCTION} lines; give their chapters names: {new:#?}");
+    let gone: Vec<_> = KNOWN_LONG_FUNCTIONS.iter().filter(|known| !long.contains(known)).collect();
+    assert!(texts.is_empty() || gone.is_empty(), "shorter now; take them off KNOWN_LONG_FUNCTIONS: {gone:#?}");
 }
 
 #[test]
