@@ -89,7 +89,7 @@ impl Renderer {
         Self::with_progress(gpu, &Arc::default())
     }
 
-    /// The same, with the progress that `prepare` tells.
+    /// Compiles the passes that every picture needs, with the progress that `prepare` counts.
     ///
     /// # Errors
     /// Those of `new`.
@@ -139,6 +139,20 @@ impl Renderer {
         }
         self.gi.forget();
         self.exposure.is_used = false;
+    }
+
+    /// Lets frames and probes end with `Error::GivenUp` before their next pass once `is_given_up` says so, because
+    /// another picture is wanted; it is asked before each pass. The frame after it is made as if that one had not been
+    /// begun. Where the GPU times the passes, what is recorded is not waited for, so that a frame is given up only
+    /// while it is recorded. Elsewhere long passes are cut into several (`cut_passes`), which changes no picture.
+    pub fn give_up_when(&mut self, is_given_up: Option<Arc<IsGivenUp>>) {
+        self.given_up = is_given_up;
+    }
+
+    /// Sets how many milliseconds a pass over points, of indirect light or of rays is meant to take at most where a
+    /// frame can be given up; 25 unless set.
+    pub fn cut_passes(&mut self, longest_piece: f64) {
+        self.longest_piece = longest_piece;
     }
 
     /// Renders a frame and waits for it.

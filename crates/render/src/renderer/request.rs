@@ -1,13 +1,9 @@
 //! The request for a frame: what it shows, and how much work it takes.
 
-use std::sync::Arc;
-
 use scene::{Camera, Settings};
 
-use super::Renderer;
 use crate::frame::Objects;
 use crate::gi::LightReuse;
-use crate::recorder::IsGivenUp;
 
 /// A request for one frame. It says all that decides about the picture besides the points.
 #[derive(Clone, Copy, Debug)]
@@ -37,8 +33,8 @@ pub struct Effort {
     /// The number of samples of mirrors that the frame adds to those of the frames before, at least one, as long as
     /// nothing else changes; `None` for all. The picture with all samples is the same either way.
     pub most_samples: Option<u32>,
-    /// Whether the frame may be lit by the current virtual lights and shadow maps, and may walk rays through the current
-    /// maps around mirrors, although points have come or gone since. Making them examines all points, which is
+    /// Whether the frame may be lit by the current virtual lights and shadow maps, and may walk rays through the
+    /// current maps around mirrors, although points have come or gone since. Making them examines all points, which is
     /// worthwhile only for pictures that stay.
     pub light_may_lag: bool,
     /// What the frame does with the indirect light of earlier frames on the surfaces that the camera sees.
@@ -75,31 +71,17 @@ impl Default for Effort {
     }
 }
 
-impl Renderer {
-    /// Lets frames and probes end with `Error::GivenUp` before their next pass once `is_given_up` says so, because
-    /// another picture is wanted; it is asked before each pass. The frame after it is made as if that one had not been
-    /// begun. Where the GPU times the passes, what is recorded is not waited for, so that a frame is given up only while
-    /// it is recorded. Elsewhere long passes are cut into several (`cut_passes`), which changes no picture.
-    pub fn give_up_when(&mut self, is_given_up: Option<Arc<IsGivenUp>>) {
-        self.given_up = is_given_up;
-    }
-
-    /// Sets how many milliseconds a pass over points, of indirect light or of rays is meant to take at most where a
-    /// frame can be given up; 25 unless set.
-    pub fn cut_passes(&mut self, longest_piece: f64) {
-        self.longest_piece = longest_piece;
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use rayon::prelude::*;
     use scene::{METHODS, Method, ScreenBox};
 
     use super::*;
-    use crate::Gpu;
     use crate::allocation::tests::Room;
     use crate::gpu::Clock;
+    use crate::{Gpu, Renderer};
 
     /// What a processor is where it acts like a GPU without timestamps.
     fn without_timestamps() -> Option<Arc<Gpu>> {

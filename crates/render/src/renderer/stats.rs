@@ -36,8 +36,8 @@ pub struct FrameStats {
     pub exposure: Option<Exposure>,
     /// Whether what the rays of glossy mirrors meet is kept for the next frame.
     pub glossy_hits: GlossCache,
-    /// If it is: the number of rays of glossy mirrors that the frame traced, and of those whose hits it knew from frames
-    /// before.
+    /// If it is: the number of rays of glossy mirrors that the frame traced, and of those whose hits it knew from
+    /// frames before.
     pub glossy_rays: [u64; 2],
     /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
