@@ -56,7 +56,6 @@ const KNOWN_LONG_FUNCTIONS: &[(&str, &str)] = &[
     ("app/src/viewer/session/state.rs", "act"),
     ("crates/codec/src/las/header.rs", "read"),
     ("crates/codec/src/las/layout.rs", "new"),
-    ("crates/render/src/reflection/cubemap_trace.rs", "trace"),
 ];
 
 /// Lines from the signature of a function to its last brace.
@@ -151,8 +150,8 @@ fn no_source_file_is_so_long_that_it_has_several_subjects() {
     assert!(long.is_empty(), "above {MOST_LINES} lines; split them by subject: {long:#?}");
 }
 
-/// The names and lines of the functions of a source file, without its modules of tests. Formatted code ends a function by
-/// the first brace that stands under its signature.
+/// The names and lines of the functions of a source file, without its modules of tests. Formatted code ends a function
+/// by the first brace that stands under its signature.
 fn functions(text: &str) -> Vec<(&str, usize)> {
     let lines: Vec<&str> = text.lines().collect();
     let is_test = |pair: &[&str]| pair[0] == "#[cfg(test)]" && pair[1].contains("mod ") && pair[1].ends_with('{');

@@ -152,35 +152,52 @@ impl CubemapTrace {
             surfel_trace::trace(recorder, index, gather, task, &own, listed.map_or(Rays::All, Rays::Listed))?;
         }
         let rest = rest_list(recorder, &mut self.rest, task.supply.size);
-        let bindings = passes::cubemap_trace {
-            point_in: task.mirror.point.bind(),
-            normal_in: task.normal.bind(),
-            eye_in: task.mirror.eye.bind(),
-            mirrors: places.as_entire_binding(),
-            cubes: cubes.as_entire_binding(),
-            records: maps.records.as_entire_binding(),
-            bounds: maps.bounds.as_entire_binding(),
-            hits: gather.hits.as_entire_binding(),
-            rest: rest.as_entire_binding(),
-            views_out: gather.views.bind(),
-            counters: task.counters.as_entire_binding(),
-            listed: listed.unwrap_or(&cubes).as_entire_binding(),
-        };
-        let switches = [
-            ("use_listed", u32::from(listed.is_some())),
-            ("counts", u32::from(task.bounce == 0)),
-            ("only_planes", u32::from(settings.criterion == CubeCriterion::Plane)),
-            ("criterion", settings.criterion as u32),
-            ("sampling", settings.sampling as u32),
-            ("hit", settings.hit as u32),
-            ("rest_of_rays", settings.rest as u32),
-        ];
-        recorder.by_rows(&switches, task.supply, bindings, task.supply.mirror_groups())?;
+        walk(recorder, gather, task, maps, [&places, &cubes, rest], listed)?;
         if settings.rest == CubeRest::SurfelTrace {
             surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, Rays::Listed(rest))?;
         }
         Ok(())
     }
+}
+
+/// Walks the rays of a task, or those that are `listed`, through maps. The buffers hold the places of mirrors, the
+/// cubes of the maps, and room for the rays that are left.
+///
+/// # Errors
+/// The shader is refused.
+fn walk(
+    recorder: &mut Recorder<'_>,
+    gather: &Gather,
+    task: &Task<'_>,
+    maps: &Maps,
+    [places, cubes, rest]: [&wgpu::Buffer; 3],
+    listed: Option<&wgpu::Buffer>,
+) -> Result<()> {
+    let settings = &task.settings.cubemap_trace;
+    let bindings = passes::cubemap_trace {
+        point_in: task.mirror.point.bind(),
+        normal_in: task.normal.bind(),
+        eye_in: task.mirror.eye.bind(),
+        mirrors: places.as_entire_binding(),
+        cubes: cubes.as_entire_binding(),
+        records: maps.records.as_entire_binding(),
+        bounds: maps.bounds.as_entire_binding(),
+        hits: gather.hits.as_entire_binding(),
+        rest: rest.as_entire_binding(),
+        views_out: gather.views.bind(),
+        counters: task.counters.as_entire_binding(),
+        listed: listed.unwrap_or(cubes).as_entire_binding(),
+    };
+    let switches = [
+        ("use_listed", u32::from(listed.is_some())),
+        ("counts", u32::from(task.bounce == 0)),
+        ("only_planes", u32::from(settings.criterion == CubeCriterion::Plane)),
+        ("criterion", settings.criterion as u32),
+        ("sampling", settings.sampling as u32),
+        ("hit", settings.hit as u32),
+        ("rest_of_rays", settings.rest as u32),
+    ];
+    recorder.by_rows(&switches, task.supply, bindings, task.supply.mirror_groups())
 }
 
 /// How many maps each mirror has, where `wanted` of each are asked for and `room` fit into a binding: the same for all
