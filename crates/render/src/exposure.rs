@@ -49,8 +49,8 @@ impl ExposureMeter {
         }
     }
 
-    /// Fits the exposure to the frame's colours, and gives it to the passes that follow. The exposure goes this share of
-    /// the way from that of the last frame to the one that fits, or all of it for `None`.
+    /// Fits the exposure to the frame's colours, and gives it to the passes that follow. The exposure goes this share
+    /// of the way from that of the last frame to the one that fits, or all of it for `None`.
     ///
     /// # Errors
     /// A shader is refused.

@@ -489,9 +489,9 @@ pub struct AdapterReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     Used,
-    /// It is not used, but another one, or none.
+    /// Another adapter is used, or none.
     Left,
-    /// It fits what is asked for, and lacks something or gives no device.
+    /// The adapter fits what is asked for, and lacks something or gives no device.
     Unable,
 }
 

@@ -28,7 +28,7 @@ pub(crate) struct Handed {
     times: Option<(wgpu::QuerySet, wgpu::Buffer)>,
     /// The results of the last frame.
     results: Option<Results>,
-    /// Those of an earlier frame, if they were read while a later one was drawn.
+    /// The results of an earlier frame, if they were read while a later one was drawn.
     earlier: Option<Results>,
 }
 

@@ -244,7 +244,7 @@ constants! {
     /// The number of texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about
     /// as fine as a splat.
     SHADOW_SIZE: u32 = 1024;
-    /// The same for the maps from which virtual lights are placed.
+    /// The number of texels along an edge of a map from which virtual lights are placed.
     LAMP_MAP_SIZE: u32 = SHADOW_SIZE;
     /// The number of directions that are tried for a virtual light.
     VPL_TRIES: u32 = 8;

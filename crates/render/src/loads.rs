@@ -1,13 +1,13 @@
-//! The loads of passes: how much more a thread may do by some settings than by those that docs/gpu.md computes times with.
-//! Each row of `passes!` names its load, if it has one.
+//! The loads of passes: how much more a thread may do by some settings than by those that docs/gpu.md computes times
+//! with. Each row of `passes!` names its load, if it has one.
 
 use scene::{Method, Settings, Splat};
 
 /// How many times as many texels a ray tests where no bounds of depths are asked.
 pub(crate) const WITHOUT_SKIPPING: f64 = 8.0;
 
-/// The side of most discs in pixels, at least one: streaming and the spacing of points keep them at about three for splats
-/// of the usual size.
+/// The side of most discs in pixels, at least one: streaming and the spacing of points keep them at about three for
+/// splats of the usual size.
 pub(crate) fn side_of_discs(splat: &Splat) -> f64 {
     let most = splat.max_pixels.max(splat.rest_pixels);
     f64::from((3.0 * splat.size).min(most).max(splat.min_pixels).max(1.0))

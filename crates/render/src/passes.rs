@@ -44,7 +44,8 @@ pub struct Pass {
     pub is_over_points: bool,
     /// The pass's own slots.
     pub slots: Slots,
-    /// How much more a thread of the pass may do by some settings than by those that docs/gpu.md computes its time with.
+    /// How much more a thread of the pass may do by some settings than by those that docs/gpu.md computes its time
+    /// with.
     pub load: fn(&Settings) -> f64,
     /// The source of the shader, without its imports.
     pub source: &'static str,
@@ -113,8 +114,8 @@ macro_rules! load {
     };
 }
 
-/// Declares the passes: `name: PassStage over What { slot: kind, ... }`, with `load function` after `What` where a thread
-/// does more by some settings. Generates a type for each, the list of all, and their shaders.
+/// Declares the passes: `name: PassStage over What { slot: kind, ... }`, with `load function` after `What` where a
+/// thread does more by some settings. Generates a type for each, the list of all, and their shaders.
 macro_rules! passes {
     ($($name:ident: $stage:ident over $over:ident $(load $load:path)? { $($slot:ident: $kind:expr),* $(,)? })*) => {
         $(
@@ -339,7 +340,9 @@ passes! {
         trees: Uniform, nodes: Read, leaves: Read, rays: Read, point_in: Texture, normal_in: Texture, eye_in: Texture,
         solutions: ReadWrite, counters: ReadWrite,
     }
-    mirror_depth: Method over Blocks load loads::mirror_splats { solutions: Read, point_in: Texture, nearest: ReadWrite }
+    mirror_depth: Method over Blocks load loads::mirror_splats {
+        solutions: Read, point_in: Texture, nearest: ReadWrite,
+    }
     mirror_visibility: Method over Blocks load loads::mirror_splats {
         solutions: Read, point_in: Texture, albedo_sums: ReadWrite, normal_sums: ReadWrite, position_sums: ReadWrite,
         carries: ReadWrite, normal_in: Texture, eye_in: Texture,

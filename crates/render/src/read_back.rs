@@ -38,7 +38,7 @@ impl Renderer {
         Ok(self.picture_rows()?.tight())
     }
 
-    /// The same where it lies, with rows that may be filled up to a stride.
+    /// The last picture where it lies, with rows that may be filled up to a stride.
     ///
     /// # Errors
     /// Those of `read_picture`.
@@ -54,8 +54,8 @@ impl Renderer {
         self.read_aov_from(aov, DVec3::ZERO)
     }
 
-    /// The same with positions relative to `origin`: 32-bit world coordinates of a survey are no finer than half a
-    /// metre.
+    /// An image of the last frame with positions relative to `origin`: 32-bit world coordinates of a survey are no
+    /// finer than half a metre.
     ///
     /// # Errors
     /// Those of `read_aov`.

@@ -42,7 +42,7 @@ pub(crate) enum Rehearsal {
 pub(crate) struct Recorder<'a> {
     pub gpu: &'a Gpu,
     pipelines: &'a mut Pipelines,
-    /// They decide how much passes do.
+    /// The settings decide how much passes do.
     settings: &'a Settings,
     began: Instant,
     encoder: wgpu::CommandEncoder,
@@ -443,7 +443,7 @@ impl<'a> Recorder<'a> {
         self.over_pages(&[], inputs, bindings, groups)
     }
 
-    /// The same with switches.
+    /// Runs a pass over pages, with switches.
     ///
     /// # Errors
     /// The shader is refused.

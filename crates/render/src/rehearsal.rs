@@ -137,7 +137,7 @@ impl Renderer {
         self.missing_at(stage, STAGE_SIZE)
     }
 
-    /// The same for a picture of another size.
+    /// The passes that a frame of another size names and that are not compiled.
     pub(crate) fn missing_at(&mut self, stage: &Stage, size: [u32; 2]) -> Result<Vec<Variant>> {
         let mut collect = Rehearsal::Collect(Vec::new());
         match self.draw_stage(stage, size, &mut collect) {

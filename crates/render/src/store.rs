@@ -650,7 +650,7 @@ impl PointStore {
             }
             let of_cloud = |(id, cloud): (&CloudId, &StoredCloud)| match chunks.get(id) {
                 Some(chunks) if cloud.bounds.is_empty() => scene_bounds(chunks),
-                // Those of a whole index do not depend on the chunks that are there.
+                // The bounds of a whole index do not depend on the chunks that are there.
                 _ => cloud.bounds,
             };
             let visible = self.clouds.iter().filter(|(_, cloud)| cloud.visible);

@@ -354,8 +354,8 @@ fn unlit(pairs: &[(&str, &str)]) -> Settings {
     settings
 }
 
-/// The albedo of each pixel of a line that is coloured by the settings; NaN where nothing is. Returns it with the plan of
-/// the colours and what that warns of.
+/// The albedo of each pixel of a line that is coloured by the settings; NaN where nothing is. Returns it with the plan
+/// of the colours and what that warns of.
 fn albedo_of(stage: &mut Stage, cloud: &Cloud, settings: &Settings) -> (Vec<[f32; 3]>, ColorPlan, Option<String>) {
     let mut store = PointStore::new(stage.gpu.clone());
     let id = store.add_cloud(Material::default());

@@ -16,12 +16,12 @@ use crate::targets::{storage, uniform_buffer};
 /// What frames do with the indirect light that other frames have computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LightReuse {
-    /// They compute their light, and keep none.
+    /// Frames compute their light, and keep none.
     #[default]
     Never,
-    /// They compute their light, and keep it for the frames that follow.
+    /// Frames compute their light, and keep it for the frames that follow.
     Keep,
-    /// They take the light of the frame before where it is of the same place, compute the rest, and keep both. The
+    /// Frames take the light of the frame before where it is of the same place, compute the rest, and keep both. The
     /// light is then that of a place within a few pixels. Surfaces with highlights are computed. What is computed is
     /// lit by one virtual light in `HURRIED_PARTS`, and so is what mirrors show, because its places in the frame before
     /// are not known.

@@ -37,7 +37,7 @@ pub struct Maps {
     pub places: Vec<DVec3>,
     pub records: wgpu::Buffer,
     pub bounds: wgpu::Buffer,
-    /// Those of the points in `records`.
+    /// The identities of the points in `records`.
     identities: Arc<Identities>,
     /// How many maps were asked for.
     pub asked: u32,

@@ -67,9 +67,9 @@ pub(super) struct Choices {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Criterion {
     Plane,
-    /// It goes behind the texel's depth.
+    /// A ray meets a texel where it goes behind the texel's depth.
     Sign,
-    /// It is that near to the texel's depth.
+    /// A ray meets a texel where it is that near to the texel's depth.
     Threshold(f32),
 }
 

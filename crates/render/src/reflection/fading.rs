@@ -45,7 +45,7 @@ impl<'a> ShareLeft<'a> {
         }
     }
 
-    /// The same, told by another image.
+    /// The share that another image holds.
     pub fn in_image(self, image: &Image) -> ShareLeft<'_> {
         match self {
             Self::All => ShareLeft::All,

@@ -56,7 +56,7 @@ impl Splats {
 pub(crate) struct Forward {
     size: [u32; 2],
     pub solutions: HashMap<SolutionKey, wgpu::Buffer>,
-    /// Of albedos, normals and positions, and whether they are lent (`lend`).
+    /// The sums of albedos, normals and positions, and whether they are lent (`lend`).
     sums: [wgpu::Buffer; 3],
     are_lent: bool,
     /// The carries of the sums, then the nearness of the nearest reflected point of each pixel.

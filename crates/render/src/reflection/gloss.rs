@@ -105,7 +105,7 @@ pub(crate) struct Gloss {
     shares_left: wgpu::Buffer,
     /// The mean so far of what each mirror pixel receives; a: the share of its reflections that is left.
     pub received: Image,
-    /// The same, blurred along rows, and along columns, too, from the first frame on that is blurred.
+    /// The sums blurred along rows, and along rows and columns, from the first frame on that is blurred.
     blurred: Option<[Image; 2]>,
 }
 

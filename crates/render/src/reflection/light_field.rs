@@ -61,7 +61,7 @@ pub(crate) struct LightField {
 pub struct MapUse {
     /// The maps that were drawn for it.
     pub new: u32,
-    /// Those that stood before, needed or not.
+    /// The number of maps that stood before, needed or not.
     pub kept: u32,
     /// The share of what mirror pixels ask for of which no map stood: each asks for its nearest sample most.
     pub missed: f64,

@@ -73,7 +73,7 @@ pub struct ReflectionStats {
     pub mirror_pixels: u32,
     /// The share of the mirror pixels in which a point was found.
     pub coverage: f64,
-    /// The same share with pixels that were closed from their neighbours.
+    /// The share of the mirror pixels in which a point was found or that were closed from their neighbours.
     pub closed_coverage: f64,
     /// The share of the points tried that found a pixel (forward methods).
     pub hit_rate: Option<f64>,
@@ -158,7 +158,7 @@ impl Reflections {
         }
     }
 
-    /// The same for pictures of another size.
+    /// Empty bounces for pictures of another size, with what methods keep of the points.
     pub fn resized(self, device: &wgpu::Device, size: [u32; 2]) -> Self {
         Self { methods: self.methods.resized(size), ..Self::new(device, size) }
     }

@@ -1,5 +1,5 @@
-//! The steps of a bounce that no method, no gloss and no clear surface owns: its perfect rays, how much of their light is
-//! reflected, and how doubtful it is what they meet.
+//! The steps of a bounce that no method, no gloss and no clear surface owns: its perfect rays, how much of their light
+//! is reflected, and how doubtful it is what they meet.
 
 use super::bounce::{Bounce, Search};
 use super::fading::is_published;
@@ -78,8 +78,8 @@ impl<'a> Step<'a> {
         recorder.over_mirrors(&switches, &self.search.supply, bindings)
     }
 
-    /// Judges which mirror pixels are doubtful; `hits` are those of rays of which a method leaves some, or a buffer that
-    /// stands for them.
+    /// Judges which mirror pixels are doubtful; `hits` are those of rays of which a method leaves some, or a buffer
+    /// that stands for them.
     ///
     /// # Errors
     /// The shader is refused.

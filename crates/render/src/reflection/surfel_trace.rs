@@ -16,13 +16,13 @@ use crate::recorder::Recorder;
 /// The rays that are traced, and where they start in the trees.
 #[derive(Clone, Copy)]
 pub(crate) enum Rays<'a> {
-    /// Those of all mirror pixels, at the top.
+    /// The rays of all mirror pixels begin at the top of the trees.
     All,
-    /// Those of all mirror pixels, at the nodes that lie in the beam of their tile.
+    /// The rays of all mirror pixels begin at the nodes that lie in the beam of their tile.
     InBeams,
-    /// Those that another method has left; see `rest_list`.
+    /// Only rays are followed that another method has left; see `rest_list`.
     Listed(&'a wgpu::Buffer),
-    /// Those of all mirror pixels, up to the distance in w of their eyes.
+    /// The rays of all mirror pixels are followed up to the distance in w of their eyes.
     WithEnds,
 }
 

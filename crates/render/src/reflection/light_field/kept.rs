@@ -47,7 +47,7 @@ pub struct Kept {
     pub next: u64,
     pub pages: Vec<Page>,
     pub slots: Slots,
-    /// Those of the points in the maps, and the frame in which they were made.
+    /// The identities of the points in the maps, and the frame in which the maps were made.
     pub identities: Arc<Identities>,
     pub renumbered: u64,
     pub index: Option<Index>,
