@@ -64,7 +64,7 @@ struct FileReport {
 #[derive(Debug, PartialEq, Serialize)]
 struct UnitsReport {
     level: Option<String>,
-    /// That of the heights, if the file tells one.
+    /// The unit of the heights, if the file names one.
     height: Option<String>,
 }
 

@@ -64,7 +64,7 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
         Recording { path, all, frames, averaging, images, folder: &output.folder, output: &output, arguments };
     let recorded = recording.run(gpu, request);
     if is_new {
-        // This removes the folder only if there is nothing in it.
+        // The call removes the folder only if there is nothing in it.
         let _ = std::fs::remove_dir(&place);
     }
     recorded
@@ -203,7 +203,7 @@ impl Recording<'_> {
         }
     }
 
-    /// Those frames whose files are not there, or not whole.
+    /// The frames whose files are not there, or not whole.
     fn lacking(&self, frames: &[u32]) -> anyhow::Result<Vec<u32>> {
         let bar = Bar::pictures("looking");
         let mut lacking = Vec::new();

@@ -240,11 +240,11 @@ pub fn check_is_made(aov: Aov, settings: &Settings, is_traced: bool) -> anyhow::
 
 /// The images of `--aov` with their files.
 struct Images {
-    /// Those that the renderer makes.
+    /// The images that the renderer makes.
     images: Vec<(Aov, PathBuf)>,
-    /// Those of the truth.
+    /// The images of the truth.
     references: Vec<(Reference, PathBuf)>,
-    /// That of how sure the surface is.
+    /// The image of how sure the surface is.
     error: Option<PathBuf>,
 }
 

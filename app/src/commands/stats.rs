@@ -90,7 +90,7 @@ struct MapStats {
     map_use: Option<MapUseStats>,
 }
 
-/// Of `light_field`.
+/// The maps of `light_field`.
 #[derive(Serialize)]
 struct MapUseStats {
     /// The maps that were drawn for the last frame, and those that stood before.

@@ -99,7 +99,7 @@ pub fn open(
     if finds_errors {
         surface_error::check(&loads.clouds)?;
     }
-    // Those of a folder are told apart by their names.
+    // Clouds of a folder are distinguished by their names.
     let placed = loads.clouds.iter().enumerate().filter_map(|(index, loaded)| Some((index, loaded.placement()?)));
     let placed: BTreeMap<usize, Placement> = placed.collect();
     let is_shown = |loaded: &Assembly| world::own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on);

@@ -46,7 +46,7 @@ struct Judged {
     figures: Sightlines,
     /// What the figures above are of: `picture` or `trace`.
     by: &'static str,
-    /// The same by the ray tracer, through the points as discs.
+    /// The sightlines by the ray tracer, through the points as discs.
     traced: Sightlines,
     /// How often the intervals held that the discs state for their error.
     intervals: Vec<Interval>,

@@ -54,7 +54,7 @@ impl Bench {
         let thread = RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap();
         let mut session = Session::new(Preferences::default());
         (session.scene.settings.scene.points, session.scene.settings.trace.samples) = (3000, 4);
-        // These values leave few passes to compile.
+        // Such values leave few passes to compile.
         (session.scene.settings.gi.vpls, session.scene.settings.gi.bounces) = (4, 1);
         session.set_view_size([64, 48]);
         assert!(session.open(&[name]));
@@ -151,7 +151,7 @@ impl Bench {
                 work.run(&self.session.scene.settings.stream.clone(), |news| found.borrow_mut().push(news));
                 found.into_inner().into_iter().for_each(|news| self.session.on_found(news));
             }
-            // These effects need a window.
+            // The effects below need a window.
             Effect::OpenDialog
             | Effect::AskPlace(..)
             | Effect::Copy(_)

@@ -186,7 +186,7 @@ impl Screen {
         }
         let platform = std::mem::take(&mut output.platform_output);
         self.input.handle_platform_output_with_event_loop(&self.window, event_loop, platform);
-        // This stands before any early return because egui does not send textures twice.
+        // The update stands before any early return because egui does not send textures twice.
         self.canvas.update_textures(&mut output.textures_delta);
         let freed = std::mem::take(&mut output.textures_delta.free);
         let delay =

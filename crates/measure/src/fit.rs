@@ -22,7 +22,7 @@ pub struct Plane {
 /// A circle, or a cylinder, through points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Round {
-    /// Of a cylinder the place on its axis amid the points.
+    /// The middle of a circle, or the place on the axis of a cylinder amid the points.
     pub center: DVec3,
     /// Unit vector across the circle or along the cylinder; its sign is arbitrary.
     pub axis: DVec3,

@@ -78,7 +78,7 @@ pub fn build(
     build_on_disk(inputs, cache, options, progress, preview, u64::MAX)
 }
 
-/// The same; `disk` limits the size of each file in bytes.
+/// Builds an index; `disk` limits the size of each file in bytes.
 fn build_on_disk(
     inputs: &[Arc<Source>],
     cache: &Cache,

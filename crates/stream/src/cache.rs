@@ -128,8 +128,8 @@ impl Cache {
         Self { folder, limit, also: BTreeSet::new() }
     }
 
-    /// The same folder; indexes that are opened or made there also have the attributes with these names, as far as
-    /// their files have them. Those with other attributes stay beside them.
+    /// A cache in this folder; indexes that are opened or made there also have the attributes with these names, as far
+    /// as their files have them. Those with other attributes stay beside them.
     pub fn keeping(&self, also: BTreeSet<String>) -> Self {
         Self { also, ..self.clone() }
     }
@@ -180,7 +180,7 @@ impl Cache {
         match opened.map(|pages| pages.locked_by(lock)) {
             Ok(pages) if pages.key() == identity.key => Ok(Some(pages.kept_in(self))),
             Ok(_) | Err(Error::Damaged { .. }) => Ok(None),
-            // It can be read when it has been made anew.
+            // The index can be read when it has been made anew.
             Err(Error::Io { reason, .. }) if matches!(reason.kind(), NotFound | PermissionDenied) => Ok(None),
             Err(error) => Err(error),
         }

@@ -53,7 +53,7 @@ pub fn octree(copc: &Copc, grid: &Grid, header_bounds: Option<Bounds>) -> Octree
         let common = header_bounds
             .map(|header| Bounds { min: header.min.max(cube.min), max: header.max.min(cube.max) })
             .unwrap_or(cube);
-        // They have nothing in common where headers round, or lie.
+        // The two boxes have nothing in common where headers round, or lie.
         if common.is_empty() { cube } else { common }
     };
     let mut nodes: Vec<Node> = Vec::with_capacity(copc.nodes.len());

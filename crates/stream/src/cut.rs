@@ -201,7 +201,7 @@ pub enum MirrorForm {
     Flat(DVec3),
     /// The sphere itself: it may show any place, and spreads the rays.
     Sphere,
-    /// It may show any place.
+    /// A mirror of any other form may show any place.
     Other,
 }
 
@@ -242,7 +242,7 @@ impl ViewMeasure {
         Self { eye, planes, scale, unseen, mirrors: Vec::new() }
     }
 
-    /// The same with those of the mirrors that may be in the picture.
+    /// The measure of a view with the mirrors that may be in its picture.
     pub fn with_mirrors(self, mirrors: impl IntoIterator<Item = MirrorBound>) -> Self {
         let is_seen = |mirror: &MirrorBound| {
             let MirrorBound { center, radius, .. } = mirror;

@@ -21,7 +21,8 @@ use crate::surfel_file::{POINT_BYTES, pack, unpack};
 use crate::{Error, Result, regular_file};
 
 const MAGIC: [u8; 8] = *b"glintkpt";
-/// It grows with each change of the file's form. What `cloud` estimates has a number of its own, `cloud::ESTIMATOR`.
+/// The number grows with each change of the file's form. What `cloud` estimates has a number of its own,
+/// `cloud::ESTIMATOR`.
 const VERSION: u32 = 1;
 /// The size in bytes of the head before the estimate's description: magic, version, checksum of the remainder, key,
 /// length of the description, number of chunks.

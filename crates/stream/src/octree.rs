@@ -51,7 +51,7 @@ impl Octree {
         &self.nodes[id.0 as usize]
     }
 
-    /// The same nodes with their points turned and moved, in level boxes about the turned ones.
+    /// The nodes with their points turned and moved, in level boxes about the turned ones.
     #[must_use]
     pub fn placed(&self, placement: &Placement) -> Self {
         let cube = placement.bounds(Bounds { min: self.corner, max: self.corner + self.width });

@@ -177,7 +177,7 @@ fn first_named<'a>(mut offered: impl Iterator<Item = &'a [Attribute]>, name: &st
     offered.find_map(|attributes| Some(attributes[attribute_named(attributes, name)?].clone()))
 }
 
-/// Those of the attributes offered by some files that every index keeps.
+/// The attributes that every index keeps, among those that some files offer.
 fn usual_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
     let find = |name: &&str| first_named(offered.clone(), name);
     let is_of = |name: &str, attribute: &Attribute| {

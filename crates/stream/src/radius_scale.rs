@@ -69,7 +69,7 @@ pub fn count_octants(chunk: &Chunk, center: DVec3) -> Octants {
     count_first_octants(chunk, center, chunk.len())
 }
 
-/// The same for the chunk's first `points` points.
+/// Counts the octants of the chunk's first `points` points.
 pub fn count_first_octants(chunk: &Chunk, center: DVec3, points: usize) -> Octants {
     let mut counts = [0; 8];
     octants(chunk, center).take(points).for_each(|octant| counts[octant] += 1);

@@ -8,7 +8,7 @@ use crate::records::Layout;
 pub struct Candidate {
     /// The rank along the Morton curve below some level.
     pub key: u64,
-    /// The same position as integers per axis.
+    /// The position as integers per axis.
     pub at: [u32; 3],
     /// The index of its record.
     pub index: u32,

@@ -121,7 +121,7 @@ impl Drop for Streamer {
         self.shared.lock().stopped = true;
         self.shared.work.notify_all();
         for worker in self.workers.drain(..) {
-            // It caught its own panics.
+            // The worker has caught its own panics.
             let _ = worker.join();
         }
     }

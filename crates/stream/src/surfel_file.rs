@@ -16,7 +16,7 @@ pub(crate) const LOCK: &str = "surfels.lock";
 /// The names of all files that are made here.
 pub(crate) const NAMES: [&str; 4] = [SURFELS, UNFINISHED, DONE, LOCK];
 pub(crate) const MAGIC: [u8; 8] = *b"glintsrf";
-/// It grows with each change of the form of the file, and of how points are put into groups.
+/// The number grows with each change of the form of the file, and of how points are put into groups.
 pub(crate) const VERSION: u32 = 4;
 /// The size in bytes of the head before the checksums: magic, version, checksum of the remainder, identity.
 pub(crate) const HEAD_BYTES: usize = 16 + IDENTITY_BYTES;

@@ -6,8 +6,8 @@
 //! `cloud::estimate_part` estimates it, and its part of the file is written. The blocks of ancestors fill up group by
 //! group.
 //!
-//! The file of the index (`surfel_file`) is written under another name beside a list of the finished groups, from which a
-//! build that was killed goes on.
+//! The file of the index (`surfel_file`) is written under another name beside a list of the finished groups, from which
+//! a build that was killed goes on.
 
 use std::fs::File;
 use std::io::{Read as _, Write as _};
@@ -80,7 +80,7 @@ pub fn estimate_surfels(pages: &Pages, options: &SurfelOptions, memory: u64, pro
     estimated.map_err(|error| error.of_cache(pages.folder().parent().unwrap_or(pages.folder())))
 }
 
-/// The same in groups of up to `most` points.
+/// Estimates normals and radii in groups of up to `most` points.
 fn estimate_in_groups(pages: &Pages, options: &SurfelOptions, most: u64, progress: &Progress) -> Result<()> {
     let folder = pages.folder();
     if pages.is_copc() {

@@ -148,7 +148,7 @@ pub fn choose(
 /// What is known of a view before a target is.
 pub struct Explored {
     settings: Settings,
-    /// The same with the method that `auto` stands for.
+    /// The settings with the method that `auto` stands for.
     base: Settings,
     camera: Camera,
     size: [u32; 2],

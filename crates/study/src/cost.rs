@@ -109,7 +109,7 @@ impl Workload {
         measured.lit(settings)
     }
 
-    /// The same frame with other settings; `from` are those that it had. The points that are drawn, the pixels and the
+    /// The frame with other settings; `from` are those that it had. The points that are drawn, the pixels and the
     /// number of virtual lights follow from the settings.
     pub fn with(&self, from: &Settings, to: &Settings) -> Self {
         let side = f64::from(to.view.resolution) / f64::from(from.view.resolution);

@@ -101,7 +101,7 @@ pub fn judge(
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Judged {
     rays: usize,
-    /// Of the filled mirror pixels.
+    /// The errors of the filled mirror pixels.
     errors: Vec<PixelError>,
     /// The indirect light that is shown, and that of many lights.
     lights: Vec<[[f32; 3]; 2]>,

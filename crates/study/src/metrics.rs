@@ -39,7 +39,7 @@ pub struct Accuracy {
     pub false_fill: f64,
     /// The angle between Q - P and R over the filled pixels, in degrees.
     pub angle_error: Percentiles,
-    /// The same in pixels: relative to the angle by which R changes from this pixel to the next.
+    /// The error in pixels: relative to the angle by which R changes from this pixel to the next.
     pub pixel_error: Percentiles,
     /// The share of the pixels that are filled and see something whose |Q - P| differs from |H - P| by more than 5 %.
     pub occlusion_error: f64,
@@ -163,7 +163,7 @@ pub fn surface_error(drawn: &[DVec3], truth: &[DVec3]) -> SurfaceError {
 pub struct PixelError {
     /// The angle between Q - P and R in degrees.
     pub angle: f64,
-    /// The same relative to the angle by which R changes from this pixel to the next; none if R does not change.
+    /// The error relative to the angle by which R changes from this pixel to the next; none if R does not change.
     pub pixels: Option<f64>,
     /// Whether |Q - P| differs from |H - P| by more than 5 %; none if the truth sees nothing.
     pub is_other_surface: Option<bool>,

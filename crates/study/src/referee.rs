@@ -24,9 +24,9 @@ pub struct Shares {
     pub pixels: usize,
     /// What is shown is at the true distance, to 1 %.
     pub right: f64,
-    /// It is nearer by more than 1 %.
+    /// The share whose surface is nearer by more than 1 %.
     pub in_front: f64,
-    /// It is farther away by more than 1 %.
+    /// The share whose surface is farther away by more than 1 %.
     pub behind: f64,
     /// Nothing is shown.
     pub empty: f64,
@@ -37,9 +37,9 @@ pub struct Shares {
 /// The verdict on a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Verdict {
-    /// Of the pixels that see no mirror; distances are from the eye.
+    /// Shares of the pixels that see no mirror; distances are from the eye.
     pub camera: Shares,
-    /// Of the pixels that see a mirror; distances are from the mirror, along the reflected ray.
+    /// Shares of the pixels that see a mirror; distances are from the mirror, along the reflected ray.
     pub mirrors: Shares,
     /// The share of the judged pixels of mirrors that found what they reflect and did not close a gap.
     pub covered: f64,

@@ -152,7 +152,7 @@ impl Flight {
         let of_stop = |a: &Line, b: &Line| (a.time / STOP).floor() == (b.time / STOP).floor();
         let stops: Vec<(f64, DVec3)> = pulses.chunk_by(of_stop).filter_map(stop).collect();
         let flight = Self { stops };
-        // It must tell of most points.
+        // Most points must have a time within the stops.
         let step = returns.len().div_ceil(10_000).max(1);
         let sample = || returns.iter().step_by(step);
         let known = sample().filter(|(time, ..)| flight.place(*time).is_some()).count();
@@ -198,7 +198,7 @@ fn meeting(lines: &[Line], up: DVec3) -> Option<DVec3> {
         kept = lines.iter().filter(|line| miss(line, place) <= 3.0 * usual).copied().collect();
     }
     let place = nearest(&kept)?;
-    // It is above the ground, and lines differ in direction by more than they miss the place.
+    // The scanner is above the ground, and lines differ in direction by more than they miss the place.
     let height = kept.iter().map(|line| (place - line.point).dot(up)).fold(f64::INFINITY, f64::min);
     let middle = kept.iter().map(|line| line.direction).sum::<DVec3>().normalize_or_zero();
     let spread = kept.iter().map(|line| line.direction.cross(middle).length()).fold(0.0, f64::max);

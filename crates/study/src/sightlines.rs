@@ -293,7 +293,7 @@ impl Ruler {
         Ok(self.traced_with_intervals()?.0)
     }
 
-    /// The same, and how often the intervals that the surface states for its error held.
+    /// The figures of sightlines, and how often the intervals that the surface states for its error held.
     ///
     /// # Errors
     /// Those of `traced`.

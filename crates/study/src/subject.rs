@@ -16,7 +16,7 @@ pub struct Subject {
     pub store: PointStore,
     pub mirrors: Vec<Mirror>,
     pub lights: Vec<SpotLight>,
-    /// The same as in [`Objects`].
+    /// The clues to automatic light, as in [`Objects`].
     pub clues: LightClues,
     pub camera: Camera,
     /// The surfaces behind the points, if they are known.

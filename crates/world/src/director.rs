@@ -55,7 +55,7 @@ struct StreamedCloud {
     /// The name of the cloud.
     name: String,
     octree: Arc<Octree>,
-    /// The same with its nodes where the last view has them, or the first one will, if they are moved.
+    /// The octree with its nodes where the last view has them, or the first one will, if they are moved.
     placed: Option<(Placement, Octree)>,
     /// Whether its pages can be made again.
     is_own: bool,

@@ -52,7 +52,7 @@ fn is_of_input(error: &codec::Error) -> bool {
     !matches!(error, codec::Error::NotWritten { .. })
 }
 
-/// The same for streamed files.
+/// Whether a streamed file cannot be read, rather than written.
 pub(crate) fn is_of_inputs(error: &stream::Error) -> bool {
     match error {
         stream::Error::Input(error) => is_of_input(error),

@@ -82,8 +82,8 @@ fn names(clouds: &[Offer]) -> Vec<&str> {
 }
 
 impl Request {
-    /// The same question about all inputs, of whose files the heads are read. Inputs that cannot be read are reported by
-    /// those who read them.
+    /// Checks the filters against all inputs, of whose files the heads are read. Inputs that cannot be read are
+    /// reported by those who read them.
     ///
     /// # Errors
     /// Those of `check_filters`.

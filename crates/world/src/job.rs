@@ -54,12 +54,12 @@ pub fn start(inputs: Vec<Input>, settings: &Settings, asked: BTreeSet<String>) -
     start_with(inputs, settings, asked, true, cache(&settings.stream))
 }
 
-/// The same without previews of clouds whose index is being made, for callers that would not show them.
+/// Starts a job without previews of clouds whose index is being made, for callers that would not show them.
 pub fn start_unseen(inputs: Vec<Input>, settings: &Settings, asked: BTreeSet<String>) -> Job {
     start_with(inputs, settings, asked, false, cache(&settings.stream))
 }
 
-/// The same with the cache of indexes.
+/// Starts a job with a cache of indexes.
 fn start_with(
     inputs: Vec<Input>,
     settings: &Settings,

@@ -22,7 +22,7 @@ pub fn open_file(path: &Path, memory: u64) -> Result<Arc<codec::Source>, String>
     open_placed(path, memory, None)
 }
 
-/// The same, with its points moved. Indexes and what the cache keeps belong to files as they are, so only what reads
+/// Opens a file with its points moved. Indexes and what the cache keeps belong to files as they are, so only what reads
 /// points and keeps nothing may ask for this.
 pub fn open_placed(path: &Path, memory: u64, placement: Option<Placement>) -> Result<Arc<codec::Source>, String> {
     let source = codec::open_within(path, memory).map_err(|error| error.to_string())?;
@@ -210,7 +210,7 @@ pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
     )
 }
 
-/// The same for an index, from its coarse pages.
+/// How the normals and radii of an index are estimated, from its coarse pages.
 ///
 /// # Errors
 /// If they cannot be read.

@@ -86,7 +86,7 @@ impl Filming {
                 scene.flight = None;
                 self.timeline.pause();
             }
-            // These concern the picture as it is, or the window.
+            // The actions below concern the picture as it is, or the window.
             Action::BeginDrag
             | Action::EndDrag
             | Action::Fly(_)

@@ -133,7 +133,7 @@ impl Timeline {
             }
             Film::Repeat(repeats) => self.repeats = repeats,
             Film::FlyAt(height) => self.height = Some(height),
-            // These are not the timeline's.
+            // Other actions are not the timeline's.
             Film::Keep(_)
             | Film::FlyToDigit(_)
             | Film::FlyTo(_)

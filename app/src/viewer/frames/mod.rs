@@ -73,7 +73,7 @@ pub struct Frames {
     hurried_milliseconds: f64,
     /// Chooses the quality of frames while something moves.
     haste: Haste,
-    /// The same for quick pictures.
+    /// The pace of quick pictures.
     quick_pace: QuickPace,
     /// Whether the last hurried frame was a quick picture, as the next one will be.
     moves_quickly: bool,

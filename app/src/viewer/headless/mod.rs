@@ -57,7 +57,7 @@ pub struct Headless {
 pub struct PictureStats {
     /// The time on the path, in seconds.
     time: f64,
-    /// That of each state of a wipe that is in the picture, with ` | ` between them.
+    /// The method of each state of a wipe that is in the picture, with ` | ` between them.
     method: String,
     /// The points on the GPU, and those that were drawn.
     points: u64,

@@ -114,7 +114,7 @@ impl Ends {
         progress: &Progress,
     ) -> Result<Option<Side>, String> {
         let settings = settings.clone();
-        // Those in memory are known, and the test tells them.
+        // Strays of clouds in memory are known, and the test finds them.
         let test = test.hiding_strays(settings.splat.strays == Strays::Hidden);
         let words = match self {
             Self::Memory { cloud, up, units } => {

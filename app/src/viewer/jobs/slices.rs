@@ -27,7 +27,7 @@ pub enum ProfileWork {
     Cut {
         id: ObjectId,
         profile: Profile,
-        /// Those whose points are shown behind it.
+        /// The profiles whose points are shown behind it.
         others: Vec<Profile>,
         up: DVec3,
         clouds: Vec<Cuttable>,

@@ -249,7 +249,7 @@ impl Loaded {
         self.clouds.iter().map(|entry| entry.points).sum::<u64>() + of_mirrors
     }
 
-    /// The same number, including the points of streamed clouds that are not loaded.
+    /// The number of points, including the points of streamed clouds that are not loaded.
     pub fn all_points(&self) -> u64 {
         let elsewhere = self.clouds.iter().filter(|entry| entry.streamed.is_some());
         self.points() + elsewhere.map(|entry| entry.total() - entry.points).sum::<u64>()

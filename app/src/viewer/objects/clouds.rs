@@ -56,7 +56,7 @@ pub struct CloudEntry {
     pub surfels: u32,
     /// Which points the radii are for: a test of classes and filters.
     pub radii_test: PointTest,
-    /// The same of the radii that a worker thread is estimating now.
+    /// The test and the progress of the radii that a worker thread is estimating now.
     pub fitting: Option<(PointTest, Arc<Progress>)>,
     /// The attributes whose columns are being read. `None` marks a column that could not be read and is not tried
     /// again.

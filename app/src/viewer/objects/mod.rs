@@ -35,7 +35,8 @@ pub enum Origin {
     /// A person added or changed it, or a scene file brought it.
     Person,
     BuiltIn,
-    /// It replaces the light that the scan of a room lacks. It is always the only light, and scene files leave it out.
+    /// A guessed lamp replaces the light that the scan of a room lacks. It is always the only light, and scene files
+    /// leave it out.
     Guess,
 }
 
@@ -150,8 +151,8 @@ impl Objects {
         }
     }
 
-    /// The same without what only says how clouds look, which is quickly chosen again: what they have of their own, and
-    /// hidden classes.
+    /// The objects without what only says how clouds look, which is quickly chosen again: what they have of their own,
+    /// and hidden classes.
     pub fn made(&self) -> Self {
         let visibility = Visibility { filters: self.visibility.filters.clone(), ..Visibility::default() };
         Self { own_settings: Vec::new(), visibility, ..self.clone() }

@@ -178,7 +178,7 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
             push(Film::Toggle);
         }
         if path.is_some() {
-            // It keeps its place meanwhile, so that nothing else comes under the mouse.
+            // The button keeps its place meanwhile, so that nothing else comes under the mouse.
             let is_free = session.filming.recording.under_way.is_none();
             let record = ui.add_enabled(is_free, egui::Button::new("Record…"));
             let record = record.on_hover_text("A film or pictures of this path, as `glint record` makes them");

@@ -172,7 +172,7 @@ impl Capture {
             std::thread::spawn(move || sender.send(Message::End(frames)));
         }
         if let Some((output, _)) = self.begin.take() {
-            // This removes the folder only if there is nothing in it.
+            // The call removes the folder only if there is nothing in it.
             let _ = std::fs::remove_dir(&output.folder.path);
             (self.tell)(Captured { result: Ok(0) });
         }

@@ -31,7 +31,7 @@ pub struct FrameRequest {
 }
 
 impl FrameRequest {
-    /// The same frame in full quality.
+    /// The frame in full quality.
     pub fn unhurried(&self, settings: &Settings) -> Self {
         Self { settings: settings.clone(), spared: None, hurried: false, light_may_lag: false, ..self.clone() }
     }

@@ -90,7 +90,7 @@ const WATER_CLASS: u8 = 9;
 
 /// The specular intensity of clear points, of which Fresnel's equations tell what they reflect.
 const CLEAR: f32 = 1.0;
-/// That of opaque ones: reflections are bright, and the points' own colour still shines through.
+/// The specular intensity of opaque points: reflections are bright, and the points' own colour still shines through.
 const OPAQUE: f32 = 0.8;
 
 impl Draft {

@@ -26,7 +26,7 @@ pub struct PathPrompt {
 pub enum Purpose {
     #[default]
     Open,
-    /// It is opened, and its points will be a mirror.
+    /// The file is opened, and its points will be a mirror.
     MirrorPoints,
     /// Its faces will be a mirror.
     Mesh,
@@ -121,7 +121,7 @@ impl PathPrompt {
                 .desired_width(400.0)
                 .lock_focus(true);
             let response = ui.add(field).labelled_by(label.id);
-            // This is read before the focus is requested below: Tab and Enter may come in one frame.
+            // The response is read before the focus is requested below: Tab and Enter may come in one frame.
             let entered = response.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             if !self.is_shown {
                 self.is_shown = true;

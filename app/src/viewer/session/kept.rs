@@ -42,7 +42,8 @@ struct State {
     request: FrameRequest,
     test: PointTest,
     clouds: Vec<(CloudKey, bool, Option<ColorPlan>)>,
-    /// Of these, the state holds the lights, what clouds have of their own, and what says which points are shown.
+    /// The objects of the scene. The state holds the lights, what clouds have of their own, and what says which points
+    /// are shown.
     objects: Objects,
 }
 

@@ -44,7 +44,7 @@ pub enum Wanted {
 pub struct Placing {
     pub wanted: Wanted,
     pub corners: Vec<DVec3>,
-    /// Of a fit: the reach, known with the first corner.
+    /// The reach of a fit, known with the first corner.
     pub reach: Option<f64>,
     /// How many clicks the render thread has not answered yet.
     asked: usize,

@@ -41,7 +41,7 @@ pub struct Profiles {
     pub slice: Option<Result<Arc<Slice>, String>>,
     /// Whether the points of the other profiles that are switched on are shown behind its own.
     pub is_together: bool,
-    /// Those points, with the names of their profiles.
+    /// The points of other profiles, with the names of these.
     pub others: Arc<Vec<(String, Slice)>>,
     /// The point of the profile under the cursor.
     pub hovered: Option<PickedPoint>,

@@ -34,7 +34,7 @@ enum Floor {
     None,
     /// Only zeros.
     Zero,
-    /// Also values above zero that are negligible beside the others.
+    /// Zeros, and values above zero that are negligible beside the others.
     NearZero,
 }
 
