@@ -80,7 +80,7 @@ pub(super) fn search<'a>(
 pub(super) fn mirrors(
     recorder: &mut Recorder<'_>,
     plan: &Plan<'_>,
-    mut search: Option<&mut Search<'_>>,
+    search: Option<&mut Search<'_>>,
     targets: &Targets,
     reflections: &mut Reflections,
 ) -> Result<()> {
@@ -92,7 +92,7 @@ pub(super) fn mirrors(
     }
     if !plan.has_mirrors {
         reflections.none();
-    } else if let Some(search) = search.as_deref_mut().filter(|_| !plan.is_sampled()) {
+    } else if let Some(search) = search.filter(|_| !plan.is_sampled()) {
         reflections.find(recorder, search, RaySet::PERFECT)?;
     }
     Ok(())
