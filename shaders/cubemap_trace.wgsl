@@ -260,7 +260,8 @@ fn search_samples(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
     let beside = max(distance(center, ray.origin + ray.direction * foot), 1e-6 * frame.scene_radius);
     let samples = Samples(foot, beside, atan(-foot / beside));
     let end = min(ray.end, SAMPLED_RADII * frame.scene_radius);
-    let is_sign = choices.criterion == CUBEMAP_TRACE_CRITERION_SIGN;
+    let is_either = choices.criterion == CUBEMAP_TRACE_CRITERION_SIGN_EITHER;
+    let is_sign = is_either || choices.criterion == CUBEMAP_TRACE_CRITERION_SIGN;
     var walk = Walk(WALK_ON, ray.start, NOTHING, 0u);
     var is_behind = false;
     var level = 0;
@@ -286,7 +287,8 @@ fn search_samples(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
             let bounds = cell_bounds(view.picture, level, cell);
             let is_before = max(depths.x, depths.y) < bounds.x - choices.threshold;
             let lies_behind = min(depths.x, depths.y) > bounds.y + choices.threshold;
-            if is_before || (lies_behind && (is_behind || !is_sign)) {
+            let comes_out = is_either && is_behind;
+            if (is_before && !comes_out) || (lies_behind && (is_behind || !is_sign)) {
                 is_behind = lies_behind;
                 i = max(i + 1u, sample_before(samples, out));
                 level = level_above(level, view);
@@ -301,9 +303,10 @@ fn search_samples(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
             var identity = sample.identity;
             var meets = abs(sample.behind) <= choices.threshold;
             if is_sign {
-                meets = is_behind && !was_behind && i > 1u;
+                meets = i > 1u && is_behind != was_behind && (is_behind || is_either);
                 if meets {
-                    let refined = refine(map, ray, center, place_of_sample(samples, i - 1u), t);
+                    let last = place_of_sample(samples, i - 1u);
+                    let refined = refine(map, ray, center, select(t, last, is_behind), select(last, t, is_behind));
                     found = refined.t;
                     identity = refined.identity;
                 }
@@ -405,6 +408,9 @@ fn walk_cube(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
         face = face_beside(face, exit.side);
     }
     walk.cells = cells;
+    if walk.kind == WALK_OPEN && is_inside {
+        walk = Walk(WALK_HIDDEN, ray.start, NOTHING, cells);
+    }
     // A ray right through a corner of the cube or its middle.
     if goes_on {
         walk.kind = WALK_HIDDEN;
@@ -425,6 +431,7 @@ fn texel_record(picture: u32, texel: vec2i) -> vec4u {
     return records[index_of_texel(picture, texel)];
 }
 
+// No cell is passed unseen by a ray that is to come out from behind something.
 fn cell_bounds(picture: u32, level: i32, cell: vec2i) -> vec2f {
-    return bounds[index_of_cell(picture, level, cell)];
+    return select(bounds[index_of_cell(picture, level, cell)], vec2f(0.0), is_inside);
 }

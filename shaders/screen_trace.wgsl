@@ -128,6 +128,8 @@ fn through_screen(ray: WalkRay) -> Walk {
     if is_within && exit.t > own {
         if settings.screen_trace.sampling == SCREEN_TRACE_SAMPLING_STEP {
             walk = walk_by_steps(view, ray, vec2f(own, exit.t), choices);
+        } else if settings.screen_trace.sampling == SCREEN_TRACE_SAMPLING_EVEN {
+            walk = walk_by_points(view, ray, vec2f(own, exit.t), choices);
         } else {
             walk = walk_picture(view, ray, vec2f(own, exit.t), true, choices);
         }
@@ -147,8 +149,30 @@ fn through_screen(ray: WalkRay) -> Walk {
 
 const SIDE_NEAR: u32 = 5u;
 
-// Walks the part `part` of a ray by steps of even length in the picture, as published. Of what lies between the pixels
-// that it steps on, nothing is known.
+// Walks the part `part` of a ray by points at even steps along it, as published: each is compared with the pixel that
+// shows it, and of what lies between two points nothing is known.
+fn walk_by_points(view: DepthView, ray: WalkRay, part: vec2f, choices: WalkChoices) -> Walk {
+    let along = coordinates_of(view, ray);
+    let stride = settings.screen_trace.stride * frame.scene_radius;
+    var walk = Walk(WALK_ON, 0.0, 0u, 0u);
+    while walk.kind == WALK_ON {
+        let t = part.x + f32(walk.cells + 1u) * stride;
+        if t >= part.y {
+            walk.kind = WALK_OPEN;
+        } else if walk.cells >= choices.most_cells {
+            walk.kind = WALK_HIDDEN;
+            walk.t = t;
+        } else {
+            let at = clamp(vec2i(floor(place_at(along, t))), vec2i(0), view.size - 1);
+            let said = said_at(view, ray, at, vec2f(t), walk.cells == 0u, choices);
+            walk = Walk(said.kind, said.t, said.identity, walk.cells + 1u);
+        }
+    }
+    return walk;
+}
+
+// Walks the part `part` of a ray by steps of even length in the picture, each of which is an interval of depths. Of what
+// lies between the pixels that it steps on, nothing is known.
 fn walk_by_steps(view: DepthView, ray: WalkRay, part: vec2f, choices: WalkChoices) -> Walk {
     let along = coordinates_of(view, ray);
     let first = place_at(along, part.x);

@@ -40,8 +40,13 @@ fn said_at(view: DepthView, ray: WalkRay, at: vec2i, part: vec2f, starts: bool, 
     return said;
 }
 
-// The published criteria, with one depth for a whole texel. Behind it, nothing is known to end: by the change from
-// before to behind, whatever is behind a texel has met it.
+// Whether a ray is still behind what hid its beginning, and the point that does, by the criterion of either sign.
+var<private> is_inside: bool = false;
+var<private> inside_of: u32 = 0u;
+
+// The criteria with one depth for a whole texel. Behind it, nothing is known to end: by the change from before to
+// behind, whatever is behind a texel has met it. By the published change of either sign, a ray whose beginning is hidden
+// meets what it comes out of.
 fn said_by_flat_texel(
     view: DepthView,
     ray: WalkRay,
@@ -71,7 +76,18 @@ fn said_by_flat_texel(
     let share = (depth - enters) / select(leaves - enters, 1.0, leaves == enters);
     let t = select(part.x + (part.y - part.x) * share, part.x, is_within);
     var said = Walk(WALK_ON, 0.0, texel.identity, 0u);
-    if record.y != 0u && is_hidden {
+    if starts {
+        let is_either = choices.criterion == CUBEMAP_TRACE_CRITERION_SIGN_EITHER;
+        is_inside = is_either && record.y != 0u && is_hidden;
+    }
+    if is_inside {
+        let is_behind = record.y != 0u && enters > 0.0;
+        inside_of = select(inside_of, texel.identity, is_behind);
+        if record.y == 0u || leaves <= 0.0 {
+            is_inside = false;
+            said = Walk(WALK_HIT, select(part.x, t_of_change(enters, leaves, part), is_behind), inside_of, 0u);
+        }
+    } else if record.y != 0u && is_hidden {
         said.kind = WALK_HIDDEN;
         said.t = part.x;
     } else if record.y != 0u && meets && t > 4.0 * texel.radius * width {
@@ -80,6 +96,11 @@ fn said_by_flat_texel(
         said.t = t;
     }
     return said;
+}
+
+// Where a ray changes sides between the ends of a part.
+fn t_of_change(enters: f32, leaves: f32, part: vec2f) -> f32 {
+    return part.x - (part.y - part.x) * enters / select(leaves - enters, 1.0, leaves == enters);
 }
 
 fn index_of_texel(picture: u32, texel: vec2i) -> u32 {

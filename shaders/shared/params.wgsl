@@ -175,6 +175,7 @@ struct Trace {
 // Mirrors.
 struct Mirror {
     surface: u32,
+    last: u32,
     tint: f32,
     fresnel: f32,
     fresnel_law: u32,
@@ -184,6 +185,8 @@ struct Mirror {
 const MIRROR_SURFACE_AUTO: u32 = 0u;
 const MIRROR_SURFACE_EXACT: u32 = 1u;
 const MIRROR_SURFACE_POINTS: u32 = 2u;
+const MIRROR_LAST_MATT: u32 = 0u;
+const MIRROR_LAST_DARK: u32 = 1u;
 const MIRROR_FRESNEL_LAW_SCHLICK: u32 = 0u;
 const MIRROR_FRESNEL_LAW_PUBLISHED: u32 = 1u;
 
@@ -278,6 +281,7 @@ const CUBEMAP_TRACE_CRITERION_PLANE: u32 = 0u;
 const CUBEMAP_TRACE_CRITERION_SIGN: u32 = 1u;
 const CUBEMAP_TRACE_CRITERION_THRESHOLD: u32 = 2u;
 const CUBEMAP_TRACE_CRITERION_THRESHOLD_THEN_SIGN: u32 = 3u;
+const CUBEMAP_TRACE_CRITERION_SIGN_EITHER: u32 = 4u;
 const CUBEMAP_TRACE_SAMPLING_TEXEL: u32 = 0u;
 const CUBEMAP_TRACE_SAMPLING_STEP: u32 = 1u;
 const CUBEMAP_TRACE_SAMPLING_ANGLE: u32 = 2u;
@@ -296,6 +300,7 @@ struct ScreenTrace {
     thickness: f32,
     sampling: u32,
     step: f32,
+    stride: f32,
     back: u32,
     skip: u32,
     box_from: u32,
@@ -309,6 +314,7 @@ const SCREEN_TRACE_CRITERION_THICKNESS: u32 = 2u;
 const SCREEN_TRACE_CRITERION_LAYERS: u32 = 3u;
 const SCREEN_TRACE_SAMPLING_TEXEL: u32 = 0u;
 const SCREEN_TRACE_SAMPLING_STEP: u32 = 1u;
+const SCREEN_TRACE_SAMPLING_EVEN: u32 = 2u;
 const SCREEN_TRACE_BACK_NONE: u32 = 0u;
 const SCREEN_TRACE_BACK_CULLED: u32 = 1u;
 const SCREEN_TRACE_BACK_PEELED: u32 = 2u;

@@ -23,6 +23,8 @@ pub enum Error {
     Shader(String),
     #[error("{method} shows perfect mirrors only; set gloss.samples to 0, or take another method")]
     PerfectMirrorsOnly { method: &'static str },
+    #[error("screen_trace.criterion = layers needs a second layer: set screen_trace.back to culled or peeled")]
+    NoSecondLayer,
     /// A caller asked for an image that the frame does not have.
     #[error("{0}")]
     NotRendered(String),

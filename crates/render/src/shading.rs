@@ -1,6 +1,6 @@
 //! Shades a frame: direct and indirect light on each surface, and the reflections in mirrors, blended in.
 
-use scene::{Lighting, Mirror, ResolvedLight, Settings};
+use scene::{LastMirror, Lighting, Mirror, ResolvedLight, Settings};
 
 use crate::frame::Objects;
 use crate::gi::{GlobalIllumination, Receiver};
@@ -88,14 +88,14 @@ impl FrameLight<'_> {
             None => (self.camera, self.camera.position, self.direct),
             Some(before) => (before.surface(), &before.mirror.point, &before.radiance),
         };
-        let (shading, receiver) = (self.shading, self.receiver(index));
+        let (shading, receiver, is_mixed) = (self.shading, self.receiver(index), self.is_mixed(index));
         let reach = bounces.get(index).and_then(|bounce| bounce.reach.as_ref());
         let fading = ShareLeft::new(self.received.filter(|_| index == 0), reach);
         let switches = [
             ("from_camera", u32::from(index == 0)),
             ("lighting", shading.light.by as u32),
             ("light_count", shading.light_count),
-            ("is_mixed", u32::from(index < self.bounces)),
+            ("is_mixed", u32::from(is_mixed)),
             ("has_highlights", u32::from(shading.has_highlights)),
             ("has_fill", u32::from(shading.light.fill > 0.0)),
             ("is_published", u32::from(is_published(self.settings))),
@@ -119,7 +119,7 @@ impl FrameLight<'_> {
                 index: receiver,
                 surface,
                 from,
-                is_mixed: index < self.bounces,
+                is_mixed,
                 is_glossy: shading.has_highlights,
                 has_gloss: shading.has_gloss,
                 fading,
@@ -128,6 +128,11 @@ impl FrameLight<'_> {
         }
         recorder.time_as(None);
         Ok(())
+    }
+
+    /// Whether mirrors of a surface show their own colour by the share only that they do not reflect.
+    fn is_mixed(&self, index: usize) -> bool {
+        index < self.bounces || (index > 0 && self.settings.mirror.last == LastMirror::Dark)
     }
 
     fn receiver(&self, index: usize) -> usize {

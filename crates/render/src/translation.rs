@@ -94,7 +94,7 @@ fn variants(gpu: &std::sync::Arc<Gpu>) -> BTreeMap<&'static str, BTreeSet<Consta
             let stage = renderer.stage(&cast, &settings).unwrap();
             match renderer.missing(&stage) {
                 Ok(missing) => named.extend(missing),
-                Err(Error::PerfectMirrorsOnly { .. }) => {}
+                Err(Error::PerfectMirrorsOnly { .. } | Error::NoSecondLayer) => {}
                 Err(error) => panic!("{error}"),
             }
         }

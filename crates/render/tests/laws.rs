@@ -281,6 +281,10 @@ fn finite_at_every_end_of_every_parameter() {
                     if group.name == "gloss" {
                         settings.gloss.samples = 2;
                     }
+                    // This criterion asks for a second layer.
+                    if key == "screen_trace.criterion" && text == "layers" {
+                        settings.screen_trace.back = scene::ScreenBack::Culled;
+                    }
                     settings.set_text(&key, &text).unwrap();
                     let what = format!("{}, {key}={text}", method.name);
                     if method.method == Method::MirroredViewpoint && settings.gloss.samples > 0 {

@@ -699,17 +699,19 @@ fn as_many_reflections_are_followed_as_are_asked_for() {
         }
         met
     };
-    fn color(path: &[Met], bounces: usize) -> DVec3 {
+    // `last` is what a mirror shows that the last reflection meets.
+    fn color(path: &[Met], bounces: usize, last: f64) -> DVec3 {
         match path[0] {
             Met::Patch => DVec3::X,
             Met::Nothing => DVec3::Z,
-            Met::Left | Met::Right if bounces == 0 => DVec3::splat(GREY),
-            Met::Left | Met::Right => DVec3::splat(GREY).lerp(color(&path[1..], bounces - 1), INTENSITY),
+            Met::Left | Met::Right if bounces == 0 => DVec3::splat(last),
+            Met::Left | Met::Right => DVec3::splat(GREY).lerp(color(&path[1..], bounces - 1, last), INTENSITY),
         }
     }
-    for bounces in 0..=3 {
+    for (bounces, last) in [(0, "matt"), (1, "matt"), (2, "matt"), (3, "matt"), (0, "dark"), (1, "dark"), (2, "dark")] {
         let settings = settings(&[
             ("reflection.bounces", &bounces.to_string()),
+            ("mirror.last", last),
             ("light.by", "colors"),
             ("view.background", "#0000ff"),
         ]);
@@ -724,7 +726,8 @@ fn as_many_reflections_are_followed_as_are_asked_for() {
             if path_here[0] == Met::Nothing || around.iter().flatten().any(|path| *path != path_here) {
                 continue;
             }
-            let expected = color(&path_here, bounces);
+            let is_dark = last == "dark" && bounces > 0;
+            let expected = color(&path_here, bounces, if is_dark { GREY * (1.0 - INTENSITY) } else { GREY });
             let error = (Vec3::from(*shown).as_dvec3() - expected).abs().max_element();
             // Half floats have three digits; the error occurs once a bounce.
             assert!(error < 3e-3, "{bounces} bounces at {x} {y}: {shown:?}, expected {expected}");

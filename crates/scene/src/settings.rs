@@ -5,7 +5,7 @@ use param::{Bytes, Field, Value, choices, params, settings};
 
 pub use self::cubemap_trace::{CubeCriterion, CubeHit, CubePlacement, CubeRest, CubeSampling};
 pub use self::light_field::{LightField, MapFill, SampleRest, SampleRule, SampleVisibility};
-pub use self::mirror::{FresnelLaw, MirrorSettings, MirrorSurface};
+pub use self::mirror::{FresnelLaw, LastMirror, MirrorSettings, MirrorSurface};
 pub use self::overlay::Overlay;
 pub use self::sample_cameras::{BundleCull, BundleRest, BundleSplat, CameraCells, JudgedBy, SampleCameras};
 pub use self::screen_trace::{ScreenBack, ScreenBox, ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling};
@@ -378,7 +378,7 @@ params! {
         offset: f32 = -0.25, -1.0..=2.0, "mirror radii";
         /// Where one map loses a ray, another goes on (relay, by planes; else like first); or the nearest hit in all maps; or that of the first map that has one, as published.
         hit: CubeHit = CubeHit::Relay;
-        /// What is a hit: the plane of the disc that a texel shows; or, with one depth for a whole texel, as published, a change from before it to behind it, a distance below the threshold, or the first, and the other where there is none.
+        /// What is a hit: the plane of the disc that a texel shows; or, with one depth for a whole texel, a change from before it to behind it (sign), as published a change either way (sign_either) or a distance below the threshold, or the threshold, and sign where it finds nothing.
         criterion: CubeCriterion = CubeCriterion::Plane;
         /// How near to its texel's depth a ray meets it by the criterion threshold.
         threshold: f32 = 0.0015, 0.0..=0.1, "scene radii";
@@ -404,14 +404,16 @@ params! {
 
     /// Screen-space tracing: rays walk through the camera's picture (after Johnsson 2012).
     pub struct ScreenTrace = "screen_trace" in "Reflections" => affects(found) {
-        /// What a ray meets: plane takes each pixel for a plane, and says what it cannot tell; the others are published, and go by depth alone: whatever the ray is behind, by up to a thickness, or before the layer behind.
+        /// What a ray meets: plane takes each pixel for a plane, and says what it cannot tell; the others are published, and go by depth alone: whatever the ray is behind, by up to a thickness, or before the layer behind, which screen_trace.back must ask for.
         criterion: ScreenCriterion = ScreenCriterion::Plane;
         /// How thick every surface is taken to be where screen_trace.criterion = thickness: too much draws streaks, too little leaves holes.
         thickness: f32 = 0.05, 0.001..=10.0, "scene radii";
-        /// Test each pixel that the ray crosses, or take even steps, as published.
+        /// Test each pixel that the ray crosses (texel), or the pixels at even steps in the picture (step), between which the ray is an interval of depths; or, as published, points at even steps along the ray alone (even), which planes nearly always lose.
         sampling: ScreenSampling = ScreenSampling::Texel;
-        /// Length of a step: what is thinner is missed.
+        /// Length of a step in the picture: what is thinner is missed.
         step: f32 = 1.0, 1.0..=64.0, "pixels";
+        /// Length of an even step along the ray: what is thinner or shallower is missed.
+        stride: f32 = 0.005, 0.0001..=0.5, "scene radii";
         /// A second layer behind what the camera sees: the discs that face away, as published, or all that is farther than the nearest surface by two radii.
         back: ScreenBack = ScreenBack::None;
         /// Pass many pixels at once where bounds of their depths say that a ray is before all of them; the picture is the same.

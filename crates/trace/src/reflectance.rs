@@ -14,7 +14,7 @@
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::DVec3;
-use scene::Highlight;
+use scene::{Highlight, LastMirror};
 
 use crate::light::{Illuminant, Illumination};
 use crate::share::mirror_share;
@@ -66,14 +66,17 @@ impl Reflectance {
         let settings = illumination.mirror;
         let Gloss { share: gloss, power, shape } = illumination.gloss;
         let tint = |grazing: f64| DVec3::ONE.lerp(hit.albedo, f64::from(settings.tint) * (1.0 - grazing));
+        let is_followed = hit.specular_intensity > 0.0 && reflections > 0;
+        // The eye's own surface is no mirror's picture.
+        let is_dark = !is_followed && illumination.bounces > 0 && settings.last == LastMirror::Dark;
         let (mut diffuse, mut gloss, mut power, mut mirror) = (1.0 - gloss, gloss, power, DVec3::ZERO);
         if hit.specular_intensity > 0.0 {
             (diffuse, gloss, power) = (1.0, hit.specular_intensity, hit.specular_power);
-            if reflections > 0 {
+            if is_followed || is_dark {
                 let (share, grazing) = mirror_share(hit.specular_intensity, direction.dot(hit.normal).abs(), settings);
                 let share = share * share_left;
                 diffuse = 1.0 - share;
-                mirror = share * tint(grazing);
+                mirror = if is_dark { DVec3::ZERO } else { share * tint(grazing) };
             }
         } else if hit.specular_intensity < 0.0 && hit.specular_power > 0.0 {
             (diffuse, gloss, power) = (1.0 + hit.specular_intensity, -hit.specular_intensity, hit.specular_power);
@@ -86,7 +89,6 @@ impl Reflectance {
         }
         // A perfect mirror shows no lamp without size.
         let gloss = if power > 0.0 { gloss * tint(0.0) } else { DVec3::ZERO };
-        let is_followed = hit.specular_intensity > 0.0 && reflections > 0;
         let diffuse = diffuse * hit.albedo;
         Self { normal: hit.normal, to_eye: -direction, diffuse, gloss, power, shape, mirror, is_followed }
     }
@@ -204,26 +206,41 @@ mod tests {
 
     const POWERS: [f64; 6] = [1.0, 5.0, 50.0, 300.0, 1000.0, 10_000.0];
 
+    /// A hit on a white surface with normal z.
+    const HIT: Hit = Hit {
+        distance: 1.0,
+        position: DVec3::ZERO,
+        normal: DVec3::Z,
+        albedo: DVec3::ONE,
+        specular_intensity: 0.0,
+        specular_power: 0.0,
+        medium: None,
+        surface: 0,
+        point: 0,
+    };
+
     /// A surface with normal z, seen at `degrees` from it.
     fn surface(shape: Highlight, power: f64, share: f64, degrees: f64) -> Reflectance {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        let hit = Hit {
-            distance: 1.0,
-            position: DVec3::ZERO,
-            normal: DVec3::Z,
-            albedo: DVec3::ONE,
-            specular_intensity: 0.0,
-            specular_power: 0.0,
-            medium: None,
-            surface: 0,
-            point: 0,
-        };
         let settings = MirrorSettings::default();
         let illumination = Illumination {
             gloss: Gloss { share, power, shape },
             ..Illumination::new(Illuminant::Lights(&[]), &settings)
         };
-        Reflectance::new(&hit, -DVec3::new(sin, 0.0, cos), 0, 1.0, &illumination)
+        Reflectance::new(&HIT, -DVec3::new(sin, 0.0, cos), 0, 1.0, &illumination)
+    }
+
+    #[test]
+    fn a_mirror_that_is_not_followed_shows_its_own_colour_or_only_the_share_that_it_does_not_reflect() {
+        let mirror = Hit { specular_intensity: 0.75, ..HIT };
+        for (last, bounces, share) in
+            [(LastMirror::Matt, 1, 1.0), (LastMirror::Dark, 1, 0.25), (LastMirror::Dark, 0, 1.0)]
+        {
+            let settings = MirrorSettings { last, ..MirrorSettings::default() };
+            let illumination = Illumination { bounces, ..Illumination::new(Illuminant::Lights(&[]), &settings) };
+            let found = Reflectance::new(&mirror, -DVec3::Z, 0, 1.0, &illumination);
+            assert_eq!((found.diffuse, found.mirror), (DVec3::splat(share), DVec3::ZERO), "{last:?}");
+        }
     }
 
     /// The share of evenly arriving light that is sent to the eye: by reciprocity, the share of the light from the

@@ -353,6 +353,8 @@ pub(super) mod tests {
             (50, 2, true, published(CubeCriterion::Threshold, CubeSampling::Texel)),
             (33, 2, true, published(CubeCriterion::Sign, CubeSampling::Step)),
             (33, 2, false, published(CubeCriterion::ThresholdThenSign, CubeSampling::Angle)),
+            (50, 2, true, published(CubeCriterion::SignEither, CubeSampling::Texel)),
+            (33, 2, true, published(CubeCriterion::SignEither, CubeSampling::Step)),
         ] {
             let mut settings = Settings::default();
             settings.reflection.method = Method::CubemapTrace;
@@ -392,6 +394,7 @@ pub(super) mod tests {
             let rule = match criterion {
                 CubeCriterion::Plane => Criterion::Plane,
                 CubeCriterion::Sign => Criterion::Sign,
+                CubeCriterion::SignEither => Criterion::SignEither,
                 _ => Criterion::Threshold(chosen.threshold * radius),
             };
             let choices = Choices { skip, levels: [0, 10], criterion: rule, ..Choices::DEFAULT };
@@ -456,7 +459,9 @@ pub(super) mod tests {
                 rays += 1;
                 // Whether a sample lies before or behind a cell's border is rounding's, too.
                 let most_cells = if sampling == CubeSampling::Texel { 1 } else { 8 };
-                apart += u32::from(!is_same || walked.abs_diff(cells) > most_cells);
+                // The twin passes no cell unseen by the change of either sign.
+                let is_as_long = walked.abs_diff(cells) <= most_cells || criterion == CubeCriterion::SignEither;
+                apart += u32::from(!is_same || !is_as_long);
             }
             // Rounding decides for a ray that passes through the corner of a texel, and where a texel has one depth,
             // for rays that are about as deep.

@@ -2,6 +2,8 @@
 //! depth, a ray is sampled in each texel, by equal steps or by equal angles, and each map is walked from the ray's
 //! beginning.
 
+use std::cell::Cell;
+
 use glam::Vec3;
 use scene::{CubeHit, CubeSampling};
 
@@ -64,6 +66,36 @@ pub(super) fn flat_leaf(
     let t = if is_within { t_in } else { t_in + (t_out - t_in) * ((depth - enters) / change) };
     // The surface on which the ray begins does not stop it.
     (meets && t > 4.0 * texel.radius * width).then_some(Answer::Hit { t, identity: texel.identity })
+}
+
+/// What a texel says by the change of either sign: as [`flat_leaf`], but a ray whose beginning is hidden goes on until
+/// it comes out. `inside` is the point behind which it is.
+pub(super) fn come_out(
+    inside: &Cell<Option<u32>>,
+    picture: &Picture,
+    ray: &Ray,
+    at: [i32; 2],
+    part: [f32; 2],
+    starts: bool,
+    choices: Choices,
+) -> Option<Answer> {
+    let view = &picture.view;
+    let texel = &picture.texels[(at[1] * view.size[0] as i32 + at[0]) as usize];
+    let said = inside.get().is_none().then(|| flat_leaf(picture, ray, at, part, starts, choices)).flatten();
+    if starts && matches!(said, Some(Answer::Hidden(_))) {
+        inside.set(Some(texel.identity));
+    }
+    let Some(last) = inside.get() else { return said };
+    let [enters, leaves] = part.map(|t| view.forward.dot(ray.origin + ray.direction * t - view.center) - texel.depth);
+    let is_behind = texel.depth != 0.0 && enters > 0.0;
+    let identity = if is_behind { texel.identity } else { last };
+    inside.set(Some(identity));
+    if texel.depth != 0.0 && leaves > 0.0 {
+        return None;
+    }
+    inside.set(None);
+    let change = if leaves == enters { 1.0 } else { leaves - enters };
+    Some(Answer::Hit { t: if is_behind { part[0] - (part[1] - part[0]) * enters / change } else { part[0] }, identity })
 }
 
 /// Walks a ray through several cubes, each from its beginning: the first hit counts, or the nearest.
@@ -164,7 +196,8 @@ fn through_samples(faces: &[Picture; 6], ray: &Ray, choices: Choices, search: Se
         (t, last.1)
     };
     let end = ray.to.min(search.reach);
-    let is_sign = choices.criterion == Criterion::Sign;
+    let is_either = choices.criterion == Criterion::SignEither;
+    let is_sign = is_either || choices.criterion == Criterion::Sign;
     let threshold = choices.threshold();
     let (mut level, mut i, mut cells, mut is_behind) = (0, 1, 0, false);
     loop {
@@ -186,7 +219,8 @@ fn through_samples(faces: &[Picture; 6], ray: &Ray, choices: Choices, search: Se
             let depths = [t, out].map(|t| along.depth.at(t));
             let [nearest, farthest] = bounds[(cell[1] * count[0] as i32 + cell[0]) as usize];
             let lies_behind = depths[0].min(depths[1]) > farthest + threshold;
-            if depths[0].max(depths[1]) < nearest - threshold || (lies_behind && (is_behind || !is_sign)) {
+            let is_before = depths[0].max(depths[1]) < nearest - threshold && !(is_either && is_behind);
+            if is_before || (lies_behind && (is_behind || !is_sign)) {
                 is_behind = lies_behind;
                 i = (i + 1).max(index_before(out));
                 level = choices.level_above(level, picture.levels.len());
@@ -198,7 +232,9 @@ fn through_samples(faces: &[Picture; 6], ray: &Ray, choices: Choices, search: Se
         let (behind, identity, own) = sample(faces, offset_at(t));
         let was_behind = std::mem::replace(&mut is_behind, behind > 0.0);
         let met = match (is_sign, behind.abs() <= threshold) {
-            (true, _) => (is_behind && !was_behind && i > 1).then(|| refined(place(i - 1), t)),
+            (true, _) if i == 1 || is_behind == was_behind => None,
+            (true, _) if is_behind => Some(refined(place(i - 1), t)),
+            (true, _) => is_either.then(|| refined(t, place(i - 1))),
             (false, is_near) => is_near.then_some((t, identity)),
         };
         if let Some((t, identity)) = met.filter(|met| met.0 > own) {

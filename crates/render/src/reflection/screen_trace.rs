@@ -4,7 +4,7 @@
 
 use std::num::NonZeroU64;
 
-use scene::{ScreenBack, ScreenRest, Settings};
+use scene::{ScreenBack, ScreenCriterion, ScreenRest, Settings};
 
 use super::cubemap_trace::CubemapTrace;
 use super::environment_map::EnvironmentMap;
@@ -13,7 +13,7 @@ use super::screen_box::{Walls, corners};
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace::{self, Rays};
 use super::task::Task;
-use crate::gpu::Result;
+use crate::gpu::{Error, Result};
 use crate::layout::{NEAREST_BYTES, SCREEN_CELL_BYTES, SCREEN_TEXEL_BYTES, Screen};
 use crate::passes;
 use crate::recorder::{Recorder, two_runs};
@@ -108,7 +108,7 @@ impl ScreenTrace {
     /// Finds what the rays of a bounce meet.
     ///
     /// # Errors
-    /// A shader is refused, or there is no memory for the index.
+    /// A shader is refused, there is no memory for the index, or the criterion asks for a layer that is not drawn.
     pub fn search(
         &mut self,
         recorder: &mut Recorder<'_>,
@@ -119,6 +119,9 @@ impl ScreenTrace {
     ) -> Result<()> {
         let size = task.supply.size;
         let has_back = task.settings.screen_trace.back != ScreenBack::None;
+        if task.settings.screen_trace.criterion == ScreenCriterion::Layers && !has_back {
+            return Err(Error::NoSecondLayer);
+        }
         let kept = self.picture.take().filter(|picture| picture.size == size && picture.has_back == has_back);
         let picture = kept.unwrap_or_else(|| Picture::new(&recorder.gpu.device, size, has_back));
         let picture = self.picture.insert(picture);
@@ -238,7 +241,7 @@ mod tests {
     use std::collections::HashMap;
 
     use glam::{DVec3, Vec3};
-    use scene::{Camera, Method, Mirror, Projection, ScreenCriterion, Shape};
+    use scene::{Camera, Method, Mirror, Projection, ScreenSampling, Shape};
 
     use super::super::cubemap_trace::tests::{furnished, vectors};
     use super::super::depth_walk::{Answer, Choices, Picture, Ray, View, texel_of};
@@ -388,6 +391,43 @@ mod tests {
             assert!((left_over - f64::from(hidden)).abs() < f64::from(apart) + 1e-3, "{left_over} {hidden} {rays}");
         }
         assert!(kinds[0] > 500 && kinds[2] > 500 && in_back > 20, "{kinds:?}, {in_back} in the layer behind");
+    }
+
+    #[test]
+    fn points_at_even_steps_meet_what_intervals_do_and_miss_what_is_shallower_than_a_step() {
+        let Some(gpu) = gpu() else { return };
+        let mut renderer = Renderer::new(gpu.clone()).unwrap();
+        let store = furnished(&gpu, true);
+        let camera = Camera::looking(DVec3::new(0.2, 0.2, 0.0), DVec3::new(0.3, -1.0, 0.2), 1.7, DVec3::Z);
+        let mut found = |sampling, stride| {
+            let mut settings = settings();
+            let chosen = &mut settings.screen_trace;
+            (chosen.criterion, chosen.rest) = (ScreenCriterion::Thickness, ScreenRest::None);
+            (chosen.sampling, chosen.stride, chosen.thickness) = (sampling, stride, 0.02);
+            let stats = renderer.render(&store, &camera, &settings, Objects::default(), [96, 80]).unwrap();
+            stats.reflection.unwrap().coverage
+        };
+        let [intervals, fine, coarse] = [
+            found(ScreenSampling::Texel, 0.005),
+            found(ScreenSampling::Even, 0.0005),
+            found(ScreenSampling::Even, 0.2),
+        ];
+        assert!((fine - intervals).abs() < 0.05 * intervals, "{fine}, {intervals}");
+        assert!(coarse < 0.5 * fine, "{coarse}, {fine}");
+    }
+
+    #[test]
+    fn layers_without_a_second_layer_are_refused() {
+        let Some(gpu) = gpu() else { return };
+        let mut renderer = Renderer::new(gpu.clone()).unwrap();
+        let store = furnished(&gpu, true);
+        let camera = Camera::looking(DVec3::new(0.2, 0.2, 0.0), DVec3::new(0.3, -1.0, 0.2), 1.7, DVec3::Z);
+        let mut settings = settings();
+        settings.screen_trace.criterion = ScreenCriterion::Layers;
+        let drawn = renderer.render(&store, &camera, &settings, Objects::default(), [32, 32]);
+        assert!(matches!(drawn, Err(Error::NoSecondLayer)));
+        settings.screen_trace.back = ScreenBack::Culled;
+        assert!(renderer.render(&store, &camera, &settings, Objects::default(), [32, 32]).is_ok());
     }
 
     #[test]

@@ -127,6 +127,7 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("walk_cube", &[2.0]),
     ("walk_picture", &[40.0]),
     ("walk_by_steps", &[200.0]),
+    ("walk_by_points", &[200.0]),
     // Light fields: nine samples near a mirror point.
     ("samples_near_in", &[16.0, 9.0]),
     ("light_field_need", &[9.0]),
@@ -261,7 +262,10 @@ fn by_settings(pass: &str, settings: &Settings) -> Vec<(&'static str, usize, f64
                 ("walk_picture", 0, texels),
             ]
         }
-        "screen_trace" => vec![("walk_picture", 0, if screen_trace.skip { 1.0 } else { WITHOUT_SKIPPING })],
+        "screen_trace" => vec![
+            ("walk_picture", 0, if screen_trace.skip { 1.0 } else { WITHOUT_SKIPPING }),
+            ("walk_by_points", 0, 0.005 / f64::from(screen_trace.stride)),
+        ],
         "screen_box_scores" => vec![("screen_box_scores", 0, ratio(screen_trace.box_size, 256).powi(2))],
         "screen_box_periods" => [0, 1].map(|n| ("screen_box_periods", n, ratio(screen_trace.box_size, 256))).into(),
         "screen_box_fill" => vec![("screen_box_fill", 3, ratio(screen_trace.box_size, 256))],

@@ -16,7 +16,13 @@ choices! {
 }
 choices! {
     /// When a ray meets what a texel shows.
-    pub enum CubeCriterion { Plane = "plane", Sign = "sign", Threshold = "threshold", ThresholdThenSign = "threshold_then_sign" }
+    pub enum CubeCriterion {
+        Plane = "plane",
+        Sign = "sign",
+        Threshold = "threshold",
+        ThresholdThenSign = "threshold_then_sign",
+        SignEither = "sign_either",
+    }
 }
 choices! {
     /// Where along a ray its depth is compared with the map.

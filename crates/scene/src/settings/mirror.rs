@@ -11,11 +11,18 @@ choices! {
     pub enum FresnelLaw { Schlick = "schlick", Published = "published" }
 }
 
+choices! {
+    /// What a mirror shows that the last reflection meets.
+    pub enum LastMirror { Matt = "matt", Dark = "dark" }
+}
+
 params! {
     /// Mirrors.
     pub struct MirrorSettings = "mirror" in "Reflections" => affects(shading truth) {
         /// Mirrors that have a formula: exact casts a ray a pixel, points splats samples of them; auto takes points for the built-in scenes.
         surface: MirrorSurface = MirrorSurface::Auto => affects(surface found truth);
+        /// What mirrors show that the last reflection meets (reflection.bounces): their own colour, as matt surfaces do (matt), or, as published by Preiner (2010), only the share of it that they do not reflect (dark).
+        last: LastMirror = LastMirror::Matt;
         /// Share of a mirror's own colour that its reflections take on, as metals do.
         tint: f32 = 0.0, 0.0..=1.0, "share";
         /// How far the share that is reflected follows the angle of the line of sight by mirror.fresnel_law; at 0 it does not.

@@ -8,7 +8,7 @@ choices! {
 }
 choices! {
     /// Which pixels a ray is tested against.
-    pub enum ScreenSampling { Texel = "texel", Step = "step" }
+    pub enum ScreenSampling { Texel = "texel", Step = "step", Even = "even" }
 }
 choices! {
     /// The second layer of the camera's picture.
