@@ -20,7 +20,7 @@ use scene::{Camera, METHODS, Method, Settings};
 
 use crate::cost::{CostModel, Workload};
 use crate::results::{Spread, stage_ms};
-use crate::still::{Still, StillError, Target, drawn_size, still_settings};
+use crate::still::{Still, StillError, Target, drawn_size, judging_settings};
 
 const METHOD: &str = "reflection.method";
 
@@ -28,10 +28,11 @@ const METHOD: &str = "reflection.method";
 const LIGHT: &str = "gi.";
 
 /// The values that are tried of each parameter besides the one that it has.
-const LEVERS: [(&str, &[&str]); 7] = [
+const LEVERS: [(&str, &[&str]); 8] = [
     ("view.resolution", &["0.75", "0.5", "0.25"]),
     ("splat.step", &["2", "8"]),
     ("splat.quality", &["nearest"]),
+    ("mirror.surface", &["exact"]),
     ("reflection.bounces", &["1"]),
     ("gi.bounces", &["0", "1"]),
     ("gi.vpls", &["1024", "128", "64", "32", "16"]),
@@ -288,7 +289,7 @@ fn small(size: [u32; 2]) -> [u32; 2] {
 
 /// The settings of the still picture. What is fixed stays, but for the method: the error is that of the fixed one.
 fn still_of(base: &Settings, fixed: &[String]) -> Settings {
-    let mut still = still_settings(base);
+    let mut still = judging_settings(base);
     let is_kept = |key: &String| fixed.contains(key) && key != "reflection.method";
     for (before, after) in base.groups().into_iter().zip(still.groups_mut()) {
         let group = before.group();
@@ -628,6 +629,9 @@ mod tests {
         let fixed = ["gi.vpls".to_owned(), METHOD.to_owned()];
         let still = still_of(&base, &fixed);
         assert_eq!((still.reflection.method, still.gi.vpls), (Method::SurfelTrace, 64));
+        assert_eq!(still.mirror.surface, scene::MirrorSurface::Exact);
+        base.mirror.surface = scene::MirrorSurface::Points;
+        assert_eq!(still_of(&base, &fixed).mirror.surface, scene::MirrorSurface::Points);
         assert_eq!((still.view.resolution, still.gi.interleave), (1.0, 1));
         assert_eq!(small([800, 600]), [320, 240]);
         assert_eq!(small([64, 48]), [64, 48]);

@@ -13,7 +13,7 @@ use crate::auto::{Choice, Explored, Hands};
 use crate::cost::CostModel;
 use crate::metrics::Truth;
 use crate::plan::{Case, Plan, PlannedTarget, RAY_TRACE};
-use crate::still::{Still, Target, drawn_size, still_settings};
+use crate::still::{Still, Target, drawn_size, judging_settings};
 use crate::subject::Subject;
 use crate::truth::{Drawn, TracedScene, Tracer, View, mirrors_of};
 
@@ -48,7 +48,7 @@ impl Loaded {
 
     /// Draws the still picture of a view with these settings, unless it is at hand.
     pub fn still(&mut self, case: &Case, settings: &Settings, renderer: &mut Renderer) -> render::Result<()> {
-        let of = still_settings(settings);
+        let of = judging_settings(settings);
         if self.still.as_ref().is_none_or(|(other, size, _)| *other != of || *size != case.size) {
             self.subject.render(renderer, &of, case.size)?;
             let still = Still::read(renderer, &self.subject.camera, &of, case.size)?;

@@ -1,5 +1,6 @@
 //! The error of a picture against the still picture: the same view at full resolution with all points, 1024 virtual
-//! lights that light every pixel, and `surfel_trace`. So it holds the errors of resolution, points, lights and method.
+//! lights that light every pixel, and `surfel_trace`, with mirrors by their formulas where they have one. So it holds
+//! the errors of resolution, points, lights and method.
 
 use std::str::FromStr;
 
@@ -9,7 +10,7 @@ use palette::color_difference::Ciede2000 as _;
 use palette::white_point::D65;
 use rayon::prelude::*;
 use render::{Aov, Renderer};
-use scene::{Camera, Method, Projection, Settings};
+use scene::{Camera, Method, MirrorSurface, Projection, Settings};
 use trace::linear_from_srgb;
 
 use crate::metrics::{MirrorPixel, lab, pixel_error};
@@ -44,6 +45,16 @@ pub fn still_settings(settings: &Settings) -> Settings {
     let gi = &mut still.gi;
     (gi.vpls, gi.sky_lights) = (gi.vpls.max(STILL_LIGHTS), gi.sky_lights.max(STILL_LIGHTS));
     gi.interleave = 1;
+    still
+}
+
+/// The settings of the still picture as one that judges others: mirrors that have a formula are drawn by it, unless the
+/// settings say how, since what a person sees of a mirror's points is an error, too.
+pub fn judging_settings(settings: &Settings) -> Settings {
+    let mut still = still_settings(settings);
+    if still.mirror.surface == MirrorSurface::Auto {
+        still.mirror.surface = MirrorSurface::Exact;
+    }
     still
 }
 
