@@ -24,6 +24,7 @@ mod journal;
 pub mod light;
 mod loaded;
 pub mod metrics;
+pub mod pages;
 pub mod picture;
 pub mod plan;
 pub mod referee;
@@ -37,6 +38,7 @@ pub mod ssim;
 pub mod stability;
 mod still;
 mod subject;
+pub mod table;
 pub mod targets;
 mod truth;
 

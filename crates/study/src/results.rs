@@ -90,6 +90,8 @@ pub struct Measured {
     pub regions: Option<f64>,
     /// The share of the mirror pixels whose ray no map resolves.
     pub unresolved: Option<f64>,
+    /// How many cells of a picture, or nodes of a tree, a ray was compared with, on the mean.
+    pub tests_per_ray: Option<f64>,
     /// What the maps of light fields took.
     pub maps: Option<MapFigures>,
     /// The share of the points found that a list of rays projects, how many copies there are of each ray, the bytes of
@@ -154,7 +156,7 @@ impl MapFigures {
 /// The name, the label, the unit, and the source of a figure.
 type Reading<From> = (&'static str, &'static str, &'static str, fn(&From) -> Option<f64>);
 
-const FRAME_FIGURES: [Reading<Measured>; 23] = [
+const FRAME_FIGURES: [Reading<Measured>; 24] = [
     ("mirror_pixels", "mirror pixels", "", |measured| Some(measured.mirror_pixels)),
     ("coverage", "coverage", "share of mirror pixels", |measured| measured.coverage),
     ("closed_coverage", "closed coverage", "share of mirror pixels", |measured| measured.closed_coverage),
@@ -162,6 +164,7 @@ const FRAME_FIGURES: [Reading<Measured>; 23] = [
     ("unconverged", "unconverged", "share of points", |measured| measured.unconverged),
     ("regions", "regions", "", |measured| measured.regions),
     ("unresolved", "unresolved rays", "share of mirror pixels", |measured| measured.unresolved),
+    ("tests_per_ray", "cells or nodes that a ray is compared with", "", |measured| measured.tests_per_ray),
     ("maps_new", "maps drawn for a frame", "", |measured| Some(measured.maps?.new)),
     ("maps_missed", "maps missed", "share of what is asked for", |measured| Some(measured.maps?.missed)),
     ("maps_bytes", "memory of maps", "bytes", |measured| Some(measured.maps?.bytes)),
@@ -559,6 +562,11 @@ impl Cell {
     }
 }
 
+/// Whether a swept key is a variable of scenes.
+pub(crate) fn is_variable(key: &str) -> bool {
+    !key.contains('.') && ![SIZE, TARGET, DISTANCE, ORBIT].contains(&key)
+}
+
 /// The names and cells of a row; all rows of a plan have the same names in the same order.
 pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     let text = |text: &str| if text.is_empty() { Cell::Empty } else { Cell::Text(text.to_owned()) };
@@ -571,8 +579,7 @@ pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     put("method", text(&case.method));
     for key in plan.swept_keys() {
         // A variable may have the name of another column, so its name is in braces, as in the pattern.
-        let is_variable = !key.contains('.') && ![SIZE, TARGET, DISTANCE, ORBIT].contains(&key);
-        let column = if is_variable { format!("{{{key}}}") } else { key.to_owned() };
+        let column = if is_variable(key) { format!("{{{key}}}") } else { key.to_owned() };
         put(&column, case.swept_value(key).map_or(Cell::Empty, Cell::of_text));
     }
     put("set", text(&row.set));

@@ -330,6 +330,8 @@ fn in_order(cases: &[Case], round: u32) -> Vec<&Case> {
 fn judged_run(case: &Case, settings: &Settings, points: u64, frames: &[FrameStats], measured: Measured) -> Run {
     let found = frames.last().and_then(|stats| stats.reflection);
     let cameras = found.and_then(|found| found.cameras);
+    // Of no points there is no share.
+    let listed = cameras.filter(|_| found.is_some_and(|found| found.coverage > 0.0));
     let measured = Measured {
         coverage: found.map(|found| found.coverage).or(measured.coverage),
         closed_coverage: found.map(|found| found.closed_coverage).or(measured.closed_coverage),
@@ -337,8 +339,9 @@ fn judged_run(case: &Case, settings: &Settings, points: u64, frames: &[FrameStat
         unconverged: found.and_then(|found| found.unconverged),
         regions: found.and_then(|found| found.regions).map(f64::from),
         unresolved: found.and_then(|found| found.unresolved),
+        tests_per_ray: found.and_then(|found| found.tests_per_ray).map(|[cells, _]| cells),
         maps: MapFigures::of(frames),
-        listed: cameras.map(|cameras| cameras.listed.into()),
+        listed: listed.map(|cameras| cameras.listed.into()),
         ray_copies: cameras.map(|cameras| cameras.copies.into()),
         cameras_bytes: cameras.map(|cameras| cameras.bytes as f64),
         cameras_ms: cameras.map(|cameras| cameras.milliseconds.into()),

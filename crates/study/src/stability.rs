@@ -38,7 +38,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 30] = [
+const CASES: [Case; 31] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -176,6 +176,13 @@ const CASES: [Case; 30] = [
         scene: tilted_plane,
     },
     Case { name: "two-sided", value: "thickness of the plate", default: 0.04, range: 0.005..=0.5, scene: two_sided },
+    Case {
+        name: "stray",
+        value: "distance of one point from the middle of the box; up to 2 there is none",
+        default: 60.0,
+        range: 0.0..=10_000.0,
+        scene: stray,
+    },
     Case { name: "rows", value: "how many mirrors", default: 16.0, range: 1.0..=16.0, scene: rows },
 ];
 
@@ -522,6 +529,13 @@ fn half_wall(share: f64) -> Scene {
     pieces.push(sphere(DVec3::Z * (eye - 1.0), 0.2));
     let camera = Camera::looking(DVec3::Z * (eye - 1.9), DVec3::Z, 1.9, DVec3::Y);
     Scene { pieces, camera, field_of_view: FIELD_OF_VIEW }
+}
+
+/// A sphere in the box, and one point behind the camera, so far off that nothing sees it but the bounds of all points.
+fn stray(distance: f64) -> Scene {
+    let side = 0.01;
+    let point = || Piece::wall(plate(DVec3::Z * distance, side, side), Albedo::Even([0.7; 3])).spaced(side);
+    in_room((distance > 2.0).then(point).into_iter().chain([sphere(DVec3::ZERO, RADIUS)]))
 }
 
 /// A plane mirror close before the far wall.

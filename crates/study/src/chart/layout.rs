@@ -17,6 +17,8 @@ const FORBIDDEN: [u8; 3] = [200, 40, 40];
 const MARKER_RADIUS: f64 = 4.5;
 /// The distance between the lines of a legend.
 const LEGEND_LINE: f64 = 20.0;
+/// The distance between the lines of conditions.
+const LABEL_LINE: f64 = 15.0;
 /// The length of a dash and of the gap behind it.
 const DASHES: (f64, f64) = (6.0, 4.0);
 
@@ -69,7 +71,14 @@ pub fn layout(chart: &Chart) -> (Vec<Shape>, [u32; 2]) {
         draw_panel(panel, area, &mut shapes);
     }
     let rows = chart.panels.len().div_ceil(columns);
-    (shapes, [WIDTH as u32, (top + rows as f64 * panel_height + 6.0) as u32])
+    let mut bottom = top + rows as f64 * panel_height;
+    for line in &chart.conditions {
+        bottom += LABEL_LINE;
+        let color = [110, 110, 110];
+        let (at, text, size) = ((EDGE, bottom - 4.0), line.clone(), LABEL_SIZE);
+        shapes.push(Shape::Words { at, text, size, color, anchor: Anchor::Start });
+    }
+    (shapes, [WIDTH as u32, (bottom + 8.0) as u32])
 }
 
 /// Places the names of curves and levels, once each, in lines from `top`; returns where the panels begin.
@@ -117,6 +126,11 @@ fn legend(chart: &Chart, top: f64, shapes: &mut Vec<Shape>) -> f64 {
     let has_front = chart.panels.iter().any(|panel| !panel.front.is_empty());
     explained(has_front, "Pareto front", &|(x, y), shapes| {
         shapes.push(Shape::Line { points: vec![(x, y), (x + 22.0, y)], color: FRONT, width: 2 });
+    });
+    let mut marks = chart.panels.iter().flat_map(|panel| &panel.curves).flat_map(|curve| &curve.marks);
+    explained(marks.any(|mark| mark.is_sparse), "hollow: a tenth of the mirror or more is empty", &|at, shapes| {
+        let style = Style { color: BLACK, marker: Marker::Square };
+        marker_shapes(style, (at.0 + 10.0, at.1), true, shapes);
     });
     let has_limit = chart.panels.iter().any(|panel| panel.limit.is_some());
     explained(has_limit, "bound, the forbidden side shaded", &|(x, y), shapes| {
@@ -226,7 +240,7 @@ fn draw_curve(curve: &Curve, panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>)
                 shapes.push(Shape::Line { points: vec![(x - 4.0, y), (x + 4.0, y)], color, width: 1 });
             }
         }
-        marker_shapes(curve.style, at, panel.y.is_on_floor(mark.y), shapes);
+        marker_shapes(curve.style, at, mark.is_sparse || panel.y.is_on_floor(mark.y), shapes);
     }
 }
 
@@ -246,7 +260,7 @@ fn draw_column(column: &Column, panel: &Panel, plot: Rect, shapes: &mut Vec<Shap
     }
 }
 
-/// Hollow marks are on the floor of a logarithmic axis: their value is zero.
+/// Hollow marks are on the floor of a logarithmic axis, as their value is zero, or leave much of the mirrors empty.
 fn marker_shapes(style: Style, (x, y): Place, is_hollow: bool, shapes: &mut Vec<Shape>) {
     let radius = MARKER_RADIUS;
     let corners: &[(f64, f64)] = match style.marker {

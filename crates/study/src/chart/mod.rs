@@ -26,6 +26,8 @@ pub struct Chart {
     panels: Vec<Panel>,
     /// The most panels side by side.
     columns: usize,
+    /// What was drawn and where, in lines.
+    conditions: Vec<String>,
 }
 
 /// One pair of axes.
@@ -62,6 +64,8 @@ struct Mark {
     /// The quartiles.
     whisker: Option<(f64, f64)>,
     label: String,
+    /// Whether so little of the mirrors is covered that the error is of a part of them.
+    is_sparse: bool,
 }
 
 /// Values on top of one another, the first at the bottom.
@@ -221,7 +225,7 @@ pub fn charts(plan: &Plan, rows: &[Row]) -> Vec<Chart> {
 
 /// A scene's name for people: a file without its folder and extension, a pattern without its variables.
 fn short_scene(pattern: &str) -> String {
-    let is_file = Path::new(pattern).is_absolute();
+    let is_file = Path::new(pattern).is_absolute() || pattern.ends_with(".toml");
     let name = if is_file { Path::new(pattern).file_stem().and_then(|stem| stem.to_str()) } else { None };
     let mut short = name.unwrap_or(pattern).to_owned();
     while let Some((before, after)) = short.clone().split_once('{') {
@@ -282,7 +286,7 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
                 row.case.swept.iter().map(|(key, _)| key.as_str()).filter(|key| is_of_setting(key)).collect();
             let group = &plan.groups[row.case.group];
             let name = if swept.is_empty() { method.clone() } else { format!("{method}: {}", swept.join(", ")) };
-            let mark = Mark { x, y, whisker: None, label: label(plan, &row.case) };
+            let mark = Mark { x, y, whisker: None, label: label(plan, &row.case), is_sparse: is_sparse(row) };
             // A sweep of one key is a curve of its own; single settings of a method are joined to one.
             let is_joined = group.sweep.keys().filter(|key| is_of_setting(key)).count() == 1;
             let is_first = swept.first().is_some_and(|key| {
@@ -323,7 +327,38 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
     let name = format!("time-{}", file_name(&error.name));
     let direction = if more_is_better { ", upper left is better" } else { "" };
     let title = format!("{}: {} against {}{direction}", plan.title, time_words(time), error.label);
-    (!panels.is_empty()).then_some(Chart { name, title, panels, columns: 2 })
+    (!panels.is_empty()).then_some(Chart { name, title, panels, columns: 2, conditions: conditions(rows) })
+}
+
+/// A setting that covers less than this share of the mirror pixels has a hollow mark.
+const SPARSE: f64 = 0.9;
+
+fn is_sparse(row: &Row) -> bool {
+    row.value("closed_coverage").or(row.value("coverage")).is_some_and(|coverage| coverage < SPARSE)
+}
+
+/// What the rows of a chart are of: size, points and rounds in one line, adapters and versions in the next.
+fn conditions(rows: &[&Row]) -> Vec<String> {
+    let range = |numbers: Vec<u64>, unit: &str| {
+        let [least, most] = [numbers.iter().min(), numbers.iter().max()].map(|number| number.copied().unwrap_or(0));
+        let spaced = |number: u64| {
+            let digits = number.to_string();
+            let groups: Vec<&str> =
+                digits.as_bytes().rchunks(3).rev().filter_map(|part| str::from_utf8(part).ok()).collect();
+            groups.join(",")
+        };
+        let range = if least == most { spaced(most) } else { format!("{} to {}", spaced(least), spaced(most)) };
+        (most > 0).then(|| format!("{range} {unit}"))
+    };
+    let sizes = distinct(rows.iter().map(|row| format!("{}x{}", row.case.size[0], row.case.size[1])));
+    let points = range(rows.iter().filter_map(|row| row.points).collect(), "points");
+    let rounds = range(rows.iter().map(|row| row.repeats as u64).collect(), "timed rounds");
+    let task = [Some(sizes.join(", ")), points, rounds.or(Some("no times".to_owned()))];
+    let machines = distinct(rows.iter().map(|row| {
+        let machine = &row.machine;
+        format!("{}, {} clock, glint {}", machine.adapter, machine.clock, machine.commit)
+    }));
+    [task.into_iter().flatten().collect::<Vec<_>>().join("; "), machines.join("; ")].into()
 }
 
 fn time_words(time: &str) -> &'static str {
@@ -374,7 +409,8 @@ fn sweep_chart(
                 (row.case.method.clone(), Style::of_method(&row.case.method))
             };
             let whisker = row.spread(&figure.name).filter(|spread| spread.low < spread.high);
-            let mark = Mark { x, y, whisker: whisker.map(|spread| (spread.low, spread.high)), label: String::new() };
+            let whisker = whisker.map(|spread| (spread.low, spread.high));
+            let mark = Mark { x, y, whisker, label: String::new(), is_sparse: false };
             match curves.iter_mut().find(|curve| curve.name == name) {
                 Some(curve) => curve.marks.push(mark),
                 None => curves.push(Curve { name, style, is_joined: true, marks: vec![mark] }),
@@ -426,7 +462,7 @@ fn sweep_chart(
     let about = if plan.groups.len() > 1 && sharing > 1 { format!("{}: ", group.name) } else { String::new() };
     let title = format!("{about}{} over {}", figure.label, key_words(key));
     let columns = if panels.len() > 4 { 3 } else { 2 };
-    (!panels.is_empty()).then_some(Chart { name, title, panels, columns })
+    (!panels.is_empty()).then_some(Chart { name, title, panels, columns, conditions: conditions(of_group) })
 }
 
 /// The times of a group's settings, a column for each setting.
@@ -470,7 +506,13 @@ fn stacked_chart(plan: &Plan, group: &Group, number: usize, times: &[String], of
     let suffix = if number > 0 { format!("-{}", number + 1) } else { String::new() };
     let name = format!("stacked-{}{suffix}", file_name(&group.name));
     let title = format!("{}: times of the passes", group.name);
-    (!panel.columns.is_empty()).then_some(Chart { name, title, panels: vec![panel], columns: 2 })
+    (!panel.columns.is_empty()).then_some(Chart {
+        name,
+        title,
+        panels: vec![panel],
+        columns: 2,
+        conditions: conditions(of_group),
+    })
 }
 
 /// The last part of a scene's name or path, without its extension.

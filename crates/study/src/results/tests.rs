@@ -143,7 +143,7 @@ fn columns_of_csv_and_json_are_fixed() {
     let expected = format!(
         "plan group scene method splat.size {{width}} set width height points repeats frame_ms frame_ms_low \
          frame_ms_high method_ms method_ms_low method_ms_high mirror_pixels coverage closed_coverage hit_rate \
-         unconverged regions unresolved maps_new maps_missed maps_bytes maps_off texels_traced listed ray_copies cameras_bytes cameras_ms uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
+         unconverged regions unresolved tests_per_ray maps_new maps_missed maps_bytes maps_off texels_traced listed ray_copies cameras_bytes cameras_ms uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
          estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim same_input_rmse_l \
          same_input_rmse_a same_input_rmse_b {} exact_rmse \
          exact_delta_e exact_flip exact_ssim exact_rmse_l exact_rmse_a exact_rmse_b within in_front behind open depth_error_median depth_error_p95 colour_error_median \
