@@ -91,6 +91,19 @@ fn charts_are_one_a_figure_and_hold_every_setting() {
 }
 
 #[test]
+fn a_chart_names_its_conditions_and_marks_settings_that_leave_much_empty() {
+    let plan = plan(GROUPS);
+    let charts = charts(&plan, &rows(&plan, value));
+    for chart in &charts {
+        assert_eq!(chart.conditions[0], "800x600; 1,000 points; 3 timed rounds", "{}", chart.name);
+        assert!(chart.svg().unwrap().contains("1,000 points"), "{}", chart.name);
+    }
+    let marks = charts[0].panels[0].curves.iter().flat_map(|curve| &curve.marks);
+    let sparse: Vec<f64> = marks.filter(|mark| mark.is_sparse).map(|mark| mark.x).collect();
+    assert_eq!(sparse, [10.0], "only the setting that covers half");
+}
+
+#[test]
 fn unlike_scenes_and_unlike_tasks_have_no_front_in_common() {
     let groups = "[[group]]\nscenes = [\"tube:{width}\"]\nmethods = [\"sscr\"]\nsweep = { width = [1, 2] }\n\
                   [[group]]\nname = \"sizes\"\nscenes = [\"box\"]\nmethods = [\"sscr\"]\nsweep = { size = [\"64x48\", \"32x24\"] }";
