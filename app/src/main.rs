@@ -55,6 +55,9 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
     if let Some(folder) = world::pipelines_folder() {
         ::render::keep_pipelines_in(folder);
     }
+    if !line.columns.is_empty() {
+        codec::name_columns(&line.columns).map_err(|problem| failure::usage(format!("--columns: {problem}")))?;
+    }
     let command = line.command.unwrap_or(Command::View(line.view));
     // The viewer sets a handler of its own, since its window has to be woken.
     if !matches!(command, Command::View(_)) {

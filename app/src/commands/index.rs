@@ -85,7 +85,7 @@ fn open(input: &Input, memory: u64, unreadable: &mut Few) -> Vec<Arc<codec::Sour
     let mut fail = |error: String| unreadable.complain(&error);
     for path in input.files() {
         match world::open_file(path, memory) {
-            Ok(source) => sources.push(source),
+            Ok(scans) => sources.extend(scans),
             Err(error) => fail(error),
         }
     }

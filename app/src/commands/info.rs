@@ -1,11 +1,12 @@
 //! `glint info`: reports what files hold, for people or as JSON. An input that cannot be read gets an error in its
 //! place.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use cloud::{Attribute, Bounds, Chunk, ColorCount, Column, Progress};
-use codec::{Format, Unit, Units};
+use codec::{Info, Source, Unit, Units};
 use scene::shown;
 use serde::Serialize;
 use world::Input;
@@ -52,12 +53,37 @@ struct FileReport {
     without_colour: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     neighbourhoods: Option<NeighbourhoodReport>,
+    /// The scans of a file, in formats that have several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    scans: Vec<ScanReport>,
+    /// The pictures that the file holds beside its points.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    images: Vec<ImageReport>,
     warnings: Vec<String>,
     #[serde(skip)]
     known_units: Units,
     /// How many decimals coordinates are printed with for people, if they lie on a grid.
     #[serde(skip)]
     decimals: Option<usize>,
+}
+
+#[derive(Serialize)]
+struct ScanReport {
+    name: String,
+    points: u64,
+    /// Where the scanner stood, if the file tells it.
+    position: Option<[f64; 3]>,
+}
+
+#[derive(Serialize)]
+struct ImageReport {
+    name: String,
+    projection: &'static str,
+    /// Width and height in pixels.
+    size: [u32; 2],
+    bytes: u64,
+    /// Where the camera stood, if the file tells it.
+    position: Option<[f64; 3]>,
 }
 
 /// The units of coordinates as they are written, such as `m` and `ftUS`, where the file tells them.
@@ -102,6 +128,9 @@ pub struct AttributeReport {
     /// The number of points without a value, if all were read and there are some.
     #[serde(skip_serializing_if = "Option::is_none")]
     without_value: Option<u64>,
+    /// The least and the greatest value that the sensor gives, if the file tells it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    limits: Option<[f64; 2]>,
 }
 
 /// Reports all inputs. Returns exit status 2 if one of them cannot be read, and says so on standard error, too.
@@ -161,75 +190,143 @@ fn file_entry(path: &Path, scan: bool) -> Entry {
     }
 }
 
+/// The memory in bytes that the decoders of a file may take.
+const DECODER_MEMORY: u64 = 1 << 30;
+
 fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
-    let source = codec::open(path)?;
-    let info = source.info();
-    let mut report = FileReport {
+    let sources = codec::open_scans(path, DECODER_MEMORY)?;
+    let mut report = header_report(path, &sources);
+    let small = sources.first().is_some_and(|source| source.bytes().length() <= READ_WITHOUT_ASKING);
+    if !(scan || small) {
+        if report.bounds.is_none() {
+            report.warnings.push("the header gives no believable bounds; --scan reads all points to find them".into());
+        }
+        return Ok(report);
+    }
+    let mut found = Found::default();
+    let total: u64 = sources.iter().map(|source| source.info().points).sum();
+    let (mut points, mut bounds) = (0, Bounds::EMPTY);
+    for (number, source) in sources.iter().enumerate() {
+        let summary = found.read(source, total)?;
+        points += summary.points;
+        bounds = bounds.union(summary.bounds.unwrap_or(Bounds::EMPTY));
+        if let Some(own) = report.scans.get_mut(number) {
+            own.points = summary.points;
+        }
+        for warning in summary.warnings {
+            let warning = told(source.info(), warning);
+            if !report.warnings.contains(&warning) {
+                report.warnings.push(warning);
+            }
+        }
+    }
+    for (name, range) in found.ranges.iter().filter(|_| points > 1) {
+        if let Some(reported) = report.attributes.iter_mut().find(|reported| reported.name == *name) {
+            range.report(reported);
+        }
+    }
+    report.without_colour = sources.iter().any(|source| source.info().has_colors).then(|| found.colors.blanks());
+    report.neighbourhoods = neighbourhoods(&found.places);
+    report.points = points;
+    report.bounds = bounds_report(bounds);
+    Ok(report)
+}
+
+/// What the heads of a file's scans tell.
+fn header_report(path: &Path, sources: &[Source]) -> FileReport {
+    let infos = || sources.iter().map(Source::info);
+    let first = infos().next();
+    let mut attributes: Vec<AttributeReport> = Vec::new();
+    for info in infos() {
+        for mut own in attributes_report(&info.properties) {
+            own.limits = info.limits.iter().find(|(name, _)| *name == own.name).map(|(_, limits)| *limits);
+            if !attributes.iter().any(|known| known.name == own.name) {
+                attributes.push(own);
+            }
+        }
+    }
+    let bounds: Option<Bounds> =
+        infos().map(|info| info.bounds).try_fold(Bounds::EMPTY, |all, own| Some(all.union(own?)));
+    let units_of = first.map(|info| info.units).unwrap_or_default();
+    let of_files = infos().flat_map(|info| info.warnings.iter().map(|warning| told(info, warning.clone())));
+    let scan = |info: &Info| {
+        let scan = info.scan.as_ref()?;
+        let position = scan.position.map(|place| place.to_array());
+        Some(ScanReport { name: scan.name.clone(), points: info.points, position })
+    };
+    let image = |image: &codec::Image| {
+        let codec::Image { name, projection, size, bytes, position } = image.clone();
+        ImageReport { name, projection, size, bytes, position: position.map(|place| place.to_array()) }
+    };
+    FileReport {
         path: shown(path),
-        format: format_name(info.format),
-        version: info.version.clone(),
-        point_format: info.point_format,
-        points: info.points,
-        bounds: info.bounds.and_then(bounds_report),
-        attributes: attributes_report(&info.properties),
-        crs: info.crs.clone(),
-        units: units(&info.units),
-        known_units: info.units,
+        format: first.map_or("", |info| info.format.name()),
+        version: first.map(|info| info.version.clone()).unwrap_or_default(),
+        point_format: first.and_then(|info| info.point_format),
+        points: infos().map(|info| info.points).sum(),
+        bounds: bounds.and_then(bounds_report),
+        attributes,
+        crs: first.and_then(|info| info.crs.clone()),
+        units: units(&units_of),
+        known_units: units_of,
         without_colour: None,
         neighbourhoods: None,
-        warnings: info.warnings.iter().cloned().chain(info.units.warning()).collect(),
-        decimals: info.grid.map(|grid| decimals(grid.scale.min_element())),
-    };
-    let small = std::fs::metadata(path).is_ok_and(|metadata| metadata.len() <= READ_WITHOUT_ASKING);
-    if scan || small {
+        scans: infos().filter_map(scan).collect(),
+        images: infos().flat_map(|info| info.images.iter().map(image)).collect(),
+        warnings: of_files.chain(units_of.warning()).collect(),
+        decimals: first.and_then(|info| info.grid).map(|grid| decimals(grid.scale.min_element())),
+    }
+}
+
+/// A warning about a scan, with the scan's name where the file has several.
+fn told(info: &Info, warning: String) -> String {
+    match &info.scan {
+        Some(scan) if scan.of > 1 => format!("{}: {warning}", scan.name),
+        _ => warning,
+    }
+}
+
+/// What the points of a file have told.
+#[derive(Default)]
+struct Found {
+    ranges: BTreeMap<String, Range>,
+    colors: ColorCount,
+    places: Vec<Chunk>,
+}
+
+impl Found {
+    /// Reads a scan of a file of `total` points.
+    fn read(&mut self, source: &Source, total: u64) -> codec::Result<codec::Summary> {
+        let info = source.info();
         // The bounds tell of coordinates.
         let is_place = |name: &str| ["x", "y", "z"].iter().any(|axis| name.eq_ignore_ascii_case(axis));
         let attributes = info.attributes.iter().map(|attribute| !is_place(&attribute.name)).collect();
         let selection = codec::Selection { positions: true, colors: true, attributes, ..Default::default() };
         let progress = Progress::default();
-        let ranges = Mutex::new(vec![Range::NONE; info.attributes.len()]);
-        let (colors, places) = (Mutex::new(ColorCount::default()), Mutex::new(Vec::new()));
+        let mut places = Vec::new();
+        let found = Mutex::new((&mut *self, &mut places));
         let look = |chunk: Chunk| {
+            let ranges: Vec<Option<Range>> =
+                chunk.columns.iter().map(|column| column.as_deref().map(Range::of)).collect();
+            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
             if let Some(own) = &chunk.colors {
-                colors.lock().unwrap_or_else(PoisonError::into_inner).add(own);
+                found.0.colors.add(own);
             }
-            if info.points <= MOST_LOOKED_AT {
+            if total <= MOST_LOOKED_AT {
                 let bare = Chunk::new(chunk.first_point, chunk.origin, Vec::new());
-                let place = Chunk { positions: chunk.positions.clone(), ..bare };
-                places.lock().unwrap_or_else(PoisonError::into_inner).push(place);
+                found.1.push(Chunk { positions: chunk.positions.clone(), ..bare });
             }
-            for (index, column) in chunk.columns.iter().enumerate() {
-                let Some(range) = column.as_ref().map(|column| Range::of(column)) else { continue };
-                if let Some(known) = ranges.lock().unwrap_or_else(PoisonError::into_inner).get_mut(index) {
-                    *known = known.with(range);
-                }
+            for (attribute, range) in info.attributes.iter().zip(ranges) {
+                let Some(range) = range else { continue };
+                let known = found.0.ranges.entry(attribute.name.clone()).or_insert(Range::NONE);
+                *known = known.with(range);
             }
         };
-        let read = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &look));
-        let summary = read?;
-        let ranges = ranges.into_inner().unwrap_or_else(PoisonError::into_inner);
-        for (attribute, range) in info.attributes.iter().zip(ranges).filter(|_| summary.points > 1) {
-            let reported = report.attributes.iter_mut().find(|reported| reported.name == attribute.name);
-            if let Some(reported) = reported {
-                range.report(reported);
-            }
-        }
-        let colors = colors.into_inner().unwrap_or_else(PoisonError::into_inner);
-        report.without_colour = info.has_colors.then(|| colors.blanks());
-        let mut places = places.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let summary = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &look))?;
         places.sort_by_key(|chunk| chunk.first_point);
-        report.neighbourhoods = neighbourhoods(&places);
-        report.points = summary.points;
-        report.bounds = summary.bounds.and_then(bounds_report);
-        for warning in summary.warnings {
-            if !report.warnings.contains(&warning) {
-                report.warnings.push(warning);
-            }
-        }
-    } else if report.bounds.is_none() {
-        report.warnings.push("the header gives no believable bounds; --scan reads all points to find them".into());
+        self.places.append(&mut places);
+        Ok(summary)
     }
-    Ok(report)
 }
 
 /// What the neighbours of points tell. `None` where there are too few.
@@ -273,14 +370,6 @@ impl Range {
     }
 }
 
-fn format_name(format: Format) -> &'static str {
-    match format {
-        Format::Las => "las",
-        Format::Laz => "laz",
-        Format::Ply => "ply",
-    }
-}
-
 pub fn attributes_report(attributes: &[Attribute]) -> Vec<AttributeReport> {
     let report = |attribute: &Attribute| AttributeReport {
         name: attribute.name.clone(),
@@ -289,6 +378,7 @@ pub fn attributes_report(attributes: &[Attribute]) -> Vec<AttributeReport> {
         min: None,
         max: None,
         without_value: None,
+        limits: None,
     };
     attributes.iter().map(report).collect()
 }
@@ -313,7 +403,7 @@ fn lines(report: &FileReport) -> Vec<String> {
     let mut lines = vec![report.path.clone()];
     let mut line = |name: &str, value: &str| lines.push(format!("  {name:<11} {value}"));
     let point_format = report.point_format.map_or(String::new(), |number| format!(", point format {number}"));
-    line("format", &format!("{} {}{point_format}", report.format.to_uppercase(), report.version));
+    line("format", format!("{} {}{point_format}", report.format.to_uppercase(), report.version).trim_end());
     line("points", &grouped(report.points));
     match &report.bounds {
         Some(bounds) => {
@@ -340,11 +430,30 @@ fn lines(report: &FileReport) -> Vec<String> {
             let without = attribute
                 .without_value
                 .map_or(String::new(), |count| format!(" ({} points without a value)", grouped(count)));
-            format!("{} {}{always}{without}", attribute.name, attribute.type_name)
+            let limits = attribute.limits.map_or(String::new(), |[low, high]| format!(" (of {low} to {high})"));
+            format!("{} {}{limits}{always}{without}", attribute.name, attribute.type_name)
         })
         .collect();
     for (index, some) in wrapped(&attributes, 90).iter().enumerate() {
         line(if index == 0 { "attributes" } else { "" }, some);
+    }
+    let place = |place: Option<[f64; 3]>| match place {
+        Some(place) => format!(", at {}", place.map(|value| coordinate(value, 3)).join("  ")),
+        None => String::new(),
+    };
+    let scans = report
+        .scans
+        .iter()
+        .map(|scan| format!("{}, {} points{}", scan.name, grouped(scan.points), place(scan.position)));
+    for (index, scan) in param::few(scans.collect(), "scans").iter().enumerate() {
+        line(if index == 0 { "scans" } else { "" }, scan);
+    }
+    let images = report.images.iter().map(|image| {
+        let ImageReport { name, projection, size: [width, height], bytes, position } = image;
+        format!("{name}, {projection}, {width} x {height} pixels, {bytes} bytes{}", place(*position))
+    });
+    for (index, image) in param::few(images.collect(), "pictures").iter().enumerate() {
+        line(if index == 0 { "pictures" } else { "" }, image);
     }
     let crs = report.crs.as_deref().and_then(|crs| crs.lines().find(|line| !line.trim().is_empty()));
     line("crs", &crs.map_or("none".into(), |crs| shortened(crs.trim(), 100)));

@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::Context as _;
-use cloud::{Chunk, Cloud, Placement, PointTest, Progress};
+use cloud::{Chunk, Cloud, PointTest, Progress};
 use codec::{Info, Selection, Units, Wanted};
 use glam::DVec3;
 use scene::{Measurement, Settings, Strays, shown};
 use serde_json::{Value, json};
+use world::{Input, Request};
 
 use crate::shared::command_line::MeasureArguments;
 use crate::shared::export;
@@ -27,11 +28,12 @@ struct Basis {
 }
 
 /// The files whose points are measured, and which of the points.
-struct Job {
-    files: Vec<(PathBuf, Option<Placement>)>,
+struct Job<'a> {
+    request: &'a Request,
+    files: Vec<(Input, PathBuf)>,
     test: PointTest,
     /// The stray points of each file, if they are hidden: their indices in the file, ascending.
-    left_out: HashMap<PathBuf, Vec<u64>>,
+    left_out: HashMap<(PathBuf, usize), Vec<u64>>,
     settings: Settings,
     basis: Option<Basis>,
     /// What the files say that have been read.
@@ -58,22 +60,22 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let memory = world::half_of(settings.stream.host_bytes);
     terminal::warn(request.check_filters(&settings)?);
-    let files = request.placed_files();
+    let files = request.files();
     let failed = Few::of("that cannot be measured");
     let (read, test) = (Vec::new(), request.test());
     let mut left_out = HashMap::new();
     let hidden = test.hiding_strays(settings.splat.strays == Strays::Hidden).hidden_kinds(&[]);
     for input in request.inputs.iter().filter(|_| hidden != [false; 3]) {
         // What cannot be read is told when it is measured.
-        let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file)).ok();
-        let sources: Vec<_> = input.files().iter().filter_map(open).collect();
+        let open = |file: &PathBuf| request.open(input, file, memory).unwrap_or_default();
+        let sources: Vec<_> = input.files().iter().flat_map(open).collect();
         let progress = Progress::default();
         let find = || export::strays(&sources, &test, &settings, &progress);
         let found = progress_bar::watch("strays", &progress, find).map_err(usage)?;
-        let paths = sources.iter().map(|source| source.info().path.clone());
+        let paths = sources.iter().map(|source| (source.info().path.clone(), source.info().scan_number()));
         left_out.extend(paths.zip(found.ok_or(stream::Error::Cancelled)?));
     }
-    let mut job = Job { files, test, left_out, settings, basis: None, read, status: 0, failed };
+    let mut job = Job { request: &request, files, test, left_out, settings, basis: None, read, status: 0, failed };
     for input in request.inputs.iter().filter(|input| input.files().is_empty()) {
         job.status = UNUSABLE;
         job.failed.complain(&format!("{}: points of files are measured", input.name()));
@@ -132,16 +134,16 @@ impl Basis {
     }
 }
 
-impl Job {
+impl Job<'_> {
     /// Reads the files once for these measurements. Files that cannot be read are left out from then on. Without a
     /// file there are no results.
     fn measure(&mut self, measurements: &[Measurement]) -> anyhow::Result<Vec<Outcome>> {
         let is_first = self.read.is_empty();
         let mut gatherings = self.basis.map(|basis| basis.begin(measurements)).unwrap_or_default();
         let mut readable = Vec::new();
-        for (file, placement) in std::mem::take(&mut self.files) {
-            match self.read((&file, placement), measurements, &mut gatherings, is_first) {
-                Ok(()) => readable.push((file, placement)),
+        for (input, file) in std::mem::take(&mut self.files) {
+            match self.read((&input, &file), measurements, &mut gatherings, is_first) {
+                Ok(()) => readable.push((input, file)),
                 Err(error) => {
                     let is_unusable = failure::exit_status(&error) == UNUSABLE && self.status != FAILED;
                     self.status = if is_unusable { UNUSABLE } else { FAILED };
@@ -159,17 +161,30 @@ impl Job {
         Ok(gathered.map(Gathering::finish).collect())
     }
 
-    /// Takes the points of a file into account that are shown. `tells` says that its warnings are not known yet.
+    /// Takes the points of a file's scans into account that are shown. `tells` says that its warnings are not known yet.
     fn read(
         &mut self,
-        (path, placement): (&Path, Option<Placement>),
+        (input, path): (&Input, &Path),
         measurements: &[Measurement],
         gatherings: &mut Vec<Mutex<Gathering>>,
         tells: bool,
     ) -> anyhow::Result<()> {
         let memory = world::half_of(self.settings.stream.host_bytes);
-        let source = world::open_placed(path, memory, placement).map_err(usage)?;
+        for source in self.request.open(input, path, memory).map_err(usage)? {
+            self.read_scan(&source, measurements, gatherings, tells)?;
+        }
+        Ok(())
+    }
+
+    fn read_scan(
+        &mut self,
+        source: &codec::Source,
+        measurements: &[Measurement],
+        gatherings: &mut Vec<Mutex<Gathering>>,
+        tells: bool,
+    ) -> anyhow::Result<()> {
         let info = source.info();
+        let path = info.path.as_path();
         let basis = *self.basis.get_or_insert_with(|| Basis::new(info, &self.settings));
         if gatherings.is_empty() {
             *gatherings = basis.begin(measurements);
@@ -177,7 +192,8 @@ impl Job {
         let cloud =
             Cloud { name: shown(path), attributes: info.attributes.clone(), grid: info.grid, chunks: Vec::new() };
         let shown_ones = cloud.test(&self.test);
-        let left_out = self.left_out.get(&info.path).map(std::slice::from_ref).unwrap_or_default();
+        let left_out =
+            self.left_out.get(&(info.path.clone(), info.scan_number())).map(std::slice::from_ref).unwrap_or_default();
         let wanted = Wanted { test: &self.test, left_out };
         let gather = |chunk: Chunk| {
             let bounds = chunk.bounds();

@@ -77,8 +77,8 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         let memory = world::half_of(settings.stream.host_bytes);
         let mut sources = Vec::new();
         for file in files {
-            match world::open_placed(file, memory, request.placement_of(input, file)).map_err(usage) {
-                Ok(source) => sources.push(source),
+            match request.open(input, file, memory).map_err(usage) {
+                Ok(scans) => sources.extend(scans),
                 Err(error) => complain(&error),
             }
         }

@@ -1,5 +1,7 @@
 //! Reads scans in memory, to judge the surfaces that are made of them.
 
+use std::path::Path;
+
 use cloud::{Cloud, PointTest, Progress};
 use glam::DVec3;
 use scene::{Settings, five_mirrors, shown};
@@ -23,7 +25,7 @@ const BYTES_A_POINT: u64 = 400;
 pub fn of_input(input: &Input, test: &PointTest, settings: &Settings) -> Vec<(String, anyhow::Result<Scan>)> {
     match input {
         Input::File(_) | Input::Tiles { .. } => {
-            input.files().iter().map(|path| (shown(path), of_file(path, test, settings))).collect()
+            input.files().iter().flat_map(|path| of_file(path, test, settings)).collect()
         }
         Input::BuiltIn { variant, .. } => {
             let scene::SceneSettings { points, seed } = settings.scene;
@@ -42,9 +44,21 @@ pub fn of_input(input: &Input, test: &PointTest, settings: &Settings) -> Vec<(St
     }
 }
 
-fn of_file(path: &std::path::Path, test: &PointTest, settings: &Settings) -> anyhow::Result<Scan> {
-    let source = world::open_file(path, world::half_of(settings.stream.host_bytes)).map_err(usage)?;
+fn of_file(path: &Path, test: &PointTest, settings: &Settings) -> Vec<(String, anyhow::Result<Scan>)> {
+    let sources = match world::open_file(path, world::half_of(settings.stream.host_bytes)) {
+        Ok(sources) => sources,
+        Err(error) => return vec![(shown(path), Err(usage(error)))],
+    };
+    let name = |info: &codec::Info| match &info.scan {
+        Some(scan) if scan.of > 1 => format!("{}, {}", shown(path), scan.name),
+        _ => shown(path),
+    };
+    sources.iter().map(|source| (name(source.info()), of_source(source, test, settings))).collect()
+}
+
+fn of_source(source: &codec::Source, test: &PointTest, settings: &Settings) -> anyhow::Result<Scan> {
     let info = source.info();
+    let path = &info.path;
     let (points, most) = (info.points, settings.stream.host_bytes.0 / BYTES_A_POINT);
     if points > most {
         return Err(usage(format!(
@@ -55,7 +69,7 @@ fn of_file(path: &std::path::Path, test: &PointTest, settings: &Settings) -> any
     }
     let progress = Progress::default();
     let attributes: Vec<&str> = OF_SCANNER.into_iter().chain(test.filtered()).collect();
-    let read = || world::read_cloud(&source, &attributes, settings, &progress);
+    let read = || world::read_cloud(source, &attributes, settings, &progress);
     let (cloud, warnings) = progress_bar::watch("reading", &progress, read)?;
     crate::system::interrupt::check()?;
     terminal::warn(warnings.iter().map(|warning| format!("{}: {warning}", shown(path))));
@@ -63,7 +77,8 @@ fn of_file(path: &std::path::Path, test: &PointTest, settings: &Settings) -> any
         return Err(usage(format!("{}: no points in it", shown(path))));
     }
     let up: DVec3 = world::up_of(info, settings);
-    Ok(Scan { cloud: cloud.shown(test), up, places: Vec::new() })
+    let places = info.scan.iter().filter_map(|scan| scan.position).collect();
+    Ok(Scan { cloud: cloud.shown(test), up, places })
 }
 
 #[cfg(test)]

@@ -93,8 +93,8 @@ pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<Sou
         }
         let mut sources = Vec::new();
         for path in input.files() {
-            match world::open_placed(path, memory, request.placement_of(input, path)) {
-                Ok(source) => sources.push(source),
+            match request.open(input, path, memory) {
+                Ok(scans) => sources.extend(scans),
                 Err(error) => failed.complain(&error),
             }
         }
@@ -113,7 +113,7 @@ pub fn write(
     inputs: &[String],
     own: Vec<CloudSettings>,
     test: &PointTest,
-    added: &[(PathBuf, String, Arc<Runs>)],
+    added: &[(Place, String, Arc<Runs>)],
     path: &Path,
     settings: &Settings,
     progress: &Progress,
@@ -125,8 +125,8 @@ pub fn write(
         if input.files().is_empty() {
             return Err(format!("{}: not a file; points of files can be saved", input.name()));
         }
-        let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file));
-        let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let open = |file: &PathBuf| request.open(input, file, memory);
+        let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?.concat();
         let Some(found) = strays(&own, test, settings, progress)? else { return Ok(None) };
         left_out.extend(found);
         sources.extend(own);
@@ -139,11 +139,15 @@ pub fn write(
         .map_err(|error| error.to_string())
 }
 
+/// A file, and the number of a scan in it.
+pub type Place = (PathBuf, usize);
+
 /// The added values by their names, for each file; some files have none.
-fn columns(sources: &[Arc<Source>], added: &[(PathBuf, String, Arc<Runs>)]) -> Vec<Added> {
+fn columns(sources: &[Arc<Source>], added: &[(Place, String, Arc<Runs>)]) -> Vec<Added> {
     let names: BTreeSet<&String> = added.iter().map(|(_, name, _)| name).collect();
     let list = |source: &Arc<Source>, wanted: &String| {
-        let of_file = added.iter().find(|(path, name, _)| *path == source.info().path && name == wanted);
+        let own = (source.info().path.clone(), source.info().scan_number());
+        let of_file = added.iter().find(|(place, name, _)| *place == own && name == wanted);
         of_file.map_or_else(Runs::new, |(_, _, values)| values.as_ref().clone())
     };
     let column = |name: &String| Added::new(name.clone(), sources.iter().map(|source| list(source, name)).collect());
@@ -162,7 +166,7 @@ mod tests {
         let rows: String = (0..40).map(|at| format!("{} {} 0\n", at % 8, at / 8)).collect();
         std::fs::write(&path, format!("{header}end_header\n{rows}")).unwrap();
         let mut settings = Settings::default();
-        let sources = vec![world::open_file(&path, half_of(settings.stream.host_bytes)).unwrap()];
+        let sources = world::open_file(&path, half_of(settings.stream.host_bytes)).unwrap();
         settings.stream.host_bytes.0 = 2 * BYTES_A_POINT * 39;
         let of = |settings: &Settings| strays(&sources, &PointTest::default(), settings, &Progress::default());
         assert_eq!(of(&settings), Ok(Some(vec![Vec::new()])), "they are shown");

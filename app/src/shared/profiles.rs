@@ -116,9 +116,8 @@ pub fn write(
     let memory = world::half_of(settings.stream.host_bytes);
     let (mut sources, mut left_out) = (Vec::new(), Vec::new());
     for input in &request.inputs {
-        let placed = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file));
-        let open = |file: &PathBuf| placed(file).map_err(anyhow::Error::msg);
-        let own = input.files().iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
+        let open = |file: &PathBuf| request.open(input, file, memory).map_err(anyhow::Error::msg);
+        let own = input.files().iter().map(open).collect::<anyhow::Result<Vec<_>>>()?.concat();
         left_out.extend(asked.strays(&own)?);
         sources.extend(own);
     }

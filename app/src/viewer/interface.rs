@@ -342,7 +342,7 @@ mod tests {
     fn a_newcomer_is_told_how_to_open_a_file_and_can_open_a_scene() {
         let mut harness = harness();
         harness.run_ok();
-        assert!(harness.query_by_label("Drop a LAS, LAZ or PLY file here, or press Ctrl+O").is_some());
+        assert!(harness.query_by_label("Drop a file of points here, or press Ctrl+O").is_some());
         harness.get_by_label("sphere").click();
         harness.run_ok();
         let loads = harness.state().outside.effects.iter().any(|effect| matches!(effect, Effect::Load { .. }));

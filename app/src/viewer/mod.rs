@@ -602,9 +602,10 @@ impl Viewer {
                     let wake = self.wake.clone();
                     let choose = move || {
                         let asked = Instant::now();
+                        let endings: Vec<&str> = codec::Format::all_endings().chain(["toml"]).collect();
                         let dialog = rfd::FileDialog::new()
                             .set_title("Open point clouds")
-                            .add_filter("Point clouds and scenes", &["las", "laz", "ply", "toml"])
+                            .add_filter("Point clouds and scenes", &endings)
                             .add_filter("All files", &["*"]);
                         let chosen = dialog.pick_files();
                         let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));

@@ -17,6 +17,17 @@ pub fn brief(text: &str) -> String {
     quoted
 }
 
+/// An error of another crate with its causes, which may quote the file, in one line.
+pub fn message(error: &dyn std::error::Error) -> String {
+    const MOST: usize = 200;
+    let causes = std::iter::successors(Some(error), |error| error.source()).map(ToString::to_string);
+    let mut whole = causes.collect::<Vec<_>>().join(": ").replace(char::is_control, " ");
+    if whole.chars().count() > MOST {
+        whole = whole.chars().take(MOST).chain(['…']).collect();
+    }
+    whole
+}
+
 /// A number in full, with an exponent where it would be long: 1e-310 instead of 312 characters.
 pub fn number(value: f64) -> String {
     let text = value.to_string();

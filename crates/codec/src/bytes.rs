@@ -2,8 +2,9 @@
 //! not a file would be read here, too: nothing else opens one.
 
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, IsTerminal as _, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use crate::{Error, Result};
 
@@ -14,14 +15,21 @@ pub struct Bytes {
     #[cfg(unix)]
     file: File,
     #[cfg(not(unix))]
-    file: std::sync::Mutex<File>,
+    file: Mutex<File>,
 }
 
 impl Bytes {
+    /// The name of standard input among files. What comes from there is copied to a temporary file without a name when it is
+    /// first opened, since points are read out of order and clouds are opened again.
+    pub const STANDARD_INPUT: &str = "-";
+
     /// # Errors
     /// If the path leads to no regular file, or to one that cannot be read.
     pub fn open(path: &Path) -> Result<Self> {
         let io = |error| Error::io(path, error);
+        if path == Path::new(Self::STANDARD_INPUT) {
+            return standard_input().and_then(|file| Self::of_file(path, file)).map_err(io);
+        }
         if !std::fs::metadata(path).map_err(io)?.is_file() {
             // Opening a pipe would wait for someone to write.
             return Err(io(io::Error::other(
@@ -31,7 +39,15 @@ impl Bytes {
         let file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
         #[cfg(not(unix))]
-        let file = std::sync::Mutex::new(file);
+        let file = Mutex::new(file);
+        Ok(Self { path: path.to_owned(), length, file })
+    }
+
+    /// The bytes of a file without a name, which messages name by `path`.
+    pub(crate) fn of_file(path: &Path, file: File) -> io::Result<Self> {
+        let length = file.metadata()?.len();
+        #[cfg(not(unix))]
+        let file = Mutex::new(file);
         Ok(Self { path: path.to_owned(), length, file })
     }
 
@@ -75,7 +91,7 @@ impl Bytes {
 
     #[cfg(not(unix))]
     fn read_some_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
-        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.seek(SeekFrom::Start(offset))?;
         file.read(buffer)
     }
@@ -84,6 +100,22 @@ impl Bytes {
     pub(crate) fn section(&self, start: u64, end: u64) -> Section<'_> {
         Section { file: self, start, position: start, end }
     }
+}
+
+/// All that comes from standard input, as a file.
+fn standard_input() -> io::Result<File> {
+    static COPY: Mutex<Option<File>> = Mutex::new(None);
+    let mut copy = COPY.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(file) = &*copy {
+        return file.try_clone();
+    }
+    let mut input = io::stdin().lock();
+    if input.is_terminal() {
+        return Err(io::Error::other("standard input is a terminal; pipe a file of points into it"));
+    }
+    let mut file = tempfile::tempfile()?;
+    io::copy(&mut input, &mut file)?;
+    copy.insert(file).try_clone()
 }
 
 /// A part of a file as `Read` and `Seek` (positions count from the start of the part), for decoders that need a stream.

@@ -17,7 +17,7 @@ pub enum Error {
     #[error("{}: cannot be written: {}; {}", shown(path), why_unwritten(reason), what_then(reason))]
     NotWritten { path: PathBuf, reason: std::io::Error },
     /// The file has no known format. `hint` says what it looks like and what to do.
-    #[error("{}: not a LAS, LAZ or PLY file: {hint}", shown(path))]
+    #[error("{}: not a file of a known format: {hint}", shown(path))]
     UnknownFormat { path: PathBuf, hint: String },
     /// The file has a known format, but is broken or of a variant that is not read. `place` is a byte, record or line.
     #[error("{}: {place}: {problem}", shown(path))]

@@ -29,8 +29,8 @@ use crate::las::plain_writer::Head;
 use crate::las::record_export::{Written, export_records, write_rows_to};
 use crate::las::systems::System;
 use crate::las::{LasSource, coordinate_decimals};
-use crate::ply::PlySource;
-use crate::{Source, brief};
+use crate::ply::RowSource;
+use crate::{Format, Source, brief};
 pub use columns::{Added, Runs, Wanted};
 use columns::{Colors, Field, HAS_COLOR, Meaning, Piece, Reading};
 use merging::{Merged, Origin};
@@ -190,13 +190,13 @@ fn temporary(output: &Path) -> Result<NamedTempFile> {
 fn las(source: &Source) -> Option<&LasSource> {
     match source {
         Source::Las(source) => Some(source),
-        Source::Ply(_) => None,
+        Source::Rows(_) => None,
     }
 }
 
-fn ply(source: &Source) -> Option<&PlySource> {
+fn rows(source: &Source) -> Option<&RowSource> {
     match source {
-        Source::Ply(source) => Some(source),
+        Source::Rows(source) => Some(source),
         Source::Las(_) => None,
     }
 }
@@ -225,7 +225,7 @@ impl Job<'_> {
         let fields = |source: &Arc<Source>| {
             let mut fields = match &**source {
                 Source::Las(source) => source.column_fields(colors),
-                Source::Ply(source) => source.column_fields(colors),
+                Source::Rows(source) => source.column_fields(colors),
             };
             let mut names = Names::with_case();
             fields.iter_mut().for_each(|field| field.attribute.name = names.take(field.name(), usize::MAX));
@@ -297,7 +297,7 @@ impl Job<'_> {
         let reading = Reading { test: self.wanted.test, colors, needed };
         match &*self.sources[number] {
             Source::Las(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
-            Source::Ply(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
+            Source::Rows(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
         }
     }
 
@@ -319,7 +319,7 @@ impl Job<'_> {
             if source.is_mesh() {
                 words.say(&info.path, format!("its {} faces are left out: points are exported", info.faces));
             }
-            if ply(source).is_some_and(PlySource::has_lists) {
+            if rows(source).is_some_and(RowSource::has_lists) {
                 words.say(&info.path, "lists of a vertex are left out");
             }
             let opaque = las(source).map_or(0, LasSource::opaque_bytes);
@@ -382,14 +382,14 @@ impl Job<'_> {
         let Some(first) = colored.next() else { return true };
         colored.all(|other| match (&**first, &**other) {
             (Source::Las(first), Source::Las(other)) => first.color_depth() == other.color_depth(),
-            (Source::Ply(first), Source::Ply(other)) => first.has_colors_like(other),
+            (Source::Rows(first), Source::Rows(other)) => first.has_colors_like(other),
             _ => false,
         })
     }
 
     fn write_ply(&self, file: NamedTempFile) -> Result<Option<Written>> {
         let unwritten = |error| Error::not_written(self.output, error);
-        let is_ply = self.sources.iter().all(|source| ply(source).is_some());
+        let is_ply = self.sources.iter().all(|source| source.info().format == Format::Ply);
         let colors = if is_ply && self.has_one_kind_of_colors() { Colors::Own } else { Colors::Bytes };
         let own = self.fields(colors, true);
         let mut merged = merged_by_name(&own);
@@ -406,7 +406,7 @@ impl Job<'_> {
         for source in self.sources.iter().filter(|_| colors == Colors::Bytes) {
             let is_wide = match &**source {
                 Source::Las(source) => source.has_wide_colors(),
-                Source::Ply(source) => source.has_wide_colors(),
+                Source::Rows(source) => source.has_wide_colors(),
             };
             if is_wide {
                 let word = "of the bits of a colour, PLY keeps the upper 8, which programs expect there";

@@ -4,14 +4,10 @@ use std::path::PathBuf;
 
 use cloud::{Attribute, Bounds, Grid, Placement};
 
-use crate::units::Units;
+use glam::DVec3;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
-    Las,
-    Laz,
-    Ply,
-}
+use crate::format::Format;
+use crate::units::Units;
 
 /// The content of a header, checked against the file.
 #[derive(Clone, Debug)]
@@ -42,14 +38,87 @@ pub struct Info {
     pub crs: Option<String>,
     /// The units of the coordinates, as far as the file tells them.
     pub units: Units,
+    /// Which scan of the file this cloud is, in formats that hold several.
+    pub scan: Option<Scan>,
+    /// The pictures that the file holds beside its points.
+    pub images: Vec<Image>,
+    /// The least and the greatest value that a sensor gives, for attributes of which the file tells it.
+    pub limits: Vec<(String, [f64; 2])>,
     pub warnings: Vec<String>,
 }
 
+/// One of the scans of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scan {
+    pub name: String,
+    /// Its place among the scans of the file, from 0, and how many these are.
+    pub number: usize,
+    pub of: usize,
+    /// Where the scanner stood, in the coordinates of the points.
+    pub position: Option<DVec3>,
+}
+
+/// A picture that a file holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    pub name: String,
+    /// `pinhole`, `spherical`, `cylindrical` or `preview`.
+    pub projection: &'static str,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// The length of its PNG or JPEG file in bytes.
+    pub bytes: u64,
+    /// Where the camera stood.
+    pub position: Option<DVec3>,
+}
+
 impl Info {
+    /// What is known of a cloud of this format before its rows are looked at.
+    pub(crate) fn of_rows(path: &std::path::Path, format: Format, version: String) -> Self {
+        Self {
+            path: path.to_owned(),
+            format,
+            version,
+            point_format: None,
+            points: 0,
+            bounds: None,
+            properties: Vec::new(),
+            attributes: Vec::new(),
+            grid: None,
+            placement: None,
+            has_colors: false,
+            has_normals: false,
+            faces: 0,
+            crs: None,
+            units: Units::default(),
+            scan: None,
+            images: Vec::new(),
+            limits: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    /// The name of the cloud: that of its file, and of the scan where the file holds several.
+    pub fn name(&self) -> String {
+        let file = self.path.file_name().unwrap_or(self.path.as_os_str()).to_string_lossy();
+        match &self.scan {
+            Some(scan) if scan.of > 1 => format!("{file}, {}", scan.name),
+            _ => file.into_owned(),
+        }
+    }
+
+    /// The number of the scan in its file, from 0.
+    pub fn scan_number(&self) -> usize {
+        self.scan.as_ref().map_or(0, |scan| scan.number)
+    }
+
     /// Moves what the header tells of places. `Source::read` moves the points.
     pub(crate) fn place(&mut self, placement: Placement) {
         self.bounds = self.bounds.map(|bounds| placement.bounds(bounds));
         self.grid = self.grid.map(|grid| grid.placed(placement));
+        let scanner = self.scan.as_mut().and_then(|scan| scan.position.as_mut());
+        let cameras = self.images.iter_mut().filter_map(|image| image.position.as_mut());
+        scanner.into_iter().chain(cameras).for_each(|place| *place = placement.point(*place));
         self.placement = Some(placement);
     }
 }

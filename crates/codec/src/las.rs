@@ -156,23 +156,18 @@ impl LasSource {
             }
         });
 
+        let format = if header.compressed { Format::Laz } else { Format::Las };
         let info = Info {
-            path: file.path().to_owned(),
-            format: if header.compressed { Format::Laz } else { Format::Las },
-            version: format!("{}.{}", header.version.0, header.version.1),
             point_format: Some(header.point_format),
             points,
             bounds: header.bounds.filter(|_| points > 0),
             properties: layout.property_attributes(),
             attributes: layout.column_attributes(),
             grid: Some(header.grid),
-            placement: None,
-            has_colors: false,
-            has_normals: false,
-            faces: 0,
             crs: header.crs,
             units: header.units,
             warnings,
+            ..Info::of_rows(file.path(), format, format!("{}.{}", header.version.0, header.version.1))
         };
         let mut source = Self {
             info,

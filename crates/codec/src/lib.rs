@@ -1,4 +1,5 @@
-//! Reads files as clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`). All formats share one error type. `write_copc` makes
+//! Reads files as clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`), and formats whose points become rows as those of PLY are
+//! (`e57`, `pcd`, `text`). All formats share one error type. `write_copc` makes
 //! COPC files of LAS and LAZ, and `export` files of the points that are shown.
 //!
 //! `open` reads a header and checks it against the file's size; `Source::read` passes chunks of points to a callback,
@@ -7,20 +8,26 @@
 mod brief;
 mod bytes;
 mod color_range;
+mod e57;
 mod error;
 mod export;
+mod format;
 mod in_order;
 mod info;
 mod las;
+mod pcd;
 mod ply;
 mod source;
+mod text;
 mod units;
 
 pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
 pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chunks, short_file_name};
-pub use info::{Format, Info, Selection, Summary};
+pub use format::Format;
+pub use info::{Image, Info, Scan, Selection, Summary};
 pub use las::copc_writer::{CopcSummary, write_copc};
 pub use las::{Copc, CopcNode};
-pub use source::{Source, open, open_within};
+pub use source::{Source, open, open_scans, open_within};
+pub use text::table::name_columns;
 pub use units::{Unit, Units};

@@ -11,18 +11,19 @@
 //! names that CloudCompare writes (`scalar_Illuminance_(PCV)`); its text rows do not accept `nan`, `1.` or `.5`; and it
 //! reads a file from its start, on one core.
 
-mod columns;
+pub(crate) mod columns;
 mod faces;
-mod header;
+pub(crate) mod header;
 mod lines;
-mod number;
+pub(crate) mod maker;
+pub(crate) mod number;
 mod packed_splats;
-mod reader;
+pub(crate) mod reader;
 mod row_columns;
-mod rows;
+pub(crate) mod rows;
 
 use std::io::Read as _;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use cloud::{Attribute, Bounds, Chunk, Progress};
 use rayon::prelude::*;
@@ -30,10 +31,11 @@ use rayon::prelude::*;
 use crate::brief::brief;
 use crate::bytes::Bytes;
 use crate::color_range::ColorSample;
-use crate::{Error, Format, Info, Result, Selection, Summary, Units};
-use columns::{ChunkBuilder, Roles, RowDecoder, Scalar};
+use crate::{Error, Format, Info, Result, Selection, Summary};
+use columns::{ChunkBuilder, Roles, RowDecoder, Scalar, Scale};
 pub use header::is_ply;
 use header::{Element, Encoding, Header, Kind, MAX_HEADER_BYTES};
+use maker::RowMaker;
 use packed_splats::PackedSplats;
 use reader::Reader;
 use rows::{Block, Packing, Rows};
@@ -44,22 +46,36 @@ const FACE_CHECK_BYTES: u64 = 256 << 20;
 /// The number of lists that a warning names.
 const NAMED_LISTS: usize = 8;
 
-/// An opened PLY file. It stays open, so that it is read to the end even if it is deleted or replaced.
-pub struct PlySource {
+/// An opened PLY file, or one of another format that has points in rows. It stays open, so that it is read to the end even
+/// if it is deleted or replaced.
+pub struct RowSource {
     pub(crate) info: Info,
-    file: Bytes,
+    file: Arc<Bytes>,
     header: Header,
     /// The index of the vertex element.
     vertex: usize,
     rows: Rows,
-    /// What unpacks compressed splats.
-    splats: Option<PackedSplats>,
+    /// What makes the rows of compressed splats and of other formats.
+    maker: Option<Box<dyn RowMaker>>,
     scalars: Vec<Scalar>,
     roles: Roles,
 }
 
-impl PlySource {
-    pub fn open(file: Bytes) -> Result<Self> {
+/// What another format has found of a cloud whose rows it makes.
+pub struct Made {
+    pub maker: Box<dyn RowMaker>,
+    pub rows: Rows,
+    /// Whether a row begins at each line end of the file.
+    pub is_text: bool,
+    pub newline: u8,
+    /// The scales of red, green and blue, where the file tells them.
+    pub color_scale: Option<[Scale; 3]>,
+    /// Everything that the rows do not tell.
+    pub info: Info,
+}
+
+impl RowSource {
+    pub fn open(file: Arc<Bytes>) -> Result<Self> {
         let path = file.path();
         let io_error = |error| Error::io(path, error);
         let mut start = Vec::new();
@@ -71,7 +87,7 @@ impl PlySource {
         let header_error = |problem: String| Error::malformed(path, "header", problem);
         let vertex = header.points_element().ok_or_else(|| header_error("no element vertex".into()))?;
         let splats = PackedSplats::open(&file, &header, vertex).map_err(io_error)?.map_err(header_error)?;
-        let element = splats.as_ref().map_or(&header.elements[vertex], |splats| &splats.element);
+        let element = splats.as_ref().map_or(&header.elements[vertex], RowMaker::element);
         let scalars = scalars(element);
         let mut roles = Roles::find(&scalars).ok_or_else(|| {
             header_error(format!("element {} has no scalar properties x, y and z", brief(&element.name)))
@@ -97,31 +113,51 @@ impl PlySource {
             }
             warnings.extend(lines::check_lines(&file, &rows, &header, element).map_err(io_error)?);
         }
-        let packing = Packing::new(&header, element, splats.as_ref(), vec![true; element.properties.len()]);
+        let maker = splats.as_ref().map(|splats| splats as &dyn RowMaker);
+        let packing = Packing::new(&header, element, maker, vec![true; element.properties.len()]);
         decide_conventions(&file, &packing, &rows, &scalars, &mut roles, &mut warnings).map_err(io_error)?;
         warnings.extend(face_warnings(&file, &header, vertex, &rows).map_err(io_error)?);
 
         let attribute = |scalar: &Scalar| Attribute { name: scalar.name.clone(), column_type: scalar.scalar };
         let polygons = header.elements.iter().filter(|element| faces::is_polygons(element));
         let info = Info {
-            path: path.to_owned(),
-            format: Format::Ply,
-            version: header.format.clone(),
-            point_format: None,
             points: rows.count,
-            bounds: None,
             properties: scalars.iter().map(attribute).collect(),
             attributes: roles.attributes.iter().map(|&index| attribute(&scalars[index])).collect(),
-            grid: None,
-            placement: None,
             has_colors: roles.colors.is_some(),
             has_normals: roles.normals.is_some(),
             faces: polygons.fold(0, |faces, element| faces.saturating_add(element.count)),
-            crs: None,
-            units: Units::default(),
             warnings,
+            ..Info::of_rows(path, Format::Ply, header.format.clone())
         };
-        Ok(Self { info, file, header, vertex, rows, splats, scalars, roles })
+        let maker = splats.map(|splats| Box::new(splats) as Box<dyn RowMaker>);
+        Ok(Self { info, file, header, vertex, rows, maker, scalars, roles })
+    }
+
+    /// A cloud of another format.
+    ///
+    /// # Errors
+    /// If the file cannot be read; if the rows have no coordinates.
+    pub fn made(file: Arc<Bytes>, made: Made) -> Result<Self> {
+        let Made { maker, rows, is_text, newline, color_scale, mut info } = made;
+        let encoding = if is_text { Encoding::Ascii } else { Encoding::LittleEndian };
+        let header = Header { encoding, format: info.version.clone(), elements: Vec::new(), length: 0, newline };
+        let element = maker.element();
+        let scalars = scalars(element);
+        let mut roles = Roles::find(&scalars)
+            .ok_or_else(|| Error::malformed(&info.path, "header", "no columns x, y and z among those of a point"))?;
+        roles.color_scale = color_scale.filter(|_| roles.colors.is_some());
+        let packing = Packing::new(&header, element, Some(maker.as_ref()), vec![true; element.properties.len()]);
+        if let Err(error) = decide_conventions(&file, &packing, &rows, &scalars, &mut roles, &mut info.warnings) {
+            // The read tells which points are missing.
+            info.warnings.push(format!("some points cannot be read: {error}"));
+        }
+        let attribute = |scalar: &Scalar| Attribute { name: scalar.name.clone(), column_type: scalar.scalar };
+        info.points = rows.count;
+        info.properties = scalars.iter().map(attribute).collect();
+        info.attributes = roles.attributes.iter().map(|&index| attribute(&scalars[index])).collect();
+        (info.has_colors, info.has_normals) = (roles.colors.is_some(), roles.normals.is_some());
+        Ok(Self { info, file, header, vertex: 0, rows, maker: Some(maker), scalars, roles })
     }
 
     pub fn info(&self) -> &Info {
@@ -134,12 +170,12 @@ impl PlySource {
 
     /// The element whose rows are the points, as they are when they are unpacked.
     fn element(&self) -> &Element {
-        self.splats.as_ref().map_or(&self.header.elements[self.vertex], |splats| &splats.element)
+        self.maker.as_ref().map_or_else(|| &self.header.elements[self.vertex], |maker| maker.element())
     }
 
     /// How rows of the file become packed rows with the properties that `keep` names.
     fn packing(&self, keep: Vec<bool>) -> Packing<'_> {
-        Packing::new(&self.header, self.element(), self.splats.as_ref(), keep)
+        Packing::new(&self.header, self.element(), self.maker.as_deref(), keep)
     }
 
     pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
@@ -184,16 +220,15 @@ impl PlySource {
         });
 
         let totals = totals.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let mut warnings = Vec::new();
+        let (mut warnings, noun) = (Vec::new(), self.noun());
         if totals.damaged > 0 {
-            let what = "have text that is not a number, or too few numbers; NaN or 0 stands for it";
-            warnings.push(format!("{} of {} vertices {what}", totals.damaged, totals.points));
+            warnings.push(format!("{} of {} {noun} {}", totals.damaged, totals.points, self.damage()));
         }
         match totals.error {
             Some(error) if totals.points == 0 => return Err(Error::io(&self.info.path, error)),
-            Some(error) => warnings.push(format!("{} vertices could not be read: {error}", totals.unread)),
+            Some(error) => warnings.push(format!("{} {noun} could not be read: {error}", totals.unread)),
             None if totals.unread > 0 => {
-                warnings.push(format!("{} vertices are gone: the file was changed", totals.unread));
+                warnings.push(format!("{} {noun} are gone: the file was changed", totals.unread));
             }
             None => {}
         }
@@ -214,8 +249,8 @@ impl PlySource {
         let io_error = |error| Error::io(path, error);
         let block = self.rows.blocks.partition_point(|block| block.first_row <= point) - 1;
         let block = self.rows.blocks[block];
-        let record = match &self.splats {
-            Some(splats) => splats.record(&self.file, block, point),
+        let record = match &self.maker {
+            Some(maker) => maker.record(&self.file, block, point),
             None => rows::record(&self.file, &self.header, self.element(), block, point),
         };
         record.map_err(io_error)?.ok_or_else(|| fail("the file was changed since it was opened".into()))
@@ -225,7 +260,21 @@ impl PlySource {
         self.header.elements.iter().any(|element| faces::is_surface(element) && element.count > 0)
     }
 
+    /// What the file calls a point, for many of them.
+    fn noun(&self) -> &'static str {
+        if self.info.format == Format::Ply { "vertices" } else { "points" }
+    }
+
+    /// What a damaged row is, as the end of a sentence about points.
+    fn damage(&self) -> &'static str {
+        let of_text = "have text that is not a number, or too few numbers; NaN or 0 stands for it";
+        self.maker.as_ref().map_or(of_text, |maker| maker.damage())
+    }
+
     pub fn triangles(&self) -> Result<Vec<[u32; 3]>> {
+        if !self.is_mesh() {
+            return Ok(Vec::new());
+        }
         let triangles = faces::read(&self.file, &self.header, self.vertex, &self.rows);
         triangles.map_err(|error| match error {
             faces::FaceError::Io(error) => Error::io(&self.info.path, error),

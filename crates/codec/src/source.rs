@@ -1,7 +1,7 @@
 //! An opened file of any format.
 
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::{Bounds, Chunk, Placement, Progress};
 
@@ -9,19 +9,19 @@ use crate::bytes::Bytes;
 use crate::error::{Error, Result};
 use crate::info::{Info, Selection, Summary};
 use crate::las::{Copc, CopcNode};
-use crate::{las, ply};
+use crate::{e57, las, pcd, ply, text};
 
 /// An opened file. It is `Sync`: one thread may read a column while another looks up a record.
 #[allow(clippy::large_enum_variant, reason = "there is one per open file, and it is not moved around")]
 pub enum Source {
     Las(las::LasSource),
-    Ply(ply::PlySource),
+    Rows(ply::RowSource),
 }
 
 /// The memory in bytes that the decoders of a file may take by default.
 const DECODER_MEMORY: u64 = 1 << 30;
 
-/// Opens a file according to its content, not its name.
+/// Opens a file according to its content, not its name: the first of its scans, if it holds several.
 ///
 /// # Errors
 /// Says what is wrong and where: not readable, not a known format, a header that contradicts the file.
@@ -35,51 +35,59 @@ pub fn open(path: &Path) -> Result<Source> {
 /// # Errors
 /// Those of `open`; if a single decoder would take more.
 pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
+    let first = open_scans(path, memory)?.into_iter().next();
+    first.ok_or_else(|| Error::unsuitable(path, "a file without scans"))
+}
+
+/// All scans of a file, each a cloud of its own; one, if its format has no scans.
+///
+/// # Errors
+/// Those of `open_within`.
+pub fn open_scans(path: &Path, memory: u64) -> Result<Vec<Source>> {
     let bytes = Bytes::open(path)?;
     let mut start = [0; 64];
     let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
-    match &start[..count] {
-        start if start.starts_with(b"LASF") => las::LasSource::open(bytes, memory).map(Source::Las),
-        start if ply::is_ply(start) => ply::PlySource::open(bytes).map(Source::Ply),
-        start => Err(Error::UnknownFormat { path: path.to_owned(), hint: hint(start) }),
+    let start = &start[..count];
+    if start.starts_with(b"LASF") {
+        return Ok(vec![las::LasSource::open(bytes, memory).map(Source::Las)?]);
     }
+    let file = Arc::new(bytes);
+    let scans = match start {
+        start if ply::is_ply(start) => vec![ply::RowSource::open(file)?],
+        start if e57::is_e57(start) => e57::open(&file)?,
+        start if pcd::is_pcd(start) => vec![pcd::open(&file)?],
+        start => match known_other(start) {
+            Some(hint) => return Err(Error::UnknownFormat { path: path.to_owned(), hint: hint.into() }),
+            None => text::open(&file).unwrap_or_else(|| {
+                let hint = "it starts with no signature of a known one, and is no table of numbers".into();
+                Err(Error::UnknownFormat { path: path.to_owned(), hint })
+            })?,
+        },
+    };
+    Ok(scans.into_iter().map(Source::Rows).collect())
 }
 
-/// What a file of an unknown format looks like, and what to do about it.
-fn hint(start: &[u8]) -> String {
-    match start {
-        [] => "the file is empty".into(),
-        [b'A', b'S', b'T', b'M', ..] => "this is an E57 file; convert it to LAZ or PLY first".into(),
-        [b'~', ..] => {
-            "this is a well log (Log ASCII Standard), which shares only the name with LAS point clouds".into()
-        }
-        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "this is text of 16 bits (UTF-16); write it as ASCII or UTF-8".into(),
+/// What a file is that looks like a known thing without points, and what to do about it.
+fn known_other(start: &[u8]) -> Option<&'static str> {
+    Some(match start {
+        [] => "the file is empty",
+        [b'~', ..] => "this is a well log (Log ASCII Standard), which shares only the name with LAS point clouds",
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "this is text of 16 bits (UTF-16); write it as ASCII or UTF-8",
         [0x00, 0x05, 0x16, 0x07, ..] => {
-            "this is what macOS keeps beside a file of the same name without `._` (AppleDouble)".into()
+            "this is what macOS keeps beside a file of the same name without `._` (AppleDouble)"
         }
         start if start.starts_with(b"version https://git-lfs") => {
-            "this is a pointer of Git LFS, which stands for the file; `git lfs pull` gets the file itself".into()
+            "this is a pointer of Git LFS, which stands for the file; `git lfs pull` gets the file itself"
         }
-        start if is_table(start) => {
-            "this looks like a table of numbers (XYZ, PTS, PTX, CSV), which is not read; convert it to LAZ or PLY first"
-                .into()
-        }
-        _ => "it starts with none of their signatures (\"LASF\", \"ply\")".into(),
-    }
-}
-
-/// Whether a file begins with a line of numbers.
-fn is_table(start: &[u8]) -> bool {
-    let line = start.split(|byte| matches!(byte, b'\n' | b'\r')).next().unwrap_or_default();
-    let is_part = |byte: &u8| byte.is_ascii_digit() || b" \t,;.+-eE".contains(byte);
-    line.iter().any(u8::is_ascii_digit) && line.iter().all(is_part)
+        _ => return None,
+    })
 }
 
 impl Source {
     pub fn info(&self) -> &Info {
         match self {
             Self::Las(source) => source.info(),
-            Self::Ply(source) => source.info(),
+            Self::Rows(source) => source.info(),
         }
     }
 
@@ -89,7 +97,7 @@ impl Source {
     pub fn placed(mut self, placement: Placement) -> Self {
         match &mut self {
             Self::Las(source) => source.info.place(placement),
-            Self::Ply(source) => source.info.place(placement),
+            Self::Rows(source) => source.info.place(placement),
         }
         self
     }
@@ -98,7 +106,7 @@ impl Source {
     pub fn bytes(&self) -> &Bytes {
         match self {
             Self::Las(source) => source.bytes(),
-            Self::Ply(source) => source.bytes(),
+            Self::Rows(source) => source.bytes(),
         }
     }
 
@@ -130,7 +138,7 @@ impl Source {
     fn read_own(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
         match self {
             Self::Las(source) => source.read(selection, progress, emit),
-            Self::Ply(source) => source.read(selection, progress, emit),
+            Self::Rows(source) => source.read(selection, progress, emit),
         }
     }
 
@@ -139,7 +147,7 @@ impl Source {
     pub fn copc(&self) -> Option<&Copc> {
         match self {
             Self::Las(source) => source.copc(),
-            Self::Ply(_) => None,
+            Self::Rows(_) => None,
         }
     }
 
@@ -152,7 +160,7 @@ impl Source {
         let chunk = match self {
             Self::Las(source) => source.read_copc_node(node, selection)?,
             // A PLY file has no nodes; the node of another file is read as an empty one.
-            Self::Ply(_) => Chunk::new(0, glam::DVec3::ZERO, Vec::new()),
+            Self::Rows(_) => Chunk::new(0, glam::DVec3::ZERO, Vec::new()),
         };
         let Info { placement, grid, .. } = self.info();
         Ok(placement.as_ref().map_or_else(|| chunk.clone(), |placement| chunk.placed(placement, *grid)))
@@ -165,7 +173,7 @@ impl Source {
     pub fn record(&self, point: u64) -> Result<Vec<(String, String)>> {
         match self {
             Self::Las(source) => source.record(point),
-            Self::Ply(source) => source.record(point),
+            Self::Rows(source) => source.record(point),
         }
     }
 
@@ -173,7 +181,7 @@ impl Source {
     pub fn is_mesh(&self) -> bool {
         match self {
             Self::Las(_) => false,
-            Self::Ply(source) => source.is_mesh(),
+            Self::Rows(source) => source.is_mesh(),
         }
     }
 
@@ -184,7 +192,7 @@ impl Source {
     pub fn triangles(&self) -> Result<Vec<[u32; 3]>> {
         match self {
             Self::Las(_) => Ok(Vec::new()),
-            Self::Ply(source) => source.triangles(),
+            Self::Rows(source) => source.triangles(),
         }
     }
 }
@@ -196,9 +204,7 @@ mod tests {
     #[test]
     fn what_looks_like_a_known_thing_is_named_with_a_way_out() {
         let text = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
-        let told = hint(text);
-        assert!(hint(b"1024\n768\n0 0 0\n").contains("table of numbers"), "a PTX begins with its columns");
-        assert!(hint(b"3.5 -1.25e3 7\n").contains("table of numbers") && !hint(b"name 1\n").contains("table"));
+        let told = known_other(text).unwrap();
         assert!(told.contains("Git LFS") && told.contains("git lfs pull"), "{told}");
     }
 

@@ -580,7 +580,7 @@ fn malformed_headers_say_where_and_what() {
         (ascii("element vertex 1\nproperty float x\nproperty float y", ""), "no scalar properties x, y and z"),
         (ascii("element face 1\nproperty float x", ""), "no element vertex"),
         (ascii(&format!("{vertex}\nfoo"), ""), "line 7: `foo` is not a PLY keyword"),
-        (b"plyx\n".to_vec(), "not a LAS, LAZ or PLY file"),
+        (b"plyx\n".to_vec(), "not a file of a known format"),
         (b"ply\n".to_vec(), "line 2: the file ends before end_header"),
         ([b"ply\n".to_vec(), b"comment\n".repeat(200_000)].concat(), "no end_header in the first 1048576 bytes"),
     ] {

@@ -46,6 +46,12 @@ struct Stamp {
 
 impl Stamp {
     fn of(path: &Path) -> Result<Self> {
+        if path == Path::new(codec::Bytes::STANDARD_INPUT) {
+            // It is known by its content.
+            let length =
+                codec::Bytes::open(path).map_err(|error| Error::io(path, std::io::Error::other(error)))?.length();
+            return Ok(Self { path: path.to_owned(), length, modified: None });
+        }
         let metadata = std::fs::metadata(path).map_err(|error| Error::io(path, error))?;
         Ok(Self { path: path.to_owned(), length: metadata.len(), modified: metadata.modified().ok() })
     }
@@ -60,9 +66,20 @@ impl Identity {
         for input in inputs {
             let path = &input.info().path;
             let stamp = Stamp::of(path)?;
-            let canonical = std::fs::canonicalize(path).map_err(|error| Error::io(path, error))?;
+            let canonical = match stamp.modified {
+                None if path == Path::new(codec::Bytes::STANDARD_INPUT) => path.clone(),
+                _ => std::fs::canonicalize(path).map_err(|error| Error::io(path, error))?,
+            };
             hash.add(canonical.as_os_str().as_encoded_bytes());
             hash.add(&stamp.length.to_le_bytes());
+            // The first scan of a file, or the only one, is known by the file alone.
+            if input.info().scan_number() > 0 {
+                hash.add(&input.info().scan_number().to_le_bytes());
+            }
+            // A person may have named the columns of a table otherwise.
+            if input.info().format == codec::Format::Xyz {
+                input.info().properties.iter().for_each(|property| hash.add(format!("{}\0", property.name).as_bytes()));
+            }
             let since = stamp.modified.and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
             hash.add(&since.map_or(0, |since| since.as_nanos()).to_le_bytes());
             add_samples(&mut hash, input.bytes(), stamp.length).map_err(|error| Error::io(path, error))?;

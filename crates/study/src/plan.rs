@@ -610,9 +610,10 @@ impl Plan {
 
 /// Whether a scene is named by a path, as opposed to a built-in scene's name.
 fn is_path(scene: &str) -> bool {
-    let extensions = ["toml", "las", "laz", "ply"];
     let extension = Path::new(scene).extension().and_then(|extension| extension.to_str());
-    extension.is_some_and(|extension| extensions.iter().any(|known| extension.eq_ignore_ascii_case(known)))
+    extension.is_some_and(|extension| {
+        codec::Format::all_endings().chain(["toml"]).any(|known| extension.eq_ignore_ascii_case(known))
+    })
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Whether the rules that hide points have something to test: one place asks, for all commands and for the window.
 
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 
 use cloud::{Attribute, CloudLayout, ColumnType, PointTest, STRAY};
 use scene::{ColorBy, Settings, SurfaceRadii, shown};
@@ -97,8 +98,9 @@ impl Request {
             let codec::Info { path, attributes, .. } = source.info();
             Offer::new(shown(path), attributes.clone(), settings)
         };
+        let open = |file: &PathBuf| codec::open_scans(file, memory).unwrap_or_default();
         let files = self.inputs.iter().flat_map(Input::files);
-        let of_files = files.filter_map(|file| codec::open_within(file, memory).ok()).map(of_file);
+        let of_files = files.flat_map(open).map(of_file);
         let built_in = self.inputs.iter().filter(|input| matches!(input, Input::BuiltIn { .. }));
         let built_in = built_in.map(|input| Offer::new(input.name(), Vec::new(), settings));
         let warnings = check_filters(&test, &of_files.chain(built_in).collect::<Vec<_>>())?;

@@ -196,7 +196,10 @@ impl Loader {
             [one] => one.info().warnings.clone(),
             several => several.iter().flat_map(|source| file_warnings(source.info())).collect(),
         };
-        let name = file_name(&path);
+        let name = match sources.as_slice() {
+            [one] => one.info().name(),
+            _ => file_name(&path),
+        };
         if let Some(other) = infos().find(|info| info.crs.is_some() && crs.is_some() && info.crs != crs) {
             warnings.push(format!(
                 "{} has another coordinate system than the first file of {name}",

@@ -13,7 +13,7 @@ use crate::budget::half_of;
 use crate::chunk_key::Part;
 use crate::event::{Event, Opened};
 use crate::loader::Loader;
-use crate::source::{estimate_description, file_name, open_file, options_for, selection, up, up_of};
+use crate::source::{estimate_description, is_one_file, open_file, options_for, selection, up, up_of};
 use crate::task::{CloudTask, TaskKind};
 use crate::words::{Input, built_in_name};
 
@@ -64,7 +64,7 @@ impl Loader {
         let mut sources = Vec::new();
         for path in input.files() {
             match open_file(path, half_of(self.settings.stream.host_bytes)) {
-                Ok(source) => sources.push(source),
+                Ok(scans) => sources.extend(scans),
                 Err(error) => self.send(Event::Failed { input: shown(path), error, is_usage: true })?,
             }
         }
@@ -82,7 +82,7 @@ impl Loader {
             scene::Paging::Always => true,
             scene::Paging::Never => false,
             scene::Paging::Auto => {
-                sources.len() > 1 || held.saturating_add(bytes) > half_of(self.settings.stream.host_bytes)
+                !is_one_file(sources) || held.saturating_add(bytes) > half_of(self.settings.stream.host_bytes)
             }
         };
         if !is_streamed {
@@ -98,8 +98,10 @@ impl Loader {
         let columns: usize = columns.map(|(attribute, _)| attribute.column_type.size()).sum();
         let is_double = |property: &Attribute| property.name == "x" && property.column_type == cloud::ColumnType::F64;
         let is_exact = match info.format {
-            codec::Format::Ply => info.properties.iter().any(is_double),
-            _ => info.grid.zip(info.bounds).is_some_and(|(grid, bounds)| !grid.fits_f32(bounds)),
+            codec::Format::Las | codec::Format::Laz => {
+                info.grid.zip(info.bounds).is_some_and(|(grid, bounds)| !grid.fits_f32(bounds))
+            }
+            _ => info.properties.iter().any(is_double),
         };
         // Position, normal and radius; colour; the file's own coordinates where they are kept.
         let point = 12 + 4 + 2 + 4 * usize::from(info.has_colors) + 24 * usize::from(is_exact) + columns;
@@ -115,7 +117,7 @@ impl Loader {
         let path = &info.path;
         let up = up_of(info, &self.settings);
         let opened = Opened {
-            name: file_name(path),
+            name: info.name(),
             input: shown(path),
             source: Some(source.clone()),
             attributes: info.attributes.clone(),

@@ -17,24 +17,32 @@ use crate::apart::groups;
 /// The number of points that are read to guess the kind of cloud.
 const KIND_POINTS: u64 = 500_000;
 
-/// Opens a file, for reads whose decoders take at most `memory` bytes; the error says why nothing of it can be shown.
-pub fn open_file(path: &Path, memory: u64) -> Result<Arc<codec::Source>, String> {
-    open_placed(path, memory, None)
+/// Opens the scans of a file, for reads whose decoders take at most `memory` bytes; the error says why nothing of it can be
+/// shown.
+pub fn open_file(path: &Path, memory: u64) -> Result<Vec<Arc<codec::Source>>, String> {
+    open_placed(path, memory, |_| None)
 }
 
 /// Opens a file with its points moved. Indexes and what the cache keeps belong to files as they are, so only what reads
 /// points and keeps nothing may ask for this.
-pub fn open_placed(path: &Path, memory: u64, placement: Option<Placement>) -> Result<Arc<codec::Source>, String> {
-    let source = codec::open_within(path, memory).map_err(|error| error.to_string())?;
-    let codec::Info { points, warnings, .. } = source.info();
+pub fn open_placed(
+    path: &Path,
+    memory: u64,
+    placement: impl Fn(&codec::Info) -> Option<Placement>,
+) -> Result<Vec<Arc<codec::Source>>, String> {
+    let sources = codec::open_scans(path, memory).map_err(|error| error.to_string())?;
     // A file that is empty and says so is no error.
-    if *points == 0 && !warnings.is_empty() {
-        return Err(format!("{}: no points can be read: {}", scene::shown(path), warnings.join("; ")));
+    let is_lost = |source: &codec::Source| source.info().points == 0 && !source.info().warnings.is_empty();
+    if sources.iter().all(is_lost) {
+        let warnings: Vec<String> = sources.iter().flat_map(|source| source.info().warnings.clone()).collect();
+        let problem = param::few(warnings, "warnings").join("; ");
+        return Err(format!("{}: no points can be read: {problem}", scene::shown(path)));
     }
-    Ok(Arc::new(match placement {
+    let placed = |source: codec::Source| match placement(source.info()) {
         Some(placement) => source.placed(placement),
         None => source,
-    }))
+    };
+    Ok(sources.into_iter().map(|source| Arc::new(placed(source))).collect())
 }
 
 /// The warnings about a file, each with the file's name.
@@ -77,13 +85,16 @@ pub fn asked_attributes<'a>(
     of_colors.chain(visibility.filters.iter().map(|filter| filter.attribute.clone())).collect()
 }
 
-/// Groups streamed files into clouds: if all of them are COPC, one cloud each; else one cloud of all that are near each
-/// other. The pages of COPC files also have the attributes `also`.
+/// Groups streamed files into clouds: if all of them are COPC, or scans of one file, one cloud each; else one cloud of all
+/// that are near each other. The pages of COPC files also have the attributes `also`.
 pub fn parts(
     sources: Vec<Arc<codec::Source>>,
     also: &BTreeSet<String>,
 ) -> Vec<(Vec<Arc<codec::Source>>, Option<Pages>)> {
     let native = |source: &Arc<codec::Source>| Pages::copc(source, also);
+    if sources.len() > 1 && is_one_file(&sources) {
+        return sources.into_iter().map(|source| (vec![source], None)).collect();
+    }
     match sources.iter().map(native).collect::<Option<Vec<Pages>>>() {
         Some(native) => sources.into_iter().zip(native).map(|(source, pages)| (vec![source], Some(pages))).collect(),
         None => {
@@ -96,6 +107,11 @@ pub fn parts(
             parts.into_values().map(|sources| (sources, None)).collect()
         }
     }
+}
+
+/// Whether sources are all of one file.
+pub(crate) fn is_one_file(sources: &[Arc<codec::Source>]) -> bool {
+    sources.windows(2).all(|pair| pair[0].info().path == pair[1].info().path)
 }
 
 /// Reads all points of a file at once, with what most pictures need and these attributes, and the file's warnings.
@@ -118,7 +134,7 @@ pub fn read_cloud(
     let summary = source.read(&selection, progress, &emit)?;
     let mut chunks = chunks.into_inner().unwrap_or_else(PoisonError::into_inner);
     chunks.sort_by_key(|chunk| chunk.first_point);
-    let (name, attributes) = (file_name(&info.path), info.attributes.clone());
+    let (name, attributes) = (info.name(), info.attributes.clone());
     Ok((Cloud { name, attributes, grid: info.grid, chunks }, summary.warnings))
 }
 

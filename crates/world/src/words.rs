@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use cloud::PointTest;
 use cloud::sampling::Surface;
-use cloud::{Placement, PointTest};
 use glam::DVec3;
 use scene::{
     Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Note, Profile, SceneFile, SpotLight,
@@ -13,7 +14,7 @@ use scene::{
 };
 
 use crate::error::{Error, Result};
-use crate::source::file_name;
+use crate::source::{file_name, open_placed};
 
 /// An input that a person named.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,16 +152,30 @@ impl Request {
         self.cloud_settings.iter().find(|own| own.is_of(input, name))
     }
 
-    /// How a file of an input is moved.
-    pub fn placement_of(&self, input: &Input, file: &Path) -> Option<Placement> {
-        let names = [input.name(), shown(file), file_name(file)];
-        self.cloud_settings.iter().find(|own| names.contains(&own.cloud))?.placement()
+    /// What a file of an input, or one of its scans, has of its own.
+    fn own_of(&self, input: &Input, file: &Path, scan: Option<&codec::Info>) -> Option<&CloudSettings> {
+        let names = [scan.map(codec::Info::name), Some(input.name()), Some(shown(file)), Some(file_name(file))];
+        names.iter().flatten().find_map(|name| self.cloud_settings.iter().find(|own| own.cloud == *name))
     }
 
-    /// All files, and how each is moved.
-    pub fn placed_files(&self) -> Vec<(PathBuf, Option<Placement>)> {
+    /// Opens the scans of a file of an input, moved as scenes say. Scans that are switched off are left out.
+    ///
+    /// # Errors
+    /// Says why nothing of the file can be shown.
+    pub fn open(&self, input: &Input, file: &Path, memory: u64) -> Result<Vec<Arc<codec::Source>>, String> {
+        let placement = |info: &codec::Info| self.own_of(input, file, Some(info))?.placement();
+        let mut sources = open_placed(file, memory, placement)?;
+        if sources.len() > 1 {
+            let is_on = |info: &codec::Info| self.own_of(input, file, Some(info)).is_none_or(|own| own.on);
+            sources.retain(|source| is_on(source.info()));
+        }
+        Ok(sources)
+    }
+
+    /// All files, each with its input.
+    pub fn files(&self) -> Vec<(Input, PathBuf)> {
         let all = self.inputs.iter().flat_map(|input| input.files().iter().map(move |file| (input, file)));
-        all.map(|(input, file)| (file.clone(), self.placement_of(input, file))).collect()
+        all.map(|(input, file)| (input.clone(), file.clone())).collect()
     }
 
     /// Leaves out the inputs whose clouds are switched off.
@@ -307,6 +322,9 @@ fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
     }
     let path = Path::new(word);
     let name = shown(path);
+    if *word == *codec::Bytes::STANDARD_INPUT {
+        return Ok(Input::File(path.to_owned()));
+    }
     if path.is_dir() {
         return tiles(path).map_err(|problem| format!("{name}: {problem}"));
     }
@@ -341,14 +359,13 @@ fn tiles(folder: &Path) -> Result<Input, String> {
     let is_cloud = |path: &PathBuf| {
         let is_hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
-        let is_named_so = ["las", "laz", "ply"].iter().any(|known| extension.eq_ignore_ascii_case(known));
-        is_named_so && !is_hidden && (path.is_file() || path.is_symlink() && !path.exists())
+        codec::Format::is_of_cloud(extension) && !is_hidden && (path.is_file() || path.is_symlink() && !path.exists())
     };
     let entries = std::fs::read_dir(folder).map_err(|error| error.to_string())?;
     let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_cloud).collect();
     files.sort();
     match files.as_slice() {
-        [] => Err("a folder without .las, .laz and .ply files".into()),
+        [] => Err("a folder without files of points".into()),
         [one] => Ok(Input::File(one.clone())),
         _ => Ok(Input::Tiles { folder: folder.to_owned(), files }),
     }
@@ -515,8 +532,9 @@ mod tests {
         std::fs::write(&scene, format!("clouds = [\"a.ply\", \"b.ply\", \"c.ply\"]\n{a}{b}")).unwrap();
         let mut request = resolve(&[&scene]);
         let moved = |request: &Request| -> Vec<Option<f64>> {
-            let files = request.placed_files().into_iter();
-            files.map(|(_, placement)| Some(placement?.point(glam::DVec3::ZERO).x)).collect()
+            let scans =
+                request.files().into_iter().flat_map(|(input, file)| request.open(&input, &file, 1 << 30).unwrap());
+            scans.map(|scan| Some(scan.info().placement?.point(glam::DVec3::ZERO).x)).collect()
         };
         assert_eq!(moved(&request), [Some(1.0), Some(2.0), None]);
         // The tiles of a folder are told apart by their names.
@@ -583,7 +601,7 @@ mod tests {
         assert!(message("five-mirrors/teapot").contains("glint scenes"));
         std::fs::create_dir(folder.path().join("empty")).unwrap();
         let empty = message(folder.path().join("empty").to_str().unwrap());
-        assert!(empty.ends_with("empty: a folder without .las, .laz and .ply files"), "{empty}");
+        assert!(empty.ends_with("empty: a folder without files of points"), "{empty}");
         assert!(message("no_such_scene.toml").contains("no_such_scene.toml"));
     }
 }

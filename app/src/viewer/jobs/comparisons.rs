@@ -132,8 +132,8 @@ impl Ends {
                 return Err(format!("{}: not a file; files and open clouds can be compared", input.name()));
             }
             let memory = half_of(settings.stream.host_bytes);
-            let open = |file: &PathBuf| world::open_placed(file, memory, request.placement_of(input, file));
-            let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?;
+            let open = |file: &PathBuf| request.open(input, file, memory);
+            let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?.concat();
             let Some(strays) = export::strays(&own, &test, &settings, progress)? else { return Ok(None) };
             left_out.extend(strays);
             sources.extend(own);

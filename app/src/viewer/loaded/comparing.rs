@@ -12,6 +12,7 @@ use stream::COMPARED;
 use world::CloudKey;
 
 use crate::shared::comparing::{Measured, Method};
+use crate::shared::export::Place;
 use crate::viewer::jobs::comparisons::{CompareDraft, Compared, Comparing, Comparison, Ends, Outcome, Second, Written};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::clouds::CloudEntry;
@@ -172,11 +173,11 @@ impl Loaded {
     }
 
     /// The values that comparisons have added to clouds of files, for the files of these clouds.
-    pub fn added_values(&self) -> Vec<(PathBuf, String, Arc<Runs>)> {
+    pub fn added_values(&self) -> Vec<(Place, String, Arc<Runs>)> {
         let of_entry = |entry: &CloudEntry| {
-            let path = entry.source.as_ref().map(|source| source.info().path.clone());
+            let place = entry.source.as_ref().map(|source| (source.info().path.clone(), source.info().scan_number()));
             let values = entry.added.clone().into_iter();
-            path.into_iter().flat_map(move |path| values.clone().map(move |(name, list)| (path.clone(), name, list)))
+            place.into_iter().flat_map(move |place| values.clone().map(move |(name, list)| (place.clone(), name, list)))
         };
         self.clouds.iter().filter(|entry| entry.is_visible).flat_map(of_entry).collect()
     }

@@ -48,11 +48,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             };
             let format = entry.source.as_ref().map(|source| {
                 let info = source.info();
-                let format = match info.format {
-                    codec::Format::Las => "LAS",
-                    codec::Format::Laz => "LAZ",
-                    codec::Format::Ply => "PLY",
-                };
+                let format = info.format.name().to_uppercase();
                 let point_format = info.point_format.map_or(String::new(), |number| format!(", format {number}"));
                 format!(" · {format} {}{point_format}", info.version)
             });

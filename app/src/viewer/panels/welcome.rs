@@ -9,7 +9,7 @@ use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::session::Session;
 
 /// What a newcomer can do.
-const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a LAS, LAZ or PLY file here, or press";
+const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a file of points here, or press";
 
 /// Tells a newcomer what to do, until a hand has done something.
 pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
@@ -44,7 +44,7 @@ pub fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec
         ui.vertical_centered(|ui| {
             ui.label(RichText::new("glint").size(34.0).color(theme::ACCENT));
             ui.add_space(6.0);
-            ui.label(RichText::new(format!("Drop a LAS, LAZ or PLY file here, or press {COMMAND}+O")).size(16.0));
+            ui.label(RichText::new(format!("Drop a file of points here, or press {COMMAND}+O")).size(16.0));
             ui.add_space(10.0);
             if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
                 actions.push(Action::OpenDialog);

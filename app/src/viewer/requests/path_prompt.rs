@@ -43,9 +43,13 @@ pub enum Outcome {
     Close,
 }
 
+/// Whether files with this ending, in lower case, are listed.
+fn is_offered(ending: &str) -> bool {
+    codec::Format::all_endings().chain(["toml"]).any(|known| known == ending)
+}
+
 /// The most candidates listed. To find a file in a folder of thousands, the user types more of its name.
 const LISTED: usize = 200;
-const EXTENSIONS: [&str; 4] = ["las", "laz", "ply", "toml"];
 
 impl PathPrompt {
     /// A prompt that comes up by itself and shows why.
@@ -232,7 +236,7 @@ fn candidates(text: &str) -> Vec<String> {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         if path.is_dir() {
             folders.push(format!("{folder}{name}/"));
-        } else if extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str())) {
+        } else if extension.is_some_and(|extension| is_offered(&extension)) {
             files.push(format!("{folder}{name}"));
         }
     }

@@ -147,7 +147,7 @@ pub enum Work {
         own: Vec<CloudSettings>,
         test: PointTest,
         /// Values that the files do not have: the file, their name, and those of its points.
-        added: Vec<(PathBuf, String, Arc<codec::Runs>)>,
+        added: Vec<(export::Place, String, Arc<codec::Runs>)>,
         path: PathBuf,
         settings: Box<Settings>,
         progress: Arc<Progress>,

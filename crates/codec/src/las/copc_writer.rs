@@ -151,10 +151,9 @@ fn open(inputs: &[PathBuf], output: &Path, memory: u64) -> Result<Vec<LasSource>
             Err(Error::unsuitable(output, "this is one of the inputs; choose another name for the output"))
         }
         Source::Las(source) => Ok(source),
-        Source::Ply(_) => Err(Error::unsuitable(
-            input,
-            "a PLY file; COPC holds what LAS files have, so convert it to LAS or LAZ first",
-        )),
+        Source::Rows(_) => {
+            Err(Error::unsuitable(input, "no LAS or LAZ file; COPC holds what these have, so export it to LAZ first"))
+        }
     };
     inputs.iter().map(open).collect()
 }

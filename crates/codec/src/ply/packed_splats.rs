@@ -7,6 +7,7 @@ use std::io;
 use cloud::ColumnType;
 
 use super::header::{Element, Encoding, Header, Kind, Property};
+use super::maker::RowMaker;
 use super::reader::Reader;
 use super::rows::{self, Block};
 use crate::bytes::Bytes;
@@ -48,9 +49,9 @@ const UNPACKED: [&str; 14] = [
 #[derive(Debug)]
 pub struct PackedSplats {
     /// The vertices with the properties that they have when they are unpacked, all f32.
-    pub element: Element,
+    element: Element,
     /// The size of a packed vertex in bytes.
-    pub stride: usize,
+    stride: usize,
     /// Where the words are in it.
     words: [usize; 4],
     big_endian: bool,
@@ -108,15 +109,6 @@ impl PackedSplats {
         Ok(Ok(Some(Self { element, stride: stride as usize, words, big_endian, ranges })))
     }
 
-    /// The unpacked values of a vertex by their names; `None` if its row is gone.
-    pub fn record(&self, file: &Bytes, block: Block, vertex: u64) -> io::Result<Option<Vec<(String, String)>>> {
-        let mut reader = Reader::short(file, block.offset, block.end);
-        reader.skip((vertex - block.first_row) * self.stride as u64)?;
-        let Some(row) = reader.take(self.stride)? else { return Ok(None) };
-        let texts = self.unpack(vertex, row).map(|value| value.to_string());
-        Ok(Some(std::iter::zip(UNPACKED.map(str::to_owned), texts).collect()))
-    }
-
     /// The unpacked values of a vertex, in the order of `element`. `row` is the packed one.
     pub fn unpack(&self, vertex: u64, row: &[u8]) -> [f32; 14] {
         let Some(ranges) = self.ranges.get((vertex / IN_CHUNK) as usize) else { return [f32::NAN; 14] };
@@ -145,6 +137,35 @@ impl PackedSplats {
             std::array::from_fn(|at| if at == largest { rest.max(0.0).sqrt() } else { others.next().unwrap_or(0.0) });
         let ([a, b, c], [w, i, j, k]) = (scales, turn);
         [x, y, z, red, green, blue, opacity, a, b, c, w, i, j, k]
+    }
+}
+
+impl RowMaker for PackedSplats {
+    fn element(&self) -> &Element {
+        &self.element
+    }
+
+    fn stride(&self) -> Option<usize> {
+        Some(self.stride)
+    }
+
+    fn make(&self, file: &Bytes, block: Block, keep: &[bool], give: &mut dyn FnMut(&[u8])) -> io::Result<(u64, u64)> {
+        let mut reader = Reader::new(file, block.offset, block.end);
+        let (mut rows, mut packed) = (0, Vec::new());
+        while rows < block.rows {
+            let piece = reader.rows(self.stride)?;
+            if piece.is_empty() {
+                break;
+            }
+            packed.clear();
+            for row in piece.chunks_exact(self.stride).take((block.rows - rows) as usize) {
+                let kept = std::iter::zip(self.unpack(block.first_row + rows, row), keep).filter(|(_, keep)| **keep);
+                kept.for_each(|(value, _)| packed.extend_from_slice(&value.to_le_bytes()));
+                rows += 1;
+            }
+            give(&packed);
+        }
+        Ok((rows, 0))
     }
 }
 

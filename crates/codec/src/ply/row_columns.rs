@@ -6,14 +6,14 @@ use cloud::{Column, ColumnType, Progress};
 use glam::Vec3;
 use param::shown;
 
-use super::PlySource;
+use super::RowSource;
 use super::columns::{ChunkBuilder, RowDecoder, Scale, color_column, column};
 use super::header::Kind;
 use crate::Selection;
 use crate::export::columns::{Colors, Field, Meaning, Piece, Reading, place};
 use crate::in_order::InOrder;
 
-impl PlySource {
+impl RowSource {
     /// The scalars of a vertex. Coordinates and normals have the names that most files give them, and colours that are
     /// not the file's own those of LAS files.
     pub fn column_fields(&self, colors: Colors) -> Vec<Field> {
@@ -151,8 +151,7 @@ impl PlySource {
         });
         let (mut problems, damaged) = problems.into_inner().unwrap_or_else(PoisonError::into_inner);
         if damaged > 0 {
-            let what = "vertices have text that is not a number, or too few numbers";
-            problems.push(format!("{}: {damaged} {what}", shown(&self.info.path)));
+            problems.push(format!("{}: {damaged} {} {}", shown(&self.info.path), self.noun(), self.damage()));
         }
         problems
     }

@@ -11,8 +11,8 @@ use cloud::{CHUNK_POINTS, ColumnType};
 use rayon::prelude::*;
 
 use super::header::{Element, Encoding, Header, Kind, Property};
+use super::maker::RowMaker;
 use super::number;
-use super::packed_splats::PackedSplats;
 use super::reader::{PIECE_BYTES, Reader, count_lines};
 use crate::brief::brief;
 use crate::bytes::Bytes;
@@ -63,7 +63,7 @@ pub fn locate(file: &Bytes, header: &Header, index: usize) -> io::Result<Rows> {
         return Ok(Rows { end: start, problem, ..Rows::default() });
     }
     match (header.encoding, element.stride()) {
-        (Encoding::Ascii, _) => locate_lines(file, start, header.newline, element.count),
+        (Encoding::Ascii, _) => locate_lines(file, (start, file.length()), header.newline, element.count, false),
         (_, Some(stride)) => Ok(locate_strided(start, file.length(), stride, element.count, chunk_points(element))),
         (encoding, None) => {
             let mut rows = Rows::default();
@@ -101,15 +101,22 @@ fn locate_strided(start: u64, file_length: u64, stride: u64, count: u64, block_r
     Rows { blocks, count, end: start + count * stride, problem: None }
 }
 
-/// Cuts text at line ends into blocks of about a chunk each, and counts their lines in parallel.
-fn locate_lines(file: &Bytes, start: u64, newline: u8, count: u64) -> io::Result<Rows> {
+/// Cuts text at line ends into blocks of about a chunk each, and counts their lines in parallel. It begins at byte
+/// `start` and stops after `count` lines. `keeps_last` says whether a last line without an end counts as whole.
+pub fn locate_lines(
+    file: &Bytes,
+    (start, length): (u64, u64),
+    newline: u8,
+    count: u64,
+    keeps_last: bool,
+) -> io::Result<Rows> {
     if count == 0 {
         return Ok(Rows { end: start, ..Rows::default() });
     }
     // Lines are assumed to be about as long as the first ones; a block aims at 15/16 of a chunk, so that a somewhat
     // denser one still fits. 16 MiB bound the work between two checks of the cancel flag.
     let (head, head_lines) = {
-        let mut reader = Reader::new(file, start, file.length());
+        let mut reader = Reader::new(file, start, length);
         let head = reader.lines(newline)?;
         (head.len() as u64, count_lines(head, newline).max(1))
     };
@@ -119,10 +126,10 @@ fn locate_lines(file: &Bytes, start: u64, newline: u8, count: u64) -> io::Result
 
     let mut rows = Rows::default();
     let mut at = start;
-    while rows.count < count && at < file.length() {
+    while rows.count < count && at < length {
         let mut cuts = vec![at];
-        while cuts.len() <= wave_blocks && at < file.length() {
-            at = next_line(file, at.saturating_add(block_bytes), file.length(), newline)?;
+        while cuts.len() <= wave_blocks && at < length {
+            at = next_line(file, at.saturating_add(block_bytes), length, newline)?;
             cuts.push(at);
         }
         let counts: Vec<u64> = cuts
@@ -137,7 +144,7 @@ fn locate_lines(file: &Bytes, start: u64, newline: u8, count: u64) -> io::Result
             }
         }
     }
-    rows.end = file.length();
+    rows.end = length;
     if let Some(last) = rows.blocks.last_mut() {
         if rows.count == count {
             // The last block may extend into the data after the vertices.
@@ -145,7 +152,7 @@ fn locate_lines(file: &Bytes, start: u64, newline: u8, count: u64) -> io::Result
             reader.skip_lines(last.rows, newline)?;
             last.end = reader.position();
             rows.end = last.end;
-        } else if Reader::short(file, file.length() - 1, file.length()).take(1)? != Some(&[newline]) {
+        } else if !keeps_last && Reader::short(file, length - 1, length).take(1)? != Some(&[newline]) {
             // A last line that is cut off may end inside a number, and a wrong coordinate is worse than none.
             last.rows -= 1;
             rows.count -= 1;
@@ -373,6 +380,11 @@ fn list_text(shown: &[String], items: usize) -> String {
     format!("[{}{more}]", shown.join(", "))
 }
 
+/// A scalar of a row that was made, as text; nothing for NaN.
+pub fn scalar_text_le(bytes: &[u8], scalar: ColumnType) -> String {
+    Some(scalar_text(bytes, scalar, Encoding::LittleEndian)).filter(|text| !is_nan(text)).unwrap_or_default()
+}
+
 fn scalar_text(bytes: &[u8], scalar: ColumnType, encoding: Encoding) -> String {
     let raw = integer(bytes, ColumnType::U64, encoding) as u64;
     match scalar {
@@ -394,20 +406,15 @@ pub struct Packing<'a> {
     /// Whether packed rows are big-endian. Text is packed little-endian; binary rows keep their order.
     pub big_endian: bool,
     is_strided: bool,
-    /// What unpacks the rows, if they are those of compressed splats.
-    splats: Option<&'a PackedSplats>,
+    /// What makes the rows, if the file does not have them as such.
+    maker: Option<&'a dyn RowMaker>,
 }
 
 impl<'a> Packing<'a> {
-    /// `keep` has one entry per property. Rows that are packed already keep everything. `element` is that of `splats`,
-    /// if these are given.
-    pub fn new(
-        header: &'a Header,
-        element: &'a Element,
-        splats: Option<&'a PackedSplats>,
-        mut keep: Vec<bool>,
-    ) -> Self {
-        let is_strided = splats.is_none() && header.encoding != Encoding::Ascii && element.stride().is_some();
+    /// `keep` has one entry per property. Rows that are packed already keep everything. `element` is that of
+    /// `maker`, if there is one.
+    pub fn new(header: &'a Header, element: &'a Element, maker: Option<&'a dyn RowMaker>, mut keep: Vec<bool>) -> Self {
+        let is_strided = maker.is_none() && header.encoding != Encoding::Ascii && element.stride().is_some();
         let mut stride = 0;
         let offsets = std::iter::zip(&element.properties, &mut keep)
             .map(|(property, keep)| match property.kind {
@@ -427,21 +434,24 @@ impl<'a> Packing<'a> {
             Encoding::Ascii => keep.iter().rposition(|&keep| keep).map_or(0, |last| last + 1),
             _ => keep.len(),
         };
-        let big_endian = splats.is_none() && header.encoding == Encoding::BigEndian;
+        let big_endian = maker.is_none() && header.encoding == Encoding::BigEndian;
         let properties = &element.properties[..used];
-        Self { header, properties, keep, stride, offsets, big_endian, is_strided, splats }
+        Self { header, properties, keep, stride, offsets, big_endian, is_strided, maker }
     }
 
     /// The size of a row of the file in bytes, if all have the same.
     fn file_stride(&self) -> Option<u64> {
         let own = self.is_strided.then_some(self.stride);
-        self.splats.map(|splats| splats.stride).or(own).map(|stride| stride as u64)
+        self.maker.map_or(own, RowMaker::stride).map(|stride| stride as u64)
     }
 
     /// Reads `block` and passes its packed rows to `give` in pieces. Returns how many rows were read and how many of
     /// them were damaged: text with a missing number or a token that is no number, which becomes NaN, or 0 for an
     /// integer.
     pub fn read(&self, file: &Bytes, block: Block, mut give: impl FnMut(&[u8])) -> io::Result<(u64, u64)> {
+        if let Some(maker) = self.maker {
+            return if self.stride > 0 { maker.make(file, block, &self.keep, &mut give) } else { Ok((0, 0)) };
+        }
         let mut reader = Reader::new(file, block.offset, block.end);
         let (mut rows, mut damaged) = (0, 0);
         let mut packed = Vec::new();
@@ -456,18 +466,7 @@ impl<'a> Packing<'a> {
                 continue;
             }
             packed.clear();
-            if let Some(splats) = self.splats {
-                let piece = reader.rows(splats.stride)?;
-                if piece.is_empty() {
-                    break;
-                }
-                for row in piece.chunks_exact(splats.stride) {
-                    let values = splats.unpack(block.first_row + rows, row);
-                    let kept = std::iter::zip(values, &self.keep).filter(|(_, keep)| **keep);
-                    kept.for_each(|(value, _)| packed.extend_from_slice(&value.to_le_bytes()));
-                    rows += 1;
-                }
-            } else if self.header.encoding == Encoding::Ascii {
+            if self.header.encoding == Encoding::Ascii {
                 let newline = self.header.newline;
                 let run = reader.lines(newline)?;
                 if run.is_empty() {

@@ -1,0 +1,142 @@
+//! Makes rows of the lines of a text.
+
+use std::io;
+
+use cloud::ColumnType;
+use glam::{DAffine3, DVec3};
+
+use super::table::Style;
+use crate::bytes::Bytes;
+use crate::ply::header::{Element, Kind, Property};
+use crate::ply::maker::{RowMaker, put_integer, put_number};
+use crate::ply::reader::{Reader, is_blank};
+use crate::ply::rows::Block;
+
+/// Packed rows are passed on when they have this many bytes.
+const PACKED_BYTES: usize = 1 << 20;
+
+/// The cells of a scanner's grid, which come column by column; empty ones are zeros.
+#[derive(Clone, Copy, Debug)]
+pub struct Cells {
+    /// The number of cells of a column of the grid.
+    pub rows: u64,
+    /// From the scanner's own coordinates to those of all scans.
+    pub pose: DAffine3,
+}
+
+/// Lines of numbers that are points.
+pub struct TextRows {
+    element: Element,
+    style: Style,
+    /// For each column of a line the property that it is.
+    columns: Vec<Option<usize>>,
+    newline: u8,
+    cells: Option<Cells>,
+}
+
+impl TextRows {
+    /// `columns` are the names and types of a line's columns; the first of these names are those of the place.
+    pub fn new(style: Style, columns: &[Option<(String, ColumnType)>], newline: u8, cells: Option<Cells>) -> Self {
+        let property = |(name, column_type): &(String, ColumnType)| Property {
+            name: name.clone(),
+            kind: Kind::Scalar(*column_type),
+        };
+        let mut properties: Vec<Property> = columns.iter().flatten().map(property).collect();
+        let mut next = 0..properties.len();
+        let columns = columns.iter().map(|column| column.as_ref().and_then(|_| next.next())).collect();
+        if cells.is_some() {
+            let index = |name: &str| property(&(name.to_owned(), ColumnType::U32));
+            properties.extend(["row_index", "column_index"].map(index));
+        }
+        let element = Element { name: "points".into(), count: 0, properties };
+        Self { element, style, columns, newline, cells }
+    }
+
+    /// The values of a line, NaN for those that are missing. Returns whether all that are `wanted` are there.
+    fn values(&self, line: &[u8], number: u64, wanted: &[bool], values: &mut [f64]) -> bool {
+        values.fill(f64::NAN);
+        let mut is_whole = true;
+        let mut found = 0;
+        for (column, token) in std::iter::zip(&self.columns, self.style.tokens(line)) {
+            found += 1;
+            if let Some(property) = column.filter(|property| wanted[*property]) {
+                let value = self.style.number(token);
+                is_whole &= value.is_some();
+                values[property] = value.unwrap_or(f64::NAN);
+            }
+        }
+        is_whole &= self.columns[found..].iter().flatten().all(|property| !wanted[*property]);
+        if let Some(cells) = self.cells {
+            let place = DVec3::new(values[0], values[1], values[2]);
+            let is_empty = place == DVec3::ZERO;
+            is_whole &= !is_empty;
+            let moved = if is_empty { DVec3::NAN } else { cells.pose.transform_point3(place) };
+            values[..3].copy_from_slice(&moved.to_array());
+            let count = values.len();
+            values[count - 2] = (number % cells.rows.max(1)) as f64;
+            values[count - 1] = (number / cells.rows.max(1)) as f64;
+        }
+        is_whole
+    }
+}
+
+impl RowMaker for TextRows {
+    fn element(&self) -> &Element {
+        &self.element
+    }
+
+    fn damage(&self) -> &'static str {
+        match self.cells {
+            Some(_) => "are empty cells of the scanner's grid, or have no number, and are left out",
+            None => "have text that is not a number, or too few numbers; NaN or 0 stands for it",
+        }
+    }
+
+    fn make(&self, file: &Bytes, block: Block, keep: &[bool], give: &mut dyn FnMut(&[u8])) -> io::Result<(u64, u64)> {
+        let kept: Vec<(usize, ColumnType)> = std::iter::zip(0.., &self.element.properties)
+            .filter(|(index, _)| keep[*index])
+            .filter_map(|(index, property)| match property.kind {
+                Kind::Scalar(scalar) => Some((index, scalar)),
+                Kind::List { .. } => None,
+            })
+            .collect();
+        let mut wanted = keep.to_vec();
+        if self.cells.is_some() && keep[..3].iter().any(|keep| *keep) {
+            // A place is moved as a whole.
+            wanted[..3].fill(true);
+        }
+        let mut values = vec![f64::NAN; self.element.properties.len()];
+        let mut reader = Reader::new(file, block.offset, block.end);
+        let (mut rows, mut damaged) = (0, 0);
+        let mut packed: Vec<u8> = Vec::new();
+        while rows < block.rows {
+            let run = reader.lines(self.newline)?;
+            if run.is_empty() {
+                break;
+            }
+            for line in run.split(|byte| *byte == self.newline).filter(|line| !is_blank(line)) {
+                if rows == block.rows {
+                    break;
+                }
+                damaged += u64::from(!self.values(line, block.first_row + rows, &wanted, &mut values));
+                rows += 1;
+                for (index, column_type) in &kept {
+                    let (at, value) = (packed.len(), values[*index]);
+                    packed.resize(at + column_type.size(), 0);
+                    match column_type {
+                        ColumnType::U16 => put_integer(&mut packed[at..], *column_type, value.round() as i64),
+                        _ => put_number(&mut packed[at..], *column_type, value),
+                    }
+                }
+                if packed.len() >= PACKED_BYTES {
+                    give(&packed);
+                    packed.clear();
+                }
+            }
+        }
+        if !packed.is_empty() {
+            give(&packed);
+        }
+        Ok((rows, damaged))
+    }
+}

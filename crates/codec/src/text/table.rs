@@ -1,0 +1,363 @@
+//! What the columns of a table of numbers are: what separates them, which sign stands before decimals, and what they mean,
+//! by a line of names or by the values of the first lines.
+
+use std::sync::{PoisonError, RwLock};
+
+use cloud::ColumnType;
+
+use crate::brief::brief;
+use crate::ply::number;
+
+/// A name that stands for a column which is not read.
+pub const SKIP: &str = "skip";
+/// The most columns of a table.
+const MOST_COLUMNS: usize = 256;
+/// The number of lines from which the columns are guessed.
+const LOOKED_AT: usize = 500;
+
+/// The names that a person has given to the columns of all tables, in order.
+static NAMED: RwLock<Option<Vec<String>>> = RwLock::new(None);
+
+/// Takes these names for the columns of all tables that are opened from now on, in place of their own lines of names and of
+/// guesses. `skip` leaves a column out; columns beyond the names are left out, too.
+///
+/// # Errors
+/// In words, if x, y or z is missing or a name is given twice.
+pub fn name_columns(names: &[String]) -> Result<(), String> {
+    let names: Vec<String> = names.iter().map(|name| meaning(name)).collect();
+    let given = |name: &str| names.iter().filter(|own| *own == name).count();
+    if let Some(axis) = ["x", "y", "z"].into_iter().find(|axis| given(axis) == 0) {
+        return Err(format!("no column {axis}; expected x, y and z, like x,y,z,intensity,r,g,b"));
+    }
+    if let Some(twice) = names.iter().find(|name| *name != SKIP && given(name) > 1) {
+        return Err(format!("the column {} is named twice; `{SKIP}` leaves a column out", brief(twice)));
+    }
+    *NAMED.write().unwrap_or_else(PoisonError::into_inner) = Some(names);
+    Ok(())
+}
+
+fn named() -> Option<Vec<String>> {
+    NAMED.read().unwrap_or_else(PoisonError::into_inner).clone()
+}
+
+/// How a line is divided into numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Style {
+    /// What stands between columns; white space where there is none.
+    pub separator: Option<u8>,
+    pub has_decimal_comma: bool,
+}
+
+impl Style {
+    pub const BLANKS: Self = Self { separator: None, has_decimal_comma: false };
+
+    /// The style of some lines.
+    fn of(lines: &[&[u8]]) -> Self {
+        let of_all = |wanted: &dyn Fn(&[u8]) -> bool| !lines.is_empty() && lines.iter().all(|line| wanted(line));
+        let is_decimal = |token: &[u8]| {
+            let comma = token.iter().position(|byte| *byte == b',');
+            let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
+            comma.is_some_and(|at| at > 0 && is_digit(token.get(at - 1)) && is_digit(token.get(at + 1)))
+                && token.iter().filter(|byte| **byte == b',').count() == 1
+                && !token.contains(&b'.')
+        };
+        // Numbers with a decimal comma stand apart by something else than one.
+        let commas = |separator: Option<u8>| {
+            let style = Self { separator, has_decimal_comma: true };
+            let all = lines.iter().flat_map(|line| style.tokens(line));
+            let with_comma = all.clone().filter(|token| is_decimal(token)).count();
+            let odd = all.filter(|token| token.contains(&b',') && !is_decimal(token)).count();
+            with_comma > 0 && odd == 0
+        };
+        let plain = |separator: Option<u8>| Self { separator, has_decimal_comma: commas(separator) };
+        if of_all(&|line| line.contains(&b';')) {
+            return plain(Some(b';'));
+        }
+        let words = |line: &[u8]| Self::BLANKS.tokens(line).count();
+        if of_all(&|line| words(line) >= 3) && (commas(None) || !of_all(&|line| line.contains(&b','))) {
+            return plain(None);
+        }
+        if of_all(&|line| line.contains(&b',')) {
+            return Self { separator: Some(b','), has_decimal_comma: false };
+        }
+        Self::BLANKS
+    }
+
+    /// The columns of a line, without blanks and quotes around them.
+    pub fn tokens<'a>(self, line: &'a [u8]) -> impl Iterator<Item = &'a [u8]> + Clone {
+        let line = line.trim_ascii();
+        // At the end of a line a separator may stand after the last column.
+        let line = self.separator.and_then(|separator| line.strip_suffix(&[separator])).unwrap_or(line);
+        let is_end = move |byte: &u8| match self.separator {
+            Some(separator) => *byte == separator,
+            None => *byte <= b' ',
+        };
+        let tokens = line.split(is_end).filter(move |token| self.separator.is_some() || !token.is_empty());
+        tokens.map(|token| {
+            let token = token.trim_ascii();
+            token.strip_prefix(b"\"").and_then(|token| token.strip_suffix(b"\"")).map_or(token, <[u8]>::trim_ascii)
+        })
+    }
+
+    /// The number of a column; `None` if its text is none.
+    #[inline]
+    pub fn number(self, token: &[u8]) -> Option<f64> {
+        let parse = |token: &[u8]| {
+            let (value, length) = number::parse_f64(token);
+            value.filter(|_| length == token.len())
+        };
+        if self.has_decimal_comma && token.contains(&b',') {
+            let point = |byte: &u8| if *byte == b',' { b'.' } else { *byte };
+            return parse(&token.iter().map(point).collect::<Vec<u8>>());
+        }
+        parse(token)
+    }
+
+    /// The numbers of a line; `None` if one is none.
+    pub fn numbers(self, line: &[u8]) -> Option<Vec<f64>> {
+        self.tokens(line).map(|token| self.number(token)).collect()
+    }
+}
+
+/// The columns of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    pub style: Style,
+    /// The name and the type of each column that is read; `None` for others.
+    pub columns: Vec<Option<(String, ColumnType)>>,
+    /// The offset of the first line of numbers.
+    pub start: u64,
+    /// A doubt about what columns mean.
+    pub warning: Option<String>,
+}
+
+impl Table {
+    /// The columns of a file that begins so. `None` if it is no table of numbers; the error says, in words, why the columns
+    /// are not known.
+    pub fn of(start: &[u8], newline: u8) -> Option<Result<Self, String>> {
+        let mut lines = Vec::new();
+        let mut at = 0;
+        for line in start.split_inclusive(|byte| *byte == newline) {
+            if !line.trim_ascii().is_empty() {
+                lines.push((at, line));
+            }
+            at += line.len();
+        }
+        // The end of a cut line may be a number by chance.
+        if lines.len() > 1 && lines.last().is_some_and(|(_, line)| line.last() != Some(&newline)) && at > LONG {
+            lines.pop();
+        }
+        // Lines of names, and comments, stand before the first line of numbers.
+        let is_of_numbers = |line: &[u8]| {
+            [None, Some(b','), Some(b';')].into_iter().any(|separator| {
+                [false, true].into_iter().any(|has_decimal_comma| {
+                    let style = Style { separator, has_decimal_comma };
+                    let all = style.tokens(line).filter(|token| !token.is_empty());
+                    all.clone().count() >= 3 && all.clone().all(|token| style.number(token).is_some())
+                })
+            })
+        };
+        let mixed = |line: &[u8]| {
+            // A line with a text among its numbers is of the table where names are given.
+            let numbers = Style::of(&[line]);
+            numbers.tokens(line).filter(|token| numbers.number(token).is_some()).count() >= 3
+        };
+        let first = lines.iter().take(MOST_BEFORE).position(|(_, line)| is_of_numbers(line));
+        let is_mixed = first.is_none();
+        let first = first.or_else(|| lines.iter().take(MOST_BEFORE).position(|(_, line)| mixed(line)))?;
+        let numbers: Vec<&[u8]> = lines[first..].iter().take(LOOKED_AT).map(|(_, line)| *line).collect();
+        let style = Style::of(&numbers);
+        let count = style.tokens(numbers[0]).count();
+        if !(3..=MOST_COLUMNS).contains(&count) {
+            return None;
+        }
+        let samples: Vec<Vec<f64>> = (0..count)
+            .map(|column| {
+                let value = |line: &&[u8]| style.tokens(line).nth(column).and_then(|token| style.number(token));
+                numbers.iter().filter_map(value).collect()
+            })
+            .collect();
+        let names = lines[..first].iter().rev().find_map(|(_, line)| names_of(line, style, count));
+        if is_mixed && names.is_none() && named().is_none() {
+            return None;
+        }
+        let is_lone_count = first == 1 && lines[0].1.trim_ascii().iter().all(u8::is_ascii_digit);
+        let (names, warning) = match (named(), names) {
+            (Some(named), _) => (named, None),
+            (None, Some(names)) => match check_names(&names) {
+                Ok(()) => (names, None),
+                Err(problem) => return Some(Err(problem)),
+            },
+            // A line before the numbers that gives no names for the columns.
+            (None, None) if first > 0 && !is_lone_count && !is_comment(lines[first - 1].1) => {
+                let line = brief(String::from_utf8_lossy(lines[first - 1].1.trim_ascii()).as_ref());
+                let problem = format!("`{line}` does not name the {count} columns of the lines below it");
+                return Some(Err(format!("{problem}; --columns tells which they are")));
+            }
+            (None, None) => guessed(&samples),
+        };
+        // The channels of a colour have one type.
+        let mut channels = std::iter::zip(&names, &samples).filter(|(name, _)| is_color(name));
+        let are_whole = channels.all(|(_, values)| values.iter().all(|value| is_word(*value)));
+        let column = |name: &String| (name != SKIP).then(|| (name.clone(), column_type(name, are_whole)));
+        let columns = names.iter().take(count).map(column).collect();
+        Some(Ok(Self { style, columns, start: lines[first].0 as u64, warning }))
+    }
+}
+
+/// The length in bytes of a start of a file that may end inside of a line.
+const LONG: usize = 60 << 10;
+/// The most lines before the first one of numbers.
+const MOST_BEFORE: usize = 50;
+
+fn is_comment(line: &[u8]) -> bool {
+    let line = line.trim_ascii_start();
+    [&b"#"[..], b"//", b"%", b"!"].iter().any(|mark| line.starts_with(mark))
+}
+
+/// The names in a line, if it names each column.
+fn names_of(line: &[u8], style: Style, count: usize) -> Option<Vec<String>> {
+    let mut text = line.trim_ascii();
+    while let Some(rest) = [&b"#"[..], b"//", b"%", b"!"].iter().find_map(|mark| text.strip_prefix(*mark)) {
+        text = rest.trim_ascii_start();
+    }
+    // Names may be separated otherwise than numbers.
+    let styles = [style.separator, Some(b','), Some(b';'), Some(b'\t'), None];
+    let styles = styles.map(|separator| Style { separator, has_decimal_comma: false });
+    let of_style = |style: Style| {
+        let names: Vec<String> = style.tokens(text).map(|token| meaning(&String::from_utf8_lossy(token))).collect();
+        let is_name = |name: &String| !name.is_empty() && name.parse::<f64>().is_err();
+        (names.len() == count && names.iter().all(is_name)).then_some(names)
+    };
+    styles.into_iter().find_map(of_style)
+}
+
+/// The name that a column has here.
+fn meaning(name: &str) -> String {
+    let own = name.trim().trim_matches('"').trim();
+    // A unit stands behind a name.
+    let bare = own.split(['[', '(']).next().unwrap_or(own).trim();
+    let lower = bare.to_lowercase().replace([' ', '-'], "_");
+    let known = match lower.as_str() {
+        "x" | "easting" | "east" | "e" | "coord_x" | "x_coord" | "x_coordinate" | "point_x" => "x",
+        "y" | "northing" | "north" | "n" | "coord_y" | "y_coord" | "y_coordinate" | "point_y" => "y",
+        "z" | "height" | "elevation" | "h" | "coord_z" | "z_coord" | "z_coordinate" | "point_z" | "altitude" => "z",
+        "r" | "red" | "rf" => "red",
+        "g" | "green" | "gf" => "green",
+        "b" | "blue" | "bf" => "blue",
+        "i" | "intensity" | "scalar_intensity" => "intensity",
+        "nx" | "normal_x" | "normalx" => "nx",
+        "ny" | "normal_y" | "normaly" => "ny",
+        "nz" | "normal_z" | "normalz" => "nz",
+        SKIP | "_" => SKIP,
+        _ => return own.to_owned(),
+    };
+    known.to_owned()
+}
+
+fn check_names(names: &[String]) -> Result<(), String> {
+    let shown = || brief(&names.join(", "));
+    for axis in ["x", "y", "z"] {
+        match names.iter().filter(|name| *name == axis).count() {
+            1 => {}
+            0 => return Err(format!("the columns {} have no {axis}; --columns tells which they are", shown())),
+            _ => return Err(format!("the columns {} have {axis} twice; --columns tells which they are", shown())),
+        }
+    }
+    Ok(())
+}
+
+/// What columns without names mean, by the values of some lines, and a warning if that is not sure.
+fn guessed(samples: &[Vec<f64>]) -> (Vec<String>, Option<String>) {
+    let count = samples.len();
+    let is_color = |columns: &[usize]| {
+        let mut all = columns.iter().flat_map(|column| &samples[*column]).peekable();
+        all.peek().is_some() && all.all(|value| value.fract() == 0.0 && (0.0..=255.0).contains(value))
+    };
+    let is_share = |columns: &[usize]| {
+        columns.iter().flat_map(|column| &samples[*column]).all(|value| (0.0..=1.0).contains(value))
+    };
+    let is_wide_color =
+        |columns: &[usize]| columns.iter().flat_map(|column| &samples[*column]).all(|value| is_word(*value));
+    let is_normal = |columns: &[usize]| {
+        let rows = columns.iter().map(|column| samples[*column].len()).min().unwrap_or(0);
+        rows > 0
+            && (0..rows).all(|row| {
+                let square: f64 = columns.iter().map(|column| samples[*column][row].powi(2)).sum();
+                (square - 1.0).abs() < 0.02 || square == 0.0
+            })
+    };
+    let mut names: Vec<String> = (0..count).map(|column| format!("column_{}", column + 1)).collect();
+    let name = |names: &mut Vec<String>, columns: &[usize], own: &[&str]| {
+        std::iter::zip(columns, own).for_each(|(column, own)| names[*column] = (*own).to_owned());
+    };
+    const COLOR: [&str; 3] = ["red", "green", "blue"];
+    const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
+    name(&mut names, &[0, 1, 2], &["x", "y", "z"]);
+    let is_sure = match count {
+        3 => true,
+        4 => {
+            name(&mut names, &[3], &["intensity"]);
+            true
+        }
+        6 if is_color(&[3, 4, 5]) => {
+            name(&mut names, &[3, 4, 5], &COLOR);
+            true
+        }
+        6 if is_normal(&[3, 4, 5]) => {
+            name(&mut names, &[3, 4, 5], &NORMAL);
+            true
+        }
+        6 if is_share(&[3, 4, 5]) || is_wide_color(&[3, 4, 5]) => {
+            name(&mut names, &[3, 4, 5], &COLOR);
+            true
+        }
+        7 if is_color(&[4, 5, 6]) && !is_color(&[3]) => {
+            name(&mut names, &[3, 4, 5, 6], &["intensity", COLOR[0], COLOR[1], COLOR[2]]);
+            true
+        }
+        7 if is_color(&[3, 4, 5]) && !is_color(&[6]) => {
+            name(&mut names, &[3, 4, 5, 6], &[COLOR[0], COLOR[1], COLOR[2], "intensity"]);
+            true
+        }
+        7 if is_color(&[3, 4, 5, 6]) => {
+            name(&mut names, &[3, 4, 5, 6], &["intensity", COLOR[0], COLOR[1], COLOR[2]]);
+            false
+        }
+        9 if is_color(&[3, 4, 5]) && is_normal(&[6, 7, 8]) => {
+            name(&mut names, &[3, 4, 5, 6, 7, 8], &[COLOR[0], COLOR[1], COLOR[2], NORMAL[0], NORMAL[1], NORMAL[2]]);
+            true
+        }
+        9 if is_normal(&[3, 4, 5]) && is_color(&[6, 7, 8]) => {
+            name(&mut names, &[3, 4, 5, 6, 7, 8], &[NORMAL[0], NORMAL[1], NORMAL[2], COLOR[0], COLOR[1], COLOR[2]]);
+            true
+        }
+        _ => {
+            if let Some(first) = (3..count.saturating_sub(2)).find(|first| is_color(&[*first, first + 1, first + 2])) {
+                name(&mut names, &[first, first + 1, first + 2], &COLOR);
+            }
+            false
+        }
+    };
+    let warning = format!("its columns are not named and are taken for {}; --columns tells others", names.join(","));
+    (names, (!is_sure).then_some(warning))
+}
+
+fn is_color(name: &str) -> bool {
+    matches!(name, "red" | "green" | "blue")
+}
+
+/// Whether a value is a whole number of 16 bits.
+fn is_word(value: f64) -> bool {
+    value.fract() == 0.0 && (0.0..=65_535.0).contains(&value)
+}
+
+/// The type of a column: doubles, but floats for what has few digits, and whole numbers for colours that are whole.
+fn column_type(name: &str, has_whole_colors: bool) -> ColumnType {
+    match name {
+        name if is_color(name) && has_whole_colors => ColumnType::U16,
+        "red" | "green" | "blue" | "nx" | "ny" | "nz" | "intensity" => ColumnType::F32,
+        // Digits that a float does not hold would be lost.
+        _ => ColumnType::F64,
+    }
+}

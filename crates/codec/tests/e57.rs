@@ -1,0 +1,344 @@
+//! Reads E57 files: those of the test data, by their manifest, and files that these tests write.
+#![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
+
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
+
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use cloud::{Chunk, ColumnType, Progress};
+use codec::{Selection, Source, Summary};
+use e57::{E57Writer, Extension, Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform, Translation};
+use glam::DVec3;
+
+const MEMORY: u64 = 1 << 28;
+
+fn scans(path: &Path) -> Vec<Source> {
+    codec::open_scans(path, MEMORY).unwrap()
+}
+
+fn read(source: &Source) -> (Vec<Chunk>, Summary) {
+    let attributes = vec![true; source.info().attributes.len()];
+    let selection = Selection { positions: true, colors: true, normals: true, attributes };
+    let chunks = Mutex::new(Vec::new());
+    let summary = source.read(&selection, &Progress::default(), &|chunk| chunks.lock().unwrap().push(chunk)).unwrap();
+    let mut chunks = chunks.into_inner().unwrap();
+    chunks.sort_by_key(|chunk| chunk.first_point);
+    (chunks, summary)
+}
+
+fn places(chunks: &[Chunk]) -> Vec<DVec3> {
+    chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|index| chunk.position(index))).collect()
+}
+
+/// The values of an attribute.
+fn values(source: &Source, chunks: &[Chunk], name: &str) -> Vec<f64> {
+    let place = source.info().attributes.iter().position(|attribute| attribute.name == name);
+    let place = place.unwrap_or_else(|| panic!("{name} is not among {:?}", source.info().attributes));
+    let column = |chunk: &Chunk| chunk.columns[place].clone().unwrap();
+    chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|at| column(chunk).value(at)).collect::<Vec<_>>()).collect()
+}
+
+/// A file of the test data; `None` where that is missing.
+fn data(name: &str) -> Option<PathBuf> {
+    Some(real_data::test_data()?.join(name))
+}
+
+#[test]
+fn files_of_the_test_data_are_as_the_manifest_says() {
+    // Points, the corners of the bounds, and properties in order.
+    let known: [(&str, u64, [[f64; 3]; 2], &str); 6] = [
+        (
+            "pump_structured_scan_rgb_intensity.e57",
+            155_201,
+            [[-2.904, -5.301, -1.9], [1.722, -0.793, 1.843]],
+            "x y z intensity red green blue row_index column_index cartesian_invalid_state",
+        ),
+        ("bunny_double.e57", 30_571, [[-0.095, 0.04, -0.062], [0.061, 0.187, 0.059]], "x y z cartesian_invalid_state"),
+        (
+            "bunny_scaled_int24.e57",
+            30_571,
+            [[-0.095, 0.04, -0.062], [0.061, 0.187, 0.059]],
+            "x y z cartesian_invalid_state",
+        ),
+        ("cartesian_float_rgb.e57", 2090, [[-9.78, 4.514, 295.525], [-6.774, 7.515, 298.532]], "x y z red green blue"),
+        ("points_and_images.e57", 2, [[0.0; 3], [1.0; 3]], "x y z"),
+        ("pose_translation_only.e57", 4, [[0.0; 3], [1.0, 1.0, 0.0]], "x y z"),
+    ];
+    for (name, points, bounds, properties) in known {
+        let Some(path) = data(&format!("e57/{name}")) else { return };
+        let all = scans(&path);
+        let info = all[0].info().clone();
+        let (chunks, summary) = read(&all[0]);
+        assert_eq!((all.len(), info.points, summary.points), (1, points, points), "{name}");
+        let names: Vec<&str> = info.properties.iter().map(|property| property.name.as_str()).collect();
+        assert_eq!(names.join(" "), properties, "{name}");
+        let shift = info.scan.unwrap().position.unwrap_or_default();
+        let found = summary.bounds.unwrap();
+        for (found, expected) in [(found.min, bounds[0]), (found.max, bounds[1])] {
+            // The manifest has them as the scanner sees them.
+            assert!((found - shift - DVec3::from(expected)).abs().max_element() < 6e-4, "{name}: {found} {expected:?}");
+        }
+        assert!(summary.warnings.is_empty() && info.warnings.is_empty(), "{name}: {summary:?} {:?}", info.warnings);
+        assert_eq!(places(&chunks).len() as u64, points);
+    }
+}
+
+#[test]
+fn colours_and_grids_of_a_real_scan_are_read_with_their_limits() {
+    let Some(path) = data("e57/pump_structured_scan_rgb_intensity.e57") else { return };
+    let source = scans(&path).remove(0);
+    let (chunks, _) = read(&source);
+    let (rows, columns) = (values(&source, &chunks, "row_index"), values(&source, &chunks, "column_index"));
+    let most = |values: &[f64]| values.iter().copied().fold(f64::MIN, f64::max);
+    assert!(most(&rows) > 100.0 && most(&columns) > 100.0, "{} {}", most(&rows), most(&columns));
+    let intensity = values(&source, &chunks, "intensity");
+    let [(name, [low, high])] = source.info().limits.as_slice() else { panic!("{:?}", source.info().limits) };
+    assert!(name == "intensity" && intensity.iter().all(|value| (*low..=*high).contains(value)));
+    let colors: Vec<[u8; 4]> = chunks.iter().flat_map(|chunk| chunk.colors.as_ref().unwrap().to_vec()).collect();
+    let own = ["red", "green", "blue"].map(|name| values(&source, &chunks, name));
+    let is_own = |at: usize| (0..3).all(|channel| f64::from(colors[at][channel]) == own[channel][at]);
+    assert!((0..colors.len()).all(is_own) && colors.iter().any(|color| color[..3] != [0; 3]));
+    // A point alone is the same.
+    let record = source.record(77_777).unwrap();
+    let value = |name: &str| record.iter().find(|(own, _)| own == name).unwrap().1.parse::<f64>().unwrap();
+    assert_eq!((value("row_index"), value("intensity")), (rows[77_777], intensity[77_777]));
+    assert!((value("x") - places(&chunks)[77_777].x).abs() < 1e-6);
+}
+
+#[test]
+fn doubles_and_packed_integers_of_one_cloud_agree() {
+    let (Some(doubles), Some(packed)) = (data("e57/bunny_double.e57"), data("e57/bunny_scaled_int24.e57")) else {
+        return;
+    };
+    let [doubles, packed] = [doubles, packed].map(|path| places(&read(&scans(&path)[0]).0));
+    let apart = std::iter::zip(&doubles, &packed).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+    assert!(apart < 1e-6, "{apart}");
+}
+
+#[test]
+fn several_scans_are_clouds_of_their_own_where_their_poses_put_them() {
+    let (Some(still), Some(moved)) = (data("e57/two_scans.e57"), data("e57/A_moved_B.e57")) else { return };
+    let still = scans(&still);
+    assert_eq!(still.iter().map(|scan| scan.info().points).collect::<Vec<_>>(), [2, 4]);
+    // The manifest has the bounds of the first one.
+    let bounds = read(&still[0]).1.bounds.unwrap();
+    let known = [DVec3::new(-42.642, 1.873, 0.51), DVec3::new(-42.639, 2.058, 0.667)];
+    let apart = |(found, known): (DVec3, DVec3)| (found - known).abs().max_element();
+    assert!([(bounds.min, known[0]), (bounds.max, known[1])].into_iter().all(|pair| apart(pair) < 6e-4), "{bounds:?}");
+    let names: Vec<String> = still.iter().map(|scan| scan.info().name()).collect();
+    assert!(names[0] != names[1] && names.iter().all(|name| name.starts_with("two_scans.e57, ")), "{names:?}");
+
+    let moved = scans(&moved);
+    assert_eq!(moved.len(), 2);
+    let shifts = std::iter::zip(&still, &moved).map(|(still, moved)| {
+        let (before, after) = (places(&read(still).0), places(&read(moved).0));
+        let shift = after[0] - before[0];
+        assert!(
+            std::iter::zip(&before, &after).all(|(a, b)| (*b - *a - shift).length() < 1e-4),
+            "{before:?} {after:?}"
+        );
+        shift
+    });
+    // The file has the second scan at other coordinates, without a pose.
+    let shifts: Vec<DVec3> = shifts.collect();
+    assert!(shifts[0].length() < 1e-6 && (shifts[1] - DVec3::new(0.833, 2.055, 0.0)).length() < 1e-3, "{shifts:?}");
+}
+
+#[test]
+fn spherical_coordinates_normals_pictures_and_files_without_scans_are_known() {
+    let Some(spherical) = data("e57/spherical_coordinates.e57") else { return };
+    let source = scans(&spherical).remove(0);
+    let (chunks, summary) = read(&source);
+    assert_eq!((source.info().points, source.info().scan.clone().unwrap().position), (360, Some(DVec3::ZERO)));
+    let ranges = values(&source, &chunks, "spherical_range");
+    let azimuths = values(&source, &chunks, "spherical_azimuth");
+    let places = places(&chunks);
+    let shown = places.iter().filter(|place| place.is_finite()).count();
+    assert!(shown > 0 && (shown == 360 || summary.warnings[0].contains("marked as invalid")), "{summary:?}");
+    for at in (0..360).filter(|at| places[*at].is_finite()) {
+        assert!((places[at].length() - ranges[at]).abs() < 1e-5);
+        let turn = places[at].y.atan2(places[at].x) - azimuths[at];
+        assert!(turn.sin().abs() < 1e-4, "{at}: {turn}");
+    }
+
+    let normals = scans(&data("e57/normals_extension.e57").unwrap()).remove(0);
+    assert!(normals.info().has_normals && normals.info().points == 2, "{:?}", normals.info().properties);
+    assert!(read(&normals).0[0].normals.is_some());
+
+    let images = scans(&data("e57/points_and_images.e57").unwrap()).remove(0).info().images.clone();
+    assert!(!images.is_empty() && images.iter().all(|image| image.bytes > 0 && image.size[0] > 0), "{images:?}");
+
+    let error = codec::open(&data("e57/zero_scans.e57").unwrap()).err().unwrap().to_string();
+    assert!(error.contains("an E57 file without scans"), "{error}");
+    let error = codec::open(&data("malformed/e57_bad_page_crc.e57").unwrap()).map(|source| {
+        let chunks = Mutex::new(0);
+        source.read(&Selection::default(), &Progress::default(), &|chunk| *chunks.lock().unwrap() += chunk.len())
+    });
+    let told = match error {
+        Err(error) | Ok(Err(error)) => error.to_string(),
+        Ok(Ok(summary)) => summary.warnings.join("; "),
+    };
+    assert!(told.contains("checksum"), "{told}");
+}
+
+const INVALID: Record =
+    Record { name: RecordName::CartesianInvalidState, data_type: RecordDataType::Integer { min: 0, max: 2 } };
+
+fn record(name: RecordName, data_type: RecordDataType) -> Record {
+    Record { name, data_type }
+}
+
+/// The bytes of a file with one scan.
+fn written(prototype: Vec<Record>, pose: Option<Transform>, points: &[Vec<RecordValue>]) -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    let mut writer = E57Writer::new(&mut bytes, "a file").unwrap();
+    writer.register_extension(Extension::new("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")).unwrap();
+    let mut scan = writer.add_pointcloud("a scan", prototype).unwrap();
+    scan.set_name(Some("hall".into()));
+    scan.set_transform(pose);
+    for point in points {
+        scan.add_point(point.clone()).unwrap();
+    }
+    scan.finalize().unwrap();
+    writer.finalize().unwrap();
+    drop(writer);
+    bytes.into_inner()
+}
+
+fn place(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("hall.e57");
+    std::fs::write(&path, bytes).unwrap();
+    (folder, path)
+}
+
+fn numbers(values: [f64; 3]) -> Vec<RecordValue> {
+    values.map(RecordValue::Double).to_vec()
+}
+
+/// A scan of 200,000 points with odd widths of bits, so that values cross the borders of packets and of blocks.
+#[test]
+fn values_that_cross_packets_and_blocks_are_read_as_they_were_written() {
+    let scaled = RecordDataType::ScaledInteger { min: -3, max: 1_000_000, scale: 0.001, offset: 5.0 };
+    let prototype = vec![
+        record(RecordName::CartesianX, scaled.clone()),
+        record(RecordName::CartesianY, RecordDataType::F64),
+        record(RecordName::CartesianZ, RecordDataType::F32),
+        record(RecordName::RowIndex, RecordDataType::Integer { min: 0, max: 1000 }),
+        record(RecordName::ColumnIndex, RecordDataType::Integer { min: 7, max: 7 }),
+        record(RecordName::ReturnIndex, RecordDataType::Integer { min: 0, max: 2 }),
+        record(RecordName::ReturnCount, RecordDataType::Integer { min: 3, max: 3 }),
+    ];
+    let count = 200_000_i64;
+    let point = |at: i64| {
+        vec![
+            RecordValue::ScaledInteger(at * 5 - 3),
+            RecordValue::Double(at as f64 * 0.1),
+            RecordValue::Single(at as f32),
+            RecordValue::Integer(at % 1001),
+            RecordValue::Integer(7),
+            RecordValue::Integer(at % 3),
+            RecordValue::Integer(3),
+        ]
+    };
+    let points: Vec<_> = (0..count).map(point).collect();
+    let (_folder, path) = place(&written(prototype, None, &points));
+    let source = scans(&path).remove(0);
+    let (chunks, summary) = read(&source);
+    assert_eq!((summary.points, chunks.len() > 3), (count as u64, true));
+    let types = |name: &str| source.info().properties.iter().find(|own| own.name == name).unwrap().column_type;
+    assert_eq!(
+        (types("x"), types("row_index"), types("column_index")),
+        (ColumnType::F64, ColumnType::U16, ColumnType::U8)
+    );
+    let [x, y, z, rows, columns, returns] =
+        ["x", "y", "z", "row_index", "column_index", "return_number"].map(|name| values(&source, &chunks, name));
+    for at in 0..count as usize {
+        assert!((x[at] - ((at * 5) as f64 - 3.0) * 0.001 - 5.0).abs() < 1e-9, "{at}");
+        assert_eq!((rows[at], columns[at], returns[at]), ((at % 1001) as f64, 7.0, (at % 3 + 1) as f64), "{at}");
+        assert_eq!((y[at], z[at]), (at as f64 * 0.1, at as f64), "{at}");
+    }
+    let alone = source.record(131_071).unwrap();
+    assert!(alone.contains(&("row_index".to_owned(), (131_071 % 1001).to_string())), "{alone:?}");
+}
+
+#[test]
+fn a_pose_turns_and_moves_points_and_normals_and_is_the_scanners_place() {
+    let normal = |axis: &str| RecordName::Unknown { namespace: "nor".into(), name: format!("normal{axis}") };
+    let mut prototype: Vec<Record> = [Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64].into();
+    prototype.extend(["X", "Y", "Z"].map(|axis| record(normal(axis), RecordDataType::F32)));
+    // A quarter turn about z.
+    let half = 0.5_f64.sqrt();
+    let rotation = Quaternion { w: half, x: 0.0, y: 0.0, z: half };
+    let translation = Translation { x: 100.0, y: 200.0, z: 300.0 };
+    let mut point = numbers([1.0, 2.0, 3.0]);
+    point.extend([1.0, 0.0, 0.0].map(RecordValue::Single));
+    let bytes = written(prototype, Some(Transform { rotation, translation }), &[point]);
+    let (_folder, path) = place(&bytes);
+    let source = scans(&path).remove(0);
+    let (chunks, _) = read(&source);
+    assert!((places(&chunks)[0] - DVec3::new(98.0, 201.0, 303.0)).length() < 1e-9, "{}", places(&chunks)[0]);
+    let normal = cloud::unpack_normal(chunks[0].normals.as_ref().unwrap()[0]).unwrap();
+    assert!((normal - glam::Vec3::Y).length() < 1e-3, "{normal}");
+    let scan = source.info().scan.clone().unwrap();
+    assert_eq!((scan.name.as_str(), scan.position), ("hall", Some(DVec3::new(100.0, 200.0, 300.0))));
+    assert_eq!(source.info().name(), "hall.e57", "a scan alone has the name of its file");
+}
+
+#[test]
+fn invalid_points_are_left_out_and_counted() {
+    let prototype = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64, INVALID];
+    let with = |state: i64, at: f64| {
+        let mut point = numbers([at, 0.0, 0.0]);
+        point.push(RecordValue::Integer(state));
+        point
+    };
+    let points = [with(0, 1.0), with(2, 2.0), with(1, 3.0), with(0, 4.0)];
+    let (_folder, path) = place(&written(prototype, None, &points));
+    let source = scans(&path).remove(0);
+    let (chunks, summary) = read(&source);
+    let shown: Vec<bool> = places(&chunks).iter().map(|place| place.is_finite()).collect();
+    assert_eq!(shown, [true, false, false, true]);
+    assert_eq!(summary.warnings, ["2 of 4 points are marked as invalid by the scanner and are left out"]);
+    assert_eq!(summary.bounds.unwrap().max.x, 4.0);
+}
+
+#[test]
+fn hostile_files_end_in_an_error_or_with_the_points_that_they_have() {
+    let prototype: Vec<Record> = [Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64].into();
+    let points: Vec<_> = (0..200_000).map(|at| numbers([f64::from(at), 0.0, 0.0])).collect();
+    let whole = written(prototype, None, &points);
+    let reads = |bytes: &[u8]| {
+        let (_folder, path) = place(bytes);
+        match codec::open_scans(&path, MEMORY) {
+            Ok(all) => {
+                let (chunks, mut summary) = read(&all[0]);
+                let is_own = |chunk: &Chunk, at: usize| chunk.position(at).x == (chunk.first_point + at as u64) as f64;
+                assert!(chunks.iter().all(|chunk| (0..chunk.len()).all(|at| is_own(chunk, at))));
+                summary.warnings.extend(all[0].info().warnings.clone());
+                (summary.points, summary.warnings.join("; "))
+            }
+            Err(error) => (0, error.to_string()),
+        }
+    };
+    assert_eq!(reads(&whole).0, 200_000);
+    // A page in the midst of the points is damaged: whatever depends on it is missing, with a word.
+    let mut damaged = whole.clone();
+    damaged[700 * 1024 + 5] ^= 1;
+    let (count, told) = reads(&damaged);
+    assert!((1..200_000).contains(&count) && told.contains("checksum"), "{count}: {told}");
+    // Words of the header that point far away, and files that are cut.
+    for (at, bytes) in [(24, u64::MAX), (32, u64::MAX), (32, 1 << 40), (24, 5), (16, 7), (40, 0), (40, u64::MAX)] {
+        let mut lying = whole.clone();
+        lying[at..at + 8].copy_from_slice(&bytes.to_le_bytes());
+        let (_, told) = reads(&lying);
+        assert!(at == 16 || told.contains("hall.e57: "), "{at}: {told}");
+    }
+    for length in [10, 48, 1024, 5000, 512 * 1024] {
+        let (count, told) = reads(&whole[..length]);
+        assert!(count == 0 && told.contains("hall.e57: "), "{length}: {told}");
+    }
+}

@@ -1,0 +1,299 @@
+//! Reads PTS, PTX, tables and PCD: those of the test data, and files that these tests write.
+#![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
+
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use cloud::{Chunk, Progress};
+use codec::{Format, Selection, Source, Summary};
+use glam::DVec3;
+
+const MEMORY: u64 = 1 << 28;
+
+fn scans(path: &Path) -> Vec<Source> {
+    codec::open_scans(path, MEMORY).unwrap()
+}
+
+fn read(source: &Source) -> (Vec<Chunk>, Summary) {
+    let attributes = vec![true; source.info().attributes.len()];
+    let selection = Selection { positions: true, colors: true, normals: true, attributes };
+    let chunks = Mutex::new(Vec::new());
+    let summary = source.read(&selection, &Progress::default(), &|chunk| chunks.lock().unwrap().push(chunk)).unwrap();
+    let mut chunks = chunks.into_inner().unwrap();
+    chunks.sort_by_key(|chunk| chunk.first_point);
+    (chunks, summary)
+}
+
+fn places(source: &Source) -> Vec<DVec3> {
+    read(source).0.iter().flat_map(|chunk| (0..chunk.len()).map(|index| chunk.position(index))).collect()
+}
+
+fn colors(source: &Source) -> Vec<[u8; 3]> {
+    let all = read(source).0;
+    let all = all.iter().flat_map(|chunk| chunk.colors.clone().unwrap().to_vec());
+    all.map(|[red, green, blue, _]| [red, green, blue]).collect()
+}
+
+fn values(source: &Source, name: &str) -> Vec<f64> {
+    let place = source.info().attributes.iter().position(|attribute| attribute.name == name);
+    let place = place.unwrap_or_else(|| panic!("{name} is not among {:?}", source.info().attributes));
+    let column = |chunk: &Chunk| chunk.columns[place].clone().unwrap();
+    let (chunks, _) = read(source);
+    chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|at| column(chunk).value(at)).collect::<Vec<_>>()).collect()
+}
+
+fn names(source: &Source) -> String {
+    let names: Vec<&str> = source.info().properties.iter().map(|property| property.name.as_str()).collect();
+    names.join(" ")
+}
+
+fn data(name: &str) -> Option<PathBuf> {
+    Some(real_data::test_data()?.join("text").join(name))
+}
+
+/// Opens a text, and drops it from the disk when the sources are dropped.
+fn open(text: impl AsRef<[u8]>) -> codec::Result<Vec<Source>> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cloud.txt");
+    std::fs::write(&path, text).unwrap();
+    codec::open_scans(&path, MEMORY)
+}
+
+fn error(text: impl AsRef<[u8]>) -> String {
+    open(text).err().unwrap().to_string()
+}
+
+#[test]
+fn texts_of_the_test_data_are_as_the_manifest_says() {
+    let known: [(&str, Format, u64, &str); 10] = [
+        ("autzen.pts", Format::Pts, 10, "x y z intensity red green blue"),
+        ("test.pts", Format::Pts, 19, "x y z intensity red green blue"),
+        ("1.2-with-color.ptx", Format::Ptx, 1065, "x y z intensity red green blue row_index column_index"),
+        ("complex-transform.ptx", Format::Ptx, 12, "x y z intensity red green blue row_index column_index"),
+        ("utm17_space.pcd", Format::Pcd, 10, "x y z"),
+        (
+            "autzen-utm.pcd",
+            Format::Pcd,
+            1065,
+            "x y z Intensity ReturnNumber NumberOfReturns ScanDirectionFlag EdgeOfFlightLine Classification ScanAngleRank \
+             UserData PointSourceId GpsTime Red Green Blue",
+        ),
+        ("utm17_1.txt", Format::Xyz, 10, "x y z"),
+        ("quoted.txt", Format::Xyz, 9, "x y z"),
+        ("numeric_dim.txt", Format::Xyz, 5, "x y z Eigenvalue0"),
+        ("crlf_test.txt", Format::Xyz, 10, "x y z intensity"),
+    ];
+    for (name, format, points, properties) in known {
+        let Some(path) = data(name) else { return };
+        let source = scans(&path).remove(0);
+        let (info, summary) = (source.info(), read(&source).1);
+        assert_eq!((info.format, info.points, summary.points), (format, points, points), "{name}");
+        assert_eq!(names(&source), properties, "{name}");
+        assert!(info.warnings.is_empty(), "{name}: {:?}", info.warnings);
+        assert_eq!(summary.warnings.len(), usize::from(name == "complex-transform.ptx"), "{name}: {summary:?}");
+    }
+    let refused = codec::open(&data("badheader.txt").unwrap()).err().unwrap().to_string();
+    assert!(refused.contains("the columns x, y, x have x twice; --columns tells which they are"), "{refused}");
+    assert!(codec::open(&data("wrench.vpc").unwrap()).is_err());
+}
+
+#[test]
+fn values_of_the_test_data_are_those_of_the_text() {
+    let Some(pts) = data("autzen.pts") else { return };
+    let pts = scans(&pts).remove(0);
+    assert!((places(&pts)[0] - DVec3::new(636_110.300_003, 849_345.050_003, 512.139_999)).length() < 1e-4);
+    assert_eq!((colors(&pts)[2], values(&pts, "intensity")[0]), ([120, 127, 103], -1613.0));
+
+    let table = scans(&data("crlf_test.txt").unwrap()).remove(0);
+    assert_eq!(values(&table, "intensity"), (0..10).map(f64::from).collect::<Vec<_>>());
+    assert!((places(&table)[9] - DVec3::new(289_818.50, 4_320_980.59, 170.58)).length() < 1e-6);
+
+    // The transformation of the text, by hand: a row times a matrix.
+    let turned = scans(&data("complex-transform.ptx").unwrap()).remove(0);
+    let places_of = places(&turned);
+    let shown: Vec<usize> = (0..12).filter(|at| places_of[*at].is_finite()).collect();
+    assert_eq!(shown, [4, 5, 6, 7]);
+    let own = [-0.005_630, 0.645_218, -0.440_506, 1.0];
+    let matrix = [
+        [0.999_979, -0.003_604, -0.005_365],
+        [0.003_613, 0.999_992, 0.001_630],
+        [0.005_359, -0.001_650, 0.999_984],
+        [-3.028_748, -3.819_741, -1.384_333],
+    ];
+    let expected: [f64; 3] = std::array::from_fn(|axis| (0..4).map(|row| own[row] * matrix[row][axis]).sum());
+    assert!((places_of[4] - DVec3::from(expected)).length() < 1e-9, "{} {expected:?}", places_of[4]);
+    assert_eq!(turned.info().scan.clone().unwrap().position, Some(DVec3::new(-3.028_748, -3.819_741, -1.384_333)));
+    // Two columns of six rows.
+    assert_eq!(values(&turned, "row_index")[4..8], [4.0, 5.0, 0.0, 1.0]);
+    assert_eq!(values(&turned, "column_index")[4..8], [0.0, 0.0, 1.0, 1.0]);
+    assert!(read(&turned).1.warnings[0].starts_with("8 of 12 points are empty cells of the scanner's grid"));
+
+    let packed = scans(&data("autzen-utm.pcd").unwrap()).remove(0);
+    let plain = scans(&data("utm17_space.pcd").unwrap()).remove(0);
+    assert!(packed.info().has_colors && places(&packed).iter().all(|place| place.is_finite()));
+    assert!((places(&plain)[0] - DVec3::new(289_814.15, 4_320_978.61, 170.76)).length() < 0.5, "of floats");
+}
+
+#[test]
+fn several_scans_in_one_text_are_clouds_of_their_own() {
+    let scan = |x: i32| {
+        format!("1\n2\n{x} 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{x} 0 0 1\n1 0 0 0.5\n0 2 0 0.25\n")
+    };
+    let all = open(scan(10) + &scan(20)).unwrap();
+    let first: Vec<DVec3> = all.iter().map(|source| places(source)[0]).collect();
+    assert_eq!(first, [DVec3::new(11.0, 0.0, 0.0), DVec3::new(21.0, 0.0, 0.0)]);
+    let positions: Vec<_> = all.iter().map(|source| source.info().scan.clone().unwrap().position.unwrap().x).collect();
+    assert_eq!(positions, [10.0, 20.0]);
+    assert_eq!(all[1].info().name(), "cloud.txt, scan 2");
+    let all = open("2\n1 2 3\n4 5 6\n1\n7 8 9 10 20 30\n").unwrap();
+    assert_eq!(all.iter().map(|source| source.info().points).collect::<Vec<_>>(), [2, 1]);
+    assert_eq!(colors(&all[1]), [[10, 20, 30]]);
+}
+
+#[test]
+fn columns_are_told_by_names_separators_and_values() {
+    let cases: [(&str, &str, [f64; 3]); 13] = [
+        ("1 2 3\n4 5 6\n", "x y z", [1.0, 2.0, 3.0]),
+        ("1.5;2;3\n4;5;6\n", "x y z", [1.5, 2.0, 3.0]),
+        ("1,5;2,5;3\n4;5;6\n", "x y z", [1.5, 2.5, 3.0]),
+        ("1,5 2,5 3,25\n4,0 5,0 6,0\n", "x y z", [1.5, 2.5, 3.25]),
+        ("1,2,3,0.5\n4,5,6,0.25\n", "x y z intensity", [1.0, 2.0, 3.0]),
+        ("1\t2\t3\t255\t0\t9\n4\t5\t6\t1\t2\t3", "x y z red green blue", [1.0, 2.0, 3.0]),
+        ("1 2 3 0.1 0.5 1\n4 5 6 0 0.25 1\n", "x y z red green blue", [1.0, 2.0, 3.0]),
+        ("1 2 3 0 0.6 0.8\n4 5 6 0 -1 0\n", "x y z nx ny nz", [1.0, 2.0, 3.0]),
+        ("1 2 3 -700 1 2 3\n4 5 6 -800 255 0 0\n", "x y z intensity red green blue", [1.0, 2.0, 3.0]),
+        ("//X Y Z R G B Deviation\n1 2 3 4 5 6 0.5\n", "x y z red green blue Deviation", [1.0, 2.0, 3.0]),
+        ("# a comment\n# y x z\n2 1 3\n", "y x z", [1.0, 2.0, 3.0]),
+        ("Easting [m];Northing [m];Height [m];Class\n1,5;2;3;7\n", "x y z Class", [1.5, 2.0, 3.0]),
+        ("\u{feff}x,y,z\r\n1,2,3\r\n", "x y z", [1.0, 2.0, 3.0]),
+    ];
+    for (text, expected, first) in cases {
+        let source = open(text).unwrap_or_else(|error| panic!("{text}: {error}")).remove(0);
+        assert_eq!(names(&source), expected, "{text}");
+        assert_eq!(places(&source)[0], DVec3::from(first), "{text}");
+        assert!(source.info().warnings.is_empty(), "{text}: {:?}", source.info().warnings);
+    }
+    let shares = open("1 2 3 0.1 0.5 1\n4 5 6 0 0.25 1\n").unwrap().remove(0);
+    assert_eq!(colors(&shares)[0], [26, 128, 255]);
+    let unsure = open("1 2 3 4 5\n4 5 6 7 8\n").unwrap().remove(0);
+    let warning = &unsure.info().warnings[0];
+    assert!(warning.contains("taken for x,y,z,column_4,column_5; --columns tells others"), "{warning}");
+}
+
+#[test]
+fn the_last_line_counts_without_an_end_and_odd_lines_are_counted() {
+    let source = open("x y z\n1 2 3\n4 five 6\n7 8\n9 9 9").unwrap().remove(0);
+    let (_, summary) = read(&source);
+    assert_eq!(source.info().points, 4);
+    assert!(summary.warnings[0].starts_with("2 of 4 points have text that is not a number"), "{summary:?}");
+    let record = source.record(3).unwrap();
+    assert_eq!(record[2], ("z".to_owned(), "9".to_owned()));
+}
+
+#[test]
+fn long_tables_are_read_in_blocks_and_in_the_order_of_their_lines() {
+    let count = 300_000;
+    let text: String = (0..count).map(|at| format!("{at},{},{}\n", at * 2, at % 7)).collect();
+    let source = open(format!("x,y,z\n{text}")).unwrap().remove(0);
+    let all = places(&source);
+    assert_eq!(all.len(), count);
+    assert!((0..count).all(|at| all[at] == DVec3::new(at as f64, (at * 2) as f64, (at % 7) as f64)));
+    assert_eq!(source.record(200_000).unwrap()[0].1, "200000");
+}
+
+fn pcd(data: &str, points: usize) -> String {
+    format!(
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z rgb label\nSIZE 4 4 4 4 2\nTYPE F F F F U\n\
+         COUNT 1 1 1 1 1\nWIDTH {points}\nHEIGHT 1\nVIEWPOINT 1 2 3 1 0 0 0\nPOINTS {points}\nDATA {data}\n"
+    )
+}
+
+/// Ten points of a PCD file by their values: place, colour, label.
+fn point(at: u32) -> ([f32; 3], u32, u16) {
+    ([at as f32, 0.5, -2.0], 0x0010_2000 + at, 40_000 + at as u16)
+}
+
+#[test]
+fn the_three_kinds_of_pcd_are_read_alike() {
+    let count = 10;
+    let mut binary = pcd("binary", 10).into_bytes();
+    let mut columns = vec![Vec::new(); 5];
+    let mut text = pcd("ascii", 10);
+    for ([x, y, z], color, label) in (0..count).map(point) {
+        let values = [x.to_le_bytes(), y.to_le_bytes(), z.to_le_bytes(), color.to_le_bytes()];
+        values.iter().for_each(|value| binary.extend(value));
+        binary.extend(label.to_le_bytes());
+        std::iter::zip(&mut columns, values).for_each(|(column, value)| column.extend(value));
+        columns[4].extend(label.to_le_bytes());
+        text += &format!("{x} {y} {z} {} {label}\n", f32::from_bits(color));
+    }
+    let whole = columns.concat();
+    let mut packed = Vec::new();
+    for run in whole.chunks(32) {
+        packed.push(run.len() as u8 - 1);
+        packed.extend(run);
+    }
+    let mut compressed = pcd("binary_compressed", 10).into_bytes();
+    compressed.extend((packed.len() as u32).to_le_bytes());
+    compressed.extend((whole.len() as u32).to_le_bytes());
+    compressed.extend(&packed);
+    for (kind, bytes) in [("ascii", text.into_bytes()), ("binary", binary), ("compressed", compressed)] {
+        let source = open(bytes).unwrap_or_else(|error| panic!("{kind}: {error}")).remove(0);
+        assert_eq!(names(&source), "x y z red green blue label", "{kind}");
+        let last = count as usize - 1;
+        assert_eq!(
+            (places(&source)[last], colors(&source)[last]),
+            (DVec3::new(9.0, 0.5, -2.0), [0x10, 0x20, 9]),
+            "{kind}"
+        );
+        assert_eq!(values(&source, "label")[last], 40_009.0, "{kind}");
+        assert_eq!(source.info().scan.clone().unwrap().position, Some(DVec3::new(1.0, 2.0, 3.0)), "{kind}");
+    }
+}
+
+#[test]
+fn hostile_texts_end_in_an_error_that_says_what_is_wrong() {
+    let grid = "1 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    let ptx = |size: &str| format!("{size}\n{grid}1 1 1\n");
+    assert!(error(ptx("18446744073709551615\n2")).contains("a grid of 18446744073709551615 columns and 2 rows"));
+    let claimed = open(ptx("1000000000\n1000000000")).unwrap().remove(0);
+    assert!(
+        claimed.info().points == 1 && claimed.info().warnings[0].contains("cells are missing"),
+        "{:?}",
+        claimed.info()
+    );
+    let claimed = open("18446744073709551615\n1 2 3\n").unwrap().remove(0);
+    assert!(claimed.info().points == 1 && claimed.info().warnings[0].contains("points are missing"));
+    assert!(error("2\n1 2 3 4 5\n1 2 3 4 5\n").contains("5 numbers of a point, expected 3, 4, 6 or 7"));
+    assert!(error("0\n1 2 3\n".to_owned() + &"0\n".repeat(20_000)).contains("expected the number of points"));
+    assert!(error("1\n1 2 3\n".to_owned() + &"0\n".repeat(20_000)).contains("more than 10000 of them"));
+    assert!(error("one two three\n1 2 3 4\n").contains("does not name the 4 columns of the lines below it"));
+    assert!(error("a text of no numbers\n").contains("not a file of a known format"));
+
+    let head = |line: &str, other: &str| pcd("binary", 10).replace(line, other);
+    assert!(error(head("DATA binary", "DATA zipped")).contains("none of ascii, binary and binary_compressed"));
+    assert!(error(head("COUNT 1 1 1 1 1", "COUNT 1 1 1 1 99999999")).contains("COUNT of label is `99999999`"));
+    assert!(error(head("COUNT 1 1 1 1 1", "COUNT 0 0 0 0 0")).contains("points without numbers"));
+    assert!(error(head("TYPE F F F F U", "TYPE F F F F X")).contains("label is of type X and size 2"));
+    assert!(error(head("FIELDS x y z rgb label", "FIELDS x y rgb label")).contains("expected as many of each"));
+    assert!(error(head("FIELDS x y z", "FIELDS x y w")).contains("no columns x, y and z"));
+    let cut = open(head("POINTS 10", "POINTS 18446744073709551615")).unwrap().remove(0);
+    assert!(
+        cut.info().points == 0 && cut.info().warnings[0].contains("points are missing"),
+        "{:?}",
+        cut.info().warnings
+    );
+    let packed = |points: u64, sizes: [u32; 2], bytes: &[u8]| {
+        let mut file = pcd("binary_compressed", 1).replace("POINTS 1", &format!("POINTS {points}")).into_bytes();
+        sizes.iter().for_each(|size| file.extend(size.to_le_bytes()));
+        file.extend(bytes);
+        error(file)
+    };
+    assert!(packed(1, [9, 4_000_000_000], &[]).contains("4000000000 bytes, expected 18 for 1 points"));
+    assert!(packed(200_000_000, [9, 3_600_000_000], &[0; 9]).contains("less than LZF can take"));
+    assert!(packed(1, [9, 18], &[255; 9]).contains("reaches to before the points"));
+    assert!(packed(1, [9, 18], &[5, 1]).contains("compressed points"));
+}
