@@ -162,7 +162,7 @@ fn an_export_that_cannot_be_made_is_refused() {
         assert_eq!(outcome.status, Some(status), "{outcome}");
         assert!(outcome.messages.contains(mentioned), "{mentioned}: {outcome}");
     };
-    refused(&["-o", "a.txt"], 2, "must end in .laz, .las, .copc.laz, .ply or .csv");
+    refused(&["-o", "a.txt"], 2, "must end in .laz, .las, .copc.laz, .e57, .ply or .csv");
     refused(&["-o", "there.ply"], 1, "a file of this name is there, and is not replaced; name another place");
     refused(&["-o", "two.ply"], 1, "is not replaced");
     refused(&["-o", "a.laz", "--scene", "gone.toml"], 2, "gone.toml");

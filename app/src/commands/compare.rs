@@ -26,7 +26,8 @@ use crate::system::{picture_file, progress_bar};
 pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     if let Some(output) = &arguments.output {
         if ExportFormat::of(output).is_none() {
-            let expected = "the name must end in .laz, .las, .copc.laz, .ply or .csv, which is what will be in it";
+            let expected =
+                "the name must end in .laz, .las, .copc.laz, .e57, .ply or .csv, which is what will be in it";
             return Err(usage(format!("{}: {expected}", shown(output))));
         }
         picture_file::check_place(output)?;

@@ -24,7 +24,7 @@ use crate::system::{picture_file, progress_bar};
 pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     let output = &arguments.output;
     if ExportFormat::of(output).is_none() {
-        let expected = "the name must end in .laz, .las, .copc.laz, .ply or .csv, which is what will be in it";
+        let expected = "the name must end in .laz, .las, .copc.laz, .e57, .ply or .csv, which is what will be in it";
         return Err(usage(format!("{}: {expected}", shown(output))));
     }
     picture_file::check_place(output)?;

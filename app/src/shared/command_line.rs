@@ -55,7 +55,7 @@ pub enum Command {
     Surfaces(SurfacesArguments),
     /// Write the points of a section along a line: distance along, height, coordinates, attributes; or draw them
     Profile(ProfileArguments),
-    /// Write the points that a scene shows to a new file, with all attributes: LAS, LAZ, COPC, PLY or a table
+    /// Write the points that a scene shows to a new file, with all attributes: LAS, LAZ, COPC, E57, PLY or a table
     Export(ExportArguments),
     /// Tell the measurements that a scene file keeps: values, units, uncertainty
     Measure(MeasureArguments),
@@ -342,7 +342,7 @@ pub struct ProfileArguments {
     /// How far each of the copies is from the one before, world units
     #[arg(long, value_name = "DISTANCE", allow_hyphen_values = true, requires_all = ["line", "copies"])]
     pub spacing: Option<f64>,
-    /// File to write, by the end of its name: .csv, .svg or .png for a chart, or .laz, .las, .copc.laz, .ply for the points; the table goes to standard output if not given
+    /// File to write, by the end of its name: .csv, .svg or .png for a chart, or .laz, .las, .copc.laz, .e57, .ply for the points; the table goes to standard output if not given
     #[arg(short, long, value_name = "OUT.csv|.svg|.png|.laz")]
     pub output: Option<PathBuf>,
     /// Write a report as JSON to standard output, with the number of points and the extent of each section; without a file to write, no table is made
@@ -358,7 +358,7 @@ pub struct ExportArguments {
     /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt), folders of them, - for standard input, or a scene file (`.toml`) for its clouds and what it hides
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
-    /// File to write, by the end of its name: .las, .laz, .copc.laz, .ply or .csv; a file that is there is not replaced
+    /// File to write, by the end of its name: .las, .laz, .copc.laz, .e57, .ply or .csv; a file that is there is not replaced
     #[arg(short, long, value_name = "OUT.laz")]
     pub output: PathBuf,
     /// Scene file whose clips, filters, hidden classes and hidden strays decide which points are shown
@@ -391,7 +391,7 @@ pub struct CompareArguments {
     pub first: OsString,
     /// The cloud that they are measured to
     pub second: OsString,
-    /// File to write: the points of the first cloud with their distances; .laz, .las, .copc.laz, .ply or .csv by the end of its
+    /// File to write: the points of the first cloud with their distances; .laz, .las, .copc.laz, .e57, .ply or .csv by the end of its
     /// name; a file that is there is not replaced
     #[arg(short, long, value_name = "OUT.laz")]
     pub output: Option<PathBuf>,

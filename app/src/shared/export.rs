@@ -132,7 +132,7 @@ pub fn write(
         sources.extend(own);
     }
     if ExportFormat::of(path).is_none() {
-        return Err(format!("{}: the name must end in .laz, .las, .copc.laz, .ply or .csv", shown(path)));
+        return Err(format!("{}: the name must end in .laz, .las, .copc.laz, .e57, .ply or .csv", shown(path)));
     }
     let wanted = Wanted { test, left_out: &left_out };
     codec::export(&sources, wanted, &columns(&sources, added), path, memory, progress)

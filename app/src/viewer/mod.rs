@@ -621,7 +621,7 @@ impl Viewer {
                         let dialog = match asked {
                             Asked::Points => dialog
                                 .set_title("Save the points that are shown")
-                                .add_filter("LAZ, LAS, COPC, PLY, CSV", &["laz", "las", "ply", "csv"]),
+                                .add_filter("LAZ, LAS, COPC, E57, PLY, CSV", &["laz", "las", "e57", "ply", "csv"]),
                             Asked::Picture => dialog.set_title("Save the picture").add_filter("PNG", &["png"]),
                             Asked::Scene => dialog.set_title("Save the scene").add_filter("Scene", &["toml"]),
                         };

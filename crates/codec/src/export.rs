@@ -2,6 +2,7 @@
 //! each of them. Files are streamed through, so they may be larger than memory.
 
 pub(crate) mod columns;
+pub(crate) mod e57_file;
 pub(crate) mod grid;
 pub(crate) mod merging;
 pub(crate) mod names;
@@ -49,6 +50,7 @@ pub enum ExportFormat {
     Laz,
     Copc,
     Ply,
+    E57,
     Csv,
 }
 
@@ -75,6 +77,7 @@ impl ExportFormat {
             (".laz", Self::Laz),
             (".las", Self::Las),
             (".ply", Self::Ply),
+            (".e57", Self::E57),
             (".csv", Self::Csv),
         ];
         endings.into_iter().find(|(ending, _)| name.ends_with(ending)).map(|(_, format)| format)
@@ -112,6 +115,7 @@ pub fn export<'a>(
     let job = Job { sources, wanted, added, output, memory, progress, bounds: Mutex::new(Bounds::EMPTY) };
     let written = match (format, &all) {
         (ExportFormat::Ply, _) => job.write_ply(file)?,
+        (ExportFormat::E57, _) => job.write_e57(file)?,
         (ExportFormat::Csv, _) => job.write_csv(file)?,
         (_, Some(all)) if !all.is_empty() && have_same_extra_dimensions(all) => {
             export_records(all, wanted, added, (file, output), format != ExportFormat::Las, memory, progress)?
@@ -219,6 +223,19 @@ impl Job<'_> {
         *bounds = bounds.union(more);
     }
 
+    /// The same by the places of a piece.
+    fn widen_by(&self, own: &OwnFields, piece: &Piece) {
+        let axis = |axis: &str| {
+            own.fields.iter().position(|field| field.meaning == Meaning::Coordinate && field.name() == axis)
+        };
+        if let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(axis) {
+            let mut bounds = Bounds::EMPTY;
+            let place = |index: &u32| [x, y, z].map(|axis| piece.columns[axis].value(*index as usize));
+            piece.kept.iter().for_each(|index| bounds.include(DVec3::from(place(index))));
+            self.widen(bounds);
+        }
+    }
+
     /// The columns of each file, with those that are added. If colours are `marked` and some files have none, a column
     /// says which have.
     fn fields(&self, colors: Colors, is_marked: bool) -> Vec<OwnFields> {
@@ -257,17 +274,8 @@ impl Job<'_> {
     ) -> Vec<String> {
         let mut problems = Vec::new();
         for (number, own) in own.iter().enumerate() {
-            let axis = |axis: &str| {
-                own.fields.iter().position(|field| field.meaning == Meaning::Coordinate && field.name() == axis)
-            };
-            let coordinates = ["x", "y", "z"].map(axis);
             let rows_of = |piece: &Piece| {
-                if let [Some(x), Some(y), Some(z)] = coordinates {
-                    let mut bounds = Bounds::EMPTY;
-                    let place = |index: &u32| [x, y, z].map(|axis| piece.columns[axis].value(*index as usize));
-                    piece.kept.iter().for_each(|index| bounds.include(DVec3::from(place(index))));
-                    self.widen(bounds);
-                }
+                self.widen_by(own, piece);
                 rows_of(number, piece)
             };
             problems.append(&mut self.read_one(number, own, colors, None, order, &rows_of));
@@ -404,11 +412,7 @@ impl Job<'_> {
         self.say_missing(&merged, &|field| if field.column_type().is_whole() { "0" } else { "NaN" }, &mut words);
         self.say_black(&mut words);
         for source in self.sources.iter().filter(|_| colors == Colors::Bytes) {
-            let is_wide = match &**source {
-                Source::Las(source) => source.has_wide_colors(),
-                Source::Rows(source) => source.has_wide_colors(),
-            };
-            if is_wide {
+            if source.has_wide_colors() {
                 let word = "of the bits of a colour, PLY keeps the upper 8, which programs expect there";
                 words.say(&source.info().path, word);
             }

@@ -1,5 +1,9 @@
 //! The names of the formats that are read, and the endings of their files.
 
+/// The extension that E57 has for normals, and ours for all that it has no name for: prefix and address.
+pub const E57_NORMALS: (&str, &str) = ("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt");
+pub const E57_OTHERS: (&str, &str) = ("glint", "https://glint.invalid/attributes");
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     Las,

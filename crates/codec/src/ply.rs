@@ -385,6 +385,12 @@ fn decide_conventions(
         values(index, &mut |value| is_zero &= value == 0.0 || !value.is_finite());
         is_zero
     };
+    if let Some(colors) = roles.colors.filter(|_| packing.is_made())
+        && colors.iter().all(|&index| is_zero(index))
+    {
+        warnings.push("all colours are zero: shown as a cloud without colours".into());
+        (roles.colors, roles.color_scale) = (None, None);
+    }
     if let Some(colors) = roles.colors
         && roles.color_scale.is_none()
     {

@@ -102,6 +102,14 @@ impl Source {
         self
     }
 
+    /// Whether its colours are more than bytes.
+    pub(crate) fn has_wide_colors(&self) -> bool {
+        match self {
+            Self::Las(source) => source.has_wide_colors(),
+            Self::Rows(source) => source.has_wide_colors(),
+        }
+    }
+
     /// What the points are decoded from.
     pub fn bytes(&self) -> &Bytes {
         match self {

@@ -342,3 +342,72 @@ fn hostile_files_end_in_an_error_or_with_the_points_that_they_have() {
         assert!(count == 0 && told.contains("hall.e57: "), "{length}: {told}");
     }
 }
+
+#[test]
+fn an_export_to_e57_keeps_scans_with_their_names_places_and_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let prototype = vec![
+        Record::CARTESIAN_X_F64,
+        Record::CARTESIAN_Y_F64,
+        Record::CARTESIAN_Z_F64,
+        Record::INTENSITY_U16,
+        Record::COLOR_RED_U8,
+        Record::COLOR_GREEN_U8,
+        Record::COLOR_BLUE_U8,
+        record(RecordName::RowIndex, RecordDataType::Integer { min: 0, max: 500 }),
+        INVALID,
+    ];
+    let points: Vec<_> = (0..1000_i64)
+        .map(|at| {
+            let mut point = numbers([at as f64 * 0.25, 1.5, -2.0]);
+            let whole = [at * 60, at % 256, 7, 255, at / 2, 2 * i64::from(at % 10 == 3)];
+            point.extend(whole.map(RecordValue::Integer));
+            point
+        })
+        .collect();
+    let translation = Translation { x: 1000.0, y: 2000.0, z: 3.0 };
+    let pose = Transform { rotation: Quaternion::default(), translation };
+    std::fs::write(path("hall.e57"), written(prototype, Some(pose), &points)).unwrap();
+    std::fs::write(path("table.csv"), "x,y,z,odd name\n1,2,3,0.5\n4,5,6,0.25\n").unwrap();
+    let mut sources: Vec<Source> = scans(&path("hall.e57"));
+    sources.extend(scans(&path("table.csv")));
+    let sources: Vec<_> = sources.into_iter().map(std::sync::Arc::new).collect();
+    let test = cloud::PointTest::default();
+    let exported = codec::export(&sources, &test, &[], &path("both.e57"), MEMORY, &Progress::default());
+    assert_eq!(exported.unwrap().unwrap().points, 902);
+
+    let all = scans(&path("both.e57"));
+    let positions: Vec<_> = all.iter().map(|scan| scan.info().scan.clone().unwrap()).collect();
+    assert_eq!(positions.iter().map(|scan| scan.name.as_str()).collect::<Vec<_>>(), ["hall", "table.csv"]);
+    assert_eq!(
+        positions.iter().map(|scan| scan.position).collect::<Vec<_>>(),
+        [Some(DVec3::new(1000.0, 2000.0, 3.0)), None]
+    );
+    let (before, after) = (read(&sources[0]).0, read(&all[0]).0);
+    let kept: Vec<usize> = (0..1000).filter(|at| at % 10 != 3).collect();
+    for name in ["x", "y", "z", "intensity", "row_index", "red", "green", "blue"] {
+        let (before, after) = (values(&sources[0], &before, name), values(&all[0], &after, name));
+        assert_eq!(kept.iter().map(|at| before[*at]).collect::<Vec<_>>(), after, "{name}");
+    }
+    assert!(all[0].info().has_colors && read(&all[0]).1.warnings.is_empty());
+    assert_eq!(values(&all[1], &read(&all[1]).0, "odd_name"), [0.5, 0.25]);
+}
+
+#[test]
+fn colours_that_are_zero_everywhere_are_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(path("black.txt"), "x,y,z,r,g,b\n1,2,3,0,0,0\n4,5,6,0,0,0\n").unwrap();
+    let source = scans(&path("black.txt")).remove(0);
+    let info = source.info().clone();
+    assert!(
+        !info.has_colors && info.warnings == ["all colours are zero: shown as a cloud without colours"],
+        "{info:?}"
+    );
+    let sources = [std::sync::Arc::new(source)];
+    let test = cloud::PointTest::default();
+    codec::export(&sources, &test, &[], &path("black.e57"), MEMORY, &Progress::default()).unwrap().unwrap();
+    let written = scans(&path("black.e57")).remove(0);
+    assert!(!written.info().has_colors, "{:?}", written.info());
+}

@@ -21,7 +21,7 @@ const POINTS: usize = 300;
 /// The number of each point, by which those of two files are matched.
 const NUMBER: &str = "number";
 /// The formats that are written, by the endings of their files.
-const OUTPUTS: [&str; 5] = ["las", "laz", "copc.laz", "ply", "csv"];
+const OUTPUTS: [&str; 6] = ["las", "laz", "copc.laz", "e57", "ply", "csv"];
 /// The two marks between which docs/formats.md has the table.
 const MARKS: [&str; 2] = ["<!-- The table is written by a test. -->\n", "<!-- End of the table. -->\n"];
 
@@ -127,6 +127,38 @@ fn ply_table(path: &Path) -> Table {
                 other => panic!("{other:?}"),
             };
             table.entry(name.to_string()).or_default().push(value);
+        }
+    }
+    sorted(table)
+}
+
+/// The points of the first scan, with the names that columns have here, read by the crate `e57`.
+fn e57_table(path: &Path) -> Table {
+    let mut reader = e57::E57Reader::from_file(path).unwrap();
+    let scan = reader.pointclouds().remove(0);
+    let name = |record: &e57::Record| match &record.name {
+        e57::RecordName::CartesianX => "x".to_owned(),
+        e57::RecordName::CartesianY => "y".into(),
+        e57::RecordName::CartesianZ => "z".into(),
+        e57::RecordName::ColorRed => "red".into(),
+        e57::RecordName::ColorGreen => "green".into(),
+        e57::RecordName::ColorBlue => "blue".into(),
+        e57::RecordName::Intensity => "intensity".into(),
+        e57::RecordName::ReturnIndex => "return_number".into(),
+        e57::RecordName::ReturnCount => "number_of_returns".into(),
+        e57::RecordName::Unknown { name, .. } => match name.strip_prefix("normal") {
+            Some(axis) => format!("n{}", axis.to_lowercase()),
+            None => name.clone(),
+        },
+        other => panic!("{other:?}"),
+    };
+    let names: Vec<String> = scan.prototype.iter().map(name).collect();
+    let mut table = Table::new();
+    for point in reader.pointcloud_raw(&scan).unwrap() {
+        for ((name, record), value) in names.iter().zip(&scan.prototype).zip(point.unwrap()) {
+            // Returns count from 0 there.
+            let first = f64::from(u8::from(name == "return_number"));
+            table.entry(name.clone()).or_default().push(value.to_f64(&record.data_type).unwrap() + first);
         }
     }
     sorted(table)
@@ -302,6 +334,7 @@ fn row(input: &Path, before: &Table) -> Vec<String> {
         let path = exported(input, output);
         let (after, kind) = match ExportFormat::of(&path).unwrap() {
             ExportFormat::Ply => (ply_table(&path), String::new()),
+            ExportFormat::E57 => (e57_table(&path), String::new()),
             ExportFormat::Csv => (csv_table(&path), String::new()),
             ExportFormat::Las | ExportFormat::Laz | ExportFormat::Copc => {
                 let (table, format) = las_table(&path);
@@ -349,7 +382,7 @@ fn all_attributes_of_all_formats_go_to_all_formats() {
         std::fs::write(&ply, ply_file(encoding)).unwrap();
         add(format!("PLY {encoding}"), row(&ply, &ply_table(&ply)));
     }
-    let mut table = format!("| in | {} |\n|---|---|---|---|---|---|\n", OUTPUTS.join(" | "));
+    let mut table = format!("| in | {} |\n|---|---|---|---|---|---|---|\n", OUTPUTS.join(" | "));
     for (names, cells) in &rows {
         let _ = writeln!(table, "| {} | {} |", short(names), cells.join(" | "));
     }

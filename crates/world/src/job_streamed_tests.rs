@@ -287,7 +287,7 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
         also: Mutex::default(),
     };
     let chunks = vec![Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 4])];
-    let source = open_file(&path, 1 << 30).unwrap();
+    let source = open_file(&path, 1 << 30).unwrap().remove(0);
     let loading = Loading { cloud: 7, source, up: DVec3::Z, chunks, place: None, has_kept_surfels: false };
     loader.end(&loading, Err(codec::Error::unsuitable(&path, "the disk is broken"))).unwrap();
     drop(loader);

@@ -13,7 +13,7 @@ use crate::budget::half_of;
 use crate::chunk_key::Part;
 use crate::event::{Event, Opened};
 use crate::loader::Loader;
-use crate::source::{estimate_description, is_one_file, open_file, options_for, selection, up, up_of};
+use crate::source::{estimate_description, is_one_file, open_file, options_for, options_of_scan, selection, up, up_of};
 use crate::task::{CloudTask, TaskKind};
 use crate::words::{Input, built_in_name};
 
@@ -285,7 +285,7 @@ impl Loader {
                 chunk.normals = Some(Arc::new(normals));
             }
         }
-        let options = options_for(&chunks, up, &self.settings);
+        let options = options_of_scan(source.info(), &chunks, up, &self.settings);
         let start = Instant::now();
         let estimated = task.run(|progress| cloud::estimate(&chunks, &options, progress));
         tracing::debug!(cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");

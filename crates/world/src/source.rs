@@ -204,6 +204,16 @@ pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOp
     SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, radii, seen_from }
 }
 
+/// The same for the points of a scan: surfaces face its scanner where the file tells its place.
+pub(crate) fn options_of_scan(info: &codec::Info, chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
+    let mut options = options_for(chunks, up, settings);
+    let scanner = info.scan.as_ref().and_then(|scan| scan.position);
+    if let (SurfaceOrientation::Auto, Some(place)) = (settings.surface.orientation, scanner) {
+        options.orientation = Orientation::Toward(place);
+    }
+    options
+}
+
 /// The radii of a cloud's points, one list for each chunk, for those that `test` shows as if there were no others.
 /// `None` when cancelled.
 pub fn radii_of_shown(

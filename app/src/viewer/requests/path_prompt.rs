@@ -88,7 +88,7 @@ impl PathPrompt {
         let (title, help) = match self.purpose {
             Purpose::SaveScene => ("Save the scene", "Tab completes, Enter saves, Esc closes"),
             Purpose::SavePoints => {
-                ("Save the points that are shown", ".laz, .las, .copc.laz, .ply or .csv; Enter saves, Esc closes")
+                ("Save the points that are shown", ".laz, .las, .copc.laz, .e57, .ply or .csv; Enter saves, Esc closes")
             }
             _ => ("Open a file", "Tab completes, Enter opens, Esc closes"),
         };

@@ -4,6 +4,7 @@ use cloud::ColumnType;
 use e57::{PointCloud, RecordDataType, RecordName, RecordValue};
 
 use crate::brief::brief;
+use crate::format::E57_OTHERS;
 use crate::ply::columns::Scale;
 use crate::ply::header::{Element, Kind, Property};
 
@@ -195,7 +196,7 @@ impl Layout {
                 }
                 RecordName::ReturnIndex => add("return_number".into(), ColumnType::U8, Origin::Number(stream)),
                 RecordName::ReturnCount => add("number_of_returns".into(), own.column_type(), plain),
-                RecordName::Unknown { namespace, name } if !namespace.is_empty() => {
+                RecordName::Unknown { namespace, name } if !namespace.is_empty() && namespace != E57_OTHERS.0 => {
                     add(format!("{namespace}_{name}"), own.column_type(), plain);
                 }
                 RecordName::Unknown { name, .. } => add(name.clone(), own.column_type(), plain),

@@ -439,6 +439,11 @@ impl<'a> Packing<'a> {
         Self { header, properties, keep, stride, offsets, big_endian, is_strided, maker }
     }
 
+    /// Whether the rows are of another format than PLY.
+    pub fn is_made(&self) -> bool {
+        self.maker.is_some_and(|maker| maker.stride().is_none())
+    }
+
     /// The size of a row of the file in bytes, if all have the same.
     fn file_stride(&self) -> Option<u64> {
         let own = self.is_strided.then_some(self.stride);

@@ -1,0 +1,232 @@
+//! Writes E57 files: each input is a scan of its own, at the place of its scanner where that is known.
+
+use std::io::{self, Read, Seek, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use cloud::ColumnType;
+use e57::{E57Writer, Extension, PointCloudWriter, Quaternion, Record, RecordDataType, RecordName, RecordValue};
+use e57::{Transform, Translation};
+use glam::DVec3;
+use tempfile::NamedTempFile;
+
+use super::columns::{Colors, Field, Meaning, Piece};
+use super::merging::{Merged, Origin};
+use super::names::Names;
+use super::ply_file::{PIECE_POINTS, RowFormat};
+use super::words::Words;
+use super::{Job, OwnFields};
+use crate::brief::message;
+use crate::error::{Error, Result};
+use crate::format::{E57_NORMALS, E57_OTHERS};
+use crate::in_order::InOrder;
+use crate::las::record_export::Written;
+
+/// The columns of a scan.
+struct ScanFormat {
+    rows: RowFormat,
+    records: Vec<Record>,
+    /// Where the scanner stood. Coordinates count from there.
+    position: Option<DVec3>,
+    /// The column that counts returns from 1, where the file counts from 0, and whether a point had 0.
+    returns: Option<usize>,
+    has_no_return: AtomicBool,
+}
+
+impl ScanFormat {
+    fn new(fields: &[Field], position: Option<DVec3>) -> Self {
+        let rows = RowFormat::new(fields);
+        let has = |name: &str| fields.iter().any(|field| field.name() == name && field.column_type().is_whole());
+        let has_returns = has("return_number") && has("number_of_returns");
+        let has_normals = ["nx", "ny", "nz"].iter().all(|axis| fields.iter().any(|field| field.name() == *axis));
+        let (mut names, mut taken) = (Names::with_case(), Vec::new());
+        let mut records = Vec::new();
+        for (field, own) in fields.iter().zip(&rows.fields) {
+            let is_whole = own.column_type.is_whole();
+            let known = match (field.meaning, field.name()) {
+                (Meaning::Coordinate, "x") => Some(RecordName::CartesianX),
+                (Meaning::Coordinate, "y") => Some(RecordName::CartesianY),
+                (Meaning::Coordinate, "z") => Some(RecordName::CartesianZ),
+                (Meaning::Color, "red") => Some(RecordName::ColorRed),
+                (Meaning::Color, "green") => Some(RecordName::ColorGreen),
+                (Meaning::Color, "blue") => Some(RecordName::ColorBlue),
+                (_, "return_number") if has_returns => Some(RecordName::ReturnIndex),
+                (_, "number_of_returns") if has_returns => Some(RecordName::ReturnCount),
+                (_, name) if name.eq_ignore_ascii_case("intensity") => Some(RecordName::Intensity),
+                (_, "row_index") if is_whole => Some(RecordName::RowIndex),
+                (_, "column_index") if is_whole => Some(RecordName::ColumnIndex),
+                (_, "nx" | "ny" | "nz") if has_normals => {
+                    let name = format!("normal{}", field.name()[1..].to_uppercase());
+                    Some(RecordName::Unknown { namespace: E57_NORMALS.0.into(), name })
+                }
+                _ => None,
+            };
+            let known = known.filter(|name| !taken.contains(name));
+            let name = known.unwrap_or_else(|| {
+                let name = names.take(&xml_name(field.name()), usize::MAX);
+                RecordName::Unknown { namespace: E57_OTHERS.0.into(), name }
+            });
+            taken.push(name.clone());
+            let is_place = field.meaning == Meaning::Coordinate;
+            let data_type = match own.column_type {
+                ColumnType::F32 if !(is_place && position.is_some()) => RecordDataType::Single { min: None, max: None },
+                ColumnType::U8 => whole(0, 0xff),
+                ColumnType::I8 => whole(-0x80, 0x7f),
+                ColumnType::U16 => whole(0, 0xffff),
+                ColumnType::I16 => whole(-0x8000, 0x7fff),
+                ColumnType::U32 => whole(0, 0xffff_ffff),
+                ColumnType::I32 if !is_place => whole(-0x8000_0000, 0x7fff_ffff),
+                _ => RecordDataType::Double { min: None, max: None },
+            };
+            records.push(Record { name, data_type });
+        }
+        let returns = records.iter().position(|record| record.name == RecordName::ReturnIndex);
+        Self { rows, records, position, returns, has_no_return: AtomicBool::new(false) }
+    }
+
+    /// The values of a packed row.
+    fn values(&self, row: &[u8]) -> Vec<RecordValue> {
+        let mut at = 0;
+        let mut values = Vec::with_capacity(self.records.len());
+        for (index, (record, own)) in self.records.iter().zip(&self.rows.fields).enumerate() {
+            let bytes = &row[at..at + own.column_type.size()];
+            at += bytes.len();
+            let shift = self.position.map_or(0.0, |place| match record.name {
+                RecordName::CartesianX => place.x,
+                RecordName::CartesianY => place.y,
+                RecordName::CartesianZ => place.z,
+                _ => 0.0,
+            });
+            let number = number_of(bytes, own.column_type);
+            values.push(match record.data_type {
+                RecordDataType::Single { .. } => RecordValue::Single(number as f32),
+                RecordDataType::Integer { .. } if self.returns == Some(index) => {
+                    if number == 0.0 {
+                        self.has_no_return.store(true, Ordering::Relaxed);
+                    }
+                    RecordValue::Integer((number as i64 - 1).max(0))
+                }
+                RecordDataType::Integer { .. } => RecordValue::Integer(number as i64),
+                _ => RecordValue::Double(number - shift),
+            });
+        }
+        values
+    }
+}
+
+fn whole(min: i64, max: i64) -> RecordDataType {
+    RecordDataType::Integer { min, max }
+}
+
+/// A number of a row, little-endian. Rows have no whole numbers of 64 bits.
+fn number_of(bytes: &[u8], column_type: ColumnType) -> f64 {
+    let raw = bytes.iter().rev().fold(0_u64, |raw, byte| raw << 8 | u64::from(*byte));
+    match column_type {
+        ColumnType::F32 => f64::from(f32::from_bits(raw as u32)),
+        ColumnType::F64 => f64::from_bits(raw),
+        ColumnType::I8 => f64::from(raw as i8),
+        ColumnType::I16 => f64::from(raw as i16),
+        ColumnType::I32 => f64::from(raw as i32),
+        _ => raw as f64,
+    }
+}
+
+/// A name that XML allows.
+fn xml_name(name: &str) -> String {
+    let own: String = name.chars().map(|c| if c.is_ascii_alphanumeric() || c == '_' { c } else { '_' }).collect();
+    let is_name = own.starts_with(|c: char| c.is_ascii_alphabetic()) && !own.to_lowercase().starts_with("xml");
+    if is_name { own } else { format!("a_{own}") }
+}
+
+fn failed(error: e57::Error) -> io::Error {
+    match error {
+        e57::Error::Write { source: Some(source), .. } => match source.downcast::<io::Error>() {
+            Ok(error) => *error,
+            Err(error) => io::Error::other(error.to_string()),
+        },
+        error => io::Error::other(message(&error)),
+    }
+}
+
+impl Job<'_> {
+    pub(super) fn write_e57(&self, mut file: NamedTempFile) -> Result<Option<Written>> {
+        let unwritten = |error: io::Error| Error::not_written(self.output, error);
+        let crs = self.crs()?.map(str::to_owned);
+        let is_wide = self.sources.iter().any(|source| source.has_wide_colors());
+        let own = self.fields(if is_wide { Colors::Words } else { Colors::Bytes }, false);
+        let mut words = Words::default();
+        self.say_left_out(&mut words);
+        let mut warnings = self.warnings();
+        let mut points = 0;
+        let mut writer = E57Writer::new(&mut file, "glint").map_err(failed).map_err(unwritten)?;
+        for (name, url) in [E57_NORMALS, E57_OTHERS] {
+            writer.register_extension(Extension::new(name, url)).map_err(failed).map_err(unwritten)?;
+        }
+        writer.set_coordinate_metadata(crs);
+        for (number, own) in own.iter().enumerate() {
+            let info = self.sources[number].info();
+            let position = info.scan.as_ref().and_then(|scan| scan.position);
+            // Colours that are zero everywhere are none: other programs would show black points.
+            let has_place = |field: &Field| field.meaning != Meaning::Color || info.has_colors;
+            let fields: Vec<Field> = own.fields.iter().filter(|field| has_place(field)).cloned().collect();
+            let format = ScanFormat::new(&fields, position);
+            let guid = format!("glint scan {}", number + 1);
+            let mut scan = writer.add_pointcloud(&guid, format.records.clone()).map_err(failed).map_err(unwritten)?;
+            let name = info.scan.as_ref().map_or_else(|| info.name(), |scan| scan.name.clone());
+            scan.set_name(Some(name.replace("]]>", "]] >")));
+            scan.set_transform(position.map(|place| Transform {
+                rotation: Quaternion::default(),
+                translation: Translation { x: place.x, y: place.y, z: place.z },
+            }));
+            points += self.write_scan(number, own, is_wide, &format, &mut scan, &mut warnings).map_err(unwritten)?;
+            if self.progress.is_cancelled() {
+                return Ok(None);
+            }
+            scan.finalize().map_err(failed).map_err(unwritten)?;
+            self.say_lost_digits(&format.rows.lost_digits(), &mut words);
+            if format.has_no_return.into_inner() {
+                words.say(&info.path, "points without a return number became the first return");
+            }
+        }
+        writer.finalize().map_err(failed).map_err(unwritten)?;
+        drop(writer);
+        file.as_file().sync_data().map_err(unwritten)?;
+        Ok(Some(Written { file, points, changes: words.lines(), warnings }))
+    }
+
+    /// Writes the points of one input; returns how many there were.
+    fn write_scan<T: Read + Write + Seek + Send>(
+        &self,
+        number: usize,
+        own: &OwnFields,
+        is_wide: bool,
+        format: &ScanFormat,
+        scan: &mut PointCloudWriter<'_, T>,
+        warnings: &mut Vec<String>,
+    ) -> io::Result<u64> {
+        let merged = Merged::by_name(std::slice::from_ref(&own.fields));
+        let has_colors = self.sources[number].info().has_colors;
+        let origins = std::iter::zip(&own.fields, &merged.origins[0]);
+        let origins = origins.filter(|(field, _)| field.meaning != Meaning::Color || has_colors);
+        let origins: Vec<Option<Origin>> = origins.map(|(_, origin)| *origin).collect();
+        let length = format.rows.length;
+        let points = Mutex::new(0);
+        let encode = |rows: Vec<u8>| {
+            *points.lock().unwrap_or_else(PoisonError::into_inner) += (rows.len() / length) as u64;
+            Ok(rows)
+        };
+        let mut write = |rows: Vec<u8>| {
+            rows.chunks_exact(length).try_for_each(|row| scan.add_point(format.values(row)).map_err(failed))
+        };
+        let is_cancelled = || self.progress.is_cancelled();
+        let order = InOrder::new(PIECE_POINTS * length, &encode, &mut write, &is_cancelled);
+        let rows_of = |piece: &Piece| {
+            self.widen_by(own, piece);
+            format.rows.rows(piece, &origins)
+        };
+        let colors = if is_wide { Colors::Words } else { Colors::Bytes };
+        warnings.append(&mut self.read_one(number, own, colors, None, &order, &rows_of));
+        order.finish()?;
+        Ok(points.into_inner().unwrap_or_else(PoisonError::into_inner))
+    }
+}
