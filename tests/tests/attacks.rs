@@ -47,6 +47,35 @@ fn refused(folder: &Folder, words: &[&str], mentioned: &str) -> Outcome {
 }
 
 #[test]
+fn texts_and_grids_that_claim_more_than_they_hold_are_read_as_far_as_they_go() {
+    let folder = Folder::new();
+    let grid = "1000000000\n1000000000\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 3 0.5\n";
+    let fields = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\n";
+    let texts = [
+        ("grid.ptx", grid.to_owned(), "999999999999999999 of 1000000000000000000 cells are missing"),
+        ("list.pts", "18446744073709551615\n1 2 3 4\n".into(), "points are missing: the file ends early"),
+        ("rows.pcd", format!("{fields}POINTS 18446744073709551615\nDATA ascii\n1 2 3\n"), "points are missing"),
+    ];
+    for (name, text, told) in texts {
+        folder.write(name, text);
+        let outcome = folder.glint_within(AT_ONCE, ["info", name]);
+        assert!(outcome.status == Some(0) && outcome.text().contains(told), "{name}: {outcome}");
+        assert!(outcome.peak_memory < LITTLE, "{name}: {outcome}");
+    }
+    folder.write("many.pts", "1\n1 2 3\n".to_owned() + &"0\n".repeat(300_000));
+    refused(&folder, &["info", "many.pts"], "more than 10000 of them");
+    let packed = format!("{fields}POINTS 300000000\nDATA binary_compressed\n");
+    let sizes = [9_u32.to_le_bytes(), 3_600_000_000_u32.to_le_bytes()].concat();
+    folder.write("packed.pcd", [packed.as_bytes(), &sizes, &[0; 9]].concat());
+    refused(&folder, &["info", "packed.pcd"], "less than LZF can take");
+    let mut header = b"ASTM-E57".to_vec();
+    [0x1_u64, 2048, 1024, 1 << 40, 1024].iter().for_each(|word| header.extend(word.to_le_bytes()));
+    header.resize(2048, 0);
+    folder.write("lying.e57", header);
+    refused(&folder, &["info", "lying.e57"], "a description of 1099511627776 bytes");
+}
+
+#[test]
 fn words_and_names_that_steer_a_terminal_are_shown_as_escapes() {
     let folder = Folder::new();
     folder.write("cloud.ply", THREE_POINTS);

@@ -1,8 +1,10 @@
 //! Changes bytes. This file has the changes that know no format; each file below has those that know one.
 
+pub mod e57;
 pub mod index;
 pub mod las;
 pub mod ply;
+pub mod table;
 pub mod text;
 
 use crate::dice::Dice;

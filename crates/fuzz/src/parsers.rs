@@ -17,6 +17,8 @@ use study::Plan;
 const MOST_POINTS: u64 = 1 << 20;
 /// The bytes of memory that decoders may take: half of the ceiling for inputs of any length.
 const DECODER_MEMORY: u64 = 32 << 20;
+/// The most scans of a file that are read.
+const MOST_READ: usize = 4;
 /// The highest number of a record that is read alone: its compressed chunk is decoded up to it.
 const MOST_RECORDS: u64 = 1 << 16;
 
@@ -24,7 +26,15 @@ const MOST_RECORDS: u64 = 1 << 16;
 pub fn cloud(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     let path = folder.join("cloud");
     put(&path, bytes)?;
-    let Ok(source) = codec::open_within(&path, DECODER_MEMORY) else { return Ok(0) };
+    let Ok(scans) = codec::open_scans(&path, DECODER_MEMORY) else { return Ok(0) };
+    let mut decoded = 0;
+    for source in scans.into_iter().take(MOST_READ) {
+        decoded += scan(source)?;
+    }
+    Ok(decoded)
+}
+
+fn scan(source: Source) -> Result<u64, String> {
     let attributes = vec![true; source.info().attributes.len()];
     let all = read(&source, &Selection { positions: true, colors: true, normals: true, attributes })?;
     let positions = read(&source, &Selection { positions: true, ..Selection::default() })?;

@@ -100,6 +100,27 @@ fn seeds() -> Vec<(&'static str, Seeds)> {
         ("copc", named(vec![("one-node", copc_of_ours()), ("pages", copc_with_pages())])),
         ("ply_header", named(vec![("text", ply_text()), ("little", ply_bytes(false)), ("splats", ply_splats())])),
         ("ply_rows", named(vec![("text", ply_text()), ("little", ply_bytes(false)), ("big", ply_bytes(true))])),
+        ("e57", named(vec![("scans", e57_scans())])),
+        (
+            "pcd",
+            named(vec![
+                ("text", pcd("ascii", b"1 2 3 4.2e6 9\n2 3 4 0 8\n3 4 5 1e-39 7\n")),
+                ("binary", pcd("binary", &pcd_rows())),
+                ("compressed", pcd("binary_compressed", &pcd_compressed())),
+            ]),
+        ),
+        (
+            "table",
+            named(vec![
+                (
+                    "names.csv",
+                    b"X,Y,Z,Intensity,R,G,B\n1.5,2,3,-700,255,0,9\n4,5.25,6,12,0,128,9\n7,8,9,1,2,3,4\n".to_vec(),
+                ),
+                ("commas.txt", b"1,5 2,5 3,25 7\n4,0 5,0 6,0 8\n".to_vec()),
+                ("two.pts", b"3\n1 2 3 -5 1 2 3\n4 5 6 -6 4 5 6\n7 8 9 -7 7 8 9\n1\n1 2 3 4\n".to_vec()),
+                ("two.ptx", [ptx(2, 2), ptx(1, 3)].concat().into_bytes()),
+            ]),
+        ),
         ("index_nodes", named(index.clone())),
         ("index_pages", named(index.clone())),
         ("index_surfels", named(index)),
@@ -108,6 +129,74 @@ fn seeds() -> Vec<(&'static str, Seeds)> {
         ("plan", named(vec![("sweeps.toml", plan("initial-step")), ("methods.toml", plan("methods"))])),
         ("preferences", named(vec![("viewer.toml", preferences().into_bytes())])),
     ]
+}
+
+/// Two scans with columns of all kinds, one with a pose, and some invalid points.
+fn e57_scans() -> Vec<u8> {
+    use e57::{E57Writer, Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform, Translation};
+    let record = |name: RecordName, data_type: RecordDataType| Record { name, data_type };
+    let scaled = RecordDataType::ScaledInteger { min: -1000, max: 1000, scale: 0.01, offset: 1.0 };
+    let prototype = vec![
+        record(RecordName::CartesianX, RecordDataType::F64),
+        record(RecordName::CartesianY, RecordDataType::F32),
+        record(RecordName::CartesianZ, scaled),
+        record(RecordName::CartesianInvalidState, RecordDataType::Integer { min: 0, max: 2 }),
+        record(RecordName::Intensity, RecordDataType::Integer { min: 0, max: 4095 }),
+        record(RecordName::ColorRed, RecordDataType::U8),
+        record(RecordName::ColorGreen, RecordDataType::U8),
+        record(RecordName::ColorBlue, RecordDataType::U8),
+    ];
+    let mut bytes = Cursor::new(Vec::new());
+    let mut writer = E57Writer::new(&mut bytes, "file").unwrap();
+    for number in 0..2 {
+        let mut scan = writer.add_pointcloud("scan", prototype.clone()).unwrap();
+        let turned = Transform {
+            rotation: Quaternion { w: 0.6, x: 0.0, y: 0.0, z: 0.8 },
+            translation: Translation { x: 1.0, y: 2.0, z: 3.0 },
+        };
+        scan.set_transform((number == 0).then_some(turned));
+        for at in 0..20_u8 {
+            let whole = i64::from(at);
+            let values = vec![
+                RecordValue::Double(f64::from(at) * 0.1),
+                RecordValue::Single(f32::from(at)),
+                RecordValue::ScaledInteger(whole - 10),
+                RecordValue::Integer(2 * i64::from(at % 7 == 3)),
+                RecordValue::Integer(whole * 200),
+                RecordValue::Integer(whole),
+                RecordValue::Integer(255 - whole),
+                RecordValue::Integer(9),
+            ];
+            scan.add_point(values).unwrap();
+        }
+        scan.finalize().unwrap();
+    }
+    writer.finalize().unwrap();
+    drop(writer);
+    bytes.into_inner()
+}
+
+fn pcd(data: &str, points: &[u8]) -> Vec<u8> {
+    let header = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z rgb label\nSIZE 4 4 4 4 2\nTYPE F F F F U\nCOUNT 1 1 1 1 1\n\
+                  WIDTH 3\nHEIGHT 1\nVIEWPOINT 0 0 1 1 0 0 0\nPOINTS 3\nDATA ";
+    [header.as_bytes(), data.as_bytes(), b"\n", points].concat()
+}
+
+fn pcd_rows() -> Vec<u8> {
+    (0..3 * 18).map(|byte: u8| byte / 4).collect()
+}
+
+fn pcd_compressed() -> Vec<u8> {
+    let rows = pcd_rows();
+    // Runs of up to 32 bytes.
+    let runs: Vec<u8> = rows.chunks(32).flat_map(|run| [&[run.len() as u8 - 1], run].concat()).collect();
+    [&(runs.len() as u32).to_le_bytes()[..], &(rows.len() as u32).to_le_bytes(), &runs].concat()
+}
+
+fn ptx(columns: usize, rows: usize) -> String {
+    let frame = "1 2 3\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 2 3 1\n0 0 0 0.5\n";
+    let points: String = (1..columns * rows).map(|at| format!("{at} 0.5 -2 0.25\n")).collect();
+    format!("{columns}\n{rows}\n{frame}{points}")
 }
 
 /// The bytes of a record of point formats 0 to 10.
