@@ -219,6 +219,10 @@ enum Origin {
     Channel { number: usize, shift: u32 },
 }
 
+/// Finds the bytes of a number of the file in columns, or in rows: by its number among those of a point and the index of the
+/// point.
+type Look<'a> = dyn for<'v> Fn(&'v [Vec<u8>], usize, usize) -> &'v [u8] + 'a;
+
 struct Maker {
     header: Header,
     element: Element,
@@ -337,17 +341,16 @@ impl RowMaker for Maker {
         let stride: usize = kept.iter().map(|(_, column_type)| column_type.size()).sum();
         let numbers = &self.header.numbers;
         let mut made = Vec::new();
-        let mut fill =
-            |count: usize, value: &dyn for<'v> Fn(&'v [Vec<u8>], usize, usize) -> &'v [u8], columns: &[Vec<u8>]| {
-                made.clear();
-                made.resize(count * stride, 0);
-                let mut at = 0;
-                for (property, column_type) in &kept {
-                    self.fill(*property, &mut made, (at, stride), &|number, index| value(columns, number, index));
-                    at += column_type.size();
-                }
-                give(&made);
-            };
+        let mut fill = |count: usize, value: &Look<'_>, columns: &[Vec<u8>]| {
+            made.clear();
+            made.resize(count * stride, 0);
+            let mut at = 0;
+            for (property, column_type) in &kept {
+                self.fill(*property, &mut made, (at, stride), &|number, index| value(columns, number, index));
+                at += column_type.size();
+            }
+            give(&made);
+        };
         if self.header.data == Data::Ascii {
             return self.make_of_text(file, block, &kept, give);
         }

@@ -84,7 +84,7 @@ impl Style {
     }
 
     /// The columns of a line, without blanks and quotes around them.
-    pub fn tokens<'a>(self, line: &'a [u8]) -> impl Iterator<Item = &'a [u8]> + Clone {
+    pub fn tokens(self, line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
         let line = line.trim_ascii();
         // At the end of a line a separator may stand after the last column.
         let line = self.separator.and_then(|separator| line.strip_suffix(&[separator])).unwrap_or(line);
