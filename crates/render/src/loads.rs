@@ -89,7 +89,7 @@ pub(crate) fn maps(settings: &Settings) -> f64 {
 
 /// The texels of the picture that a ray passes.
 pub(crate) fn layers(settings: &Settings) -> f64 {
-    by_texels(settings.screen_trace.skip)
+    by_texels(settings.screen_trace.skip) * (0.005 / f64::from(settings.screen_trace.stride)).max(1.0)
 }
 
 /// The places at which a texel of the walls is tried.

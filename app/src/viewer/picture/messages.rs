@@ -77,7 +77,7 @@ pub enum Command {
 /// A picture with what a recording keeps of it.
 pub struct Picture {
     pub camera: Camera,
-    /// That of the frame.
+    /// The revision of the frame.
     pub revision: u64,
     /// Rows of sRGB red, green, blue and opacity.
     pub rgba: Vec<u8>,

@@ -8,7 +8,7 @@ mod tests;
 
 use glam::{Vec2, Vec3};
 
-use super::depth_search::flat_leaf;
+use super::depth_search::{come_out, flat_leaf};
 
 /// From where, and how, the picture shows the scene.
 #[derive(Clone, Copy, Debug)]
@@ -69,6 +69,8 @@ pub(super) enum Criterion {
     Plane,
     /// A ray meets a texel where it goes behind the texel's depth.
     Sign,
+    /// As published: a ray meets a texel where it goes behind the texel's depth, or comes out from behind it.
+    SignEither,
     /// A ray meets a texel where it is that near to the texel's depth.
     Threshold(f32),
 }
@@ -494,7 +496,20 @@ pub(super) fn leaf(
 
 /// Walks a ray through the six faces of a cube. Returns the answer and the number of cells.
 pub(super) fn walk_cube(faces: &[Picture; 6], ray: &Ray, choices: Choices) -> (Answer, u32) {
+    if choices.criterion == Criterion::SignEither {
+        return either_sign(faces, ray, choices);
+    }
     through_faces(faces, ray, choices, if choices.criterion == Criterion::Plane { leaf } else { flat_leaf })
+}
+
+/// Walks a ray through a cube by the change of either sign. No cell is passed unseen.
+fn either_sign(faces: &[Picture; 6], ray: &Ray, choices: Choices) -> (Answer, u32) {
+    let inside = std::cell::Cell::new(None);
+    let choices = Choices { skip: false, ..choices };
+    let (answer, cells) = through_faces(faces, ray, choices, |picture, ray, at, part, starts, choices| {
+        come_out(&inside, picture, ray, at, part, starts, choices)
+    });
+    (if answer == Answer::Open && inside.get().is_some() { Answer::Hidden(ray.from) } else { answer }, cells)
 }
 
 /// Walks a ray through the faces of a cube, of which it crosses at most four; `says` is what a texel says.

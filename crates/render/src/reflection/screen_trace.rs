@@ -404,7 +404,7 @@ mod tests {
             let chosen = &mut settings.screen_trace;
             (chosen.criterion, chosen.rest) = (ScreenCriterion::Thickness, ScreenRest::None);
             (chosen.sampling, chosen.stride, chosen.thickness) = (sampling, stride, 0.02);
-            let stats = renderer.render(&store, &camera, &settings, Objects::default(), [96, 80]).unwrap();
+            let stats = renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), [96, 80])).unwrap();
             stats.reflection.unwrap().coverage
         };
         let [intervals, fine, coarse] = [
@@ -424,10 +424,10 @@ mod tests {
         let camera = Camera::looking(DVec3::new(0.2, 0.2, 0.0), DVec3::new(0.3, -1.0, 0.2), 1.7, DVec3::Z);
         let mut settings = settings();
         settings.screen_trace.criterion = ScreenCriterion::Layers;
-        let drawn = renderer.render(&store, &camera, &settings, Objects::default(), [32, 32]);
+        let drawn = renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), [32, 32]));
         assert!(matches!(drawn, Err(Error::NoSecondLayer)));
         settings.screen_trace.back = ScreenBack::Culled;
-        assert!(renderer.render(&store, &camera, &settings, Objects::default(), [32, 32]).is_ok());
+        assert!(renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), [32, 32])).is_ok());
     }
 
     #[test]
