@@ -31,7 +31,7 @@ pub const TARGETS: [Target; 17] = [
     Target { name: "copc", run: parsers::cloud, mutate: las::copc, repair: nothing },
     Target { name: "ply_header", run: parsers::cloud, mutate: ply::header, repair: nothing },
     Target { name: "ply_rows", run: parsers::cloud, mutate: ply::rows, repair: nothing },
-    Target { name: "e57", run: parsers::cloud, mutate: e57::change, repair: e57::repair },
+    Target { name: "e57", run: parsers::cloud, mutate: |dice, bytes| e57::change(dice, bytes), repair: e57::repair },
     Target { name: "pcd", run: parsers::cloud, mutate: table::change, repair: nothing },
     Target { name: "table", run: parsers::cloud, mutate: table::change, repair: nothing },
     Target { name: "index_nodes", run: parsers::index, mutate: index::nodes, repair: index::repair },

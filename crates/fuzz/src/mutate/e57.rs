@@ -12,7 +12,7 @@ fn description(bytes: &[u8]) -> std::ops::Range<usize> {
 }
 
 /// Changes one of them.
-pub fn change(dice: &Dice, bytes: &mut Vec<u8>) {
+pub fn change(dice: &Dice, bytes: &mut [u8]) {
     let xml = description(bytes);
     match dice.below(10) {
         0 | 1 => put_integer(dice, bytes, dice.pick(&[16, 24, 32, 40]), 8),
