@@ -138,7 +138,7 @@ mod tests {
     use crate::viewer::picture::messages::PickPurpose;
     use crate::viewer::picture::pace::Spared;
 
-    /// A wall of white points at x = 2.
+    /// A wall of points without colours at x = 2.
     fn wall() -> Chunk {
         let place = |i: u32| DVec3::new(2.0, f64::from(i % 64) / 16.0 - 2.0, f64::from(i / 64) / 16.0 - 2.0);
         let places: Vec<DVec3> = (0..4096).map(place).collect();
@@ -194,7 +194,7 @@ mod tests {
         };
         assert!(drawn.stats.is_quick && drawn.request == quick);
         let middle = &drawn.rows.tight()[(12 * 32 + 16) * 4..][..4];
-        assert_eq!(middle, [255; 4], "the wall in its own colour");
+        assert_eq!(middle, Settings::default().color.plain.bytes(), "the wall in the colour of points without another");
         assert_eq!(point.map(|point| point.chunk), Some(key));
 
         // A picture at rest and what it is read for wait, and so do later changes.

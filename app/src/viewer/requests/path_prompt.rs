@@ -265,7 +265,7 @@ mod tests {
 
     fn folder() -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["office_1.laz", "office_2.LAZ", "notes.txt", ".hidden.laz"] {
+        for name in ["office_1.laz", "office_2.LAZ", "notes.pdf", ".hidden.laz"] {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
         std::fs::create_dir(folder.path().join("outdoor")).unwrap();
