@@ -8,16 +8,11 @@
 use glam::Vec3;
 
 use crate::Stretch;
-use crate::neighbours::{Neighbourhood, is_aside};
 
 /// The half axes of an ellipse in spacings: a little more than what closes a grid (0.71).
 const CLOSING: f32 = 0.75;
 /// Beside the last row of a surface, the half axis in spacings: up to the middle of the way to the next row.
 const BORDER: f32 = 0.5;
-/// The nearest neighbours are a row if so many of them are within 15 degrees of one line (by the squared cosine) ...
-const FEWEST_NEAR: usize = 4;
-/// ... and nearer than all others.
-const NEAR_LINE: f32 = 0.933;
 /// The fewest points of a row: others beside a point lie there by chance.
 const FEWEST_IN_ROW: usize = 2;
 /// Points belong to the nearest row up to this multiple of its distance.
@@ -29,60 +24,8 @@ const STRAIGHT: f32 = -0.94;
 /// Rows that are no further apart than so many spacings are one row.
 const NARROWEST: f32 = 2.0;
 /// Rows that are further apart, in spacings along them, are not of one surface, like wires side by side: scanners that
-/// graze a surface within 3 degrees measure next to nothing, and where rows of two stations coincide, points are twice as
-/// close along them.
-const FARTHEST: f32 = 40.0;
-
-/// The row that a point is in.
-pub(crate) struct Line {
-    /// The unit direction.
-    pub axis: Vec3,
-    /// The mean distance between its points.
-    spacing: f32,
-}
-
-impl Line {
-    /// The row along the unit vector `axis` that neighbours of a point are in.
-    pub(crate) fn along(axis: Vec3, offsets: impl Iterator<Item = Vec3>) -> Self {
-        let along = offsets.filter(|offset| !is_aside(*offset, axis)).map(|offset| offset.dot(axis));
-        let (count, low, high) =
-            along.fold((0, 0.0_f32, 0.0_f32), |(count, low, high), along| (count + 1, low.min(along), high.max(along)));
-        Self { axis, spacing: (high - low) / count as f32 }
-    }
-
-    /// The row that the nearest neighbours are in, whatever lies beyond them: where rows of two stations lie between one
-    /// another, all neighbours together form no line.
-    pub(crate) fn of_nearest(around: &Neighbourhood) -> Option<Self> {
-        let first = around.first()?;
-        let narrow = NEAR_LINE * first.length_squared();
-        let is_near_line = |offset: Vec3| offset.dot(first).powi(2) >= narrow * offset.length_squared();
-        let beside = around.offsets().filter(|offset| !is_near_line(*offset));
-        let limit = beside.map(Vec3::length_squared).fold(f32::INFINITY, f32::min);
-        let row = || around.offsets().filter(|offset| offset.length_squared() < limit);
-        if row().count() < FEWEST_NEAR {
-            return None;
-        }
-        let axis = row().map(|offset| if offset.dot(first) < 0.0 { -offset } else { offset }).sum::<Vec3>();
-        Some(Self::along(axis.try_normalize()?, row()))
-    }
-
-    /// The ways across the row to the points `beside` it that are in other rows.
-    fn across(&self, beside: &[Vec3]) -> Vec<Vec3> {
-        let ways = beside.iter().map(|offset| offset - offset.dot(self.axis) * self.axis);
-        ways.filter(|way| way.length() >= NARROWEST * self.spacing).collect()
-    }
-
-    /// A direction to the side of the row on which there is none of the points `beside` it, if these lie on one side.
-    pub(crate) fn bare_side(&self, beside: &[Vec3]) -> Option<Vec3> {
-        let across = self.across(beside);
-        let nearest = nearest_of(&across)?;
-        across.iter().all(|way| way.dot(nearest) > 0.0).then_some(-nearest)
-    }
-}
-
-fn nearest_of(ways: &[Vec3]) -> Option<Vec3> {
-    ways.iter().copied().min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))
-}
+/// graze a surface within 3 degrees measure next to nothing.
+const FARTHEST: f32 = 20.0;
 
 /// The splat of a point in a row.
 #[derive(Debug, PartialEq)]
@@ -101,12 +44,13 @@ struct Row {
     distance: f32,
 }
 
-/// The splat of a point in a row; `beside` are the offsets of the nearest points aside from the row. `None` where they form
-/// no rows on one plane (that of `normal`, if the point has one), and where rows are no further apart than their points.
-pub(crate) fn row_splat(line: &Line, beside: &[Vec3], normal: Option<Vec3>) -> Option<RowSplat> {
-    let Line { axis, spacing } = *line;
-    let across = line.across(beside);
-    let nearest = nearest_of(&across)?;
+/// The splat of a point in a row along the unit vector `axis`, in which points are `spacing` apart; `beside` are the
+/// offsets of the nearest points aside from the row. `None` where they form no rows on one plane (that of `normal`, if
+/// the point has one), and where rows are no further apart than their points.
+pub(crate) fn row_splat(axis: Vec3, spacing: f32, beside: &[Vec3], normal: Option<Vec3>) -> Option<RowSplat> {
+    let across = beside.iter().map(|offset| offset - offset.dot(axis) * axis);
+    let across: Vec<Vec3> = across.filter(|way| way.length() >= NARROWEST * spacing).collect();
+    let nearest = *across.iter().min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
     let row_of = |side: f32| {
         let ways = || across.iter().copied().filter(move |way| side * way.dot(nearest) > 0.0);
         let reach = SAME_ROW * ways().map(Vec3::length).fold(f32::INFINITY, f32::min);
@@ -144,8 +88,6 @@ pub(crate) fn row_splat(line: &Line, beside: &[Vec3], normal: Option<Vec3>) -> O
 mod tests {
     use super::*;
 
-    const LINE: Line = Line { axis: Vec3::X, spacing: 1.0 };
-
     /// The offsets of a grid's points aside from its own row: rows along x, `apart` from one another along `way`.
     fn grid(way: Vec3, apart: f32, rows: &[i32]) -> Vec<Vec3> {
         let row = |row: i32| (-3..=3).map(move |step| step as f32 * Vec3::X + row as f32 * apart * way);
@@ -155,23 +97,23 @@ mod tests {
     #[test]
     fn ellipses_reach_from_row_to_row_in_their_plane() {
         let way = Vec3::new(0.0, 0.6, 0.8);
-        let splat = row_splat(&LINE, &grid(way, 8.0, &[-1, 1]), None).unwrap();
+        let splat = row_splat(Vec3::X, 1.0, &grid(way, 8.0, &[-1, 1]), None).unwrap();
         assert!((splat.long - 6.0).abs() < 1e-5 && (splat.stretch.ratio - 8.0).abs() < 1e-5, "{splat:?}");
         assert!(splat.stretch.axis.dot(way).abs() > 0.9999 && splat.normal.dot(Vec3::X.cross(way)).abs() > 0.9999);
         // Beside the border it ends midway, and it lies in the plane of the point's own normal.
-        let border = row_splat(&LINE, &grid(way, 8.0, &[1]), None).unwrap();
+        let border = row_splat(Vec3::X, 1.0, &grid(way, 8.0, &[1]), None).unwrap();
         assert!((border.long - 4.0).abs() < 1e-5, "{border:?}");
-        let own = row_splat(&LINE, &grid(way, 8.0, &[-1, 1]), Some(Vec3::new(0.0, -0.8, 0.6))).unwrap();
+        let own = row_splat(Vec3::X, 1.0, &grid(way, 8.0, &[-1, 1]), Some(Vec3::new(0.0, -0.8, 0.6))).unwrap();
         assert_eq!(own.normal, Vec3::new(0.0, -0.8, 0.6));
     }
 
     #[test]
     fn what_forms_no_rows_on_a_plane_has_no_ellipse() {
-        let none = |beside: &[Vec3], normal: Option<Vec3>| row_splat(&LINE, beside, normal).is_none();
+        let none = |beside: &[Vec3], normal: Option<Vec3>| row_splat(Vec3::X, 1.0, beside, normal).is_none();
         assert!(none(&[], None));
         // Single points; wires far apart; a bundle on one side; rows square to the point's own surface.
         assert!(none(&[Vec3::new(0.3, 5.0, 0.0), Vec3::new(0.1, -4.0, 1.0)], None));
-        assert!(none(&grid(Vec3::Y, 50.0, &[-1, 1]), None));
+        assert!(none(&grid(Vec3::Y, 30.0, &[-1, 1]), None));
         let bundle = (0..12).map(|i| Vec3::new(0.2 * i as f32, 5.0, i as f32 - 6.0)).collect::<Vec<_>>();
         assert!(none(&bundle, None));
         assert!(none(&grid(Vec3::Y, 6.0, &[-1, 1]), Some(Vec3::Y)));
@@ -181,7 +123,7 @@ mod tests {
     fn at_an_edge_an_ellipse_lies_on_the_nearer_side() {
         let floor = grid(Vec3::Y, 5.0, &[1]);
         let wall: Vec<Vec3> = (-3..=3).map(|step| Vec3::new(step as f32, 0.0, 7.0)).collect();
-        let splat = row_splat(&LINE, &[floor, wall].concat(), None).unwrap();
+        let splat = row_splat(Vec3::X, 1.0, &[floor, wall].concat(), None).unwrap();
         assert!(splat.normal.dot(Vec3::Z).abs() > 0.999 && (splat.long - 2.5).abs() < 1e-5, "{splat:?}");
     }
 }

@@ -18,9 +18,9 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::carve::carve;
-use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles};
+use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles, is_aside};
 use crate::robust::{robust_bounds, spread_sample};
-use crate::rows::{Line, RowSplat, row_splat};
+use crate::rows::{RowSplat, row_splat};
 use crate::shape::Shape;
 use crate::strays::{Look, Stray, kinds_of, median_radius, strays_of};
 use crate::{
@@ -30,7 +30,7 @@ use crate::{
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 4;
+pub const ESTIMATOR: u32 = 3;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
@@ -174,7 +174,7 @@ pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progr
 struct Doubtful {
     /// The running index.
     index: u32,
-    /// The running indices of its neighbours; none where a row decides.
+    /// The running indices of its neighbours.
     neighbours: Vec<u32>,
     row: Option<RowSplat>,
 }
@@ -246,22 +246,17 @@ impl<'a> Estimate<'a> {
                 normals[local].store(pack_normal(normal), Ordering::Relaxed);
             }
             looks.push(look);
-            let Some(shape) = shape.filter(|_| !is_stray) else {
+            let is_doubtful = |shape: &Shape| !shape.is_wide() || !EVEN.contains(&shape.spread) && is_crowded(around);
+            let Some(shape) = shape.filter(|shape| !is_stray && is_doubtful(shape)) else {
                 return;
             };
-            let lines = [shape.line().map(|axis| Line::along(axis, around.offsets())), Line::of_nearest(around)];
-            let is_bounded = !shape.is_wide() || !EVEN.contains(&shape.spread) && is_crowded(around);
-            let neighbours = if is_bounded { around.indices().collect() } else { Vec::new() };
-            let row = lines.iter().flatten().find_map(|line| {
-                let mut beside: Vec<Vec3> = surroundings.search_aside(line.axis, Vec3::ZERO).offsets().collect();
-                if let Some(side) = line.bare_side(&beside) {
-                    beside.extend(surroundings.search_aside(line.axis, side).offsets());
-                }
-                row_splat(line, &beside, self.own_normal(index))
+            let neighbours = around.indices().collect();
+            let line = shape.line().map(|axis| (axis, spacing_along(axis, around)));
+            let row = line.and_then(|(axis, spacing)| {
+                let beside: Vec<Vec3> = surroundings.search_aside(axis).offsets().collect();
+                row_splat(axis, spacing, &beside, self.own_normal(index))
             });
-            if is_bounded || row.is_some() {
-                doubtful.push(Doubtful { index, neighbours, row });
-            }
+            doubtful.push(Doubtful { index, neighbours, row });
         };
         tiles.search::<LANES>(tile, count, visit, progress);
         let has_strays = self.options.radii == RadiusRule::Spread;
@@ -321,6 +316,14 @@ impl<'a> Estimate<'a> {
         });
         surfels.collect()
     }
+}
+
+/// The mean distance between the points in the row of a point along the unit vector `axis`.
+fn spacing_along(axis: Vec3, around: &Neighbourhood) -> f32 {
+    let along = around.offsets().filter(|offset| !is_aside(*offset, axis)).map(|offset| offset.dot(axis));
+    let (count, low, high) =
+        along.fold((0, 0.0_f32, 0.0_f32), |(count, low, high), along| (count + 1, low.min(along), high.max(along)));
+    (high - low) / count as f32
 }
 
 /// What tells of a point whether it is on a surface, by its neighbours and their shape.

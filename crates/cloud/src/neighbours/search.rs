@@ -40,13 +40,6 @@ impl Neighbourhood {
         self.neighbours().map(|candidate| candidate.offset)
     }
 
-    /// The offset of the nearest neighbour; of equally near ones, the first by its coordinates.
-    pub fn first(&self) -> Option<Vec3> {
-        let by_distance = |a: &&Candidate, b: &&Candidate| a.distance_squared.total_cmp(&b.distance_squared);
-        let first = |a: &&Candidate, b: &&Candidate| by_distance(a, b).then_with(|| by_place(&a.offset, &b.offset));
-        self.neighbours().min_by(first).map(|candidate| candidate.offset)
-    }
-
     /// The offsets of the nearest `most` neighbours; equally near ones follow in the order of their coordinates.
     pub fn nearest(&self, most: usize) -> Vec<Vec3> {
         let mut all: Vec<&Candidate> = self.neighbours().collect();
@@ -67,20 +60,6 @@ impl Neighbourhood {
 pub fn is_aside(offset: Vec3, axis: Vec3) -> bool {
     let along = offset.dot(axis);
     along * along < 0.75 * offset.length_squared()
-}
-
-/// Where points lie aside from a line.
-pub(super) struct Aside {
-    /// The unit direction of the line.
-    pub axis: Vec3,
-    /// A direction to the side where they lie; zero for all sides.
-    pub side: Vec3,
-}
-
-impl Aside {
-    fn holds(&self, offset: Vec3) -> bool {
-        is_aside(offset, self.axis) && offset.dot(self.side) >= 0.0
-    }
 }
 
 /// A ball without a layer about a plane through its middle.
@@ -107,15 +86,8 @@ impl<const LANES: usize> Nearest<LANES> {
         Self { distances: [f32::INFINITY; LANES], bound, count }
     }
 
-    /// Considers some points of one brick; with an `aside`, those that it holds.
-    fn scan(
-        &mut self,
-        places: &Copies,
-        at: Range<usize>,
-        point: Vec3,
-        aside: Option<&Aside>,
-        found: &mut Vec<Candidate>,
-    ) {
+    /// Considers some points of one brick; with an `axis`, those aside from the line along it.
+    fn scan(&mut self, places: &Copies, at: Range<usize>, point: Vec3, axis: Option<Vec3>, found: &mut Vec<Candidate>) {
         let mut squared = [0.0; BRICK_POINTS];
         let (x, y, z) = (&places.x[at.clone()], &places.y[at.clone()], &places.z[at.clone()]);
         let length = x.len().min(BRICK_POINTS);
@@ -127,7 +99,7 @@ impl<const LANES: usize> Nearest<LANES> {
         for i in 0..length {
             if squared[i] <= self.bound && squared[i] > 0.0 {
                 let offset = Vec3::new(x[i], y[i], z[i]) - point;
-                if aside.is_none_or(|aside| aside.holds(offset)) {
+                if axis.is_none_or(|axis| is_aside(offset, axis)) {
                     found.push(Candidate { offset, distance_squared: squared[i], index: indices[i] });
                     self.insert(squared[i]);
                 }
@@ -308,11 +280,12 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         &self.neighbourhood
     }
 
-    /// The nearest points `aside` of a point of the home tile.
-    pub(super) fn run_aside(&mut self, brick: usize, local: usize, aside: &Aside) -> &Neighbourhood {
+    /// The nearest points aside from the line along the unit vector `axis` through a point of the home tile, by more
+    /// than 30 degrees.
+    pub(super) fn run_aside(&mut self, brick: usize, local: usize, axis: Vec3) -> &Neighbourhood {
         self.previous = None;
         let point = self.place(brick, local);
-        self.within(f32::MAX, brick, point, Some(aside));
+        self.within(f32::MAX, brick, point, Some(axis));
         &self.neighbourhood
     }
 
@@ -329,15 +302,15 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
 
     /// The neighbours of a point no further than the square root of `bound`. Squared distances that overflow find none,
     /// so that a cloud of random numbers is not searched from end to end for each point.
-    fn within(&mut self, bound: f32, brick: usize, point: Vec3, aside: Option<&Aside>) {
+    fn within(&mut self, bound: f32, brick: usize, point: Vec3, axis: Option<Vec3>) {
         self.neighbourhood.candidates.clear();
         let mut nearest = Nearest::<LANES>::new(self.count, bound.min(f32::MAX));
         // Goes up from the point's own brick and visits the subtree on the other side of each node.
         let mut node = brick + self.home_view.starts.len();
-        self.visit(None, node, point, aside, &mut nearest);
+        self.visit(None, node, point, axis, &mut nearest);
         while node > 1 {
             if self.home_view.boxes[node ^ 1].distance_squared(point) <= nearest.bound {
-                self.visit(None, node ^ 1, point, aside, &mut nearest);
+                self.visit(None, node ^ 1, point, axis, &mut nearest);
             }
             node /= 2;
         }
@@ -349,7 +322,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
                 }
                 if self.others[other].bounds.distance_squared(point) <= nearest.bound {
                     self.reach(other);
-                    self.visit(Some(other), 1, point, aside, &mut nearest);
+                    self.visit(Some(other), 1, point, axis, &mut nearest);
                 }
             }
         }
@@ -380,7 +353,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         other: Option<usize>,
         root: usize,
         point: Vec3,
-        aside: Option<&Aside>,
+        axis: Option<Vec3>,
         nearest: &mut Nearest<LANES>,
     ) {
         let view = match other {
@@ -411,7 +384,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             }
             let start = view.starts[brick] as usize;
             let at = start..start + range.len();
-            nearest.scan(&self.copies, at, point, aside, &mut self.neighbourhood.candidates);
+            nearest.scan(&self.copies, at, point, axis, &mut self.neighbourhood.candidates);
         }
     }
 
