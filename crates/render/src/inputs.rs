@@ -28,6 +28,8 @@ pub(crate) struct Inputs {
     tables: wgpu::Buffer,
     /// Whether some points are hidden.
     pub hides_points: bool,
+    /// One point in so many of each block is drawn.
+    pub step: u32,
     pub pages: Vec<PageInputs>,
     /// The chunks that are drawn.
     pub chunks: Vec<ChunkId>,
@@ -201,6 +203,7 @@ impl Inputs {
             settings: upload("settings", uniform, bytemuck::cast_slice(&words)),
             tables: upload("tables", storage, bytemuck::cast_slice(&tables.words)),
             hides_points: list.hides_points,
+            step,
             pages,
         }
     }

@@ -25,7 +25,7 @@ const TOO_LONG: f64 = 50.0;
 const FIRST_STILL: f64 = 200.0;
 /// How coarse the very first picture is, before any time is known: it comes four times as soon, and a better one
 /// follows.
-const FIRST: Spared = Spared { divisor: 2, most_points: None };
+const FIRST: Spared = Spared { divisor: 2, ..Spared::NOTHING };
 
 /// How long a picture may be that of earlier values before the panel says so: shorter waits would make the notice
 /// flicker.

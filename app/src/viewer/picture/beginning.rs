@@ -176,7 +176,7 @@ mod tests {
             light_may_lag: false,
         };
         let quick =
-            FrameRequest { spared: Some(Spared { divisor: 2, most_points: None }), hurried: true, ..still.clone() };
+            FrameRequest { spared: Some(Spared { divisor: 2, ..Spared::NOTHING }), hurried: true, ..still.clone() };
         let cloud = CloudKey(0);
         let key = cloud.chunk(Part::Block(0));
         let mut send = |command| {

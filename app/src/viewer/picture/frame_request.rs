@@ -66,6 +66,8 @@ pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
     hurried.splat.quality = Quality::Nearest;
     hurried.reflection.bounces = settings.reflection.bounces.min(1);
     hurried.reflection.samples = 1;
+    // Points are found in the same places.
+    hurried.sscr.solve_once = true;
     if settings.gloss.samples > 0 {
         // The one sample that is drawn would else show a perfect mirror that is turned aside.
         hurried.gloss.pattern = GlossPattern::Pixel;

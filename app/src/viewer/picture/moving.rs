@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use cloud::PointTest;
 use render::{Detail, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture, Renderer};
-use scene::{LightClues, LightView, Lighting, Mirror, Settings, Show, SpotLight, Tone};
+use scene::{Camera, LightClues, LightView, Lighting, Method, Mirror, Settings, Show, SpotLight, Tone};
 use world::Resident;
 
 use crate::viewer::picture::frame_request::{FrameRequest, hurried};
@@ -18,8 +18,10 @@ pub struct MovingPictures {
     /// The light of the last picture at rest.
     light: Option<(LightInputs, KnownLight)>,
     mirrors: Option<Reflections>,
-    /// The mirrors of the last picture at rest, if there was one: their points stand where they stood there.
-    stand: Option<Vec<Mirror>>,
+    reflected: ReflectedPace,
+    /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, and its
+    /// camera.
+    stand: Option<(Vec<Mirror>, Camera)>,
     /// Whether the picture in the window is a quick one.
     pub is_shown: bool,
 }
@@ -61,6 +63,37 @@ impl MirrorInputs {
     }
 }
 
+/// Chooses how many points mirrors reflect in coarse frames.
+#[derive(Default)]
+struct ReflectedPace {
+    /// The number for frames of a method, after a frame of it.
+    learned: Option<(Method, u64)>,
+}
+
+impl ReflectedPace {
+    /// Two cores search for so many in a tenth of a second, by the method that takes the longest for each.
+    const FIRST: u64 = 32_768;
+    /// The time that a coarse frame may take, in milliseconds.
+    const WANTED: f64 = 120.0;
+    const LEAST: f64 = 8192.0;
+    const MOST: f64 = 1e9;
+
+    fn most(&self, settings: &Settings) -> u64 {
+        let method = settings.reflection.method.chosen();
+        self.learned.filter(|(of, _)| *of == method).map_or(Self::FIRST, |(_, most)| most)
+    }
+
+    /// Learns from a coarse frame.
+    fn learn(&mut self, settings: &Settings, stats: &FrameStats) {
+        if !stats.has_compiled {
+            // Not all of the time is that of these points.
+            let change = (Self::WANTED / stats.frame_milliseconds.max(1.0)).clamp(0.5, 1.5);
+            let most = (self.most(settings) as f64 * change).clamp(Self::LEAST, Self::MOST);
+            self.learned = Some((settings.reflection.method.chosen(), most as u64));
+        }
+    }
+}
+
 /// What mirrors show in a coarse frame, and when and of what that was drawn.
 type Reflections = (Instant, MirrorInputs, KnownLight);
 
@@ -79,6 +112,8 @@ fn is_unlit(request: &FrameRequest) -> bool {
 const MIRRORS_STAY: Duration = Duration::from_millis(300);
 /// The pixels of the screen that each pixel of the coarse frame fills, along each side.
 const OF_MIRRORS: u32 = 5;
+/// The same where only parameters change.
+const OF_STANDING_MIRRORS: u32 = 3;
 
 impl MovingPictures {
     /// Whether the processor may draw a frame: where the adapter is one too, the picture is shown and nothing else, and no
@@ -86,7 +121,7 @@ impl MovingPictures {
     fn can_draw(&self, gpu: &Gpu, request: &FrameRequest) -> bool {
         let settings = &request.settings;
         let is_picture = settings.light.show == LightView::Picture && settings.reflection.show == Show::Picture;
-        let stand = self.stand.as_ref().is_none_or(|stand| *stand == request.mirrors);
+        let stand = self.stand.as_ref().is_none_or(|(mirrors, _)| *mirrors == request.mirrors);
         gpu.is_processor() && is_picture && stand
     }
 
@@ -102,8 +137,12 @@ impl MovingPictures {
         if !reflects || !self.can_draw(gpu, request) || reflections(self.mirrors.as_ref(), request).is_some() {
             return None;
         }
-        let pixels = request.size.map(|edge| u64::from(edge / OF_MIRRORS)).iter().product();
-        let spared = Spared { divisor: OF_MIRRORS, most_points: Some(pixels) };
+        // Where the camera stands, the surface is kept from one frame to the next.
+        let stands = self.stand.as_ref().is_some_and(|(_, camera)| *camera == request.camera);
+        let divisor = if stands { OF_STANDING_MIRRORS } else { OF_MIRRORS };
+        let pixels = request.size.map(|edge| u64::from(edge / divisor)).iter().product();
+        let most_reflected = Some(self.reflected.most(&request.settings));
+        let spared = Spared { divisor, most_points: Some(pixels), most_reflected };
         Some(FrameRequest { spared: Some(spared), ..request.clone() })
     }
 
@@ -124,7 +163,7 @@ impl MovingPictures {
         if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
         }
-        let Spared { divisor, most_points } = request.spared.unwrap_or(Spared::NOTHING);
+        let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor };
         let known = Known { light, mirrors };
         let stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
@@ -132,11 +171,17 @@ impl MovingPictures {
         Some((stats, self.quick.take_rows()))
     }
 
-    /// Keeps what mirrors show in the coarse frame that the renderer holds.
+    /// Keeps what mirrors show in the coarse frame that the renderer holds, and that took the time of `stats`.
     ///
     /// # Errors
     /// The device was lost.
-    pub fn keep_mirrors(&mut self, renderer: &Renderer, request: &FrameRequest) -> render::Result<()> {
+    pub fn keep_mirrors(
+        &mut self,
+        renderer: &Renderer,
+        request: &FrameRequest,
+        stats: &FrameStats,
+    ) -> render::Result<()> {
+        self.reflected.learn(&request.settings, stats);
         let known = renderer.known_light(&request.settings)?;
         self.mirrors = Some((Instant::now(), MirrorInputs::new(request), known));
         Ok(())
@@ -149,7 +194,7 @@ impl MovingPictures {
     pub fn keep_light(&mut self, gpu: &Gpu, renderer: &Renderer, request: &FrameRequest) -> render::Result<()> {
         self.is_shown = false;
         self.light = None;
-        self.stand = Some(request.mirrors.clone());
+        self.stand = Some((request.mirrors.clone(), request.camera));
         if gpu.is_processor() && !is_unlit(request) {
             self.light = Some((LightInputs::new(request), renderer.known_light(&request.settings)?));
         }

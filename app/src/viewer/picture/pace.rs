@@ -31,10 +31,12 @@ pub struct Spared {
     pub divisor: u32,
     /// The most points to draw; `None` draws all that the camera sees.
     pub most_points: Option<u64>,
+    /// The most points that mirrors reflect; `None` for all.
+    pub most_reflected: Option<u64>,
 }
 
 impl Spared {
-    pub const NOTHING: Self = Self { divisor: 1, most_points: None };
+    pub const NOTHING: Self = Self { divisor: 1, most_points: None, most_reflected: None };
 
     /// Returns the size of the picture in pixels, from the size that it fills in the window.
     pub fn size(self, size: [u32; 2]) -> [u32; 2] {
@@ -99,7 +101,7 @@ impl Haste {
     /// until there is time for enough points for those that are left, and then the points.
     pub fn choose(&self, size: [u32; 2], wanted: f64) -> Spared {
         let choice = |divisor: u32| {
-            let pixels = Spared { divisor, most_points: None }.size(size).map(f64::from).iter().product::<f64>();
+            let pixels = Spared { divisor, ..Spared::NOTHING }.size(size).map(f64::from).iter().product::<f64>();
             let affordable = (wanted - self.per_pixel * pixels) / self.per_point.max(1e-9);
             (affordable, pixels * Self::LEAST_POINTS)
         };
@@ -112,7 +114,7 @@ impl Haste {
         let (affordable, least) = choice(divisor);
         // If even the least number of points takes too long, the frame draws it all the same.
         let most = affordable.max(least);
-        Spared { divisor, most_points: (most < self.points).then_some(most as u64) }
+        Spared { divisor, most_points: (most < self.points).then_some(most as u64), ..Spared::NOTHING }
     }
 }
 
@@ -172,14 +174,14 @@ impl QuickPace {
     /// Chooses how coarse a picture of `size` pixels must be to take `wanted` milliseconds.
     pub fn choose(&self, size: [u32; 2], wanted: f64) -> Spared {
         let pixels =
-            |divisor: u32| Spared { divisor, most_points: None }.size(size).map(f64::from).iter().product::<f64>();
+            |divisor: u32| Spared { divisor, ..Spared::NOTHING }.size(size).map(f64::from).iter().product::<f64>();
         let affordable = |divisor: u32| (wanted - self.per_pixel * pixels(divisor)) / self.per_point.max(1e-9);
         let divisors = 1..=Self::MOST_DIVISOR;
         let divisor = divisors.clone().find(|divisor| affordable(*divisor) >= self.points);
         let divisor = divisor.unwrap_or(Self::MOST_DIVISOR);
         // If even the least number of points takes too long, the picture draws it all the same.
         let most = affordable(divisor).max(Self::LEAST_POINTS * pixels(divisor));
-        Spared { divisor, most_points: (most < self.points).then_some(most as u64) }
+        Spared { divisor, most_points: (most < self.points).then_some(most as u64), ..Spared::NOTHING }
     }
 }
 

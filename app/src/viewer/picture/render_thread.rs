@@ -486,8 +486,8 @@ impl Worker {
     /// Draws a hurried frame: as a quick picture, if that can be.
     fn draw_moving(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
         if let Some(coarse) = self.moving.lacks(&self.gpu, &self.resident.store, request) {
-            self.draw_by_passes(&coarse)?;
-            self.moving.keep_mirrors(&self.renderer, &coarse)?;
+            let (stats, _) = self.draw_by_passes(&coarse)?;
+            self.moving.keep_mirrors(&self.renderer, &coarse, &stats)?;
         }
         match self.moving.draw(&self.gpu, &self.resident.store, request) {
             Some(drawn) => Ok(drawn),
@@ -510,6 +510,7 @@ impl Worker {
 fn effort_of(request: &FrameRequest) -> Effort {
     Effort {
         most_points: request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)),
+        most_reflected: request.spared.and_then(|spared| spared.most_reflected),
         light_may_lag: request.light_may_lag,
         light_reuse: if request.hurried { LightReuse::Reuse } else { LightReuse::Keep },
         times_passes: !request.hurried,

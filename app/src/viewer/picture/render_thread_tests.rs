@@ -113,7 +113,9 @@ fn a_hurried_frame_spares_the_average_and_further_bounces_and_leaves_the_rest() 
     let hasty = hurried(&settings, false);
     let Reflection { bounces, samples, .. } = hasty.reflection;
     assert_eq!((hasty.splat.quality, bounces, samples), (Quality::Nearest, 1, 1));
+    assert!(hasty.sscr.solve_once, "points are searched for twice");
     let mut back = hasty.clone();
+    back.sscr.solve_once = false;
     (back.splat.quality, back.reflection.bounces, back.reflection.samples) = (settings.splat.quality, 3, 4);
     assert_eq!(back, settings);
     assert_eq!(hurried(&settings, true).mirror.surface, MirrorSurface::Exact);

@@ -81,8 +81,13 @@ pub struct Piece<'a> {
     /// The place of the chunk's origin in view space.
     pub origin: Vec3,
     is_mirror: bool,
+    /// The factor by which splats are larger than their radii.
+    enlarged: f32,
     paint: Paint<'a>,
 }
+
+/// The factor for random samples of a smooth surface: between some of them are holes that their radii do not reach over.
+const OF_SAMPLES: f32 = 1.6;
 
 /// The fourth byte of the colour of a mirror, whose own colour is not shown.
 pub const MIRROR: u8 = 0;
@@ -114,6 +119,7 @@ impl<'a> Piece<'a> {
             provisional_radius,
             origin: (view.full * (points.origin - view.eye)).as_vec3(),
             is_mirror: chunk.is_mirror,
+            enlarged: if chunk.is_sampled { OF_SAMPLES } else { 1.0 },
             paint: Paint::new(chunk),
         }
     }
@@ -134,10 +140,11 @@ impl<'a> Piece<'a> {
             Some(radii) => radii[index],
             None => 0,
         };
-        match packed {
+        let radius = match packed {
             0 => self.provisional_radius,
             packed => self.sizes.radii[usize::from(packed >> 5)] * self.sizes.widths[usize::from(packed & 31)],
-        }
+        };
+        radius * self.enlarged
     }
 
     #[inline(always)]

@@ -10,7 +10,7 @@ use cloud::Bounds;
 use glam::DVec3;
 use scene::{CubeCriterion, CubePlacement, CubeRest, OwnPoints, Settings};
 
-use super::cubemaps::{Drawn, Layout, MapCount, Maps, catch_up, draw, radius_of, splat_of_maps, upload_cubes};
+use super::cubemaps::{Drawn, Layout, MapCount, Maps, catch_up, draw, radius_of, splat_of_task, upload_cubes};
 use super::gather::{Gather, rest_list};
 use super::mirror_places::{MirrorMap, MirrorPlace, mirror_places, upload};
 use super::surfel_index::SurfelIndex;
@@ -103,7 +103,7 @@ impl CubemapTrace {
         let mapped = || (0..mirrors.len()).filter(|mirror| has_maps[*mirror]);
         let drawn = Drawn {
             revision: task.store.geometry_revision(),
-            splat: splat_of_maps(task.settings),
+            splat: splat_of_task(task, self.maps.as_ref().map(|maps| &maps.drawn.splat)),
             surface: task.settings.mirror.surface,
             size: settings.size,
             wanted: mapped()

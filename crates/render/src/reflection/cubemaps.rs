@@ -13,13 +13,14 @@ use super::environment_map::face_camera;
 use super::mirror_places::{MirrorPlace, map_bytes};
 use super::surfel_index::SurfelIndex;
 use super::task::Task;
+use crate::frame::FrameCamera;
 use crate::gpu::Result;
 use crate::identities::{CloudId, Identities};
 use crate::inputs::Inputs;
 use crate::layout::{CUBE_CELL_BYTES, CUBE_TEXEL_BYTES, CubeLevel, Cubes, NEAREST_BYTES};
 use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
-use crate::store::draw_list::Selection;
+use crate::store::draw_list::{DrawList, Selection};
 use crate::targets::storage;
 
 /// The number of maps that stand, and of those that were asked for: fewer stand where they do not fit into one binding
@@ -118,9 +119,25 @@ pub fn upload_cubes(recorder: &Recorder<'_>, layout: &Layout, places: &[DVec3], 
     buffer
 }
 
-/// The splats of maps, which do not depend on the picture's quality: that changes whenever the camera begins to move.
-pub fn splat_of_maps(settings: &Settings) -> Splat {
-    Splat { quality: Quality::Nearest, step: 1, ..settings.splat.clone() }
+/// The splats of maps, which do not depend on the picture's quality: that changes whenever the camera begins to move. One
+/// point in `step` is drawn, and larger splats cover as much as all would.
+pub fn splat_of_maps(settings: &Settings, step: u32) -> Splat {
+    let size = settings.splat.size * (step as f32).sqrt();
+    Splat { quality: Quality::Nearest, step, size, ..settings.splat.clone() }
+}
+
+/// The splats with which maps are drawn: those of the task, or those that `kept` maps are of if these show all points.
+pub fn splat_of_task(task: &Task<'_>, kept: Option<&Splat>) -> Splat {
+    let whole = splat_of_maps(task.settings, 1);
+    if kept == Some(&whole) { whole } else { splat_of_maps(task.settings, task.supply.step) }
+}
+
+/// The points that a map's camera sees.
+pub fn draw_list(task: &Task<'_>, camera: &FrameCamera, settings: &Settings, without: Option<CloudId>) -> DrawList {
+    let selection = without.map_or(Selection::Seen, Selection::SeenBesides);
+    let mut list = task.store.draw_list(camera, settings, selection);
+    list.thin(settings.splat.step);
+    list
 }
 
 /// What faces are drawn with.
@@ -146,9 +163,10 @@ impl<'a> Pen<'a> {
         recorder: &Recorder<'_>,
         task: &'a Task<'a>,
         layout: &'a Layout,
+        splat: &Splat,
         trees: Option<&'a mut SurfelIndex>,
     ) -> Self {
-        let settings = Settings { splat: splat_of_maps(task.settings), ..task.settings.clone() };
+        let settings = Settings { splat: splat.clone(), ..task.settings.clone() };
         let bytes = 6 * map_bytes([layout.size; 2]);
         let nearest = storage(&recorder.gpu.device, "nearest of a cubemap", bytes);
         Self { task, layout, settings, trees, nearest }
@@ -206,7 +224,7 @@ impl<'a> Pen<'a> {
     ) -> Result<()> {
         let Self { task, layout, settings, trees, nearest } = self;
         let camera = face_camera(place, radius_of(&mirror.bounds), face, layout.size);
-        let list = task.store.draw_list(&camera, settings, cloud.map_or(Selection::Seen, Selection::SeenBesides));
+        let list = draw_list(task, &camera, settings, cloud);
         let inputs = Inputs::new(recorder.gpu, camera, settings, &list);
         let part = |buffer, offset, bytes| {
             let size = NonZeroU64::new(bytes);
@@ -268,7 +286,7 @@ pub fn draw(
     let count = drawn.wanted.len().max(1) as u64;
     let records = storage(device, "cubemap records", layout.record_bytes() * count);
     let bounds = storage(device, "cubemap bounds", layout.bounds_bytes() * count);
-    let mut pen = Pen::new(recorder, task, layout, None);
+    let mut pen = Pen::new(recorder, task, layout, &drawn.splat, None);
     let mut places = Vec::new();
     for (map, (cloud, wanted)) in drawn.wanted.iter().enumerate() {
         let room = MapRoom { records: &records, map };
@@ -298,7 +316,7 @@ pub fn catch_up(
     }
     recorder.time_as(Some(("cubemaps", PassStage::Method)));
     renumber(recorder, task, &mut maps.identities, [&maps.records])?;
-    let mut pen = Pen::new(recorder, task, layout, None);
+    let mut pen = Pen::new(recorder, task, layout, &maps.drawn.splat, None);
     let count = maps.stale.len().min(task.settings.cubemap_trace.faces_per_frame as usize);
     for face in maps.stale.drain(..count) {
         let map = face / 6;

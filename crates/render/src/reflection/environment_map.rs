@@ -9,8 +9,9 @@
 //! all points (Lagarde, Zanuttini 2012), which is exact for an empty box.
 
 use glam::{DMat3, DVec3};
-use scene::{MirrorSurface, Quality, Settings, Splat};
+use scene::{MirrorSurface, Settings, Splat};
 
+use super::cubemaps::{draw_list, splat_of_task};
 use super::gather::Gather;
 use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
 use super::task::{MirrorGBuffer, Task};
@@ -20,7 +21,6 @@ use crate::identities::CloudId;
 use crate::inputs::Inputs;
 use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
-use crate::store::draw_list::Selection;
 use crate::targets::storage;
 
 /// The most maps of a frame; more would not fit in memory at the largest size. Further mirrors use the map whose middle
@@ -81,8 +81,7 @@ impl EnvironmentMap {
         let mapped = &places[..places.len().min(most as usize)];
         let drawn = Drawn {
             revision: task.store.geometry_revision(),
-            // The maps do not depend on the picture's quality, which changes whenever the camera begins to move.
-            splat: Splat { quality: Quality::Nearest, ..task.settings.splat.clone() },
+            splat: splat_of_task(task, self.drawn.as_ref().map(|drawn| &drawn.splat)),
             surface: task.settings.mirror.surface,
             size,
             maps: mapped.iter().map(|place| (place.cloud, place.bounds.center())).collect(),
@@ -93,7 +92,7 @@ impl EnvironmentMap {
             None => (storage(&recorder.gpu.device, "environment maps", bytes), None),
         };
         if was_drawn.as_ref() != Some(&drawn) {
-            draw(recorder, task, mapped, size, &maps)?;
+            draw(recorder, task, mapped, &drawn, &maps)?;
         }
         self.drawn = Some(drawn);
         let maps = self.maps.insert(maps);
@@ -128,19 +127,17 @@ fn draw(
     recorder: &mut Recorder<'_>,
     task: &Task<'_>,
     mapped: &[MirrorPlace],
-    size: u32,
+    drawn: &Drawn,
     maps: &wgpu::Buffer,
 ) -> Result<()> {
     recorder.time_as(Some(("environment_map", PassStage::Method)));
     recorder.clear(maps);
-    let settings =
-        Settings { splat: Splat { quality: Quality::Nearest, ..task.settings.splat.clone() }, ..task.settings.clone() };
+    let settings = Settings { splat: drawn.splat.clone(), ..task.settings.clone() };
     let face_bytes = maps.size() / (6 * mapped.len().max(1) as u64);
     for (index, place) in mapped.iter().enumerate() {
-        let selection = place.cloud.map_or(Selection::Seen, Selection::SeenBesides);
         for face in 0..6 {
-            let camera = face_camera(place.bounds.center(), place.bounds.radius(), face, size);
-            let list = task.store.draw_list(&camera, &settings, selection);
+            let camera = face_camera(place.bounds.center(), place.bounds.radius(), face, drawn.size);
+            let list = draw_list(task, &camera, &settings, place.cloud);
             let inputs = Inputs::new(recorder.gpu, camera, &settings, &list);
             let binding = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                 buffer: maps,

@@ -20,7 +20,7 @@ use std::collections::HashSet;
 use scene::{MapFill, Method, OwnPoints, SampleRest, Settings};
 
 use super::cubemap_trace::own_chunks;
-use super::cubemaps::{Layout, MapCount, Pen, renumber, splat_of_maps};
+use super::cubemaps::{Layout, MapCount, Pen, renumber, splat_of_task};
 use super::environment_map::EnvironmentMap;
 use super::gather::{Gather, rest_list};
 use super::mirror_places::{MirrorMap, MirrorPlace, mirror_places, upload};
@@ -190,7 +190,7 @@ impl LightField {
     ) -> Result<()> {
         let settings = &task.settings.light_field;
         let drawn = Drawn {
-            splat: splat_of_maps(task.settings),
+            splat: splat_of_task(task, self.kept.as_ref().map(|kept| &kept.drawn.splat)),
             surface: task.settings.mirror.surface,
             size: settings.size,
             offset: settings.offset,
@@ -334,7 +334,7 @@ impl LightField {
             self.left = self.left.map(|left| left - 1);
             self.map_use.iter_mut().for_each(|map_use| map_use.new += 1);
             recorder.time_as(Some(("cubemaps", PassStage::Method)));
-            let pen = pen.get_or_insert_with(|| Pen::new(recorder, task, of_pen, trees.take()));
+            let pen = pen.get_or_insert_with(|| Pen::new(recorder, task, of_pen, &kept.drawn.splat, trees.take()));
             let map = kept.draw(recorder, pen, layout, slot, chosen[number].1, [self.frame, self.search])?;
             recorder.time_as(None);
             Ok(map)

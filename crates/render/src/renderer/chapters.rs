@@ -67,7 +67,8 @@ pub(super) fn search<'a>(
     formulas: Option<wgpu::Buffer>,
     camera: SurfaceImages<'a>,
 ) -> Search<'a> {
-    let everywhere = plan.store.draw_list(&plan.camera, plan.settings, method::supply(plan.settings));
+    let mut everywhere = plan.store.draw_list(&plan.camera, plan.settings, method::supply(plan.settings));
+    everywhere.thin(plan.asked.reflected_step);
     let supply = Inputs::new(gpu, plan.camera, plan.settings, &everywhere);
     Search { supply, settings: plan.settings, store: plan.store, mirrors: plan.objects.mirrors, formulas, camera }
 }

@@ -10,6 +10,7 @@ use super::request::{Effort, Frame};
 use crate::frame::{FrameCamera, Objects};
 use crate::gi::{GlobalIllumination, LightReuse, Sky};
 use crate::gpu::Result;
+use crate::layout::BLOCK_POINTS;
 use crate::lighting::{Lights, MappedLight};
 use crate::reflection::fading::fades;
 use crate::reflection::gloss::RaySets;
@@ -20,6 +21,8 @@ use crate::store::draw_list::{DrawList, Selection};
 
 /// A thinned picture draws at least one point in so many: fewer would be specks.
 const MOST_STEP: u64 = 64;
+/// Reflections are made of at least one point in so many: one of each block.
+const MOST_REFLECTED_STEP: u64 = BLOCK_POINTS as u64;
 
 /// All inputs of the surfaces that points make, as the camera sees them.
 #[derive(Clone, PartialEq)]
@@ -42,6 +45,8 @@ pub(super) struct SurfaceInputs {
     /// The mirrors that are drawn by their formula.
     formulas: Vec<Mirror>,
     mirrors: Vec<Mirror>,
+    /// One point in so many is searched for, or drawn into maps.
+    pub reflected_step: u32,
     /// The settings that affect what is found; the others are at their defaults.
     pub settings: Settings,
     /// Whether steps are counted because they are shown.
@@ -61,7 +66,7 @@ impl SurfaceInputs {
         camera: FrameCamera,
         settings: &Settings,
         seen: &Settings,
-        step: u32,
+        [step, reflected_step]: [u32; 2],
         store: &PointStore,
         objects: Objects<'_>,
     ) -> Result<Self> {
@@ -71,6 +76,7 @@ impl SurfaceInputs {
             points: PointInputs { camera, settings: seen, step, revision: store.revision(), with_radii },
             formulas: reflection::exact(settings, objects.mirrors).cloned().collect(),
             mirrors: objects.mirrors.to_vec(),
+            reflected_step,
             settings: settings.only(|field| field.affects.found),
             counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
             shows_search: settings.reflection.show == Show::Search,
@@ -180,7 +186,9 @@ impl<'a> Plan<'a> {
         let bounds = store.bounds();
         let [without_mirrors, camera_with_mirrors] = cameras(store, frame, settings);
         let (seen, points, step) = seen_points(store, &camera_with_mirrors, settings, effort);
-        let asked = SurfaceInputs::new(without_mirrors, settings, &seen, step, store, objects)?;
+        let most_reflected = effort.most_reflected.unwrap_or(u64::MAX).max(1);
+        let reflected_step = store.points().div_ceil(most_reflected).clamp(1, MOST_REFLECTED_STEP) as u32;
+        let asked = SurfaceInputs::new(without_mirrors, settings, &seen, [step, reflected_step], store, objects)?;
 
         let made_from = before.made_from.filter(|_| settings.reflection.keep);
         let is_kept = made_from == Some(&asked) && !before.lacks_points;

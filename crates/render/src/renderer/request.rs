@@ -30,6 +30,9 @@ pub struct Effort {
     /// larger; `None` in pictures at rest. Mirrors reflect all points, and all points cast shadows. While something
     /// moves, a sun casts shadows by the map of the whole scene alone, because its finer map goes with the view.
     pub most_points: Option<u64>,
+    /// The number of points of which methods search for about so many, or draw so many into maps, spread evenly; `None`
+    /// for all. Rays that are traced through trees meet all points.
+    pub most_reflected: Option<u64>,
     /// The number of samples of mirrors that the frame adds to those of the frames before, at least one, as long as
     /// nothing else changes; `None` for all. The picture with all samples is the same either way.
     pub most_samples: Option<u32>,
@@ -52,6 +55,7 @@ impl Effort {
     /// The effort of final pictures: files, studies and comparisons with the truth.
     pub const FULL: Self = Self {
         most_points: None,
+        most_reflected: None,
         most_samples: None,
         light_may_lag: false,
         light_reuse: LightReuse::Never,
@@ -118,6 +122,27 @@ mod tests {
         assert!(first.waits > 20 && second.waits > 20, "{} and {}", first.waits, second.waits);
         assert!(third.waits == 2 && picture == same);
         assert!(anew.pipelines.values().all(|compiled| compiled.group_milliseconds.is_some()));
+    }
+
+    #[test]
+    fn reflections_of_some_of_the_points_leave_no_trace_in_the_next_picture() {
+        let Some(gpu) = Gpu::for_test() else { return };
+        let room = Room::new(&gpu);
+        let methods =
+            [Method::Sscr, Method::EnvironmentMap, Method::CubemapTrace, Method::SampleCameras, Method::LightField];
+        for method in methods {
+            let settings = Room::settings(method);
+            let draw = |renderer: &mut Renderer, most_reflected| {
+                let frame = Frame::new(&room.camera, &settings, room.objects(), [64, 48]);
+                let frame = Frame { effort: Effort { most_reflected, ..Effort::FULL }, ..frame };
+                renderer.render(&room.store, &frame).unwrap();
+                renderer.read_picture().unwrap()
+            };
+            let whole = draw(&mut Renderer::bare(gpu.clone()), None);
+            let mut renderer = Renderer::bare(gpu.clone());
+            assert!(draw(&mut renderer, Some(4)) != whole, "{method:?} reflects all points");
+            assert!(draw(&mut renderer, None) == whole, "{method:?} keeps what it made of some points");
+        }
     }
 
     #[test]

@@ -102,6 +102,8 @@ pub(crate) struct SeenChunk<'a> {
     /// The radius of points whose own is not known yet, in world units.
     pub provisional_radius: f32,
     pub is_mirror: bool,
+    /// Whether it is a mirror with a formula, whose points are random samples.
+    pub is_sampled: bool,
     pub colors: PointColors,
 }
 
@@ -230,6 +232,7 @@ impl PointStore {
                 first_identity: identities.first_of(*id),
                 provisional_radius: cloud.provisional_radius,
                 is_mirror: cloud.material.specular_intensity > 0.0,
+                is_sampled: cloud.material.has_formula,
                 colors: PointColors {
                     tint: chunk.tint,
                     source: cloud.source,

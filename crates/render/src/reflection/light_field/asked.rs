@@ -132,7 +132,7 @@ impl Kept {
 fn sight_of(recorder: &Recorder<'_>, task: &Task<'_>, layout: &Layout, field: &Field) -> Inputs {
     let bounds = &field.mirror.bounds;
     let camera = face_camera(bounds.center(), radius_of(bounds), 0, layout.size);
-    let settings = Settings { splat: splat_of_maps(task.settings), ..task.settings.clone() };
+    let settings = Settings { splat: splat_of_maps(task.settings, 1), ..task.settings.clone() };
     let list = task.store.draw_list(&camera, &settings, Selection::Everywhere);
     Inputs::new(recorder.gpu, camera, &settings, &list)
 }
