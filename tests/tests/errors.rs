@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
 use std::time::{Duration, Instant};
 
 use tests::{Folder, Outcome};
@@ -355,6 +355,26 @@ fn names(folder: &Path) -> Vec<OsString> {
     below.collect()
 }
 
+/// Waits until a program has ended or has worked for a second of a processor; for three seconds where the system does
+/// not say how long it has.
+fn wait_for_work(program: &mut Child) {
+    const TICKS_A_SECOND: u64 = 100;
+    let ticks = |id| {
+        let status = std::fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+        // The times in user and system code are the 14th and 15th word; the second word is a name in brackets.
+        let words = status.rsplit_once(')')?.1.split_whitespace().skip(11).take(2);
+        words.map(|word| word.parse::<u64>().ok()).sum::<Option<u64>>()
+    };
+    let start = Instant::now();
+    while program.try_wait().expect("a child").is_none() {
+        let is_busy = ticks(program.id()).map(|ticks| ticks >= TICKS_A_SECOND);
+        if is_busy.unwrap_or(start.elapsed() > Duration::from_secs(3)) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 #[test]
 fn ctrl_c_ends_every_command_with_130_and_leaves_no_partial_files() {
     let folder = Folder::new();
@@ -378,7 +398,7 @@ fn ctrl_c_ends_every_command_with_130_and_leaves_no_partial_files() {
         let mut command = folder.command(words);
         command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
         let mut program = command.spawn().expect("the program starts");
-        std::thread::sleep(Duration::from_secs(3));
+        wait_for_work(&mut program);
         if let Some(status) = program.try_wait().expect("a child") {
             // Without an adapter there is nothing to interrupt.
             assert!(status.code() == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none(), "{words:?}: {status}");

@@ -83,9 +83,9 @@ fn the_error_falls_with_the_root_of_the_samples() {
         settings.set_text("light.by", if variant == Variant::Torus { "colors" } else { "lights" }).unwrap();
         // The second bounce is glossy, too.
         settings.reflection.bounces = if variant == Variant::Torus { 2 } else { 1 };
+        let mut judged = Judged::new(&gpu, variant, power, &settings);
         for method in [Method::SurfelTrace, Method::SscrHierarchical] {
             settings.reflection.method = method;
-            let mut judged = Judged::new(&gpu, variant, power, &settings);
             let errors = [1, 4, 16, 64].map(|samples| {
                 settings.gloss.samples = samples;
                 judged.error(&mut renderer, &settings)

@@ -5,7 +5,7 @@
 mod studio;
 
 use std::f64::consts::PI;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use cloud::{Chunk, Cloud, Orientation, Progress, RadiusRule, Random, SurfelOptions, guess_orientation};
 use glam::{DVec3, Vec3};
@@ -42,28 +42,34 @@ fn judged(points: &[DVec3], hold_out: HoldOut, places: &[DVec3]) -> Option<[Sigh
     Some([drawn, traced])
 }
 
-/// Which numbers of points are held out: the same rule as the ruler's, seen from outside.
-fn held(points: usize, hold_out: HoldOut) -> Vec<bool> {
-    let Some(studio) = studio() else { return vec![false; points] };
-    // Points far apart from one another: each sightline is of the point whose number is its x.
-    let line: Vec<DVec3> = (0..points).map(|number| DVec3::new(number as f64, (number % 2) as f64, 0.0)).collect();
-    let ruler = ruler(&studio, &scan(&line), hold_out, &[DVec3::NEG_Z]).unwrap();
-    let mut held = vec![false; points];
-    ruler.held().iter().for_each(|point| held[point.position.x.round() as usize] = true);
+/// Which of `POINTS` points `HALF` holds out, by number: the same rule as the ruler's, seen from outside.
+static HELD: LazyLock<Vec<bool>> = LazyLock::new(|| {
+    let mut held = vec![false; POINTS];
+    let Some(studio) = studio() else { return held };
+    // A square of points a metre apart: the place of each sightline's point says its number. Neighbours lie on all
+    // sides, so that the search for them ends soon.
+    const EDGE: usize = 200;
+    let place = |number: usize| DVec3::new((number % EDGE) as f64, (number / EDGE) as f64, 0.0);
+    let square: Vec<DVec3> = (0..POINTS).map(place).collect();
+    let ruler = ruler(&studio, &scan(&square), HALF, &[DVec3::NEG_Z]).unwrap();
+    for point in ruler.held() {
+        let [column, row] = [point.position.x, point.position.y].map(|part| part.round() as usize);
+        held[row * EDGE + column] = true;
+    }
     held
-}
+});
 
 const POINTS: usize = 40_000;
 const HALF: HoldOut = HoldOut { share: 0.5, seed: 7 };
 
 /// A wall of 4 x 4 at a distance of 10, seen at right angles. `change` moves points that are not held out.
 fn wall(mut change: impl FnMut(DVec3, &mut Random) -> DVec3) -> Vec<DVec3> {
-    let (mut random, held) = (Random(3), held(POINTS, HALF));
+    let mut random = Random(3);
     let mut point = |is_held: &bool| {
         let place = DVec3::new(unit(&mut random) * 4.0 - 2.0, unit(&mut random) * 4.0 - 2.0, 10.0);
         if *is_held { place } else { change(place, &mut random) }
     };
-    held.iter().map(&mut point).collect()
+    HELD.iter().map(&mut point).collect()
 }
 
 #[test]

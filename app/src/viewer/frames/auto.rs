@@ -211,6 +211,10 @@ mod tests {
     #[test]
     fn settings_are_chosen_once_for_a_view_that_stands_still_and_anew_when_the_scene_changes() {
         let Some(mut bench) = Bench::with_sphere() else { return };
+        // Choosing draws a hundred pictures, some with a thousand lights: few pixels and coarse shadows do.
+        bench.session.set_view_size([32, 24]);
+        let indirect = &mut bench.session.scene.settings.gi;
+        (indirect.shadow_points, indirect.shadow_size) = (256, 16);
         bench.settle();
         let Bench { session, .. } = &bench;
         assert!(session.auto.chosen.is_none() && session.auto.told(&session.picture()).is_none(), "nobody asked");
