@@ -66,7 +66,7 @@ pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
     hurried.splat.quality = Quality::Nearest;
     hurried.reflection.bounces = settings.reflection.bounces.min(1);
     hurried.reflection.samples = 1;
-    // Points are found in the same places.
+    // The second search finds points in the places of the first one.
     hurried.sscr.solve_once = true;
     if settings.gloss.samples > 0 {
         // The one sample that is drawn would else show a perfect mirror that is turned aside.

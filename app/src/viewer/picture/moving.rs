@@ -78,6 +78,7 @@ impl ReflectedPace {
     const LEAST: f64 = 8192.0;
     const MOST: f64 = 1e9;
 
+    /// The most points that mirrors reflect in the next coarse frame.
     fn most(&self, settings: &Settings) -> u64 {
         let method = settings.reflection.method.chosen();
         self.learned.filter(|(of, _)| *of == method).map_or(Self::FIRST, |(_, most)| most)
@@ -112,7 +113,7 @@ fn is_unlit(request: &FrameRequest) -> bool {
 const MIRRORS_STAY: Duration = Duration::from_millis(300);
 /// The pixels of the screen that each pixel of the coarse frame fills, along each side.
 const OF_MIRRORS: u32 = 5;
-/// The same where only parameters change.
+/// The pixels of the screen that each pixel of the coarse frame fills where only parameters change.
 const OF_STANDING_MIRRORS: u32 = 3;
 
 impl MovingPictures {

@@ -27,7 +27,7 @@ impl<'a> Frame<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effort {
     /// The number of points that the camera sees of which the frame draws about so many, spread evenly and each
-    /// larger; `None` in pictures at rest. Mirrors reflect all points, and all points cast shadows. While something
+    /// larger; `None` in pictures at rest. Mirrors reflect others, too, and all points cast shadows. While something
     /// moves, a sun casts shadows by the map of the whole scene alone, because its finer map goes with the view.
     pub most_points: Option<u64>,
     /// The number of points of which methods search for about so many, or draw so many into maps, spread evenly; `None`
