@@ -18,7 +18,7 @@ use std::sync::atomic::{self, AtomicU32};
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use search::{Ball, Search};
+use search::{Aside, Ball, Search};
 pub use search::{Neighbourhood, is_aside};
 
 use crate::{Bounds, Chunk, Progress, hash};
@@ -366,9 +366,9 @@ impl<const LANES: usize> Surroundings<'_, '_, LANES> {
     }
 
     /// Searches the nearest points aside from the line along the unit vector `axis` through the point, by more than 30
-    /// degrees.
-    pub fn search_aside(&mut self, axis: Vec3) -> &Neighbourhood {
-        self.search.run_aside(self.brick, self.place, axis)
+    /// degrees, no farther than `reach`, on the side to which `side` points (on all sides if it is zero).
+    pub fn search_aside(&mut self, axis: Vec3, side: Vec3, reach: f32) -> &Neighbourhood {
+        self.search.run_aside(self.brick, self.place, &Aside { axis, side }, reach)
     }
 }
 

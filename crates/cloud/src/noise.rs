@@ -87,7 +87,8 @@ fn look(chunks: &[Chunk], progress: &Progress) -> Option<Looks> {
         let visit = |index: u32, surroundings: &mut Surroundings<'_, '_, NEIGHBOURS>| {
             let around = surroundings.neighbourhood();
             let shape = Shape::of(around);
-            points.push(surfels::look(index, around, shape.as_ref(), RadiusRule::Spread));
+            let normal = shape.as_ref().and_then(Shape::normal);
+            points.push(surfels::look(index, around, shape.as_ref(), normal, RadiusRule::Spread));
             let Some(shape) = shape.filter(|_| around.count == NEIGHBOURS) else { return };
             own.roughness.push(f64::from(shape.roughness()));
             let squares = shape.thinnest() * f64::from(around.distance_squared) * (NEIGHBOURS + 1) as f64;
@@ -98,7 +99,7 @@ fn look(chunks: &[Chunk], progress: &Progress) -> Option<Looks> {
     };
     let (parts, strays): (Vec<Looks>, Vec<Vec<Stray>>) = (0..searched).into_par_iter().map(of_tile).unzip();
     let strays: Vec<Stray> = strays.into_iter().flatten().collect();
-    let kinds = kinds_of(&points, &strays, progress)?;
+    let kinds = kinds_of(&points, &strays.iter().collect::<Vec<_>>(), progress)?;
     let mixed = kinds.iter().filter(|kind| **kind == MIXED_RADIUS).count() as u64;
     let mut all = Looks { strays: kinds.len() as u64 - mixed, mixed, ..Looks::default() };
     for part in parts {

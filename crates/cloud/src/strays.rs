@@ -72,7 +72,7 @@ pub(crate) fn strays_of(tiles: &Tiles, tile: usize, count: usize, looks: &[Look]
 
 /// The packed radius of each of the points that are on no surface: `MIXED_RADIUS` of those in a curtain, `STRAY_RADIUS` of
 /// the others. `None` when cancelled.
-pub(crate) fn kinds_of(points: &Points, strays: &[Stray], progress: &Progress) -> Option<Vec<u16>> {
+pub(crate) fn kinds_of(points: &Points, strays: &[&Stray], progress: &Progress) -> Option<Vec<u16>> {
     let places: Vec<_> = strays.iter().map(|stray| points.position(stray.index)).collect();
     let chunks = [Chunk::of_places(0, &places)];
     let points = Points::new(&chunks);

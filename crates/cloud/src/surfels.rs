@@ -18,9 +18,9 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::carve::carve;
-use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles, is_aside};
+use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles};
 use crate::robust::{robust_bounds, spread_sample};
-use crate::rows::{RowSplat, row_splat};
+use crate::rows::{Line, RowSplat};
 use crate::shape::Shape;
 use crate::strays::{Look, Stray, kinds_of, median_radius, strays_of};
 use crate::{
@@ -30,7 +30,7 @@ use crate::{
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 3;
+pub const ESTIMATOR: u32 = 4;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
@@ -154,36 +154,44 @@ pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progr
     let points = Points::new(chunks);
     let tiles = Tiles::new(&points, progress)?;
     let estimate = Estimate::new(chunks, &points, options);
-    let (doubtful, strays): (Vec<Vec<Doubtful>>, Vec<Vec<Stray>>) =
-        (0..tiles.len()).into_par_iter().map(|tile| estimate.search(&tiles, tile, progress)).unzip();
+    let found: Vec<OfTile> =
+        (0..tiles.len()).into_par_iter().map(|tile| estimate.search(&tiles, tile, progress)).collect();
     let searched: usize = (0..tiles.len()).map(|tile| tiles.points_of(tile)).sum();
     drop(tiles);
-    let strays: Vec<Stray> = strays.into_iter().flatten().collect();
+    let strays: Vec<&Stray> = found.iter().flat_map(|of_tile| &of_tile.strays).collect();
     let kinds = kinds_of(&points, &strays, progress)?;
-    strays.iter().zip(kinds).for_each(|(stray, kind)| estimate.set(stray.index, &Splat::Disc(kind)));
-    let bounded: Vec<Vec<(u32, Splat)>> = doubtful
-        .into_par_iter()
-        .map(|points| points.into_iter().map(|point| (point.index, estimate.bounded(point))).collect())
-        .collect();
-    bounded.into_iter().flatten().for_each(|(index, splat)| estimate.set(index, &splat));
+    let mut radii: Vec<(u32, u16)> = Vec::new();
+    radii.par_extend(
+        found
+            .par_iter()
+            .flat_map_iter(|of_tile| &of_tile.at_border)
+            .map(|crowded| (crowded.index, estimate.bounded(crowded.index, &crowded.neighbours))),
+    );
+    let decided = found.iter().flat_map(|of_tile| &of_tile.radii).chain(&radii);
+    decided.for_each(|(index, radius)| estimate.set_radius(*index, *radius));
+    strays.iter().zip(kinds).for_each(|(stray, kind)| estimate.set_radius(stray.index, kind));
     progress.add((points.len() - searched) as u64);
     Some(estimate.surfels())
 }
 
-/// A point whose splat does not follow from its neighbours alone.
-struct Doubtful {
+/// What is found in a tile beside the radii and normals that follow from each point's own neighbours.
+#[derive(Default)]
+struct OfTile {
+    /// The points that are on no surface.
+    strays: Vec<Stray>,
+    /// The running indices of points whose packed radius is another one, with it. Radii of the points around bound some,
+    /// so none is written before all are known.
+    radii: Vec<(u32, u16)>,
+    /// Crowded points with neighbours in other tiles, whose radii are not known yet.
+    at_border: Vec<Crowded>,
+}
+
+/// A point whose radius those of its neighbours bound.
+struct Crowded {
     /// The running index.
     index: u32,
     /// The running indices of its neighbours.
     neighbours: Vec<u32>,
-    row: Option<RowSplat>,
-}
-
-/// A splat that the points around bound.
-enum Splat {
-    /// The packed radius.
-    Disc(u16),
-    InRow(RowSplat),
 }
 
 /// The estimate of a part of a cloud, while it is made.
@@ -208,9 +216,8 @@ impl<'a> Estimate<'a> {
         Self { chunks, points, options, results: chunks.par_iter().map(empty).collect() }
     }
 
-    /// Estimates each point of a tile from its own neighbours. Returns the doubtful ones, in the order of the search, and
-    /// those that are on no surface.
-    fn search(&self, tiles: &Tiles, tile: usize, progress: &Progress) -> (Vec<Doubtful>, Vec<Stray>) {
+    /// Estimates each point of a tile from its own neighbours.
+    fn search(&self, tiles: &Tiles, tile: usize, progress: &Progress) -> OfTile {
         let count = self.options.neighbours.clamp(3, 64);
         let found = match count {
             ..=16 => self.search_in::<16>(tiles, tile, count, progress),
@@ -223,60 +230,85 @@ impl<'a> Estimate<'a> {
         found
     }
 
-    fn search_in<const LANES: usize>(
-        &self,
-        tiles: &Tiles,
-        tile: usize,
-        count: usize,
-        progress: &Progress,
-    ) -> (Vec<Doubtful>, Vec<Stray>) {
-        let (mut doubtful, mut looks) = (Vec::new(), Vec::with_capacity(tiles.points_of(tile)));
+    fn search_in<const LANES: usize>(&self, tiles: &Tiles, tile: usize, count: usize, progress: &Progress) -> OfTile {
+        let (mut found, mut looks) = (OfTile::default(), Vec::with_capacity(tiles.points_of(tile)));
+        let mut ways = Vec::new();
+        // Crowded points whose neighbours are all in the tile, with the ends of their neighbours in one list.
+        let (mut crowded, mut neighbours): (Vec<(u32, usize)>, Vec<u32>) = (Vec::new(), Vec::new());
         let visit = |index: u32, surroundings: &mut Surroundings<'_, '_, LANES>| {
             let (chunk, local) = self.points.locate(index);
             let (normals, radii) = &self.results[chunk];
             let around = surroundings.neighbourhood();
             let shape = Shape::of(around);
-            let look = look(index, around, shape.as_ref(), self.options.radii);
+            let normal = shape.as_ref().and_then(Shape::normal);
+            let look = look(index, around, shape.as_ref(), normal, self.options.radii);
             let is_stray = stray_kind(look.radius) != 0;
             radii[local].store(look.radius, Ordering::Relaxed);
             if normals[local].load(Ordering::Relaxed) == NO_NORMAL
-                && let Some(normal) = shape.as_ref().and_then(Shape::normal)
+                && let Some(normal) = normal
             {
                 let normal = orient(normal, self.chunks[chunk].position(local), self.options.orientation);
                 normals[local].store(pack_normal(normal), Ordering::Relaxed);
             }
             looks.push(look);
-            let is_doubtful = |shape: &Shape| !shape.is_wide() || !EVEN.contains(&shape.spread) && is_crowded(around);
-            let Some(shape) = shape.filter(|shape| !is_stray && is_doubtful(shape)) else {
+            let Some(shape) = shape.filter(|_| !is_stray) else {
                 return;
             };
-            let neighbours = around.indices().collect();
-            let line = shape.line().map(|axis| (axis, spacing_along(axis, around)));
-            let row = line.and_then(|(axis, spacing)| {
-                let beside: Vec<Vec3> = surroundings.search_aside(axis).offsets().collect();
-                row_splat(axis, spacing, &beside, self.own_normal(index))
-            });
-            doubtful.push(Doubtful { index, neighbours, row });
+            let lines = [shape.line().map(|axis| Line::along(axis, around.offsets())), Line::of_nearest(around)];
+            let row = lines.iter().flatten().find_map(|line| self.row(line, index, surroundings, &mut ways));
+            if let Some(row) = row {
+                found.radii.push((index, self.set_row(index, &row)));
+                return;
+            }
+            let around = surroundings.neighbourhood();
+            let is_bounded = !shape.is_wide() || !EVEN.contains(&shape.spread) && is_crowded(around);
+            if is_bounded && around.is_in_tile {
+                neighbours.extend(around.indices());
+                crowded.push((index, neighbours.len()));
+            } else if is_bounded {
+                found.at_border.push(Crowded { index, neighbours: around.indices().collect() });
+            }
         };
         tiles.search::<LANES>(tile, count, visit, progress);
-        let has_strays = self.options.radii == RadiusRule::Spread;
-        let strays = if has_strays { strays_of(tiles, tile, count, &looks, progress) } else { Vec::new() };
-        (doubtful, strays)
+        if self.options.radii == RadiusRule::Spread {
+            found.strays = strays_of(tiles, tile, count, &looks, progress);
+            found.strays.iter().for_each(|stray| self.set_radius(stray.index, STRAY_RADIUS));
+        }
+        let mut first = 0;
+        for (index, end) in crowded {
+            let (before, bounded) = (self.radius(index), self.bounded(index, &neighbours[first..end]));
+            if bounded != before {
+                found.radii.push((index, bounded));
+            }
+            first = end;
+        }
+        found.radii.shrink_to_fit();
+        found
     }
 
-    /// The splat of a doubtful point, once the radii of all points are known.
-    fn bounded(&self, doubtful: Doubtful) -> Splat {
-        let radius = self.radius(doubtful.index);
-        if stray_kind(radius) != 0 {
-            return Splat::Disc(radius);
-        }
-        if let Some(row) = doubtful.row {
-            return Splat::InRow(row);
-        }
-        let mut radii: Vec<u16> = doubtful.neighbours.iter().map(|index| self.radius(*index)).collect();
+    /// The splat of a point in a row. The buffer `ways` is for ways to other rows.
+    fn row<const LANES: usize>(
+        &self,
+        line: &Line,
+        index: u32,
+        surroundings: &mut Surroundings<'_, '_, LANES>,
+        ways: &mut Vec<Vec3>,
+    ) -> Option<RowSplat> {
+        ways.clear();
+        line.add_across(surroundings.neighbourhood(), ways);
+        let search = |side: Vec3, ways: &mut Vec<Vec3>| {
+            line.add_across(surroundings.search_aside(line.axis, side, line.reach()), ways);
+        };
+        line.splat(ways, search, self.own_normal(index))
+    }
+
+    /// The packed radius of a point by those of its neighbours.
+    fn bounded(&self, index: u32, neighbours: &[u32]) -> u16 {
+        let radius = self.radius(index);
+        let mut radii: Vec<u16> = neighbours.iter().map(|index| self.radius(*index)).collect();
         radii.retain(|radius| *radius > MIXED_RADIUS);
         let largest = median_radius(&mut radii).map_or(u16::MAX, |median| pack_radius(LARGEST_RADIUS * median));
-        Splat::Disc(radius.min(largest))
+        radius.min(largest)
     }
 
     /// The packed radius of a point so far.
@@ -291,22 +323,21 @@ impl<'a> Estimate<'a> {
         self.chunks[chunk].normals.as_ref().and_then(|normals| unpack_normal(normals[local]))
     }
 
-    fn set(&self, index: u32, splat: &Splat) {
+    fn set_radius(&self, index: u32, radius: u16) {
         let (chunk, local) = self.points.locate(index);
-        let (normals, radii) = &self.results[chunk];
-        let radius = match splat {
-            Splat::Disc(radius) => *radius,
-            Splat::InRow(RowSplat { normal, stretch, long }) => {
-                if self.own_normal(index).is_none() {
-                    let normal = orient(*normal, self.chunks[chunk].position(local), self.options.orientation);
-                    normals[local].store(pack_normal(normal), Ordering::Relaxed);
-                }
-                // The shape is packed for the normal as it is unpacked.
-                let packed = unpack_normal(normals[local].load(Ordering::Relaxed));
-                pack_ellipse(*long, *stretch, packed.unwrap_or(*normal))
-            }
-        };
-        radii[local].store(radius, Ordering::Relaxed);
+        self.results[chunk].1[local].store(radius, Ordering::Relaxed);
+    }
+
+    /// Sets the normal of a point in a row, unless the file has one; its packed radius.
+    fn set_row(&self, index: u32, RowSplat { normal, stretch, long }: &RowSplat) -> u16 {
+        let (chunk, local) = self.points.locate(index);
+        let stored = &self.results[chunk].0[local];
+        if self.own_normal(index).is_none() {
+            let normal = orient(*normal, self.chunks[chunk].position(local), self.options.orientation);
+            stored.store(pack_normal(normal), Ordering::Relaxed);
+        }
+        // The shape is packed for the normal as it is unpacked.
+        pack_ellipse(*long, *stretch, unpack_normal(stored.load(Ordering::Relaxed)).unwrap_or(*normal))
     }
 
     fn surfels(self) -> Vec<Surfels> {
@@ -318,19 +349,17 @@ impl<'a> Estimate<'a> {
     }
 }
 
-/// The mean distance between the points in the row of a point along the unit vector `axis`.
-fn spacing_along(axis: Vec3, around: &Neighbourhood) -> f32 {
-    let along = around.offsets().filter(|offset| !is_aside(*offset, axis)).map(|offset| offset.dot(axis));
-    let (count, low, high) =
-        along.fold((0, 0.0_f32, 0.0_f32), |(count, low, high), along| (count + 1, low.min(along), high.max(along)));
-    (high - low) / count as f32
-}
-
-/// What tells of a point whether it is on a surface, by its neighbours and their shape.
-pub(crate) fn look(index: u32, around: &Neighbourhood, shape: Option<&Shape>, rule: RadiusRule) -> Look {
+/// What tells of a point whether it is on a surface, by its neighbours, their shape and their normal.
+pub(crate) fn look(
+    index: u32,
+    around: &Neighbourhood,
+    shape: Option<&Shape>,
+    normal: Option<Vec3>,
+    rule: RadiusRule,
+) -> Look {
     let is_far = rule == RadiusRule::Spread && shape.is_some_and(Shape::is_stray);
     let radius = if is_far { STRAY_RADIUS } else { pack_radius(splat_radius(around, shape, rule)) };
-    let normal = shape.and_then(Shape::normal).map_or(NO_NORMAL, pack_normal);
+    let normal = normal.map_or(NO_NORMAL, pack_normal);
     Look { index, radius, normal, reach: around.distance_squared.sqrt() }
 }
 
@@ -352,9 +381,14 @@ fn is_crowded(neighbourhood: &Neighbourhood) -> bool {
     // Lanes without a neighbour are far from all others, and from themselves.
     let mut places = [[f32::INFINITY; MOST_PAIRED]; 3];
     let mut count = 0;
-    for offset in neighbourhood.nearest(MOST_PAIRED) {
+    let mut place = |offset: Vec3| {
         (0..3).for_each(|axis| places[axis][count] = offset[axis]);
         count += 1;
+    };
+    if neighbourhood.offsets().nth(MOST_PAIRED).is_none() {
+        neighbourhood.offsets().for_each(place);
+    } else {
+        neighbourhood.nearest(MOST_PAIRED).into_iter().for_each(&mut place);
     }
     let [x, y, z] = &places;
     let mut near = 0;

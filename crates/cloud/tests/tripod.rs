@@ -69,6 +69,31 @@ fn a_floor_is_closed_from_the_scanner_to_where_it_grazes_at_three_degrees() {
     }
 }
 
+/// The rows of two scanners that see a floor from the side of its far end, some 22 m away, where they cross at a few degrees.
+fn rows_of_two() -> Vec<Vec3> {
+    let step = 0.2_f32.to_radians();
+    let mut points = Vec::new();
+    for (station, row, column) in (0..2).flat_map(|s| (15..30).flat_map(move |r| (-60..=60).map(move |c| (s, r, c)))) {
+        let place = [Vec3::new(0.0, 0.0, 1.5), Vec3::new(1.1, 2.4, 1.5)][station];
+        let (elevation, azimuth) = (-(row as f32) * step, column as f32 * step);
+        let range = 1.5 / -elevation.sin();
+        let way = Vec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
+        points.push(place + range * way);
+    }
+    points
+}
+
+#[test]
+fn rows_of_two_stations_that_lie_between_one_another_close_the_floor() {
+    let points = rows_of_two();
+    let surfels = surfels(&points);
+    let mut random = Random(9);
+    let mut share = || random.below(1000) as f32 / 1000.0;
+    let places: Vec<Vec3> = (0..400).map(|_| Vec3::new(16.5 + 6.0 * share(), 2.0 * share(), 0.0)).collect();
+    let covered = places.iter().filter(|place| is_covered(**place, &points, &surfels)).count();
+    assert!(covered >= 392, "{covered} of 400");
+}
+
 /// A square of wall `size` wide whose points are `step` apart, at a distance along x.
 fn wall(distance: f32, size: f32, step: f32) -> Vec<Vec3> {
     let count = (size / step) as i32;

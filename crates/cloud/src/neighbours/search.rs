@@ -10,10 +10,12 @@ use super::{BRICK_POINTS, Box3, TILE_POINTS, Tile, Tiles, by_place};
 /// do not depend on the order of the points), and fewer only if the cloud has no more. Several points at one place
 /// count as one: a cloud that stores every point many times gives the same neighbours as one that stores it once.
 pub struct Neighbourhood {
-    /// Candidates beyond `distance_squared` are not neighbours.
-    candidates: Vec<Candidate>,
+    /// During a search, some of them are beyond `distance_squared`.
+    neighbours: Vec<Candidate>,
     /// The squared distance of the last neighbour asked for.
     pub distance_squared: f32,
+    /// Whether all neighbours are points of the tile that is searched.
+    pub is_in_tile: bool,
     /// The number of neighbours asked for, or of all there are.
     pub count: usize,
 }
@@ -29,20 +31,26 @@ struct Candidate {
 
 impl Neighbourhood {
     fn new(distance_squared: f32) -> Self {
-        Self { candidates: Vec::new(), distance_squared, count: 0 }
+        Self { neighbours: Vec::new(), distance_squared, is_in_tile: true, count: 0 }
     }
 
-    fn neighbours(&self) -> impl Iterator<Item = &Candidate> {
-        self.candidates.iter().filter(|candidate| candidate.distance_squared <= self.distance_squared)
+    pub fn offsets(&self) -> impl Iterator<Item = Vec3> + Clone {
+        self.neighbours.iter().map(|candidate| candidate.offset)
     }
 
-    pub fn offsets(&self) -> impl Iterator<Item = Vec3> {
-        self.neighbours().map(|candidate| candidate.offset)
+    /// The offset of the nearest neighbour; of equally near ones, the first by its coordinates.
+    pub fn first(&self) -> Option<Vec3> {
+        let (nearest, others) = self.neighbours.split_first()?;
+        let is_before = |a: &Candidate, b: &Candidate| {
+            a.distance_squared < b.distance_squared
+                || a.distance_squared == b.distance_squared && by_place(&a.offset, &b.offset).is_lt()
+        };
+        Some(others.iter().fold(nearest, |first, other| if is_before(other, first) { other } else { first }).offset)
     }
 
     /// The offsets of the nearest `most` neighbours; equally near ones follow in the order of their coordinates.
     pub fn nearest(&self, most: usize) -> Vec<Vec3> {
-        let mut all: Vec<&Candidate> = self.neighbours().collect();
+        let mut all: Vec<&Candidate> = self.neighbours.iter().collect();
         if all.len() > most {
             let by_distance = |a: &&Candidate, b: &&Candidate| a.distance_squared.total_cmp(&b.distance_squared);
             all.sort_unstable_by(|a, b| by_distance(a, b).then_with(|| by_place(&a.offset, &b.offset)));
@@ -52,7 +60,7 @@ impl Neighbourhood {
 
     /// The running indices of the neighbours (`Points`).
     pub fn indices(&self) -> impl Iterator<Item = u32> {
-        self.neighbours().map(|candidate| candidate.index)
+        self.neighbours.iter().map(|candidate| candidate.index)
     }
 }
 
@@ -60,6 +68,20 @@ impl Neighbourhood {
 pub fn is_aside(offset: Vec3, axis: Vec3) -> bool {
     let along = offset.dot(axis);
     along * along < 0.75 * offset.length_squared()
+}
+
+/// Where points lie aside from a line.
+pub(super) struct Aside {
+    /// The unit direction of the line.
+    pub axis: Vec3,
+    /// A direction to the side where they lie; zero for all sides.
+    pub side: Vec3,
+}
+
+impl Aside {
+    fn holds(&self, offset: Vec3) -> bool {
+        is_aside(offset, self.axis) && offset.dot(self.side) >= 0.0
+    }
 }
 
 /// A ball without a layer about a plane through its middle.
@@ -86,8 +108,15 @@ impl<const LANES: usize> Nearest<LANES> {
         Self { distances: [f32::INFINITY; LANES], bound, count }
     }
 
-    /// Considers some points of one brick; with an `axis`, those aside from the line along it.
-    fn scan(&mut self, places: &Copies, at: Range<usize>, point: Vec3, axis: Option<Vec3>, found: &mut Vec<Candidate>) {
+    /// Considers some points of one brick; with an `aside`, those that it holds.
+    fn scan(
+        &mut self,
+        places: &Copies,
+        at: Range<usize>,
+        point: Vec3,
+        aside: Option<&Aside>,
+        found: &mut Vec<Candidate>,
+    ) {
         let mut squared = [0.0; BRICK_POINTS];
         let (x, y, z) = (&places.x[at.clone()], &places.y[at.clone()], &places.z[at.clone()]);
         let length = x.len().min(BRICK_POINTS);
@@ -96,10 +125,16 @@ impl<const LANES: usize> Nearest<LANES> {
             let (dx, dy, dz) = (x[i] - point.x, y[i] - point.y, z[i] - point.z);
             squared[i] = dx * dx + dy * dy + dz * dz;
         }
-        for i in 0..length {
-            if squared[i] <= self.bound && squared[i] > 0.0 {
+        // The near ones are listed without branches, which would be guessed wrong as often as not.
+        let (mut near, mut count) = ([0; BRICK_POINTS], 0);
+        for (i, squared) in squared[..length].iter().enumerate() {
+            near[count % BRICK_POINTS] = i;
+            count += usize::from((*squared <= self.bound) & (*squared > 0.0));
+        }
+        for &i in &near[..count] {
+            if squared[i] <= self.bound {
                 let offset = Vec3::new(x[i], y[i], z[i]) - point;
-                if axis.is_none_or(|axis| is_aside(offset, axis)) {
+                if aside.is_none_or(|aside| aside.holds(offset)) {
                     found.push(Candidate { offset, distance_squared: squared[i], index: indices[i] });
                     self.insert(squared[i]);
                 }
@@ -218,6 +253,8 @@ pub(super) struct Search<'a, const LANES: usize> {
     pending: Vec<(f32, usize)>,
     previous: Option<Vec3>,
     pub(super) neighbourhood: Neighbourhood,
+    /// The points aside from a line that were searched last.
+    beside: Neighbourhood,
 }
 
 impl<'a, const LANES: usize> Search<'a, LANES> {
@@ -249,6 +286,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             pending: Vec::new(),
             previous: None,
             neighbourhood: Neighbourhood::new(f32::INFINITY),
+            beside: Neighbourhood::new(f32::INFINITY),
         };
         search.copies.append(tiles, home, 0..kept, tile.origin);
         search
@@ -280,13 +318,13 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         &self.neighbourhood
     }
 
-    /// The nearest points aside from the line along the unit vector `axis` through a point of the home tile, by more
-    /// than 30 degrees.
-    pub(super) fn run_aside(&mut self, brick: usize, local: usize, axis: Vec3) -> &Neighbourhood {
-        self.previous = None;
+    /// The nearest points `aside` of a point of the home tile, no farther than `reach`; its neighbours stay.
+    pub(super) fn run_aside(&mut self, brick: usize, local: usize, aside: &Aside, reach: f32) -> &Neighbourhood {
         let point = self.place(brick, local);
-        self.within(f32::MAX, brick, point, Some(axis));
-        &self.neighbourhood
+        std::mem::swap(&mut self.neighbourhood, &mut self.beside);
+        self.within(reach * reach, brick, point, Some(aside));
+        std::mem::swap(&mut self.neighbourhood, &mut self.beside);
+        &self.beside
     }
 
     /// The position of point `local` of `brick` of the home tile.
@@ -302,18 +340,19 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
 
     /// The neighbours of a point no further than the square root of `bound`. Squared distances that overflow find none,
     /// so that a cloud of random numbers is not searched from end to end for each point.
-    fn within(&mut self, bound: f32, brick: usize, point: Vec3, axis: Option<Vec3>) {
-        self.neighbourhood.candidates.clear();
+    fn within(&mut self, bound: f32, brick: usize, point: Vec3, aside: Option<&Aside>) {
+        self.neighbourhood.neighbours.clear();
         let mut nearest = Nearest::<LANES>::new(self.count, bound.min(f32::MAX));
         // Goes up from the point's own brick and visits the subtree on the other side of each node.
         let mut node = brick + self.home_view.starts.len();
-        self.visit(None, node, point, axis, &mut nearest);
+        self.visit(None, node, point, aside, &mut nearest);
         while node > 1 {
             if self.home_view.boxes[node ^ 1].distance_squared(point) <= nearest.bound {
-                self.visit(None, node ^ 1, point, axis, &mut nearest);
+                self.visit(None, node ^ 1, point, aside, &mut nearest);
             }
             node /= 2;
         }
+        let in_tile = self.neighbourhood.neighbours.len();
         let to_border = (point - self.cell.min).min(self.cell.max - point).min_element();
         if to_border * to_border <= nearest.bound {
             for other in 0..self.others.len() {
@@ -322,13 +361,17 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
                 }
                 if self.others[other].bounds.distance_squared(point) <= nearest.bound {
                     self.reach(other);
-                    self.visit(Some(other), 1, point, axis, &mut nearest);
+                    self.visit(Some(other), 1, point, aside, &mut nearest);
                 }
             }
         }
         let found = nearest.distances[..self.count].iter().filter(|distance| distance.is_finite()).count();
-        self.neighbourhood.count = found;
-        self.neighbourhood.distance_squared = if found > 0 { nearest.distances[found - 1] } else { 0.0 };
+        let distance_squared = if found > 0 { nearest.distances[found - 1] } else { 0.0 };
+        let Neighbourhood { neighbours, .. } = &mut self.neighbourhood;
+        let is_in_tile = neighbours[in_tile..].iter().all(|other| other.distance_squared > distance_squared);
+        neighbours.retain(|candidate| candidate.distance_squared <= distance_squared);
+        self.neighbourhood =
+            Neighbourhood { neighbours: std::mem::take(neighbours), distance_squared, is_in_tile, count: found };
     }
 
     pub(super) fn count_beside(&mut self, ball: &Ball, most: usize) -> usize {
@@ -353,7 +396,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         other: Option<usize>,
         root: usize,
         point: Vec3,
-        axis: Option<Vec3>,
+        aside: Option<&Aside>,
         nearest: &mut Nearest<LANES>,
     ) {
         let view = match other {
@@ -384,7 +427,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             }
             let start = view.starts[brick] as usize;
             let at = start..start + range.len();
-            nearest.scan(&self.copies, at, point, axis, &mut self.neighbourhood.candidates);
+            nearest.scan(&self.copies, at, point, aside, &mut self.neighbourhood.neighbours);
         }
     }
 
