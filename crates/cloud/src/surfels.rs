@@ -118,8 +118,8 @@ pub struct Surfels {
 /// Estimates normals and radii of all points, on all cores; one entry per chunk, in order. `progress` counts points.
 /// `None` when cancelled.
 ///
-/// Needs about 6 bytes a point beside the result, and some 5 MB a thread. Clouds of 2^32 points and more are divided
-/// into parts whose points do not see one another.
+/// Needs about 6 bytes a point beside the result, 8 more for each ellipse, and some 5 MB a thread. Clouds of 2^32 points
+/// and more are divided into parts whose points do not see one another.
 pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     progress.set_total(chunks.iter().map(|chunk| chunk.len() as u64).sum());
     let mut surfels = Vec::with_capacity(chunks.len());
