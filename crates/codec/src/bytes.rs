@@ -43,6 +43,21 @@ impl Bytes {
         Ok(Self { path: path.to_owned(), length, file })
     }
 
+    /// All bytes, which are at most `most`.
+    ///
+    /// # Errors
+    /// If the file is longer, or cannot be read.
+    pub(crate) fn all(&self, most: u64) -> Result<Vec<u8>> {
+        if self.length > most {
+            let problem = format!("{} bytes, expected at most {most}", self.length);
+            return Err(Error::malformed(&self.path, "length", problem));
+        }
+        let mut all = vec![0; self.length as usize];
+        let read = self.read_at(0, &mut all).map_err(|error| Error::io(&self.path, error))?;
+        all.truncate(read);
+        Ok(all)
+    }
+
     /// The bytes of a file without a name, which messages name by `path`.
     pub(crate) fn of_file(path: &Path, file: File) -> io::Result<Self> {
         let length = file.metadata()?.len();
@@ -100,6 +115,16 @@ impl Bytes {
     pub(crate) fn section(&self, start: u64, end: u64) -> Section<'_> {
         Section { file: self, start, position: start, end }
     }
+}
+
+/// The file of this name in the folder of another one.
+pub(crate) fn beside(path: &Path, name: &str) -> PathBuf {
+    path.parent().unwrap_or(Path::new("")).join(name)
+}
+
+/// The last part of a path.
+pub(crate) fn last_part(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// All that comes from standard input, as a file.

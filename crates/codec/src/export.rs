@@ -194,14 +194,14 @@ fn temporary(output: &Path) -> Result<NamedTempFile> {
 fn las(source: &Source) -> Option<&LasSource> {
     match source {
         Source::Las(source) => Some(source),
-        Source::Rows(_) => None,
+        Source::Rows(_) | Source::Ept(_) => None,
     }
 }
 
 fn rows(source: &Source) -> Option<&RowSource> {
     match source {
         Source::Rows(source) => Some(source),
-        Source::Las(_) => None,
+        Source::Las(_) | Source::Ept(_) => None,
     }
 }
 
@@ -243,6 +243,7 @@ impl Job<'_> {
             let mut fields = match &**source {
                 Source::Las(source) => source.column_fields(colors),
                 Source::Rows(source) => source.column_fields(colors),
+                Source::Ept(source) => source.column_fields(colors),
             };
             let mut names = Names::with_case();
             fields.iter_mut().for_each(|field| field.attribute.name = names.take(field.name(), usize::MAX));
@@ -306,6 +307,7 @@ impl Job<'_> {
         match &*self.sources[number] {
             Source::Las(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
             Source::Rows(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
+            Source::Ept(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
         }
     }
 

@@ -14,10 +14,12 @@ pub enum Format {
     Ptx,
     Pcd,
     Xyz,
+    Ept,
 }
 
 impl Format {
-    pub const ALL: [Self; 8] = [Self::Las, Self::Laz, Self::Ply, Self::E57, Self::Pts, Self::Ptx, Self::Pcd, Self::Xyz];
+    pub const ALL: [Self; 9] =
+        [Self::Las, Self::Laz, Self::Ply, Self::E57, Self::Pts, Self::Ptx, Self::Pcd, Self::Xyz, Self::Ept];
 
     /// The name in reports, which is also the usual ending of a file.
     pub fn name(self) -> &'static str {
@@ -30,6 +32,7 @@ impl Format {
             Self::Ptx => "ptx",
             Self::Pcd => "pcd",
             Self::Xyz => "xyz",
+            Self::Ept => "ept",
         }
     }
 
@@ -44,6 +47,8 @@ impl Format {
             Self::Ptx => &["ptx"],
             Self::Pcd => &["pcd"],
             Self::Xyz => &["xyz", "csv", "txt", "asc"],
+            // `ept.json`, in a folder of its own.
+            Self::Ept => &["json"],
         }
     }
 

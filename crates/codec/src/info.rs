@@ -98,9 +98,11 @@ impl Info {
         }
     }
 
-    /// The name of the cloud: that of its file, and of the scan where the file holds several.
+    /// The name of the cloud: that of its file, or of the folder of an EPT, and of the scan where the file holds several.
     pub fn name(&self) -> String {
-        let file = self.path.file_name().unwrap_or(self.path.as_os_str()).to_string_lossy();
+        let folder = self.path.parent().filter(|folder| self.format == Format::Ept && folder.file_name().is_some());
+        let own = folder.unwrap_or(&self.path);
+        let file = own.file_name().unwrap_or(own.as_os_str()).to_string_lossy();
         match &self.scan {
             Some(scan) if scan.of > 1 => format!("{file}, {}", scan.name),
             _ => file.into_owned(),

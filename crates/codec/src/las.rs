@@ -37,7 +37,7 @@ use crate::color_range::ColorSample;
 use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, ColorDepth, ReadPlan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
-pub use copc::{Copc, CopcNode};
+pub use copc::{Copc, CopcNode, DEEPEST, Key};
 use header::Header;
 use layout::{Layout, Reading, bytes};
 
@@ -123,6 +123,11 @@ impl Tally<'_> {
 impl LasSource {
     /// `memory` bounds what decoders of compressed points take, in bytes.
     pub fn open(file: Bytes, memory: u64) -> Result<Self> {
+        Self::open_like(file, memory, None)
+    }
+
+    /// Opens a file whose colours have the range of those of `model`, if there is one: tiles of one cloud.
+    pub fn open_like(file: Bytes, memory: u64, model: Option<&Self>) -> Result<Self> {
         let mut warnings = Vec::new();
         let header = Header::read(&file, &mut warnings)?;
         let layout = Layout::new(header.point_format, header.record_length, &header.descriptors, &mut warnings);
@@ -185,7 +190,10 @@ impl LasSource {
             standard_time: header.standard_time,
             records: header.records,
         };
-        if let Some(red) = source.layout.red
+        if let Some(model) = model {
+            source.colors = model.colors.filter(|_| source.layout.red.is_some());
+            source.info.has_colors = source.colors.is_some();
+        } else if let Some(red) = source.layout.red
             && points > 0
         {
             let sample = source.color_sample(red);
@@ -239,21 +247,49 @@ impl LasSource {
         let Some((compressed, chunk)) = chunk else {
             return Ok(ChunkBuilder::new(&plan, 0, 0).finish().0);
         };
+        self.read_chunks(compressed, std::slice::from_ref(chunk), &plan, layers)
+    }
+
+    /// All points of a compressed file in one chunk.
+    ///
+    /// # Errors
+    /// If some of them cannot be read, or are not compressed.
+    pub fn read_whole(&self, selection: &Selection) -> Result<Chunk> {
+        let Some(compressed) = &self.compressed else {
+            return Err(Error::unsuitable(self.file.path(), "its points are not compressed"));
+        };
+        let (plan, layers) = self.plan(selection);
+        self.read_chunks(compressed, &compressed.chunks, &plan, layers)
+    }
+
+    /// The points of some compressed chunks, which follow one another, in one chunk.
+    fn read_chunks(
+        &self,
+        compressed: &Compressed,
+        chunks: &[CompressedChunk],
+        plan: &ReadPlan<'_>,
+        layers: DecompressionSelection,
+    ) -> Result<Chunk> {
         let malformed =
             |point: u64, problem: String| Error::malformed(self.file.path(), format!("record {point}"), problem);
+        let first_point = chunks.first().map_or(0, |chunk| chunk.first_point);
+        let points: u64 = chunks.iter().map(|chunk| chunk.points).sum();
         // A chunk may claim any number of points, so vectors grow as points arrive.
-        let mut builder = ChunkBuilder::new(&plan, chunk.first_point, chunk.points.min(CHUNK_POINTS as u64) as usize);
-        let mut stream =
-            compressed.stream(&self.file, chunk, layers).map_err(|problem| malformed(chunk.first_point, problem))?;
+        let mut builder = ChunkBuilder::new(plan, first_point, points.min(CHUNK_POINTS as u64) as usize);
         let length = self.layout.record_length;
         let mut buffer = vec![0; tile_records(length) * length];
-        while stream.left() > 0 {
-            let wanted = stream.left().min(tile_records(length) as u64) as usize;
-            let (decoded, outcome) = stream.decode(&mut buffer[..wanted * length]);
-            builder.push(&buffer[..decoded * length]);
-            outcome.map_err(|problem| malformed(builder.next_point(), problem))?;
+        for chunk in chunks {
+            let mut stream = compressed
+                .stream(&self.file, chunk, layers)
+                .map_err(|problem| malformed(chunk.first_point, problem))?;
+            while stream.left() > 0 {
+                let wanted = stream.left().min(tile_records(length) as u64) as usize;
+                let (decoded, outcome) = stream.decode(&mut buffer[..wanted * length]);
+                builder.push(&buffer[..decoded * length]);
+                outcome.map_err(|problem| malformed(builder.next_point(), problem))?;
+            }
         }
-        if builder.len() as u64 != chunk.points {
+        if builder.len() as u64 != points {
             return Err(malformed(builder.next_point(), "the node holds fewer points than announced".into()));
         }
         Ok(builder.finish().0)

@@ -1,5 +1,5 @@
 //! Reads files as clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`), and formats whose points become rows as those of PLY are
-//! (`e57`, `pcd`, `text`). All formats share one error type. `write_copc` makes
+//! (`e57`, `pcd`, `text`), and EPT (`ept`). All formats share one error type. `write_copc` makes
 //! COPC files of LAS and LAZ, and `export` files of the points that are shown.
 //!
 //! `open` reads a header and checks it against the file's size; `Source::read` passes chunks of points to a callback,
@@ -9,6 +9,7 @@ mod brief;
 mod bytes;
 mod color_range;
 mod e57;
+mod ept;
 mod error;
 mod export;
 mod format;

@@ -178,7 +178,39 @@ impl RowSource {
         Packing::new(&self.header, self.element(), self.maker.as_deref(), keep)
     }
 
+    /// The scales of red, green and blue.
+    pub fn color_scale(&self) -> Option<[Scale; 3]> {
+        self.roles.color_scale
+    }
+
+    /// All points in one chunk, of a file whose rows are one block.
+    ///
+    /// # Errors
+    /// If some of them cannot be read.
+    pub fn read_whole(&self, selection: &Selection) -> Result<Chunk> {
+        let whole = Mutex::new(None);
+        let put = |chunk: Chunk| drop(lock(&whole).replace(chunk));
+        let summary = self.read_in_chunks(selection, &Progress::default(), self.rows.count as usize, &put)?;
+        let whole = whole.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        match whole {
+            Some(chunk) if summary.warnings.is_empty() => Ok(chunk),
+            Some(_) => Err(Error::unsuitable(&self.info.path, summary.warnings.join("; "))),
+            None => Ok(Chunk::new(0, glam::DVec3::ZERO, Vec::new())),
+        }
+    }
+
     pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+        self.read_in_chunks(selection, progress, rows::chunk_points(self.element()), emit)
+    }
+
+    /// Reads chunks of up to `most` points.
+    fn read_in_chunks(
+        &self,
+        selection: &Selection,
+        progress: &Progress,
+        most: usize,
+        emit: &(dyn Fn(Chunk) + Sync),
+    ) -> Result<Summary> {
         let needed = self.roles.needed(selection);
         let mut keep = vec![false; self.element().properties.len()];
         for &index in &needed {
@@ -191,7 +223,6 @@ impl RowSource {
         let packing = self.packing(keep);
         let plan = RowDecoder::new(&self.scalars, &self.roles, selection, &packing);
 
-        let most = rows::chunk_points(self.element());
         progress.set_total(self.rows.count);
         let totals = Mutex::new(Totals { points: 0, bounds: Bounds::EMPTY, damaged: 0, unread: 0, error: None });
         spread_order(self.rows.blocks.len()).into_par_iter().with_max_len(1).for_each(|index| {
@@ -293,7 +324,7 @@ struct Totals {
 }
 
 /// Locks the totals. A panic in `emit` poisons the lock, but the counts are still correct.
-fn lock(totals: &Mutex<Totals>) -> std::sync::MutexGuard<'_, Totals> {
+fn lock<T>(totals: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     totals.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 

@@ -9,13 +9,14 @@ use crate::bytes::Bytes;
 use crate::error::{Error, Result};
 use crate::info::{Info, Selection, Summary};
 use crate::las::{Copc, CopcNode};
-use crate::{e57, las, pcd, ply, text};
+use crate::{e57, ept, las, pcd, ply, text};
 
 /// An opened file. It is `Sync`: one thread may read a column while another looks up a record.
 #[allow(clippy::large_enum_variant, reason = "there is one per open file, and it is not moved around")]
 pub enum Source {
     Las(las::LasSource),
     Rows(ply::RowSource),
+    Ept(ept::EptSource),
 }
 
 /// The memory in bytes that the decoders of a file may take by default.
@@ -50,6 +51,9 @@ pub fn open_scans(path: &Path, memory: u64) -> Result<Vec<Source>> {
     let start = &start[..count];
     if start.starts_with(b"LASF") {
         return Ok(vec![las::LasSource::open(bytes, memory).map(Source::Las)?]);
+    }
+    if ept::is_ept(start, path) {
+        return Ok(vec![ept::EptSource::open(bytes, memory).map(Source::Ept)?]);
     }
     let file = Arc::new(bytes);
     let scans = match start {
@@ -88,6 +92,7 @@ impl Source {
         match self {
             Self::Las(source) => source.info(),
             Self::Rows(source) => source.info(),
+            Self::Ept(source) => &source.info,
         }
     }
 
@@ -98,6 +103,7 @@ impl Source {
         match &mut self {
             Self::Las(source) => source.info.place(placement),
             Self::Rows(source) => source.info.place(placement),
+            Self::Ept(source) => source.info.place(placement),
         }
         self
     }
@@ -107,6 +113,7 @@ impl Source {
         match self {
             Self::Las(source) => source.has_wide_colors(),
             Self::Rows(source) => source.has_wide_colors(),
+            Self::Ept(source) => source.has_wide_colors(),
         }
     }
 
@@ -115,6 +122,15 @@ impl Source {
         match self {
             Self::Las(source) => source.bytes(),
             Self::Rows(source) => source.bytes(),
+            Self::Ept(source) => source.bytes(),
+        }
+    }
+
+    /// The size in bytes of all that the points are read from; of EPT about.
+    pub fn stored_bytes(&self) -> u64 {
+        match self {
+            Self::Ept(source) => source.octree().nodes.iter().map(|node| node.bytes).sum(),
+            _ => self.bytes().length(),
         }
     }
 
@@ -147,15 +163,17 @@ impl Source {
         match self {
             Self::Las(source) => source.read(selection, progress, emit),
             Self::Rows(source) => source.read(selection, progress, emit),
+            Self::Ept(source) => source.read(selection, progress, emit),
         }
     }
 
-    /// The octree of a COPC file; `None` for other files, and if the octree does not fit the file (a warning then says
+    /// The octree of a COPC file or of EPT; `None` for other files, and if the octree does not fit the file (a warning then says
     /// so).
     pub fn copc(&self) -> Option<&Copc> {
         match self {
             Self::Las(source) => source.copc(),
             Self::Rows(_) => None,
+            Self::Ept(source) => Some(source.octree()),
         }
     }
 
@@ -169,6 +187,7 @@ impl Source {
             Self::Las(source) => source.read_copc_node(node, selection)?,
             // A PLY file has no nodes; the node of another file is read as an empty one.
             Self::Rows(_) => Chunk::new(0, glam::DVec3::ZERO, Vec::new()),
+            Self::Ept(source) => source.read_node(node, selection)?,
         };
         let Info { placement, grid, .. } = self.info();
         Ok(placement.as_ref().map_or_else(|| chunk.clone(), |placement| chunk.placed(placement, *grid)))
@@ -182,13 +201,14 @@ impl Source {
         match self {
             Self::Las(source) => source.record(point),
             Self::Rows(source) => source.record(point),
+            Self::Ept(source) => source.record(point),
         }
     }
 
     /// Whether the file declares faces.
     pub fn is_mesh(&self) -> bool {
         match self {
-            Self::Las(_) => false,
+            Self::Las(_) | Self::Ept(_) => false,
             Self::Rows(source) => source.is_mesh(),
         }
     }
@@ -199,7 +219,7 @@ impl Source {
     /// If the face list cannot be parsed.
     pub fn triangles(&self) -> Result<Vec<[u32; 3]>> {
         match self {
-            Self::Las(_) => Ok(Vec::new()),
+            Self::Las(_) | Self::Ept(_) => Ok(Vec::new()),
             Self::Rows(source) => source.triangles(),
         }
     }

@@ -98,7 +98,7 @@ impl Loader {
         let columns: usize = columns.map(|(attribute, _)| attribute.column_type.size()).sum();
         let is_double = |property: &Attribute| property.name == "x" && property.column_type == cloud::ColumnType::F64;
         let is_exact = match info.format {
-            codec::Format::Las | codec::Format::Laz => {
+            codec::Format::Las | codec::Format::Laz | codec::Format::Ept => {
                 info.grid.zip(info.bounds).is_some_and(|(grid, bounds)| !grid.fits_f32(bounds))
             }
             _ => info.properties.iter().any(is_double),

@@ -356,6 +356,10 @@ fn hint(path: &Path) -> String {
 /// The clouds in a folder, or what is wrong with it. Names that begin with a dot are hidden files, such as those that
 /// macOS keeps beside others. A link to nothing stays in the list, so that its tile is missed.
 fn tiles(folder: &Path) -> Result<Input, String> {
+    let ept = folder.join("ept.json");
+    if ept.is_file() {
+        return Ok(Input::File(ept));
+    }
     let is_cloud = |path: &PathBuf| {
         let is_hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();

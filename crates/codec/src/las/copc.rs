@@ -23,7 +23,7 @@ const INFO_START: u64 = 375 + 54;
 const INFO_LENGTH: usize = 160;
 const ENTRY_LENGTH: usize = 32;
 /// The deepest level of nodes: cells are then counted with 31 bits.
-const DEEPEST: u32 = 30;
+pub const DEEPEST: u32 = 30;
 /// The most nodes; 5,000,000,000 points have some 200,000.
 const MOST_NODES: usize = 1 << 22;
 /// The most entries of the list for each compressed chunk: those above it without points, and some next to them.
@@ -38,7 +38,7 @@ const TOLERANCE: f64 = 0.01;
 /// The least spacing as a fraction of the width: nodes of a surface then have fewer points than are read at once.
 const LEAST_SPACING: f64 = 1.0 / 65_536.0;
 
-/// An octree of nodes that hold the points of a file, each point once.
+/// An octree of nodes that hold the points of a COPC file, or of EPT, each point once.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Copc {
     /// The lower corner of the root's cube, in world coordinates.
@@ -51,7 +51,7 @@ pub struct Copc {
     pub nodes: Vec<CopcNode>,
 }
 
-/// A node: a cube, and one compressed chunk of the file unless it is empty.
+/// A node: a cube, and one compressed chunk of the file or one tile unless it is empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CopcNode {
     /// The level in the tree; 0 for the root.
@@ -59,9 +59,9 @@ pub struct CopcNode {
     /// The number of cubes of its level that lie before it in x, y and z; below `2^level`.
     pub cell: [u32; 3],
     pub points: u32,
-    /// The size in the file in bytes.
+    /// The size in the file in bytes; of a tile about.
     pub bytes: u64,
-    /// The index in the list of the file's compressed chunks.
+    /// The index in the list of the file's compressed chunks, in COPC.
     pub(super) chunk: Option<usize>,
 }
 
@@ -87,14 +87,26 @@ impl Copc {
         check_cube(center, half, spacing, header.bounds).map_err(|problem| format!("byte {INFO_START}: {problem}"))?;
         let root = page(u64::from_le_bytes(bytes(info, 40)), u64::from_le_bytes(bytes(info, 48)));
         let pages = header.copc_pages.clone().ok_or("the record of its pages is missing")?;
-        let mut nodes = Self::read_pages(file, pages, root, chunks)?;
+        let nodes = Self::read_pages(file, pages, root, chunks)?;
         let most = chunks.len().saturating_mul(NODES_PER_CHUNK) + SPARE_ENTRIES;
+        let octree = Self::of_nodes(center - half, 2.0 * half, spacing, nodes, most);
+        octree.map(Some).ok_or_else(|| format!("more than {most} nodes for {} compressed chunks", chunks.len()))
+    }
+
+    /// The octree of nodes with points and of those above them; `None` if these are more than `most` together.
+    pub(crate) fn of_nodes(
+        corner: DVec3,
+        width: f64,
+        spacing: f64,
+        mut nodes: HashMap<Key, CopcNode>,
+        most: usize,
+    ) -> Option<Self> {
         if !add_parents(&mut nodes, most) {
-            return Err(format!("more than {most} nodes for {} compressed chunks", chunks.len()));
+            return None;
         }
         let mut nodes: Vec<CopcNode> = nodes.into_values().collect();
         nodes.sort_unstable_by_key(|node| (node.level, node.cell));
-        Ok(Some(Self { corner: center - half, width: 2.0 * half, spacing, nodes }))
+        Some(Self { corner, width, spacing, nodes })
     }
 
     /// The nodes with points of all pages.
@@ -148,7 +160,15 @@ impl Copc {
     }
 }
 
-type Key = (u32, [u32; 3]);
+impl CopcNode {
+    /// A node whose points are a file of their own.
+    pub(crate) fn of_tile(level: u32, cell: [u32; 3], points: u32) -> Self {
+        Self { level, cell, points, bytes: 0, chunk: None }
+    }
+}
+
+/// The level of a node and its cell.
+pub type Key = (u32, [u32; 3]);
 
 fn page(offset: u64, length: u64) -> Range<u64> {
     offset..offset.saturating_add(length)

@@ -151,7 +151,7 @@ fn open(inputs: &[PathBuf], output: &Path, memory: u64) -> Result<Vec<LasSource>
             Err(Error::unsuitable(output, "this is one of the inputs; choose another name for the output"))
         }
         Source::Las(source) => Ok(source),
-        Source::Rows(_) => {
+        Source::Rows(_) | Source::Ept(_) => {
             Err(Error::unsuitable(input, "no LAS or LAZ file; COPC holds what these have, so export it to LAZ first"))
         }
     };

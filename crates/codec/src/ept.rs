@@ -1,0 +1,362 @@
+//! Reads Entwine Point Tiles (EPT 1, entwine.io): a folder with `ept.json`, pages of a hierarchy (`hierarchy`) and a file of
+//! points for each node of an octree (`tiles`): LAZ, or rows of numbers.
+//!
+//! `ept.json` and the hierarchy are claims: a tile with another number of points, other attributes or another grid than
+//! they and the first tile say is not read, and the others are. What is read stays within the tree, since all names of
+//! files are made from the numbers of nodes.
+
+pub(crate) mod hierarchy;
+mod tiles;
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use cloud::{Bounds, Chunk, Progress};
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::Deserialize;
+
+use crate::brief;
+use crate::bytes::{Bytes, beside};
+use crate::export::columns::{Colors, Field, Piece, Reading};
+use crate::format::Format;
+use crate::in_order::InOrder;
+use crate::info::{Info, Selection, Summary};
+use crate::las::{Copc, CopcNode, Key};
+use crate::units::wkt;
+use crate::{Error, Result};
+use hierarchy::{Hierarchy, name};
+use tiles::{Dimension, Tile, TileRows};
+
+/// The longest `ept.json`: a coordinate system has some kilobytes.
+const MOST_DESCRIPTION: u64 = 4 << 20;
+/// The memory of a node in bytes while a cloud is open, in all tables; nodes may take an eighth of the memory.
+const NODE_BYTES: u64 = 512;
+/// The number of tiles that are tried before a cloud is said to be unreadable.
+const TRIED: usize = 8;
+
+/// An octree of tiles.
+pub struct EptSource {
+    pub(crate) info: Info,
+    file: Bytes,
+    octree: Copc,
+    /// The number of points before each node.
+    first_points: Vec<u64>,
+    /// How binary tiles are read; `None` for LAZ.
+    rows: Option<TileRows>,
+    /// The tile whose columns, colours and grid all others have; `None` for a cloud without points.
+    model: Option<Tile>,
+    memory: u64,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Description {
+    bounds: [f64; 6],
+    bounds_conforming: Option<[f64; 6]>,
+    data_type: String,
+    #[serde(default)]
+    hierarchy_type: String,
+    #[serde(default)]
+    points: u64,
+    schema: Vec<Dimension>,
+    /// The number of cells of a node along an axis, by its name of today and of before.
+    span: Option<u32>,
+    ticks: Option<u32>,
+    #[serde(default)]
+    srs: System,
+    #[serde(default)]
+    version: String,
+}
+
+#[derive(Default, Deserialize)]
+struct System {
+    wkt: Option<String>,
+}
+
+/// Whether a file is the description of an EPT, by its start.
+pub fn is_ept(start: &[u8], path: &std::path::Path) -> bool {
+    let text = start.trim_ascii_start();
+    text.starts_with(b"{") && crate::bytes::last_part(path) == "ept.json"
+}
+
+impl EptSource {
+    /// `memory` bounds what decoders and the tables of nodes take, in bytes.
+    ///
+    /// # Errors
+    /// If the description, the first page of the hierarchy or the first tiles cannot be used.
+    pub fn open(file: Bytes, memory: u64) -> Result<Self> {
+        let path = file.path().to_owned();
+        let fail = |problem: String| Error::malformed(&path, "description", problem);
+        let text = file.all(MOST_DESCRIPTION)?;
+        let told: Description = serde_json::from_slice(&text)
+            .map_err(|error| fail(format!("not one of EPT: {}", brief::message(&error))))?;
+        let rows = match told.data_type.as_str() {
+            "laszip" => None,
+            "binary" => Some(TileRows::new(&told.schema).map_err(fail)?),
+            "zstandard" => {
+                let problem = "its tiles are compressed by Zstandard, which is not read; write it with `laszip` tiles";
+                return Err(Error::unsuitable(&path, problem));
+            }
+            other => {
+                let other = brief::brief(other);
+                return Err(fail(format!("tiles of type `{other}`, expected laszip or binary")));
+            }
+        };
+        if !matches!(told.hierarchy_type.as_str(), "" | "json") {
+            let other = brief::brief(&told.hierarchy_type);
+            return Err(fail(format!("a hierarchy of type `{other}`, expected json")));
+        }
+        let (corner, width, spacing) = told.cube().map_err(fail)?;
+        let most = usize::try_from(memory / 8 / NODE_BYTES).unwrap_or(usize::MAX).max(1024);
+        let Hierarchy { nodes, warnings } = hierarchy::read(&path, most)?;
+        let mut info = Info::of_rows(&path, Format::Ept, format!("{} {}", told.version, told.data_type));
+        info.points = nodes.values().map(|points| u64::from(*points)).sum();
+        info.bounds = told.points_bounds(corner, width).filter(|_| info.points > 0);
+        info.crs = told.srs.wkt.as_deref().map(str::trim).filter(|wkt| !wkt.is_empty()).map(str::to_owned);
+        info.units = info.crs.as_deref().map(wkt::units).unwrap_or_default();
+        info.warnings = warnings;
+        if told.points != info.points {
+            info.warnings.push(format!("it says {} points, its hierarchy has {}", told.points, info.points));
+        }
+        let octree = octree(nodes, (corner, width, spacing), most).map_err(fail)?;
+        let mut points = 0;
+        let first_points = octree.nodes.iter().map(|node| {
+            points += u64::from(node.points);
+            points - u64::from(node.points)
+        });
+        let first_points = first_points.collect();
+        info.grid = rows.as_ref().and_then(|_| TileRows::grid(&told.schema));
+        let mut source = Self { info, file, octree, first_points, rows, model: None, memory };
+        source.find_model()?;
+        Ok(source)
+    }
+
+    /// Opens the first tile, whose columns, colours and grid all others have.
+    fn find_model(&mut self) -> Result<()> {
+        let mut first_error = None;
+        let filled: Vec<usize> =
+            (0..self.octree.nodes.len()).filter(|node| self.octree.nodes[*node].points > 0).collect();
+        for node in filled.iter().take(TRIED) {
+            match self.tile(*node) {
+                Ok(tile) => {
+                    let own = tile.info();
+                    self.info.point_format = own.point_format;
+                    self.info.properties = own.properties.clone();
+                    self.info.attributes = own.attributes.clone();
+                    self.info.grid = own.grid;
+                    (self.info.has_colors, self.info.has_normals) = (own.has_colors, own.has_normals);
+                    if self.info.crs.is_none() {
+                        (self.info.crs, self.info.units) = (own.crs.clone(), own.units);
+                    }
+                    // The lengths of other tiles are not known before they are opened.
+                    let bytes_each = tile.length() as f64 / own.points.max(1) as f64;
+                    self.octree
+                        .nodes
+                        .iter_mut()
+                        .for_each(|node| node.bytes = (f64::from(node.points) * bytes_each) as u64);
+                    self.model = Some(tile);
+                    return Ok(());
+                }
+                Err(error) => drop(first_error.get_or_insert(error)),
+            }
+        }
+        first_error.map_or(Ok(()), Err)
+    }
+
+    /// The path of the file with the points of a node.
+    fn tile_path(&self, node: usize) -> PathBuf {
+        let CopcNode { level, cell, .. } = self.octree.nodes[node];
+        let ending = if self.rows.is_some() { "bin" } else { "laz" };
+        beside(self.file.path(), &format!("ept-data/{}.{ending}", name((level, cell))))
+    }
+
+    /// Opens the file with the points of a node.
+    ///
+    /// # Errors
+    /// If it is not there, or is not as the hierarchy and the first tile say.
+    fn tile(&self, node: usize) -> Result<Tile> {
+        let path = self.tile_path(node);
+        let file = Bytes::open(&path)?;
+        let memory = self.memory / rayon::current_num_threads().max(1) as u64;
+        let mut tile = match &self.rows {
+            None => Tile::open_las(file, memory, self.model.as_ref())?,
+            Some(rows) => {
+                let info = Info { grid: self.info.grid, ..Info::of_rows(&path, Format::Ept, String::new()) };
+                Tile::open_rows(file, rows, info, self.model.as_ref())?
+            }
+        };
+        let fail = |problem: String| Error::malformed(&path, "tile", problem);
+        let (points, expected) = (tile.info().points, u64::from(self.octree.nodes[node].points));
+        if points != expected {
+            return Err(fail(format!("{points} points, the hierarchy says {expected}")));
+        }
+        if let Some(difference) = self.model.as_ref().and_then(|model| model.difference(&tile)) {
+            return Err(fail(format!("its points have {difference} than those of the first tile")));
+        }
+        if let Some(placement) = self.info.placement {
+            tile.info_mut().place(placement);
+        }
+        Ok(tile)
+    }
+
+    pub fn bytes(&self) -> &Bytes {
+        &self.file
+    }
+
+    pub fn octree(&self) -> &Copc {
+        &self.octree
+    }
+
+    pub fn has_wide_colors(&self) -> bool {
+        self.model.as_ref().is_some_and(Tile::has_wide_colors)
+    }
+
+    /// The tiles that have points, the coarse ones first.
+    fn filled(&self) -> Vec<usize> {
+        (0..self.octree.nodes.len()).filter(|node| self.octree.nodes[*node].points > 0).collect()
+    }
+
+    pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+        progress.set_total(self.info.points);
+        let total = Mutex::new((0, Bounds::EMPTY, Vec::new(), None));
+        let filled = self.filled();
+        filled.par_iter().with_max_len(1).for_each(|node| {
+            if progress.is_cancelled() {
+                return;
+            }
+            let own = Progress::default();
+            let first_point = self.first_points[*node];
+            let emit = |mut chunk: Chunk| {
+                chunk.first_point += first_point;
+                progress.add(chunk.len() as u64);
+                emit(chunk);
+                if progress.is_cancelled() {
+                    own.cancel();
+                }
+            };
+            let read = self.tile(*node).and_then(|tile| tile.read(selection, &own, &emit));
+            let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
+            match read {
+                Ok(summary) => {
+                    total.0 += summary.points;
+                    total.1 = total.1.union(summary.bounds.unwrap_or(Bounds::EMPTY));
+                    let key = self.key(*node);
+                    total.2.extend(summary.warnings.into_iter().map(|told| format!("tile {}: {told}", name(key))));
+                }
+                Err(error) => {
+                    let points = self.octree.nodes[*node].points;
+                    total.2.push(format!("{points} points are missing: {error}"));
+                    total.3.get_or_insert(error);
+                }
+            }
+        });
+        let (points, bounds, warnings, error) = total.into_inner().unwrap_or_else(PoisonError::into_inner);
+        if let Some(error) = error.filter(|_| points == 0) {
+            return Err(error);
+        }
+        let warnings = param::few(warnings, "tiles with problems");
+        let bounds = (!bounds.is_empty()).then_some(bounds);
+        Ok(Summary { points, bounds, warnings, cancelled: progress.is_cancelled() })
+    }
+
+    fn key(&self, node: usize) -> Key {
+        let CopcNode { level, cell, .. } = self.octree.nodes[node];
+        (level, cell)
+    }
+
+    /// All points of one node.
+    ///
+    /// # Errors
+    /// If its tile is missing or damaged.
+    pub fn read_node(&self, node: &CopcNode, selection: &Selection) -> Result<Chunk> {
+        let found = self.octree.nodes.binary_search_by_key(&(node.level, node.cell), |node| (node.level, node.cell));
+        let Some(index) = found.ok().filter(|index| self.octree.nodes[*index].points > 0) else {
+            return Ok(Chunk::new(0, DVec3::ZERO, Vec::new()));
+        };
+        let mut chunk = self.tile(index)?.read_whole(selection)?;
+        chunk.first_point += self.first_points[index];
+        Ok(chunk)
+    }
+
+    pub fn record(&self, point: u64) -> Result<Vec<(String, String)>> {
+        if point >= self.info.points {
+            let problem = format!("the cloud has {} points, counted from 0", self.info.points);
+            return Err(Error::malformed(self.file.path(), format!("point {point}"), problem));
+        }
+        // Nodes without points have the same first point as the node after them.
+        let node = self.first_points.partition_point(|first| *first <= point) - 1;
+        self.tile(node)?.record(point - self.first_points[node])
+    }
+
+    pub fn column_fields(&self, colors: Colors) -> Vec<Field> {
+        self.model.as_ref().map(|model| model.column_fields(colors)).unwrap_or_default()
+    }
+
+    /// Passes the columns of all tiles to `rows_of`, tile by tile. Returns what could not be read.
+    pub fn read_columns_in_order(
+        &self,
+        wish: &Reading<'_>,
+        progress: &Progress,
+        order: &InOrder<'_>,
+        rows_of: &(dyn Fn(Piece) -> Vec<u8> + Sync),
+    ) -> Vec<String> {
+        let mut problems = Vec::new();
+        for node in self.filled() {
+            if order.is_stopped() {
+                break;
+            }
+            let first_point = self.first_points[node];
+            let rows_of = |piece: Piece| rows_of(Piece { first_point: piece.first_point + first_point, ..piece });
+            match self.tile(node) {
+                Ok(tile) => problems.append(&mut tile.read_columns_in_order(wish, progress, order, &rows_of)),
+                Err(error) => problems.push(format!("{} points are missing: {error}", self.octree.nodes[node].points)),
+            }
+        }
+        param::few(problems, "tiles with problems")
+    }
+}
+
+impl Description {
+    /// The lower corner of the cube, its width and the distance of neighbouring points in the root.
+    fn cube(&self) -> std::result::Result<(DVec3, f64, f64), String> {
+        let (min, max) = corners(self.bounds);
+        let width = (max - min).max_element();
+        let is_cube = min.is_finite() && max.is_finite() && width > 0.0 && (max - min).min_element() > 0.0;
+        let span = self.span.or(self.ticks).unwrap_or(128);
+        if !is_cube || !(1..=65_536).contains(&span) {
+            let [min, max] = [min, max].map(brief::vector);
+            return Err(format!("no cube: from {min} to {max}, {span} cells wide"));
+        }
+        Ok((min, width, width / f64::from(span)))
+    }
+
+    /// Where the points are, if it tells and that is believable.
+    fn points_bounds(&self, corner: DVec3, width: f64) -> Option<Bounds> {
+        let (min, max) = corners(self.bounds_conforming?);
+        let bounds = Bounds { min: min.max(corner), max: max.min(corner + width) };
+        (min.is_finite() && max.is_finite() && !bounds.is_empty()).then_some(bounds)
+    }
+}
+
+fn corners(bounds: [f64; 6]) -> (DVec3, DVec3) {
+    let [x, y, z, far_x, far_y, far_z] = bounds;
+    (DVec3::new(x, y, z), DVec3::new(far_x, far_y, far_z))
+}
+
+/// The octree of these nodes and of those above them.
+fn octree(
+    nodes: HashMap<Key, u32>,
+    (corner, width, spacing): (DVec3, f64, f64),
+    most: usize,
+) -> std::result::Result<Copc, String> {
+    let all = nodes.into_iter().map(|((level, cell), points)| {
+        let node = CopcNode::of_tile(level, cell, points);
+        ((level, cell), node)
+    });
+    // A tree has no more nodes without points than 30 above each.
+    let most = most.saturating_mul(4).saturating_add(1024);
+    Copc::of_nodes(corner, width, spacing, all.collect(), most)
+        .ok_or_else(|| format!("more than {most} nodes, most of them without points"))
+}

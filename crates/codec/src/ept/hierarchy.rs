@@ -1,0 +1,177 @@
+//! Reads the hierarchy of EPT page by page: which nodes have points, and how many.
+//!
+//! A page is a JSON file that is named after a node and lists nodes at and below that one: the number of points of each, or
+//! -1 where another page has that node. A page that lists anything else is left out, so a chain of pages goes down the
+//! tree with each of them and ends. Names of files are made from the numbers of a node, never from a text of the page.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use crate::brief::{self, brief};
+use crate::bytes::Bytes;
+use crate::las::{Copc, DEEPEST, Key};
+use crate::{Error, Result};
+
+/// The longest page: Entwine's have up to some megabytes.
+const MOST_PAGE: u64 = 8 << 20;
+/// The most pages that are read of one hierarchy: finer nodes than those of these pages are left out.
+const MOST_PAGES: usize = 4096;
+/// The number of pages that are read at once.
+const PAGES_AT_ONCE: usize = 8;
+
+/// The nodes that have points, with their numbers.
+#[derive(Debug, Default)]
+pub struct Hierarchy {
+    pub nodes: HashMap<Key, u32>,
+    pub warnings: Vec<String>,
+}
+
+/// The name of a node in pages, and of its files: `level-x-y-z`.
+pub fn name((level, [x, y, z]): Key) -> String {
+    format!("{level}-{x}-{y}-{z}")
+}
+
+/// The node of this name, if there is one in an octree.
+fn key(name: &str) -> Option<Key> {
+    let mut numbers = name.split('-').map(|number| {
+        let is_plain = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
+        number.parse::<u32>().ok().filter(|_| is_plain)
+    });
+    let (level, cell) = (numbers.next()??, [numbers.next()??, numbers.next()??, numbers.next()??]);
+    let is_inside = level <= DEEPEST && cell.iter().all(|cell| *cell < 1 << level);
+    (numbers.next().is_none() && is_inside).then_some((level, cell))
+}
+
+/// Whether a node is `top` or below it.
+fn is_below((level, cell): Key, (top_level, top): Key) -> bool {
+    level >= top_level && cell.map(|cell| cell >> (level - top_level)) == top
+}
+
+/// Reads the pages of the tree, the coarse ones first, until nodes would take more than `most` places. `path` is that of
+/// `ept.json`.
+///
+/// # Errors
+/// If the first page cannot be used. What is wrong with others is a warning, and their nodes are left out.
+pub fn read(path: &Path, most: usize) -> Result<Hierarchy> {
+    let mut found = Hierarchy::default();
+    let (mut lost, mut left_out) = (Vec::new(), 0);
+    let mut waiting = vec![(0, [0; 3])];
+    let mut pages = 0;
+    while !waiting.is_empty() {
+        let now: Vec<Key> = waiting.drain(..).collect();
+        let read = at_once(&now, PAGES_AT_ONCE, |key| page(path, *key));
+        for (top, page) in now.into_iter().zip(read) {
+            pages += 1;
+            let page = match page {
+                Ok(page) => page,
+                Err(error) if pages == 1 => return Err(error),
+                Err(error) => {
+                    lost.push(format!("the hierarchy below node {} is missing: {}", name(top), reason(&error, path)));
+                    continue;
+                }
+            };
+            for (key, points) in page {
+                match points {
+                    Some(0) => {}
+                    Some(points) if found.nodes.len() < most => drop(found.nodes.insert(key, points)),
+                    None if pages + waiting.len() < MOST_PAGES && found.nodes.len() < most => waiting.push(key),
+                    _ => left_out += 1,
+                }
+            }
+        }
+    }
+    found.warnings = param::few(lost, "pages that are missing");
+    if left_out > 0 {
+        found.warnings.push(format!(
+            "the hierarchy is larger than the memory for it: nodes below {} of {pages} pages and {} nodes are left out \
+             (stream.host_bytes decides)",
+            left_out,
+            found.nodes.len()
+        ));
+    }
+    Ok(found)
+}
+
+/// An error without the name of the whole cloud.
+fn reason(error: &Error, path: &Path) -> String {
+    let folder = path.parent().map(param::shown).unwrap_or_default();
+    let text = error.to_string();
+    text.strip_prefix(&folder).map_or(text.clone(), |rest| rest.trim_start_matches(['/', '\\']).to_owned())
+}
+
+/// The results of `work` for all items, made by up to `threads` threads, in order: for work that waits more than it computes.
+pub fn at_once<Item: Sync, Out: Send>(items: &[Item], threads: usize, work: impl Fn(&Item) -> Out + Sync) -> Vec<Out> {
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::with_capacity(items.len()));
+    std::thread::scope(|scope| {
+        for _ in 0..threads.min(items.len()) {
+            scope.spawn(|| {
+                while let Some((index, item)) = {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    items.get(index).map(|item| (index, item))
+                } {
+                    let out = work(item);
+                    done.lock().unwrap_or_else(PoisonError::into_inner).push((index, out));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(index, _)| *index);
+    done.into_iter().map(|(_, out)| out).collect()
+}
+
+/// What a page tells: for each node its number of points, or `None` where another page tells it.
+fn page(path: &Path, top: Key) -> Result<Vec<(Key, Option<u32>)>> {
+    let path = crate::bytes::beside(path, &format!("ept-hierarchy/{}.json", name(top)));
+    let text = Bytes::open(&path)?.all(MOST_PAGE)?;
+    let fail = |problem: String| Error::malformed(&path, format!("page {}", name(top)), problem);
+    let entries: HashMap<String, i64> =
+        serde_json::from_slice(&text).map_err(|error| fail(format!("not a page: {}", brief::message(&error))))?;
+    let mut page = Vec::with_capacity(entries.len());
+    for (text, points) in entries {
+        let own = key(&text).ok_or_else(|| fail(format!("`{}` is no node", brief(&text))))?;
+        if !is_below(own, top) {
+            return Err(fail(format!("node {text} is not below it")));
+        }
+        let points = match points {
+            -1 if own == top => return Err(fail("it names itself for its own node".into())),
+            -1 => None,
+            _ => Some(u32::try_from(points).ok().filter(|points| *points <= Copc::MOST_POINTS).ok_or_else(|| {
+                let most = Copc::MOST_POINTS;
+                fail(format!("node {text} has {points} points, expected 0 to {most}, or -1 for another page"))
+            })?),
+        };
+        page.push((own, points));
+    }
+    page.sort_unstable();
+    Ok(page)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_nodes_of_an_octree_have_names() {
+        assert_eq!(key("0-0-0-0"), Some((0, [0, 0, 0])));
+        assert_eq!(key("3-7-0-4"), Some((3, [7, 0, 4])));
+        for text in [
+            "",
+            "0",
+            "0-0-0",
+            "0-0-0-0-0",
+            "1-2-0-0",
+            "31-0-0-0",
+            "../../etc/passwd",
+            "1--1-0-0",
+            "1-+1-0-0",
+            "a-b-c-d",
+        ] {
+            assert_eq!(key(text), None, "{text}");
+        }
+        assert!(is_below((3, [7, 0, 4]), (1, [1, 0, 1])) && !is_below((3, [7, 0, 4]), (1, [0, 0, 1])));
+    }
+}
