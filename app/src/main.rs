@@ -15,7 +15,7 @@ use commands::{compare, export, index, info, listing, measure, profile, record, 
 use shared::command_line::{self, Command, CommandLine};
 use system::failure::{self, NoScreen};
 use system::terminal::complain;
-use system::{environment, interrupt, terminal};
+use system::{environment, interrupt, progress_bar, terminal};
 
 fn main() -> ExitCode {
     quiet_wayland();
@@ -58,6 +58,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
     if !line.columns.is_empty() {
         codec::name_columns(&line.columns).map_err(|problem| failure::usage(format!("--columns: {problem}")))?;
     }
+    use_network(line.authorization)?;
     let command = line.command.unwrap_or(Command::View(line.view));
     // The viewer sets a handler of its own, since its window has to be woken.
     if !matches!(command, Command::View(_)) {
@@ -96,6 +97,21 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Surfaces(arguments) => surfaces::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
     }
+}
+
+/// Says how addresses are opened, should there be any.
+///
+/// # Errors
+/// If the authorization or the limit is none.
+fn use_network(authorization: Option<String>) -> anyhow::Result<()> {
+    const LIMIT: &str = "GLINT_FETCHED_BYTES";
+    let mut network = codec::Network { folder: world::fetched_folder(), authorization, ..Default::default() };
+    if let Some(text) = std::env::var_os(LIMIT).filter(|text| !text.is_empty()) {
+        let limit = text.to_str().and_then(|text| text.parse::<param::Bytes>().ok());
+        network.limit = limit.ok_or_else(|| failure::usage(format!("{LIMIT}: expected bytes, such as 10 GiB")))?.0;
+    }
+    network.watch = Box::new(progress_bar::fetched);
+    codec::use_network(network).map_err(|problem| failure::usage(format!("--authorization: {problem}")))
 }
 
 /// Refuses a first word that names nothing to open and is nearly the name of a command.

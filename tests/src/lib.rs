@@ -23,6 +23,7 @@
 
 mod program;
 mod real_data;
+pub mod server;
 mod session;
 
 pub use program::{Folder, Outcome, shader_cache};

@@ -468,3 +468,15 @@ fn a_path_is_found_only_where_it_starts() {
     assert!(!contains_from_boundary("docs/disk/page.md", "/disk/"));
     assert!(!contains_from_boundary("not_todo!(now)", "todo!("));
 }
+
+#[test]
+fn one_folder_of_the_program_asks_servers() {
+    let texts = tracked_texts();
+    let is_of_program = |file: &str| file.ends_with(".rs") && file.contains("/src/") && !file.starts_with("tests/");
+    let others = texts.iter().filter(|(file, _)| is_of_program(file) && !file.starts_with("crates/codec/src/remote"));
+    for (file, text) in others {
+        for word in ["ureq::", "std::net::", "TcpStream", "UdpSocket"] {
+            assert!(!text.contains(word), "{file} names {word}: only crates/codec/src/remote/ opens connections");
+        }
+    }
+}

@@ -196,7 +196,9 @@ const DECODER_MEMORY: u64 = 1 << 30;
 fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     let sources = codec::open_scans(path, DECODER_MEMORY)?;
     let mut report = header_report(path, &sources);
-    let small = sources.first().is_some_and(|source| source.stored_bytes() <= READ_WITHOUT_ASKING);
+    // Of a cloud on a server that is read node by node, only what is asked for is fetched.
+    let is_far = |source: &Source| source.bytes().is_remote() && source.copc().is_some();
+    let small = sources.first().is_some_and(|source| source.stored_bytes() <= READ_WITHOUT_ASKING && !is_far(source));
     if !(scan || small) {
         if report.bounds.is_none() {
             report.warnings.push("the header gives no believable bounds; --scan reads all points to find them".into());

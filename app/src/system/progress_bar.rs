@@ -2,6 +2,7 @@
 //! task.
 
 use std::fmt::Write;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Mutex, PoisonError};
@@ -61,6 +62,14 @@ impl Bar {
             let _ = write!(text, "{:.2} M/s", state.per_sec() / 1e6);
         };
         let bar = Self(ProgressBar::new(0).with_style(style(template).with_key("rate", rate)));
+        bar.set_task(task);
+        bar
+    }
+
+    /// A bar that counts bytes.
+    fn bytes(task: &str) -> Self {
+        let template = "{msg:>10} {bar:40} {bytes} of {total_bytes}, {bytes_per_sec}, {eta} left";
+        let bar = Self(ProgressBar::new(0).with_style(style(template)));
         bar.set_task(task);
         bar
     }
@@ -125,6 +134,17 @@ impl Bar {
 
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+/// Shows how much of a file was fetched from its address. Returns whether to go on.
+pub fn fetched(_: &Path, done: u64, total: u64) -> bool {
+    static BAR: Mutex<Option<Bar>> = Mutex::new(None);
+    let mut bar = BAR.lock().unwrap_or_else(PoisonError::into_inner);
+    bar.get_or_insert_with(|| Bar::bytes("fetching")).set(done, total);
+    if done >= total {
+        bar.take().iter().for_each(Bar::end);
+    }
+    !interrupt::is_wanted()
 }
 
 /// Runs `work` on this thread and shows `progress` while it runs. Ctrl-C cancels it.

@@ -1,21 +1,26 @@
-//! Where all formats read from: the bytes of a source, which many threads read at once, each at its own offset. A source that is
-//! not a file would be read here, too: nothing else opens one.
+//! Where all formats read from: the bytes of a source, which many threads read at once, each at its own offset. A source is a
+//! file, standard input or an address of the web; nothing else opens one.
 
 use std::fs::File;
 use std::io::{self, IsTerminal as _, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use crate::address::is_address;
+use crate::disk::Disk;
+use crate::remote::Remote;
 use crate::{Error, Result};
 
 /// The bytes of an open file. It stays open, so they are those of the file that was opened, whatever has its name later.
 pub struct Bytes {
     path: PathBuf,
     length: u64,
-    #[cfg(unix)]
-    file: File,
-    #[cfg(not(unix))]
-    file: Mutex<File>,
+    place: Place,
+}
+
+enum Place {
+    Disk(Disk),
+    Remote(Box<Remote>),
 }
 
 impl Bytes {
@@ -30,17 +35,26 @@ impl Bytes {
         if path == Path::new(Self::STANDARD_INPUT) {
             return standard_input().and_then(|file| Self::of_file(path, file)).map_err(io);
         }
+        if is_address(path) {
+            return Self::open_remote(path, false);
+        }
         if !std::fs::metadata(path).map_err(io)?.is_file() {
             // Opening a pipe would wait for someone to write.
             return Err(io(io::Error::other(
                 "not a regular file; points are read out of order, so save it as one first",
             )));
         }
-        let file = File::open(path).map_err(io)?;
-        let length = file.metadata().map_err(io)?.len();
-        #[cfg(not(unix))]
-        let file = Mutex::new(file);
-        Ok(Self { path: path.to_owned(), length, file })
+        File::open(path).and_then(|file| Self::of_file(path, file)).map_err(io)
+    }
+
+    /// The same, for a file that is read whole: one request brings all of it from an address.
+    pub(crate) fn open_small(path: &Path) -> Result<Self> {
+        if is_address(path) { Self::open_remote(path, true) } else { Self::open(path) }
+    }
+
+    fn open_remote(path: &Path, is_small: bool) -> Result<Self> {
+        let remote = Remote::open(path, is_small).map_err(|error| Error::io(path, error))?;
+        Ok(Self { path: path.to_owned(), length: remote.length(), place: Place::Remote(Box::new(remote)) })
     }
 
     /// All bytes, which are at most `most`.
@@ -61,9 +75,7 @@ impl Bytes {
     /// The bytes of a file without a name, which messages name by `path`.
     pub(crate) fn of_file(path: &Path, file: File) -> io::Result<Self> {
         let length = file.metadata()?.len();
-        #[cfg(not(unix))]
-        let file = Mutex::new(file);
-        Ok(Self { path: path.to_owned(), length, file })
+        Ok(Self { path: path.to_owned(), length, place: Place::Disk(Disk::new(file)) })
     }
 
     /// Where the source is: how messages name it, and how it is opened again.
@@ -99,32 +111,56 @@ impl Bytes {
         Ok((self.read_at(offset, &mut bytes)? == N).then_some(bytes))
     }
 
-    #[cfg(unix)]
     fn read_some_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
-        std::os::unix::fs::FileExt::read_at(&self.file, buffer, offset)
+        match &self.place {
+            Place::Disk(file) => file.read_some_at(offset, buffer),
+            Place::Remote(remote) => remote.read_some_at(offset, buffer),
+        }
     }
 
-    #[cfg(not(unix))]
-    fn read_some_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        file.seek(SeekFrom::Start(offset))?;
-        file.read(buffer)
+    /// Whether it comes from an address.
+    pub fn is_remote(&self) -> bool {
+        matches!(self.place, Place::Remote(_))
+    }
+
+    /// What tells the file at an address from others that were or will be there; `None` for files, and where the server does
+    /// not tell.
+    pub fn remote_identity(&self) -> Option<String> {
+        match &self.place {
+            Place::Disk(_) => None,
+            Place::Remote(remote) => remote.identity(),
+        }
+    }
+
+    /// Brings a part that is about to be read, by few requests.
+    ///
+    /// # Errors
+    /// If it cannot be fetched.
+    pub(crate) fn fetch(&self, offset: u64, length: u64) -> io::Result<()> {
+        match &self.place {
+            Place::Disk(_) => Ok(()),
+            Place::Remote(remote) => {
+                let end = offset.saturating_add(length).min(self.length);
+                remote.fetch(offset.min(end)..end)
+            }
+        }
+    }
+
+    /// Brings all of it.
+    ///
+    /// # Errors
+    /// If it is longer than fetched files may be, or cannot be fetched.
+    pub(crate) fn fetch_all(&self) -> Result<()> {
+        match &self.place {
+            Place::Disk(_) => Ok(()),
+            Place::Remote(remote) => remote.fetch_all().map_err(|error| Error::io(&self.path, error)),
+        }
     }
 
     /// Bytes `start..end` as a stream with a cursor of its own.
     pub(crate) fn section(&self, start: u64, end: u64) -> Section<'_> {
         Section { file: self, start, position: start, end }
     }
-}
-
-/// The file of this name in the folder of another one.
-pub(crate) fn beside(path: &Path, name: &str) -> PathBuf {
-    path.parent().unwrap_or(Path::new("")).join(name)
-}
-
-/// The last part of a path.
-pub(crate) fn last_part(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// All that comes from standard input, as a file.

@@ -17,8 +17,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::Deserialize;
 
+use crate::address::{beside, last_part};
 use crate::brief;
-use crate::bytes::{Bytes, beside};
+use crate::bytes::Bytes;
 use crate::export::columns::{Colors, Field, Piece, Reading};
 use crate::format::Format;
 use crate::in_order::InOrder;
@@ -78,7 +79,7 @@ struct System {
 /// Whether a file is the description of an EPT, by its start.
 pub fn is_ept(start: &[u8], path: &std::path::Path) -> bool {
     let text = start.trim_ascii_start();
-    text.starts_with(b"{") && crate::bytes::last_part(path) == "ept.json"
+    text.starts_with(b"{") && last_part(path) == "ept.json"
 }
 
 impl EptSource {
@@ -178,7 +179,7 @@ impl EptSource {
     /// If it is not there, or is not as the hierarchy and the first tile say.
     fn tile(&self, node: usize) -> Result<Tile> {
         let path = self.tile_path(node);
-        let file = Bytes::open(&path)?;
+        let file = Bytes::open_small(&path)?;
         let memory = self.memory / rayon::current_num_threads().max(1) as u64;
         let mut tile = match &self.rows {
             None => Tile::open_las(file, memory, self.model.as_ref())?,

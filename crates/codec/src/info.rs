@@ -6,6 +6,7 @@ use cloud::{Attribute, Bounds, Grid, Placement};
 
 use glam::DVec3;
 
+use crate::address::last_part;
 use crate::format::Format;
 use crate::units::Units;
 
@@ -102,10 +103,11 @@ impl Info {
     pub fn name(&self) -> String {
         let folder = self.path.parent().filter(|folder| self.format == Format::Ept && folder.file_name().is_some());
         let own = folder.unwrap_or(&self.path);
-        let file = own.file_name().unwrap_or(own.as_os_str()).to_string_lossy();
+        let last = last_part(own);
+        let file = if last.is_empty() { self.path.to_string_lossy().into_owned() } else { last };
         match &self.scan {
             Some(scan) if scan.of > 1 => format!("{file}, {}", scan.name),
-            _ => file.into_owned(),
+            _ => file,
         }
     }
 

@@ -51,6 +51,11 @@ const COLOR_SAMPLES: (u64, usize) = (64, 64);
 /// The number of compressed chunks that are sampled for that, and of points in all of them: some 10 ms.
 const COMPRESSED_COLOR_SAMPLES: (usize, u64) = (8, 32_768);
 
+/// Whether a LAS file says that it is COPC.
+pub fn is_copc(file: &Bytes) -> bool {
+    copc::is_claimed(file)
+}
+
 pub struct LasSource {
     pub(crate) info: Info,
     file: Bytes,
@@ -502,9 +507,21 @@ impl LasSource {
                 let layers = DecompressionSelection(DecompressionSelection::RGB);
                 let (most_chunks, points) = COMPRESSED_COLOR_SAMPLES;
                 let last = compressed.chunks.len().saturating_sub(1);
-                let mut chunks: Vec<usize> = (0..most_chunks).map(|place| last * place / (most_chunks - 1)).collect();
+                let mut chunks: Vec<usize> = match &self.copc {
+                    // The coarsest nodes have points from all over the file, and every view needs them.
+                    Some(copc) => {
+                        let mut left = points as i64;
+                        let needed = |node: &&CopcNode| {
+                            let is_needed = left > 0;
+                            left -= i64::from(node.points);
+                            is_needed
+                        };
+                        copc.nodes.iter().take_while(needed).filter_map(CopcNode::chunk).take(most_chunks).collect()
+                    }
+                    None => (0..most_chunks).map(|place| last * place / (most_chunks - 1)).collect(),
+                };
                 chunks.dedup();
-                let points_each = points / chunks.len() as u64;
+                let points_each = points / chunks.len().max(1) as u64;
                 let sample_of = |index: usize| {
                     let mut sample = ColorSample::default();
                     let chunk = compressed.chunks.get(index)?;

@@ -5,9 +5,12 @@
 //! `open` reads a header and checks it against the file's size; `Source::read` passes chunks of points to a callback,
 //! in parallel, with progress and cancel. Files are not trusted: a header's claim alone never causes an allocation.
 
+mod address;
+mod at_once;
 mod brief;
 mod bytes;
 mod color_range;
+mod disk;
 mod e57;
 mod ept;
 mod error;
@@ -18,10 +21,12 @@ mod info;
 mod las;
 mod pcd;
 mod ply;
+mod remote;
 mod source;
 mod text;
 mod units;
 
+pub use address::{beside, is_address, last_part};
 pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
 pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chunks, short_file_name};
@@ -29,6 +34,7 @@ pub use format::Format;
 pub use info::{Image, Info, Scan, Selection, Summary};
 pub use las::copc_writer::{CopcSummary, write_copc};
 pub use las::{Copc, CopcNode};
+pub use remote::{Network, trust_address, use_network};
 pub use source::{Source, open, open_scans, open_within};
 pub use text::table::name_columns;
 pub use units::{Unit, Units};

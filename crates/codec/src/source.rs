@@ -49,6 +49,11 @@ pub fn open_scans(path: &Path, memory: u64) -> Result<Vec<Source>> {
     let mut start = [0; 64];
     let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
     let start = &start[..count];
+    let is_copc = start.starts_with(b"LASF") && las::is_copc(&bytes);
+    if !is_copc && !ept::is_ept(start, path) {
+        // All other formats are read from end to end.
+        bytes.fetch_all()?;
+    }
     if start.starts_with(b"LASF") {
         return Ok(vec![las::LasSource::open(bytes, memory).map(Source::Las)?]);
     }

@@ -46,6 +46,10 @@ struct Stamp {
 
 impl Stamp {
     fn of(path: &Path) -> Result<Self> {
+        if codec::is_address(path) {
+            // The bytes of an address are those that were opened, or cannot be read.
+            return Ok(Self { path: path.to_owned(), length: 0, modified: None });
+        }
         if path == Path::new(codec::Bytes::STANDARD_INPUT) {
             // It is known by its content.
             let length =
@@ -67,7 +71,7 @@ impl Identity {
             let path = &input.info().path;
             let stamp = Stamp::of(path)?;
             let canonical = match stamp.modified {
-                None if path == Path::new(codec::Bytes::STANDARD_INPUT) => path.clone(),
+                None if path == Path::new(codec::Bytes::STANDARD_INPUT) || codec::is_address(path) => path.clone(),
                 _ => std::fs::canonicalize(path).map_err(|error| Error::io(path, error))?,
             };
             hash.add(canonical.as_os_str().as_encoded_bytes());
@@ -82,7 +86,10 @@ impl Identity {
             }
             let since = stamp.modified.and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
             hash.add(&since.map_or(0, |since| since.as_nanos()).to_le_bytes());
-            add_samples(&mut hash, input.bytes(), stamp.length).map_err(|error| Error::io(path, error))?;
+            match input.bytes().remote_identity() {
+                Some(identity) => hash.add(identity.as_bytes()),
+                None => add_samples(&mut hash, input.bytes()).map_err(|error| Error::io(path, error))?,
+            }
             stamps.push(stamp);
         }
         Ok(Self { key: hash.0, stamps })
@@ -108,8 +115,8 @@ impl Identity {
 }
 
 /// Samples of the file that is open: of one that has taken its name since, an index would be of other points than its name says.
-fn add_samples(hash: &mut Fnv, bytes: &codec::Bytes, length: u64) -> std::io::Result<()> {
-    let last = length.saturating_sub(SAMPLE_BYTES as u64);
+fn add_samples(hash: &mut Fnv, bytes: &codec::Bytes) -> std::io::Result<()> {
+    let last = bytes.length().saturating_sub(SAMPLE_BYTES as u64);
     let mut buffer = vec![0; SAMPLE_BYTES];
     for sample in 0..INNER_SAMPLES + 2 {
         let start = (u128::from(last) * u128::from(sample) / u128::from(INNER_SAMPLES + 1)) as u64;

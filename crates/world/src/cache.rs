@@ -33,6 +33,11 @@ pub fn pipelines_folder() -> Option<PathBuf> {
     Some(folder_named_by("GLINT_CACHE_DIR").or_else(platform)?.join("pipelines"))
 }
 
+/// The folder of what was fetched from servers, beside the cache of indexes; `None` if the platform has none.
+pub fn fetched_folder() -> Option<PathBuf> {
+    Some(pipelines_folder()?.with_file_name("fetched"))
+}
+
 /// Deletes an index of the cache when nobody has it open any more.
 ///
 /// # Errors

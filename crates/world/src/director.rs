@@ -91,13 +91,23 @@ impl StreamedCloud {
     }
 }
 
+/// The number of threads that read from servers, at least.
+const FAR_WORKERS: usize = 6;
+
 impl Director {
-    /// Makes the state of the thread.
+    /// Makes the state of the thread. `is_far` says that points are read from servers.
     ///
     /// # Errors
     /// If threads cannot be started.
-    pub fn new(mailbox: Arc<Mailbox>, events: SyncSender<Event>, settings: &Settings) -> std::io::Result<Self> {
-        let workers = std::thread::available_parallelism().map_or(2, usize::from);
+    pub fn new(
+        mailbox: Arc<Mailbox>,
+        events: SyncSender<Event>,
+        settings: &Settings,
+        is_far: bool,
+    ) -> std::io::Result<Self> {
+        let cores = std::thread::available_parallelism().map_or(2, usize::from);
+        // Threads that wait for a server take no core.
+        let workers = if is_far { cores.max(FAR_WORKERS) } else { cores };
         let waker = mailbox.clone();
         let nothing = Budget { points: 0, bytes: 0 };
         let streamer = Streamer::new(workers, nothing, move || waker.wake())?;
@@ -512,7 +522,7 @@ mod tests {
         let camera =
             Camera::looking(glam::DVec3::new(0.5, 0.5, 2.0), glam::DVec3::new(0.5, 0.5, 0.0), 2.0, glam::DVec3::Y);
         let moved = Placement::new(glam::DQuat::IDENTITY, glam::DVec3::ZERO, glam::DVec3::Z * 50.0);
-        let director = Director::new(mailbox.clone(), sender, &settings).unwrap();
+        let director = Director::new(mailbox.clone(), sender, &settings, false).unwrap();
         let seen = std::thread::scope(|scope| {
             scope.spawn(|| director.run());
             scope.spawn(|| mailbox.wait_for_requests());

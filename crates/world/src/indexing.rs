@@ -36,6 +36,13 @@ pub(crate) struct StreamedInput {
     previews_begun: AtomicU32,
 }
 
+impl StreamedInput {
+    /// Whether its points are read from a server.
+    pub(crate) fn is_far(&self) -> bool {
+        self.is_native && self.sources.iter().any(|source| source.bytes().is_remote())
+    }
+}
+
 /// The share of the memory for building that a preview may take (one in this number), and the memory of one of its
 /// points in bytes: as a chunk and on the GPU, which may have no memory of its own.
 const PREVIEW_SHARE: u64 = 8;

@@ -14,6 +14,7 @@ use crate::cache::cache;
 use crate::director::Director;
 use crate::error::Result;
 use crate::event::Event;
+use crate::indexing::StreamedInput;
 use crate::loader::Loader;
 use crate::mailbox::Mailbox;
 use crate::source::parts;
@@ -133,7 +134,8 @@ impl Loader {
             let (input, error) = ("streaming".into(), error.to_string());
             Event::Failed { input, error, is_usage: false }
         };
-        let director = match Director::new(self.mailbox.clone(), self.sender.clone(), &self.settings) {
+        let is_far = streamed.iter().any(StreamedInput::is_far);
+        let director = match Director::new(self.mailbox.clone(), self.sender.clone(), &self.settings, is_far) {
             Ok(director) => director,
             Err(error) => return self.send(stopped(error)),
         };

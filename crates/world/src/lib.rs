@@ -32,7 +32,7 @@ mod words;
 pub use apart::{Apart, Place, far_gap};
 pub use assembly::{Assembly, Moved, Own};
 pub use budget::{half_of, most_points, most_preview_points};
-pub use cache::{cache, delete, folder_named_by, pipelines_folder};
+pub use cache::{cache, delete, fetched_folder, folder_named_by, pipelines_folder};
 pub use certainty::surface_errors;
 pub use change::Change;
 pub use chunk_key::{ChunkKey, CloudKey, Part};

@@ -82,7 +82,11 @@ impl Loader {
             scene::Paging::Always => true,
             scene::Paging::Never => false,
             scene::Paging::Auto => {
-                !is_one_file(sources) || held.saturating_add(bytes) > half_of(self.settings.stream.host_bytes)
+                // What a view does not need stays on the server.
+                let is_far = |source: &Arc<codec::Source>| source.bytes().is_remote() && source.copc().is_some();
+                !is_one_file(sources)
+                    || sources.iter().all(is_far)
+                    || held.saturating_add(bytes) > half_of(self.settings.stream.host_bytes)
             }
         };
         if !is_streamed {

@@ -248,6 +248,9 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
     let mut unknown = 0;
     // Suggestions search a folder, which takes time: only for the first few words.
     let mut named = |word: &OsStr, place: &str| {
+        if place.is_empty() {
+            codec::trust_address(Path::new(word));
+        }
         input(word, unknown < HINTS).unwrap_or_else(|error| {
             unknown += 1;
             Input::Unknown { name: shown(word), error: format!("{place}{error}") }
@@ -324,6 +327,10 @@ fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
     let name = shown(path);
     if *word == *codec::Bytes::STANDARD_INPUT {
         return Ok(Input::File(path.to_owned()));
+    }
+    if codec::is_address(path) {
+        let is_folder = name.ends_with('/');
+        return Ok(Input::File(if is_folder { codec::beside(path, "ept.json") } else { path.to_owned() }));
     }
     if path.is_dir() {
         return tiles(path).map_err(|problem| format!("{name}: {problem}"));

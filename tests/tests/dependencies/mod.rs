@@ -9,12 +9,14 @@ use cargo_metadata::{Metadata, MetadataCommand};
 
 /// Licences that ask for no more than their own text in a distribution, or for nothing, and the MPL, which asks for the sources of changed
 /// files only.
-const ALLOWED_LICENCES: [&str; 12] = [
+const ALLOWED_LICENCES: [&str; 13] = [
     "Apache-2.0",
     "BSD-2-Clause",
     "BSD-3-Clause",
     "BSL-1.0",
     "CC0-1.0",
+    // The list of authorities that https trusts.
+    "CDLA-Permissive-2.0",
     "ISC",
     "MIT",
     "MPL-2.0",
@@ -36,7 +38,8 @@ const KNOWN_DUPLICATES: [(&str, usize); 29] = [
     ("calloop", 2),
     ("calloop-wayland-source", 2),
     ("foldhash", 2),
-    ("getrandom", 2),
+    // The third one is that of the cryptography of https.
+    ("getrandom", 3),
     ("hashbrown", 3),
     ("itertools", 3),
     ("jni-sys", 2),

@@ -6,9 +6,9 @@
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 
+use crate::address::beside;
+use crate::at_once::at_once;
 use crate::brief::{self, brief};
 use crate::bytes::Bytes;
 use crate::las::{Copc, DEEPEST, Key};
@@ -101,32 +101,10 @@ fn reason(error: &Error, path: &Path) -> String {
     text.strip_prefix(&folder).map_or(text.clone(), |rest| rest.trim_start_matches(['/', '\\']).to_owned())
 }
 
-/// The results of `work` for all items, made by up to `threads` threads, in order: for work that waits more than it computes.
-pub fn at_once<Item: Sync, Out: Send>(items: &[Item], threads: usize, work: impl Fn(&Item) -> Out + Sync) -> Vec<Out> {
-    let next = AtomicUsize::new(0);
-    let done = Mutex::new(Vec::with_capacity(items.len()));
-    std::thread::scope(|scope| {
-        for _ in 0..threads.min(items.len()) {
-            scope.spawn(|| {
-                while let Some((index, item)) = {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    items.get(index).map(|item| (index, item))
-                } {
-                    let out = work(item);
-                    done.lock().unwrap_or_else(PoisonError::into_inner).push((index, out));
-                }
-            });
-        }
-    });
-    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
-    done.sort_by_key(|(index, _)| *index);
-    done.into_iter().map(|(_, out)| out).collect()
-}
-
 /// What a page tells: for each node its number of points, or `None` where another page tells it.
 fn page(path: &Path, top: Key) -> Result<Vec<(Key, Option<u32>)>> {
-    let path = crate::bytes::beside(path, &format!("ept-hierarchy/{}.json", name(top)));
-    let text = Bytes::open(&path)?.all(MOST_PAGE)?;
+    let path = beside(path, &format!("ept-hierarchy/{}.json", name(top)));
+    let text = Bytes::open_small(&path)?.all(MOST_PAGE)?;
     let fail = |problem: String| Error::malformed(&path, format!("page {}", name(top)), problem);
     let entries: HashMap<String, i64> =
         serde_json::from_slice(&text).map_err(|error| fail(format!("not a page: {}", brief::message(&error))))?;

@@ -251,6 +251,7 @@ impl Compressed {
         layers: DecompressionSelection,
     ) -> std::result::Result<Stream<'a>, String> {
         let end = (chunk.offset + chunk.length).min(file.length());
+        file.fetch(chunk.offset, end.saturating_sub(chunk.offset)).map_err(|error| error.to_string())?;
         let mut points = chunk.points;
         // `laz` allocates according to the layer sizes, so they must fit the chunk.
         if self.layers.is_some() {

@@ -161,10 +161,21 @@ impl Copc {
 }
 
 impl CopcNode {
+    pub(super) fn chunk(&self) -> Option<usize> {
+        self.chunk
+    }
+
     /// A node whose points are a file of their own.
     pub(crate) fn of_tile(level: u32, cell: [u32; 3], points: u32) -> Self {
         Self { level, cell, points, bytes: 0, chunk: None }
     }
+}
+
+/// Whether a LAS file has the record that COPC begins with.
+pub fn is_claimed(file: &Bytes) -> bool {
+    // The name of a record's author comes after two bytes of its head, which has 54.
+    let author = file.bytes_at::<4>(INFO_START - 54 + 2).ok().flatten();
+    author.is_some_and(|author| author == *b"copc")
 }
 
 /// The level of a node and its cell.

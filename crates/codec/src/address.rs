@@ -1,0 +1,154 @@
+//! Addresses of the web among paths: which path is one, and which addresses lie beside it.
+
+use std::path::{Path, PathBuf};
+
+/// Whether a path is an address that is fetched.
+pub fn is_address(path: &Path) -> bool {
+    let is_of = |scheme: &str| {
+        let start = path.as_os_str().as_encoded_bytes().get(..scheme.len());
+        start.is_some_and(|start| start.eq_ignore_ascii_case(scheme.as_bytes()))
+    };
+    is_of("http://") || is_of("https://")
+}
+
+/// An address in parts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Address {
+    pub is_secure: bool,
+    /// Host and port, in lower case.
+    pub authority: String,
+    /// The path, which begins with a slash.
+    pub path: String,
+    /// What follows the path: empty, or a question mark and more.
+    pub query: String,
+}
+
+impl Address {
+    /// # Errors
+    /// Says what is wrong with the address.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let (scheme, rest) = text.split_once("://").ok_or("not an address")?;
+        let is_secure = match scheme.to_ascii_lowercase().as_str() {
+            "https" => true,
+            "http" => false,
+            _ => return Err("not an address of http or https".into()),
+        };
+        let rest = rest.split('#').next().unwrap_or_default();
+        let end = rest.find(['/', '?']).unwrap_or(rest.len());
+        let (authority, rest) = rest.split_at(end);
+        if authority.contains('@') {
+            return Err("a password in an address is not sent; GLINT_AUTHORIZATION or --authorization takes it".into());
+        }
+        if authority.is_empty() || authority.contains(|c: char| c.is_whitespace() || c.is_control() || c == '\\') {
+            return Err("an address without a host".into());
+        }
+        let (path, query) = rest.split_at(rest.find('?').unwrap_or(rest.len()));
+        let path = if path.is_empty() { "/" } else { path };
+        let (path, query) = (encoded(path), encoded(query));
+        Ok(Self { is_secure, authority: authority.to_ascii_lowercase(), path, query })
+    }
+
+    pub fn text(&self) -> String {
+        let scheme = if self.is_secure { "https" } else { "http" };
+        format!("{scheme}://{}{}{}", self.authority, self.path, self.query)
+    }
+
+    /// The address that a reference in a document at this address stands for.
+    ///
+    /// # Errors
+    /// If it is one of another kind than http and https.
+    pub fn joined(&self, reference: &str) -> Result<Self, String> {
+        let has_scheme = reference.split(['/', '?', '#']).next().is_some_and(|first| first.contains(':'));
+        if has_scheme {
+            return Self::parse(reference);
+        }
+        if let Some(rest) = reference.strip_prefix("//") {
+            let scheme = if self.is_secure { "https" } else { "http" };
+            return Self::parse(&format!("{scheme}://{rest}"));
+        }
+        let reference = reference.split('#').next().unwrap_or_default();
+        let (path, query) = reference.split_at(reference.find('?').unwrap_or(reference.len()));
+        let folder =
+            if path.starts_with('/') { "" } else { self.path.rsplit_once('/').map_or("", |(folder, _)| folder) };
+        let mut parts: Vec<&str> = Vec::new();
+        for part in folder.split('/').chain(path.split('/')).filter(|part| !part.is_empty()) {
+            match part {
+                "." => {}
+                ".." => drop(parts.pop()),
+                part => parts.push(part),
+            }
+        }
+        let path = encoded(&format!("/{}", parts.join("/")));
+        // Keys of a query open what lies beside a document, too.
+        let query = if query.is_empty() { self.query.clone() } else { encoded(query) };
+        Ok(Self { path, query, ..self.clone() })
+    }
+}
+
+/// A part of an address without bytes that have no place there.
+fn encoded(part: &str) -> String {
+    let byte = |byte: u8| match byte {
+        b'!'..=b'~' if !matches!(byte, b'"' | b'<' | b'>' | b'\\' | b'^' | b'`' | b'{' | b'|' | b'}') => {
+            char::from(byte).to_string()
+        }
+        byte => format!("%{byte:02X}"),
+    };
+    part.bytes().map(byte).collect()
+}
+
+/// The file of this name in the folder of another one, or what lies beside an address.
+pub fn beside(path: &Path, name: &str) -> PathBuf {
+    let address = is_address(path).then(|| Address::parse(&path.to_string_lossy()).ok()).flatten();
+    match address.and_then(|address| address.joined(name).ok()) {
+        Some(address) => address.text().into(),
+        None => path.parent().unwrap_or(Path::new("")).join(name),
+    }
+}
+
+/// The last part of a path, or of the path of an address.
+pub fn last_part(path: &Path) -> String {
+    let whole = path.to_string_lossy();
+    let text = match is_address(path) {
+        true => whole.split(['?', '#']).next().unwrap_or_default(),
+        false => &whole,
+    };
+    Path::new(text).file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_is_told_from_a_path_and_taken_apart() {
+        for (text, is) in
+            [("https://a/b", true), ("HTTP://a", true), ("http:/a", false), ("a/https://b", false), ("", false)]
+        {
+            assert_eq!(is_address(Path::new(text)), is, "{text}");
+        }
+        let address = Address::parse("https://Host.org:8443/a b/c.laz?key=1#part").unwrap();
+        assert_eq!(address.text(), "https://host.org:8443/a%20b/c.laz?key=1");
+        for text in ["https://", "https:///path", "ftp://a/b", "https://user:secret@host/a", "https://a b/c"] {
+            assert!(Address::parse(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn references_lead_to_what_lies_beside_a_document() {
+        let base = Address::parse("https://host/a/b/c.json?key=1").unwrap();
+        for (reference, expected) in [
+            ("d.laz", "https://host/a/b/d.laz?key=1"),
+            ("./d/e.laz", "https://host/a/b/d/e.laz?key=1"),
+            ("../../../e.laz?x", "https://host/e.laz?x"),
+            ("/e.laz", "https://host/e.laz?key=1"),
+            ("//other/e.laz", "https://other/e.laz"),
+            ("http://other/e.laz", "http://other/e.laz"),
+        ] {
+            assert_eq!(base.joined(reference).unwrap().text(), expected, "{reference}");
+        }
+        assert!(base.joined("file:///etc/passwd").is_err());
+        let beside = beside(Path::new("http://host/a/ept.json?key=1"), "ept-data/0-0-0-0.laz");
+        assert_eq!(beside, Path::new("http://host/a/ept-data/0-0-0-0.laz?key=1"));
+        assert_eq!(last_part(Path::new("http://host/a/ept.json?key=a/b")), "ept.json");
+    }
+}

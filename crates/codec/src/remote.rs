@@ -1,0 +1,315 @@
+//! Files of servers, fetched in blocks as they are needed, to a cache on disk.
+//!
+//! A file is the one that was opened: each answer has its stamp (length, ETag, time of change), or the read fails. The cache
+//! keeps blocks under address and stamp. An opening asks the server whether the file still has that stamp; a block of an
+//! earlier run is used if its checksum is right. A file without ETag and time of change is kept for one opening only.
+
+mod kept;
+mod network;
+mod request;
+
+use std::collections::{BTreeSet, HashMap};
+use std::io;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use crate::address::Address;
+use crate::at_once::at_once;
+use crate::disk::Disk;
+use kept::{BLOCK, Kept};
+use network::network;
+pub use network::{Network, trust_address, use_network};
+use request::{Answer, First, Stamp};
+
+/// The fewest bytes that are asked for at once; the first request of a file asks for as many.
+const LEAST: u64 = 64 << 10;
+/// The most bytes of a request, and the number of requests of one read at a time.
+const PIECE: u64 = 1 << 20;
+const PIECES_AT_ONCE: usize = 4;
+/// The bytes between two reports of a whole file's progress.
+const REPORT: u64 = 4 << 20;
+/// A file of a server.
+pub struct Remote {
+    path: PathBuf,
+    address: Address,
+    stamp: Stamp,
+    disk: Disk,
+    kept: Option<Kept>,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    present: BTreeSet<Run>,
+    pending: BTreeSet<u64>,
+    /// The checksums of blocks that an earlier run has fetched.
+    unchecked: HashMap<u64, u32>,
+}
+
+/// Blocks that follow one another: the last one, and the first.
+type Run = (u64, u64);
+
+impl State {
+    fn has(&self, block: u64) -> bool {
+        self.present.range((block, 0)..).next().is_some_and(|(_, first)| *first <= block)
+    }
+
+    fn put(&mut self, block: u64) {
+        if self.has(block) {
+            return;
+        }
+        let (mut first, mut last) = (block, block);
+        let before =
+            block.checked_sub(1).and_then(|end| self.present.range((end, 0)..=(end, u64::MAX)).next().copied());
+        let after = self.present.range((block, 0)..).next().copied().filter(|(_, start)| *start == block + 1);
+        for run in before.into_iter().chain(after) {
+            self.present.remove(&run);
+            (last, first) = (last.max(run.0), first.min(run.1));
+        }
+        self.present.insert((last, first));
+    }
+}
+
+impl Remote {
+    /// Opens the file at an address. If it is small, `is_small`, all of it is asked for at once.
+    ///
+    /// # Errors
+    /// Says why it cannot be read.
+    pub fn open(path: &Path, is_small: bool) -> io::Result<Self> {
+        let address = Address::parse(&path.to_string_lossy()).map_err(io::Error::other)?;
+        let folder = network().folder.as_ref().map(|folder| kept::folder(folder, &address));
+        let known = folder.as_deref().and_then(kept::known);
+        let most = if is_small { None } else { Some(LEAST) };
+        let first = request::first(&address, most, known.as_ref()).map_err(io::Error::other)?;
+        let (stamp, answer) = match (first, known) {
+            (First::Unchanged, Some(known)) => (known, None),
+            (First::Unchanged, None) => return Err(io::Error::other("the server says nothing about the file")),
+            (First::Answer(answer), _) => (answer.stamp.clone(), Some(answer)),
+        };
+        let folder = folder.filter(|_| stamp.is_sure());
+        // Where the cache cannot be written, the file is kept for this opening only.
+        let kept = folder.and_then(|folder| Kept::open(&folder, &stamp).ok());
+        let (file, kept, unchecked) = match kept {
+            Some((file, kept, unchecked)) => (file, Some(kept), unchecked),
+            None => (tempfile::tempfile()?, None, HashMap::new()),
+        };
+        let state = Mutex::new(State { unchecked, ..State::default() });
+        let disk = Disk::new(file);
+        let remote = Self { path: path.to_owned(), address, stamp, disk, kept, state, changed: Condvar::new() };
+        if let Some(answer) = answer {
+            if answer.range.end - answer.range.start > LEAST {
+                remote.check_length()?;
+            }
+            remote.fill(answer)?;
+        }
+        Ok(remote)
+    }
+
+    pub fn length(&self) -> u64 {
+        self.stamp.length
+    }
+
+    /// What makes the file the one that it is; `None` if the server does not tell.
+    pub fn identity(&self) -> Option<String> {
+        let Stamp { length, etag, modified } = &self.stamp;
+        self.stamp.is_sure().then(|| format!("{length} {etag} {modified}"))
+    }
+
+    /// Reads as many bytes as there are, up to the length of the buffer.
+    ///
+    /// # Errors
+    /// If they cannot be fetched.
+    pub fn read_some_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+        let wanted = (buffer.len() as u64).min(self.length().saturating_sub(offset));
+        self.fetch(offset..offset + wanted)?;
+        self.disk.read_some_at(offset, &mut buffer[..wanted as usize])
+    }
+
+    /// Fetches the whole file.
+    ///
+    /// # Errors
+    /// If it is longer than fetched files may be, or cannot be fetched; what has come stays.
+    pub fn fetch_all(&self) -> io::Result<()> {
+        self.check_length()?;
+        let length = self.length();
+        for start in (0..length).step_by(REPORT as usize) {
+            if !(network().watch)(&self.path, start, length) {
+                return Err(io::Error::other("stopped while it was fetched"));
+            }
+            self.fetch(start..(start + REPORT).min(length))?;
+        }
+        (network().watch)(&self.path, length, length);
+        Ok(())
+    }
+
+    fn check_length(&self) -> io::Result<()> {
+        let (length, limit) = (self.length(), network().limit);
+        if length > limit {
+            let [length, limit] = [length, limit].map(|bytes| bytes.div_ceil(1_000_000));
+            let told =
+                format!("{length} MB, more than the {limit} MB that GLINT_FETCHED_BYTES allows for fetched files");
+            return Err(io::Error::other(told));
+        }
+        Ok(())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn block_length(&self, block: u64) -> u64 {
+        BLOCK.min(self.length().saturating_sub(block * BLOCK))
+    }
+
+    /// Makes sure that these bytes are on the disk.
+    ///
+    /// # Errors
+    /// If they cannot be fetched, or written.
+    pub fn fetch(&self, bytes: Range<u64>) -> io::Result<()> {
+        if bytes.is_empty() {
+            return Ok(());
+        }
+        let blocks = bytes.start / BLOCK..bytes.end.div_ceil(BLOCK);
+        loop {
+            let mut state = self.lock();
+            self.check(&mut state, blocks.clone());
+            let missing: Vec<u64> = blocks.clone().filter(|block| !state.has(*block)).collect();
+            if missing.is_empty() {
+                return Ok(());
+            }
+            let free: Vec<u64> = missing.into_iter().filter(|block| !state.pending.contains(block)).collect();
+            if free.is_empty() {
+                drop(self.changed.wait(state).unwrap_or_else(PoisonError::into_inner));
+                continue;
+            }
+            let pieces = self.pieces(&state, &free);
+            state.pending.extend(pieces.iter().cloned().flatten());
+            drop(state);
+            let done = at_once(&pieces, PIECES_AT_ONCE, |piece| self.fetch_piece(piece.clone()));
+            let mut state = self.lock();
+            state.pending.retain(|block| !pieces.iter().any(|piece| piece.contains(block)));
+            drop(state);
+            self.changed.notify_all();
+            done.into_iter().collect::<io::Result<()>>()?;
+        }
+    }
+
+    /// Looks whether blocks that an earlier run has fetched are as they were.
+    fn check(&self, state: &mut State, blocks: Range<u64>) {
+        for block in blocks {
+            let Some(checksum) = state.unchecked.remove(&block) else { continue };
+            let mut bytes = vec![0; self.block_length(block) as usize];
+            let mut filled = 0;
+            while let Ok(count @ 1..) = self.disk.read_some_at(block * BLOCK + filled as u64, &mut bytes[filled..]) {
+                filled += count;
+            }
+            if filled == bytes.len() && crc32fast::hash(&bytes) == checksum {
+                state.put(block);
+            }
+        }
+    }
+
+    /// The requests for some missing blocks.
+    fn pieces(&self, state: &State, missing: &[u64]) -> Vec<Range<u64>> {
+        let mut pieces: Vec<Range<u64>> = Vec::new();
+        for block in missing {
+            match pieces.last_mut() {
+                Some(last) if last.end == *block && last.end - last.start < PIECE / BLOCK => last.end += 1,
+                _ => pieces.push(*block..*block + 1),
+            }
+        }
+        // Heads and lists are read bit by bit.
+        if let [one] = pieces.as_mut_slice() {
+            let last = self.length().div_ceil(BLOCK);
+            let is_free = |block: u64| block < last && !state.has(block) && !state.pending.contains(&block);
+            while one.end - one.start < LEAST / BLOCK && is_free(one.end) {
+                one.end += 1;
+            }
+        }
+        pieces
+    }
+
+    fn fetch_piece(&self, blocks: Range<u64>) -> io::Result<()> {
+        let range = blocks.start * BLOCK..(blocks.end * BLOCK).min(self.length());
+        let mut filler = Filler { remote: self, block: blocks.start, bytes: Vec::with_capacity(BLOCK as usize) };
+        let part = request::part(&self.address, range, &self.stamp, &mut |at, bytes| filler.give(at, bytes));
+        part.map_err(io::Error::other)
+    }
+
+    /// Writes what the first answer brings.
+    fn fill(&self, answer: Answer) -> io::Result<()> {
+        let range = answer.range.clone();
+        let mut filler = Filler { remote: self, block: range.start / BLOCK, bytes: Vec::with_capacity(BLOCK as usize) };
+        let total = range.end - range.start;
+        let mut report = 0;
+        let read = answer.read(&mut |at, bytes| {
+            filler.give(at, bytes)?;
+            if total > LEAST && at - range.start >= report {
+                report += REPORT;
+                if !(network().watch)(&self.path, at - range.start, total) {
+                    return Err(io::Error::other("stopped while it was fetched"));
+                }
+            }
+            Ok(())
+        });
+        match read {
+            Ok(()) => Ok(()),
+            // What is missing is asked for again when it is read.
+            Err(request::Failure::Again(_)) => Ok(()),
+            Err(request::Failure::Final(problem)) => Err(io::Error::other(problem)),
+        }
+    }
+}
+
+/// Puts the bytes of an answer together to blocks.
+struct Filler<'a> {
+    remote: &'a Remote,
+    block: u64,
+    bytes: Vec<u8>,
+}
+
+impl Filler<'_> {
+    fn give(&mut self, at: u64, mut bytes: &[u8]) -> io::Result<()> {
+        if at != self.block * BLOCK + self.bytes.len() as u64 {
+            // A request that was cut is made again.
+            self.block = at / BLOCK;
+            self.bytes.clear();
+        }
+        while !bytes.is_empty() {
+            let length = self.remote.block_length(self.block) as usize;
+            let (now, later) = bytes.split_at((length - self.bytes.len()).min(bytes.len()));
+            self.bytes.extend_from_slice(now);
+            bytes = later;
+            if self.bytes.len() == length {
+                self.remote.disk.write_all_at(self.block * BLOCK, &self.bytes)?;
+                if let Some(kept) = &self.remote.kept {
+                    kept.note(self.block, crc32fast::hash(&self.bytes));
+                }
+                let mut state = self.remote.lock();
+                state.unchecked.remove(&self.block);
+                state.put(self.block);
+                drop(state);
+                self.block += 1;
+                self.bytes.clear();
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_that_have_come_are_known_in_any_order() {
+        let mut state = State::default();
+        for block in [5, 3, 4, 9, 0, 4] {
+            state.put(block);
+        }
+        let has: Vec<u64> = (0..12).filter(|block| state.has(*block)).collect();
+        assert_eq!((has, state.present.len()), (vec![0, 3, 4, 5, 9], 3));
+    }
+}

@@ -1,0 +1,396 @@
+//! Asks servers for parts of files. A server may be slow, cut connections, lie about ranges, send without end or send
+//! elsewhere: every answer is checked against what was asked for, and no more is read than that.
+
+use std::io::{self, Read as _};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::ops::Range;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use ureq::config::Config;
+use ureq::http::{HeaderMap, Response, Uri};
+use ureq::unversioned::resolver::{DefaultResolver, ResolvedSocketAddrs, Resolver};
+use ureq::unversioned::transport::{DefaultConnector, NextTimeout};
+use ureq::{Agent, Body};
+
+use super::network::network;
+use crate::address::Address;
+
+/// The number of addresses that one request may be sent on to.
+const MOST_REDIRECTS: usize = 5;
+/// The waits before a request is made again, in milliseconds.
+const WAITS: [u64; 4] = [200, 400, 800, 1600];
+/// The time without a byte after which a server is given up, and the rate in bytes a second that an answer needs at least.
+const SILENCE: Duration = Duration::from_secs(20);
+const LEAST_RATE: u64 = 8 << 10;
+/// The most bytes of an answer's head.
+const MOST_HEAD: usize = 32 << 10;
+
+/// What makes a file of a server the one that it was: its length and its ETag, or the time of its last change.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Stamp {
+    pub length: u64,
+    pub etag: String,
+    pub modified: String,
+}
+
+impl Stamp {
+    /// Whether another file of that server would have another stamp.
+    pub fn is_sure(&self) -> bool {
+        !(self.etag.is_empty() && self.modified.is_empty())
+    }
+}
+
+/// An answer whose head was checked.
+pub struct Answer {
+    pub stamp: Stamp,
+    /// The bytes of the file that follow; all of them if the server does not give parts.
+    pub range: Range<u64>,
+    body: Body,
+}
+
+/// What a first request brings.
+pub enum First {
+    Answer(Answer),
+    /// The file is as it was.
+    Unchanged,
+}
+
+/// Why a request has failed: again may help, or not.
+pub enum Failure {
+    Again(String),
+    Final(String),
+}
+
+impl Answer {
+    /// Passes the bytes to `give`, which gets the offset of each piece in the file.
+    ///
+    /// # Errors
+    /// If the answer is shorter or longer than it said, or `give` fails.
+    pub fn read(mut self, give: &mut dyn FnMut(u64, &[u8]) -> io::Result<()>) -> Result<(), Failure> {
+        let mut reader = self.body.as_reader();
+        let mut piece = vec![0; 64 << 10];
+        let mut at = self.range.start;
+        while at < self.range.end {
+            let wanted = piece.len().min((self.range.end - at) as usize);
+            match reader.read(&mut piece[..wanted]) {
+                Ok(0) => {
+                    let missing = self.range.end - at;
+                    return Err(Failure::Again(format!("the answer was cut, {missing} bytes before its end")));
+                }
+                Ok(count) => {
+                    give(at, &piece[..count]).map_err(|error| Failure::Final(error.to_string()))?;
+                    at += count as u64;
+                }
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(Failure::Again(reason(&error))),
+            }
+        }
+        match reader.read(&mut piece[..1]) {
+            Ok(1..) => Err(Failure::Final("the server sends more than it said".into())),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Asks for a file for the first time: for its first bytes, or for all of them. `known` is the stamp of what the cache has.
+///
+/// # Errors
+/// Says why there is no answer that can be used.
+pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Result<First, String> {
+    repeated(|| {
+        let mut headers: Vec<(&str, String)> = Vec::new();
+        headers.extend(most.map(|most| ("range", format!("bytes=0-{}", most.max(1) - 1))));
+        if let Some(known) = known {
+            match known.etag.is_empty() {
+                false => headers.push(("if-none-match", known.etag.clone())),
+                true => headers.push(("if-modified-since", known.modified.clone())),
+            }
+        }
+        let answer = sent(address, &headers, most.unwrap_or(u64::MAX))?;
+        match answer.status().as_u16() {
+            304 if known.is_some() => Ok(First::Unchanged),
+            416 => {
+                Ok(First::Answer(Answer { range: 0..0, stamp: stamp(answer.headers(), 0), body: answer.into_body() }))
+            }
+            _ => checked(answer, most.map(|most| 0..most), None).map(First::Answer),
+        }
+    })
+}
+
+/// Asks for a part of a file, whose bytes `give` gets.
+///
+/// # Errors
+/// Says why it cannot be had; if the file has changed.
+pub fn part(
+    address: &Address,
+    range: Range<u64>,
+    stamp: &Stamp,
+    give: &mut dyn FnMut(u64, &[u8]) -> io::Result<()>,
+) -> Result<(), String> {
+    repeated(|| {
+        let headers = [("range", format!("bytes={}-{}", range.start, range.end - 1))];
+        let answer = sent(address, &headers, range.end - range.start)?;
+        let answer = checked(answer, Some(range.clone()), Some(stamp))?;
+        if answer.range != range {
+            return Err(Failure::Final("the server gives no parts of files any more".into()));
+        }
+        answer.read(give)
+    })
+}
+
+/// Tries again, each time after a longer wait, what may only have failed for a moment.
+pub fn repeated<T>(mut work: impl FnMut() -> Result<T, Failure>) -> Result<T, String> {
+    for wait in WAITS {
+        match work() {
+            Ok(done) => return Ok(done),
+            Err(Failure::Final(problem)) => return Err(problem),
+            Err(Failure::Again(_)) => std::thread::sleep(Duration::from_millis(wait)),
+        }
+    }
+    work().map_err(|failure| match failure {
+        Failure::Final(problem) => problem,
+        Failure::Again(problem) => format!("{problem} (tried {} times)", WAITS.len() + 1),
+    })
+}
+
+/// Sends a request and follows where it is sent on to.
+fn sent(address: &Address, headers: &[(&str, String)], expected: u64) -> Result<Response<Body>, Failure> {
+    let mut address = address.clone();
+    for _ in 0..=MOST_REDIRECTS {
+        let seconds = 30 + expected.min(1 << 40) / LEAST_RATE;
+        let mut request =
+            agent().get(address.text()).config().timeout_recv_body(Some(Duration::from_secs(seconds))).build();
+        for (name, value) in headers {
+            request = request.header(*name, value);
+        }
+        if let Some(authorization) = network().authorization_for(&address) {
+            request = request.header("authorization", authorization);
+        }
+        let answer = request.call().map_err(|error| failure(&error))?;
+        let status = answer.status().as_u16();
+        match status {
+            301 | 302 | 303 | 307 | 308 => {
+                let target = text(answer.headers(), "location");
+                let next = address.joined(&target).map_err(|problem| {
+                    let target = crate::brief::brief(&target);
+                    Failure::Final(format!("the server sends on to `{target}`: {problem}"))
+                })?;
+                if address.is_secure && !next.is_secure {
+                    return Err(Failure::Final("the server sends on from https to http, which is not followed".into()));
+                }
+                address = next;
+            }
+            200 | 206 | 304 | 416 => return Ok(answer),
+            401 | 403 => {
+                let problem =
+                    "the server asks for credentials, or does not accept them; GLINT_AUTHORIZATION or --authorization";
+                return Err(Failure::Final(format!("{problem} gives them (status {status})")));
+            }
+            404 | 410 => return Err(Failure::Final(format!("no such file on the server (status {status})"))),
+            408 | 425 | 429 | 500 | 502 | 503 | 504 => {
+                return Err(Failure::Again(format!("the server is not able to answer now (status {status})")));
+            }
+            _ => return Err(Failure::Final(format!("the server answers with status {status}"))),
+        }
+    }
+    Err(Failure::Final(format!("the server sends on more than {MOST_REDIRECTS} times")))
+}
+
+/// Checks the head of an answer against what was asked for: a `wanted` part, of the file with this stamp.
+fn checked(answer: Response<Body>, wanted: Option<Range<u64>>, known: Option<&Stamp>) -> Result<Answer, Failure> {
+    let headers = answer.headers();
+    let encoding = text(headers, "content-encoding");
+    if !matches!(encoding.to_ascii_lowercase().as_str(), "" | "identity") {
+        let encoding = crate::brief::brief(&encoding);
+        return Err(Failure::Final(format!("the answer is compressed (`{encoding}`), which was not asked for")));
+    }
+    let length = text(headers, "content-length").parse::<u64>().ok();
+    let (range, total) = match (answer.status().as_u16(), &wanted) {
+        (206, Some(wanted)) => {
+            let told = text(headers, "content-range");
+            let wrong =
+                || Failure::Final(format!("a wrong part: `{}` for bytes {wanted:?}", crate::brief::brief(&told)));
+            let (range, total) = content_range(&told).ok_or_else(wrong)?;
+            let end = wanted.end.min(total);
+            if range.start != wanted.start
+                || range.end != end
+                || length.is_some_and(|length| length != end - range.start)
+            {
+                return Err(wrong());
+            }
+            (range, total)
+        }
+        (200, _) => {
+            let length = length.ok_or_else(|| Failure::Final("the server does not say how long the file is".into()))?;
+            (0..length, length)
+        }
+        (status, _) => return Err(Failure::Final(format!("the server answers with status {status}"))),
+    };
+    let stamp = stamp(headers, total);
+    if known.is_some_and(|known| *known != stamp) {
+        let problem = "the file on the server has changed since it was opened; open it again";
+        return Err(Failure::Final(problem.into()));
+    }
+    Ok(Answer { stamp, range, body: answer.into_body() })
+}
+
+/// The part that an answer says it is, and the length of the whole.
+fn content_range(text: &str) -> Option<(Range<u64>, u64)> {
+    let (range, total) = text.strip_prefix("bytes")?.trim_start().split_once('/')?;
+    let (start, last) = range.split_once('-')?;
+    let [start, last, total] = [start, last, total].map(|number| number.trim().parse::<u64>().ok());
+    let (start, last, total) = (start?, last?, total?);
+    (start <= last && last < total).then(|| (start..last + 1, total))
+}
+
+fn stamp(headers: &HeaderMap, length: u64) -> Stamp {
+    // A weak ETag does not tell bytes apart.
+    let etag = Some(text(headers, "etag")).filter(|etag| !etag.starts_with("W/")).unwrap_or_default();
+    Stamp { length, etag, modified: text(headers, "last-modified") }
+}
+
+fn text(headers: &HeaderMap, name: &str) -> String {
+    let value = headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    value.chars().filter(|c| !c.is_control()).take(2048).collect()
+}
+
+fn failure(error: &ureq::Error) -> Failure {
+    match error {
+        ureq::Error::HostNotFound => Failure::Again("no such server, or no connection to the network".into()),
+        ureq::Error::Io(error) if error.kind() == io::ErrorKind::PermissionDenied => Failure::Final(error.to_string()),
+        ureq::Error::Io(error) => Failure::Again(reason(error)),
+        ureq::Error::Timeout(_) => Failure::Again("the server is too slow".into()),
+        ureq::Error::ConnectionFailed => Failure::Again("no connection to the server".into()),
+        ureq::Error::BadUri(_) | ureq::Error::Http(_) => Failure::Final("not an address".into()),
+        error => Failure::Final(crate::brief::message(error)),
+    }
+}
+
+/// Why reading has failed.
+fn reason(error: &io::Error) -> String {
+    if let Some(ureq::Error::Timeout(_)) = error.get_ref().and_then(|inner| inner.downcast_ref::<ureq::Error>()) {
+        return "the server is too slow".into();
+    }
+    match error.kind() {
+        io::ErrorKind::ConnectionRefused => "no server answers there".into(),
+        io::ErrorKind::ConnectionReset | io::ErrorKind::ConnectionAborted | io::ErrorKind::UnexpectedEof => {
+            "the connection was cut".into()
+        }
+        io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => "the server is too slow".into(),
+        io::ErrorKind::NetworkUnreachable | io::ErrorKind::HostUnreachable => "no connection to the network".into(),
+        _ => crate::brief::message(error),
+    }
+}
+
+/// The connections of this process; the first request makes them.
+fn agent() -> &'static Agent {
+    static AGENT: OnceLock<Agent> = OnceLock::new();
+    AGENT.get_or_init(|| {
+        let config = Agent::config_builder()
+            .http_status_as_error(false)
+            .max_redirects(0)
+            .max_redirects_will_error(false)
+            .user_agent(concat!("glint/", env!("CARGO_PKG_VERSION")))
+            .accept_encoding("identity")
+            .max_response_header_size(MOST_HEAD)
+            .max_idle_connections_per_host(8)
+            .timeout_resolve(Some(SILENCE))
+            .timeout_connect(Some(SILENCE))
+            .timeout_recv_response(Some(SILENCE))
+            .timeout_per_read(Some(SILENCE))
+            .build();
+        Agent::with_parts(config, DefaultConnector::default(), PublicResolver)
+    })
+}
+
+/// Finds the addresses of hosts, without private ones for hosts that no person has typed: a server elsewhere must not be
+/// able to reach into the network of the person.
+#[derive(Debug)]
+struct PublicResolver;
+
+impl Resolver for PublicResolver {
+    fn resolve(&self, uri: &Uri, config: &Config, timeout: NextTimeout) -> Result<ResolvedSocketAddrs, ureq::Error> {
+        let found = DefaultResolver::default().resolve(uri, config, timeout)?;
+        let authority = uri.authority().map(|authority| authority.as_str().to_ascii_lowercase()).unwrap_or_default();
+        let is_proxy = config.proxy().is_some_and(|proxy| Some(proxy.host()) == uri.host());
+        if is_proxy || network().is_typed(&authority) {
+            return Ok(found);
+        }
+        let mut public = self.empty();
+        found.iter().filter(|address| !is_private(address)).for_each(|address| public.push(*address));
+        if public.is_empty() {
+            let problem = "a server in a private network, which is only asked where a person has typed its address";
+            return Err(ureq::Error::Io(io::Error::new(io::ErrorKind::PermissionDenied, problem)));
+        }
+        Ok(public)
+    }
+}
+
+/// Whether a server is on this machine or in a network of its own.
+fn is_private(address: &SocketAddr) -> bool {
+    let of_four = |ip: Ipv4Addr| {
+        let [a, b, ..] = ip.octets();
+        ip.is_private()
+            || ip.is_loopback()
+            || ip.is_link_local()
+            || ip.is_unspecified()
+            || ip.is_broadcast()
+            || ip.is_multicast()
+            || a == 0
+            || (a == 100 && (64..128).contains(&b))
+    };
+    match address.ip() {
+        IpAddr::V4(ip) => of_four(ip),
+        IpAddr::V6(ip) => {
+            let embedded = ip.to_ipv4_mapped().or_else(|| {
+                // 64:ff9b::/96 leads to IPv4.
+                let [first, second, third, fourth, fifth, sixth, high, low] = ip.segments();
+                let is_translated = [first, second, third, fourth, fifth, sixth] == [0x64, 0xff9b, 0, 0, 0, 0];
+                is_translated.then(|| Ipv4Addr::from((u32::from(high) << 16) | u32::from(low)))
+            });
+            embedded.is_some_and(of_four) || is_private_six(ip)
+        }
+    }
+}
+
+fn is_private_six(ip: Ipv6Addr) -> bool {
+    ip.is_loopback() || ip.is_unspecified() || ip.is_multicast() || ip.is_unique_local() || ip.is_unicast_link_local()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn private_servers_are_told_from_public_ones() {
+        let is = |text: &str| is_private(&SocketAddr::new(text.parse().unwrap(), 80));
+        for text in [
+            "127.0.0.1",
+            "10.1.2.3",
+            "192.168.0.1",
+            "172.16.0.1",
+            "169.254.169.254",
+            "0.0.0.0",
+            "100.64.0.1",
+            "::1",
+            "fd00::1",
+            "fe80::1",
+            "::ffff:10.0.0.1",
+            "64:ff9b::7f00:1",
+        ] {
+            assert!(is(text), "{text}");
+        }
+        for text in ["1.1.1.1", "172.32.0.1", "100.128.0.1", "2606:4700::1111", "::ffff:1.1.1.1"] {
+            assert!(!is(text), "{text}");
+        }
+    }
+
+    #[test]
+    fn parts_are_what_they_say() {
+        assert_eq!(content_range("bytes 0-99/1000"), Some((0..100, 1000)));
+        for text in ["bytes 0-99/*", "bytes */1000", "bytes 99-0/1000", "bytes 0-1000/1000", "items 0-99/1000", ""] {
+            assert_eq!(content_range(text), None, "{text}");
+        }
+    }
+}

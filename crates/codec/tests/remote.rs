@@ -1,0 +1,334 @@
+//! Reads clouds from a server on this machine: one with good habits, and hostile ones.
+#![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
+
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
+#[path = "../../../tests/src/server.rs"]
+mod server;
+
+use std::fs;
+use std::io::Write as _;
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock};
+
+use cloud::{Chunk, Progress};
+use codec::{Selection, Source};
+use server::{Habits, Request, Server};
+
+/// The longest file that these tests fetch as a whole.
+const LIMIT: u64 = 32 << 20;
+
+/// The folder of the cache of this process, which all tests share.
+fn cache() -> &'static Path {
+    static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let folder = FOLDER.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let authorization = Some("Bearer secret".to_owned());
+        let network = codec::Network {
+            folder: Some(folder.path().to_owned()),
+            limit: LIMIT,
+            authorization,
+            ..Default::default()
+        };
+        codec::use_network(network).unwrap();
+        folder
+    });
+    folder.path()
+}
+
+/// Opens an address as if a person had typed it.
+fn open(path: &Path) -> Result<Source, String> {
+    cache();
+    codec::trust_address(path);
+    codec::open(path).map_err(|error| error.to_string())
+}
+
+fn message(path: &Path) -> String {
+    open(path).err().unwrap_or_default()
+}
+
+/// All places and colours in the order of the file.
+fn points(source: &Source) -> Vec<(u64, [u64; 3], [u8; 4])> {
+    let selection = Selection { positions: true, colors: true, ..Selection::default() };
+    let chunks = Mutex::new(Vec::new());
+    let emit = |chunk: Chunk| chunks.lock().unwrap().push(chunk);
+    let summary = source.read(&selection, &Progress::default(), &emit).unwrap();
+    assert!(summary.warnings.is_empty(), "{:?}", summary.warnings);
+    let mut chunks = chunks.into_inner().unwrap();
+    chunks.sort_by_key(|chunk| chunk.first_point);
+    let of_chunk = |chunk: &Chunk| {
+        let color = |index: usize| chunk.colors.as_ref().map_or([0; 4], |colors| colors[index]);
+        let place = |index: usize| chunk.position(index).to_array().map(f64::to_bits);
+        (0..chunk.len()).map(|index| (chunk.first_point, place(index), color(index))).collect::<Vec<_>>()
+    };
+    chunks.iter().flat_map(of_chunk).collect()
+}
+
+fn data() -> Option<PathBuf> {
+    real_data::test_data()
+}
+
+/// The files of the test data that these tests fetch.
+const FILES: [&str; 6] = [
+    "copc/ellipsoid_las14_pf7.copc.laz",
+    "ept/1.2-with-color/ept.json",
+    "ept/lone-star-laszip/ept.json",
+    "copc/ellipsoid_las14_pf7_plain.laz",
+    "e57/bunny_double.e57",
+    "text/1.2-with-color.ptx",
+];
+
+#[test]
+fn what_an_address_holds_is_what_the_file_holds_although_one_request_in_seven_fails() {
+    let Some(data) = data() else { return };
+    for fails in [0, 7] {
+        let server = Server::of_folder(&data, Habits { fails, ..Habits::default() });
+        for name in FILES {
+            let expected = points(&codec::open(&data.join(name)).unwrap());
+            let source = open(&server.path(name)).unwrap();
+            assert_eq!(source.info().name(), codec::open(&data.join(name)).unwrap().info().name());
+            assert!(points(&source) == expected, "{name}, of {fails} requests one fails");
+        }
+    }
+}
+
+#[test]
+fn a_second_opening_fetches_nothing_that_is_there() {
+    let Some(data) = data() else { return };
+    let server = Server::of_folder(&data, Habits::default());
+    for name in FILES {
+        let first = points(&open(&server.path(name)).unwrap());
+        let before = server.bytes();
+        assert!(points(&open(&server.path(name)).unwrap()) == first, "{name}");
+        assert_eq!(server.bytes() - before, 0, "{name}");
+    }
+    // A file that has changed is fetched again.
+    server.change();
+    let before = server.bytes();
+    points(&open(&server.path(FILES[0])).unwrap());
+    assert!(server.bytes() > before);
+}
+
+#[test]
+fn a_node_is_fetched_alone() {
+    let Some(data) = data() else { return };
+    let name = "copc/lone_star_las14_pf6.copc.laz";
+    let server = Server::of_folder(&data, Habits::default());
+    let source = open(&server.path(name)).unwrap();
+    let node = source.copc().unwrap().nodes.iter().rev().find(|node| node.points > 1000).unwrap().clone();
+    let before = server.bytes();
+    let selection = Selection { positions: true, ..Selection::default() };
+    assert_eq!(source.read_copc_node(&node, &selection).unwrap().len() as u32, node.points);
+    let fetched = server.bytes() - before;
+    let size = fs::metadata(data.join(name)).unwrap().len();
+    assert!(fetched <= node.bytes + (96 << 10) && before < size / 2, "{fetched} of {}, {before} of {size}", node.bytes);
+}
+
+#[test]
+fn what_the_cache_has_is_used_only_if_it_is_as_it_was() {
+    let Some(data) = data() else { return };
+    let server = Server::of_folder(&data, Habits::default());
+    let path = server.path("copc/ellipsoid_las14_pf7_plain.laz");
+    let expected = points(&open(&path).unwrap());
+    let mut damaged = 0;
+    for folder in fs::read_dir(cache()).unwrap().flatten() {
+        for file in fs::read_dir(folder.path()).unwrap().flatten() {
+            let is_data = file.file_name().to_string_lossy().starts_with("data-");
+            let own = fs::metadata(data.join("copc/ellipsoid_las14_pf7_plain.laz")).unwrap().len();
+            if is_data && file.metadata().unwrap().len() == own {
+                let mut bytes = fs::read(file.path()).unwrap();
+                bytes[100_000..100_100].fill(0x55);
+                fs::write(file.path(), bytes).unwrap();
+                damaged += 1;
+            }
+        }
+    }
+    assert!(damaged > 0);
+    assert!(points(&open(&path).unwrap()) == expected);
+}
+
+#[test]
+fn a_file_that_changes_while_it_is_open_is_no_longer_read() {
+    let Some(data) = data() else { return };
+    let server = Server::of_folder(&data, Habits::default());
+    let source = open(&server.path("copc/lone_star_las14_pf6.copc.laz")).unwrap();
+    let node = source.copc().unwrap().nodes.last().unwrap().clone();
+    server.change();
+    let selection = Selection { positions: true, ..Selection::default() };
+    let told = source.read_copc_node(&node, &selection).err().map(|error| error.to_string()).unwrap_or_default();
+    assert!(told.contains("has changed since it was opened"), "{told}");
+}
+
+#[test]
+fn a_private_server_is_asked_only_where_its_address_was_typed() {
+    cache();
+    let server = Server::new(|_, stream| write!(stream, "HTTP/1.1 404 No\r\ncontent-length: 0\r\n\r\n"));
+    let path = server.path("a.laz");
+    let told = codec::open(&path).err().map(|error| error.to_string()).unwrap_or_default();
+    assert!(told.contains("only asked where a person has typed its address"), "{told}");
+    assert_eq!(server.requests(), 0);
+    // Nor where a server that was typed sends on to it.
+    let target = path.display().to_string();
+    let other = Server::new(move |_, stream| {
+        write!(stream, "HTTP/1.1 302 Found\r\nlocation: {target}\r\ncontent-length: 0\r\n\r\n")
+    });
+    let told = message(&other.path("a.laz"));
+    assert!(told.contains("only asked where a person has typed its address"), "{told}");
+    assert_eq!((server.requests(), other.requests()), (0, 1));
+    assert!(message(&path).contains("no such file on the server"));
+}
+
+#[test]
+fn credentials_go_to_servers_that_were_typed() {
+    let server = Server::new(|_, stream| write!(stream, "HTTP/1.1 401 No\r\ncontent-length: 0\r\n\r\n"));
+    let told = message(&server.path("a.laz"));
+    assert!(told.contains("GLINT_AUTHORIZATION") && !told.contains("secret"), "{told}");
+    assert_eq!(server.asked()[0].header("authorization"), Some("Bearer secret"));
+    let told = message(Path::new("http://user:password@127.0.0.1/a.laz"));
+    assert!(told.contains("a password in an address is not sent"), "{told}");
+}
+
+type Answer = fn(&Request, &mut TcpStream) -> std::io::Result<()>;
+
+#[test]
+fn hostile_servers_end_with_a_clear_error() {
+    let hostile: [(&str, Answer, u64); 12] = [
+        (
+            "sends on more than 5 times",
+            |request, stream| {
+                let count = request.path.len();
+                write!(stream, "HTTP/1.1 302 Found\r\nlocation: /{}\r\ncontent-length: 0\r\n\r\n", "a".repeat(count))
+            },
+            6,
+        ),
+        (
+            "sends on to `file:///etc/passwd`",
+            |_, stream| {
+                write!(stream, "HTTP/1.1 302 Found\r\nlocation: file:///etc/passwd\r\ncontent-length: 0\r\n\r\n")
+            },
+            1,
+        ),
+        (
+            "a wrong part: `bytes 5-10/100`",
+            |_, stream| {
+                write!(stream, "HTTP/1.1 206 Part\r\ncontent-range: bytes 5-10/100\r\ncontent-length: 6\r\n\r\nabcdef")
+            },
+            1,
+        ),
+        (
+            "a wrong part: `bytes 0-65535/18446744073709551616`",
+            |_, stream| {
+                write!(stream, "HTTP/1.1 206 Part\r\ncontent-range: bytes 0-65535/18446744073709551616\r\n\r\n")
+            },
+            1,
+        ),
+        (
+            "a wrong part: `bytes 0-9/100`",
+            |_, stream| {
+                write!(
+                    stream,
+                    "HTTP/1.1 206 Part\r\ncontent-range: bytes 0-9/100\r\ncontent-length: 10\r\n\r\n0123456789"
+                )
+            },
+            1,
+        ),
+        (
+            "more than it said",
+            |_, stream| {
+                write!(
+                    stream,
+                    "HTTP/1.1 206 Part\r\ncontent-range: bytes 0-9/10\r\ntransfer-encoding: chunked\r\n\r\n"
+                )?;
+                loop {
+                    write!(stream, "1000\r\n{}\r\n", "a".repeat(0x1000))?;
+                }
+            },
+            1,
+        ),
+        (
+            "does not say how long the file is",
+            |_, stream| {
+                write!(stream, "HTTP/1.1 200 OK\r\ntransfer-encoding: chunked\r\n\r\n")?;
+                loop {
+                    write!(stream, "1000\r\n{}\r\n", "a".repeat(0x1000))?;
+                }
+            },
+            1,
+        ),
+        (
+            "more than the 34 MB that GLINT_FETCHED_BYTES allows",
+            |_, stream| {
+                write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: 1000000000000\r\n\r\n")?;
+                loop {
+                    stream.write_all(&[b'a'; 4096])?;
+                }
+            },
+            1,
+        ),
+        (
+            "more than the 34 MB that GLINT_FETCHED_BYTES allows",
+            |_, stream| {
+                write!(
+                    stream,
+                    "HTTP/1.1 206 Part\r\ncontent-range: bytes 0-65535/1000000000000\r\ncontent-length: 65536\r\n\r\n"
+                )?;
+                stream.write_all(&[b'a'; 65536])
+            },
+            1,
+        ),
+        (
+            "the answer is compressed (`gzip`)",
+            |_, stream| {
+                write!(stream, "HTTP/1.1 200 OK\r\ncontent-encoding: gzip\r\ncontent-length: 10\r\n\r\n0123456789")
+            },
+            1,
+        ),
+        ("answers with status 418", |_, stream| write!(stream, "HTTP/1.1 418 Teapot\r\ncontent-length: 0\r\n\r\n"), 1),
+        ("(tried 5 times)", |_, _| Err(std::io::Error::other("the connection is cut")), 5),
+    ];
+    for (problem, answer, most) in hostile {
+        let server = Server::new(answer);
+        let told = message(&server.path("a.laz"));
+        assert!(told.contains(problem), "{problem}: {told}");
+        assert!(server.requests() <= most, "{problem}: {} requests", server.requests());
+    }
+    // Nobody listens there: the port was free a moment ago.
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let told = message(Path::new(&format!("http://{free}/a.laz")));
+    assert!(told.contains("no server answers there (tried 5 times)"), "{told}");
+}
+
+#[test]
+fn a_head_without_end_is_not_read_to_its_end() {
+    let server = Server::new(|_, stream| {
+        write!(stream, "HTTP/1.1 200 OK\r\n")?;
+        loop {
+            write!(stream, "a-header: {}\r\n", "a".repeat(100))?;
+        }
+    });
+    let told = message(&server.path("a.laz"));
+    assert!(!told.is_empty() && told.len() < 400, "{told}");
+}
+
+#[test]
+fn a_tile_of_an_ept_that_is_not_there_is_missed_and_the_others_are_read() {
+    let Some(data) = data() else { return };
+    let root = data.join("ept/lone-star-laszip");
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["ept.json", "ept-hierarchy/0-0-0-0.json", "ept-data/0-0-0-0.laz", "ept-data/1-0-0-0.laz"] {
+        let own = folder.path().join(name);
+        fs::create_dir_all(own.parent().unwrap()).unwrap();
+        fs::write(own, fs::read(root.join(name)).unwrap()).unwrap();
+    }
+    let server = Server::of_folder(folder.path(), Habits::default());
+    let source = open(&server.path("ept.json")).unwrap();
+    assert!(
+        source.info().warnings.join("\n").contains("below node 2-2-2-1 is missing"),
+        "{:?}",
+        source.info().warnings
+    );
+    let summary = source.read(&Selection::default(), &Progress::default(), &|_| {}).unwrap();
+    assert_eq!(summary.points, 41_998 + 22_108);
+    assert!(summary.warnings.join("\n").contains("no such file on the server"), "{:?}", summary.warnings);
+}

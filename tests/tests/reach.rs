@@ -1,0 +1,124 @@
+//! Clouds in folders of tiles and behind addresses, through the real program.
+
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+
+use tests::server::{Habits, Server};
+use tests::{Folder, test_data};
+
+fn text(path: &Path) -> String {
+    path.to_str().expect("a path that is text").to_owned()
+}
+
+/// The picture of a cloud, and what the program said.
+fn picture(folder: &Folder, name: &str, input: &str, more: &[&str]) -> (Vec<u8>, String) {
+    let output = folder.path(name);
+    let mut arguments = vec!["render", input, "--size", "200x150", "--set", "stream.pages=always", "-o"];
+    let shown = text(&output);
+    arguments.push(&shown);
+    arguments.extend(more);
+    let outcome = folder.glint(arguments);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    (std::fs::read(output).expect("a picture"), outcome.messages)
+}
+
+#[test]
+fn info_tells_what_an_ept_holds() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    for name in ["ept/lone-star-laszip", "ept/lone-star-laszip/ept.json"] {
+        let outcome = folder.glint(["info", "--json", &text(&data.join(name))]);
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        let told = &outcome.json()["inputs"][0];
+        assert_eq!((&told["format"], &told["points"]), (&"ept".into(), &518_862.into()));
+    }
+    let outcome = folder.glint(["info", &text(&data.join("ept/bad-pointcount-laszip"))]);
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    assert!(outcome.messages.contains("1065 points, the hierarchy says 1000"), "{outcome}");
+}
+
+#[test]
+fn pictures_by_address_are_those_of_files_to_the_bit() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let server = Server::of_folder(&data, Habits { fails: 10, ..Habits::default() });
+    for name in ["copc/lone_star_las14_pf6.copc.laz", "ept/lone-star-laszip/ept.json", "ept/1.2-with-color/ept.json"] {
+        let (of_file, _) = picture(&folder, "file.png", &text(&data.join(name)), &[]);
+        let (of_address, messages) = picture(&folder, "address.png", &text(&server.path(name)), &[]);
+        assert!(of_file == of_address, "{name}: {messages}");
+    }
+}
+
+#[test]
+fn an_address_is_told_of_like_a_file() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let server = Server::of_folder(&data, Habits::default());
+    for name in ["copc/ellipsoid_las14_pf7.copc.laz", "e57/bunny_double.e57", "ept/1.2-with-color/ept.json"] {
+        let told = |input: &str| {
+            let outcome = folder.glint(["info", "--json", "--scan", input]);
+            assert_eq!(outcome.status, Some(0), "{outcome}");
+            let mut told = outcome.json()["inputs"][0].clone();
+            told["path"] = "".into();
+            told
+        };
+        assert_eq!(told(&text(&server.path(name))), told(&text(&data.join(name))), "{name}");
+    }
+    let outcome = folder.glint(["info", &text(&server.path("nothing.laz"))]);
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    assert!(outcome.messages.contains("no such file on the server (status 404)"), "{outcome}");
+}
+
+#[test]
+fn a_scene_file_does_not_lead_to_a_private_server() {
+    let folder = Folder::new();
+    let server = Server::new(|_, _| Ok(()));
+    let scene = folder.write("scene.toml", format!("clouds = [\"{}\"]\n", text(&server.path("a.laz"))));
+    let outcome = folder.glint(["info", &text(&scene)]);
+    assert_eq!((outcome.status, server.requests()), (Some(2), 0), "{outcome}");
+    assert!(outcome.messages.contains("only asked where a person has typed its address"), "{outcome}");
+}
+
+#[test]
+fn what_a_server_limit_or_credential_must_be_is_said() {
+    let folder = Folder::new();
+    let mut command = folder.command(["scenes"]);
+    let outcome = command.env("GLINT_FETCHED_BYTES", "many").output().expect("the program starts");
+    let told = String::from_utf8_lossy(&outcome.stderr).into_owned();
+    assert!(outcome.status.code() == Some(2) && told.contains("GLINT_FETCHED_BYTES: expected bytes"), "{told}");
+    let outcome = folder.glint(["scenes", "--authorization", "a\nb"]);
+    assert!(outcome.status == Some(2) && outcome.messages.contains("--authorization: not a line"), "{outcome}");
+}
+
+/// What the open files of a process are, as far as they can be looked at.
+#[cfg(target_os = "linux")]
+fn open_files(process: u32) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(format!("/proc/{process}/fd")).into_iter().flatten().flatten();
+    entries.filter_map(|entry| std::fs::read_link(entry.path()).ok()).collect()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn no_socket_is_opened_without_an_address() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let server = Server::of_folder(&data, Habits { latency: Duration::from_millis(300), ..Habits::default() });
+    let has_socket = |input: &str| {
+        let mut command = folder.command(["info", "--scan", input]);
+        let mut program = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts");
+        let mut found = false;
+        while program.try_wait().expect("its status").is_none() {
+            found |= open_files(program.id()).iter().any(|file| text(file).starts_with("socket:"));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        found
+    };
+    let name = "ept/lone-star-laszip/ept.json";
+    assert!(has_socket(&text(&server.path(name))), "the test sees a socket where there is one");
+    let asked = server.requests();
+    for name in [name, "copc/ellipsoid_las14_pf7.copc.laz", "e57/bunny_double.e57"] {
+        assert!(!has_socket(&text(&data.join(name))), "{name}");
+    }
+    assert_eq!(server.requests(), asked);
+}
