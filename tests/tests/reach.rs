@@ -122,3 +122,31 @@ fn no_socket_is_opened_without_an_address() {
     }
     assert_eq!(server.requests(), asked);
 }
+
+#[test]
+fn a_catalogue_is_the_cloud_that_its_folder_is() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let tiles = folder.path("tiles");
+    std::fs::create_dir(&tiles).expect("a folder");
+    for name in ["0-0-0-0.laz", "1-0-0-0.laz", "1-1-1-1.laz"] {
+        let tile = std::fs::read(data.join("ept/lone-star-laszip/ept-data").join(name)).expect("a tile");
+        std::fs::write(tiles.join(name), tile).expect("a copy");
+    }
+    let catalogue = tiles.join("all.vpc");
+    let outcome = folder.glint(["index", "--catalogue", &text(&tiles), "-o", &text(&catalogue)]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let points = 41_998 + 22_108 + 48_879;
+    let server = Server::of_folder(&tiles, Habits::default());
+    let (of_folder, _) = picture(&folder, "folder.png", &text(&tiles), &[]);
+    for input in [text(&catalogue), text(&server.path("all.vpc"))] {
+        let outcome = folder.glint(["info", "--json", &input]);
+        assert_eq!((outcome.status, &outcome.json()["inputs"][0]["points"]), (Some(0), &points.into()), "{outcome}");
+        let (of_catalogue, messages) = picture(&folder, "catalogue.png", &input, &[]);
+        assert!(of_catalogue == of_folder, "{input}: {messages}");
+    }
+    let again = folder.glint(["index", "--catalogue", &text(&tiles), "-o", &text(&catalogue)]);
+    assert!(again.status != Some(0) && again.messages.contains("all.vpc"), "{again}");
+    let named = folder.glint(["index", "--catalogue", &text(&tiles), "-o", &text(&folder.path("x.laz"))]);
+    assert!(named.status == Some(2) && named.messages.contains("must end in .vpc"), "{named}");
+}

@@ -24,7 +24,10 @@ use crate::system::{interrupt, picture_file, progress_bar};
 pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
     if let Some(output) = &arguments.output {
         let name = output.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        if !name.ends_with(".copc.laz") {
+        if arguments.catalogue && !name.ends_with(".vpc") {
+            return Err(usage(format!("{}: the name of a catalogue must end in .vpc", scene::shown(output))));
+        }
+        if !arguments.catalogue && !name.ends_with(".copc.laz") {
             return Err(usage(format!(
                 "{}: the name must end in .copc.laz, which is what will be in it; without -o the index goes into the cache",
                 scene::shown(output)
@@ -58,7 +61,11 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
     match &arguments.output {
         Some(output) => {
             let sources: Vec<Arc<codec::Source>> = clouds.into_iter().flat_map(|(_, sources)| sources).collect();
-            write(&sources, &settings, output)?;
+            if arguments.catalogue {
+                write_catalogue(&sources, output)?;
+            } else {
+                write(&sources, &settings, output)?;
+            }
         }
         None => {
             let task = Task { cache: &cache, settings: &settings };
@@ -77,6 +84,26 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
         }
     }
     Ok(status)
+}
+
+/// Writes a catalogue of files, each of which is a tile with all of its scans.
+fn write_catalogue(sources: &[Arc<codec::Source>], output: &Path) -> anyhow::Result<()> {
+    let mut tiles: Vec<codec::CatalogueTile<'_>> = Vec::new();
+    for source in sources {
+        let info = source.info();
+        let Some(bounds) = codec::bounds_of(source, &Progress::default())? else {
+            terminal::warn([format!("{}: no points, so the catalogue leaves it out", scene::shown(&info.path))]);
+            continue;
+        };
+        interrupt::check()?;
+        match tiles.last_mut().filter(|last| last.info.path == info.path) {
+            Some(last) => (last.points, last.bounds) = (last.points + info.points, last.bounds.union(bounds)),
+            None => tiles.push(codec::CatalogueTile { info, points: info.points, bounds }),
+        }
+    }
+    codec::write_catalogue(&tiles, output)?;
+    print([format!("{}: {} tiles", scene::shown(output), tiles.len())])?;
+    Ok(())
 }
 
 /// Opens the files of an input, and reports those that cannot be opened.

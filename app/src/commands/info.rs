@@ -198,7 +198,10 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     let mut report = header_report(path, &sources);
     // Of a cloud on a server that is read node by node, only what is asked for is fetched.
     let is_far = |source: &Source| source.bytes().is_remote() && source.copc().is_some();
-    let small = sources.first().is_some_and(|source| source.stored_bytes() <= READ_WITHOUT_ASKING && !is_far(source));
+    let mut paths = std::collections::BTreeSet::new();
+    let files = sources.iter().filter(|source| paths.insert(&source.info().path));
+    let stored: u64 = files.map(Source::stored_bytes).sum();
+    let small = stored <= READ_WITHOUT_ASKING && !sources.iter().any(is_far);
     if !(scan || small) {
         if report.bounds.is_none() {
             report.warnings.push("the header gives no believable bounds; --scan reads all points to find them".into());

@@ -70,7 +70,7 @@ pub enum Command {
 
 #[derive(Debug, Args)]
 pub struct ViewArguments {
-    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json), folders or http(s) addresses of them, - for standard input, a scene file (`.toml`), names of built-in scenes
+    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json, .vpc), folders or http(s) addresses of them, - for standard input, a scene file (`.toml`), names of built-in scenes
     pub inputs: Vec<OsString>,
     /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
@@ -91,7 +91,7 @@ pub struct GpuArgument {
 
 #[derive(Debug, Args)]
 pub struct InfoArguments {
-    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json), folders or http(s) addresses of them, - for standard input, or a scene file (`.toml`) for its clouds
+    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json, .vpc), folders or http(s) addresses of them, - for standard input, or a scene file (`.toml`) for its clouds
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
     /// Write JSON
@@ -104,7 +104,7 @@ pub struct InfoArguments {
 
 #[derive(Debug, Args)]
 pub struct RenderArguments {
-    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json), folders or http(s) addresses of them, - for standard input, a scene file (`.toml`), names of built-in scenes
+    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json, .vpc), folders or http(s) addresses of them, - for standard input, a scene file (`.toml`), names of built-in scenes
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
     /// PNG file to write
@@ -241,12 +241,15 @@ pub struct RecordArguments {
 
 #[derive(Debug, Args)]
 pub struct IndexArguments {
-    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json), folders or http(s) addresses of them, - for standard input, or a scene file (`.toml`) for its clouds
+    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json, .vpc), folders or http(s) addresses of them, - for standard input, or a scene file (`.toml`) for its clouds
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
     /// Write all inputs as one cloud that can be streamed as it is (COPC); without, each gets its place in the cache folder
     #[arg(short, long, value_name = "OUT.copc.laz")]
     pub output: Option<PathBuf>,
+    /// Write a catalogue of the files instead (OUT.vpc, STAC items), which opens them as one cloud
+    #[arg(long, requires = "output")]
+    pub catalogue: bool,
     /// Set a parameter, as in `--set stream.host_bytes=1GiB`; `glint methods` lists them
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
     pub set: Vec<(String, String)>,
@@ -306,7 +309,7 @@ pub struct MergeArguments {
 
 #[derive(Debug, Args)]
 pub struct SurfacesArguments {
-    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json), folders or http(s) addresses of them, - for standard input, a scene file (`.toml`) for its clouds, names of built-in scenes; made scans (`tripod/hall`) are judged by their exact surfaces, too, with all their points
+    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json, .vpc), folders or http(s) addresses of them, - for standard input, a scene file (`.toml`) for its clouds, names of built-in scenes; made scans (`tripod/hall`) are judged by their exact surfaces, too, with all their points
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
     /// A place of the scanner, in the coordinates of the file; of several places, each point was seen from one at least
@@ -330,7 +333,7 @@ pub struct SurfacesArguments {
 
 #[derive(Debug, Args)]
 pub struct ProfileArguments {
-    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json), folders or http(s) addresses of them, - for standard input, or a scene file (`.toml`) for its clouds and what it hides
+    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json, .vpc), folders or http(s) addresses of them, - for standard input, or a scene file (`.toml`) for its clouds and what it hides
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
     /// Two or more corners of the line, in the coordinates of the file, as in 1,2,0:5,2,0; only their places seen from above count; the profiles of the scene file that are switched on if not given
@@ -358,7 +361,7 @@ pub struct ProfileArguments {
 
 #[derive(Debug, Args)]
 pub struct ExportArguments {
-    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json), folders or http(s) addresses of them, - for standard input, or a scene file (`.toml`) for its clouds and what it hides
+    /// Files of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json, .vpc), folders or http(s) addresses of them, - for standard input, or a scene file (`.toml`) for its clouds and what it hides
     #[arg(required = true)]
     pub inputs: Vec<OsString>,
     /// File to write, by the end of its name: .las, .laz, .copc.laz, .e57, .ply or .csv; a file that is there is not replaced

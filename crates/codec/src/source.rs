@@ -5,11 +5,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::{Bounds, Chunk, Placement, Progress};
 
+use crate::at_once::at_once;
 use crate::bytes::Bytes;
 use crate::error::{Error, Result};
 use crate::info::{Info, Selection, Summary};
 use crate::las::{Copc, CopcNode};
-use crate::{e57, ept, las, pcd, ply, text};
+use crate::{catalogue, e57, ept, las, pcd, ply, text};
 
 /// An opened file. It is `Sync`: one thread may read a column while another looks up a record.
 #[allow(clippy::large_enum_variant, reason = "there is one per open file, and it is not moved around")]
@@ -40,12 +41,69 @@ pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
     first.ok_or_else(|| Error::unsuitable(path, "a file without scans"))
 }
 
-/// All scans of a file, each a cloud of its own; one, if its format has no scans.
+/// All scans of a file, each a cloud of its own; one, if its format has no scans. Of a catalogue, all of its tiles.
 ///
 /// # Errors
 /// Those of `open_within`.
 pub fn open_scans(path: &Path, memory: u64) -> Result<Vec<Source>> {
     let bytes = Bytes::open(path)?;
+    let mut start = [0; 64];
+    let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
+    if catalogue::is_catalogue(&start[..count], path) { open_tiles(&bytes, memory) } else { open_file(bytes, memory) }
+}
+
+/// The number of tiles of a catalogue that are opened at once.
+const TILES_AT_ONCE: usize = 8;
+
+/// Opens the tiles of a catalogue. What is wrong with some of them is a warning of the first that can be opened.
+fn open_tiles(catalogue: &Bytes, memory: u64) -> Result<Vec<Source>> {
+    let entries = catalogue::read(catalogue)?;
+    let opened = at_once(&entries, TILES_AT_ONCE, |entry| {
+        if catalogue::is_catalogue(b"{", &entry.path) {
+            return Err(Error::unsuitable(&entry.path, "a catalogue among the tiles of one"));
+        }
+        open_file(Bytes::open(&entry.path)?, memory)
+    });
+    let (mut sources, mut problems, mut first_error) = (Vec::new(), Vec::new(), None);
+    for (entry, opened) in entries.iter().zip(opened) {
+        match opened {
+            Ok(scans) => {
+                let points: u64 = scans.iter().map(|scan| scan.info().points).sum();
+                if let Some(told) = entry.points.filter(|told| *told != points) {
+                    let name = param::shown(&entry.path);
+                    problems.push(format!("the catalogue says {told} points of {name}, which has {points}"));
+                }
+                sources.extend(scans);
+            }
+            Err(error) => {
+                problems.push(format!("a tile is missing: {error}"));
+                first_error.get_or_insert(error);
+            }
+        }
+    }
+    match (sources.first_mut(), first_error) {
+        (Some(first), _) => first.info_mut().warnings.extend(param::few(problems, "tiles with problems")),
+        (None, Some(error)) => return Err(error),
+        (None, None) => {}
+    }
+    Ok(sources)
+}
+
+/// The bounds of a file's points: those of its header, or of all points.
+///
+/// # Errors
+/// If the points cannot be read.
+pub fn bounds_of(source: &Source, progress: &Progress) -> Result<Option<Bounds>> {
+    if let Some(bounds) = source.info().bounds {
+        return Ok(Some(bounds));
+    }
+    let selection = Selection { positions: true, ..Selection::default() };
+    Ok(source.read(&selection, progress, &|_| {})?.bounds)
+}
+
+/// Opens a file that is no catalogue.
+fn open_file(bytes: Bytes, memory: u64) -> Result<Vec<Source>> {
+    let path = &bytes.path().to_owned();
     let mut start = [0; 64];
     let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
     let start = &start[..count];
@@ -93,6 +151,14 @@ fn known_other(start: &[u8]) -> Option<&'static str> {
 }
 
 impl Source {
+    fn info_mut(&mut self) -> &mut Info {
+        match self {
+            Self::Las(source) => &mut source.info,
+            Self::Rows(source) => &mut source.info,
+            Self::Ept(source) => &mut source.info,
+        }
+    }
+
     pub fn info(&self) -> &Info {
         match self {
             Self::Las(source) => source.info(),

@@ -16,7 +16,7 @@ use crate::event::{Event, IndexState, Opened};
 use crate::loader::Loader;
 use crate::mailbox::{Arrival, IndexRequest};
 use crate::reading::Loading;
-use crate::source::{file_name, file_warnings, surfel_options, up_of};
+use crate::source::{file_name, file_warnings, is_one_file, surfel_options, up_of};
 use crate::task::{CloudTask, TaskKind};
 use crate::words::Input;
 
@@ -176,6 +176,8 @@ impl Loader {
         let infos = || sources.iter().map(|source| source.info());
         let path = match (input, sources.as_slice()) {
             (Input::Tiles { folder, .. }, [_, _, ..]) => folder.clone(),
+            // The tiles of a catalogue.
+            (Input::File(path), several @ [_, _, ..]) if !is_one_file(several) => path.clone(),
             _ => infos().next().map(|info| info.path.clone()).unwrap_or_default(),
         };
         let is_native = native.is_some();

@@ -1,0 +1,187 @@
+//! Catalogues of tiles (VPC, virtual point clouds): STAC item collections, as QGIS, PDAL and `glint index --catalogue` write
+//! them. Each item has a box, a number of points, and a reference to a file or an address.
+
+use std::collections::HashSet;
+use std::io::Write as _;
+use std::path::{Component, Path, PathBuf};
+
+use cloud::{Bounds, ColumnType};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use crate::address::{Address, is_address, last_part};
+use crate::brief;
+use crate::bytes::Bytes;
+use crate::info::Info;
+use crate::{Error, Result};
+
+/// The longest catalogue, and the most tiles.
+const MOST_BYTES: u64 = 256 << 20;
+const MOST_TILES: usize = 100_000;
+
+/// A tile as a catalogue describes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    pub path: PathBuf,
+    /// The number of points, if it is told.
+    pub points: Option<u64>,
+}
+
+#[derive(Deserialize)]
+struct Collection {
+    #[serde(rename = "type")]
+    kind: String,
+    features: Vec<Item>,
+}
+
+#[derive(Deserialize)]
+struct Item {
+    #[serde(default)]
+    properties: Value,
+    #[serde(default)]
+    assets: Value,
+}
+
+/// Whether a file is a catalogue, by its start and its name.
+pub fn is_catalogue(start: &[u8], path: &Path) -> bool {
+    start.trim_ascii_start().starts_with(b"{") && last_part(path).to_ascii_lowercase().ends_with(".vpc")
+}
+
+/// The tiles of a catalogue, each once.
+///
+/// # Errors
+/// If it cannot be read, or names what is no tile.
+pub fn read(file: &Bytes) -> Result<Vec<Entry>> {
+    let path = file.path();
+    let fail = |place: String, problem: String| Error::malformed(path, place, problem);
+    let text = file.all(MOST_BYTES)?;
+    let told: Collection = serde_json::from_slice(&text)
+        .map_err(|error| fail("catalogue".into(), format!("not a collection of items: {}", brief::message(&error))))?;
+    if told.kind != "FeatureCollection" {
+        let kind = brief::brief(&told.kind);
+        return Err(fail("catalogue".into(), format!("a `{kind}`, expected a FeatureCollection")));
+    }
+    if told.features.len() > MOST_TILES {
+        return Err(fail("catalogue".into(), format!("{} tiles, expected at most {MOST_TILES}", told.features.len())));
+    }
+    let mut known = HashSet::new();
+    let mut entries = Vec::new();
+    for (number, item) in told.features.into_iter().enumerate() {
+        let place = format!("item {number}");
+        let reference = item.assets.get("data").or_else(|| item.assets.as_object()?.values().next());
+        let reference = reference.and_then(|data| data.get("href")).and_then(Value::as_str);
+        let reference =
+            reference.ok_or_else(|| fail(place.clone(), "no reference to a file (assets, data, href)".into()))?;
+        let own = resolved(path, reference).map_err(|problem| fail(place, problem))?;
+        if known.insert(own.clone()) {
+            entries.push(Entry { path: own, points: item.properties.get("pc:count").and_then(Value::as_u64) });
+        }
+    }
+    if entries.is_empty() {
+        return Err(Error::unsuitable(path, "a catalogue without tiles"));
+    }
+    Ok(entries)
+}
+
+/// The file that a reference in a catalogue stands for.
+fn resolved(catalogue: &Path, reference: &str) -> std::result::Result<PathBuf, String> {
+    if is_address(catalogue) {
+        let base = Address::parse(&catalogue.to_string_lossy())?;
+        let own = base.joined(reference).map_err(|problem| format!("`{}`: {problem}", brief::brief(reference)))?;
+        return Ok(own.text().into());
+    }
+    if is_address(Path::new(reference)) {
+        return Ok(reference.into());
+    }
+    Ok(catalogue.parent().unwrap_or(Path::new("")).join(reference.strip_prefix("./").unwrap_or(reference)))
+}
+
+/// What is written of a tile.
+pub struct Tile<'a> {
+    pub info: &'a Info,
+    pub points: u64,
+    pub bounds: Bounds,
+}
+
+/// Writes a catalogue of tiles. References are relative to its folder. Coordinates are those of the files.
+///
+/// # Errors
+/// If a file of that name is there, or it cannot be written.
+pub fn write_catalogue(tiles: &[Tile<'_>], output: &Path) -> Result<()> {
+    let unwritten = |error| Error::not_written(output, error);
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder.canonicalize().map_err(unwritten)?;
+    let items: Vec<Value> = tiles.iter().map(|tile| item(tile, &folder)).collect();
+    let collection = json!({ "type": "FeatureCollection", "features": items });
+    let mut text = serde_json::to_vec_pretty(&collection).map_err(|error| unwritten(error.into()))?;
+    text.push(b'\n');
+    let mut file = std::fs::File::create_new(output).map_err(unwritten)?;
+    file.write_all(&text).map_err(unwritten)
+}
+
+fn item(Tile { info, points, bounds }: &Tile<'_>, folder: &Path) -> Value {
+    let name = last_part(&info.path);
+    let id = name.split('.').next().unwrap_or(&name);
+    let Bounds { min, max } = *bounds;
+    let corner = |x: f64, y: f64, z: f64| json!([x, y, z]);
+    let ring = json!([[
+        corner(min.x, min.y, min.z),
+        corner(min.x, max.y, min.z),
+        corner(max.x, max.y, max.z),
+        corner(max.x, min.y, max.z),
+        corner(min.x, min.y, min.z)
+    ]]);
+    let flat = json!([min.x, min.y, min.z, max.x, max.y, max.z]);
+    let kind = |column_type: ColumnType| match column_type {
+        ColumnType::F32 | ColumnType::F64 => "floating",
+        ColumnType::I8 | ColumnType::I16 | ColumnType::I32 | ColumnType::I64 => "signed",
+        _ => "unsigned",
+    };
+    let schema = info.properties.iter().map(|property| {
+        json!({ "name": property.name, "size": property.column_type.size(), "type": kind(property.column_type) })
+    });
+    json!({
+        "type": "Feature",
+        "stac_version": "1.0.0",
+        "stac_extensions": [
+            "https://stac-extensions.github.io/pointcloud/v1.0.0/schema.json",
+            "https://stac-extensions.github.io/projection/v1.1.0/schema.json"
+        ],
+        "id": id,
+        "geometry": { "type": "Polygon", "coordinates": ring },
+        "bbox": flat,
+        "properties": {
+            // The time of the survey is not in a file's head.
+            "datetime": "0000-01-01T00:00:00Z",
+            "pc:count": points,
+            "pc:encoding": "?",
+            "pc:type": "lidar",
+            "pc:schemas": schema.collect::<Vec<Value>>(),
+            "proj:bbox": flat,
+            "proj:geometry": { "type": "Polygon", "coordinates": ring },
+            "proj:wkt2": info.crs.clone().unwrap_or_default()
+        },
+        "links": [],
+        "assets": { "data": { "href": reference(&info.path, folder), "roles": ["data"] } }
+    })
+}
+
+/// How a catalogue in `folder` names a file.
+fn reference(path: &Path, folder: &Path) -> String {
+    let Some(path) = path.canonicalize().ok().filter(|_| !is_address(path)) else {
+        return path.to_string_lossy().into_owned();
+    };
+    let common = path.components().zip(folder.components()).take_while(|(own, other)| own == other).count();
+    if common == 0 {
+        return path.to_string_lossy().into_owned();
+    }
+    let up = folder.components().skip(common).map(|_| "..");
+    let down: Vec<String> = path
+        .components()
+        .skip(common)
+        .map(Component::as_os_str)
+        .map(|part| part.to_string_lossy().into_owned())
+        .collect();
+    let parts: Vec<&str> = up.chain(down.iter().map(String::as_str)).collect();
+    format!("./{}", parts.join("/"))
+}
