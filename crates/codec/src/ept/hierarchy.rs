@@ -60,7 +60,7 @@ pub fn read(path: &Path, most: usize) -> Result<Hierarchy> {
     let mut waiting = vec![(0, [0; 3])];
     let mut pages = 0;
     while !waiting.is_empty() {
-        let now: Vec<Key> = waiting.drain(..).collect();
+        let now: Vec<Key> = std::mem::take(&mut waiting);
         let read = at_once(&now, PAGES_AT_ONCE, |key| page(path, *key));
         for (top, page) in now.into_iter().zip(read) {
             pages += 1;

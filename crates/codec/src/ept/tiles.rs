@@ -200,12 +200,15 @@ impl Tile {
     }
 }
 
+/// A number in a row of a tile: its place, its type, and its scale and offset.
+type Stored = (usize, ColumnType, Option<(f64, f64)>);
+
 /// How the rows of binary tiles become rows of our own.
 #[derive(Clone)]
 pub struct TileRows {
     element: Element,
-    /// For each property: its place in a row of the file, its type there, scale and offset.
-    stored: Vec<(usize, ColumnType, Option<(f64, f64)>)>,
+    /// The numbers of a row of the file, one for each property.
+    stored: Vec<Stored>,
     stride: usize,
 }
 
@@ -258,7 +261,8 @@ impl RowMaker for TileRows {
     }
 
     fn make(&self, file: &Bytes, block: Block, keep: &[bool], give: &mut dyn FnMut(&[u8])) -> io::Result<(u64, u64)> {
-        let kept: Vec<_> = self.stored.iter().zip(keep).filter(|(_, keep)| **keep).map(|(stored, _)| *stored).collect();
+        let kept: Vec<Stored> =
+            self.stored.iter().zip(keep).filter(|(_, keep)| **keep).map(|(stored, _)| *stored).collect();
         let (mut source, mut rows) = (vec![0; POINTS_AT_ONCE * self.stride], Vec::new());
         let mut done = 0;
         while done < block.rows {
