@@ -259,8 +259,38 @@ fn grid(rays: f64) -> [usize; 2] {
 /// Neighbours whose ranges differ by less are on one surface.
 const EDGE: f64 = 0.1;
 
-/// What the scanner measures at a station.
-fn swept(survey: &Survey, solids: &[Solid], station: DVec3, rays: f64, seed: u64, number: usize) -> Vec<Point> {
+/// What disturbs the ranges of a scanner.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Disturbance {
+    /// The standard deviation of ranges.
+    pub noise: f64,
+    /// The share of the rays that are mixed pixels.
+    pub mixed: f64,
+    /// The share of the rays that measure nothing that is there.
+    pub strays: f64,
+}
+
+/// A point that a scanner measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured<T> {
+    /// The direction of its ray, a unit vector.
+    pub direction: DVec3,
+    pub range: f64,
+    /// Whether the range is of one surface: the point is no mixed pixel and no stray.
+    pub is_whole: bool,
+    /// What the ray met.
+    pub met: T,
+}
+
+/// What a scanner measures at a station: `rays` go out on the grid of angles, and `meet` gives the range of a ray and what
+/// it met. `number` is that of the station, which the random draws depend on.
+pub fn sweep<T: Copy + Send + Sync>(
+    disturbance: &Disturbance,
+    rays: f64,
+    seed: u64,
+    number: usize,
+    meet: impl Fn(usize, DVec3) -> Option<(f64, T)> + Sync,
+) -> Vec<Measured<T>> {
     let dice = |draw| Dice::new(seed, number, draw);
     let [columns, rows] = grid(rays);
     let step = TAU / columns as f64;
@@ -270,14 +300,8 @@ fn swept(survey: &Survey, solids: &[Solid], station: DVec3, rays: f64, seed: u64
         let (across, along) = (((ray % columns) as f64 + turn) * step).sin_cos();
         DVec3::new(cos * along, cos * across, sin)
     };
-    let hits: Vec<Option<(f64, [f64; 3])>> = (0..rows * columns)
-        .into_par_iter()
-        .map(|ray| {
-            let hit = solid::nearest(solids, station, direction(ray))?;
-            let place = station + direction(ray) * hit.distance;
-            Some((hit.distance, solids[hit.solid].albedo_at(place)))
-        })
-        .collect();
+    let hits: Vec<Option<(f64, T)>> =
+        (0..rows * columns).into_par_iter().map(|ray| meet(ray, direction(ray))).collect();
     let range = |ray: usize| hits[ray].map(|(range, _)| range);
     // The range beyond the edge that splits a ray and the next one of its row.
     let beyond = |ray: usize| {
@@ -291,26 +315,39 @@ fn swept(survey: &Survey, solids: &[Solid], station: DVec3, rays: f64, seed: u64
     };
     let measured = |ray: usize| -> Option<f64> {
         let own = range(ray)?;
-        Some(own + if survey.noise > 0.0 { survey.noise * normal(ray) } else { 0.0 })
+        Some(own + if disturbance.noise > 0.0 { disturbance.noise * normal(ray) } else { 0.0 })
     };
     let mut ranges: Vec<Option<f64>> = (0..hits.len()).into_par_iter().map(measured).collect();
-    if survey.mixed > 0.0 {
+    let mut is_mixed = vec![false; hits.len()];
+    if disturbance.mixed > 0.0 {
         let split = |ray: usize| beyond(ray).map(|beyond| (dice(draw::MIXED).throw(ray), ray, beyond));
         let mut split: Vec<(f64, usize, f64)> = (0..hits.len()).into_par_iter().filter_map(split).collect();
         split.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        split.truncate((survey.mixed * hits.len() as f64) as usize);
+        split.truncate((disturbance.mixed * hits.len() as f64) as usize);
         for (_, ray, beyond) in split {
             ranges[ray] = range(ray).map(|own| own + (beyond - own) * dice(draw::BETWEEN).throw(ray));
+            is_mixed[ray] = true;
         }
     }
     let point = |ray: usize| {
-        let (range, (_, albedo)) = (ranges[ray]?, hits[ray]?);
-        let is_stray = survey.strays > 0.0 && dice(draw::STRAY).throw(ray) < survey.strays;
+        let (range, (_, met)) = (ranges[ray]?, hits[ray]?);
+        let is_stray = disturbance.strays > 0.0 && dice(draw::STRAY).throw(ray) < disturbance.strays;
         // From near the scanner to half as far again as the surface.
         let range = if is_stray { range * (0.1 + 1.4 * dice(draw::ANYWHERE).throw(ray)) } else { range };
-        Some((station + direction(ray) * range, albedo))
+        Some(Measured { direction: direction(ray), range, is_whole: !(is_stray || is_mixed[ray]), met })
     };
     (0..hits.len()).into_par_iter().filter_map(point).collect()
+}
+
+/// What the scanner measures at a station of a made scan.
+fn swept(survey: &Survey, solids: &[Solid], station: DVec3, rays: f64, seed: u64, number: usize) -> Vec<Point> {
+    let disturbance = Disturbance { noise: survey.noise, mixed: survey.mixed, strays: survey.strays };
+    let meet = |_, direction: DVec3| {
+        let hit = solid::nearest(solids, station, direction)?;
+        Some((hit.distance, solids[hit.solid].albedo_at(station + direction * hit.distance)))
+    };
+    let measured = sweep(&disturbance, rays, seed, number, meet);
+    measured.into_iter().map(|point| (station + point.direction * point.range, point.met)).collect()
 }
 
 /// Points at random, evenly by area, on what the stations see.

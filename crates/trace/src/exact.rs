@@ -136,6 +136,12 @@ impl Exact {
         self
     }
 
+    /// Adds solids in world coordinates. None of them mirrors.
+    pub fn with_solids(mut self, solids: Vec<Solid>) -> Self {
+        self.solids.extend(solids);
+        self
+    }
+
     /// The same for rays in coordinates relative to `origin`; before, they were world coordinates.
     pub fn seen_from(mut self, origin: DVec3) -> Self {
         for object in &mut self.objects {

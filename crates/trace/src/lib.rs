@@ -19,6 +19,7 @@ mod ray;
 mod reflectance;
 mod reflection;
 mod refraction;
+pub mod scan;
 mod share;
 mod surfels;
 mod tree;
