@@ -11,13 +11,17 @@ use cargo_metadata::{Metadata, MetadataCommand, Package};
 use imports::Imports;
 
 /// Which crate of the workspace may depend on which. Anyone may depend on `param`; `tests` may depend on all.
-const ARROWS: [(&str, &[&str]); 14] = [
-    ("glint", &["record", "measure", "study", "world", "render", "stream", "scene", "codec", "cloud"]),
+const ARROWS: [(&str, &[&str]); 15] = [
+    (
+        "glint",
+        &["record", "measure", "ghost", "study", "trace", "world", "render", "stream", "scene", "codec", "cloud"],
+    ),
     ("fuzz", &["study", "stream", "scene", "codec", "cloud"]),
     ("study", &["render", "trace", "scene", "codec", "cloud"]),
     ("world", &["render", "stream", "scene", "codec", "cloud"]),
     ("render", &["scene", "cloud"]),
     ("trace", &["scene", "cloud"]),
+    ("ghost", &["trace", "scene", "cloud"]),
     ("stream", &["codec", "cloud"]),
     ("scene", &["cloud"]),
     ("codec", &["cloud"]),

@@ -1,0 +1,436 @@
+//! Which points are ghosts: evidence for each point whose sightline meets a mirror, and what is decided by it.
+//!
+//! Points are read three times, block by block. First, points on sightlines that meet no mirror make a map of the
+//! surfaces and the range images of the stations. Then each suspected point is weighed: unfolded it fits a surface or
+//! not; another station sees through it, or sees a surface there. Its neighbours behind the mirror tell what share of
+//! them are ghosts, by the likelihoods of all of them (expectation and maximisation), and that share is the probability
+//! from which the point's own evidence starts. Memory is that of the map, of the neighbourhoods and of the suspects.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use cloud::{Progress, hash};
+use glam::DVec3;
+
+use crate::range_image::{RangeImage, Sight};
+use crate::surface_map::{ByKey, Fit, MapBuilder, SurfaceMap, key_of};
+use crate::unfold::{Mirrors, ScannerError, Way};
+
+/// Some points of a file in a row.
+pub struct Block {
+    pub file: usize,
+    /// The index in the file of the first point.
+    pub first_point: u64,
+    /// The index of the station that saw them, if the file tells it.
+    pub station: Option<usize>,
+    /// Points that are hidden or not finite are NaN.
+    pub places: Vec<DVec3>,
+}
+
+/// Points that can be read again and again.
+pub trait Points: Sync {
+    type Error;
+
+    /// Calls `give` with all points, block by block, from any number of threads. It may stop early when the task is
+    /// cancelled.
+    ///
+    /// # Errors
+    /// The points cannot be read.
+    fn read(&self, give: &(dyn Fn(&Block) + Sync)) -> Result<(), Self::Error>;
+}
+
+/// What a point is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Real,
+    Ghost,
+    Undecided,
+}
+
+impl Kind {
+    /// The number in files: 0 real, 1 ghost, 2 undecided.
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Real => 0,
+            Self::Ghost => 1,
+            Self::Undecided => 2,
+        }
+    }
+}
+
+/// A point whose sightline meets a mirror.
+#[derive(Clone, Copy, Debug)]
+pub struct Suspect {
+    /// Its index among the points of its block.
+    pub index: u32,
+    pub kind: Kind,
+    /// The number of the mirror, from 1.
+    pub mirror: u8,
+    /// How probable it is that the point is a ghost.
+    pub probability: f32,
+    /// Where it is if it is a ghost.
+    pub place: DVec3,
+    /// The half width of the interval about `place` that holds the point in 95 of 100 cases.
+    pub error: f32,
+    /// How far `place` is from a surface, if one is near.
+    pub distance: Option<f32>,
+}
+
+/// What is known of all points.
+pub struct Told {
+    /// The suspects of each block, by file and first point, in their order.
+    pub suspects: BTreeMap<(usize, u64), Vec<Suspect>>,
+    /// The standard deviation of ranges.
+    pub noise: f64,
+}
+
+impl Told {
+    pub fn count(&self, kind: Kind) -> u64 {
+        self.suspects.values().flatten().filter(|suspect| suspect.kind == kind).count() as u64
+    }
+
+    /// The number of ghosts of a mirror, and the median distance of their unfolded places from surfaces.
+    pub fn of_mirror(&self, mirror: usize) -> (u64, Option<f64>) {
+        let is_own = |suspect: &&Suspect| suspect.kind == Kind::Ghost && usize::from(suspect.mirror) == mirror + 1;
+        let own = || self.suspects.values().flatten().filter(is_own);
+        let mut distances: Vec<f32> = own().filter_map(|suspect| suspect.distance).collect();
+        let middle = distances.len() / 2;
+        let residual =
+            (!distances.is_empty()).then(|| f64::from(*distances.select_nth_unstable_by(middle, f32::total_cmp).1));
+        (own().count() as u64, residual)
+    }
+}
+
+/// The share of ghosts that have a surface near their unfolded place, and of other points.
+const NEAR_GHOST: f64 = 0.85;
+const NEAR_OTHER: f64 = 0.2;
+/// The share of the ghosts near a surface that are on it.
+const ON_SURFACE: f64 = 0.9;
+/// The logarithms of how much likelier a point is real where a station sees a surface, sees through, or is hidden.
+const SEEN_ON: f64 = 1.1;
+const SEEN_THROUGH: f64 = -1.9;
+const IS_HIDDEN: f64 = -3.0;
+/// The same where the point lies on a surface of points that are beyond suspicion.
+const ON_KNOWN: f64 = 1.4;
+/// Points are ghosts from this probability on, and real up to the other one.
+const GHOST_FROM: f64 = 0.8;
+const REAL_TO: f64 = 0.2;
+/// A sightline ends at a mirror that it meets less than this share of the map's edge before the point.
+const MARGIN: f64 = 0.3;
+/// The edge of a neighbourhood, in edges of the map.
+const NEIGHBOURHOOD: f64 = 8.0;
+/// The steps of the scale on which likelihoods of a neighbourhood are counted, and its end.
+const BINS: usize = 24;
+const LAST_BIN: f64 = 6.0;
+/// How far a point is from the plane of the surface that it fits unfolded, where that surface may go on behind the
+/// mirror, in edges of the map; and how much farther for each unit of distance, as the normal of a patch is not exact.
+const CONTINUED: f64 = 1.0;
+const SLOPE: f64 = 0.5;
+/// As many points as the share of ghosts before any evidence counts for.
+const PRIOR_POINTS: f64 = 2.0;
+
+/// What speaks for a point being a ghost.
+struct Weight {
+    /// The logarithm of the likelihood as a ghost over that as a real point; infinite where it cannot be real.
+    log_ratio: f64,
+    station: usize,
+    way: Way,
+    error: f64,
+    fit: Option<Fit>,
+    /// Whether the unfolded place tells a ghost from a real point. A floor before a mirror and the floor behind it are mirror
+    /// images of each other, so points on it fit in any case.
+    is_telling: bool,
+}
+
+/// Everything by which points are weighed.
+struct Scales<'a> {
+    stations: &'a [DVec3],
+    mirrors: &'a Mirrors,
+    map: SurfaceMap,
+    images: Vec<RangeImage>,
+    margin: f64,
+    scanner: ScannerError,
+}
+
+/// The number of points by the logarithm of their likelihoods.
+type Counts = [u32; BINS];
+/// Those of a neighbourhood, with the key of all points of its mirrors.
+type Neighbourhood = (Counts, Option<u64>);
+
+/// Tells the ghosts among points. `edge` is that of the map's finest cells (see `Extent`), `angle_error` the standard
+/// deviation of the scanner's directions in radians. `None` when cancelled.
+///
+/// # Errors
+/// The points cannot be read.
+pub fn tell<P: Points>(
+    points: &P,
+    stations: &[DVec3],
+    mirrors: &Mirrors,
+    extent: Extent,
+    angle_error: f64,
+    progress: &Progress,
+) -> Result<Option<Told>, P::Error> {
+    let margin = MARGIN * extent.edge;
+    let own = |block: &Block| block.station.map_or(0..stations.len(), |station| station..station + 1);
+    let is_suspect = |block: &Block, place: DVec3| {
+        own(block).any(|station| {
+            let ways = mirrors.ways(stations[station], place, margin);
+            ways.iter().any(|way| !way.is_straight())
+        })
+    };
+    let images: Vec<RangeImage> = stations.iter().map(|station| RangeImage::new(*station)).collect();
+    let builder = MapBuilder::new(extent.origin, extent.edge);
+    points.read(&|block| {
+        let is_plain = |place: &DVec3| place.is_finite() && !is_suspect(block, *place);
+        let plain: Vec<DVec3> = block.places.iter().copied().filter(is_plain).collect();
+        builder.add(plain.iter().copied());
+        for station in own(block) {
+            plain.iter().for_each(|place| images[station].add(*place));
+        }
+    })?;
+    if progress.is_cancelled() {
+        return Ok(None);
+    }
+    let map = builder.finish();
+    let scanner = ScannerError { range: map.range_noise(stations), angle: angle_error };
+    let scales = Scales { stations, mirrors, map, images, margin, scanner };
+    let shards: Vec<Mutex<ByKey<Neighbourhood>>> = (0..64).map(|_| Mutex::default()).collect();
+    let shard = |key: u64| shards[(hash(key) % 64) as usize].lock().unwrap_or_else(PoisonError::into_inner);
+    points.read(&|block| {
+        let mut found: ByKey<Neighbourhood> = ByKey::default();
+        for place in &block.places {
+            let Some(weight) = scales.weigh(*place, block.station) else { continue };
+            if weight.log_ratio.is_finite() {
+                let bin = bin_of(weight.log_ratio);
+                let all = of_mirrors(&weight);
+                let (own, mirrors) = found.entry(scales.neighbourhood(*place, &weight)).or_default();
+                (own[bin], *mirrors) = (own[bin] + 1, Some(all));
+                if weight.is_telling {
+                    found.entry(all).or_default().0[bin] += 1;
+                }
+            }
+        }
+        for (key, (counts, mirrors)) in found {
+            let mut shard = shard(key);
+            let known = shard.entry(key).or_default();
+            known.0.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+            known.1 = mirrors.or(known.1);
+        }
+    })?;
+    if progress.is_cancelled() {
+        return Ok(None);
+    }
+    let whole = |shard: Mutex<ByKey<Neighbourhood>>| shard.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let counts: ByKey<Neighbourhood> = shards.into_iter().flat_map(whole).collect();
+    // What is told of all points of the mirrors is what is known of a neighbourhood before it is looked at.
+    let of_all = |key: u64| counts.get(&key).map_or(0.5, |(all, _)| ghost_share(all, 0.5));
+    let mut before: ByKey<f64> = ByKey::default();
+    counts.values().filter_map(|(_, key)| *key).for_each(|key| {
+        before.entry(key).or_insert_with(|| of_all(key));
+    });
+    let share_of = |(key, (own, mirrors)): (&u64, &Neighbourhood)| {
+        let before = mirrors.and_then(|mirrors| before.get(&mirrors)).copied().unwrap_or(0.5);
+        (*key, ghost_share(own, before))
+    };
+    let shares: ByKey<f64> = counts.iter().map(share_of).collect();
+    let suspects = Mutex::new(BTreeMap::new());
+    points.read(&|block| {
+        let suspect = |(index, place): (usize, &DVec3)| {
+            let weight = scales.weigh(*place, block.station)?;
+            let share = shares.get(&scales.neighbourhood(*place, &weight)).copied().unwrap_or(0.5);
+            Some(suspect_of(index, &weight, share))
+        };
+        let found: Vec<Suspect> = block.places.iter().enumerate().filter_map(suspect).collect();
+        if !found.is_empty() {
+            let mut suspects = suspects.lock().unwrap_or_else(PoisonError::into_inner);
+            suspects.insert((block.file, block.first_point), found);
+        }
+    })?;
+    let suspects = suspects.into_inner().unwrap_or_else(PoisonError::into_inner);
+    Ok((!progress.is_cancelled()).then_some(Told { suspects, noise: scales.scanner.range }))
+}
+
+fn suspect_of(index: usize, weight: &Weight, share: f64) -> Suspect {
+    let odds = share / (1.0 - share) * weight.log_ratio.exp();
+    let probability = if odds.is_finite() { odds / (1.0 + odds) } else { 1.0 };
+    let kind = match probability {
+        probability if probability >= GHOST_FROM => Kind::Ghost,
+        probability if probability <= REAL_TO => Kind::Real,
+        _ => Kind::Undecided,
+    };
+    Suspect {
+        index: index as u32,
+        kind,
+        mirror: if kind == Kind::Real { 0 } else { weight.way.mirrors[0] },
+        probability: probability as f32,
+        place: weight.way.place,
+        error: (1.96 * weight.error) as f32,
+        distance: weight.fit.map(|fit| fit.distance.abs() as f32),
+    }
+}
+
+impl Scales<'_> {
+    /// Weighs a point; `None` if it cannot be a ghost. `own` is the station that saw it, if that is known.
+    fn weigh(&self, place: DVec3, own: Option<usize>) -> Option<Weight> {
+        if !place.is_finite() {
+            return None;
+        }
+        let (mut real, mut ghost): (Option<f64>, Option<Weight>) = (None, None);
+        for station in own.map_or(0..self.stations.len(), |station| station..station + 1) {
+            let ways = self.mirrors.ways(self.stations[station], place, self.margin);
+            let is_seen = ways.is_empty() || ways.iter().any(Way::is_straight);
+            if is_seen {
+                // Only points beyond suspicion are in the image, and none of those is seen through a pane.
+                let seen = if ways.is_empty() { self.seen_by(station, place) } else { 0.0 };
+                real = Some(real.map_or(seen, |known: f64| known.max(seen)));
+            }
+            for way in ways.into_iter().filter(|way| !way.is_straight()) {
+                let weight = self.weigh_way(station, place, way);
+                if ghost.as_ref().is_none_or(|known| weight.log_ratio > known.log_ratio) {
+                    ghost = Some(weight);
+                }
+            }
+        }
+        let mut ghost = ghost?;
+        ghost.log_ratio = match real {
+            None => f64::INFINITY,
+            Some(seen) => ghost.log_ratio - seen - self.known_at(place) - self.seen_by_others(place, own),
+        };
+        Some(ghost)
+    }
+
+    fn weigh_way(&self, station: usize, point: DVec3, way: Way) -> Weight {
+        let error = self.mirrors.error(self.stations[station], point, &way, self.scanner);
+        let fit = self.map.nearest(way.place);
+        let is_telling = !fit.is_some_and(|fit| {
+            let off = fit.patch.normal.as_dvec3().dot(point - fit.patch.center).abs();
+            off < CONTINUED.max(SLOPE * point.distance(fit.patch.center)) * self.map.edge() || off < 5.0 * error
+        });
+        let log_ratio = match &fit {
+            _ if !is_telling => 0.0,
+            None => ((1.0 - NEAR_GHOST) / (1.0 - NEAR_OTHER)).ln(),
+            Some(Fit { distance, patch }) => {
+                let width = f64::from(patch.edge);
+                let deviation = error.hypot(f64::from(patch.thickness).max(0.01 * width));
+                let density =
+                    (-0.5 * (distance / deviation).powi(2)).exp() / (deviation * std::f64::consts::TAU.sqrt());
+                ((ON_SURFACE * density * width + 1.0 - ON_SURFACE) * NEAR_GHOST / NEAR_OTHER).ln()
+            }
+        };
+        Weight { log_ratio, station, way, error, fit, is_telling }
+    }
+
+    fn sight(&self, station: usize, place: DVec3) -> Sight {
+        self.images[station].sight(place, 2.0 * self.map.edge())
+    }
+
+    /// How much likelier a point is that this station may have seen, by what the station sees around it.
+    fn seen_by(&self, station: usize, place: DVec3) -> f64 {
+        match self.sight(station, place) {
+            Sight::Unknown => 0.0,
+            Sight::On => SEEN_ON,
+            Sight::Through => SEEN_THROUGH,
+            Sight::Hidden => IS_HIDDEN,
+        }
+    }
+
+    /// The same by what other stations see than the one that saw it. What is hidden from them tells nothing.
+    fn seen_by_others(&self, place: DVec3, own: Option<usize>) -> f64 {
+        let Some(own) = own else { return 0.0 };
+        let others = (0..self.stations.len()).filter(|station| *station != own);
+        let clear = others.filter(|station| !self.mirrors.may_meet(self.stations[*station], place));
+        let told = clear.map(|station| match self.sight(station, place) {
+            Sight::Unknown | Sight::Hidden => 0.0,
+            Sight::On => SEEN_ON,
+            Sight::Through => SEEN_THROUGH,
+        });
+        told.sum()
+    }
+
+    /// The same by the surfaces where the point was written down.
+    fn known_at(&self, place: DVec3) -> f64 {
+        let is_on = |fit: Fit| fit.distance.abs() < 3.0 * self.scanner.range.hypot(f64::from(fit.patch.thickness));
+        if self.map.nearest(place).is_some_and(is_on) { ON_KNOWN } else { 0.0 }
+    }
+
+    /// The key of the points about one that the same station saw by way of the same mirrors.
+    fn neighbourhood(&self, place: DVec3, weight: &Weight) -> u64 {
+        let cell = (place / (NEIGHBOURHOOD * self.map.edge())).floor().as_i64vec3();
+        hash(key_of(cell).unwrap_or(u64::MAX) ^ of_mirrors(weight))
+    }
+}
+
+/// The key of all points that the same station saw by way of the same mirrors.
+fn of_mirrors(weight: &Weight) -> u64 {
+    let mirrors =
+        weight.way.mirrors.into_iter().fold(weight.station as u64, |key, mirror| key << 8 | u64::from(mirror));
+    hash(mirrors)
+}
+
+fn bin_of(log_ratio: f64) -> usize {
+    let share = (log_ratio / LAST_BIN).clamp(-1.0, 1.0) * 0.5 + 0.5;
+    ((share * BINS as f64) as usize).min(BINS - 1)
+}
+
+/// The share of the points of a neighbourhood that are ghosts, which makes their likelihoods greatest.
+fn ghost_share(counts: &Counts, before: f64) -> f64 {
+    let ratio = |bin: usize| ((((bin as f64 + 0.5) / BINS as f64) * 2.0 - 1.0) * LAST_BIN).exp();
+    let total: f64 = counts.iter().map(|count| f64::from(*count)).sum();
+    let mut share = before;
+    for _ in 0..50 {
+        let ghosts = |(bin, count): (usize, &u32)| {
+            let likely = share * ratio(bin);
+            f64::from(*count) * likely / (likely + 1.0 - share)
+        };
+        let sum: f64 = counts.iter().enumerate().map(ghosts).sum();
+        share = (sum + before * PRIOR_POINTS) / (total + PRIOR_POINTS);
+    }
+    share
+}
+
+/// Where points are, and how fine their map is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    pub origin: DVec3,
+    /// The edge of the finest cells of a map.
+    pub edge: f64,
+}
+
+/// The finest cells of a map to the diagonal of the box about most points.
+const CELLS: f64 = 300.0;
+/// The number of points by which the box is told.
+const SAMPLED: u64 = 50_000;
+
+impl Extent {
+    /// Reads points once, of which there are `total`. `None` without points.
+    ///
+    /// # Errors
+    /// The points cannot be read.
+    pub fn of<P: Points>(points: &P, total: u64) -> Result<Option<Self>, P::Error> {
+        let step = total.div_ceil(SAMPLED).max(1);
+        let (sample, count) = (Mutex::new(Vec::new()), AtomicU64::new(0));
+        points.read(&|block| {
+            count.fetch_add(block.places.len() as u64, Ordering::Relaxed);
+            let taken = |index: usize| hash(block.first_point + index as u64).is_multiple_of(step);
+            let places = block.places.iter().enumerate().filter(|(index, place)| place.is_finite() && taken(*index));
+            let mut own: Vec<DVec3> = places.map(|(_, place)| *place).collect();
+            sample.lock().unwrap_or_else(PoisonError::into_inner).append(&mut own);
+        })?;
+        let sample = sample.into_inner().unwrap_or_else(PoisonError::into_inner);
+        if sample.is_empty() {
+            return Ok(None);
+        }
+        let ends = |axis: usize| {
+            let mut values: Vec<f64> = sample.iter().map(|place| place[axis]).collect();
+            values.sort_unstable_by(f64::total_cmp);
+            let at = |share: f64| values[((values.len() - 1) as f64 * share) as usize];
+            [at(0.02), at(0.98)]
+        };
+        let [x, y, z] = std::array::from_fn(ends);
+        let low = DVec3::new(x[0], y[0], z[0]);
+        let diagonal = low.distance(DVec3::new(x[1], y[1], z[1]));
+        // A whole number, so that the cells do not depend on the last digits.
+        Ok((diagonal > 0.0).then(|| Self { origin: low.floor(), edge: diagonal / CELLS }))
+    }
+}

@@ -1,0 +1,21 @@
+//! Ghosts: points that a scanner saw in mirrors and panes and wrote down behind them. They are told from other points,
+//! put back to where they are, and their mirrors are found.
+//!
+//! This crate knows points, stations and mirrors, and no files. Lengths are in the units of the coordinates, and angles in
+//! radians.
+
+mod evidence;
+mod find;
+mod found;
+mod planes;
+mod range_image;
+mod refine;
+mod spheres;
+mod surface_map;
+mod unfold;
+
+pub use evidence::{Block, Extent, Kind, Points, Suspect, Told, tell};
+pub use find::find;
+pub use found::Found;
+pub use refine::refine;
+pub use unfold::{Mirrors, Reflector, ScannerError, Way};

@@ -1,0 +1,258 @@
+//! Moves mirrors that are roughly known to where unfolded points fit the surfaces of the scan.
+//!
+//! A person who places a mirror is off by centimetres and degrees; points unfolded by it are off by more. The distances of
+//! unfolded points from surfaces tell how to move it (Gauss and Newton with damping, after Levenberg and Marquardt; weights
+//! fall with the distance, on a scale that shrinks from round to round).
+
+use std::sync::{Mutex, PoisonError};
+
+use cloud::{Progress, hash};
+use glam::{DQuat, DVec3};
+use scene::{Mirror, Shape};
+
+use crate::evidence::{Extent, Points};
+use crate::found::Found;
+use crate::surface_map::{MapBuilder, SurfaceMap};
+use crate::unfold::{Mirrors, Reflector};
+
+/// The most numbers by which a mirror is moved.
+const MOST_NUMBERS: usize = 7;
+/// The points by which a mirror is moved at most, and at least.
+const MOST_POINTS: usize = 4000;
+const FEWEST_POINTS: usize = 60;
+/// Points are unfolded by a mirror that is larger than the one that is known, in shares of its size.
+const LARGER: f64 = 1.0;
+/// The scales of distances from round to round, in edges of the map's finest cells.
+const SCALES: [f64; 6] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.2];
+/// The grids of the map; the widest one reaches eight of its finest edges to both sides of a surface.
+const LEVELS: usize = 5;
+
+type Row = [f64; MOST_NUMBERS];
+
+/// The mirror turned and moved by numbers in world units: a plane by two turns (as lengths at its rim) and along its normal, a
+/// sphere by its place and radius, any other by its place, three turns and its size.
+fn changed(mirror: &Mirror, numbers: &Row) -> Mirror {
+    let [a, b, c, d, e, f, g] = *numbers;
+    let Mirror { rotation, position, size, .. } = mirror;
+    let turned = |turn: DVec3| (*rotation * DQuat::from_scaled_axis(turn / *size)).normalize();
+    match mirror.shape {
+        Shape::Plane { .. } => Mirror {
+            rotation: turned(DVec3::new(a, b, 0.0)),
+            position: *position + *rotation * DVec3::Z * c,
+            ..mirror.clone()
+        },
+        Shape::Sphere => Mirror { position: *position + DVec3::new(a, b, c), size: size + d, ..mirror.clone() },
+        _ => Mirror {
+            position: *position + DVec3::new(a, b, c),
+            rotation: turned(DVec3::new(d, e, f)),
+            size: size + g,
+            ..mirror.clone()
+        },
+    }
+}
+
+fn numbers_of(mirror: &Mirror) -> usize {
+    match mirror.shape {
+        Shape::Plane { .. } => 3,
+        Shape::Sphere => 4,
+        _ => MOST_NUMBERS,
+    }
+}
+
+/// The station that may have seen a point, and the point.
+pub(crate) type Seen = (DVec3, DVec3);
+
+/// Moves given mirrors. A mirror that no or few points speak for stays where it is. `None` when cancelled.
+///
+/// # Errors
+/// The points cannot be read.
+pub fn refine<P: Points>(
+    points: &P,
+    stations: &[DVec3],
+    given: &[Mirror],
+    extent: Extent,
+    progress: &Progress,
+) -> Result<Option<Vec<Found>>, P::Error> {
+    let mirrors = Mirrors::new(given.iter().cloned().map(Reflector::exact).collect());
+    let margin = 0.3 * extent.edge;
+    let builder = MapBuilder::new(extent.origin, extent.edge).with_levels(LEVELS);
+    type Picked = Vec<(u64, Seen)>;
+    let picked: Vec<Mutex<Picked>> = given.iter().map(|_| Mutex::default()).collect();
+    points.read(&|block| {
+        let own = block.station.map_or(0..stations.len(), |station| station..station + 1);
+        let mut plain = Vec::new();
+        let mut seen: Vec<Picked> = vec![Vec::new(); given.len()];
+        for (index, place) in block.places.iter().enumerate().filter(|(_, place)| place.is_finite()) {
+            let mut is_plain = true;
+            for station in own.clone() {
+                for way in mirrors.ways(stations[station], *place, margin) {
+                    if let (Some(first), 0) = (way.first(), way.mirrors[1]) {
+                        let draw = hash(hash(block.file as u64) ^ (block.first_point + index as u64));
+                        seen[first].push((draw, (stations[station], *place)));
+                    }
+                    is_plain &= way.is_straight();
+                }
+            }
+            plain.extend(is_plain.then_some(*place));
+        }
+        builder.add(plain.into_iter());
+        for (all, mut own) in picked.iter().zip(seen) {
+            let mut all = all.lock().unwrap_or_else(PoisonError::into_inner);
+            all.append(&mut own);
+            // The least numbers that were drawn are a sample that does not depend on the order of blocks.
+            if all.len() > 4 * MOST_POINTS {
+                keep_least(&mut all);
+            }
+        }
+    })?;
+    if progress.is_cancelled() {
+        return Ok(None);
+    }
+    let map = builder.finish();
+    let found = given.iter().zip(picked).map(|(mirror, picked)| {
+        let mut picked = picked.into_inner().unwrap_or_else(PoisonError::into_inner);
+        keep_least(&mut picked);
+        let seen: Vec<Seen> = picked.into_iter().map(|(_, seen)| seen).collect();
+        moved(mirror, &seen, &map)
+    });
+    Ok(Some(found.collect()))
+}
+
+fn keep_least<T>(picked: &mut Vec<(u64, T)>) {
+    picked.sort_unstable_by_key(|(draw, _)| *draw);
+    picked.truncate(MOST_POINTS);
+}
+
+/// A mirror where points fit best.
+pub(crate) fn moved(given: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Found {
+    let (edge, near) = (map.edge(), (5.0 * map.noise()).max(0.2 * map.edge()));
+    let mut mirror = given.clone();
+    for scale in SCALES {
+        for _ in 0..6 {
+            match step(&mirror, seen, map, scale * edge) {
+                Some(next) => mirror = next,
+                None => break,
+            }
+        }
+    }
+    let fits = |mirror: &Mirror| {
+        let within = distances(mirror, seen, map).into_iter().flatten().map(f64::abs);
+        let mut within: Vec<f64> = within.filter(|distance| *distance < near).collect();
+        within.sort_unstable_by(f64::total_cmp);
+        within
+    };
+    let (before, after) = (fits(given), fits(&mirror));
+    let move_by = mirror.position.distance(given.position).max((mirror.size - given.size).abs());
+    let median = |sorted: &[f64]| sorted.get(sorted.len() / 2).copied().unwrap_or(f64::INFINITY);
+    // Where nothing is gained, the person knows better.
+    let is_better = after.len() > before.len() + before.len() / 20 || median(&after) < 0.9 * median(&before);
+    if after.len() < FEWEST_POINTS || after.len() < before.len() || !is_better || move_by > given.size {
+        return Found::given(given.clone());
+    }
+    let (turn, error) =
+        (given.rotation.angle_between(mirror.rotation), 1.5 * median(&after) / (after.len() as f64 / 10.0).sqrt());
+    let reason = format!(
+        "given, and moved by {move_by:.4} and {:.2} degrees so that unfolded points fit: {} of {} do, {} before",
+        turn.to_degrees(),
+        after.len(),
+        seen.len(),
+        before.len()
+    );
+    let reflector = Reflector { place_error: error, angle_error: error / given.size, ..Reflector::exact(mirror) };
+    Found { reflector, reason }
+}
+
+/// How far each point is from a surface when it is unfolded by a mirror.
+pub(crate) fn distances(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Vec<Option<f64>> {
+    let mirrors = unfolding(mirror);
+    seen.iter().map(|(station, point)| Some(map.nearest(unfolded(&mirrors, *station, *point)?)?.distance)).collect()
+}
+
+/// A mirror by which also points beside it are unfolded, as far as its shape goes on there.
+fn unfolding(mirror: &Mirror) -> Mirrors {
+    let size = if matches!(mirror.shape, Shape::Plane { .. }) { mirror.size * (1.0 + LARGER) } else { mirror.size };
+    Mirrors::new(vec![Reflector { is_open: false, ..Reflector::exact(Mirror { size, ..mirror.clone() }) }])
+}
+
+fn unfolded(mirrors: &Mirrors, station: DVec3, point: DVec3) -> Option<DVec3> {
+    mirrors
+        .ways(station, point, 0.0)
+        .into_iter()
+        .find(|way| way.mirrors[0] == 1 && way.mirrors[1] == 0)
+        .map(|way| way.place)
+}
+
+/// One step of Gauss and Newton; `None` if too few points tell where to go, or if it does not get better.
+fn step(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap, scale: f64) -> Option<Mirror> {
+    let count = numbers_of(mirror);
+    let small = 1e-4 * mirror.size;
+    let number = |index: usize, value: f64| {
+        let mut numbers = [0.0; MOST_NUMBERS];
+        numbers[index] = value;
+        unfolding(&changed(mirror, &numbers))
+    };
+    let own = unfolding(mirror);
+    let others: Vec<[Mirrors; 2]> = (0..count).map(|index| [number(index, small), number(index, -small)]).collect();
+    let (mut matrix, mut side, mut told) = ([[0.0; MOST_NUMBERS]; MOST_NUMBERS], [0.0; MOST_NUMBERS], 0);
+    for (station, point) in seen {
+        let Some(fit) = unfolded(&own, *station, *point).and_then(|place| map.nearest(place)) else { continue };
+        let normal = fit.patch.normal.as_dvec3();
+        let slope = |[more, less]: &[Mirrors; 2]| {
+            let ends = [more, less].map(|mirrors| unfolded(mirrors, *station, *point));
+            Some(normal.dot(ends[0]? - ends[1]?) / (2.0 * small))
+        };
+        let mut row = [0.0; MOST_NUMBERS];
+        let slopes: Option<Vec<f64>> = others.iter().map(slope).collect();
+        let Some(slopes) = slopes else { continue };
+        row[..count].copy_from_slice(&slopes);
+        let weight = 1.0 / (1.0 + (fit.distance / scale).powi(2)).powi(2);
+        for a in 0..count {
+            side[a] -= weight * row[a] * fit.distance;
+            for b in 0..count {
+                matrix[a][b] += weight * row[a] * row[b];
+            }
+        }
+        told += 1;
+    }
+    if told < FEWEST_POINTS {
+        return None;
+    }
+    let cost = |mirror: &Mirror| {
+        // What is near no surface costs as much as what is far from one.
+        let loss =
+            |distance: Option<f64>| distance.map_or(1.0, |distance| 1.0 - 1.0 / (1.0 + (distance / scale).powi(2)));
+        distances(mirror, seen, map).into_iter().map(loss).sum::<f64>()
+    };
+    let before = cost(mirror);
+    [1e-3, 1e-1, 10.0].into_iter().find_map(|damping| {
+        let mut damped = matrix;
+        (0..count).for_each(|index| damped[index][index] *= 1.0 + damping);
+        let numbers = solved(damped, side, count)?;
+        let is_small = numbers.iter().all(|number| number.abs() < 0.5 * mirror.size);
+        let next = changed(mirror, &numbers);
+        (is_small && next.size > 0.0 && cost(&next) < before * (1.0 - 1e-6)).then_some(next)
+    })
+}
+
+/// The solution of a system of equations, by elimination with pivots; `None` if it has no single one.
+fn solved(mut matrix: [Row; MOST_NUMBERS], mut side: Row, count: usize) -> Option<Row> {
+    for column in 0..count {
+        let pivot = (column..count).max_by(|a, b| matrix[*a][column].abs().total_cmp(&matrix[*b][column].abs()))?;
+        matrix.swap(column, pivot);
+        side.swap(column, pivot);
+        if matrix[column][column].abs() < 1e-300 {
+            return None;
+        }
+        for row in column + 1..count {
+            let factor = matrix[row][column] / matrix[column][column];
+            (column..count).for_each(|at| matrix[row][at] -= factor * matrix[column][at]);
+            side[row] -= factor * side[column];
+        }
+    }
+    let mut solution = [0.0; MOST_NUMBERS];
+    for row in (0..count).rev() {
+        let known: f64 = (row + 1..count).map(|at| matrix[row][at] * solution[at]).sum();
+        solution[row] = (side[row] - known) / matrix[row][row];
+    }
+    solution.iter().all(|number| number.is_finite()).then_some(solution)
+}

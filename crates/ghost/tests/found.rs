@@ -1,0 +1,100 @@
+//! Mirrors that are found without help, in made scans of which everything is known.
+
+mod made;
+
+use cloud::Progress;
+use ghost::{Found, Mirrors, find};
+use glam::DVec3;
+use made::{HEAD, Made, NOISES, facing, moved, pane, wall_mirror, with_window};
+use scene::solid::Solid;
+use scene::{Mirror, Tripod};
+
+fn found(made: &Made) -> Vec<Found> {
+    find(made, &made.stations, made.extent(), made.count(), &Progress::default()).unwrap().unwrap()
+}
+
+fn mirrors(found: &[Found]) -> Mirrors {
+    Mirrors::new(found.iter().map(|found| found.reflector.clone()).collect())
+}
+
+type Case = (&'static str, Vec<Solid>, Vec<Mirror>);
+
+fn cases() -> Vec<Case> {
+    let room = || Tripod::Room.solids();
+    let tilted = moved(&wall_mirror(), 2.0, DVec3::ZERO);
+    vec![
+        ("plane", room(), vec![wall_mirror()]),
+        ("plane, 2 degrees off its wall", room(), vec![tilted]),
+        ("two facing planes", room(), facing()),
+        ("window, 0.3 reflected", with_window(), vec![pane(0.3)]),
+        ("window, 0.5 reflected", with_window(), vec![pane(0.5)]),
+        ("window, 0.7 reflected", with_window(), vec![pane(0.7)]),
+        ("window, 0.9 reflected", with_window(), vec![pane(0.9)]),
+    ]
+}
+
+/// Run with `--ignored --nocapture` for the tables of docs/ghosts.md.
+#[test]
+#[ignore = "takes minutes: it prints the tables of docs/ghosts.md"]
+fn figures() {
+    println!("{HEAD}");
+    for (name, solids, exact) in cases() {
+        for stations in [1, 2] {
+            for noise in NOISES {
+                let places = Tripod::Four.stations()[..stations].to_vec();
+                let made = Made::of(solids.clone(), exact.clone(), places, noise, 500_000.0);
+                let found = found(&made);
+                println!("{}", made.judge(&made.told(&mirrors(&found)), noise).row(name, stations));
+                for Found { reflector, reason } in &found {
+                    let Mirror { position, rotation, size, .. } = &reflector.mirror;
+                    let normal = *rotation * DVec3::Z;
+                    println!("    at {position:.4}, normal {normal:.5}, size {size:.3}; {reason}");
+                }
+            }
+        }
+    }
+    println!("\n| scan without mirrors | points | mirrors found | points called ghosts, % |\n|---|---|---|---|");
+    for tripod in [Tripod::Room, Tripod::Four, Tripod::Hall40, Tripod::Street, Tripod::Church] {
+        for noise in NOISES {
+            let made = Made::of(tripod.solids(), Vec::new(), tripod.stations(), noise, 500_000.0);
+            let found = found(&made);
+            let figures = made.judge(&made.told(&mirrors(&found)), noise);
+            let share = 100.0 * figures.wrong as f64 / made.count() as f64;
+            println!("| {}, {:.0} mm | {} | {} | {share:.4} |", tripod.name(), noise * 1e3, made.count(), found.len());
+            found.iter().for_each(|found| println!("    {:?} {}", found.reflector.mirror.position, found.reason));
+        }
+    }
+}
+
+#[test]
+fn a_mirror_on_a_wall_is_found_where_it_is() {
+    let made = Made::new(vec![wall_mirror()], 1, 0.002, 400_000.0);
+    let found = found(&made);
+    assert_eq!(found.len(), 1, "{found:?}");
+    let Mirror { position, rotation, .. } = found[0].reflector.mirror;
+    let normal = rotation * DVec3::Z;
+    assert!(normal.dot(DVec3::NEG_Y) > 1.0 - 1e-6, "{normal}");
+    assert!((position - wall_mirror().position).dot(normal).abs() < 0.001, "{position}");
+    let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+    assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
+    assert!(figures.median < 0.004, "{figures:?}");
+}
+
+#[test]
+fn a_window_is_found_by_its_frame() {
+    let made = Made::of(with_window(), vec![pane(0.8)], Tripod::Room.stations(), 0.002, 400_000.0);
+    let found = found(&made);
+    assert_eq!(found.len(), 1, "{found:?}");
+    let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+    assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
+}
+
+#[test]
+fn scans_without_mirrors_have_none() {
+    for tripod in [Tripod::Room, Tripod::Hall40, Tripod::Street, Tripod::Church] {
+        let made = Made::of(tripod.solids(), Vec::new(), tripod.stations(), 0.002, 200_000.0);
+        let found = found(&made);
+        let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+        assert!(figures.wrong as f64 <= 1e-3 * made.count() as f64, "{tripod:?}: {found:?} {figures:?}");
+    }
+}
