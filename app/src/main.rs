@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser as _};
-use commands::{compare, export, index, info, listing, measure, profile, record, render, study, surfaces};
+use commands::{compare, export, ghosts, index, info, listing, measure, profile, record, render, study, surfaces};
 use shared::command_line::{self, Command, CommandLine};
 use system::failure::{self, NoScreen};
 use system::terminal::complain;
@@ -95,6 +95,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Profile(arguments) => profile::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
         Command::Surfaces(arguments) => surfaces::run(&arguments),
+        Command::Ghosts(arguments) => ghosts::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
     }
 }

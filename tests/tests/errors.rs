@@ -106,6 +106,7 @@ fn readers(input: &str) -> Vec<Vec<&str>> {
     commands.push(vec!["surfaces", input]);
     commands.push(vec!["profile", input, "--line", "0,0,0:1,0,0", "--width", "1"]);
     commands.push(vec!["export", input, "-o", "out.laz"]);
+    commands.push(vec!["ghosts", input, "--station", "0,0,0"]);
     commands.push(vec!["view", input]);
     commands
 }
@@ -253,7 +254,7 @@ fn bad_words_are_bad_usage_in_every_command() {
     }
     for command in [
         "info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "profile", "measure", "export",
-        "doctor", "view",
+        "ghosts", "doctor", "view",
     ] {
         assert_failed(&folder.glint([command, "--nonsense"]), 2, &["unexpected argument '--nonsense' found"]);
     }

@@ -3,9 +3,11 @@
 pub mod chosen;
 pub mod compare;
 pub mod export;
+pub mod ghosts;
 pub mod index;
 pub mod info;
 pub mod listing;
+pub mod made_scan;
 pub mod measure;
 pub mod profile;
 pub mod record;

@@ -14,7 +14,7 @@ use study::runner::{self, State};
 use study::{Folder, HoldOut, Plan, Ruler, Scenes, Shard, Subject, stability};
 
 use crate::commands::subject::{self, LoadedSubject};
-use crate::commands::{scans, truth};
+use crate::commands::{made_scan, scans, truth};
 use crate::shared::command_line::{MergeArguments, StudyArguments, StudyCommand, quoted};
 use crate::system::failure::usage;
 use crate::system::interrupt;
@@ -27,8 +27,10 @@ use crate::system::terminal::{complain, print, warn};
 /// Fails on bad usage, on a wrong plan, on scenes that do not exist, on the folder of another study, or without an
 /// adapter.
 pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
-    if let Some(StudyCommand::Merge(arguments)) = &arguments.merge {
-        return merge(arguments);
+    match &arguments.command {
+        Some(StudyCommand::Merge(arguments)) => return merge(arguments),
+        Some(StudyCommand::Scan(arguments)) => return made_scan::run(arguments),
+        None => {}
     }
     if arguments.list {
         return list();

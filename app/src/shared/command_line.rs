@@ -11,6 +11,7 @@ use glam::DVec3;
 use scene::{CameraPath, Preset};
 use study::Target;
 
+use crate::shared::ghost_arguments::{GhostsArguments, ScanArguments};
 use crate::system::film::Codec;
 use crate::system::terminal::escaped;
 
@@ -64,6 +65,8 @@ pub enum Command {
     Measure(MeasureArguments),
     /// Measure how far the points of a cloud are from another cloud
     Compare(CompareArguments),
+    /// Find points that a scanner saw in mirrors and panes, and put them back
+    Ghosts(GhostsArguments),
     /// Tell which adapter and display will be used, and why
     Doctor(DoctorArguments),
 }
@@ -259,7 +262,7 @@ pub struct IndexArguments {
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct StudyArguments {
     #[command(subcommand)]
-    pub merge: Option<StudyCommand>,
+    pub command: Option<StudyCommand>,
     /// Plan file (`.toml`), or the name of a built-in plan
     #[arg(value_name = "PLAN.toml|NAME", required_unless_present = "list")]
     pub plan: Option<OsString>,
@@ -295,6 +298,8 @@ pub struct StudyArguments {
 pub enum StudyCommand {
     /// Join the results of shards
     Merge(MergeArguments),
+    /// Make a scan with mirrors and panes, in which everything is known of each point
+    Scan(ScanArguments),
 }
 
 #[derive(Debug, Args)]
@@ -495,7 +500,7 @@ fn parse_error(text: &str) -> Result<Target, String> {
     }
 }
 
-fn parse_place(text: &str) -> Result<DVec3, String> {
+pub fn parse_place(text: &str) -> Result<DVec3, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     let place = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok()).map(DVec3::from);
     place.filter(|place| place.is_finite()).ok_or_else(|| "expected X,Y,Z, as in 1.5,-2,0.75".into())
@@ -522,7 +527,7 @@ fn parse_preset(name: &str) -> Result<&'static Preset, String> {
     Preset::named(name)
 }
 
-fn parse_pair(text: &str) -> Result<(String, String), String> {
+pub fn parse_pair(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
         _ => Err("expected NAME=VALUE".into()),

@@ -3,7 +3,9 @@
 pub mod command_line;
 pub mod comparing;
 pub mod export;
+pub mod ghost_arguments;
 pub mod measuring;
+pub mod moved_points;
 pub mod numbers;
 pub mod profile_chart;
 pub mod profiles;
