@@ -15,8 +15,9 @@ size = 0.9
 fn scanned(output: &str, further: &[&str]) -> Folder {
     let folder = Folder::new();
     folder.write("mirror.toml", MIRROR);
-    let scan = ["study", "scan", "tripod/room", "--scene", "mirror.toml", "--rays", "120000", "-o", output, "--json"];
-    let outcome = folder.glint(scan.iter().chain(further));
+    let scan = ["study", "scan", "tripod/room", "--scene", "mirror.toml", "-o", output, "--json"];
+    let rays: &[&str] = if further.contains(&"--rays") { &[] } else { &["--rays", "120000"] };
+    let outcome = folder.glint(scan.iter().chain(rays).chain(further));
     assert_eq!(outcome.status, Some(0), "{outcome}");
     let report = outcome.json();
     assert!(report["ghosts"].as_u64() > Some(500) && report["points"].as_u64() > Some(100_000), "{report}");
@@ -90,6 +91,19 @@ fn stations_come_from_the_file_where_it_has_them() {
     assert!(report["ghosts"].as_u64() > Some(500), "{report}");
     let info = folder.glint(["info", "told.e57", "--json"]).json();
     assert!(info.to_string().contains("ghost_mirror"), "{info}");
+}
+
+#[test]
+fn a_mirror_that_nobody_names_is_found_and_a_reason_is_given() {
+    let folder = scanned("scan.laz", &["--rays", "400000"]);
+    let outcome = folder.glint(["ghosts", "scan.laz", "--station", "2.9,2.6,1.55", "--json"]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let report = outcome.json();
+    let mirrors = report["mirrors"].as_array().unwrap();
+    assert!(mirrors.len() == 1 && mirrors[0]["kind"] == "plane", "{report}");
+    let height = mirrors[0]["parameters"]["position"][1].as_f64().unwrap();
+    assert!((height - 5.96).abs() < 0.002, "{report}");
+    assert!(mirrors[0]["reason"].as_str().unwrap().starts_with("found: "), "{report}");
 }
 
 #[test]

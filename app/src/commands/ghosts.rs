@@ -50,9 +50,6 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
     if sources.is_empty() {
         return Ok(status);
     }
-    if given.is_empty() {
-        return Err(usage("no mirrors; name a scene file that has some with --scene FILE.toml"));
-    }
     let (stations, of_file) = stations(&sources, &arguments.station)?;
     let total: u64 = sources.iter().map(|source| source.info().points).sum();
     let progress = Progress::default();
@@ -142,9 +139,12 @@ impl Points for Files<'_> {
 
 /// The mirrors, given or found, and what is told of the points.
 fn tell(files: &Files<'_>, stations: &[DVec3], given: &[Mirror], total: u64) -> anyhow::Result<(Vec<Found>, Told)> {
-    files.progress.set_total(4 * total);
+    files.progress.set_total(if given.is_empty() { 5 } else { 4 } * total);
     let extent = Extent::of(files, total)?.ok_or_else(|| usage("no points to tell ghosts among"))?;
-    let found: Vec<Found> = given.iter().cloned().map(Found::given).collect();
+    let found = match given {
+        [] => ghost::find(files, stations, extent, total, files.progress)?.ok_or(stream::Error::Cancelled)?,
+        given => given.iter().cloned().map(Found::given).collect(),
+    };
     let reflectors: Vec<Reflector> = found.iter().map(|found| found.reflector.clone()).collect();
     let mirrors = Mirrors::new(reflectors);
     let told = ghost::tell(files, stations, &mirrors, extent, 0.0, files.progress)?;

@@ -5,7 +5,7 @@ mod made;
 use cloud::Progress;
 use ghost::{Found, Mirrors, find};
 use glam::DVec3;
-use made::{HEAD, Made, NOISES, facing, moved, pane, wall_mirror, with_window};
+use made::{HEAD, Made, NOISES, facing, moved, pane, sphere, wall_mirror, with_window};
 use scene::solid::Solid;
 use scene::{Mirror, Tripod};
 
@@ -76,6 +76,7 @@ fn a_mirror_on_a_wall_is_found_where_it_is() {
     assert!(normal.dot(DVec3::NEG_Y) > 1.0 - 1e-6, "{normal}");
     assert!((position - wall_mirror().position).dot(normal).abs() < 0.001, "{position}");
     let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+    println!("{}", figures.row("plane, found", 1));
     assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
     assert!(figures.median < 0.004, "{figures:?}");
 }
@@ -86,6 +87,19 @@ fn a_window_is_found_by_its_frame() {
     let found = found(&made);
     assert_eq!(found.len(), 1, "{found:?}");
     let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+    println!("{}", figures.row("window, 0.8 reflected, found", 1));
+    assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
+}
+
+#[test]
+fn a_ball_is_found_by_its_outline() {
+    let made = Made::new(vec![sphere()], 1, 0.002, 400_000.0);
+    let found = found(&made);
+    assert_eq!(found.len(), 1, "{found:?}");
+    let Mirror { position, size, .. } = found[0].reflector.mirror;
+    assert!(position.distance(sphere().position) < 0.01 && (size - 0.4).abs() < 0.005, "{position} {size}");
+    let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+    println!("{}", figures.row("sphere, found", 1));
     assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
 }
 
