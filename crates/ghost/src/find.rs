@@ -416,7 +416,7 @@ impl Search<'_> {
         let refined = |(ball, seen): &(Mirror, Vec<Seen>)| {
             let step = seen.len().div_ceil(BALL_POINTS);
             let some: Vec<Seen> = seen.iter().copied().step_by(step).collect();
-            let mirror = moved(ball, &some, &self.map).reflector.mirror;
+            let mirror = moved(ball, &some, &self.map);
             let fits = distances(&mirror, seen, &self.map).into_iter().flatten().map(f64::abs);
             let mut fits: Vec<f64> = fits.filter(|distance| *distance < near).collect();
             fits.sort_unstable_by(f64::total_cmp);

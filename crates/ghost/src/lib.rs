@@ -17,5 +17,4 @@ mod unfold;
 pub use evidence::{Block, Extent, Kind, Points, Suspect, Told, tell};
 pub use find::find;
 pub use found::Found;
-pub use refine::refine;
 pub use unfold::{Mirrors, Reflector, ScannerError, Way};

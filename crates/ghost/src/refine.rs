@@ -1,31 +1,23 @@
 //! Moves mirrors that are roughly known to where unfolded points fit the surfaces of the scan.
 //!
-//! A person who places a mirror is off by centimetres and degrees; points unfolded by it are off by more. The distances of
-//! unfolded points from surfaces tell how to move it (Gauss and Newton with damping, after Levenberg and Marquardt; weights
-//! fall with the distance, on a scale that shrinks from round to round).
+//! A suggested mirror is off by centimetres and degrees; points unfolded by it are off by more. The distances of unfolded
+//! points from surfaces tell how to move it (Gauss and Newton with damping, after Levenberg and Marquardt; weights fall with
+//! the distance, on a scale that shrinks from round to round).
 
-use std::sync::{Mutex, PoisonError};
-
-use cloud::{Progress, hash};
 use glam::{DQuat, DVec3};
 use scene::{Mirror, Shape};
 
-use crate::evidence::{Extent, Points};
-use crate::found::Found;
-use crate::surface_map::{MapBuilder, SurfaceMap};
+use crate::surface_map::SurfaceMap;
 use crate::unfold::{Mirrors, Reflector};
 
 /// The most numbers by which a mirror is moved.
 const MOST_NUMBERS: usize = 7;
-/// The points by which a mirror is moved at most, and at least.
-const MOST_POINTS: usize = 4000;
+/// The points by which a mirror is moved at least.
 const FEWEST_POINTS: usize = 60;
 /// Points are unfolded by a mirror that is larger than the one that is known, in shares of its size.
 const LARGER: f64 = 1.0;
 /// The scales of distances from round to round, in edges of the map's finest cells.
 const SCALES: [f64; 6] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.2];
-/// The grids of the map; the widest one reaches eight of its finest edges to both sides of a surface.
-const LEVELS: usize = 5;
 
 type Row = [f64; MOST_NUMBERS];
 
@@ -62,70 +54,9 @@ fn numbers_of(mirror: &Mirror) -> usize {
 /// The station that may have seen a point, and the point.
 pub(crate) type Seen = (DVec3, DVec3);
 
-/// Moves given mirrors. A mirror that no or few points speak for stays where it is. `None` when cancelled.
-///
-/// # Errors
-/// The points cannot be read.
-pub fn refine<P: Points>(
-    points: &P,
-    stations: &[DVec3],
-    given: &[Mirror],
-    extent: Extent,
-    progress: &Progress,
-) -> Result<Option<Vec<Found>>, P::Error> {
-    let mirrors = Mirrors::new(given.iter().cloned().map(Reflector::exact).collect());
-    let margin = 0.3 * extent.edge;
-    let builder = MapBuilder::new(extent.origin, extent.edge).with_levels(LEVELS);
-    type Picked = Vec<(u64, Seen)>;
-    let picked: Vec<Mutex<Picked>> = given.iter().map(|_| Mutex::default()).collect();
-    points.read(&|block| {
-        let own = block.station.map_or(0..stations.len(), |station| station..station + 1);
-        let mut plain = Vec::new();
-        let mut seen: Vec<Picked> = vec![Vec::new(); given.len()];
-        for (index, place) in block.places.iter().enumerate().filter(|(_, place)| place.is_finite()) {
-            let mut is_plain = true;
-            for station in own.clone() {
-                for way in mirrors.ways(stations[station], *place, margin) {
-                    if let (Some(first), 0) = (way.first(), way.mirrors[1]) {
-                        let draw = hash(hash(block.file as u64) ^ (block.first_point + index as u64));
-                        seen[first].push((draw, (stations[station], *place)));
-                    }
-                    is_plain &= way.is_straight();
-                }
-            }
-            plain.extend(is_plain.then_some(*place));
-        }
-        builder.add(plain.into_iter());
-        for (all, mut own) in picked.iter().zip(seen) {
-            let mut all = all.lock().unwrap_or_else(PoisonError::into_inner);
-            all.append(&mut own);
-            // The least numbers that were drawn are a sample that does not depend on the order of blocks.
-            if all.len() > 4 * MOST_POINTS {
-                keep_least(&mut all);
-            }
-        }
-    })?;
-    if progress.is_cancelled() {
-        return Ok(None);
-    }
-    let map = builder.finish();
-    let found = given.iter().zip(picked).map(|(mirror, picked)| {
-        let mut picked = picked.into_inner().unwrap_or_else(PoisonError::into_inner);
-        keep_least(&mut picked);
-        let seen: Vec<Seen> = picked.into_iter().map(|(_, seen)| seen).collect();
-        moved(mirror, &seen, &map)
-    });
-    Ok(Some(found.collect()))
-}
-
-fn keep_least<T>(picked: &mut Vec<(u64, T)>) {
-    picked.sort_unstable_by_key(|(draw, _)| *draw);
-    picked.truncate(MOST_POINTS);
-}
-
 /// A mirror where points fit best.
-pub(crate) fn moved(given: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Found {
-    let (edge, near) = (map.edge(), (5.0 * map.noise()).max(0.2 * map.edge()));
+pub(crate) fn moved(given: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Mirror {
+    let edge = map.edge();
     let mut mirror = given.clone();
     for scale in SCALES {
         for _ in 0..6 {
@@ -135,31 +66,7 @@ pub(crate) fn moved(given: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Found {
             }
         }
     }
-    let fits = |mirror: &Mirror| {
-        let within = distances(mirror, seen, map).into_iter().flatten().map(f64::abs);
-        let mut within: Vec<f64> = within.filter(|distance| *distance < near).collect();
-        within.sort_unstable_by(f64::total_cmp);
-        within
-    };
-    let (before, after) = (fits(given), fits(&mirror));
-    let move_by = mirror.position.distance(given.position).max((mirror.size - given.size).abs());
-    let median = |sorted: &[f64]| sorted.get(sorted.len() / 2).copied().unwrap_or(f64::INFINITY);
-    // Where nothing is gained, the person knows better.
-    let is_better = after.len() > before.len() + before.len() / 20 || median(&after) < 0.9 * median(&before);
-    if after.len() < FEWEST_POINTS || after.len() < before.len() || !is_better || move_by > given.size {
-        return Found::given(given.clone());
-    }
-    let (turn, error) =
-        (given.rotation.angle_between(mirror.rotation), 1.5 * median(&after) / (after.len() as f64 / 10.0).sqrt());
-    let reason = format!(
-        "given, and moved by {move_by:.4} and {:.2} degrees so that unfolded points fit: {} of {} do, {} before",
-        turn.to_degrees(),
-        after.len(),
-        seen.len(),
-        before.len()
-    );
-    let reflector = Reflector { place_error: error, angle_error: error / given.size, ..Reflector::exact(mirror) };
-    Found { reflector, reason }
+    mirror
 }
 
 /// How far each point is from a surface when it is unfolded by a mirror.
