@@ -26,9 +26,9 @@ fn scanned(output: &str, further: &[&str]) -> Folder {
 
 /// The columns of a table.
 fn table(folder: &Folder, name: &str) -> (Vec<String>, Vec<Vec<f64>>) {
-    let text = std::fs::read_to_string(folder.path(name)).unwrap();
+    let text = std::fs::read_to_string(folder.path(name)).expect("the table");
     let mut lines = text.lines();
-    let names = lines.next().unwrap().split(',').map(str::to_owned).collect();
+    let names = lines.next().expect("names of columns").split(',').map(str::to_owned).collect();
     (names, lines.map(|line| line.split(',').map(|word| word.parse().unwrap_or(f64::NAN)).collect()).collect())
 }
 

@@ -426,7 +426,7 @@ impl Search<'_> {
         };
         let suggested = suggested(self.stations[station], &points, &self.map);
         let mut tried: Vec<_> = suggested.par_iter().take(BALLS).filter_map(refined).collect();
-        tried.sort_by(|a, b| b.2.cmp(&a.2));
+        tried.sort_by_key(|(_, _, count, _)| std::cmp::Reverse(*count));
         let mut found: Vec<(Found, usize)> = Vec::new();
         for (share, residual, count, mirror) in tried {
             let is_known = |(known, _): &(Found, usize)| {

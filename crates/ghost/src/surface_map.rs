@@ -360,7 +360,7 @@ mod tests {
         let point = |index: u64| {
             let across = (number(index, 3) + number(index, 4) + number(index, 5) - 1.5) * 2.0 * noise;
             let (u, v) = (4.0 * number(index, 1), 3.0 * number(index, 2));
-            if index % 2 == 0 { DVec3::new(u, v, across) } else { DVec3::new(4.0 + across, v, u) }
+            if index.is_multiple_of(2) { DVec3::new(u, v, across) } else { DVec3::new(4.0 + across, v, u) }
         };
         (0..60_000).map(point).map(|point| point + DVec3::new(5e5, 5e6, 0.0)).collect()
     }

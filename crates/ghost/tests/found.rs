@@ -10,7 +10,9 @@ use scene::solid::Solid;
 use scene::{Mirror, Tripod};
 
 fn found(made: &Made) -> Vec<Found> {
-    find(made, &made.stations, made.extent(), made.count(), &Progress::default()).unwrap().unwrap()
+    find(made, &made.stations, made.extent(), made.count(), &Progress::default())
+        .expect("no error")
+        .expect("points, and nobody cancels")
 }
 
 fn mirrors(found: &[Found]) -> Mirrors {

@@ -104,7 +104,7 @@ impl Made {
     }
 
     pub fn extent(&self) -> Extent {
-        Extent::of(self, self.count()).unwrap().unwrap()
+        Extent::of(self, self.count()).expect("no error").expect("points, and nobody cancels")
     }
 
     pub fn exact_mirrors(&self) -> Mirrors {
@@ -112,7 +112,9 @@ impl Made {
     }
 
     pub fn told(&self, mirrors: &Mirrors) -> Told {
-        tell(self, &self.stations, mirrors, self.extent(), 0.0, &Progress::default()).unwrap().unwrap()
+        tell(self, &self.stations, mirrors, self.extent(), 0.0, &Progress::default())
+            .expect("no error")
+            .expect("points, and nobody cancels")
     }
 
     /// Judges what was told of the points that are of one surface.
