@@ -12,6 +12,7 @@ use scene::{CameraPath, Preset};
 use study::Target;
 
 use crate::shared::ghost_arguments::{GhostsArguments, ScanArguments};
+use crate::shared::numbers::parse_place;
 use crate::system::film::Codec;
 use crate::system::terminal::escaped;
 
@@ -498,12 +499,6 @@ fn parse_error(text: &str) -> Result<Target, String> {
         Ok(target @ (Target::Pixels(_) | Target::DeltaE(_))) => Ok(target),
         _ => Err("expected an error above 0, as in 1px or 2dE".into()),
     }
-}
-
-pub fn parse_place(text: &str) -> Result<DVec3, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
-    let place = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok()).map(DVec3::from);
-    place.filter(|place| place.is_finite()).ok_or_else(|| "expected X,Y,Z, as in 1.5,-2,0.75".into())
 }
 
 fn parse_line(text: &str) -> Result<Line, String> {

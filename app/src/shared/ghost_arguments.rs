@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use clap::Args;
 use glam::DVec3;
 
-use crate::shared::command_line::{parse_pair, parse_place};
+use crate::shared::command_line::parse_pair;
+use crate::shared::numbers::parse_place;
 
 #[derive(Debug, Args)]
 pub struct GhostsArguments {

@@ -1,5 +1,7 @@
 //! Numbers as text, for people.
 
+use glam::DVec3;
+
 /// Groups the digits of a number: `1234567` becomes `1,234,567`.
 pub fn grouped(number: u64) -> String {
     let digits = number.to_string();
@@ -18,4 +20,11 @@ pub fn two_digits(value: f64) -> String {
 pub fn coordinate(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     if decimals == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
+}
+
+/// Reads a place, `X,Y,Z`.
+pub fn parse_place(text: &str) -> Result<DVec3, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let place = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok()).map(DVec3::from);
+    place.filter(|place| place.is_finite()).ok_or_else(|| "expected X,Y,Z, as in 1.5,-2,0.75".into())
 }
