@@ -4,6 +4,7 @@ pub mod command_line;
 pub mod comparing;
 pub mod export;
 pub mod ghost_arguments;
+pub mod ghosts;
 pub mod measuring;
 pub mod moved_points;
 pub mod numbers;

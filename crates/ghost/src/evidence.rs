@@ -7,13 +7,15 @@
 //! from which the point's own evidence starts. Memory is that of the map, of the neighbourhoods and of the suspects.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use cloud::{Progress, hash};
 use glam::DVec3;
+use trace::scan::MOST_MEETINGS;
 
 use crate::range_image::{RangeImage, Sight};
+use crate::strength::{Compared, Return, ShareFit, Strengths, StrengthsBuilder};
 use crate::surface_map::{ByKey, Fit, MapBuilder, SurfaceMap, key_of};
 use crate::unfold::{Mirrors, ScannerError, Way};
 
@@ -26,6 +28,19 @@ pub struct Block {
     pub station: Option<usize>,
     /// Points that are hidden or not finite are NaN.
     pub places: Vec<DVec3>,
+    /// What the scanner noted of the strength of each return, in any unit; empty if it is not known.
+    pub intensities: Vec<f32>,
+}
+
+impl Block {
+    fn intensity(&self, index: usize) -> Option<f32> {
+        self.intensities.get(index).copied()
+    }
+
+    /// The station, where it is known.
+    fn only_station(&self, stations: usize) -> Option<usize> {
+        self.station.or((stations == 1).then_some(0))
+    }
 }
 
 /// Points that can be read again and again.
@@ -65,8 +80,8 @@ pub struct Suspect {
     /// Its index among the points of its block.
     pub index: u32,
     pub kind: Kind,
-    /// The number of the mirror, from 1.
-    pub mirror: u8,
+    /// The numbers, from 1, of the mirrors on its way, in its order; 0 after the last, and for a real point.
+    pub mirrors: [u8; MOST_MEETINGS],
     /// How probable it is that the point is a ghost.
     pub probability: f32,
     /// Where it is if it is a ghost.
@@ -75,6 +90,13 @@ pub struct Suspect {
     pub error: f32,
     /// How far `place` is from a surface, if one is near.
     pub distance: Option<f32>,
+}
+
+impl Suspect {
+    /// The number, from 1, of the mirror that it was seen in first.
+    pub fn mirror(&self) -> u8 {
+        self.mirrors[0]
+    }
 }
 
 /// What is known of all points.
@@ -90,9 +112,20 @@ impl Told {
         self.suspects.values().flatten().filter(|suspect| suspect.kind == kind).count() as u64
     }
 
+    /// What is told if only these mirrors are: all other suspects are real.
+    pub fn of_mirrors(&self, is_one: impl Fn(usize) -> bool) -> Self {
+        let is_kept = |suspect: &&Suspect| {
+            let met = suspect.mirrors.iter().filter_map(|mirror| usize::from(*mirror).checked_sub(1));
+            suspect.kind != Kind::Real && met.into_iter().all(&is_one)
+        };
+        let kept = |suspects: &Vec<Suspect>| suspects.iter().filter(is_kept).copied().collect();
+        let suspects = self.suspects.iter().map(|(place, suspects)| (*place, kept(suspects))).collect();
+        Self { suspects, noise: self.noise }
+    }
+
     /// The number of ghosts of a mirror, and the median distance of their unfolded places from surfaces.
     pub fn of_mirror(&self, mirror: usize) -> (u64, Option<f64>) {
-        let is_own = |suspect: &&Suspect| suspect.kind == Kind::Ghost && usize::from(suspect.mirror) == mirror + 1;
+        let is_own = |suspect: &&Suspect| suspect.kind == Kind::Ghost && usize::from(suspect.mirror()) == mirror + 1;
         let own = || self.suspects.values().flatten().filter(is_own);
         let mut distances: Vec<f32> = own().filter_map(|suspect| suspect.distance).collect();
         let middle = distances.len() / 2;
@@ -114,7 +147,7 @@ const IS_HIDDEN: f64 = -3.0;
 /// The same where the point lies on a surface of points that are beyond suspicion.
 const ON_KNOWN: f64 = 1.4;
 /// Points are ghosts from this probability on, and real up to the other one.
-const GHOST_FROM: f64 = 0.8;
+pub const GHOST_FROM: f64 = 0.8;
 const REAL_TO: f64 = 0.2;
 /// A sightline ends at a mirror that it meets less than this share of the map's edge before the point.
 const MARGIN: f64 = 0.3;
@@ -130,6 +163,11 @@ const SLOPE: f64 = 0.5;
 /// As many points as the share of ghosts before any evidence counts for.
 const PRIOR_POINTS: f64 = 2.0;
 
+/// One of so many suspects tells what share of light a pane reflects.
+const OF_SUSPECTS: u64 = 8;
+/// From this logarithm on, the strength of a return tells a ghost from a real point.
+const TELLING: f64 = 0.7;
+
 /// What speaks for a point being a ghost.
 struct Weight {
     /// The logarithm of the likelihood as a ghost over that as a real point; infinite where it cannot be real.
@@ -141,6 +179,10 @@ struct Weight {
     /// Whether the unfolded place tells a ghost from a real point. A floor before a mirror and the floor behind it are mirror
     /// images of each other, so points on it fit in any case.
     is_telling: bool,
+    /// Whether the point lies on the surface that goes on from where it is unfolded.
+    is_image: bool,
+    /// The strength of the return beside those of the surfaces that it may be of.
+    strength: Option<Compared>,
 }
 
 /// Everything by which points are weighed.
@@ -151,6 +193,9 @@ struct Scales<'a> {
     images: Vec<RangeImage>,
     margin: f64,
     scanner: ScannerError,
+    /// What is known of the strength of returns, and the shares that panes reflect.
+    strengths: Option<Strengths>,
+    reflected: ByKey<f64>,
 }
 
 /// The number of points by the logarithm of their likelihoods.
@@ -181,7 +226,11 @@ pub fn tell<P: Points>(
     };
     let images: Vec<RangeImage> = stations.iter().map(|station| RangeImage::new(*station)).collect();
     let builder = MapBuilder::new(extent.origin, extent.edge);
+    let has_strengths = AtomicBool::new(false);
     points.read(&|block| {
+        if block.intensities.iter().any(|noted| *noted > 0.0) {
+            has_strengths.store(true, Ordering::Relaxed);
+        }
         let is_plain = |place: &DVec3| place.is_finite() && !is_suspect(block, *place);
         let plain: Vec<DVec3> = block.places.iter().copied().filter(is_plain).collect();
         builder.add(plain.iter().copied());
@@ -194,13 +243,19 @@ pub fn tell<P: Points>(
     }
     let map = builder.finish();
     let scanner = ScannerError { range: map.range_noise(stations), angle: angle_error };
-    let scales = Scales { stations, mirrors, map, images, margin, scanner };
+    let (strengths, reflected) = (None, ByKey::default());
+    let mut scales = Scales { stations, mirrors, map, images, margin, scanner, strengths, reflected };
+    // Behind an opaque mirror all points are ghosts.
+    if has_strengths.into_inner() && mirrors.reflectors().iter().any(|reflector| reflector.is_open) {
+        scales.strengths = scales.learnt(points, is_suspect)?;
+        scales.reflected = scales.shares(points)?;
+    }
     let shards: Vec<Mutex<ByKey<Neighbourhood>>> = (0..64).map(|_| Mutex::default()).collect();
     let shard = |key: u64| shards[(hash(key) % 64) as usize].lock().unwrap_or_else(PoisonError::into_inner);
     points.read(&|block| {
         let mut found: ByKey<Neighbourhood> = ByKey::default();
-        for place in &block.places {
-            let Some(weight) = scales.weigh(*place, block.station) else { continue };
+        for (index, place) in block.places.iter().enumerate() {
+            let Some(weight) = scales.weigh(*place, block.station, block.intensity(index)) else { continue };
             if weight.log_ratio.is_finite() {
                 let bin = bin_of(weight.log_ratio);
                 let all = of_mirrors(&weight);
@@ -237,7 +292,7 @@ pub fn tell<P: Points>(
     let suspects = Mutex::new(BTreeMap::new());
     points.read(&|block| {
         let suspect = |(index, place): (usize, &DVec3)| {
-            let weight = scales.weigh(*place, block.station)?;
+            let weight = scales.weigh(*place, block.station, block.intensity(index))?;
             let share = shares.get(&scales.neighbourhood(*place, &weight)).copied().unwrap_or(0.5);
             Some(suspect_of(index, &weight, share))
         };
@@ -262,7 +317,7 @@ fn suspect_of(index: usize, weight: &Weight, share: f64) -> Suspect {
     Suspect {
         index: index as u32,
         kind,
-        mirror: if kind == Kind::Real { 0 } else { weight.way.mirrors[0] },
+        mirrors: if kind == Kind::Real { Default::default() } else { weight.way.mirrors },
         probability: probability as f32,
         place: weight.way.place,
         error: (1.96 * weight.error) as f32,
@@ -272,7 +327,7 @@ fn suspect_of(index: usize, weight: &Weight, share: f64) -> Suspect {
 
 impl Scales<'_> {
     /// Weighs a point; `None` if it cannot be a ghost. `own` is the station that saw it, if that is known.
-    fn weigh(&self, place: DVec3, own: Option<usize>) -> Option<Weight> {
+    fn weigh(&self, place: DVec3, own: Option<usize>, noted: Option<f32>) -> Option<Weight> {
         if !place.is_finite() {
             return None;
         }
@@ -286,7 +341,7 @@ impl Scales<'_> {
                 real = Some(real.map_or(seen, |known: f64| known.max(seen)));
             }
             for way in ways.into_iter().filter(|way| !way.is_straight()) {
-                let weight = self.weigh_way(station, place, way);
+                let weight = self.weigh_way(station, place, way, noted);
                 if ghost.as_ref().is_none_or(|known| weight.log_ratio > known.log_ratio) {
                     ghost = Some(weight);
                 }
@@ -295,12 +350,57 @@ impl Scales<'_> {
         let mut ghost = ghost?;
         ghost.log_ratio = match real {
             None => f64::INFINITY,
+            // Of mirror images of each other, a surface is there whatever the point is.
+            Some(seen) if ghost.is_image && ghost.strength.is_some() => {
+                ghost.log_ratio - seen - self.seen_by_others(place, own).min(0.0)
+            }
             Some(seen) => ghost.log_ratio - seen - self.known_at(place) - self.seen_by_others(place, own),
         };
         Some(ghost)
     }
 
-    fn weigh_way(&self, station: usize, point: DVec3, way: Way) -> Weight {
+    /// Learns from points that were seen directly how strong the returns of their surfaces are.
+    fn learnt<P: Points>(
+        &self,
+        points: &P,
+        is_suspect: impl Fn(&Block, DVec3) -> bool + Sync,
+    ) -> Result<Option<Strengths>, P::Error> {
+        let builder = StrengthsBuilder::default();
+        points.read(&|block| {
+            let Some(station) = block.only_station(self.stations.len()) else { return };
+            let one = |(index, place): (usize, &DVec3)| {
+                let noted = block.intensity(index).filter(|_| place.is_finite() && !is_suspect(block, *place))?;
+                let fit = self.map.nearest(*place).filter(|fit| self.is_on(fit))?;
+                let way = *place - self.stations[station];
+                Some((fit, Return::new(noted, way.length(), cosine(&fit, way.normalize()))?))
+            };
+            builder.add(block.places.iter().enumerate().filter_map(one));
+        })?;
+        Ok(builder.finish())
+    }
+
+    /// The shares of light that the mirrors of ways reflect where points are seen through them, too.
+    fn shares<P: Points>(&self, points: &P) -> Result<ByKey<f64>, P::Error> {
+        let all: Mutex<ByKey<ShareFit>> = Mutex::default();
+        points.read(&|block| {
+            let mut own: ByKey<ShareFit> = ByKey::default();
+            for (index, place) in block.places.iter().enumerate() {
+                if !hash(block.first_point + index as u64).is_multiple_of(OF_SUSPECTS) {
+                    continue;
+                }
+                let Some(weight) = self.weigh(*place, block.station, block.intensity(index)) else { continue };
+                if let Some(compared) = weight.strength.filter(|_| weight.log_ratio.is_finite()) {
+                    own.entry(of_mirrors(&weight)).or_default().add(&compared, weight.log_ratio);
+                }
+            }
+            let mut all = all.lock().unwrap_or_else(PoisonError::into_inner);
+            own.iter().for_each(|(key, fit)| all.entry(*key).or_default().join(fit));
+        })?;
+        let all = all.into_inner().unwrap_or_else(PoisonError::into_inner);
+        Ok(all.into_iter().map(|(key, fit)| (key, fit.best())).collect())
+    }
+
+    fn weigh_way(&self, station: usize, point: DVec3, way: Way, noted: Option<f32>) -> Weight {
         let error = self.mirrors.error(self.stations[station], point, &way, self.scanner);
         let fit = self.map.nearest(way.place);
         let is_telling = !fit.is_some_and(|fit| {
@@ -318,7 +418,27 @@ impl Scales<'_> {
                 ((ON_SURFACE * density * width + 1.0 - ON_SURFACE) * NEAR_GHOST / NEAR_OTHER).ln()
             }
         };
-        Weight { log_ratio, station, way, error, fit, is_telling }
+        let is_image = !is_telling;
+        let mut weight = Weight { log_ratio, station, way, error, fit, is_telling, is_image, strength: None };
+        if let (Some(strengths), Some(noted)) = (&self.strengths, noted) {
+            let sight = point - self.stations[station];
+            let ghost = fit.filter(|fit| self.is_on(fit)).map(|fit| (fit, cosine(&fit, way.arrival)));
+            let real = self.map.nearest(point).filter(|fit| self.is_on(fit));
+            let real = real.map(|fit| (fit, cosine(&fit, sight.normalize())));
+            weight.strength = strengths.compared(noted, sight.length(), ghost, real);
+            let reflected = self.reflected.get(&of_mirrors(&weight));
+            if let (Some(compared), Some(reflected)) = (weight.strength, reflected) {
+                let ratio = compared.log_ratio(*reflected);
+                weight.log_ratio += ratio;
+                weight.is_telling |= ratio.abs() > TELLING;
+            }
+        }
+        weight
+    }
+
+    /// Whether a point is on the surface that it is nearest to.
+    fn is_on(&self, fit: &Fit) -> bool {
+        fit.distance.abs() < 3.0 * self.scanner.range.hypot(f64::from(fit.patch.thickness))
     }
 
     fn sight(&self, station: usize, place: DVec3) -> Sight {
@@ -350,8 +470,7 @@ impl Scales<'_> {
 
     /// The same by the surfaces where the point was written down.
     fn known_at(&self, place: DVec3) -> f64 {
-        let is_on = |fit: Fit| fit.distance.abs() < 3.0 * self.scanner.range.hypot(f64::from(fit.patch.thickness));
-        if self.map.nearest(place).is_some_and(is_on) { ON_KNOWN } else { 0.0 }
+        if self.map.nearest(place).is_some_and(|fit| self.is_on(&fit)) { ON_KNOWN } else { 0.0 }
     }
 
     /// The key of the points about one that the same station saw by way of the same mirrors.
@@ -359,6 +478,11 @@ impl Scales<'_> {
         let cell = (place / (NEIGHBOURHOOD * self.map.edge())).floor().as_i64vec3();
         hash(key_of(cell).unwrap_or(u64::MAX) ^ of_mirrors(weight))
     }
+}
+
+/// The cosine of the angle at which a beam meets a surface.
+fn cosine(fit: &Fit, direction: DVec3) -> f64 {
+    fit.patch.normal.as_dvec3().dot(direction).abs()
 }
 
 /// The key of all points that the same station saw by way of the same mirrors.

@@ -1,6 +1,7 @@
 //! Mirrors, and why they are taken to be mirrors.
 
-use scene::Mirror;
+use glam::DVec3;
+use scene::{Mirror, Shape};
 
 use crate::unfold::Reflector;
 
@@ -17,5 +18,42 @@ impl Found {
     pub fn given(mirror: Mirror) -> Self {
         let reason = if mirror.refraction.is_some() { "a pane that was given" } else { "a mirror that was given" };
         Self { reflector: Reflector::exact(mirror), reason: reason.to_owned() }
+    }
+
+    /// Whether another mirror is this one, as far as the parts of both that a scanner saw tell.
+    pub fn is_at(&self, other: &Self) -> bool {
+        let [one, two] = [&self.reflector.mirror, &other.reflector.mirror];
+        let (apart, size) = (two.position - one.position, one.size.max(two.size));
+        if one.shape.name() != two.shape.name() || apart.length() > size {
+            return false;
+        }
+        let [normal, other_normal] = [one, two].map(|mirror| mirror.rotation * DVec3::Z);
+        let is_plane = matches!(one.shape, Shape::Plane { .. });
+        !is_plane || (normal.dot(other_normal).abs() > ALIGNED && normal.dot(apart).abs() < NEAR * size)
+    }
+}
+
+/// The cosine between the normals of two planes that are one, and how far they are apart at most, in their sizes.
+const ALIGNED: f64 = 0.999;
+const NEAR: f64 = 0.05;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mirror_that_is_known_is_not_another_one() {
+        let found = |shape, x: f64, toward| {
+            Found::given(Mirror {
+                position: DVec3::new(x, 0.0, 0.0),
+                ..Mirror::standing(shape, DVec3::ZERO, toward, DVec3::Z, 1.0)
+            })
+        };
+        let plane = |x, toward| found(Shape::Plane { height: 0.5 }, x, toward);
+        let one = plane(0.0, DVec3::X);
+        assert!(one.is_at(&plane(0.01, DVec3::NEG_X)) && !one.is_at(&plane(0.2, DVec3::X)));
+        assert!(!one.is_at(&plane(0.0, DVec3::Y)) && !one.is_at(&found(Shape::Sphere, 0.0, DVec3::X)));
+        let ball = |x| found(Shape::Sphere, x, DVec3::Z);
+        assert!(ball(0.0).is_at(&ball(0.1)) && !ball(0.0).is_at(&ball(1.5)));
     }
 }

@@ -11,10 +11,11 @@ mod planes;
 mod range_image;
 mod refine;
 mod spheres;
+mod strength;
 mod surface_map;
 mod unfold;
 
-pub use evidence::{Block, Extent, Kind, Points, Suspect, Told, tell};
+pub use evidence::{Block, Extent, GHOST_FROM, Kind, Points, Suspect, Told, tell};
 pub use find::find;
 pub use found::Found;
 pub use unfold::{Mirrors, Reflector, ScannerError, Way};

@@ -57,6 +57,8 @@ pub struct Way {
     pub mirrors: [u8; MOST_MEETINGS],
     /// The length of the way behind the first of them; 0 for a straight way.
     pub rest: f64,
+    /// The unit direction in which the beam comes to the place.
+    pub arrival: DVec3,
     /// A bit for each mirror or pane that it met, in its order: whether that bent it.
     bends: u8,
     meetings: u8,
@@ -116,7 +118,8 @@ impl Mirrors {
         if range > 0.0 && self.may_meet(station, point) {
             let ray = Ray::from_eye(station, (point - station) / range);
             if self.meet(&ray, range - margin).is_some() {
-                let start = Way { place: point, mirrors: [0; MOST_MEETINGS], rest: 0.0, bends: 0, meetings: 0 };
+                let (mirrors, arrival) = ([0; MOST_MEETINGS], ray.direction);
+                let start = Way { place: point, mirrors, rest: 0.0, arrival, bends: 0, meetings: 0 };
                 self.follow(&ray, range, margin, start, &mut ways);
             }
         }
@@ -125,7 +128,7 @@ impl Mirrors {
 
     fn follow(&self, ray: &Ray, rest: f64, margin: f64, way: Way, ways: &mut Vec<Way>) {
         let Some((hit, mirror)) = self.meet(ray, rest - margin) else {
-            ways.push(Way { place: ray.at(rest), ..way });
+            ways.push(Way { place: ray.at(rest), arrival: ray.direction, ..way });
             return;
         };
         if usize::from(way.meetings) == MOST_MEETINGS {

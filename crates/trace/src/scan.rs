@@ -25,7 +25,7 @@ pub struct Echo {
     /// The surfaces of `Exact` that reflected the beam, counted from 1 in the order of the way; 0 after the last.
     pub mirrors: [u8; MOST_MEETINGS],
     /// The strength of the return: the shares of all mirrors on the way there and back, the albedo and the cosine of the
-    /// incidence, over the squared length.
+    /// incidence, over the squared length, times the speckle of the surface.
     pub strength: f64,
 }
 
@@ -55,7 +55,7 @@ pub fn scan(
     sweep(disturbance, rays, seed, number, |ray, direction| {
         let mut returns = Returns { scene, seed: seed ^ (number as u64) << 32 ^ ray as u64, count: 0, strongest: None };
         returns.follow(&Ray::from_eye(station, direction), Way::START);
-        returns.strongest.map(|(_, echo)| (echo.length, echo))
+        returns.strongest.map(|echo| (echo.length, echo))
     })
 }
 
@@ -91,8 +91,7 @@ struct Returns<'a> {
     scene: &'a Exact,
     seed: u64,
     count: u64,
-    /// The strongest return with its speckle.
-    strongest: Option<(f64, Echo)>,
+    strongest: Option<Echo>,
 }
 
 impl Returns<'_> {
@@ -132,9 +131,9 @@ impl Returns<'_> {
         // Box and Muller (1958).
         let normal = (-2.0 * (1.0 - one).ln()).sqrt() * (std::f64::consts::TAU * other).cos();
         let seen = strength * (SPECKLE * normal).exp();
-        if strength > WEAKEST && self.strongest.is_none_or(|(strongest, _)| seen > strongest) {
+        if strength > WEAKEST && self.strongest.is_none_or(|strongest| seen > strongest.strength) {
             let Way { mirrors, .. } = way;
-            self.strongest = Some((seen, Echo { place: hit.position, length, albedo: hit.albedo, mirrors, strength }));
+            self.strongest = Some(Echo { place: hit.position, length, albedo: hit.albedo, mirrors, strength: seen });
         }
     }
 }

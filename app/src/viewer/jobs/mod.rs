@@ -2,6 +2,7 @@
 
 pub mod comparisons;
 pub mod contact_sheet;
+pub mod ghosts;
 pub mod process;
 pub mod slices;
 pub mod study_file;

@@ -124,7 +124,14 @@ impl Loaded {
             Some(Written { path, attribute }) => self.open_compared(key, &path, &attribute, beside),
             None => {
                 let lists = std::iter::once(distances).chain(levels).map(|mut lists| lists.pop().unwrap_or_default());
-                self.put_distances(key, lists.collect(), beside);
+                let lists: Vec<Runs> = lists.collect();
+                if let Some(entry) = self.cloud_mut(key) {
+                    let gone = &COMPARED[lists.len()..];
+                    entry.added.retain(|(name, _)| !gone.iter().any(|wanted| is_numbered(name, wanted)));
+                }
+                if let Some(name) = self.put_values(key, &COMPARED, lists, beside) {
+                    color_by(&name, beside);
+                }
             }
         }
     }
@@ -141,14 +148,21 @@ impl Loaded {
         color_by(attribute, beside);
     }
 
-    /// Adds values of the file's points to a cloud in memory, or replaces those from before.
-    fn put_distances(&mut self, key: CloudKey, lists: Vec<Runs>, beside: &mut Beside<'_>) {
-        let Some(entry) = self.cloud_mut(key) else { return };
-        let mut changes = Vec::new();
-        entry.added.truncate(lists.len());
-        for (which, list) in lists.into_iter().enumerate() {
-            let known = entry.added.get(which).map(|(name, _)| name.clone());
-            let name = known.unwrap_or_else(|| unused_name(&entry.cloud, COMPARED[which]));
+    /// Adds values of the file's points to a cloud in memory, or replaces those from before. Returns the name of the first
+    /// attribute, which is the first of `wanted` if it is free.
+    pub fn put_values(
+        &mut self,
+        key: CloudKey,
+        wanted: &[&str],
+        lists: Vec<Runs>,
+        beside: &mut Beside<'_>,
+    ) -> Option<String> {
+        let entry = self.cloud_mut(key)?;
+        let (mut changes, mut first) = (Vec::new(), None);
+        for (wanted, list) in wanted.iter().zip(lists) {
+            let known = entry.added.iter().position(|(name, _)| is_numbered(name, wanted));
+            let name = known.map(|index| entry.added[index].0.clone());
+            let name = name.unwrap_or_else(|| unused_name(&entry.cloud, wanted));
             let place = entry.cloud.attributes.iter().position(|attribute| attribute.name == name);
             let is_double = list.values().any(|run| run.column_type() == ColumnType::F64);
             let column_type = if is_double { ColumnType::F64 } else { ColumnType::F32 };
@@ -158,21 +172,21 @@ impl Loaded {
             });
             entry.cloud.attributes[attribute].column_type = column_type;
             changes = entry.put_late_column(attribute, list.clone());
+            first.get_or_insert_with(|| name.clone());
             let list = Arc::new(list);
-            match entry.added.get_mut(which) {
-                Some(added) => added.1 = list,
+            match known {
+                Some(index) => entry.added[index].1 = list,
                 None => entry.added.push((name, list)),
             }
         }
-        let name = entry.added[0].0.clone();
         // The figures are those of the values before.
         entry.figures_basis = None;
         entry.marked = Vec::new();
         changes.into_iter().for_each(|change| beside.outside.change(change));
-        color_by(&name, beside);
+        first
     }
 
-    /// The values that comparisons have added to clouds of files, for the files of these clouds.
+    /// The values that comparisons and ghosts have added to clouds of files, for the files of these clouds.
     pub fn added_values(&self) -> Vec<(Place, String, Arc<Runs>)> {
         let of_entry = |entry: &CloudEntry| {
             let place = entry.source.as_ref().map(|source| (source.info().path.clone(), source.info().scan_number()));
@@ -194,6 +208,16 @@ fn ends(entry: &CloudEntry) -> Result<Ends, String> {
     Ok(Ends::Memory { cloud: entry.cloud.clone(), up: entry.up, units: entry.units })
 }
 
+/// Whether a name is the wanted one, with a number or without.
+fn is_numbered(name: &str, wanted: &str) -> bool {
+    let rest = name.strip_prefix(wanted).map(|rest| rest.strip_prefix('_').map_or(rest.is_empty(), is_number));
+    rest.unwrap_or(false)
+}
+
+fn is_number(text: &str) -> bool {
+    text.parse::<u32>().is_ok()
+}
+
 /// A name that no attribute of the cloud has.
 fn unused_name(cloud: &Cloud, name: &str) -> String {
     let is_taken = |name: &String| cloud.attributes.iter().any(|attribute| attribute.name == *name);
@@ -201,7 +225,7 @@ fn unused_name(cloud: &Cloud, name: &str) -> String {
     std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
 }
 
-fn color_by(attribute: &str, beside: &mut Beside<'_>) {
+pub fn color_by(attribute: &str, beside: &mut Beside<'_>) {
     let color = &mut beside.scene.settings.color;
     (color.by, color.attribute) = (ColorBy::Attribute, attribute.to_owned());
 }

@@ -4,6 +4,7 @@
 pub mod coloring;
 mod comparing;
 pub mod export;
+pub mod ghosts;
 pub mod lights;
 pub mod mirror_points;
 pub mod opening;
@@ -22,6 +23,7 @@ use world::{CloudKey, Input, Mailbox};
 
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::comparisons::Comparisons;
+use crate::viewer::jobs::ghosts::Ghosts;
 use crate::viewer::objects::clouds::{CloudEntry, JobEntry, Samples};
 use crate::viewer::objects::inspection::Inspection;
 use crate::viewer::objects::{ObjectId, Objects};
@@ -54,6 +56,7 @@ pub struct Loaded {
     /// The file of exported points that is being written.
     pub writing: Option<Writing>,
     pub comparisons: Comparisons,
+    pub ghosts: Ghosts,
     next_cloud: u32,
     next_job: u32,
 }

@@ -232,6 +232,8 @@ impl Loaded {
     pub fn close_all(&mut self, beside: &mut Beside<'_>) {
         self.stop_loading(beside);
         self.awaited_settings.clear();
+        self.ghosts.under_way.iter().for_each(|progress| progress.cancel());
+        self.ghosts.seen = None;
         let keys: Vec<CloudKey> = self.clouds.iter().map(|entry| entry.key).collect();
         for key in keys {
             self.remove_cloud(key, beside);

@@ -8,7 +8,7 @@ use crate::viewer::objects::PlacedProfile;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::panels::{parameters, reflections, timeline};
 use crate::viewer::requests::action::{
-    Action, Clipping, Compare, Export, Filing, Film, KeptStep, Measuring, Profiling,
+    Action, Clipping, Compare, Export, Filing, Film, Ghosting, KeptStep, Measuring, Profiling,
 };
 use crate::viewer::requests::bindings::{self, BINDINGS, Trigger};
 use crate::viewer::requests::path_prompt::PathPrompt;
@@ -74,6 +74,7 @@ fn words(action: &Action) -> &'static str {
         Action::ColorBy(_) => "colour color attribute scalar",
         Action::Kept(_) => "compare before after snapshot",
         Action::Compare(_) => "distance difference change cloud deviation",
+        Action::Ghosts(_) => "mirror reflection pane glass window",
         Action::ListMessages(_) => "log errors warnings history",
         _ => "",
     }
@@ -130,6 +131,7 @@ fn of_panels(session: &Session) -> Vec<Entry> {
         Entry::new("Window: Messages", "All that was told", Action::ListMessages(true)),
         Entry::new("Window: Panel", "Shows or hides the panel at the left", Action::TogglePanel),
         Entry::new("Measurements: Copy all", "Values of all measurements", Action::Measuring(Measuring::CopyAll)),
+        Entry::new("Ghosts: Look for ghosts", "What was seen in mirrors", Action::Ghosts(Ghosting::Look)),
         Entry::new("Compare: Start", "Distances between two clouds", Action::Compare(Compare::Start)),
         Entry::new("Compare: Exchange kept state and present one", "", Action::Kept(KeptStep::Swap)),
         Entry::new("Compare: Forget the kept state", "", Action::Kept(KeptStep::LetGo)),

@@ -7,6 +7,7 @@ pub mod clouds;
 pub mod colors;
 pub mod commands;
 pub mod comparing;
+pub mod ghosts;
 pub mod labels;
 pub mod leaving;
 pub mod light;

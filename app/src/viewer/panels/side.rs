@@ -189,6 +189,7 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
             section(ui, "Measurements and notes", true, |ui| panels::measurements::show(ui, session, actions));
             section(ui, "Profiles", true, |ui| panels::profiles::show(ui, session, actions));
             section(ui, "Compare", true, |ui| panels::comparing::show(ui, session, actions));
+            section(ui, "Ghosts", false, |ui| panels::ghosts::show(ui, session, actions));
         }
         Tab::Tuning => {
             section(ui, "Reflections", true, |ui| panels::reflections::show(ui, session, actions));

@@ -11,6 +11,7 @@ use scene::{
 use world::CloudKey;
 
 use crate::viewer::jobs::comparisons::CompareDraft;
+use crate::viewer::jobs::ghosts::GhostsDraft;
 use crate::viewer::jobs::sweep_range::SweepRange;
 use crate::viewer::jobs::tasks::Measure;
 use crate::viewer::look::tab::Tab;
@@ -200,6 +201,21 @@ pub enum Compare {
     Stop,
 }
 
+/// A step of looking for ghosts.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ghosting {
+    Change(Box<GhostsDraft>),
+    Look,
+    Stop,
+    /// Makes the mirror of this index an object of the scene.
+    Accept(usize),
+    /// Its ghosts count as real points.
+    Refuse(usize),
+    Hide(bool),
+    /// Opens the ghosts of accepted mirrors at the places that were seen.
+    PutBack,
+}
+
 /// What a person does with the kept state of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum KeptStep {
@@ -360,6 +376,7 @@ pub enum Action {
     SavePicture(SavePicture),
     Export(Export),
     Compare(Compare),
+    Ghosts(Ghosting),
     StopLoading,
     ShowCloud(CloudKey, bool),
     /// Sets what a cloud has of its own.

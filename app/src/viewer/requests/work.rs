@@ -18,6 +18,7 @@ use crate::shared::measuring::{self, Outcome};
 use crate::system::picture_file;
 use crate::system::progress_bar::Stage;
 use crate::viewer::jobs::comparisons::{Comparing, Comparison};
+use crate::viewer::jobs::ghosts::{GhostOutcome, GhostWork};
 use crate::viewer::jobs::process::{self, Ended, Leash};
 use crate::viewer::jobs::slices::{ProfileFound, ProfileWork};
 use crate::viewer::jobs::study_file;
@@ -154,6 +155,8 @@ pub enum Work {
     },
     /// Measures the distances between two clouds.
     Compare(Box<Comparing>),
+    /// Looks for ghosts, or puts them back.
+    Ghosts(Box<GhostWork>),
     /// Has `glint record` make a film or pictures of a scene; `words` follow the scene.
     Record {
         scene: String,
@@ -252,6 +255,7 @@ pub enum Found {
         result: Result<Option<codec::Exported>, String>,
     },
     Compared(Box<Comparison>),
+    Ghosts(GhostOutcome),
     Recording(Stage),
     Recorded(Ended),
     Captured(Captured),
@@ -285,6 +289,7 @@ impl Work {
             Self::Keep { .. } => "unsaved work",
             Self::Export { .. } => "export",
             Self::Compare(_) => "comparison",
+            Self::Ghosts(_) => "ghosts",
             Self::Record { .. } => "recording",
             Self::Truth(_) => "truth",
             Self::AddToStudy { .. } => "study",
@@ -388,6 +393,7 @@ impl Work {
                 found(Found::Exported { path, result });
             }
             Self::Compare(comparing) => found(Found::Compared(Box::new(comparing.run()))),
+            Self::Ghosts(work) => found(Found::Ghosts(work.run())),
             Self::Record { scene, words, leash } => {
                 let ended = process::run(&scene, &words, &leash, |stage| found(Found::Recording(stage)));
                 found(Found::Recorded(ended));

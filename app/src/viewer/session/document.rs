@@ -264,7 +264,9 @@ impl Document {
             }
         };
         if loaded.clouds.iter().any(|entry| !entry.added.is_empty()) {
-            outside.note(format!("The scene file does not hold distances; {COMMAND}+E saves the points with them"));
+            outside.note(format!(
+                "The scene file does not hold distances and ghosts; {COMMAND}+E saves the points with them"
+            ));
         }
         self.saving = Some((path.clone(), self.state(scene)));
         outside.work(Work::SaveScene { path, text });

@@ -87,17 +87,16 @@ impl Session {
 
     pub fn act(&mut self, action: Action) {
         use Action::{
-            AddSpot, AskHover, ChangeObject, ChangeSettings, ColorBy, DollHouse, Duplicate, EndDrag, FieldOfView,
-            FlySpeed, FrameAll, FrameCloud, GoInside, LastView, LightBy, Look, LookAlong, LookFrom, Mark, NextLight,
-            NextView, Orbit, Pan, Paste, PivotHere, PointAt, PointSize, ReturnTo, Select, SetParameter, ShowClasses,
-            ToggleEdl, ToggleLight, ToggleMode, ToggleProjection, Travel, Unmark, Zoom,
+            AddSpot, AskHover, ColorBy, DollHouse, Duplicate, EndDrag, Fast, Fly, FlySpeed, FrameAll, GoInside,
+            LastView, LightBy, Look, LookAlong, LookFrom, Mark, NextLight, NextView, Orbit, Pan, Paste, PasteView,
+            PivotHere, PointAt, PointSize, RawColors, ReturnTo, Select, SetParameter, ShowKept, ShowTruth, Slow,
+            ToggleEdl, ToggleLight, ToggleMode, Travel, Unmark, Zoom,
         };
         self.filming.before(&action, &mut self.scene);
         let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };
         match action {
             // `Travel` and `Hold` report keys that are held down, and `Paste` brings the clipboard's text.
-            Action::Fly(_) | Action::Fast | Action::Slow => {}
-            Action::RawColors | Action::ShowTruth | Action::ShowKept | Action::PasteView => {}
+            Fly(_) | Fast | Slow | RawColors | ShowTruth | ShowKept | PasteView => {}
             Action::Hold { raw_colors, truth, kept } => {
                 (self.raw_colors, self.kept.is_held) = (raw_colors, kept);
                 // Without clouds there is no truth to show.
@@ -119,6 +118,7 @@ impl Session {
                 self.tools.save_picture(step, &self.scene, &self.frames, &self.loaded, &mut self.outside)
             }
             Action::Compare(step) => self.with_loaded(|loaded, beside| loaded.compare(step, beside)),
+            Action::Ghosts(step) => self.with_loaded(|loaded, beside| loaded.ghost(step, beside)),
             Action::Kept(step) => self.act_kept(step),
             Action::StopLoading => self.with_loaded(Loaded::stop_loading),
             Action::ShowCloud(key, on) => self.with_loaded(|loaded, beside| loaded.set_visible(key, on, beside)),
@@ -163,8 +163,7 @@ impl Session {
             Action::EstimateErrors(is_on) => self.truth.live.is_on = is_on,
             Action::StopTruth => self.stop_truth(),
             Action::ToggleChart => {
-                let hidden = &mut self.interface_is_hidden;
-                self.tuning.toggle(&mut self.preferences, hidden, &mut self.search);
+                self.tuning.toggle(&mut self.preferences, &mut self.interface_is_hidden, &mut self.search)
             }
             Action::ForgetTrials => self.tuning.forget_trials(),
             Action::AddToStudy => self.scene.add_to_study(&self.loaded, &mut self.outside),
@@ -201,25 +200,25 @@ impl Session {
             | Look(_)
             | Pan(_)
             | Zoom(_)
-            | FieldOfView(_)
+            | Action::FieldOfView(_)
             | FlySpeed(_)
             | Travel(_)
             | FrameAll
             | GoInside
             | DollHouse
-            | FrameCloud(_)
+            | Action::FrameCloud(_)
             | ToggleMode
             | LookFrom(_)
-            | ToggleProjection
+            | Action::ToggleProjection
             | LastView
             | NextView
             | PointAt(_)
             | AskHover
             | PivotHere
-            | ChangeSettings(_)
+            | Action::ChangeSettings(_)
             | PointSize(_)
             | ColorBy(_)
-            | ShowClasses(..)
+            | Action::ShowClasses(..)
             | ToggleEdl
             | ToggleLight
             | NextLight
@@ -227,7 +226,7 @@ impl Session {
             | Paste(_)
             | AddSpot
             | Select(_)
-            | ChangeObject(..)
+            | Action::ChangeObject(..)
             | Duplicate
             | Mark(_)
             | Unmark(_)
@@ -454,6 +453,7 @@ impl Session {
             Found::Kept(result) => self.document.on_kept(result, &mut self.outside),
             Found::Exported { path, result } => self.loaded.on_exported(&path, result, &mut self.outside),
             Found::Compared(comparison) => self.with_loaded(|loaded, beside| loaded.on_compared(*comparison, beside)),
+            Found::Ghosts(outcome) => self.with_loaded(|loaded, beside| loaded.on_ghosts(outcome, beside)),
             Found::Recording(stage) => self.filming.recording.on_stage(stage, &self.outside),
             Found::Captured(captured) => self.filming.on_captured(captured, &mut self.outside),
             Found::Recorded(ended) => self.filming.recording.on_end(ended, &mut self.outside),

@@ -86,7 +86,8 @@ impl Made {
             for (part, points) in measured.chunks(1 << 14).enumerate() {
                 let places = points.iter().map(|point| *station + point.direction * point.range).collect();
                 let first_point = (part << 14) as u64;
-                blocks.push(Block { file: number, first_point, station: Some(number), places });
+                let intensities = points.iter().map(|point| point.met.strength.sqrt() as f32).collect();
+                blocks.push(Block { file: number, first_point, station: Some(number), places, intensities });
                 truth.push(points.iter().map(|point| (point.met, point.is_whole)).collect());
             }
         }

@@ -1,0 +1,243 @@
+//! Ghosts among the points of files: mirrors looked for, ghosts told, and files written with what is told of them.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::Context as _;
+use cloud::{Chunk, Cloud, Column, PointTest, Progress};
+use codec::{Added, Runs, Selection, Source, Wanted};
+use ghost::{Block, Extent, Found, Kind, Mirrors, Points, Suspect, Told};
+use glam::DVec3;
+use scene::shown;
+
+use crate::shared::comparing::free_name;
+use crate::shared::moved_points;
+use crate::system::failure::usage;
+
+/// The mirrors of a scan, and what is told of its points by them.
+pub struct Looked {
+    pub stations: Vec<DVec3>,
+    pub found: Vec<Found>,
+    pub told: Told,
+    pub warnings: BTreeSet<String>,
+}
+
+/// Tells ghosts by the mirrors that are given, and by those that are found besides them if that is wanted. Stations that are
+/// named replace those of the files. `None` when cancelled.
+///
+/// # Errors
+/// No station, no points, or a file that cannot be read.
+pub fn look(
+    sources: &[Arc<Source>],
+    named: &[DVec3],
+    given: Vec<Found>,
+    finds: bool,
+    progress: &Progress,
+) -> anyhow::Result<Option<Looked>> {
+    let (stations, of_file) = stations(sources, named)?;
+    let files = Files { sources, of_file: &of_file, progress, warnings: Mutex::default() };
+    let total: u64 = sources.iter().map(|source| source.info().points).sum();
+    progress.set_total(if finds { 5 } else { 4 } * total);
+    let extent = Extent::of(&files, total)?.ok_or_else(|| usage("no points to tell ghosts among"))?;
+    let mut found = given;
+    if finds {
+        let Some(others) = ghost::find(&files, &stations, extent, total, progress)? else { return Ok(None) };
+        let known = found.len();
+        let is_new = |other: &Found| !found[..known].iter().any(|given| given.is_at(other));
+        let new: Vec<Found> = others.into_iter().filter(is_new).collect();
+        found.extend(new);
+    }
+    let mirrors = Mirrors::new(found.iter().map(|found| found.reflector.clone()).collect());
+    let has_pane = mirrors.reflectors().iter().any(|reflector| reflector.is_open);
+    progress.set_total(progress.done() + if has_pane { 5 } else { 3 } * total);
+    let told = ghost::tell(&files, &stations, &mirrors, extent, 0.0, progress)?;
+    let warnings = files.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
+    Ok(told.map(|told| Looked { stations, found, told, warnings }))
+}
+
+/// The stations, and for each file the index of its own, if that is known.
+fn stations(sources: &[Arc<Source>], named: &[DVec3]) -> anyhow::Result<(Vec<DVec3>, Vec<Option<usize>>)> {
+    if let Some(place) = named.iter().find(|place| !place.is_finite()) {
+        return Err(usage(format!("--station {place}: expected finite coordinates")));
+    }
+    if !named.is_empty() {
+        let own = (named.len() == 1).then_some(0);
+        return Ok((named.to_vec(), vec![own; sources.len()]));
+    }
+    let (mut stations, mut of_file) = (Vec::new(), Vec::new());
+    for source in sources {
+        let place = source.info().scan.as_ref().and_then(|scan| scan.position);
+        of_file.push(place.map(|place| {
+            stations.iter().position(|known| *known == place).unwrap_or_else(|| {
+                stations.push(place);
+                stations.len() - 1
+            })
+        }));
+    }
+    if stations.is_empty() {
+        let name = shown(&sources[0].info().path);
+        return Err(usage(format!("{name}: it is not known where the scanner stood; say so with --station X,Y,Z")));
+    }
+    Ok((stations, of_file))
+}
+
+/// The points of files, read anew each time.
+struct Files<'a> {
+    sources: &'a [Arc<Source>],
+    of_file: &'a [Option<usize>],
+    progress: &'a Progress,
+    warnings: Mutex<BTreeSet<String>>,
+}
+
+impl Points for Files<'_> {
+    type Error = codec::Error;
+
+    fn read(&self, give: &(dyn Fn(&Block) + Sync)) -> codec::Result<()> {
+        for (file, source) in self.sources.iter().enumerate() {
+            let info = source.info();
+            let cloud = Cloud { grid: info.grid, ..Cloud::default() };
+            let reading = Progress::default();
+            let intensity =
+                info.attributes.iter().position(|attribute| attribute.name.eq_ignore_ascii_case("intensity"));
+            let emit = |chunk: Chunk| {
+                if self.progress.is_cancelled() {
+                    return reading.cancel();
+                }
+                let places = (0..chunk.len()).map(|index| cloud.world_position(&chunk, index)).collect();
+                let column = intensity.and_then(|index| chunk.columns.get(index)?.as_ref());
+                let values = |column: &Arc<Column>| (0..chunk.len()).map(|index| column.value(index) as f32).collect();
+                let intensities = column.map_or_else(Vec::new, values);
+                let (first_point, station) = (chunk.first_point, self.of_file[file]);
+                give(&Block { file, first_point, station, places, intensities });
+                self.progress.add(chunk.len() as u64);
+            };
+            let attributes = (0..info.attributes.len()).map(|index| Some(index) == intensity).collect();
+            let selection = Selection { positions: true, attributes, ..Selection::default() };
+            let summary = source.read(&selection, &reading, &emit)?;
+            let told = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(&info.path)));
+            self.warnings.lock().unwrap_or_else(PoisonError::into_inner).extend(told);
+        }
+        Ok(())
+    }
+}
+
+/// Which points a new file has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parts {
+    /// All points with what is told of them.
+    Told,
+    /// The ghosts where they are.
+    PutBack,
+    Both,
+}
+
+/// Writes points with what is told of them, and those that are put back after them, and returns warnings. `None` when
+/// cancelled.
+///
+/// # Errors
+/// A file that cannot be read or written.
+pub fn write(
+    sources: &[Arc<Source>],
+    told: &Told,
+    output: &Path,
+    parts: Parts,
+    memory: u64,
+    progress: &Progress,
+) -> anyhow::Result<Option<Vec<String>>> {
+    let names = ["ghost", "ghost_mirror", "ghost_error"].map(|name| free_name(sources, name));
+    let test = PointTest::default();
+    let (mut all, mut columns): (Vec<Arc<Source>>, [Vec<Runs>; 3]) = Default::default();
+    if parts != Parts::PutBack {
+        all.extend_from_slice(sources);
+        for (file, source) in sources.iter().enumerate() {
+            let ends = run_ends(source.info().points);
+            let own = |value: &dyn Fn(&Suspect) -> f32| runs(told, file, ends.clone(), value);
+            columns[0].push(own(&|suspect| f32::from(suspect.kind.number())));
+            columns[1].push(own(&|suspect| f32::from(suspect.mirror())));
+            columns[2].push(Runs::new());
+        }
+    }
+    let mut temporary = Temporary(Vec::new());
+    for (file, source) in sources.iter().enumerate().filter(|_| parts != Parts::Told) {
+        let ghosts = ghosts_of(told, file);
+        if ghosts.is_empty() {
+            continue;
+        }
+        let is_las = matches!(**source, Source::Las(_));
+        let ending = if is_las { "las" } else { "ply" };
+        let name = output.file_name().unwrap_or_default().to_string_lossy();
+        let path = output.with_file_name(format!(".{name}.{file}.put-back.{ending}"));
+        temporary.0.push(path.clone());
+        let left_out = [others(&ghosts, source.info().points)];
+        let wanted = Wanted { test: &test, left_out: &left_out };
+        if codec::export(std::slice::from_ref(source), wanted, &[], &path, memory, progress)?.is_none() {
+            return Ok(None);
+        }
+        let places: Vec<DVec3> = ghosts.iter().map(|(_, suspect)| suspect.place).collect();
+        moved_points::put(&path, &places).with_context(|| shown(&path))?;
+        all.extend(codec::open_scans(&path, memory)?.into_iter().map(Arc::new));
+        let whole = |value: &dyn Fn(&Suspect) -> f32| {
+            let values = ghosts.iter().map(|(_, suspect)| value(suspect)).collect();
+            Runs::from([(0, Arc::new(Column::F32(values)))])
+        };
+        // Where it is now, the point is real; the number tells by which mirror it was seen.
+        columns[0].push(whole(&|_| 0.0));
+        columns[1].push(whole(&|suspect| f32::from(suspect.mirror())));
+        columns[2].push(whole(&|suspect| suspect.error));
+    }
+    let mut added: Vec<Added> = names.into_iter().zip(columns).map(|(name, runs)| Added::new(name, runs)).collect();
+    added.truncate(if temporary.0.is_empty() { 2 } else { 3 });
+    let exported = codec::export(&all, &test, &added, output, memory, progress)?;
+    Ok(exported.map(|exported| exported.changes.into_iter().chain(param::few(exported.warnings, "warnings")).collect()))
+}
+
+/// Files that are removed in the end.
+struct Temporary(Vec<PathBuf>);
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        // What is left of them does no harm.
+        self.0.iter().for_each(|path| drop(std::fs::remove_file(path)));
+    }
+}
+
+/// A value of each point of a file: that of suspects, and 0 for all others. Each run goes from one index to another.
+pub fn runs(told: &Told, file: usize, ends: impl Iterator<Item = (u64, u64)>, value: &dyn Fn(&Suspect) -> f32) -> Runs {
+    let mut marked: Vec<(u64, f32)> = Vec::new();
+    for ((_, first), suspects) in told.suspects.range((file, 0)..(file + 1, 0)) {
+        marked.extend(suspects.iter().map(|suspect| (first + u64::from(suspect.index), value(suspect))));
+    }
+    let run = |(from, to): (u64, u64)| {
+        let mut values = vec![0.0; (to - from) as usize];
+        let start = marked.partition_point(|(index, _)| *index < from);
+        for (index, value) in marked[start..].iter().take_while(|(index, _)| *index < to) {
+            values[(index - from) as usize] = *value;
+        }
+        (from, Arc::new(Column::F32(values)))
+    };
+    ends.map(run).collect()
+}
+
+/// The ends of runs of all points of a file.
+pub fn run_ends(points: u64) -> impl Iterator<Item = (u64, u64)> + Clone {
+    /// Points of a run at most.
+    const LONGEST: u64 = 1 << 20;
+    (0..points.div_ceil(LONGEST)).map(move |run| (run * LONGEST, points.min((run + 1) * LONGEST)))
+}
+
+/// The ghosts of a file with their indices in it, in its order.
+fn ghosts_of(told: &Told, file: usize) -> Vec<(u64, Suspect)> {
+    let own = told.suspects.range((file, 0)..(file + 1, 0));
+    own.flat_map(|((_, first), suspects)| {
+        let ghosts = suspects.iter().filter(|suspect| suspect.kind == Kind::Ghost);
+        ghosts.map(move |suspect| (first + u64::from(suspect.index), *suspect))
+    })
+    .collect()
+}
+
+/// The indices of all points of a file but these.
+fn others(ghosts: &[(u64, Suspect)], points: u64) -> Vec<u64> {
+    let mut ghosts = ghosts.iter().map(|(index, _)| *index).peekable();
+    (0..points).filter(|index| ghosts.next_if_eq(index).is_none()).collect()
+}

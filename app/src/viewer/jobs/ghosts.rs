@@ -1,0 +1,161 @@
+//! The search for mirrors and ghosts in open files, and the work of putting ghosts back.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use cloud::Progress;
+use codec::Source;
+use ghost::{Found, Kind, Told};
+use glam::DVec3;
+use scene::{CloudSettings, Settings};
+use world::{Request, half_of};
+
+use crate::shared::export::Place;
+use crate::shared::ghosts::{self, Looked, Parts};
+use crate::viewer::objects::ObjectId;
+
+/// What a person has chosen for the search.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GhostsDraft {
+    /// X,Y,Z of the scanner; empty if the files know it.
+    pub station: String,
+    /// Whether planes and balls are looked for besides the mirrors of the scene.
+    pub finds: bool,
+    /// The file for points that are put back.
+    pub output: String,
+}
+
+impl Default for GhostsDraft {
+    fn default() -> Self {
+        Self { station: String::new(), finds: true, output: String::new() }
+    }
+}
+
+/// What the panel shows of ghosts, and the work under way.
+#[derive(Default)]
+pub struct Ghosts {
+    pub draft: GhostsDraft,
+    pub under_way: Option<Arc<Progress>>,
+    pub seen: Option<Seen>,
+}
+
+/// What a search has told.
+pub struct Seen {
+    pub looked: Looked,
+    /// Of each mirror that was found or given.
+    pub verdicts: Vec<Verdict>,
+    pub sources: Vec<Arc<Source>>,
+    /// The number of ghosts of each mirror, and the median distance of their unfolded places from surfaces.
+    pub figures: Vec<(u64, Option<f64>)>,
+    /// The ghosts and the undecided points of all mirrors that are not refused.
+    pub counts: [u64; 2],
+}
+
+/// What a person thinks of a mirror.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Open,
+    /// It is in the scene, as long as the object is there.
+    Accepted(ObjectId),
+    Refused,
+}
+
+impl Seen {
+    /// The first mirrors are those of the scene.
+    pub fn new(looked: Looked, of_scene: Vec<ObjectId>, sources: Vec<Arc<Source>>) -> Self {
+        let mut verdicts: Vec<Verdict> = of_scene.into_iter().map(Verdict::Accepted).collect();
+        verdicts.resize(looked.found.len(), Verdict::Open);
+        let figures = (0..looked.found.len()).map(|mirror| looked.told.of_mirror(mirror)).collect();
+        let counts = [Kind::Ghost, Kind::Undecided].map(|kind| looked.told.count(kind));
+        Self { looked, verdicts, sources, figures, counts }
+    }
+
+    /// What is told by all mirrors that are not refused.
+    pub fn told(&self) -> Told {
+        self.looked.told.of_mirrors(|mirror| !self.is_refused(mirror))
+    }
+
+    pub fn is_refused(&self, mirror: usize) -> bool {
+        self.verdicts[mirror] == Verdict::Refused
+    }
+
+    /// The files and scans that were read, in the order of what is told.
+    pub fn places(&self) -> impl Iterator<Item = Place> {
+        self.sources.iter().map(|source| (source.info().path.clone(), source.info().scan_number()))
+    }
+}
+
+/// Work on ghosts that a thread carries out.
+pub struct GhostWork {
+    pub task: GhostTask,
+    pub settings: Box<Settings>,
+    pub progress: Arc<Progress>,
+}
+
+pub enum GhostTask {
+    Look {
+        /// The words that opened the clouds, and where these stand.
+        inputs: Vec<String>,
+        own: Vec<CloudSettings>,
+        station: Option<DVec3>,
+        given: Vec<(ObjectId, Found)>,
+        finds: bool,
+    },
+    PutBack {
+        sources: Vec<Arc<Source>>,
+        told: Told,
+        parts: Parts,
+        output: PathBuf,
+    },
+}
+
+/// How it ended; nothing came out if it was cancelled.
+pub enum GhostOutcome {
+    Looked(Result<Option<Box<Seen>>, String>),
+    PutBack {
+        output: PathBuf,
+        parts: Parts,
+        /// Warnings.
+        result: Result<Option<Vec<String>>, String>,
+    },
+}
+
+impl GhostWork {
+    pub fn run(self) -> GhostOutcome {
+        let Self { task, settings, progress } = self;
+        let memory = half_of(settings.stream.host_bytes);
+        match task {
+            GhostTask::Look { inputs, own, station, given, finds } => {
+                let sources = open(&inputs, own, memory);
+                GhostOutcome::Looked(sources.and_then(|sources| {
+                    let (ids, given): (Vec<_>, Vec<_>) = given.into_iter().unzip();
+                    let named: Vec<DVec3> = station.into_iter().collect();
+                    let looked = ghosts::look(&sources, &named, given, finds, &progress);
+                    let looked = looked.map_err(|error| format!("{error:#}"))?;
+                    Ok(looked.map(|looked| Box::new(Seen::new(looked, ids, sources))))
+                }))
+            }
+            GhostTask::PutBack { sources, told, parts, output } => {
+                let result = ghosts::write(&sources, &told, &output, parts, memory, &progress);
+                let result = result.map_err(|error| format!("{error:#}"));
+                // Whoever waits for the end of the work waits for the file to be gone, or whole.
+                drop(progress);
+                GhostOutcome::PutBack { output, parts, result }
+            }
+        }
+    }
+}
+
+fn open(inputs: &[String], own: Vec<CloudSettings>, memory: u64) -> Result<Vec<Arc<Source>>, String> {
+    let request = Request { cloud_settings: own, ..world::resolve(inputs) };
+    let mut sources = Vec::new();
+    for input in &request.inputs {
+        if input.files().is_empty() {
+            return Err(format!("{}: not a file; ghosts are looked for in files", input.name()));
+        }
+        for file in input.files() {
+            sources.extend(request.open(input, file, memory)?);
+        }
+    }
+    Ok(sources)
+}

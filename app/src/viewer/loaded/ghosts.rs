@@ -1,0 +1,393 @@
+//! Looks for mirrors and ghosts in the background. What is told becomes attributes of clouds in memory; mirrors that a person
+//! accepts become objects of the scene, and their ghosts are put back in a new file.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use codec::ExportFormat;
+use ghost::{Found, Kind, Suspect};
+use scene::{Filter, Mirror, Object, shown};
+use serde_json::json;
+
+use crate::shared::command_line::parse_place;
+use crate::shared::ghosts::{Parts, run_ends, runs};
+use crate::shared::numbers::grouped;
+use crate::viewer::jobs::ghosts::{GhostOutcome, GhostTask, GhostWork, Seen, Verdict};
+use crate::viewer::loaded::comparing::color_by;
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::objects::Objects;
+use crate::viewer::requests::action::Ghosting;
+use crate::viewer::requests::file_names::{free_path, picture_name};
+use crate::viewer::requests::messages::Level;
+use crate::viewer::requests::outside::{Effect, whole};
+use crate::viewer::requests::work::Work;
+
+/// The attributes of what is told: 0 real, 1 ghost, 2 undecided; the number of the mirror; how probable a ghost is.
+pub const TOLD: [&str; 3] = ["ghost", "ghost_mirror", "ghost_probability"];
+/// Just below the probability from which on points are ghosts.
+const BELOW_GHOSTS: f64 = ghost::GHOST_FROM - 1e-4;
+
+impl Loaded {
+    pub fn ghost(&mut self, step: Ghosting, beside: &mut Beside<'_>) {
+        let prepared = match step {
+            Ghosting::Change(draft) => {
+                self.ghosts.draft = *draft;
+                return;
+            }
+            Ghosting::Stop => return self.ghosts.under_way.iter().for_each(|progress| progress.cancel()),
+            Ghosting::Accept(mirror) => return self.accept(mirror, beside),
+            Ghosting::Refuse(mirror) => {
+                if let Some(verdict) = self.ghosts.seen.as_mut().and_then(|seen| seen.verdicts.get_mut(mirror)) {
+                    *verdict = Verdict::Refused;
+                    self.put_told(beside);
+                }
+                return;
+            }
+            Ghosting::Hide(hides) => return hide(hides, beside),
+            Ghosting::Look | Ghosting::PutBack if self.ghosts.under_way.is_some() => {
+                return beside.outside.note("Ghosts are being looked for or put back already");
+            }
+            Ghosting::Look => self.looking(beside),
+            Ghosting::PutBack => self.putting_back(beside),
+        };
+        match prepared {
+            Ok(task) => {
+                let settings = Box::new(beside.scene.settings.clone());
+                let work = GhostWork { task, settings, progress: Arc::default() };
+                self.ghosts.under_way = Some(work.progress.clone());
+                beside.outside.work(Work::Ghosts(Box::new(work)));
+            }
+            Err(problem) => beside.outside.say(Level::Error, problem),
+        }
+    }
+
+    fn looking(&self, beside: &Beside<'_>) -> Result<GhostTask, String> {
+        let mut inputs: Vec<String> = Vec::new();
+        for entry in self.clouds.iter().filter(|entry| entry.is_visible) {
+            if entry.is_built_in() {
+                return Err(format!("{}: not a file; ghosts are looked for in files", entry.cloud.name));
+            }
+            if !inputs.contains(&entry.input) {
+                inputs.push(entry.input.clone());
+            }
+        }
+        if inputs.is_empty() {
+            return Err("There are no points to look for ghosts in yet".into());
+        }
+        let draft = &self.ghosts.draft;
+        let station = match draft.station.trim() {
+            "" => None,
+            text => Some(parse_place(text).map_err(|problem| format!("Place of the scanner: {problem}"))?),
+        };
+        let objects = &beside.scene.objects;
+        // What is known of a mirror that was found stays known as long as nobody moves it.
+        let known = |mirror: &Mirror| {
+            let found = self.ghosts.seen.iter().flat_map(|seen| &seen.looked.found);
+            let is_one = |found: &&Found| {
+                let own = &found.reflector.mirror;
+                (own.position, own.rotation, own.size) == (mirror.position, mirror.rotation, mirror.size)
+            };
+            found.into_iter().find(is_one).cloned()
+        };
+        let given = objects.mirrors.iter().map(|placed| {
+            let found = known(&placed.mirror);
+            (placed.id, found.unwrap_or_else(|| Found::given(placed.mirror.clone())))
+        });
+        let (given, finds): (Vec<_>, _) = (given.collect(), draft.finds);
+        if given.is_empty() && !finds {
+            return Err("The scene has no mirrors; add one, or look for planes and balls".into());
+        }
+        Ok(GhostTask::Look { inputs, own: objects.all_own(), station, given, finds })
+    }
+
+    fn accept(&mut self, mirror: usize, beside: &mut Beside<'_>) {
+        let Some(seen) = &mut self.ghosts.seen else { return };
+        let Some(reflector) = seen.looked.found.get(mirror).map(|found| &found.reflector) else { return };
+        let shape = reflector.mirror.shape.name();
+        let name = format!("found {}", if reflector.is_open { "pane" } else { shape });
+        let mut object = Mirror { name, ..reflector.mirror.clone() };
+        if reflector.is_open {
+            object.refraction = Some(1.0);
+        }
+        let id = beside.scene.next_object_id();
+        beside.scene.place(id, Object::Mirror(object), beside.outside);
+        // There may be no room for more mirrors.
+        if beside.scene.objects.mirror(id).is_some() {
+            let before = std::mem::replace(&mut seen.verdicts[mirror], Verdict::Accepted(id));
+            if before == Verdict::Refused {
+                self.put_told(beside);
+            }
+        }
+    }
+
+    fn putting_back(&self, beside: &Beside<'_>) -> Result<GhostTask, String> {
+        let seen = self.ghosts.seen.as_ref().ok_or("Look for ghosts first")?;
+        let told = seen.looked.told.of_mirrors(|mirror| is_accepted(seen, mirror, &beside.scene.objects));
+        if told.count(Kind::Ghost) == 0 {
+            return Err("There are no ghosts of accepted mirrors to put back; accept a mirror first".into());
+        }
+        let is_streamed = self.clouds.iter().any(|entry| entry.is_visible && entry.streamed.is_some());
+        let parts = if is_streamed { Parts::Both } else { Parts::PutBack };
+        let output = match self.ghosts.draft.output.trim() {
+            "" => {
+                let name = self.clouds.first().map_or_else(String::new, |entry| picture_name(&entry.input));
+                free_path(Path::new(""), &format!("{name}-put-back"), if is_streamed { "copc.laz" } else { "laz" })
+            }
+            path => PathBuf::from(path),
+        };
+        if ExportFormat::of(&output).is_none() {
+            return Err(format!("{}: the new file's name must end in .copc.laz, .laz, .las or .ply", shown(&output)));
+        }
+        if output.symlink_metadata().is_ok() {
+            return Err(format!("{}: a file of this name is there; it is not replaced", shown(&output)));
+        }
+        Ok(GhostTask::PutBack { sources: seen.sources.clone(), told, parts, output })
+    }
+
+    pub fn on_ghosts(&mut self, outcome: GhostOutcome, beside: &mut Beside<'_>) {
+        self.ghosts.under_way = None;
+        match outcome {
+            GhostOutcome::Looked(Ok(Some(seen))) => {
+                let [ghosts, undecided] = seen.counts;
+                let mirrors = seen.looked.found.len();
+                param::few(seen.looked.warnings.iter().cloned().collect(), "warnings")
+                    .into_iter()
+                    .for_each(|warning| beside.outside.warning(warning));
+                beside.outside.log(json!({
+                    "event": "ghosts", "mirrors": mirrors, "ghosts": ghosts, "undecided": undecided,
+                }));
+                beside.outside.note(format!("{mirrors} mirrors, {} ghosts", grouped(ghosts)));
+                self.ghosts.seen = Some(*seen);
+                self.put_told(beside);
+            }
+            GhostOutcome::Looked(Ok(None)) => beside.outside.note("Ghosts are not looked for any more"),
+            GhostOutcome::PutBack { output, parts, result: Ok(Some(warnings)) } => {
+                warnings.into_iter().for_each(|warning| beside.outside.warning(warning));
+                let request = world::resolve(&[&output]);
+                if let Err(error) = request.check() {
+                    return beside.outside.say(Level::Error, error.to_string());
+                }
+                beside.outside.log(json!({ "event": "put_back", "path": output }));
+                beside.outside.note(format!("Ghosts put back: {}", whole(&output)));
+                beside.outside.push(Effect::Load { inputs: request.inputs });
+                if parts == Parts::Both {
+                    let streamed = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.key);
+                    let keys: Vec<_> = streamed.collect();
+                    keys.into_iter().for_each(|key| self.set_visible(key, false, beside));
+                }
+            }
+            GhostOutcome::PutBack { output, result: Ok(None), .. } => {
+                beside.outside.note(format!("Not put back: {}", shown(&output)));
+            }
+            GhostOutcome::Looked(Err(error)) | GhostOutcome::PutBack { result: Err(error), .. } => {
+                beside.outside.say(Level::Error, error);
+            }
+        }
+    }
+
+    /// Makes what is told by all mirrors that are not refused attributes of the clouds in memory, and colours by it.
+    fn put_told(&mut self, beside: &mut Beside<'_>) {
+        let Some(seen) = &mut self.ghosts.seen else { return };
+        let told = seen.told();
+        seen.counts = [Kind::Ghost, Kind::Undecided].map(|kind| told.count(kind));
+        let values: [&dyn Fn(&Suspect) -> f32; 3] =
+            [&|suspect| f32::from(suspect.kind.number()), &|suspect| f32::from(suspect.mirror()), &|suspect| {
+                suspect.probability
+            }];
+        let mut lists = Vec::new();
+        for (file, place) in seen.places().enumerate() {
+            let is_own =
+                |source: &Arc<codec::Source>| (&source.info().path, source.info().scan_number()) == (&place.0, place.1);
+            let entry = self.clouds.iter().find(|entry| entry.source.as_ref().is_some_and(is_own));
+            let Some(entry) = entry.filter(|entry| entry.streamed.is_none()) else { continue };
+            let chunks = &entry.cloud.chunks;
+            let ends = || -> Box<dyn Iterator<Item = (u64, u64)>> {
+                if chunks.iter().any(|chunk| chunk.corners.is_some()) {
+                    return Box::new(run_ends(seen.sources[file].info().points));
+                }
+                Box::new(chunks.iter().map(|chunk| (chunk.first_point, chunk.first_point + chunk.len() as u64)))
+            };
+            lists.push((entry.key, values.map(|value| runs(&told, file, ends(), value))));
+        }
+        for (key, lists) in lists {
+            if let Some(name) = self.put_values(key, &TOLD, lists.into(), beside) {
+                color_by(&name, beside);
+            }
+        }
+    }
+}
+
+/// Whether the scene has a mirror that was accepted.
+pub fn is_accepted(seen: &Seen, mirror: usize, objects: &Objects) -> bool {
+    matches!(seen.verdicts[mirror], Verdict::Accepted(id) if objects.mirror(id).is_some())
+}
+
+/// Whether the filter of `hide` is there.
+pub fn are_hidden(filters: &[Filter]) -> bool {
+    filters.iter().any(is_hiding)
+}
+
+fn is_hiding(filter: &Filter) -> bool {
+    filter.attribute == TOLD[2]
+}
+
+/// Hides ghosts by a filter, or shows them again. What is undecided stays.
+fn hide(hides: bool, beside: &mut Beside<'_>) {
+    let filters = &mut beside.scene.objects.visibility.filters;
+    filters.retain(|filter| !is_hiding(filter));
+    if hides {
+        filters.push(Filter { attribute: TOLD[2].to_owned(), low: f64::NEG_INFINITY, high: BELOW_GHOSTS });
+    }
+    beside.scene.navigation.camera_moved(beside.outside.now);
+}
+
+#[cfg(test)]
+mod tests {
+    use cloud::Chunk;
+    use glam::DVec3;
+    use scene::tripod::Disturbance;
+    use scene::{ColorBy, Shape, Tripod};
+    use trace::{Exact, scan};
+    use world::{Event, Opened, Part};
+
+    use super::*;
+    use crate::viewer::jobs::ghosts::GhostsDraft;
+    use crate::viewer::requests::action::Action;
+    use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::requests::work::Found as WorkFound;
+    use crate::viewer::session::Session;
+
+    const STATION: DVec3 = DVec3::new(2.9, 2.6, 1.55);
+
+    fn wall_mirror() -> Mirror {
+        let place = DVec3::new(3.4, 5.96, 1.6);
+        let mirror = Mirror::standing(Shape::Plane { height: 0.8 }, place, DVec3::NEG_Y, DVec3::Z, 0.9);
+        Mirror { position: place, name: "wall mirror".into(), ..mirror }
+    }
+
+    /// The made room with a mirror on its wall, scanned into a file that is open in two chunks. Returns the number of ghosts.
+    fn session(path: &Path) -> (Session, u64) {
+        let exact = Exact::of_mirrors(&[wall_mirror()]).with_solids(Tripod::Room.solids());
+        let points = scan::scan(&exact, &Disturbance::default(), STATION, 30_000.0, 1, 0);
+        let places: Vec<DVec3> = points.iter().map(|point| STATION + point.direction * point.range).collect();
+        let rows: String = places.iter().map(|place| format!("{} {} {}\n", place.x, place.y, place.z)).collect();
+        let count = places.len();
+        let axes = "property double x\nproperty double y\nproperty double z\n";
+        let header = format!("ply\nformat ascii 1.0\nelement vertex {count}\n{axes}end_header\n");
+        std::fs::write(path, header + &rows).unwrap();
+        let mut session = Session::new(Preferences::default());
+        let job = session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
+        let input = path.to_str().unwrap().to_owned();
+        let source = Some(Arc::new(codec::open(path).unwrap()));
+        let expected_points = count as u64;
+        let opened = Opened { name: "room".into(), input, source, expected_points, up: DVec3::Z, ..Opened::default() };
+        let mut tell = |event| session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+        tell(Event::Opened { cloud: 0, opened });
+        for (block, part) in places.chunks(count / 2 + 1).enumerate() {
+            let positions = part.iter().map(|place| place.as_vec3().to_array()).collect();
+            let first = (block * (count / 2 + 1)) as u64;
+            let chunk = Chunk::new(first, DVec3::ZERO, positions);
+            tell(Event::Chunk { cloud: 0, part: Part::Block(block as u64), chunk });
+        }
+        tell(Event::Read { cloud: 0, summary: codec::Summary::default() });
+        tell(Event::Finished);
+        session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
+        (session, points.iter().filter(|point| point.met.is_ghost()).count() as u64)
+    }
+
+    fn step(session: &mut Session, step: Ghosting) -> Option<GhostWork> {
+        session.outside.effects.clear();
+        session.act(Action::Ghosts(step));
+        session.outside.effects.drain(..).find_map(|effect| match effect {
+            Effect::Work(Work::Ghosts(work)) => Some(*work),
+            _ => None,
+        })
+    }
+
+    fn told(session: &Session, which: usize) -> Vec<f64> {
+        let chunks = &session.loaded.clouds[0].cloud.chunks;
+        let values = |chunk: &Chunk| {
+            let column = chunk.columns[which].clone().unwrap();
+            (0..chunk.len()).map(|index| column.value(index)).collect::<Vec<_>>()
+        };
+        chunks.iter().flat_map(values).collect()
+    }
+
+    fn said(session: &Session) -> String {
+        session.outside.messages.all.iter().map(|message| message.text.as_str()).collect::<Vec<_>>().join("\n")
+    }
+
+    #[test]
+    fn ghosts_colour_points_are_hidden_and_put_back_and_an_accepted_mirror_is_undone() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut session, ghosts) = session(&folder.path().join("room.ply"));
+        let id = session.scene.next_object_id();
+        session.scene.place(id, Object::Mirror(wall_mirror()), &mut session.outside);
+        let draft = GhostsDraft {
+            station: "2.9,2.6,1.55".into(),
+            finds: false,
+            output: folder.path().join("back.laz").to_str().unwrap().to_owned(),
+        };
+        session.act(Action::Ghosts(Ghosting::Change(Box::new(draft))));
+        let work = step(&mut session, Ghosting::Look).unwrap();
+        assert!(step(&mut session, Ghosting::Look).is_none(), "one at a time");
+        session.on_found(WorkFound::Ghosts(work.run()));
+        assert!(ghosts > 300 && said(&session).contains(&format!("1 mirrors, {ghosts} ghosts")), "{}", said(&session));
+        let color = &session.scene.settings.color;
+        assert_eq!((color.by, color.attribute.as_str()), (ColorBy::Attribute, "ghost"));
+        let count = |session: &Session| told(session, 0).iter().filter(|kind| **kind == 1.0).count() as u64;
+        assert_eq!(count(&session), ghosts);
+        assert!(told(&session, 0).iter().zip(told(&session, 1)).all(|(kind, mirror)| *kind == mirror));
+
+        step(&mut session, Ghosting::Hide(true));
+        let cloud = &session.loaded.clouds[0].cloud;
+        let test = cloud.test(&session.scene.objects.test());
+        let shown = |chunk: &Chunk| test.shown(chunk, chunk.bounds()).indices(chunk.len()).count() as u64;
+        let all: u64 = cloud.chunks.iter().map(|chunk| chunk.len() as u64).sum();
+        assert_eq!(cloud.chunks.iter().map(shown).sum::<u64>(), all - ghosts);
+        step(&mut session, Ghosting::Hide(false));
+        assert!(session.scene.objects.visibility.filters.is_empty());
+
+        // Without its object the mirror is open again, and nothing is put back.
+        session.scene.selected = Some(id);
+        session.act(Action::Delete);
+        assert!(step(&mut session, Ghosting::PutBack).is_none() && said(&session).contains("accept a mirror first"));
+        step(&mut session, Ghosting::Refuse(0));
+        assert_eq!(count(&session), 0);
+        step(&mut session, Ghosting::Accept(0));
+        assert!(count(&session) == ghosts && session.scene.objects.mirrors.len() == 1);
+        session.act(Action::Undo);
+        assert!(session.scene.objects.mirrors.is_empty() && step(&mut session, Ghosting::PutBack).is_none());
+        session.act(Action::Redo);
+        let work = step(&mut session, Ghosting::PutBack).unwrap();
+        session.on_found(WorkFound::Ghosts(work.run()));
+        let opens = |effect: &Effect| matches!(effect, Effect::Load { .. });
+        assert!(session.outside.effects.iter().any(opens), "{}", said(&session));
+        let written = codec::open(&folder.path().join("back.laz")).unwrap();
+        assert_eq!(written.info().points, ghosts);
+        let bounds = written.info().bounds.unwrap();
+        assert!(bounds.max.y < 5.97, "before the mirror: {bounds:?}");
+        assert!(step(&mut session, Ghosting::PutBack).is_none(), "a file that is there is not replaced");
+    }
+
+    #[test]
+    fn what_is_missing_is_said_and_a_search_is_stopped() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut session, _) = session(&folder.path().join("room.ply"));
+        let work = step(&mut session, Ghosting::Look).unwrap();
+        session.on_found(WorkFound::Ghosts(work.run()));
+        assert!(said(&session).contains("it is not known where the scanner stood"), "{}", said(&session));
+        let draft = |station: &str, finds| GhostsDraft { station: station.into(), finds, ..GhostsDraft::default() };
+        for (draft, expected) in [(draft("here", true), "Place of the scanner"), (draft("1,2,3", false), "no mirrors")]
+        {
+            session.act(Action::Ghosts(Ghosting::Change(Box::new(draft))));
+            assert!(step(&mut session, Ghosting::Look).is_none() && said(&session).contains(expected));
+        }
+        session.act(Action::Ghosts(Ghosting::Change(Box::new(draft("2.9,2.6,1.55", true)))));
+        let work = step(&mut session, Ghosting::Look).unwrap();
+        session.act(Action::Ghosts(Ghosting::Stop));
+        session.on_found(WorkFound::Ghosts(work.run()));
+        let ghosts = &session.loaded.ghosts;
+        assert!(ghosts.seen.is_none() && ghosts.under_way.is_none() && session.loaded.clouds[0].added.is_empty());
+    }
+}

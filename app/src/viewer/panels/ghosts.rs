@@ -1,0 +1,180 @@
+//! The panel of ghosts: looks for mirrors, shows why each is taken for one, and hides ghosts or puts them back.
+
+use egui::{RichText, Ui};
+
+use crate::viewer::jobs::ghosts::{Seen, Verdict};
+use crate::viewer::loaded::ghosts::{are_hidden, is_accepted};
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::look::widgets::{name_label, progress_bar};
+use crate::viewer::requests::action::{Action, Ghosting};
+use crate::viewer::session::Session;
+
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let ghosts = &session.loaded.ghosts;
+    if session.loaded.clouds.is_empty() {
+        ui.label(RichText::new("Open a scan to look for what its scanner saw in mirrors.").color(theme::WEAK));
+        return;
+    }
+    let mut draft = ghosts.draft.clone();
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Scanner");
+        let help = "Where the scanner stood, as X,Y,Z; files of E57 and PTX know it themselves";
+        let field = egui::TextEdit::singleline(&mut draft.station).hint_text("as the file says").desired_width(150.0);
+        ui.add(field).labelled_by(label.id).on_hover_text(help);
+        if ui.small_button("Eye").on_hover_text("The scanner stood where the eye is now").clicked() {
+            let eye = session.scene.camera.eye;
+            draft.station = format!("{:.4},{:.4},{:.4}", eye.x, eye.y, eye.z);
+        }
+    });
+    let help = "Mirrors and panes of the scene are always used; further planes and balls are looked for if this is on";
+    ui.checkbox(&mut draft.finds, "Find planes and balls").on_hover_text(help);
+    match &ghosts.under_way {
+        Some(progress) => {
+            ui.horizontal(|ui| {
+                progress_bar(ui, progress.done() as f32 / progress.total().max(1) as f32);
+                if ui.button("Stop").clicked() {
+                    actions.push(Action::Ghosts(Ghosting::Stop));
+                }
+            });
+            ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
+        }
+        None => {
+            let help = "Reads the files of all shown clouds, and tells what was seen in mirrors";
+            if ui.button("Look for ghosts").on_hover_text(help).clicked() {
+                actions.push(Action::Ghosts(Ghosting::Look));
+            }
+        }
+    }
+    if let Some(seen) = &ghosts.seen {
+        told(ui, session, seen, actions);
+        put_back(ui, session, seen, &mut draft.output, actions);
+    }
+    if draft != ghosts.draft {
+        actions.push(Action::Ghosts(Ghosting::Change(Box::new(draft))));
+    }
+}
+
+/// What was found, mirror by mirror, and whether it is shown.
+fn told(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action>) {
+    let [ghosts, undecided] = seen.counts.map(grouped);
+    ui.label(format!("{ghosts} ghosts, {undecided} undecided"));
+    if seen.looked.found.is_empty() {
+        ui.label(RichText::new("No mirror was found.").color(theme::WEAK));
+    }
+    for (index, found) in seen.looked.found.iter().enumerate() {
+        ui.push_id(index, |ui| {
+            let mirror = &found.reflector.mirror;
+            let number = index + 1;
+            ui.horizontal(|ui| {
+                let kind = if found.reflector.is_open { "pane" } else { mirror.shape.name() };
+                ui.label(format!("{number}  {kind}")).on_hover_text(format!("at {:.3}", mirror.position));
+                verdict(ui, session, seen, index, actions);
+            });
+            let (points, residual) = seen.figures[index];
+            let residual = residual.map_or(String::new(), |residual| format!(", {residual:.4} from surfaces"));
+            let text = format!("{} points{residual}; {}", grouped(points), found.reason);
+            ui.add(egui::Label::new(RichText::new(text).small().color(theme::WEAK)).wrap());
+        });
+    }
+    ui.horizontal(|ui| {
+        let is_hidden = are_hidden(&session.scene.objects.visibility.filters);
+        let hide = ui.selectable_label(is_hidden, "Hide ghosts");
+        if hide.on_hover_text("By a filter of ghost_probability, as in the tab Data; undecided points stay").clicked() {
+            actions.push(Action::Ghosts(Ghosting::Hide(!is_hidden)));
+        }
+    });
+}
+
+fn verdict(ui: &mut Ui, session: &Session, seen: &Seen, index: usize, actions: &mut Vec<Action>) {
+    let number = index + 1;
+    if is_accepted(seen, index, &session.scene.objects) {
+        ui.label(RichText::new("in the scene").color(theme::ACCENT));
+        return;
+    }
+    let mut button = |text: &str, help: &str, step: Ghosting| {
+        let button = ui.small_button(text).on_hover_text(help);
+        if button.accessible_name(format!("{text} mirror {number}")).clicked() {
+            actions.push(Action::Ghosts(step));
+        }
+    };
+    button("Accept", "Makes it a mirror of the scene; undo takes it out again", Ghosting::Accept(index));
+    if seen.verdicts[index] == Verdict::Refused {
+        ui.label(RichText::new("refused").color(theme::WEAK));
+    } else {
+        button("Refuse", "What was seen in it counts as real points", Ghosting::Refuse(index));
+    }
+}
+
+fn put_back(ui: &mut Ui, session: &Session, seen: &Seen, output: &mut String, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "New file");
+        let help = "Ghosts of accepted mirrors are written to this file, at the places that were seen, and it is opened. Of \
+                    streamed clouds it also has all other points, and is opened in their place";
+        let field = egui::TextEdit::singleline(output).hint_text("glint-…-put-back-1.laz").desired_width(150.0);
+        ui.add(field).labelled_by(label.id).on_hover_text(help);
+        let is_able = session.loaded.ghosts.under_way.is_none()
+            && (0..seen.verdicts.len()).any(|mirror| is_accepted(seen, mirror, &session.scene.objects));
+        if ui.add_enabled(is_able, egui::Button::new("Put back")).on_disabled_hover_text("Accept a mirror first").clicked()
+        {
+            actions.push(Action::Ghosts(Ghosting::PutBack));
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use ghost::{Found, Kind, Suspect, Told};
+    use glam::DVec3;
+    use scene::{Mirror, Shape};
+
+    use super::*;
+    use crate::shared::ghosts::Looked;
+
+    /// A mirror that explains one ghost.
+    fn seen() -> Seen {
+        let mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0);
+        let suspect = Suspect {
+            index: 1,
+            kind: Kind::Ghost,
+            mirrors: [1, 0, 0, 0],
+            probability: 1.0,
+            place: DVec3::ZERO,
+            error: 0.0,
+            distance: Some(0.0012),
+        };
+        let told = Told { suspects: [((0, 0), vec![suspect])].into(), noise: 0.0 };
+        let found = vec![Found { reason: "for a reason".into(), ..Found::given(mirror) }];
+        let looked = Looked { stations: Vec::new(), found, told, warnings: Default::default() };
+        Seen::new(looked, Vec::new(), Vec::new())
+    }
+
+    #[test]
+    fn a_found_mirror_is_told_with_its_reason_and_is_refused_or_accepted() {
+        let mut session = Session::with_two_points();
+        session.loaded.ghosts.seen = Some(seen());
+        let mut harness = Harness::builder().with_size([360.0, 600.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_ok();
+        let has = |harness: &Harness<'_, Session>, text: &str| harness.query_by_label(text).is_some();
+        assert!(has(&harness, "1 ghosts, 0 undecided"));
+        assert!(has(&harness, "1 points, 0.0012 from surfaces; for a reason"));
+        harness.get_by_label("Refuse mirror 1").click();
+        harness.run_ok();
+        assert!(has(&harness, "refused") && has(&harness, "0 ghosts, 0 undecided"));
+        harness.get_by_label("Accept mirror 1").click();
+        harness.run_ok();
+        assert!(has(&harness, "in the scene") && has(&harness, "1 ghosts, 0 undecided"));
+        assert_eq!(harness.state().scene.objects.mirrors[0].mirror.name, "found sphere");
+        harness.get_by_label("Hide ghosts").click();
+        harness.run_ok();
+        assert!(are_hidden(&harness.state().scene.objects.visibility.filters));
+        harness.get_by_label("Eye").click();
+        harness.run_ok();
+        assert!(harness.state().loaded.ghosts.draft.station.contains(','));
+    }
+}
