@@ -77,7 +77,9 @@ fn stations(sources: &[Arc<Source>], named: &[DVec3]) -> anyhow::Result<(Vec<DVe
     }
     if stations.is_empty() {
         let name = shown(&sources[0].info().path);
-        return Err(usage(format!("{name}: it is not known where the scanner stood; say so with --station X,Y,Z")));
+        return Err(usage(format!(
+            "{name}: it is not known where the scanner stood; say so with --station X,Y,Z, or in the window with the field Scanner"
+        )));
     }
     Ok((stations, of_file))
 }

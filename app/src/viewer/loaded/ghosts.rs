@@ -9,9 +9,8 @@ use ghost::{Found, Kind, Suspect};
 use scene::{Filter, Mirror, Object, shown};
 use serde_json::json;
 
-use crate::shared::command_line::parse_place;
 use crate::shared::ghosts::{Parts, run_ends, runs};
-use crate::shared::numbers::grouped;
+use crate::shared::numbers::{grouped, parse_place};
 use crate::viewer::jobs::ghosts::{GhostOutcome, GhostTask, GhostWork, Seen, Verdict};
 use crate::viewer::loaded::comparing::color_by;
 use crate::viewer::loaded::{Beside, Loaded};

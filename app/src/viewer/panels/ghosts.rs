@@ -20,7 +20,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         let label = name_label(ui, "Scanner");
         let help = "Where the scanner stood, as X,Y,Z; files of E57 and PTX know it themselves";
-        let field = egui::TextEdit::singleline(&mut draft.station).hint_text("as the file says").desired_width(150.0);
+        let field = egui::TextEdit::singleline(&mut draft.station).hint_text("as the file says").desired_width(130.0);
         ui.add(field).labelled_by(label.id).on_hover_text(help);
         if ui.small_button("Eye").on_hover_text("The scanner stood where the eye is now").clicked() {
             let eye = session.scene.camera.eye;
@@ -111,15 +111,15 @@ fn put_back(ui: &mut Ui, session: &Session, seen: &Seen, output: &mut String, ac
         let label = name_label(ui, "New file");
         let help = "Ghosts of accepted mirrors are written to this file, at the places that were seen, and it is opened. Of \
                     streamed clouds it also has all other points, and is opened in their place";
-        let field = egui::TextEdit::singleline(output).hint_text("glint-…-put-back-1.laz").desired_width(150.0);
+        let field = egui::TextEdit::singleline(output).hint_text("glint-…-put-back-1.laz").desired_width(180.0);
         ui.add(field).labelled_by(label.id).on_hover_text(help);
-        let is_able = session.loaded.ghosts.under_way.is_none()
-            && (0..seen.verdicts.len()).any(|mirror| is_accepted(seen, mirror, &session.scene.objects));
-        if ui.add_enabled(is_able, egui::Button::new("Put back")).on_disabled_hover_text("Accept a mirror first").clicked()
-        {
-            actions.push(Action::Ghosts(Ghosting::PutBack));
-        }
     });
+    let is_able = session.loaded.ghosts.under_way.is_none()
+        && (0..seen.verdicts.len()).any(|mirror| is_accepted(seen, mirror, &session.scene.objects));
+    let button = ui.add_enabled(is_able, egui::Button::new("Put back"));
+    if button.on_disabled_hover_text("Accept a mirror first").clicked() {
+        actions.push(Action::Ghosts(Ghosting::PutBack));
+    }
 }
 
 #[cfg(test)]
