@@ -35,7 +35,10 @@ fn distances_of_planes_are_those_that_they_were_made_with() {
     for key in ["mean", "median", "rms", "p95", "max"] {
         assert!(is_near(&found[key], 0.05, 1e-6), "{key}: {found}");
     }
-    assert!(is_near(&found["std"], 0.0, 1e-6) && found["significant"].is_null(), "{found}");
+    assert!(
+        is_near(&found["std"], 0.0, 1e-6) && found["significant"].is_null() && found["interval"].is_null(),
+        "{found}"
+    );
     // Along the normals, which point up, it is below. Without any scatter, all of it is significant.
     let found = figures(&folder, &["--method", "m3c2"]);
     assert!(is_near(&found["mean"], -0.05, 1e-6) && is_near(&found["max"], 0.05, 1e-6), "{found}");
@@ -47,6 +50,7 @@ fn distances_of_planes_are_those_that_they_were_made_with() {
     let scales = ["--method", "m3c2", "--normal-scale", "6", "--cylinder-scale", "1.28", "--reach", "3"];
     let found = figures(&folder, &scales);
     assert!(is_near(&found["mean"], 0.02, 0.002) && is_near(&found["significant"], 0.0, 0.02), "{found}");
+    assert!(is_near(&found["interval"], 0.07, 0.02), "{found}");
 
     // A registration that may be off by 0.05 hides a change of 0.05, which is beyond a level of 0.
     folder.write("a.ply", plane(0.0, 0.0));

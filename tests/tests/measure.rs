@@ -154,7 +154,7 @@ fn values_of_a_slope_and_a_column_are_those_of_their_formulas_within_their_uncer
     assert_eq!(outcome.status, Some(0), "{outcome}");
     let text = outcome.text();
     let mut rows = text.lines();
-    assert_eq!(rows.next(), Some("measurement,kind,on,figure,value,unit,uncertainty,error"));
+    assert_eq!(rows.next(), Some("measurement,kind,on,figure,value,unit,uncertainty,error,interval"));
     let told = report["measurements"].as_array().expect("a list").iter();
     let values = told.flat_map(|own| own["values"].as_array().expect("values").iter().map(move |value| (own, value)));
     let rows: Vec<Vec<&str>> = rows.map(|row| row.split(',').collect()).collect();
@@ -163,7 +163,12 @@ fn values_of_a_slope_and_a_column_are_those_of_their_formulas_within_their_uncer
         assert_eq!((row[0], row[1], row[2]), (own["name"].as_str().unwrap(), own["kind"].as_str().unwrap(), "true"));
         let unit = value["unit"].as_str().unwrap_or_default();
         assert_eq!((row[3], row[5], row[7]), (value["name"].as_str().unwrap(), unit, ""));
-        for (text, told) in [(row[4], &value["value"]), (row[6], &value["uncertainty"])] {
+        let numbers = [(row[4], &value["value"]), (row[6], &value["uncertainty"]), (row[8], &value["interval"])];
+        let ratio = value["uncertainty"].as_f64().zip(value["interval"].as_f64()).map(|(one, most)| most / one);
+        assert!(
+            ratio.is_none_or(|ratio| (ratio - 1.96).abs() < 1e-3) && value["uncertainty"].is_null() == ratio.is_none()
+        );
+        for (text, told) in numbers {
             let (own, told): (Option<f64>, _) = (text.parse().ok(), told.as_f64());
             let is_same = own.zip(told).map_or(own == told, |(own, told)| (own - told).abs() <= 1e-12 * told.abs());
             assert!(is_same, "{text:?} is not {told:?}");
@@ -228,7 +233,7 @@ fn what_cannot_be_measured_is_told_and_the_rest_is_measured() {
     refused(&format!("clouds = [\"slope.ply\"]\n{odd}"), 2, "line 4, column 8: unknown variant `distence`");
     let far = measurement("far", "plane", &["[0.0, 0.0, 0.0]".into()], "reach = 1.0");
     let text = refused(&format!("clouds = [\"slope.ply\"]\n{far}{distance}"), 1, "measurement 1 (`far`): 0 points");
-    assert!(text.contains("1.031 ± "), "{text}");
+    assert!(text.contains("1.03 ± 0."), "{text}");
     let text = folder.glint(["measure", "some.toml", "--csv"]).text();
     assert!(
         text.contains("\nfar,plane,true,,,,,\"0 points") && text.contains("\nd,distance,true,distance,1.03"),

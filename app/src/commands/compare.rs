@@ -95,12 +95,12 @@ fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
 
 fn report(arguments: &CompareArguments, measured: &Measured, units: &Units) -> anyhow::Result<()> {
     let DistanceFigures { points, mean, median, std, rms, p95, max } = measured.figures;
-    let significant = measured.significant;
+    let Measured { significant, interval, .. } = *measured;
     let unit = units.length().map(|unit| unit.to_string());
     if arguments.json {
         return terminal::print_json(&json!({
             "points": points, "mean": mean, "median": median, "std": std, "rms": rms, "p95": p95, "max": max,
-            "significant": significant, "unit": unit,
+            "significant": significant, "interval": interval, "unit": unit,
         }));
     }
     let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
@@ -113,6 +113,7 @@ fn report(arguments: &CompareArguments, measured: &Measured, units: &Units) -> a
         format!("  95 % within  {p95:.6}{unit}"),
         format!("  max          {max:.6}{unit}"),
     ];
+    lines.extend(interval.map(|interval| format!("  each ±       {interval:.6}{unit}   (95 %, the median)")));
     lines.extend(significant.map(|share| format!("  significant  {:.1} %", share * 100.0)));
     terminal::print(lines)
 }

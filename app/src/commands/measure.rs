@@ -230,8 +230,11 @@ fn entry(measurement: &Measurement, figures: &Outcome, units: &Units) -> Value {
     match figures {
         Ok(figures) => {
             let value = |figure: &crate::shared::measuring::Figure| {
-                let (unit, uncertainty) = (figure.unit(units), figure.deviation);
-                json!({ "name": figure.name, "value": figure.value, "unit": unit, "uncertainty": uncertainty })
+                let (unit, uncertainty, interval) = (figure.unit(units), figure.deviation, figure.interval());
+                json!({
+                    "name": figure.name, "value": figure.value, "unit": unit, "uncertainty": uncertainty,
+                    "interval": interval,
+                })
             };
             entry["values"] = figures.iter().map(value).collect();
         }
@@ -243,10 +246,20 @@ fn entry(measurement: &Measurement, figures: &Outcome, units: &Units) -> Value {
 /// A row for each value, and one with the problem for a measurement that has none.
 fn table<'a>(measured: impl Iterator<Item = (&'a Measurement, &'a Outcome)>, units: &Units) -> anyhow::Result<String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(["measurement", "kind", "on", "figure", "value", "unit", "uncertainty", "error"])?;
+    writer.write_record([
+        "measurement",
+        "kind",
+        "on",
+        "figure",
+        "value",
+        "unit",
+        "uncertainty",
+        "error",
+        "interval",
+    ])?;
     for (measurement, figures) in measured {
         let Measurement { name, kind, on, .. } = measurement;
-        let mut row = |rest: [&str; 5]| {
+        let mut row = |rest: [&str; 6]| {
             writer
                 .write_record([name.as_str(), kind.name(), if *on { "true" } else { "false" }].into_iter().chain(rest))
         };
@@ -254,11 +267,12 @@ fn table<'a>(measured: impl Iterator<Item = (&'a Measurement, &'a Outcome)>, uni
             Ok(figures) => {
                 for figure in figures {
                     let (value, unit) = (figure.value.to_string(), figure.unit(units).unwrap_or_default());
-                    let uncertainty = figure.deviation.map_or(String::new(), |deviation| deviation.to_string());
-                    row([figure.name, &value, &unit, &uncertainty, ""])?;
+                    let text = |number: Option<f64>| number.map_or(String::new(), |number| number.to_string());
+                    let (uncertainty, interval) = (text(figure.deviation), text(figure.interval()));
+                    row([figure.name, &value, &unit, &uncertainty, "", &interval])?;
                 }
             }
-            Err(problem) => row(["", "", "", "", problem])?,
+            Err(problem) => row(["", "", "", "", problem, ""])?,
         }
     }
     Ok(String::from_utf8(writer.into_inner()?)?)

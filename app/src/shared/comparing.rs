@@ -84,6 +84,9 @@ pub struct Measured {
     pub figures: DistanceFigures,
     /// The share of the distances that are beyond their level of detection, if the method has levels.
     pub significant: Option<f64>,
+    /// The median level of detection, which is the half width of the interval of 95 % of a distance, if the method has
+    /// levels.
+    pub interval: Option<f64>,
 }
 
 /// A distance and its level of detection; NaN where there is none.
@@ -384,12 +387,14 @@ pub fn compare(
     };
     let is_significant = |[distance, level]: &&Value| distance.abs() > *level;
     let beyond = measured.iter().filter(is_significant).count() as f64;
+    let of_levels = DistanceFigures::of(measured.iter().map(|[_, level]| *level).collect());
+    let interval = of_levels.map(|levels| levels.median);
     let figures = DistanceFigures::of(measured.into_iter().map(|[distance, _]| distance).collect());
     let apart = apart.map_or(String::new(), |apart| format!(": {apart}"));
     let figures = figures.with_context(|| format!("no point of the first cloud has a distance to the second{apart}"));
     let figures = figures.map_err(|error| usage(error.to_string()))?;
     let significant = levels.is_some().then(|| beyond / figures.points as f64);
-    Ok(Some((Measured { distances, levels, figures, significant }, warnings)))
+    Ok(Some((Measured { distances, levels, figures, significant, interval }, warnings)))
 }
 
 fn m3c2(scales: Scales, first: &Side, tree: &PointTree) -> measure::Result<M3c2> {

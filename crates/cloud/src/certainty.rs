@@ -7,11 +7,15 @@
 //! (all root mean squares). The quadric follows a bent surface, so that a smooth one is not taken for noise. The plane has
 //! a part in it because noise that neighbours share bends the quadric along. Along a sightline the half width is longer
 //! by 1 / cos(incidence). Both constants are calibrated by sightlines that were held out (docs/study/surfaces.md).
+//!
+//! A further measurement has noise of its own. The error of a point itself is told by its neighbours alone: the formula
+//! without a, and with p about the mean of the neighbours. A point that is off the quadric by more than chance does is off
+//! by that distance, too.
 
 use glam::{DMat4, DVec3, DVec4};
 use rayon::prelude::*;
 
-use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles};
+use crate::neighbours::{Points, Surroundings, Tiles};
 use crate::surfels::parts;
 use crate::{Chunk, Progress, unpack_normal};
 
@@ -25,11 +29,22 @@ const NEIGHBOURS: usize = 16;
 const WIDTHS: f64 = 2.2;
 /// The part of the plane in the variance; the rest is that of the quadric.
 const OF_PLANE: f64 = 0.2;
+/// A point that is off its neighbours' quadric by more half widths than this does not belong to their surface.
+const OUTLYING: f64 = 2.0;
 /// What the packing of normals and positions leaves uncertain, in radii of the neighbourhood.
 const PACKED: f64 = 5e-5;
 /// What is added to the diagonal of normal equations in units of the neighbourhood: for neighbours on a line, the quadric
 /// is a constant across it.
 const RIDGE: f64 = 1e-6;
+
+/// Half widths of the intervals at a point along a normal, in world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HalfWidths {
+    /// For a further measurement of the surface.
+    pub further: f64,
+    /// For the error of the point itself.
+    pub point: f64,
+}
 
 /// For each point the half width of the interval for the error of its disc along its normal, in world units; one list per
 /// chunk. Not a number for points without a normal or without two others. `progress` counts points; `None` when
@@ -56,6 +71,13 @@ pub fn surface_errors(chunks: &[Chunk], progress: &Progress) -> Option<Vec<Vec<f
     Some(errors)
 }
 
+/// The half widths at a point, along the unit normal of its disc, by the offsets of the nearest other points: some 16.
+/// Not numbers for fewer than two.
+pub fn half_widths(offsets: &[DVec3], normal: DVec3) -> HalfWidths {
+    let reach = offsets.iter().map(|offset| offset.length()).fold(0.0, f64::max);
+    within_reach(offsets.iter().copied(), reach, normal)
+}
+
 /// The half width of the interval along a sightline in the direction of a unit vector, from that along the unit normal.
 pub fn error_along(half_width: f64, normal: DVec3, direction: DVec3) -> f64 {
     half_width / normal.dot(direction).abs()
@@ -68,7 +90,9 @@ fn errors_of(chunks: &[Chunk], points: &Points, tiles: &Tiles, tile: usize, prog
         let (chunk, local) = points.locate(index);
         let normal = chunks[chunk].normals.as_ref().and_then(|normals| unpack_normal(normals[local]));
         if let Some(normal) = normal {
-            errors.push((index, half_width(surroundings.neighbourhood(), normal.as_dvec3()) as f32));
+            let around = surroundings.neighbourhood();
+            let (offsets, reach) = (around.offsets().map(|offset| offset.as_dvec3()), around.distance_squared.sqrt());
+            errors.push((index, within_reach(offsets, f64::from(reach), normal.as_dvec3()).further as f32));
         }
     };
     tiles.search::<NEIGHBOURS>(tile, NEIGHBOURS, visit, progress);
@@ -76,14 +100,16 @@ fn errors_of(chunks: &[Chunk], points: &Points, tiles: &Tiles, tile: usize, prog
     errors
 }
 
-fn half_width(around: &Neighbourhood, normal: DVec3) -> f64 {
-    let reach = f64::from(around.distance_squared).sqrt();
-    let (across, count) = (normal.any_orthonormal_vector(), around.offsets().count() as f64);
+/// By the offsets of neighbours no farther than `reach`.
+fn within_reach(offsets: impl Iterator<Item = DVec3>, reach: f64, normal: DVec3) -> HalfWidths {
+    let across = normal.any_orthonormal_vector();
     let along = normal.cross(across);
     // The normal equations of 1, x^2, x y, y^2 in the plane, in units of the reach.
     let (mut matrix, mut sums, mut squares) = (DMat4::IDENTITY * RIDGE, DVec4::ZERO, 0.0);
-    for offset in around.offsets() {
-        let offset = offset.as_dvec3() / reach;
+    let mut count = 0.0;
+    for offset in offsets {
+        let offset = offset / reach;
+        count += 1.0;
         let (x, y, off) = (offset.dot(across), offset.dot(along), offset.dot(normal));
         let row = DVec4::new(1.0, x * x, x * y, y * y);
         matrix += DMat4::from_cols(row * row.x, row * row.y, row * row.z, row * row.w);
@@ -93,14 +119,23 @@ fn half_width(around: &Neighbourhood, normal: DVec3) -> f64 {
     let plane = squares / count;
     let quadric = matrix.inverse() * sums;
     let free = count - 4.0;
-    let bent = if free > 0.0 && quadric.is_finite() {
-        quadric.x * quadric.x + (squares - quadric.dot(sums)).max(0.0) / free
+    // Squares of how far the middle is off, and of how far the neighbours are.
+    let (middle, bent) = if free > 0.0 && quadric.is_finite() {
+        (quadric.x * quadric.x, (squares - quadric.dot(sums)).max(0.0) / free)
     } else {
-        plane
+        (0.0, plane)
     };
-    let variance = OF_PLANE * plane + (1.0 - OF_PLANE) * bent;
-    let error = WIDTHS * (variance + PACKED * PACKED).sqrt() * reach;
-    if count < 2.0 { f64::NAN } else { error }
+    let width = |plane: f64, bent: f64| {
+        let variance = OF_PLANE * plane + (1.0 - OF_PLANE) * bent;
+        WIDTHS * (variance + PACKED * PACKED).sqrt() * reach
+    };
+    // The first of the sums is that of the neighbours' distances off the plane.
+    let (point, off) = (width(plane - (sums.x / count).powi(2), bent), middle.sqrt() * reach);
+    let point = if off > OUTLYING * point { point + off } else { point };
+    if count < 2.0 {
+        return HalfWidths { further: f64::NAN, point: f64::NAN };
+    }
+    HalfWidths { further: width(plane, middle + bent), point }
 }
 
 #[cfg(test)]
@@ -160,6 +195,30 @@ mod tests {
             // A disc is off by the noise, and so is what is measured: 1.96 times the root of two, where neighbours tell it.
             assert!((2.4..3.4).contains(&middle), "{middle} of a noise of {noise}");
         }
+    }
+
+    #[test]
+    fn the_half_width_of_a_point_is_that_of_its_neighbours_unless_it_is_off_their_surface() {
+        let mut random = Random(3);
+        let (noise, count) = (0.01, 4000);
+        let mut widths = Vec::new();
+        let mut held = 0;
+        for _ in 0..count {
+            let own = noise * deviate(&mut random);
+            let mut place = || unit(&mut random) * 4.0 - 2.0;
+            let places: Vec<[f64; 2]> = (0..NEIGHBOURS).map(|_| [place(), place()]).collect();
+            let mut around = |[x, y]: [f64; 2]| DVec3::new(x, y, noise * deviate(&mut random) - own);
+            let offsets: Vec<DVec3> = places.into_iter().map(&mut around).collect();
+            let found = half_widths(&offsets, DVec3::Z);
+            assert!(found.point < found.further || found.point > 2.0 * OUTLYING * noise, "{found:?}");
+            held += usize::from(own.abs() <= found.point);
+            widths.push(found.point / noise);
+            let off: Vec<DVec3> = offsets.iter().map(|offset| *offset + DVec3::Z).collect();
+            assert!((0.9..1.3).contains(&half_widths(&off, DVec3::Z).point), "a point 1 off the plane");
+        }
+        widths.sort_by(f64::total_cmp);
+        let held = held as f64 / f64::from(count);
+        assert!((0.93..0.97).contains(&held) && (1.9..2.4).contains(&widths[widths.len() / 2]), "{held}, {widths:?}");
     }
 
     #[test]

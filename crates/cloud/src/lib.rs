@@ -34,7 +34,7 @@ mod volume;
 pub use blank::{ColorCount, is_black};
 pub use bounds::Bounds;
 pub use carve::is_depth_image;
-pub use certainty::{STATED, SURFACE_ERROR, error_along, surface_errors};
+pub use certainty::{HalfWidths, STATED, SURFACE_ERROR, error_along, half_widths, surface_errors};
 pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
 pub use mesh_points::MeshPoints;

@@ -6,12 +6,11 @@ use glam::DVec3;
 
 use crate::error::{Error, Result};
 use crate::fit::plane;
+use crate::scatter::IN_95_PERCENT;
 use crate::tree::{Cylinder, PointTree};
 
 /// Both clouds need this many points in the cylinder for a level of detection.
 const LEAST_POINTS: u32 = 4;
-/// A normal distribution holds 95 % within this many standard deviations of its mean.
-const IN_95_PERCENT: f64 = 1.959_964;
 /// The scales that are chosen, in units of the distance between neighbouring points: some 80 points for a normal and some
 /// 50 in a cylinder of each cloud.
 const NORMAL_SPACINGS: f64 = 10.0;

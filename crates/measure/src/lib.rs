@@ -19,7 +19,7 @@ pub use error::{Error, Result};
 pub use figures::{angle, area, height, length};
 pub use fit::{Plane, Round, circle, cylinder, plane};
 pub use nearest::Nearest;
-pub use scatter::{Scatter, spread};
+pub use scatter::{IN_95_PERCENT, Scatter, spread};
 pub use section::{Placed, Section};
 pub use tree::{Cylinder, PointTree};
 pub use volume::{Volume, VolumeGrid};

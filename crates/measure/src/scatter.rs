@@ -1,8 +1,14 @@
 //! How certain a place on a scan is, and what follows from it for a figure.
 
+use cloud::{HalfWidths, half_widths};
 use glam::{DMat3, DVec3};
 
 use crate::fit::plane;
+
+/// The number of neighbours that tell how far a point is off the surface.
+const NEAREST: usize = 16;
+/// A normal distribution holds 95 % within this many standard deviations of its mean.
+pub const IN_95_PERCENT: f64 = 1.959_964;
 
 /// How the points around a place scatter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,8 +17,10 @@ pub struct Scatter {
     pub spacing: f64,
     /// The standard deviation of points from the plane through them.
     pub noise: f64,
-    /// That plane's normal.
+    /// The normal of the plane through the place and its nearest points, as of a disc there.
     pub normal: DVec3,
+    /// The half widths of intervals of 95 % along that normal.
+    pub half_widths: HalfWidths,
 }
 
 impl Scatter {
@@ -28,15 +36,23 @@ impl Scatter {
         }
         // Each point has a share of the disc that they cover.
         let spacing = radius * (std::f64::consts::PI / nearest.len() as f64).sqrt();
-        Some(Self { spacing, noise: plane.noise(), normal: plane.normal })
+        let others = nearest.iter().filter(|point| **point != place);
+        let mut others: Vec<DVec3> = others.map(|point| point - place).collect();
+        others.sort_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+        others.truncate(NEAREST);
+        let disc: Vec<DVec3> = others.iter().copied().chain([DVec3::ZERO]).collect();
+        let normal = crate::fit::plane(&disc).map_or(plane.normal, |disc| disc.normal);
+        Some(Self { spacing, noise: plane.noise(), normal, half_widths: half_widths(&others, normal) })
     }
 
-    /// The covariance of a place that a person chose on the surface: the scanner's noise across it; along it, the place
-    /// that is meant lies anywhere between neighbouring points.
+    /// The covariance of a place that a person chose on the surface: the error of the point across it; along it, how
+    /// far the nearest point is from the place that is meant. In each direction that is a variance of 1/12 of the area of
+    /// a point on a square lattice and of 1/(2 pi) for points at random: 1/8 holds for scans of one to four stations.
     pub fn covariance(&self) -> DMat3 {
         let outer = |a: DVec3| DMat3::from_cols(a * a.x, a * a.y, a * a.z);
         let across = outer(self.normal);
-        across * (self.noise * self.noise) + (DMat3::IDENTITY - across) * (self.spacing * self.spacing / 12.0)
+        across * (self.half_widths.point / IN_95_PERCENT).powi(2)
+            + (DMat3::IDENTITY - across) * (self.spacing * self.spacing / 8.0)
     }
 }
 
@@ -66,6 +82,11 @@ pub fn spread(figure: impl Fn(&[DVec3]) -> f64, places: &[DVec3], covariances: &
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use cloud::{Chunk, Orientation, Progress, SurfelOptions, estimate, surface_errors};
+    use glam::Vec3;
+
     use super::*;
     use crate::figures::{angle, area, height, length};
     use crate::fit::tests::{Dice, wall};
@@ -86,6 +107,31 @@ mod tests {
         // Nothing is known of a place whose surroundings are hidden, whatever the wall beyond them is like.
         let beyond: Vec<DVec3> = nearest.iter().filter(|point| point.distance(place) > 0.5).take(24).copied().collect();
         assert_eq!(Scatter::around(place, &beyond), None);
+    }
+
+    #[test]
+    fn the_half_widths_of_a_place_are_those_of_the_disc_there() {
+        let mut dice = Dice::new(6);
+        let (_, points) = wall(&mut dice, 4000, 2.0, 0.003);
+        let origin = points[0];
+        let positions = points.iter().map(|point| (point - origin).as_vec3().to_array()).collect();
+        let mut chunk = Chunk::new(0, origin, positions);
+        let options = SurfelOptions::new(Orientation::Up(Vec3::Z));
+        let surfels = estimate(std::slice::from_ref(&chunk), &options, &Progress::default()).unwrap().remove(0);
+        chunk.normals = Some(Arc::new(surfels.normals));
+        let errors = surface_errors(&[chunk], &Progress::default()).unwrap().remove(0);
+        let mut off = Vec::new();
+        for (place, error) in points.iter().zip(errors).step_by(97) {
+            let mut nearest = points.clone();
+            nearest.sort_by(|a, b| a.distance(*place).total_cmp(&b.distance(*place)));
+            let scatter = Scatter::around(*place, &nearest[..24]).unwrap();
+            off.push((scatter.half_widths.further / f64::from(error) - 1.0).abs());
+            let across = spread(|places| places[0].dot(scatter.normal), &[*place], &[scatter.covariance()]);
+            assert!((IN_95_PERCENT * across / scatter.half_widths.point - 1.0).abs() < 1e-6, "{scatter:?}");
+        }
+        off.sort_by(f64::total_cmp);
+        // A normal of the disc that is packed, or that of a row, moves some of them by a little.
+        assert!(off[off.len() * 9 / 10] < 0.05, "{off:?}");
     }
 
     #[test]

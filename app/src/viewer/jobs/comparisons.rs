@@ -52,6 +52,8 @@ pub struct Compared {
     pub figures: DistanceFigures,
     /// The share of distances beyond their level of detection, if the method has levels.
     pub significant: Option<f64>,
+    /// The median of the half widths of the intervals of 95 %, if the method has levels.
+    pub interval: Option<f64>,
 }
 
 /// A cloud of a comparison as the window knows it.

@@ -113,13 +113,13 @@ impl Loaded {
             Err(error) => return beside.outside.say(Level::Error, error),
         };
         param::few(warnings, "warnings").into_iter().for_each(|warning| beside.outside.warning(warning));
-        let Measured { distances, levels, figures, significant } = measured;
+        let Measured { distances, levels, figures, significant, interval } = measured;
         beside.outside.log(json!({
             "event": "compared", "what": what, "points": figures.points, "mean": figures.mean, "p95": figures.p95,
-            "significant": significant,
+            "significant": significant, "interval": interval,
         }));
         beside.outside.note(format!("Compared: {what}"));
-        self.comparisons.last = Some(Compared { what, figures, significant });
+        self.comparisons.last = Some(Compared { what, figures, significant, interval });
         match output {
             Some(Written { path, attribute }) => self.open_compared(key, &path, &attribute, beside),
             None => {

@@ -274,6 +274,11 @@ fn result(ui: &mut Ui, compared: &Compared, unit: &str) {
         ("Std", Some(number(std)), "The standard deviation about the mean"),
         ("95 % within", Some(number(p95)), "95 % of the distances are no longer, whatever their sign"),
         ("Longest", Some(number(max)), "The longest distance, whatever its sign"),
+        (
+            "Each ±",
+            compared.interval.map(number),
+            "The level of detection (95 %) of a distance, the median: a shorter distance may be no change",
+        ),
         ("Beyond level", significant, "The share of distances beyond the level of detection (95 %): changes"),
     ];
     egui::Grid::new("distances").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
@@ -301,13 +306,14 @@ mod tests {
             what: "a to b, M3C2".into(),
             figures: DistanceFigures { points: 1234, mean: -0.25, median: 0.5, std: 1.0, rms: 1.0, p95: 2.0, max: 3.0 },
             significant: Some(0.375),
+            interval: Some(0.125),
         });
         let mut harness = Harness::builder().with_size([340.0, 600.0]).with_max_steps(16).build_ui_state(
             |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
             session,
         );
         harness.run_ok();
-        for text in ["1,234", "-0.2500", "37.5 %"] {
+        for text in ["1,234", "-0.2500", "37.5 %", "0.1250"] {
             assert!(harness.query_by_label(text).is_some(), "{text}");
         }
         assert!(harness.query_by_label("Reach").is_none());

@@ -3,6 +3,7 @@
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
 
+use crate::shared::measuring::PointError;
 use crate::viewer::picture::messages::PickedPoint;
 
 /// A point that the user clicked on.
@@ -18,6 +19,8 @@ pub struct Pick {
     pub record: Option<Result<Vec<(String, String)>, String>>,
     /// What comparisons have added to it.
     pub added: Vec<(String, String)>,
+    /// How far it may be off the surface, once that is known.
+    pub error: Option<PointError>,
     /// Whether the point comes from an index, which keeps neither its number in the file nor its other attributes.
     pub is_streamed: bool,
 }
@@ -70,6 +73,9 @@ impl Pick {
         let mut text = format!("{}{number}\t{}\n", self.cloud, coordinates(self.world).replace("  ", "\t"));
         for (name, value) in self.attributes() {
             text += &format!("{name}\t{value}\n");
+        }
+        if let Some(PointError { across, sight }) = self.error {
+            text += &format!("± across\t{across}\n± sight\t{sight}\n");
         }
         text
     }

@@ -14,7 +14,7 @@ use world::mirrors::{self, Marked};
 use world::{AutoLight, CloudKey, IndexEntry, Moved, Own};
 
 use crate::shared::export;
-use crate::shared::measuring::{self, Outcome};
+use crate::shared::measuring::{self, Outcome, PointError};
 use crate::system::picture_file;
 use crate::system::progress_bar::Stage;
 use crate::viewer::jobs::comparisons::{Comparing, Comparison};
@@ -77,6 +77,15 @@ pub enum Work {
         /// The number of the point in the file.
         record: u64,
         source: Arc<codec::Source>,
+    },
+    /// Finds how far a picked point of a cloud in memory may be off the surface. The cloud comes with the bounds of its
+    /// chunks, and the line of sight as a unit direction.
+    FindPointError {
+        picked: PickedPoint,
+        world: DVec3,
+        sight: DVec3,
+        cloud: Cloud,
+        bounds: Vec<Bounds>,
     },
     SampleMirror {
         id: ObjectId,
@@ -187,6 +196,11 @@ pub enum Found {
         test: PointTest,
         radii: Option<Vec<Arc<Vec<u16>>>>,
     },
+    /// How far a picked point may be off the surface, if that is known.
+    PointError {
+        picked: PickedPoint,
+        error: Option<PointError>,
+    },
     /// How sure the surface is, by the first records of the chunks.
     Errors {
         key: CloudKey,
@@ -277,6 +291,7 @@ impl Work {
             Self::Place { .. } => "placement",
             Self::ReadColumn { .. } => "column",
             Self::ReadRecord { .. } => "record",
+            Self::FindPointError { .. } => "error of a point",
             Self::SampleMirror { .. } => "mirror",
             Self::ReadMesh(_) => "mesh",
             Self::MarkPoints { .. } => "mirror points",
@@ -326,6 +341,9 @@ impl Work {
             Self::ReadColumn { key, source, attribute, progress } => {
                 let result = world::read_column(&source, attribute, &progress).map_err(|error| error.to_string());
                 found(Found::Column { key, attribute, result });
+            }
+            Self::FindPointError { picked, world, sight, cloud, bounds } => {
+                found(Found::PointError { picked, error: measuring::point_error(world, sight, cloud, bounds) });
             }
             Self::ReadRecord { picked, record, source } => {
                 let result = source.record(record).map_err(|error| error.to_string());

@@ -399,9 +399,7 @@ impl Session {
                 if let Some(first) = &mut self.first_look {
                     first.offer_ball(&mut self.scene);
                 }
-                if let Some(pass) = pass {
-                    self.outside.render(Command::Arrived(pass));
-                }
+                pass.into_iter().for_each(|pass| self.outside.render(Command::Arrived(pass)));
             }
             News::Report(report) => self.on_report(report),
             News::Found(found) => self.on_found(found),
@@ -422,6 +420,7 @@ impl Session {
             Found::Column { key, attribute, result } => {
                 self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))
             }
+            Found::PointError { picked, error } => self.tools.on_point_error(picked, error, &mut self.outside),
             Found::Record { picked, record, result } => {
                 self.tools.on_record(picked, record, result, &mut self.outside);
             }

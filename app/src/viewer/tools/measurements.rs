@@ -318,7 +318,10 @@ impl Measurements {
         let values: Vec<serde_json::Value> = figures
             .iter()
             .flatten()
-            .map(|figure| json!({ "name": figure.name, "value": figure.value, "uncertainty": figure.deviation }))
+            .map(|figure| {
+                let Figure { name, value, deviation, .. } = figure;
+                json!({ "name": name, "value": value, "uncertainty": deviation, "interval": figure.interval() })
+            })
             .collect();
         let Measurement { name, kind, .. } = &placed.measurement;
         outside.log(json!({

@@ -10,9 +10,10 @@ use std::sync::Arc;
 
 use cloud::{Bounds, Chunk, CloudLayout, PointTest};
 use glam::DVec3;
-use scene::{Mirror, Object, Shape};
+use scene::{Mirror, Object, Projection, Shape};
 use serde_json::json;
 
+use crate::shared::measuring::PointError;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
@@ -33,6 +34,15 @@ use crate::viewer::tools::profiles::Profiles;
 
 /// The size of an added mirror over the scene's radius: it spans a tenth of the scene.
 const MIRROR_SIZE: f64 = 0.1;
+
+/// The unit direction in which a place is seen.
+fn sight(scene: &Scene, world: DVec3) -> DVec3 {
+    let ahead = scene.camera.forward();
+    match scene.settings.view.projection {
+        Projection::Orthographic => ahead,
+        Projection::Perspective => (world - scene.camera.eye).normalize_or(ahead),
+    }
+}
 
 #[derive(Default)]
 pub struct Tools {
@@ -78,7 +88,7 @@ impl Tools {
         match step {
             Profiling::Pick(point) => {
                 if let Some(world) = loaded.world_position(point) {
-                    self.select(point, world, loaded, outside);
+                    self.select(point, world, sight(scene, world), loaded, outside);
                 }
             }
             step => self.profiles.act(step, scene, loaded, outside),
@@ -177,6 +187,15 @@ impl Tools {
         outside.log(json!({ "event": "record", "point": record, "attributes": attributes }));
     }
 
+    /// Takes in how far a picked point may be off the surface.
+    pub fn on_point_error(&mut self, picked: PickedPoint, error: Option<PointError>, outside: &mut Outside) {
+        for pick in self.pick.iter_mut().filter(|pick| pick.point == picked) {
+            pick.error = error;
+        }
+        let (across, sight) = error.map(|error| (error.across, error.sight)).unzip();
+        outside.log(json!({ "event": "point_error", "across": across, "sight": sight }));
+    }
+
     pub fn on_picked(
         &mut self,
         pixel: [u32; 2],
@@ -216,14 +235,15 @@ impl Tools {
                 }
                 (None, Some((point, world))) => {
                     scene.selected = None;
-                    self.select(point, world, loaded, outside);
+                    self.select(point, world, sight(scene, world), loaded, outside);
                 }
                 (None, None) => {}
             },
         }
     }
 
-    fn select(&mut self, point: PickedPoint, world: DVec3, loaded: &Loaded, outside: &mut Outside) {
+    /// `sight` is the unit direction in which the point is seen.
+    fn select(&mut self, point: PickedPoint, world: DVec3, sight: DVec3, loaded: &Loaded, outside: &mut Outside) {
         let Some(entry) = loaded.cloud(point.chunk.cloud) else { return };
         // A place on a mesh stands for the vertex beside it.
         let Some((part, index)) = entry.point_in_file(point.chunk.part, point.index) else { return };
@@ -245,9 +265,14 @@ impl Tools {
         let added = entry.added.iter().filter(|_| record.is_none());
         let added = added.filter_map(|(name, list)| Some((name.clone(), value(list)?))).collect();
         outside.log(json!({ "event": "picked", "cloud": cloud, "point": number, "world": world.to_array() }));
-        self.pick = Some(Pick { point, number, cloud, world, record, added, is_streamed });
+        self.pick = Some(Pick { point, number, cloud, world, record, added, error: None, is_streamed });
         if let Some(source) = source {
             outside.work(Work::ReadRecord { picked: point, record: number, source });
+        }
+        // The pages of a streamed cloud that are in memory have fewer points than the file.
+        if !is_streamed {
+            let bounds = entry.chunk_bounds().map(|(_, bounds)| bounds).collect();
+            outside.work(Work::FindPointError { picked: point, world, sight, cloud: entry.cloud.clone(), bounds });
         }
     }
 
