@@ -98,3 +98,51 @@ fn a_streamed_cloud_says_that_it_does_not_know_how_sure_its_surface_is() {
     assert!(refused.messages.contains("surface_error") && refused.messages.contains("stream.pages"), "{refused}");
     assert!(!folder.path("none.png").exists() && !folder.path("error.exr").exists());
 }
+
+/// A mirror above the plate, and a camera between the two that looks up at it.
+const MIRROR: &str = "\
+clouds = [\"plate.ply\"]
+[parameters]
+\"light.by\" = \"colors\"
+\"color.by\" = \"certainty\"
+\"color.ramp\" = \"gray\"
+\"edl.strength\" = 0.0
+[camera]
+eye = [2.0, 1.5, 1.0]
+pivot = [2.0, 1.5, 3.0]
+up = [0.0, 1.0, 0.0]
+[[mirrors]]
+shape = { plane = { height = 1.0 } }
+position = [2.0, 1.5, 3.0]
+rotation = [1.0, 0.0, 0.0, 0.0]
+size = 4.0
+";
+
+#[test]
+fn a_mirror_shows_how_sure_the_surface_is_that_it_reflects() {
+    let folder = Folder::new();
+    folder.write("plate.ply", plate());
+    folder.write("mirror.toml", MIRROR);
+    for method in ["sscr_hierarchical", "surfel_trace", "environment_map"] {
+        let method_set = format!("reflection.method={method}");
+        let words = ["render", "mirror.toml", "-o", "picture.png", "--size", "160x120", "--set", &method_set];
+        let images = ["--aov", "mirror_position=seen.exr"];
+        let outcome = folder.glint(words.iter().chain(&images));
+        if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+            return println!("skipped: no adapter: {}", outcome.messages.trim());
+        }
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        let picture = image::open(folder.path("picture.png")).expect("the picture").into_luma8().into_raw();
+        // What each pixel reflects: the smooth half of the plate, or the noisy one.
+        // The channels are A, X, Y and Z.
+        let place = float_image(&folder, "seen.exr", 1);
+        let mean = |reflected: std::ops::Range<f32>| {
+            let shades = picture.iter().zip(&place).filter(|(_, x)| reflected.contains(x)).map(|(shade, _)| shade);
+            let shades: Vec<f64> = shades.map(|shade| f64::from(*shade)).collect();
+            assert!(shades.len() > 500, "{method}: {} pixels", shades.len());
+            shades.iter().sum::<f64>() / shades.len() as f64
+        };
+        let (smooth, noisy) = (mean(0.2..1.8), mean(2.2..3.8));
+        assert!(smooth < 30.0 && noisy > 90.0, "{method}: {smooth}, {noisy}");
+    }
+}
