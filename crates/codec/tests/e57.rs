@@ -3,43 +3,17 @@
 
 #[path = "../../../tests/src/real_data.rs"]
 mod real_data;
+mod scans;
 
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 use cloud::{Chunk, ColumnType, Progress};
-use codec::{Selection, Source, Summary};
+use codec::{Selection, Source};
 use e57::{E57Writer, Extension, Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform, Translation};
 use glam::DVec3;
-
-const MEMORY: u64 = 1 << 28;
-
-fn scans(path: &Path) -> Vec<Source> {
-    codec::open_scans(path, MEMORY).unwrap()
-}
-
-fn read(source: &Source) -> (Vec<Chunk>, Summary) {
-    let attributes = vec![true; source.info().attributes.len()];
-    let selection = Selection { positions: true, colors: true, normals: true, attributes };
-    let chunks = Mutex::new(Vec::new());
-    let summary = source.read(&selection, &Progress::default(), &|chunk| chunks.lock().unwrap().push(chunk)).unwrap();
-    let mut chunks = chunks.into_inner().unwrap();
-    chunks.sort_by_key(|chunk| chunk.first_point);
-    (chunks, summary)
-}
-
-fn places(chunks: &[Chunk]) -> Vec<DVec3> {
-    chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|index| chunk.position(index))).collect()
-}
-
-/// The values of an attribute.
-fn values(source: &Source, chunks: &[Chunk], name: &str) -> Vec<f64> {
-    let place = source.info().attributes.iter().position(|attribute| attribute.name == name);
-    let place = place.unwrap_or_else(|| panic!("{name} is not among {:?}", source.info().attributes));
-    let column = |chunk: &Chunk| chunk.columns[place].clone().unwrap();
-    chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|at| column(chunk).value(at)).collect::<Vec<_>>()).collect()
-}
+use scans::{MEMORY, places, read, scans, values};
 
 /// A file of the test data; `None` where that is missing.
 fn data(name: &str) -> Option<PathBuf> {

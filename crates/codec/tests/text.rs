@@ -3,32 +3,16 @@
 
 #[path = "../../../tests/src/real_data.rs"]
 mod real_data;
+mod scans;
 
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::path::PathBuf;
 
-use cloud::{Chunk, Progress};
-use codec::{Format, Selection, Source, Summary};
+use codec::{Format, Source};
 use glam::DVec3;
-
-const MEMORY: u64 = 1 << 28;
-
-fn scans(path: &Path) -> Vec<Source> {
-    codec::open_scans(path, MEMORY).unwrap()
-}
-
-fn read(source: &Source) -> (Vec<Chunk>, Summary) {
-    let attributes = vec![true; source.info().attributes.len()];
-    let selection = Selection { positions: true, colors: true, normals: true, attributes };
-    let chunks = Mutex::new(Vec::new());
-    let summary = source.read(&selection, &Progress::default(), &|chunk| chunks.lock().unwrap().push(chunk)).unwrap();
-    let mut chunks = chunks.into_inner().unwrap();
-    chunks.sort_by_key(|chunk| chunk.first_point);
-    (chunks, summary)
-}
+use scans::{MEMORY, read, scans};
 
 fn places(source: &Source) -> Vec<DVec3> {
-    read(source).0.iter().flat_map(|chunk| (0..chunk.len()).map(|index| chunk.position(index))).collect()
+    scans::places(&read(source).0)
 }
 
 fn colors(source: &Source) -> Vec<[u8; 3]> {
@@ -38,11 +22,7 @@ fn colors(source: &Source) -> Vec<[u8; 3]> {
 }
 
 fn values(source: &Source, name: &str) -> Vec<f64> {
-    let place = source.info().attributes.iter().position(|attribute| attribute.name == name);
-    let place = place.unwrap_or_else(|| panic!("{name} is not among {:?}", source.info().attributes));
-    let column = |chunk: &Chunk| chunk.columns[place].clone().unwrap();
-    let (chunks, _) = read(source);
-    chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|at| column(chunk).value(at)).collect::<Vec<_>>()).collect()
+    scans::values(source, &read(source).0, name)
 }
 
 fn names(source: &Source) -> String {
