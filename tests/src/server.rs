@@ -8,6 +8,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+/// The number of requests that are kept for tests to look at.
+const MOST_KEPT: usize = 10_000;
+
 /// What a server is asked.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
@@ -66,9 +69,17 @@ impl Server {
 
     /// A server of the files in a folder.
     pub fn of_folder(root: &Path, habits: Habits) -> Self {
+        Self::of_folder_after(root, habits, |_| {})
+    }
+
+    /// The same; each answer comes when `wait` has ended.
+    pub fn of_folder_after(root: &Path, habits: Habits, wait: impl Fn(&Request) + Send + Sync + 'static) -> Self {
         let counts = Arc::new(Counts::default());
         let (root, own) = (root.to_owned(), counts.clone());
-        Self::with_counts(counts, move |request, stream| serve(&root, &habits, &own, request, stream))
+        Self::with_counts(counts, move |request, stream| {
+            wait(request);
+            serve(&root, &habits, &own, request, stream)
+        })
     }
 
     fn with_counts(
@@ -87,7 +98,11 @@ impl Server {
                     let _ = stream.set_nodelay(true);
                     while let Some(request) = request(&mut reader) {
                         own.requests.fetch_add(1, Ordering::Relaxed);
-                        own.asked.lock().unwrap_or_else(PoisonError::into_inner).push(request.clone());
+                        let mut asked = own.asked.lock().unwrap_or_else(PoisonError::into_inner);
+                        if asked.len() < MOST_KEPT {
+                            asked.push(request.clone());
+                        }
+                        drop(asked);
                         if answer(&request, &mut stream).is_err() {
                             break;
                         }

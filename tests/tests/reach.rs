@@ -150,3 +150,33 @@ fn a_catalogue_is_the_cloud_that_its_folder_is() {
     let named = folder.glint(["index", "--catalogue", &text(&tiles), "-o", &text(&folder.path("x.laz"))]);
     assert!(named.status == Some(2) && named.messages.contains("must end in .vpc"), "{named}");
 }
+
+#[test]
+fn tiles_that_are_opened_as_they_are_needed_give_the_picture_of_their_files() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let tiles = folder.path("tiles");
+    std::fs::create_dir(&tiles).expect("a folder");
+    let mut paths = Vec::new();
+    for name in ["1-0-0-0", "1-1-1-1", "2-2-2-1"] {
+        let input = data.join("ept/lone-star-laszip/ept-data").join(format!("{name}.laz"));
+        paths.push(text(&tiles.join(format!("{name}.copc.laz"))));
+        let outcome = folder.glint(["index", &text(&input), "-o", &paths[paths.len() - 1]]);
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+    }
+    let (of_folder, _) = picture(&folder, "folder.png", &text(&tiles), &[]);
+    let catalogue = tiles.join("all.vpc");
+    let outcome = folder.glint(["index", "--catalogue", &text(&tiles), "-o", &text(&catalogue)]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let (of_files, _) = picture(&folder, "files.png", &paths[0], &[&paths[1], &paths[2]]);
+    assert!(of_files == of_folder);
+    let server = Server::of_folder(&tiles, Habits { fails: 10, ..Habits::default() });
+    for input in [text(&catalogue), text(&server.path("all.vpc"))] {
+        let (of_catalogue, messages) = picture(&folder, "catalogue.png", &input, &[]);
+        assert!(of_catalogue == of_folder, "{input}: {messages}");
+    }
+    // A tile that is missing is told, and the others are shown.
+    std::fs::remove_file(&paths[1]).expect("a tile");
+    let (_, messages) = picture(&folder, "missing.png", &text(&catalogue), &[]);
+    assert!(messages.contains("a tile is missing") && messages.contains("1-1-1-1.copc.laz"), "{messages}");
+}

@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::address::is_address;
 use crate::disk::Disk;
-use crate::remote::Remote;
+use crate::remote::{Remote, Stamp};
 use crate::{Error, Result};
 
 /// The bytes of an open file. It stays open, so they are those of the file that was opened, whatever has its name later.
@@ -36,7 +36,7 @@ impl Bytes {
             return standard_input().and_then(|file| Self::of_file(path, file)).map_err(io);
         }
         if is_address(path) {
-            return Self::open_remote(path, false);
+            return Self::open_remote(path, false, None);
         }
         if !std::fs::metadata(path).map_err(io)?.is_file() {
             // Opening a pipe would wait for someone to write.
@@ -49,11 +49,16 @@ impl Bytes {
 
     /// The same, for a file that is read whole: one request brings all of it from an address.
     pub(crate) fn open_small(path: &Path) -> Result<Self> {
-        if is_address(path) { Self::open_remote(path, true) } else { Self::open(path) }
+        Self::open_small_again(path, None)
     }
 
-    fn open_remote(path: &Path, is_small: bool) -> Result<Self> {
-        let remote = Remote::open(path, is_small).map_err(|error| Error::io(path, error))?;
+    /// The same, for a file that was opened before with a stamp: what was fetched of it is taken without a request.
+    pub(crate) fn open_small_again(path: &Path, before: Option<&Stamp>) -> Result<Self> {
+        if is_address(path) { Self::open_remote(path, true, before) } else { Self::open(path) }
+    }
+
+    fn open_remote(path: &Path, is_small: bool, before: Option<&Stamp>) -> Result<Self> {
+        let remote = Remote::open(path, is_small, before).map_err(|error| Error::io(path, error))?;
         Ok(Self { path: path.to_owned(), length: remote.length(), place: Place::Remote(Box::new(remote)) })
     }
 
@@ -129,6 +134,14 @@ impl Bytes {
         match &self.place {
             Place::Disk(_) => None,
             Place::Remote(remote) => remote.identity(),
+        }
+    }
+
+    /// The stamp of a file at an address, if another file would have another one.
+    pub(crate) fn stamp(&self) -> Option<&Stamp> {
+        match &self.place {
+            Place::Disk(_) => None,
+            Place::Remote(remote) => remote.stamp(),
         }
     }
 

@@ -6,6 +6,7 @@ use std::io::Write as _;
 use std::path::{Component, Path, PathBuf};
 
 use cloud::{Bounds, ColumnType};
+use glam::DVec3;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -25,6 +26,8 @@ pub struct Entry {
     pub path: PathBuf,
     /// The number of points, if it is told.
     pub points: Option<u64>,
+    /// The box of its points in the coordinates of the file, if it is told and that is believable.
+    pub bounds: Option<Bounds>,
 }
 
 #[derive(Deserialize)]
@@ -74,13 +77,36 @@ pub fn read(file: &Bytes) -> Result<Vec<Entry>> {
             reference.ok_or_else(|| fail(place.clone(), "no reference to a file (assets, data, href)".into()))?;
         let own = resolved(path, reference).map_err(|problem| fail(place, problem))?;
         if known.insert(own.clone()) {
-            entries.push(Entry { path: own, points: item.properties.get("pc:count").and_then(Value::as_u64) });
+            let points = item.properties.get("pc:count").and_then(Value::as_u64);
+            entries.push(Entry { path: own, points, bounds: item.properties.get("proj:bbox").and_then(bounds) });
         }
     }
     if entries.is_empty() {
         return Err(Error::unsuitable(path, "a catalogue without tiles"));
     }
     Ok(entries)
+}
+
+/// A box of six numbers.
+fn bounds(told: &Value) -> Option<Bounds> {
+    let numbers: Vec<f64> = told.as_array()?.iter().map_while(Value::as_f64).take(7).collect();
+    let [x, y, z, far_x, far_y, far_z] = numbers.try_into().ok()?;
+    let bounds = Bounds { min: DVec3::new(x, y, z), max: DVec3::new(far_x, far_y, far_z) };
+    (bounds.min.is_finite() && bounds.max.is_finite() && !bounds.is_empty()).then_some(bounds)
+}
+
+/// The tiles of the catalogue at a path or address; `None` where another file is.
+///
+/// # Errors
+/// Those of `open_scans`, before any tile is opened.
+pub fn tiles_of(path: &Path) -> Result<Option<Vec<Entry>>> {
+    if !is_catalogue(b"{", path) {
+        return Ok(None);
+    }
+    let file = Bytes::open_small(path)?;
+    let mut start = [0; 64];
+    let count = file.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
+    if is_catalogue(&start[..count], path) { read(&file).map(Some) } else { Ok(None) }
 }
 
 /// The file that a reference in a catalogue stands for.

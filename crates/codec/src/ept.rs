@@ -25,6 +25,7 @@ use crate::format::Format;
 use crate::in_order::InOrder;
 use crate::info::{Info, Selection, Summary};
 use crate::las::{Copc, CopcNode, Key};
+use crate::remote::Stamp;
 use crate::units::wkt;
 use crate::{Error, Result};
 use hierarchy::{Hierarchy, name};
@@ -49,6 +50,8 @@ pub struct EptSource {
     /// The tile whose columns, colours and grid all others have; `None` for a cloud without points.
     model: Option<Tile>,
     memory: u64,
+    /// The stamps of the tiles at addresses that were opened, by their nodes: each stays the one that it was.
+    opened: Mutex<HashMap<usize, Stamp>>,
 }
 
 #[derive(Deserialize)]
@@ -129,7 +132,7 @@ impl EptSource {
         });
         let first_points = first_points.collect();
         info.grid = rows.as_ref().and_then(|_| TileRows::grid(&told.schema));
-        let mut source = Self { info, file, octree, first_points, rows, model: None, memory };
+        let mut source = Self { info, file, octree, first_points, rows, model: None, memory, opened: Mutex::default() };
         source.find_model()?;
         Ok(source)
     }
@@ -179,7 +182,12 @@ impl EptSource {
     /// If it is not there, or is not as the hierarchy and the first tile say.
     fn tile(&self, node: usize) -> Result<Tile> {
         let path = self.tile_path(node);
-        let file = Bytes::open_small(&path)?;
+        let opened = || self.opened.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = opened().get(&node).cloned();
+        let file = Bytes::open_small_again(&path, before.as_ref())?;
+        if let (None, Some(stamp)) = (before, file.stamp()) {
+            opened().insert(node, stamp.clone());
+        }
         let memory = self.memory / rayon::current_num_threads().max(1) as u64;
         let mut tile = match &self.rows {
             None => Tile::open_las(file, memory, self.model.as_ref())?,

@@ -20,7 +20,8 @@ use crate::disk::Disk;
 use kept::{BLOCK, Kept};
 use network::network;
 pub use network::{Network, trust_address, use_network};
-use request::{Answer, First, Stamp};
+pub use request::Stamp;
+use request::{Answer, First};
 
 /// The fewest bytes that are asked for at once; the first request of a file asks for as many.
 const LEAST: u64 = 64 << 10;
@@ -73,21 +74,28 @@ impl State {
 }
 
 impl Remote {
-    /// Opens the file at an address. If it is small, `is_small`, all of it is asked for at once.
+    /// Opens the file at an address. If it is small, `is_small`, all of it is asked for at once. A file that was opened
+    /// before with a stamp, `before`, is the one that it was: what the cache has of it is taken without a request.
     ///
     /// # Errors
-    /// Says why it cannot be read.
-    pub fn open(path: &Path, is_small: bool) -> io::Result<Self> {
+    /// Says why it cannot be read; if it is not the one that it was.
+    pub fn open(path: &Path, is_small: bool, before: Option<&Stamp>) -> io::Result<Self> {
         let address = Address::parse(&path.to_string_lossy()).map_err(io::Error::other)?;
         let folder = network().folder.as_ref().map(|folder| kept::folder(folder, &address));
         let known = folder.as_deref().and_then(kept::known);
         let most = if is_small { None } else { Some(LEAST) };
-        let first = request::first(&address, most, known.as_ref()).map_err(io::Error::other)?;
+        let first = match before {
+            Some(before) if known.as_ref() == Some(before) => First::Unchanged,
+            _ => request::first(&address, most, known.as_ref()).map_err(io::Error::other)?,
+        };
         let (stamp, answer) = match (first, known) {
             (First::Unchanged, Some(known)) => (known, None),
             (First::Unchanged, None) => return Err(io::Error::other("the server says nothing about the file")),
             (First::Answer(answer), _) => (answer.stamp.clone(), Some(answer)),
         };
+        if before.is_some_and(|before| *before != stamp) {
+            return Err(io::Error::other(request::CHANGED));
+        }
         let folder = folder.filter(|_| stamp.is_sure());
         // Where the cache cannot be written, the file is kept for this opening only.
         let kept = folder.and_then(|folder| Kept::open(&folder, &stamp).ok());
@@ -109,6 +117,11 @@ impl Remote {
 
     pub fn length(&self) -> u64 {
         self.stamp.length
+    }
+
+    /// The stamp of the file, if another file would have another one.
+    pub fn stamp(&self) -> Option<&Stamp> {
+        self.stamp.is_sure().then_some(&self.stamp)
     }
 
     /// What makes the file the one that it is; `None` if the server does not tell.

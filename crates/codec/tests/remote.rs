@@ -126,6 +126,18 @@ fn a_node_is_fetched_alone() {
 }
 
 #[test]
+fn a_tile_that_was_opened_is_not_asked_for_again() {
+    let Some(data) = data() else { return };
+    let server = Server::of_folder(&data, Habits::default());
+    let source = open(&server.path("ept/lone-star-laszip/ept.json")).unwrap();
+    let node = source.copc().unwrap().nodes.last().unwrap().clone();
+    let read = || source.read_copc_node(&node, &Selection { positions: true, ..Selection::default() }).unwrap();
+    let first = read();
+    let asked = server.requests();
+    assert_eq!((read().positions, server.requests()), (first.positions, asked));
+}
+
+#[test]
 fn what_the_cache_has_is_used_only_if_it_is_as_it_was() {
     let Some(data) = data() else { return };
     let server = Server::of_folder(&data, Habits::default());

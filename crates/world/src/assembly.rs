@@ -163,7 +163,8 @@ impl Assembly {
             self.task = None;
         }
         self.pages = Some(pages);
-        self.bounds = self.bounds.union(self.index_bounds().unwrap_or(Bounds::EMPTY));
+        let loaded = self.chunk_bounds.iter().copied().fold(Bounds::EMPTY, Bounds::union);
+        self.bounds = loaded.union(self.index_bounds().unwrap_or(Bounds::EMPTY));
         Change::Bounds { cloud: self.key, bounds: self.scene_bounds().unwrap_or(Bounds::EMPTY) }
     }
 

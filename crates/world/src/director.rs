@@ -177,15 +177,16 @@ impl Director {
     }
 
     fn add(&mut self, arrival: Arrival) -> Option<()> {
-        let Arrival { cloud, input, name, pages, is_own, was_built, estimate, previews } = arrival;
+        let Arrival { cloud, input, name, pages, is_own, was_built, estimate, previews, mut warnings } = arrival;
         let octree = Arc::new(pages.octree().clone());
         let (attributes, grid, has_surfels) = (pages.attributes().to_vec(), pages.grid(), pages.has_surfels());
         let entry = is_own.then(|| IndexEntry { folder: pages.folder().to_owned(), bytes: pages.bytes() });
         let point_bytes = pages.point_bytes();
+        warnings.extend_from_slice(pages.warnings());
         let summary = codec::Summary {
             points: octree.points(),
             bounds: octree.nodes.first().map(|root| root.bounds),
-            warnings: pages.warnings().to_vec(),
+            warnings,
             cancelled: false,
         };
         let before = self.clouds.remove(&cloud);
@@ -517,6 +518,7 @@ mod tests {
                 was_built: true,
                 estimate: None,
                 previews: HashMap::new(),
+                warnings: Vec::new(),
             });
         }
         let camera =

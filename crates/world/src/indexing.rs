@@ -18,6 +18,7 @@ use crate::mailbox::{Arrival, IndexRequest};
 use crate::reading::Loading;
 use crate::source::{file_name, file_warnings, is_one_file, surfel_options, up_of};
 use crate::task::{CloudTask, TaskKind};
+use crate::tiles::Tile;
 use crate::words::Input;
 
 /// A streamed cloud while its index is found or made.
@@ -34,9 +35,37 @@ pub(crate) struct StreamedInput {
     previews: Mutex<HashMap<Part, u64>>,
     /// The number of previews so far.
     previews_begun: AtomicU32,
+    /// What is said of it with its first points.
+    warnings: Mutex<Vec<String>>,
 }
 
 impl StreamedInput {
+    /// A tile of a catalogue, and its pages if it has some.
+    pub(crate) fn of_tile(
+        cloud: usize,
+        source: Arc<codec::Source>,
+        settings: &scene::Settings,
+        also: &BTreeSet<String>,
+        warnings: Vec<String>,
+    ) -> (Self, Option<Pages>) {
+        let info = source.info();
+        let (input, name, up) = (scene::shown(&info.path), info.name(), up_of(info, settings));
+        let pages = Pages::copc(&source, also);
+        let streamed = Self {
+            cloud,
+            input,
+            name,
+            sources: vec![source],
+            up,
+            found: None,
+            is_native: pages.is_some(),
+            previews: Mutex::default(),
+            previews_begun: AtomicU32::new(0),
+            warnings: Mutex::new(warnings),
+        };
+        (streamed, pages)
+    }
+
     /// Whether its points are read from a server.
     pub(crate) fn is_far(&self) -> bool {
         self.is_native && self.sources.iter().any(|source| source.bytes().is_remote())
@@ -67,7 +96,12 @@ impl Stopped {
 impl Loader {
     /// Streams clouds that have an index at once, reads clouds that are held in memory, and makes missing indexes. Then
     /// waits for requests: to mend damaged indexes, and to resume stopped tasks.
-    pub(crate) fn stream_all(&self, mut streamed_inputs: Vec<StreamedInput>, opened: Vec<Loading>) -> Option<()> {
+    pub(crate) fn stream_all(
+        &self,
+        mut streamed_inputs: Vec<StreamedInput>,
+        tiles: Vec<Tile>,
+        opened: Vec<Loading>,
+    ) -> Option<()> {
         let mut there: Vec<(&StreamedInput, Pages)> = Vec::new();
         let mut missing = Vec::new();
         let found: Vec<Option<Pages>> = streamed_inputs.iter_mut().map(|streamed| streamed.found.take()).collect();
@@ -86,6 +120,13 @@ impl Loader {
         };
         // The clouds that have an index, or may still get one.
         let mut open: Vec<&StreamedInput> = there.into_iter().map(stream).collect();
+        let of_tiles = self.open_tiles(tiles)?;
+        for streamed in &of_tiles {
+            match streamed.is_native {
+                true => open.push(streamed),
+                false => missing.push((streamed, self.plan_index(streamed)?)),
+            }
+        }
         self.read_all(opened)?;
         for (streamed, task) in missing {
             if self.index(streamed, &task, preview_points)? || task.progress.is_cancelled() {
@@ -248,12 +289,13 @@ impl Loader {
             is_native,
             previews: Mutex::default(),
             previews_begun: AtomicU32::new(0),
+            warnings: Mutex::default(),
         })
     }
 
     /// Passes pages to the streaming thread. If they lack normals and radii and will not get them, each node's are
     /// estimated from its own points.
-    fn stream(&self, streamed: &StreamedInput, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
+    pub(crate) fn stream(&self, streamed: &StreamedInput, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
         let estimate = streamed.is_native.then(|| self.surfel_options(streamed, &pages)).flatten();
         let (input, name) = (streamed.input.clone(), streamed.name.clone());
         let (cloud, pages) = (streamed.cloud, Arc::new(pages));
@@ -266,6 +308,7 @@ impl Loader {
             was_built,
             estimate,
             previews,
+            warnings: std::mem::take(&mut *streamed.warnings.lock().unwrap_or_else(PoisonError::into_inner)),
         });
     }
 

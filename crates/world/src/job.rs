@@ -18,6 +18,7 @@ use crate::indexing::StreamedInput;
 use crate::loader::Loader;
 use crate::mailbox::Mailbox;
 use crate::source::parts;
+use crate::tiles::Tile;
 use crate::words::Input;
 
 /// The number of chunks on their way from the readers to the receiver: enough that neither waits for the other, and at
@@ -100,11 +101,15 @@ impl Loader {
     }
 
     fn load_all(&self, inputs: &[Input]) -> Option<()> {
-        let (mut opened, mut streamed) = (Vec::new(), Vec::new());
+        let (mut opened, mut streamed, mut tiles) = (Vec::new(), Vec::new(), Vec::new());
         // The number of clouds so far, and the memory in bytes of those that are to be held in memory.
         let (mut clouds, mut held) = (0, 0);
         for input in inputs {
             match input {
+                Input::File(path) if let Some(of_catalogue) = self.begin_tiles(path, clouds)? => {
+                    clouds += of_catalogue.len();
+                    tiles.extend(of_catalogue);
+                }
                 Input::File(_) | Input::Tiles { .. } => {
                     let sources = self.open(input)?;
                     if self.is_streamed(&sources, &mut held) {
@@ -127,14 +132,14 @@ impl Loader {
         }
         let expected = opened.iter().map(|loading| loading.source.info().points);
         self.progress.set_total(self.progress.done() + expected.sum::<u64>());
-        if streamed.is_empty() {
+        if streamed.is_empty() && tiles.is_empty() {
             return self.read_all(opened);
         }
         let stopped = |error: std::io::Error| {
             let (input, error) = ("streaming".into(), error.to_string());
             Event::Failed { input, error, is_usage: false }
         };
-        let is_far = streamed.iter().any(StreamedInput::is_far);
+        let is_far = streamed.iter().any(StreamedInput::is_far) || tiles.iter().any(Tile::is_far);
         let director = match Director::new(self.mailbox.clone(), self.sender.clone(), &self.settings, is_far) {
             Ok(director) => director,
             Err(error) => return self.send(stopped(error)),
@@ -144,7 +149,7 @@ impl Loader {
             if let Err(error) = thread.spawn_scoped(scope, || director.run()) {
                 return self.send(stopped(error));
             }
-            let done = self.stream_all(streamed, opened);
+            let done = self.stream_all(streamed, tiles, opened);
             self.mailbox.end();
             done
         })

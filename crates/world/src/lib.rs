@@ -27,6 +27,7 @@ mod reading;
 mod resident;
 mod source;
 mod task;
+mod tiles;
 mod words;
 
 pub use apart::{Apart, Place, far_gap};

@@ -113,6 +113,8 @@ pub struct Arrival {
     pub estimate: Option<SurfelOptions>,
     /// The number of points of each preview chunk; they are removed as soon as the cut is complete.
     pub previews: HashMap<Part, u64>,
+    /// What is said of it besides the warnings of the pages.
+    pub warnings: Vec<String>,
 }
 
 impl Mailbox {
@@ -161,6 +163,15 @@ impl Mailbox {
 
     pub fn is_closed(&self, cloud: usize) -> bool {
         self.mail().tasks.is_closed(cloud)
+    }
+
+    /// The camera of the latest view.
+    pub(crate) fn camera(&self) -> Option<Camera> {
+        self.mail().view.as_ref().map(|(_, view)| view.camera)
+    }
+
+    pub(crate) fn is_over(&self) -> bool {
+        self.mail().is_over
     }
 
     /// Ends the streaming.

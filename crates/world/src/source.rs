@@ -16,6 +16,9 @@ use crate::apart::groups;
 
 /// The number of points that are read to guess the kind of cloud.
 const KIND_POINTS: u64 = 500_000;
+/// The same of COPC and EPT, which are shown from then on: they may have to be fetched from a server first. A root has some
+/// tens of thousands of points from all over its cloud.
+const NATIVE_KIND_POINTS: u64 = 100_000;
 
 /// Opens the scans of a file, for reads whose decoders take at most `memory` bytes; the error says why nothing of it can be
 /// shown.
@@ -241,7 +244,8 @@ pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
 /// # Errors
 /// If they cannot be read.
 pub fn surfel_options(pages: &Pages, up: DVec3, settings: &Settings) -> stream::Result<SurfelOptions> {
-    Ok(options_for(&stream::coarsest(pages, KIND_POINTS)?, up, settings))
+    let points = if pages.is_copc() { NATIVE_KIND_POINTS } else { KIND_POINTS };
+    Ok(options_for(&stream::coarsest(pages, points)?, up, settings))
 }
 
 /// The last part of a path, which is a cloud's name.

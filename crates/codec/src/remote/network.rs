@@ -9,6 +9,9 @@ use crate::address::Address;
 /// What fetched files may take on the disk by default.
 const LIMIT: u64 = 10 << 30;
 
+/// The waits before a request is made again, in milliseconds.
+const WAITS: [u64; 4] = [200, 400, 800, 1600];
+
 /// Called while a whole file is fetched: its address, bytes so far, bytes in all. Returns whether to go on.
 type Watch = Box<dyn Fn(&Path, u64, u64) -> bool + Send + Sync>;
 
@@ -21,11 +24,13 @@ pub struct Network {
     /// The value of the header `Authorization`, for servers whose address a person has typed.
     pub authorization: Option<String>,
     pub watch: Watch,
+    /// The waits before a request that may only have failed for a moment is made again, in milliseconds.
+    pub waits: &'static [u64],
 }
 
 impl Default for Network {
     fn default() -> Self {
-        Self { folder: None, limit: LIMIT, authorization: None, watch: Box::new(|_, _, _| true) }
+        Self { folder: None, limit: LIMIT, authorization: None, watch: Box::new(|_, _, _| true), waits: &WAITS }
     }
 }
 

@@ -16,10 +16,10 @@ use ureq::{Agent, Body};
 use super::network::network;
 use crate::address::Address;
 
+/// What is said of a file that is no longer the one that was opened.
+pub const CHANGED: &str = "the file on the server has changed since it was opened; open it again";
 /// The number of addresses that one request may be sent on to.
 const MOST_REDIRECTS: usize = 5;
-/// The waits before a request is made again, in milliseconds.
-const WAITS: [u64; 4] = [200, 400, 800, 1600];
 /// The time without a byte after which a server is given up, and the rate in bytes a second that an answer needs at least.
 const SILENCE: Duration = Duration::from_secs(20);
 const LEAST_RATE: u64 = 8 << 10;
@@ -141,16 +141,17 @@ pub fn part(
 
 /// Tries again, each time after a longer wait, what may only have failed for a moment.
 pub fn repeated<T>(mut work: impl FnMut() -> Result<T, Failure>) -> Result<T, String> {
-    for wait in WAITS {
+    let waits = network().waits;
+    for wait in waits {
         match work() {
             Ok(done) => return Ok(done),
             Err(Failure::Final(problem)) => return Err(problem),
-            Err(Failure::Again(_)) => std::thread::sleep(Duration::from_millis(wait)),
+            Err(Failure::Again(_)) => std::thread::sleep(Duration::from_millis(*wait)),
         }
     }
     work().map_err(|failure| match failure {
         Failure::Final(problem) => problem,
-        Failure::Again(problem) => format!("{problem} (tried {} times)", WAITS.len() + 1),
+        Failure::Again(problem) => format!("{problem} (tried {} times)", waits.len() + 1),
     })
 }
 
@@ -229,8 +230,7 @@ fn checked(answer: Response<Body>, wanted: Option<Range<u64>>, known: Option<&St
     };
     let stamp = stamp(headers, total);
     if known.is_some_and(|known| *known != stamp) {
-        let problem = "the file on the server has changed since it was opened; open it again";
-        return Err(Failure::Final(problem.into()));
+        return Err(Failure::Final(CHANGED.into()));
     }
     Ok(Answer { stamp, range, body: answer.into_body() })
 }
