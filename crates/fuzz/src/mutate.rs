@@ -6,6 +6,7 @@ pub mod las;
 pub mod ply;
 pub mod table;
 pub mod text;
+pub mod words;
 
 use crate::dice::Dice;
 

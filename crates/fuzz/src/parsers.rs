@@ -2,9 +2,10 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use cloud::{CHUNK_POINTS, Chunk, Progress};
 use codec::{Selection, Source};
@@ -12,6 +13,8 @@ use glam::DVec3;
 use scene::{Camera, Preferences, SceneFile};
 use stream::Pages;
 use study::Plan;
+
+use crate::server::Server;
 
 /// A read is cancelled after this many points, since a few bytes may rightly stand for billions.
 const MOST_POINTS: u64 = 1 << 20;
@@ -32,6 +35,67 @@ pub fn cloud(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
         decoded += scan(source)?;
     }
     Ok(decoded)
+}
+
+/// Reads an EPT of one page and one tile. Its three files come as one, as [`join`] puts them.
+pub fn ept(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
+    let root = folder.join("ept");
+    let [description, page, tile] = split(bytes);
+    for (name, bytes) in [
+        ("ept.json", description),
+        ("ept-hierarchy/0-0-0-0.json", page),
+        ("ept-data/0-0-0-0.bin", tile),
+        ("ept-data/0-0-0-0.laz", tile),
+    ] {
+        let path = root.join(name);
+        fs::create_dir_all(path.parent().unwrap_or(&root)).map_err(|error| error.to_string())?;
+        put(&path, bytes)?;
+    }
+    let Ok(scans) = codec::open_scans(&root.join("ept.json"), DECODER_MEMORY) else { return Ok(0) };
+    scans.into_iter().map(scan).sum()
+}
+
+/// Reads a catalogue, but opens none of its tiles: a changed name might be that of any file or server.
+pub fn catalogue(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
+    let path = folder.join("all.vpc");
+    put(&path, bytes)?;
+    let Ok(Some(tiles)) = codec::tiles_of(&path) else { return Ok(0) };
+    match tiles.iter().find(|tile| tile.bounds.is_some_and(|bounds| bounds.is_empty())) {
+        Some(tile) => Err(format!("the box of {} is empty", tile.path.display())),
+        None if tiles.is_empty() => Err("a catalogue without tiles".into()),
+        None => Ok(0),
+    }
+}
+
+/// A server on this machine, and what it answers to each request.
+struct Answerer {
+    server: Server,
+    answer: Arc<Mutex<Vec<u8>>>,
+}
+
+impl Answerer {
+    fn start() -> Self {
+        let answer = Arc::<Mutex<Vec<u8>>>::default();
+        let own = answer.clone();
+        let server = Server::new(move |_, stream| {
+            let answer = own.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            stream.write_all(&answer)?;
+            Err(std::io::Error::other("one answer for each connection"))
+        });
+        // Nothing is kept on the disk, and no request is made again. A second call would be of no effect.
+        let _ = codec::use_network(codec::Network { waits: &[], ..Default::default() });
+        codec::trust_address(&server.path("a.las"));
+        Self { server, answer }
+    }
+}
+
+/// Reads a file from a server that answers each request with these bytes.
+pub fn answers(_: &Path, bytes: &[u8]) -> Result<u64, String> {
+    static ANSWERER: OnceLock<Answerer> = OnceLock::new();
+    let Answerer { server, answer } = ANSWERER.get_or_init(Answerer::start);
+    *answer.lock().unwrap_or_else(PoisonError::into_inner) = bytes.to_vec();
+    let Ok(scans) = codec::open_scans(&server.path("a.las"), DECODER_MEMORY) else { return Ok(0) };
+    scans.into_iter().take(MOST_READ).map(scan).sum()
 }
 
 fn scan(source: Source) -> Result<u64, String> {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::dice::Dice;
-use crate::mutate::{self, e57, index, las, ply, table, text};
+use crate::mutate::{self, e57, index, las, ply, table, text, words};
 use crate::parsers;
 
 /// The most bytes of an input that a mutator makes; more would only cost time.
@@ -23,7 +23,7 @@ pub struct Target {
 }
 
 /// A target for each parser, and for each part of a file that has fields of its own.
-pub const TARGETS: [Target; 17] = [
+pub const TARGETS: [Target; 20] = [
     Target { name: "las_header", run: parsers::cloud, mutate: |dice, bytes| las::header(dice, bytes), repair: nothing },
     Target { name: "las_records", run: parsers::cloud, mutate: las::records, repair: nothing },
     Target { name: "las_points", run: parsers::cloud, mutate: |dice, bytes| las::points(dice, bytes), repair: nothing },
@@ -34,6 +34,9 @@ pub const TARGETS: [Target; 17] = [
     Target { name: "e57", run: parsers::cloud, mutate: |dice, bytes| e57::change(dice, bytes), repair: e57::repair },
     Target { name: "pcd", run: parsers::cloud, mutate: table::change, repair: nothing },
     Target { name: "table", run: parsers::cloud, mutate: table::change, repair: nothing },
+    Target { name: "ept", run: parsers::ept, mutate: words::ept, repair: nothing },
+    Target { name: "catalogue", run: parsers::catalogue, mutate: words::change, repair: nothing },
+    Target { name: "answers", run: parsers::answers, mutate: words::answer, repair: nothing },
     Target { name: "index_nodes", run: parsers::index, mutate: index::nodes, repair: index::repair },
     Target { name: "index_pages", run: parsers::index, mutate: index::pages, repair: index::repair },
     Target { name: "index_surfels", run: parsers::index, mutate: index::surfels, repair: index::repair },

@@ -59,7 +59,7 @@ fn every_target_has_seeds_that_are_read_to_their_end() {
     let names: Vec<&str> = all.iter().map(|(name, _)| *name).collect();
     assert_eq!(names, TARGETS.iter().map(|target| target.name).collect::<Vec<_>>());
     for (name, seeds) in all {
-        let has_points = !["scene", "view", "plan", "preferences"].contains(&name);
+        let has_points = !["catalogue", "scene", "view", "plan", "preferences"].contains(&name);
         for (seed, bytes) in seeds {
             assert!(bytes.len() < MOST_BYTES);
             let points = bench.run(Target::named(name).unwrap(), &bytes).unwrap();
@@ -121,6 +121,9 @@ fn seeds() -> Vec<(&'static str, Seeds)> {
                 ("two.ptx", [ptx(2, 2), ptx(1, 3)].concat().into_bytes()),
             ]),
         ),
+        ("ept", named(vec![("binary", ept_of_rows()), ("laszip", ept_of_laz())])),
+        ("catalogue", named(vec![("two.vpc", catalogue())])),
+        ("answers", named(vec![("whole", answer(false)), ("part", answer(true))])),
         ("index_nodes", named(index.clone())),
         ("index_pages", named(index.clone())),
         ("index_surfels", named(index)),
@@ -437,6 +440,60 @@ fn ply_splats() -> Vec<u8> {
         format!("ply\nformat binary_little_endian 1.0\nelement vertex 8\n{properties}end_header\n").into_bytes();
     (0..8 * 17).for_each(|value: u16| file.extend((f32::from(value) / 16.0).to_le_bytes()));
     file
+}
+
+/// The description of an EPT whose cube is 100 wide.
+fn ept_description(kind: &str, points: usize) -> String {
+    let axis = |name| format!(r#"{{ "name": "{name}", "type": "signed", "size": 4, "scale": 0.01, "offset": 0 }}"#);
+    let color = r#"{ "name": "Red", "type": "unsigned", "size": 2 }"#;
+    let schema = [axis("X"), axis("Y"), axis("Z"), color.to_owned()].join(",\n    ");
+    format!(
+        "{{\n  \"bounds\": [ 0, 0, 0, 100, 100, 100 ],\n  \"boundsConforming\": [ 0, 0, 0, 50, 50, 50 ],\n  \
+         \"dataType\": \"{kind}\",\n  \"hierarchyType\": \"json\",\n  \"points\": {points},\n  \"schema\": [\n    \
+         {schema}\n  ],\n  \"span\": 128,\n  \"srs\": {{ \"wkt\": \"\" }},\n  \"version\": \"1.0.0\"\n}}\n"
+    )
+}
+
+fn ept_of_rows() -> Vec<u8> {
+    let rows: Vec<u8> = (0..8_i32)
+        .flat_map(|row| {
+            [row * 100, row * 200, row * 300].map(i32::to_le_bytes).concat().into_iter().chain([7, row as u8])
+        })
+        .collect();
+    join([ept_description("binary", 8).as_bytes(), b"{ \"0-0-0-0\": 8 }\n", &rows])
+}
+
+fn ept_of_laz() -> Vec<u8> {
+    let tile = compressed(&las(7, &[], 20), &[20]);
+    join([ept_description("laszip", 20).as_bytes(), b"{ \"0-0-0-0\": 20, \"1-0-0-0\": -1 }\n", &tile])
+}
+
+fn catalogue() -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let paths = ["a.las", "b.las"].map(|name| folder.path().join(name));
+    let sources = paths.map(|path| {
+        std::fs::write(&path, las(3, &[], 20)).unwrap();
+        codec::open(&path).unwrap()
+    });
+    let tile = |source| {
+        let info = codec::Source::info(source);
+        codec::CatalogueTile { info, points: info.points, bounds: info.bounds.unwrap() }
+    };
+    let output = folder.path().join("two.vpc");
+    codec::write_catalogue(&sources.iter().map(tile).collect::<Vec<_>>(), &output).unwrap();
+    std::fs::read(output).unwrap()
+}
+
+/// The answer of a server that gives a file of 20 points whole, or says that it is all of a part.
+fn answer(is_part: bool) -> Vec<u8> {
+    let file = las(3, &[], 20);
+    let (last, length) = (file.len() - 1, file.len());
+    let head = match is_part {
+        true => format!("HTTP/1.1 206 Part\r\ncontent-range: bytes 0-{last}/{length}"),
+        false => "HTTP/1.1 200 OK".to_owned(),
+    };
+    let head = format!("{head}\r\ncontent-length: {length}\r\netag: \"1\"\r\n\r\n");
+    [head.as_bytes(), &file].concat()
 }
 
 /// An index with normals and radii. Its key belongs to no file, so that it is the same each time.
