@@ -10,9 +10,6 @@ mod dice;
 mod mutate;
 mod parsers;
 mod seeds;
-#[path = "../../../tests/src/server.rs"]
-#[allow(dead_code, reason = "tests use all of it")]
-mod server;
 mod sweep;
 mod target;
 

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::io::Write as _;
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::net::{Shutdown, TcpListener};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -13,8 +14,6 @@ use glam::DVec3;
 use scene::{Camera, Preferences, SceneFile};
 use stream::Pages;
 use study::Plan;
-
-use crate::server::Server;
 
 /// A read is cancelled after this many points, since a few bytes may rightly stand for billions.
 const MOST_POINTS: u64 = 1 << 20;
@@ -69,32 +68,40 @@ pub fn catalogue(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
 
 /// A server on this machine, and what it answers to each request.
 struct Answerer {
-    server: Server,
+    address: String,
     answer: Arc<Mutex<Vec<u8>>>,
 }
 
 impl Answerer {
-    fn start() -> Self {
+    fn start() -> std::io::Result<Self> {
+        let listener = TcpListener::bind("127.0.0.1:0")?;
+        let address = format!("http://{}/a.las", listener.local_addr()?);
         let answer = Arc::<Mutex<Vec<u8>>>::default();
         let own = answer.clone();
-        let server = Server::new(move |_, stream| {
-            let answer = own.lock().unwrap_or_else(PoisonError::into_inner).clone();
-            stream.write_all(&answer)?;
-            Err(std::io::Error::other("one answer for each connection"))
+        std::thread::spawn(move || {
+            for mut stream in listener.incoming().flatten() {
+                let Ok(copy) = stream.try_clone() else { continue };
+                let lines = BufReader::new(copy).lines().map_while(Result::ok);
+                lines.take_while(|line| !line.is_empty()).for_each(drop);
+                let answer = own.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                // A reader that has seen enough closes the connection.
+                let _ = stream.write_all(&answer);
+                let _ = stream.shutdown(Shutdown::Both);
+            }
         });
-        // Nothing is kept on the disk, and no request is made again. A second call would be of no effect.
-        let _ = codec::use_network(codec::Network { waits: &[], ..Default::default() });
-        codec::trust_address(&server.path("a.las"));
-        Self { server, answer }
+        // Nothing is kept on the disk, and no request is made again.
+        codec::use_network(codec::Network { waits: &[], ..Default::default() }).map_err(std::io::Error::other)?;
+        codec::trust_address(Path::new(&address));
+        Ok(Self { address, answer })
     }
 }
 
 /// Reads a file from a server that answers each request with these bytes.
 pub fn answers(_: &Path, bytes: &[u8]) -> Result<u64, String> {
-    static ANSWERER: OnceLock<Answerer> = OnceLock::new();
-    let Answerer { server, answer } = ANSWERER.get_or_init(Answerer::start);
+    static SERVER: OnceLock<std::io::Result<Answerer>> = OnceLock::new();
+    let Answerer { address, answer } = SERVER.get_or_init(Answerer::start).as_ref().map_err(ToString::to_string)?;
     *answer.lock().unwrap_or_else(PoisonError::into_inner) = bytes.to_vec();
-    let Ok(scans) = codec::open_scans(&server.path("a.las"), DECODER_MEMORY) else { return Ok(0) };
+    let Ok(scans) = codec::open_scans(Path::new(address), DECODER_MEMORY) else { return Ok(0) };
     scans.into_iter().take(MOST_READ).map(scan).sum()
 }
 
