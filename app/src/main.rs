@@ -15,7 +15,7 @@ use commands::{compare, export, ghosts, index, info, listing, measure, profile, 
 use shared::command_line::{self, Command, CommandLine};
 use system::failure::{self, NoScreen};
 use system::terminal::complain;
-use system::{environment, interrupt, progress_bar, terminal};
+use system::{environment, fetching, interrupt, progress_bar, terminal};
 
 fn main() -> ExitCode {
     quiet_wayland();
@@ -111,7 +111,10 @@ fn use_network(authorization: Option<String>) -> anyhow::Result<()> {
         let limit = text.to_str().and_then(|text| text.parse::<param::Bytes>().ok());
         network.limit = limit.ok_or_else(|| failure::usage(format!("{LIMIT}: expected bytes, such as 10 GiB")))?.0;
     }
-    network.watch = Box::new(progress_bar::fetched);
+    network.watch = Box::new(|address, done, total| {
+        let goes_on = progress_bar::fetched(done, total);
+        fetching::note(address, done, total) && goes_on
+    });
     codec::use_network(network).map_err(|problem| failure::usage(format!("--authorization: {problem}")))
 }
 

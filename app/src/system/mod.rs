@@ -3,6 +3,7 @@
 pub mod costs;
 pub mod environment;
 pub mod failure;
+pub mod fetching;
 pub mod film;
 pub mod interrupt;
 pub mod peak_memory;

@@ -2,7 +2,6 @@
 //! task.
 
 use std::fmt::Write;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Mutex, PoisonError};
@@ -137,7 +136,7 @@ fn style(template: &str) -> ProgressStyle {
 }
 
 /// Shows how much of a file was fetched from its address. Returns whether to go on.
-pub fn fetched(_: &Path, done: u64, total: u64) -> bool {
+pub fn fetched(done: u64, total: u64) -> bool {
     static BAR: Mutex<Option<Bar>> = Mutex::new(None);
     let mut bar = BAR.lock().unwrap_or_else(PoisonError::into_inner);
     bar.get_or_insert_with(|| Bar::bytes("fetching")).set(done, total);

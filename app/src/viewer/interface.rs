@@ -8,6 +8,7 @@ use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, Ric
 use scene::Show;
 use world::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 
+use crate::system::fetching::{self, Fetch};
 use crate::viewer::input::gizmo;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
@@ -267,6 +268,13 @@ fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
     } else {
         let (done, total) = (job.progress.done(), job.progress.total());
         ui.label(format!("reading {}", job.name));
+        if let Some((Fetch { address, done, total, .. }, count)) = fetching::first() {
+            let others = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
+            ui.label(format!("fetching {}{others}", codec::last_part(&address)));
+            progress_bar(ui, (done as f32 / total.max(1) as f32).min(1.0));
+            let text = format!("{} of {}", theme::bytes(done), theme::bytes(total));
+            ui.label(RichText::new(text).small().color(theme::WEAK));
+        }
         // For a streamed cloud the number of points that a view needs is not known.
         if total > 0 {
             progress_bar(ui, (done as f32 / total as f32).min(1.0));
@@ -336,6 +344,19 @@ mod tests {
             },
             Session::new(Preferences::default()),
         )
+    }
+
+    #[test]
+    fn an_address_that_could_not_be_opened_can_be_tried_again() {
+        let mut harness = harness();
+        let (text, address) = ("a.laz: no such file on the server".to_owned(), "http://127.0.0.1:1/a.laz".to_owned());
+        harness.state_mut().outside.say_of_address(text, address);
+        harness.state_mut().act(Action::ListMessages(true));
+        harness.run_ok();
+        harness.get_by_label("Try again").click();
+        harness.run_ok();
+        let effects = &harness.state().outside.effects;
+        assert!(effects.iter().any(|effect| matches!(effect, Effect::Load { .. })));
     }
 
     #[test]

@@ -30,6 +30,9 @@ const PIECE: u64 = 1 << 20;
 const PIECES_AT_ONCE: usize = 4;
 /// The bytes between two reports of a whole file's progress.
 const REPORT: u64 = 4 << 20;
+/// What is said of a file whose fetch was stopped.
+const STOPPED: &str = "stopped while it was fetched";
+
 /// A file of a server.
 pub struct Remote {
     path: PathBuf,
@@ -147,14 +150,14 @@ impl Remote {
     pub fn fetch_all(&self) -> io::Result<()> {
         self.check_length()?;
         let length = self.length();
-        for start in (0..length).step_by(REPORT as usize) {
+        let fetched = (0..length).step_by(REPORT as usize).try_for_each(|start| {
             if !(network().watch)(&self.path, start, length) {
-                return Err(io::Error::other("stopped while it was fetched"));
+                return Err(io::Error::other(STOPPED));
             }
-            self.fetch(start..(start + REPORT).min(length))?;
-        }
+            self.fetch(start..(start + REPORT).min(length))
+        });
         (network().watch)(&self.path, length, length);
-        Ok(())
+        fetched
     }
 
     fn check_length(&self) -> io::Result<()> {
@@ -262,7 +265,7 @@ impl Remote {
             if total > LEAST && at - range.start >= report {
                 report += REPORT;
                 if !(network().watch)(&self.path, at - range.start, total) {
-                    return Err(io::Error::other("stopped while it was fetched"));
+                    return Err(io::Error::other(STOPPED));
                 }
             }
             Ok(())
@@ -271,7 +274,10 @@ impl Remote {
             Ok(()) => Ok(()),
             // What is missing is asked for again when it is read.
             Err(request::Failure::Again(_)) => Ok(()),
-            Err(request::Failure::Final(problem)) => Err(io::Error::other(problem)),
+            Err(request::Failure::Final(problem)) => {
+                (network().watch)(&self.path, total, total);
+                Err(io::Error::other(problem))
+            }
         }
     }
 }

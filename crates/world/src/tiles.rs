@@ -140,6 +140,7 @@ impl Loader {
         };
         let run = || {
             while !self.mailbox.is_over()
+                && !self.progress.is_cancelled()
                 && let Some(tile) = next()
             {
                 let cloud = tile.cloud;
@@ -166,6 +167,12 @@ impl Loader {
             }
         };
         std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(run))));
+        // What was not opened when the loading was stopped.
+        for tile in waiting.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            let summary = codec::Summary { cancelled: true, ..Default::default() };
+            self.send(Event::Read { cloud: tile.cloud, summary })?;
+            self.mailbox.close(tile.cloud);
+        }
         let mut opened = opened.into_inner().unwrap_or_else(PoisonError::into_inner);
         opened.sort_by_key(|(cloud, _)| *cloud);
         (!self.mailbox.is_over()).then(|| opened.into_iter().map(|(_, streamed)| streamed).collect())

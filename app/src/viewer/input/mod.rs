@@ -4,6 +4,7 @@ pub mod gizmo;
 pub mod outlines;
 
 use std::collections::HashSet;
+use std::path::Path;
 use std::time::Duration;
 
 use egui::{Event, MouseWheelUnit, Response, Ui};
@@ -172,11 +173,18 @@ fn keys(
             Event::Paste(text)
                 if bindings::action(command(egui::Key::V), session.scene.mode) == Some(Action::PasteView) =>
             {
-                actions.push(Action::Paste(text));
+                actions.push(pasted(text));
             }
             _ => {}
         }
     }
+}
+
+/// What a text from the clipboard stands for: a view, or an address.
+fn pasted(text: String) -> Action {
+    let word = text.trim();
+    let is_address = codec::is_address(Path::new(word)) && !word.contains(char::is_whitespace);
+    if is_address { Action::Open(word.into()) } else { Action::Paste(text) }
 }
 
 /// The digit of a key of the number row.
@@ -290,5 +298,19 @@ fn hover(ui: &Ui, picture: &Response, session: &Session, scale: f64, actions: &m
         ui.ctx().request_repaint_after(HOVER_DELAY - rested);
     } else if !is_busy {
         actions.push(Action::AskHover);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_from_the_clipboard_is_opened_and_other_texts_are_views() {
+        let opened = pasted(" https://host/a.copc.laz\n".into());
+        assert!(matches!(opened, Action::Open(path) if path == Path::new("https://host/a.copc.laz")));
+        for text in ["https://host/a.laz https://host/b.laz", "[camera]\neye = [0, 0, 0]", "a.laz", ""] {
+            assert!(matches!(pasted(text.into()), Action::Paste(own) if own == text), "{text}");
+        }
     }
 }

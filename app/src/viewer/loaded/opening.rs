@@ -1,11 +1,14 @@
 //! How events of jobs open, extend, change and close clouds.
 
+use std::path::Path;
+
 use cloud::{Chunk, PointTest, Surfels};
 use render::ColorPlan;
 use scene::{Strays, Visibility};
 use serde_json::json;
 use world::{Assembly, Change, CloudKey, CloudTask, Event, Opened, Part, TaskStatus};
 
+use crate::system::fetching;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::look::theme::grouped;
 use crate::viewer::objects::Origin;
@@ -38,7 +41,10 @@ impl Loaded {
                 let name = short_name(&input).to_string();
                 // Some errors already contain the file's name, with its path.
                 let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
-                beside.outside.say(Level::Error, text);
+                match codec::is_address(Path::new(&input)) {
+                    true => beside.outside.say_of_address(text, input),
+                    false => beside.outside.say(Level::Error, text),
+                }
             }
             Event::Finished => self.finish_job(job, beside),
         }
@@ -56,7 +62,7 @@ impl Loaded {
             .outside
             .log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
         // A streamed cloud has no source to look records up in; a built-in scene has no file.
-        if opened.source.is_some() || std::path::Path::new(&opened.input).exists() {
+        if opened.source.is_some() || Path::new(&opened.input).exists() {
             beside.preferences.remember_file(&opened.input);
         }
         let bounds = opened.source.as_ref().and_then(|source| source.info().bounds);
@@ -276,6 +282,7 @@ impl Loaded {
             job.progress.cancel();
             job.mailbox.stop_all();
         }
+        fetching::stop_all();
         beside.outside.log(json!({ "event": "cancelled" }));
     }
 

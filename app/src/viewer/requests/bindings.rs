@@ -168,7 +168,7 @@ pub const BINDINGS: &[Binding] = {
         ),
         bind(FILES, Trigger::Key(CTRL, Key::E), A::Export(Export::Ask), "Save the points that are shown"),
         bind(FILES, Trigger::Key(CTRL, Key::C), A::CopyView, "Copy the view as text"),
-        bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),
+        bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view, or open an address"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::C), A::CopyCommandLine, "Copy the command line of this picture"),
         bind(FILES, Trigger::Key(CTRL, Key::S), A::File(Filing::Save), "Save the scene"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::S), A::File(Filing::SaveAs), "Save the scene under another name"),

@@ -17,6 +17,8 @@ pub enum Level {
 pub struct Message {
     pub level: Level,
     pub text: String,
+    /// The address that could not be opened, and may be tried again.
+    address: Option<String>,
     since: Instant,
     dismissed: bool,
 }
@@ -40,11 +42,18 @@ impl Messages {
             same.dismissed = false;
             return;
         }
-        self.all.push(Message { level, text, since: Instant::now(), dismissed: false });
+        self.all.push(Message { level, text, address: None, since: Instant::now(), dismissed: false });
     }
 
     pub fn warning(&mut self, text: impl Into<String>) {
         self.push(Level::Warning, text);
+    }
+
+    /// Says which address the last message is about.
+    pub fn name_address(&mut self, address: String) {
+        if let Some(last) = self.all.last_mut() {
+            last.address = Some(address);
+        }
     }
 
     /// Draws the toasts in the upper right corner of `rect`, and the list if it is open.
@@ -89,6 +98,11 @@ impl Messages {
                     for message in &self.all {
                         ui.horizontal_top(|ui| {
                             ui.label(RichText::new(message.level.mark()).color(message.level.color()).strong());
+                            if let Some(address) = &message.address
+                                && ui.small_button("Try again").on_hover_text("Open the address again").clicked()
+                            {
+                                actions.push(Action::Open(address.into()));
+                            }
                             ui.add(egui::Label::new(&message.text).wrap());
                         });
                     }

@@ -97,6 +97,12 @@ impl Outside {
         self.messages.push(level, text);
     }
 
+    /// Says what is wrong with an address, which can be opened again.
+    pub fn say_of_address(&mut self, text: String, address: String) {
+        self.say(Level::Error, text);
+        self.messages.name_address(address);
+    }
+
     /// Tells that a picture was written.
     pub fn saved(&mut self, path: &Path) {
         self.log(json!({ "event": "saved", "path": path }));

@@ -12,7 +12,8 @@ const LIMIT: u64 = 10 << 30;
 /// The waits before a request is made again, in milliseconds.
 const WAITS: [u64; 4] = [200, 400, 800, 1600];
 
-/// Called while a whole file is fetched: its address, bytes so far, bytes in all. Returns whether to go on.
+/// Called while a whole file is fetched: its address, bytes so far, bytes in all. The last call says that all are there, even
+/// where the fetch has failed. Returns whether to go on.
 type Watch = Box<dyn Fn(&Path, u64, u64) -> bool + Send + Sync>;
 
 /// How servers are asked. A process has one; without one, nothing is kept.
