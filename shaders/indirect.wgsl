@@ -37,6 +37,8 @@ override by_tiles: bool = false;
 override parts: u32 = 1u;
 // The runs that glossy samples share: each is lit by its part of a pixel's run.
 override sample_runs: u32 = 1u;
+// The most reflections whose lights are taken.
+override most_bounces: u32 = 0xffffffffu;
 
 @compute @workgroup_size(8, 8)
 fn indirect(@builtin(global_invocation_id) invocation: vec3u) {
@@ -75,7 +77,7 @@ fn indirect(@builtin(global_invocation_id) invocation: vec3u) {
     var count = lights.sky_lights;
     // Mesa's software Vulkan compiles a pass anew at each dispatch if a loop ends by a uniform alone, which took five
     // times as long as the pass itself. The length of the buffer, which is never less, makes it no uniform.
-    let bounces = min(lights.bounces, arrayLength(&vpls));
+    let bounces = min(min(lights.bounces, most_bounces), arrayLength(&vpls));
     for (var bounce = 0u; bounce <= bounces; bounce++) {
         let sum = light_of_run(first, count, thread.z * sample_runs + frame.sample % sample_runs, at, normal, toward_eye, gloss);
         diffuse += sum.diffuse;

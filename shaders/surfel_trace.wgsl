@@ -53,7 +53,10 @@ fn surfel_trace(@builtin(global_invocation_id) invocation: vec3u) {
     if point.w == 0.0 {
         return;
     }
-    let ray = mirror_ray(point.xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
+    left_normal = textureLoad(normal_in, id, 0).xyz;
+    // Rays that leave a surface go straight on from where they come.
+    let normal = select(left_normal, vec3f(0.0), leaves_surface);
+    let ray = mirror_ray(point.xyz, normal, textureLoad(eye_in, id, 0).xyz);
     let pixel = id.y * frame.width + id.x;
     let before = hits[pixel];
     var nearest = Nearest(3e38, 3e38, NONE, 0u, 0u);

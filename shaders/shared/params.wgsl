@@ -129,8 +129,12 @@ struct Sun {
     sky: f32,
 }
 
-// Indirect light by virtual lights (Keller 1997) with imperfect shadow maps (Ritschel et al. 2008).
+// Indirect light by virtual lights (Keller 1997) with imperfect shadow maps (Ritschel et al. 2008), or by rays.
 struct Gi {
+    by: u32,
+    rays_per_pixel: u32,
+    ray_bounces: u32,
+    ray_seed: u32,
     bounces: u32,
     vpls: u32,
     vpl: u32,
@@ -147,6 +151,8 @@ struct Gi {
     filter_depth: f32,
     filter_angle: f32,
 }
+const GI_BY_LIGHTS: u32 = 0u;
+const GI_BY_RAYS: u32 = 1u;
 const GI_VPL_SPHERICAL: u32 = 0u;
 const GI_VPL_POINT: u32 = 1u;
 const GI_OCCLUDERS_DISCS: u32 = 0u;

@@ -39,6 +39,16 @@ const LIST_IS_FULL: u32 = 0xffffffffu;
 // A disc is not seen from closer than this many of its radii, nor an ellipse from closer than of its short half axes: the mirror's own splats lie beside the mirror point.
 const SELF_DISTANCE: f32 = 4.0;
 
+// Set if rays leave a surface whose own discs they must not meet, while they may meet those of other surfaces however
+// close they are.
+override leaves_surface: bool = false;
+// Then a close disc is another surface's if its centre lies more than so many of its radii, or of its short half axes, above
+// the plane that the ray leaves: the first one across the plane, the second one along it, as noise would have it.
+const ACROSS_HEIGHT: f32 = 0.1;
+const ALONG_HEIGHT: f32 = 1.0;
+// The unit normal of that plane.
+var<private> left_normal: vec3f;
+
 struct DiscHit {
     // The distance along the ray, in units of its direction; 0 for a miss.
     distance: f32,
@@ -73,8 +83,14 @@ fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, d
         outside = stretched_square(stretch, across) / (radius * radius);
         narrow = radius / stretch.ratio;
     }
+    var is_apart = distance > SELF_DISTANCE * narrow;
+    if leaves_surface {
+        let facing = dot(left_normal, normal);
+        let height = mix(ACROSS_HEIGHT, ALONG_HEIGHT, facing * facing / dot(normal, normal));
+        is_apart = is_apart || distance > 0.0 && dot(left_normal, offset) > height * narrow;
+    }
     // A disc seen edge-on is missed.
-    let is_hit = is_finite(outside) && outside <= 1.0 && distance > SELF_DISTANCE * narrow;
+    let is_hit = is_finite(outside) && outside <= 1.0 && is_apart;
     return DiscHit(select(0.0, distance, is_hit), outside, radius);
 }
 

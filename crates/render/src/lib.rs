@@ -15,6 +15,7 @@ mod image;
 mod inputs;
 mod kept_pipelines;
 mod layout;
+mod light_rays;
 mod light_views;
 mod lighting;
 mod loads;

@@ -26,7 +26,7 @@ use crate::targets::Image;
 #[derive(Default)]
 pub(crate) struct Methods {
     size: [u32; 2],
-    index: SurfelIndex,
+    pub index: SurfelIndex,
     environment: EnvironmentMap,
     pub(crate) cubemaps: CubemapTrace,
     pub(crate) screen: ScreenTrace,

@@ -389,6 +389,15 @@ passes! {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, diffuse_in: Texture,
         glossy_in: Texture, radiance_out: Write(Rgba16Float), kept: ReadWrite, left_in: Texture,
     }
+    light_ray_draw: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, paths: ReadWrite,
+        point_out: Write(Rgba32Float), eye_out: Write(Rgba32Float),
+    }
+    light_ray_sum: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, point_in: Texture, eye_in: Texture,
+        direct_in: Texture, indirect_in: Texture, paths: ReadWrite, diffuse_out: Write(Rgba16Float),
+        glossy_out: Write(Rgba16Float),
+    }
     shade: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Read, shadows: Read,
         radiance_out: Write(Rgba16Float), left_in: Texture,

@@ -301,6 +301,8 @@ impl Renderer {
             is_glossy: *has_highlights,
             has_gloss: *has_gloss,
             fading: fading.in_image(&left),
+            brought: None,
+            most_bounces: None,
         };
         let inputs = Inputs::new(gpu, small, settings, &DrawList::default());
         many.shade(&mut recorder, &inputs, settings, &receiver)?;

@@ -131,6 +131,7 @@ impl QuickPicture {
             waits: 0,
             virtual_lights: 0,
             glossy_samples: [0; 2],
+            light_rays: [0; 2],
             exposure: None,
             glossy_hits: GlossCache::NoGloss,
             glossy_rays: [0; 2],

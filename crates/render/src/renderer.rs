@@ -19,6 +19,7 @@ use crate::handed::Handed;
 use crate::identities::Identities;
 use crate::inputs::Inputs;
 use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SPECULAR_WORDS, SURFACE_SUM_BYTES};
+use crate::light_rays::LightRays;
 use crate::lighting::{DrawnMap, Lights};
 use crate::pass_times::Times;
 use crate::recorder::{IsGivenUp, Pipelines, Recorder, Rehearsal};
@@ -53,6 +54,9 @@ pub struct Renderer {
     /// What the last frame has summed of its samples of mirrors.
     pub(crate) summed: Option<Summed>,
     pub(crate) gi: GlobalIllumination,
+    /// The rays of light of the last frame, and how many of each pixel they sum; `None` if there were none.
+    light_rays: Option<LightRays>,
+    summed_rays: Option<Summed>,
     /// What the indirect light of the last frame came from; `None` if it had none.
     pub(crate) lit: Option<Lit>,
     /// Many virtual lights, against which the light of a few is judged.
@@ -77,6 +81,7 @@ struct Record {
     times: Times,
     shadows: Vec<DrawnMap>,
     samples: Samples,
+    rays: Option<Summed>,
 }
 
 impl Renderer {
@@ -117,6 +122,8 @@ impl Renderer {
             kept_shadows: Vec::new(),
             summed: None,
             gi: GlobalIllumination::default(),
+            light_rays: None,
+            summed_rays: None,
             lit: None,
             many_lights: GlobalIllumination::default(),
             camera: None,
@@ -224,25 +231,36 @@ impl Renderer {
 
         chapters::surface(&mut recorder, plan, &inputs, targets, formulas.as_ref())?;
         let targets = &*targets;
-        let search = || chapters::search(gpu, plan, formulas, SurfaceImages::of_camera(targets));
+        let search = || chapters::search(gpu, plan, formulas.clone(), SurfaceImages::of_camera(targets));
         let mut search = plan.searches().then(search);
         chapters::mirrors(&mut recorder, plan, search.as_mut(), targets, reflections)?;
         let at_hand = std::mem::take(&mut self.kept_shadows);
         let shadows = chapters::light(&mut recorder, plan, lights, gi, at_hand)?;
-        let search = search.as_mut();
-        let samples =
-            chapters::shade(&mut recorder, plan, &mut inputs, search, targets, reflections, (lights, gi), before)?;
+        let (kept, rays_before) = (&mut self.light_rays, self.summed_rays.take());
+        let rays = chapters::light_rays(
+            &mut recorder,
+            plan,
+            formulas.clone(),
+            targets,
+            reflections,
+            (lights, gi),
+            kept,
+            rays_before,
+        )?;
+        let brought = kept.as_ref().map(LightRays::brought);
+        let (search, lit) = (search.as_mut(), (&*lights, &mut *gi, brought));
+        let samples = chapters::shade(&mut recorder, plan, &mut inputs, search, targets, reflections, lit, before)?;
         chapters::show(&mut recorder, plan, &inputs, targets, reflections, (lights, gi), exposure)?;
 
         let times =
             recorder.finish_frame(&mut self.handed, &reflections.counters, &exposure.fitted, &targets.picture)?;
         gi.keeper.finish();
-        Ok(Record { times, shadows, samples })
+        Ok(Record { times, shadows, samples, rays })
     }
 
     /// Keeps what the next frame may take over, and says what the frame took.
     fn finish(&mut self, plan: Plan<'_>, record: Record, has_compiled: bool) -> Result<FrameStats> {
-        let Record { times, shadows, samples: Samples { summed, hits } } = record;
+        let Record { times, shadows, samples: Samples { summed, hits }, rays } = record;
         let gpu_bytes = plan.store.gpu_bytes() + self.bytes();
         let counters = self.handed.counters()?.filter(|_| Reflections::asked(plan.settings) > 0);
         let known_rays = counters.as_ref().filter(|_| hits == GlossCache::Kept);
@@ -263,6 +281,7 @@ impl Renderer {
             waits: times.waits,
             virtual_lights,
             glossy_samples: [summed.as_ref().map_or(0, |summed| summed.samples), plan.samples],
+            light_rays: [rays.as_ref().map_or(0, |summed| summed.samples), plan.rays],
             exposure: None,
             glossy_hits: hits,
             glossy_rays: known_rays.map_or([0; 2], |counters| Reflections::glossy_rays(counters)),
@@ -271,7 +290,7 @@ impl Renderer {
             flip: None,
         };
         (self.tone, self.is_filmic) = (plan.settings.tone.clone(), chapters::is_filmic(&plan));
-        (self.lit, self.summed, self.kept_shadows) = (plan.lit(), summed, shadows);
+        (self.lit, self.summed, self.summed_rays, self.kept_shadows) = (plan.lit(), summed, rays, shadows);
         (self.camera, self.splatted_from) = (Some(plan.camera), Some(plan.asked.points.clone()));
         self.made_from = Some(plan.asked);
         self.is_unfinished = false;
@@ -286,6 +305,7 @@ impl Renderer {
             + self.reflections.as_ref().map_or(0, Reflections::bytes)
             + self.lights.shadows.size()
             + self.gi.bytes()
+            + self.light_rays.as_ref().map_or(0, LightRays::bytes)
             + self.many_lights.bytes()
             + self.handed.bytes()
     }

@@ -3,7 +3,7 @@
 use scene::{LastMirror, Lighting, Mirror, ResolvedLight, Settings};
 
 use crate::frame::Objects;
-use crate::gi::{GlobalIllumination, Receiver};
+use crate::gi::{Brought, GlobalIllumination, Receiver};
 use crate::gpu::Result;
 use crate::inputs::Inputs;
 use crate::lighting::Lights;
@@ -16,6 +16,8 @@ use crate::targets::Image;
 
 /// The name under which the shading of what mirrors show is timed, apart from that of what the camera sees.
 const MIRROR_LIGHT: (&str, PassStage) = ("mirror_light", PassStage::Light);
+/// The name under which all work of the rays of light is timed.
+pub(crate) const LIGHT_RAYS: (&str, PassStage) = ("light_rays", PassStage::Light);
 
 /// The choices that determine how surfaces are shaded, besides the parameters.
 #[derive(Clone, Copy)]
@@ -58,6 +60,10 @@ pub(crate) struct FrameLight<'a> {
     pub color: &'a Image,
     /// Added to the index of a surface beyond the camera's, which names it to the indirect light.
     pub first_receiver: usize,
+    /// The indirect light that rays have brought to the camera's surface, if they bring it.
+    pub brought: Option<Brought<'a>>,
+    /// For the surfaces that rays of light meet: the most reflections whose virtual lights shine there.
+    pub met_bounces: Option<u32>,
 }
 
 /// What the mirrors show that the camera sees.
@@ -82,7 +88,7 @@ impl FrameLight<'_> {
         bounces: &[Bounce],
         index: usize,
     ) -> Result<()> {
-        recorder.time_as((index > 0).then_some(MIRROR_LIGHT));
+        recorder.time_as(self.timed_as(index));
         // Seen from the camera, or from the mirror point before.
         let (surface, from, radiance) = match index.checked_sub(1).map(|before| &bounces[before]) {
             None => (self.camera, self.camera.position, self.direct),
@@ -123,6 +129,8 @@ impl FrameLight<'_> {
                 is_glossy: shading.has_highlights,
                 has_gloss: shading.has_gloss,
                 fading,
+                brought: self.brought.filter(|_| index == 0),
+                most_bounces: self.met_bounces,
             };
             gi.shade(recorder, inputs, self.settings, &receiver)?;
         }
@@ -130,8 +138,13 @@ impl FrameLight<'_> {
         Ok(())
     }
 
+    /// The name under which the shading of a surface is timed, if it is not its own.
+    fn timed_as(&self, index: usize) -> Option<(&'static str, PassStage)> {
+        if self.met_bounces.is_some() { Some(LIGHT_RAYS) } else { (index > 0).then_some(MIRROR_LIGHT) }
+    }
+
     /// Whether mirrors of a surface show their own colour by the share only that they do not reflect.
-    fn is_mixed(&self, index: usize) -> bool {
+    pub fn is_mixed(&self, index: usize) -> bool {
         index < self.bounces || (index > 0 && self.settings.mirror.last == LastMirror::Dark)
     }
 

@@ -64,11 +64,11 @@ pub use profile::{MOST_PROFILES, Profile};
 pub use settings::{
     Atomics, Blank, BundleCull, BundleRest, BundleSplat, CameraCells, Color, ColorBy, CubeCriterion, CubeHit,
     CubePlacement, CubeRest, CubeSampling, Curve, Edl, ExposureFit, FresnelLaw, Gi, GlossLobe, GlossPattern,
-    GlossSettings, Highlight, JudgedBy, KeptPoints, LargeDiscs, LastMirror, Light, LightField, LightView, Lighting,
-    MapFill, MirrorSettings, MirrorSurface, Occluder, Overlay, OwnPoints, Paging, Quality, Ramp, Reading, Reflection,
-    SampleCameras, SampleRest, SampleRule, SampleVisibility, SceneSettings, ScreenBack, ScreenBox, ScreenCompletion,
-    ScreenCriterion, ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start, Strays, Stream,
-    Sun, Surface, SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    GlossSettings, Highlight, IndirectBy, JudgedBy, KeptPoints, LargeDiscs, LastMirror, Light, LightField, LightView,
+    Lighting, MapFill, MirrorSettings, MirrorSurface, Occluder, Overlay, OwnPoints, Paging, Quality, Ramp, Reading,
+    Reflection, SampleCameras, SampleRest, SampleRule, SampleVisibility, SceneSettings, ScreenBack, ScreenBox,
+    ScreenCompletion, ScreenCriterion, ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Start,
+    Strays, Stream, Sun, Surface, SurfaceOrientation, SurfaceRadii, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use track::{Ease, Handle, Track, WIPE};

@@ -81,6 +81,10 @@ choices! {
     }
 }
 choices! {
+    /// What brings indirect light to the surfaces that the camera sees.
+    pub enum IndirectBy { Lights = "lights", Rays = "rays" }
+}
+choices! {
     /// What a virtual light is taken for.
     pub enum VirtualLight { Spherical = "spherical", Point = "point" }
 }
@@ -260,8 +264,16 @@ params! {
         sky: f32 = 1.0, 0.0..=100.0, "";
     }
 
-    /// Indirect light by virtual lights (Keller 1997) with imperfect shadow maps (Ritschel et al. 2008).
+    /// Indirect light by virtual lights (Keller 1997) with imperfect shadow maps (Ritschel et al. 2008), or by rays.
     pub struct Gi = "gi" in "Light" => affects(shading) {
+        /// What brings indirect light to the surfaces that the camera sees: the virtual lights, or rays that each pixel sends through the tree of discs. What a ray meets is lit by the scene's lights and, where it ends, by the virtual lights. Surfaces in mirrors and behind glass are lit by virtual lights either way.
+        by: IndirectBy = IndirectBy::Lights;
+        /// Rays of each pixel at rest, of which the first picture shows one and each further picture more; four times as many halve the noise. While something moves, one. Powers of two are spread most evenly.
+        rays_per_pixel: u32 = 64, 1..=4096, "rays";
+        /// Reflections that rays follow themselves; the virtual lights give those beyond them, up to gi.bounces.
+        ray_bounces: u32 = 1, 1..=4, "bounces";
+        /// Seed of the directions of rays; the same seed gives the same picture.
+        ray_seed: u32 = 1;
         /// Times that light is reflected between surfaces before it reaches what is seen; 0 leaves direct light and that of the sky.
         bounces: u32 = 1, 0..=4, "bounces" => affects(shading truth);
         /// Virtual lights of each bounce.
@@ -286,7 +298,7 @@ params! {
         pull_levels: u32 = 2, 0..=3, "levels";
         /// Each pixel of a tile this wide is lit by its own share of the virtual lights; 1 lights all pixels by all.
         interleave: u32 = 4, 1..=8, "pixels";
-        /// Average interleaved light over a tile, as far as it lies on one surface.
+        /// Average interleaved light, and that of rays, over a tile, as far as it lies on one surface.
         filtered: bool = true;
         /// Distance from a surface's plane at which another pixel is not averaged with it, relative to the distance from the eye.
         filter_depth: f32 = 0.01, 0.0..=1.0, "share";

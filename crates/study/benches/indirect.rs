@@ -10,7 +10,7 @@ use scene::Settings;
 use scene::five_mirrors::Variant;
 use study::{FiveMirrors, IndirectTruth, JudgedLight, TracedLight};
 
-const TRIES: [&str; 19] = [
+const TRIES: [&str; 26] = [
     "gi.vpls=64 gi.interleave=1",
     "gi.vpls=256 gi.interleave=1",
     "gi.vpls=1024 gi.interleave=1",
@@ -30,6 +30,13 @@ const TRIES: [&str; 19] = [
     "gi.shadow_points=32768",
     "gi.bounces=2",
     "gi.bounces=2 gi.vpls=1024",
+    "gi.by=rays gi.rays_per_pixel=4",
+    "gi.by=rays gi.rays_per_pixel=16",
+    "gi.by=rays gi.rays_per_pixel=64",
+    "gi.by=rays gi.rays_per_pixel=64 gi.filtered=false",
+    "gi.bounces=2 gi.by=rays gi.rays_per_pixel=16",
+    "gi.bounces=2 gi.by=rays gi.rays_per_pixel=16 gi.ray_bounces=2",
+    "gi.bounces=2 gi.by=rays gi.rays_per_pixel=64 gi.ray_bounces=2",
 ];
 
 /// Adds up the times of some passes.
@@ -121,23 +128,24 @@ fn main() -> anyhow::Result<()> {
                     row.judged = Some(stage.judge_indirect(&renderer, &truths[at].1)?);
                     row.noise = truths[at].1.noise;
                 } else {
-                    row.shading.push(sum(&stats.passes, |name| name.starts_with("indirect")));
+                    row.shading.push(sum(&stats.passes, |name| name.starts_with("indirect") || name == "light_rays"));
                     row.placing.push(sum(&stats.passes, |name| name.starts_with("vpl_")));
                 }
             }
         }
         println!("\n{}\n", variant.name());
         println!(
-            "| setting | error, % | its mean | error, all pixels, % | mean | brightest | shading, ms | placing, ms | noise, % |"
+            "| setting | error, % | its mean | p95, % | error, all pixels, % | mean | brightest | shading, ms | placing, ms | noise, % |"
         );
-        println!("|---|---|---|---|---|---|---|---|---|");
+        println!("|---|---|---|---|---|---|---|---|---|---|");
         let mut shares = Vec::new();
         for (row, text) in rows.iter_mut().zip(&tries) {
-            let Some(JudgedLight { all, same_surface, share }) = row.judged else { continue };
+            let Some(JudgedLight { all, same_surface, p95, share }) = row.judged else { continue };
             println!(
-                "| `{text}` | {:.2} | {:.3} | {:.2} | {:.3} | {:.2} | {:.0} | {:.0} | {:.2} |",
+                "| `{text}` | {:.2} | {:.3} | {:.2} | {:.2} | {:.3} | {:.2} | {:.0} | {:.0} | {:.2} |",
                 same_surface.relative_rmse * 100.0,
                 same_surface.mean_ratio,
+                p95 * 100.0,
                 all.relative_rmse * 100.0,
                 all.mean_ratio,
                 all.brightest_ratio,

@@ -490,6 +490,7 @@ mod tests {
             clock: Clock::Gpu,
             virtual_lights: lights,
             glossy_samples: [0; 2],
+            light_rays: [0; 2],
             exposure: None,
             glossy_hits: render::GlossCache::NoGloss,
             glossy_rays: [0; 2],

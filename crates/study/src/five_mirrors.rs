@@ -12,7 +12,7 @@ use trace::{
 };
 
 use crate::flicker::{Flicker, Followed, FrameImages, Steps, flicker, follow};
-use crate::light::{LightError, light_error};
+use crate::light::{LightError, light_error, p95_error};
 use crate::metrics::{Accuracy, Truth};
 use crate::subject::Subject;
 use crate::truth::{TracedScene, Tracer, View};
@@ -60,6 +60,8 @@ pub struct JudgedLight {
     pub all: LightError,
     /// The error over the pixels whose normal and albedo are the truth's: the error of the light alone.
     pub same_surface: LightError,
+    /// The difference in luminance that 95 of 100 of those pixels do not exceed, relative to the mean of the truth there.
+    pub p95: f64,
     /// The share of those pixels among all.
     pub share: f64,
 }
@@ -218,7 +220,8 @@ impl FiveMirrors {
         };
         let same: Vec<bool> = truth.seen.iter().enumerate().map(is_same).collect();
         let share = same.iter().filter(|is_same| **is_same).count() as f64 / truth.seen.iter().flatten().count() as f64;
-        Ok(JudgedLight { all: truth.judge(image), same_surface: light_error(&same, image, &truth.light), share })
+        let p95 = p95_error(&same, image, &truth.light);
+        Ok(JudgedLight { all: truth.judge(image), same_surface: light_error(&same, image, &truth.light), p95, share })
     }
 
     /// Measures how much the indirect light of places on the walls flickers while the camera moves sideways, `frames`

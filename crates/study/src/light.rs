@@ -37,6 +37,19 @@ pub fn light_error(mask: &[bool], image: &[[f32; 3]], truth: &[[f32; 3]]) -> Lig
     }
 }
 
+/// The difference in luminance that 95 of 100 pixels of `light_error` do not exceed, relative to the mean of the truth. NaN
+/// where nothing could be measured.
+pub(crate) fn p95_error(mask: &[bool], image: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
+    let marked = image.iter().zip(truth).zip(mask).filter(|(_, is_marked)| **is_marked).map(|(pair, _)| pair);
+    let finite = marked.filter(|(_, truth)| truth.iter().all(|value| value.is_finite()));
+    let light = |color: &[f32; 3]| luminance(color.map(|value| if value.is_finite() { f64::from(value) } else { 0.0 }));
+    let (mut differences, lights): (Vec<f64>, Vec<f64>) =
+        finite.map(|(color, truth)| ((light(color) - light(truth)).abs(), light(truth))).unzip();
+    differences.sort_by(f64::total_cmp);
+    let mean = lights.iter().sum::<f64>() / lights.len() as f64;
+    differences.get((differences.len() * 19).div_ceil(20).saturating_sub(1)).map_or(f64::NAN, |error| error / mean)
+}
+
 /// The luminance of linear red, green and blue with the primaries of sRGB (ITU-R BT.709).
 pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
     0.2126 * red + 0.7152 * green + 0.0722 * blue
@@ -45,6 +58,14 @@ pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ninety_five_of_a_hundred_pixels_are_no_farther_off_than_the_p95_says() {
+        let truth = [[2.0; 3]; 100];
+        let image: Vec<[f32; 3]> = (0..100).map(|index| [2.0 + index as f32; 3]).collect();
+        assert!((p95_error(&[true; 100], &image, &truth) - 47.0).abs() < 1e-6);
+        assert!(p95_error(&[false; 100], &image, &truth).is_nan());
+    }
 
     #[test]
     fn errors_of_light_are_relative_to_the_truth() {

@@ -102,6 +102,15 @@ fn a_thousand_lights_are_as_accurate_as_claimed_and_fewer_less_so() {
 }
 
 #[test]
+fn light_by_rays_is_within_two_hundredths_of_the_truth_and_the_more_rays_the_nearer() {
+    let Some(mut studio) = studio() else { return };
+    let few = studio.judge("gi.by=rays gi.rays_per_pixel=1");
+    let many = studio.judge("gi.by=rays gi.rays_per_pixel=64");
+    assert!(many.relative_rmse < 0.06 && (many.mean_ratio - 1.0).abs() < 0.02, "{many:?}");
+    assert!(few.relative_rmse > 1.5 * many.relative_rmse, "{few:?} and {many:?}");
+}
+
+#[test]
 fn shadows_of_a_ball_are_where_they_belong_and_broken_light_misses_the_bounds() {
     const MOST: f64 = 0.12;
     let Some(mut studio) = studio() else { return };

@@ -125,10 +125,10 @@ impl Frames {
         self.revision += 1;
     }
 
-    /// Returns how many samples of glossy mirrors the picture shows, and of how many, while more are to come.
+    /// Returns how many samples of glossy mirrors, or rays of light of each pixel, the picture shows, and of how many, while more are to come.
     pub fn samples_under_way(&self) -> Option<[u32; 2]> {
         let shown = self.shown.as_ref()?;
-        let samples @ [summed, asked] = shown.stats.glossy_samples;
+        let samples @ [summed, asked] = shown.stats.samples();
         (summed < asked).then_some(samples)
     }
 

@@ -25,6 +25,14 @@ fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
     ui.separator();
 }
 
+/// How far a picture is whose indirect light comes by rays.
+fn light_rays(ui: &mut Ui, stats: &FrameStats) {
+    let [summed, asked] = stats.light_rays;
+    if asked > 0 {
+        row(ui, "Rays of light", &format!("{summed} of {asked}"), Some(summed as f32 / asked as f32));
+    }
+}
+
 /// How far a picture with glossy mirrors is, and whether its rays had to be traced.
 fn gloss(ui: &mut Ui, stats: &FrameStats) {
     let [summed, asked] = stats.glossy_samples;
@@ -84,6 +92,7 @@ pub fn show(ui: &mut Ui, session: &Session) {
     passes(ui, stats);
     ui.separator();
     gloss(ui, stats);
+    light_rays(ui, stats);
     row(ui, "Frame", &format!("{:.1} ms", stats.frame_milliseconds), None);
     row(ui, "With transfer", &format!("{:.1} ms", shown.total_milliseconds), None);
     let [width, height] = shown.request.drawn_size();
@@ -190,6 +199,7 @@ mod tests {
             clock: Clock::Host,
             virtual_lights: 0,
             glossy_samples: [0; 2],
+            light_rays: [0; 2],
             exposure: None,
             glossy_hits: render::GlossCache::NoGloss,
             glossy_rays: [0; 2],

@@ -37,9 +37,9 @@ impl FrameRequest {
     }
 
     /// Whether the frame's picture is final: nothing is left to be added, and its exposure is the one that fits. While
-    /// something moves, one sample of glossy mirrors is all, and the exposure follows.
+    /// something moves, one sample of glossy mirrors and one ray of light are all, and the exposure follows.
     pub fn is_whole(&self, stats: &FrameStats) -> bool {
-        let [summed, asked] = stats.glossy_samples;
+        let [summed, asked] = stats.samples();
         summed == asked && !stats.exposure.is_some_and(|exposure| exposure.adapts) || self.hurried
     }
 

@@ -226,6 +226,7 @@ mod tests {
             clock: render::Clock::Host,
             virtual_lights: 0,
             glossy_samples: [0; 2],
+            light_rays: [0; 2],
             exposure: None,
             glossy_hits: render::GlossCache::NoGloss,
             glossy_rays: [0; 2],

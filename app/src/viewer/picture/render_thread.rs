@@ -441,7 +441,7 @@ impl Worker {
         Ok(())
     }
 
-    /// Renders a frame for the window, if `samples` is given: of glossy mirrors it adds at most so many to those of the
+    /// Renders a frame for the window, if `samples` is given: of glossy mirrors, and of rays of light, it adds at most so many to those of the
     /// frame before, if that was the same, and its exposure follows that of the frame before. Other frames are final.
     fn render(&mut self, request: &FrameRequest, samples: Option<u32>) -> render::Result<FrameStats> {
         let FrameRequest { mirrors, lights, clues, .. } = request;
@@ -458,7 +458,7 @@ impl Worker {
             effort: Effort { most_samples: samples, exposure_share: since.map(adapted_share), ..effort_of(request) },
         };
         let stats = self.renderer.render(&self.resident.store, &frame)?;
-        let [summed, asked] = stats.glossy_samples;
+        let [summed, asked] = stats.samples();
         let adapts = stats.exposure.is_some_and(|exposure| exposure.adapts);
         self.held = Some((request.clone(), summed == asked && !adapts));
         Ok(stats)
@@ -497,11 +497,11 @@ impl Worker {
 
     /// Draws a frame by the passes of the renderer.
     fn draw_by_passes(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
-        // At rest, the samples of glossy mirrors come in steps that grow, so that the first picture comes soon.
+        // At rest, the samples of glossy mirrors and the rays of light come in steps that grow, so that the first picture comes soon.
         let is_same = |(held, _): &&(FrameRequest, bool)| held == request;
         let summed = if self.held.as_ref().is_some_and(|held| is_same(&held)) { self.summed } else { 0 };
         let stats = self.render(request, Some(summed.clamp(1, MOST_SAMPLES)))?;
-        self.summed = stats.glossy_samples[0];
+        self.summed = stats.glossy_samples[0].max(stats.light_rays[0]);
         Ok((stats, self.renderer.picture_rows()?))
     }
 }

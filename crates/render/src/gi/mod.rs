@@ -77,6 +77,10 @@ impl Asked {
         // Parameters that only shading reads are set to their defaults, so that they do not matter here.
         let defaults = Gi::default();
         let gi = Gi {
+            by: defaults.by,
+            rays_per_pixel: defaults.rays_per_pixel,
+            ray_bounces: defaults.ray_bounces,
+            ray_seed: defaults.ray_seed,
             vpl: defaults.vpl,
             clamp: defaults.clamp,
             shadow_bias: defaults.shadow_bias,
@@ -140,6 +144,8 @@ struct Shaded {
     is_glossy: bool,
     /// Whether light of earlier frames is taken over, and what mirrors show is lit by fewer lights.
     is_reused: bool,
+    /// The state of the rays that brought the light, if rays did.
+    rays: Option<u64>,
 }
 
 /// The images of the light on one surface.
@@ -157,6 +163,8 @@ pub(crate) struct GlobalIllumination {
     ground: Option<Ground>,
     lights: Option<LightBuffers>,
     surfaces: Vec<SurfaceLight>,
+    /// The light on what rays meet.
+    met: Option<SurfaceLight>,
     generations: u64,
     /// Whether virtual lights stay unchanged while only the points change.
     pub may_lag: bool,
@@ -179,6 +187,21 @@ pub(crate) struct Receiver<'a> {
     pub has_gloss: bool,
     /// How much the reflections of mirrors here fade.
     pub fading: ShareLeft<'a>,
+    /// The light that rays have brought here, in place of that of the virtual lights.
+    pub brought: Option<Brought<'a>>,
+    /// For what rays meet: the most reflections whose virtual lights shine there.
+    pub most_bounces: Option<u32>,
+}
+
+/// The indirect light that rays bring to the surface that the camera sees.
+#[derive(Clone, Copy)]
+pub(crate) struct Brought<'a> {
+    /// The irradiance over pi.
+    pub diffuse: &'a Image,
+    /// The radiance of highlights before their tint.
+    pub glossy: &'a Image,
+    /// A number that is different after each change of the images.
+    pub state: u64,
 }
 
 /// The virtual lights in the layout of shaders/shared/vpl.wgsl.
@@ -189,6 +212,53 @@ pub(crate) struct VirtualLights<'a> {
     pub vpls: &'a wgpu::Buffer,
     /// The shadow maps, if they are drawn.
     pub maps: Option<&'a wgpu::Buffer>,
+}
+
+impl LightBuffers {
+    /// Sums the light of each pixel's run of the virtual lights on a surface, unfiltered; only in `tiles` if those are
+    /// given.
+    fn shine(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        gi: &Gi,
+        receiver: &Receiver<'_>,
+        (target, is_glossy, is_reused): (&SurfaceLight, bool, bool),
+        tiles: Option<&wgpu::Buffer>,
+    ) -> Result<()> {
+        let from_camera = receiver.index == 0;
+        let groups = if from_camera { inputs.pixel_groups() } else { inputs.mirror_groups() };
+        let sample_runs =
+            if from_camera { 1 } else { sample_runs(gi, inputs.sample.map_or(1, |[_, samples, _]| samples)) };
+        let interleave = gi.interleave;
+        let groups_of_run = [groups[0], groups[1]].map(|groups| (groups * 8).div_ceil(interleave).div_ceil(8));
+        let switches = [
+            ("from_camera", u32::from(from_camera)),
+            ("interleave", interleave),
+            ("has_shadows", u32::from(gi.shadows)),
+            ("is_glossy", u32::from(is_glossy)),
+            ("is_spherical", u32::from(gi.vpl == VirtualLight::Spherical)),
+            ("by_tiles", u32::from(tiles.is_some())),
+            ("sample_runs", sample_runs),
+            ("parts", if is_reused && (tiles.is_some() || !from_camera) { HURRIED_PARTS } else { 1 }),
+            ("most_bounces", receiver.most_bounces.unwrap_or(u32::MAX)),
+        ];
+        let SurfaceImages { albedo, normal, position } = receiver.surface;
+        let bindings = passes::indirect {
+            albedo_in: albedo.bind(),
+            normal_in: normal.bind(),
+            position_in: position.bind(),
+            from_in: receiver.from.bind(),
+            lights: self.constants.as_entire_binding(),
+            vpls: self.vpls.as_entire_binding(),
+            shadow_maps: self.maps.as_entire_binding(),
+            diffuse_out: target.diffuse.bind(),
+            glossy_out: target.glossy.bind(),
+            tiles: tiles.unwrap_or(&target.nothing).as_entire_binding(),
+        };
+        let groups_of_runs = [groups_of_run[0], groups_of_run[1], interleave * interleave];
+        recorder.by_rows(&switches, inputs, bindings, groups_of_runs)
+    }
 }
 
 impl GlobalIllumination {
@@ -289,10 +359,17 @@ impl GlobalIllumination {
     ) -> Result<()> {
         let Some(lights) = &self.lights else { return Ok(()) };
         let device = &recorder.gpu.device;
-        while self.surfaces.len() <= receiver.index {
-            self.surfaces.push(SurfaceLight::new(device, inputs.size));
-        }
-        let target = &mut self.surfaces[receiver.index];
+        let target = if receiver.most_bounces.is_some() {
+            let target = self.met.get_or_insert_with(|| SurfaceLight::new(device, inputs.size));
+            // Each ray meets something else.
+            target.shaded = None;
+            target
+        } else {
+            while self.surfaces.len() <= receiver.index {
+                self.surfaces.push(SurfaceLight::new(device, inputs.size));
+            }
+            &mut self.surfaces[receiver.index]
+        };
         if target.radiance.size() != inputs.size {
             *target = SurfaceLight::new(device, inputs.size);
         }
@@ -309,6 +386,7 @@ impl GlobalIllumination {
             is_mixed: receiver.is_mixed,
             is_glossy,
             is_reused,
+            rays: receiver.brought.map(|brought| brought.state),
         };
         if target.shaded.as_ref() == Some(&shaded) {
             return Ok(());
@@ -319,39 +397,16 @@ impl GlobalIllumination {
         }
         let SurfaceImages { albedo, normal, position } = receiver.surface;
         let groups = if from_camera { inputs.pixel_groups() } else { inputs.mirror_groups() };
-        let sample_runs =
-            if from_camera { 1 } else { sample_runs(gi, inputs.sample.map_or(1, |[_, samples, _]| samples)) };
-        let interleave = gi.interleave;
-        let groups_of_run = [groups[0], groups[1]].map(|groups| (groups * 8).div_ceil(interleave).div_ceil(8));
-        let window = if gi.filtered { interleave } else { 1 };
+        let window = if gi.filtered { gi.interleave } else { 1 };
         let source = (lights.generation, gi.clone());
-        let taken =
-            if from_camera { self.keeper.take(recorder, inputs, receiver.surface, source, window)? } else { None };
+        let is_kept = from_camera && receiver.brought.is_none();
+        let taken = if is_kept { self.keeper.take(recorder, inputs, receiver.surface, source, window)? } else { None };
         let tiles = taken.as_ref().and_then(|taken| taken.tiles.as_ref());
-        let switches = [
-            ("from_camera", u32::from(from_camera)),
-            ("interleave", interleave),
-            ("has_shadows", u32::from(gi.shadows)),
-            ("is_glossy", u32::from(is_glossy)),
-            ("is_spherical", u32::from(gi.vpl == VirtualLight::Spherical)),
-            ("by_tiles", u32::from(tiles.is_some())),
-            ("sample_runs", sample_runs),
-            ("parts", if is_reused && (tiles.is_some() || !from_camera) { HURRIED_PARTS } else { 1 }),
-        ];
-        let bindings = passes::indirect {
-            albedo_in: albedo.bind(),
-            normal_in: normal.bind(),
-            position_in: position.bind(),
-            from_in: receiver.from.bind(),
-            lights: lights.constants.as_entire_binding(),
-            vpls: lights.vpls.as_entire_binding(),
-            shadow_maps: lights.maps.as_entire_binding(),
-            diffuse_out: target.diffuse.bind(),
-            glossy_out: target.glossy.bind(),
-            tiles: tiles.unwrap_or(&target.nothing).as_entire_binding(),
-        };
-        let groups_of_runs = [groups_of_run[0], groups_of_run[1], interleave * interleave];
-        recorder.by_rows(&switches, inputs, bindings, groups_of_runs)?;
+        if receiver.brought.is_none() {
+            lights.shine(recorder, inputs, gi, receiver, (target, is_glossy, is_reused), tiles)?;
+        }
+        let brought = receiver.brought.map(|brought| [brought.diffuse, brought.glossy]);
+        let [diffuse, glossy] = brought.unwrap_or([&target.diffuse, &target.glossy]);
         let switches = [
             ("from_camera", u32::from(from_camera)),
             ("window", window),
@@ -368,8 +423,8 @@ impl GlobalIllumination {
             normal_in: normal.bind(),
             position_in: position.bind(),
             from_in: receiver.from.bind(),
-            diffuse_in: target.diffuse.bind(),
-            glossy_in: target.glossy.bind(),
+            diffuse_in: diffuse.bind(),
+            glossy_in: glossy.bind(),
             radiance_out: target.radiance.bind(),
             kept: taken.as_ref().map_or(&target.nothing, |taken| &taken.light).as_entire_binding(),
             left_in: receiver.fading.image().unwrap_or(normal).bind(),
@@ -389,6 +444,11 @@ impl GlobalIllumination {
         let has_maps =
             count > 0 && maps.size() >= u64::from(count) * u64::from(uniform.map_stride) * VIRTUAL_TEXEL_BYTES;
         Some(VirtualLights { count, constants, vpls, maps: has_maps.then_some(maps) })
+    }
+
+    /// The indirect light of what rays met last.
+    pub fn met(&self) -> Option<&Image> {
+        self.met.as_ref().map(|met| &met.radiance)
     }
 
     /// The indirect light of a surface that was shaded.
@@ -412,7 +472,10 @@ impl GlobalIllumination {
     pub fn bytes(&self) -> u64 {
         let ground = self.ground.as_ref().map_or(0, |ground| ground.chosen.size() + ground.surfaces.size());
         let lights = self.lights.as_ref().map_or(0, |lights| lights.vpls.size() + lights.maps.size());
-        ground + lights + self.keeper.bytes() + self.surfaces.iter().map(SurfaceLight::bytes).sum::<u64>()
+        ground
+            + lights
+            + self.keeper.bytes()
+            + self.surfaces.iter().chain(&self.met).map(SurfaceLight::bytes).sum::<u64>()
     }
 }
 

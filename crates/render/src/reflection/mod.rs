@@ -53,8 +53,7 @@ use kept_hits::{GlossCache, KeptHits, KnownRays, Scenery};
 pub use light_field::{MapLimit, MapUse};
 pub use sample_cameras::CameraCount;
 use step::Step;
-pub(crate) use task::SurfaceImages;
-use task::Task;
+pub(crate) use task::{SurfaceImages, Task};
 
 use crate::gpu::{Gpu, Result};
 use crate::inputs::Inputs;

@@ -24,6 +24,9 @@ pub(crate) enum Rays<'a> {
     Listed(&'a wgpu::Buffer),
     /// The rays of all mirror pixels are followed up to the distance in w of their eyes.
     WithEnds,
+    /// All rays go straight on from their eyes; the normals are those of the surfaces that they leave, whose own discs
+    /// they do not meet.
+    FromSurfaces,
 }
 
 /// Finds the nearest hits of a bounce's rays on the discs of `chunks`.
@@ -92,6 +95,7 @@ pub(super) fn trace(
             ("use_lists", u32::from(use_beams)),
             ("use_rest", u32::from(rest.is_some())),
             ("has_ends", u32::from(matches!(rays, Rays::WithEnds))),
+            ("leaves_surface", u32::from(matches!(rays, Rays::FromSurfaces))),
             ("hides_points", u32::from(task.supply.hides_points)),
             ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
         ];

@@ -4,10 +4,12 @@ use scene::{Curve, LightView, Lighting, Show};
 
 use super::plan::{Plan, Summed};
 use crate::exposure::{self, ExposureMeter};
-use crate::gi::GlobalIllumination;
+use crate::frame::{FrameCamera, Tiles};
+use crate::gi::{Brought, GlobalIllumination};
 use crate::gpu::{Gpu, Result};
 use crate::inputs::Inputs;
 use crate::layout::ShownPoint;
+use crate::light_rays::{self, LightRays, RayShare};
 use crate::light_views;
 use crate::lighting::{DrawnMap, Lights};
 use crate::method::{self, Views};
@@ -17,6 +19,7 @@ use crate::reflection::gloss::RaySet;
 use crate::reflection::kept_hits::{GlossCache, Scenery};
 use crate::reflection::{Bounce, Reflections, Search, SurfaceImages};
 use crate::shading::{FrameLight, Reflected};
+use crate::store::draw_list::Selection;
 use crate::surface::{lay_mirrors, see_clear_points, see_radii, splat_surface};
 use crate::targets::{Image, Targets, uniform_buffer};
 
@@ -120,6 +123,70 @@ pub(super) fn light(
     Ok(maps)
 }
 
+/// Adds rays of light to the sums, which are those of `before` where nothing else has changed; `kept` are their images,
+/// which are made if there are rays. Returns the number that is summed.
+///
+/// # Errors
+/// A shader is refused, the picture is too large for the adapter, or there is no memory.
+pub(super) fn light_rays(
+    recorder: &mut Recorder<'_>,
+    plan: &Plan<'_>,
+    formulas: Option<wgpu::Buffer>,
+    targets: &Targets,
+    reflections: &mut Reflections,
+    (lights, gi): (&Lights, &mut GlobalIllumination),
+    kept: &mut Option<LightRays>,
+    before: Option<Summed>,
+) -> Result<Option<Summed>> {
+    let Plan { store, settings, objects, camera, .. } = plan;
+    if plan.rays == 0 {
+        *kept = None;
+        return Ok(None);
+    }
+    let gpu = recorder.gpu;
+    let (rays, before) = match kept.take().filter(|rays| rays.size() == targets.size) {
+        Some(rays) => (rays, before),
+        None => (LightRays::new(gpu, targets.size)?, None),
+    };
+    let rays = kept.insert(rays);
+    let mut sums = plan.sums(before, gi.generation());
+    let numbers = sums.samples..plan.end_of_samples(sums.samples, plan.rays);
+    if numbers.is_empty() {
+        return Ok(Some(sums));
+    }
+    // Every pixel has rays, and every point that is shown may stop them.
+    let camera = FrameCamera { mirror_tiles: Tiles::of(targets.size), ..*camera };
+    let with_mirrors = formulas.is_none();
+    let selection = if with_mirrors { Selection::EverywhereWithMirrors } else { Selection::Everywhere };
+    let supply = Inputs::new(gpu, camera, settings, &store.draw_list(&camera, settings, selection));
+    let surface = SurfaceImages::of_camera(targets);
+    let mut search = Search { supply, settings, store, mirrors: objects.mirrors, formulas, camera: surface };
+    let shown = light_rays::settings_where_met(settings);
+    let mut shading = plan.shading;
+    // The lamp at the eye is no light of the scene.
+    shading.light.fill = 0.0;
+    let mut light = FrameLight {
+        settings: &shown,
+        lights,
+        gi: Some(gi),
+        shading,
+        camera: surface,
+        // Mirrors throw on their diffuse light alone where their reflections are followed.
+        bounces: if Reflections::asked(settings) > 0 { usize::MAX } else { 0 },
+        received: None,
+        direct: &targets.direct,
+        color: &targets.color,
+        first_receiver: 0,
+        brought: None,
+        met_bounces: Some(settings.gi.bounces.saturating_sub(LightRays::bounces_of(&settings.gi))),
+    };
+    let Reflections { methods, counters, .. } = reflections;
+    let share = RayShare { numbers: numbers.clone(), total: plan.rays, has_sky: plan.sky.is_some(), counters };
+    rays.add(recorder, &mut search, &mut light, &mut methods.index, &share)?;
+    sums.samples = numbers.end;
+    Ok(Some(sums))
+}
+
 /// Shades all surfaces, and blends what mirrors show into the camera's; `before` is what the frame before has summed.
 ///
 /// # Errors
@@ -131,7 +198,7 @@ pub(super) fn shade(
     search: Option<&mut Search<'_>>,
     targets: &Targets,
     reflections: &mut Reflections,
-    (lights, gi): (&Lights, &mut GlobalIllumination),
+    (lights, gi, brought): (&Lights, &mut GlobalIllumination, Option<Brought<'_>>),
     before: Option<Summed>,
 ) -> Result<Samples> {
     let settings = plan.settings;
@@ -147,6 +214,8 @@ pub(super) fn shade(
         direct: &targets.direct,
         color: &targets.color,
         first_receiver: 0,
+        brought,
+        met_bounces: None,
     };
     if !plan.shades_last() {
         light.shade(recorder, inputs, reflections.found(), 0)?;
@@ -197,7 +266,7 @@ fn sum_samples(
     mut sums: Summed,
 ) -> Result<Samples> {
     let Plan { store, settings, asked, .. } = plan;
-    let (first, end) = (sums.samples, plan.end_of_samples(sums.samples));
+    let (first, end) = (sums.samples, plan.end_of_samples(sums.samples, plan.samples));
     let mut hits = GlossCache::NoGloss;
     if plan.has_gloss() {
         let scenery = Scenery::new(plan.camera, &asked.settings, asked.points.step, store, plan.objects.mirrors);

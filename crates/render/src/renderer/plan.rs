@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{Lighting, Mirror, Settings, Show, Tone};
+use scene::{IndirectBy, Lighting, Mirror, Settings, Show, Tone};
 
 use super::request::{Effort, Frame};
 use crate::frame::{FrameCamera, Objects};
@@ -102,7 +102,7 @@ struct SummedLight {
     reuse: LightReuse,
 }
 
-/// The samples of mirrors that are summed so far for the surfaces of the last frame.
+/// The samples of mirrors, or the rays of light, that are summed so far for the surfaces of the last frame.
 pub(crate) struct Summed {
     light: SummedLight,
     pub samples: u32,
@@ -163,6 +163,8 @@ pub(super) struct Plan<'a> {
     pub shading: Shading,
     pub sky: Option<Sky>,
     pub has_indirect: bool,
+    /// The number of rays of light of each pixel; 0 where no rays bring indirect light.
+    pub rays: u32,
 }
 
 /// The settings of a frame. Colours of the data are shown as they are, whatever exposure and curve are for light.
@@ -202,6 +204,7 @@ impl<'a> Plan<'a> {
         }
         let shading = Shading::new(settings, store, objects, lights.len());
         let sky = (shading.light.by == Lighting::Sun).then_some(Sky { up: camera.up, irradiance: settings.sun.sky });
+        let has_indirect = GlobalIllumination::is_asked(settings, &lights, sky);
         Ok(Self {
             store,
             settings,
@@ -220,7 +223,8 @@ impl<'a> Plan<'a> {
             has_clear: has_mirrors && reflection::clear::is_there(settings, store, objects.mirrors),
             samples: if has_mirrors { asked.rays.summed() } else { 0 },
             fades: asked.fades && has_mirrors,
-            has_indirect: GlobalIllumination::is_asked(settings, &lights, sky),
+            has_indirect,
+            rays: if has_indirect && settings.gi.by == IndirectBy::Rays { settings.gi.rays_per_pixel } else { 0 },
             asked,
             lights,
             shading,
@@ -268,11 +272,11 @@ impl<'a> Plan<'a> {
         Summed { samples: known.map_or(0, |summed| summed.samples), light }
     }
 
-    /// The number of samples that are summed when the frame ends, of which it adds those from `first` on.
-    pub fn end_of_samples(&self, first: u32) -> u32 {
+    /// The number of samples that are summed when the frame ends, of `all`; it adds those from `first` on.
+    pub fn end_of_samples(&self, first: u32, all: u32) -> u32 {
         let at_once = self.effort.most_samples.filter(|_| self.settings.reflection.keep);
-        let at_once = at_once.map_or(self.samples, |samples| samples.max(1));
-        self.samples.min(first.saturating_add(at_once))
+        let at_once = at_once.map_or(all, |samples| samples.max(1));
+        all.min(first.saturating_add(at_once))
     }
 
     /// What the frame's indirect light comes from; `None` if it has none.

@@ -33,8 +33,9 @@ pub struct Effort {
     /// The number of points of which methods search for about so many, or draw so many into maps, spread evenly; `None`
     /// for all. Rays that are traced through trees meet all points.
     pub most_reflected: Option<u64>,
-    /// The number of samples of mirrors that the frame adds to those of the frames before, at least one, as long as
-    /// nothing else changes; `None` for all. The picture with all samples is the same either way.
+    /// The number of samples of mirrors, and of rays of light of each pixel, that the frame adds to those of the frames
+    /// before, at least one, as long as nothing else changes; `None` for all. The picture with all of them is the same
+    /// either way.
     pub most_samples: Option<u32>,
     /// Whether the frame may be lit by the current virtual lights and shadow maps, and may walk rays through the
     /// current maps around mirrors, although points have come or gone since. Making them examines all points, which is

@@ -1,0 +1,226 @@
+//! Indirect light by rays (docs/methods/gi.md): each pixel of the camera's surface sends rays by the cosine through the
+//! tree of discs, as `surfel_trace` does for mirrors. What a ray meets is lit by the scene's lights; where the path ends, the
+//! virtual lights add all further reflections. Rays that leave the scene find the sky. The sums grow from frame to frame
+//! while camera, points and light stand still, and are the same however many rays a frame adds.
+
+use std::ops::Range;
+
+use scene::{Gi, Settings};
+
+use crate::gi::Brought;
+use crate::gpu::{Error, Gpu, Result};
+use crate::layout::LIGHT_PATH_BYTES;
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::reflection::fading::is_published;
+use crate::reflection::gather::Gather;
+use crate::reflection::surfel_index::SurfelIndex;
+use crate::reflection::surfel_trace::{self, Rays};
+use crate::reflection::{Bounce, Search, Task};
+use crate::shading::{FrameLight, LIGHT_RAYS};
+use crate::targets::{Image, storage};
+
+/// The rays of the camera's pixels, and the light that they bring.
+pub(crate) struct LightRays {
+    gather: Gather,
+    /// The rays of a path and what they meet, one after the other.
+    bounces: Vec<Bounce>,
+    /// Never written, so all zeros: rays that no normal reflects go straight on from their eyes.
+    straight: Image,
+    paths: wgpu::Buffer,
+    diffuse: Image,
+    /// Of one pixel until a surface has highlights.
+    glossy: Image,
+    state: u64,
+}
+
+/// The rays that a frame adds to the sums.
+pub(crate) struct RayShare<'a> {
+    /// The numbers of the rays of each pixel that the frame adds.
+    pub numbers: Range<u32>,
+    /// The number of rays of each pixel when none is left to add.
+    pub total: u32,
+    pub has_sky: bool,
+    /// For the buffer with the counters, which rays of light leave alone.
+    pub counters: &'a wgpu::Buffer,
+}
+
+impl LightRays {
+    /// # Errors
+    /// The picture is too large for the adapter.
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {
+        let bytes = size.iter().map(|edge| u64::from(*edge)).product::<u64>() * LIGHT_PATH_BYTES;
+        let limit = gpu.device.limits().max_storage_buffer_binding_size;
+        if bytes > limit {
+            return Err(Error::TooLarge {
+                what: "the paths of rays of light",
+                bytes,
+                limit,
+                adapter: gpu.info.name.clone(),
+                advice: "; ask for a smaller picture, or for gi.by = lights",
+            });
+        }
+        let image = |label, size, format| Image::new(&gpu.device, size, label, format);
+        Ok(Self {
+            gather: Gather::new(&gpu.device, size),
+            bounces: Vec::new(),
+            straight: image("no normals", size, wgpu::TextureFormat::Rgba32Float),
+            paths: storage(&gpu.device, "paths of light", bytes),
+            diffuse: image("irradiance by rays", size, wgpu::TextureFormat::Rgba16Float),
+            glossy: image("highlights by rays", [1, 1], wgpu::TextureFormat::Rgba16Float),
+            state: 0,
+        })
+    }
+
+    pub fn size(&self) -> [u32; 2] {
+        self.diffuse.size()
+    }
+
+    /// The number of rays that paths have by these settings.
+    pub fn bounces_of(gi: &Gi) -> u32 {
+        gi.ray_bounces.min(gi.bounces).max(1)
+    }
+
+    /// Adds rays of each pixel of `light.camera` to the sums; those with the number 0 start them anew.
+    ///
+    /// # Errors
+    /// A shader is refused, the frame is given up, or there is no memory.
+    pub fn add(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        search: &mut Search<'_>,
+        light: &mut FrameLight<'_>,
+        index: &mut SurfelIndex,
+        share: &RayShare<'_>,
+    ) -> Result<()> {
+        let gpu = recorder.gpu;
+        let size = self.size();
+        let is_glossy = light.shading.has_highlights && light.shading.has_gloss;
+        if is_glossy && self.glossy.size() != size {
+            self.glossy = Image::new(&gpu.device, size, "highlights by rays", wgpu::TextureFormat::Rgba16Float);
+        }
+        let count = Self::bounces_of(&search.settings.gi) as usize;
+        self.bounces.truncate(count);
+        while self.bounces.len() < count {
+            self.bounces.push(Bounce::new(&gpu.device, size));
+        }
+        for number in share.numbers.clone() {
+            recorder.go_on()?;
+            search.supply.set_sample(gpu, Some([number, share.total, 0]));
+            for bounce in 0..count {
+                self.follow(recorder, search, light, index, (share, is_glossy), bounce)?;
+            }
+            self.state += 1;
+        }
+        recorder.time_as(None);
+        Ok(())
+    }
+
+    /// Follows one ray of each path, and adds the light that it finds.
+    fn follow(
+        &self,
+        recorder: &mut Recorder<'_>,
+        search: &Search<'_>,
+        light: &mut FrameLight<'_>,
+        index: &mut SurfelIndex,
+        (share, is_glossy): (&RayShare<'_>, bool),
+        bounce: usize,
+    ) -> Result<()> {
+        let Search { supply, settings, store, mirrors, formulas, camera } = search;
+        let this = &self.bounces[bounce];
+        let (surface, from) = match bounce.checked_sub(1).map(|before| &self.bounces[before]) {
+            None => (*camera, camera.position),
+            Some(before) => (before.surface(), &before.mirror.point),
+        };
+        recorder.time_as(Some(LIGHT_RAYS));
+        let bindings = passes::light_ray_draw {
+            albedo_in: surface.albedo.bind(),
+            normal_in: surface.normal.bind(),
+            position_in: surface.position.bind(),
+            from_in: from.bind(),
+            paths: self.paths.as_entire_binding(),
+            point_out: this.mirror.point.bind(),
+            eye_out: this.mirror.eye.bind(),
+        };
+        let tile = if settings.gi.filtered { settings.gi.interleave } else { 1 };
+        let switches = [("bounce", bounce as u32), ("tile", tile), ("is_glossy", u32::from(is_glossy))];
+        recorder.over_pixels(&switches, supply, bindings)?;
+
+        let task = Task {
+            supply,
+            settings,
+            store,
+            mirrors,
+            // Not the first reflection, whose tests are counted where they are shown.
+            bounce: 1,
+            camera: *camera,
+            mirror: &this.mirror,
+            normal: surface.normal,
+            seen: &this.seen,
+            formulas: formulas.as_ref(),
+            counters: share.counters,
+        };
+        surfel_trace::search(recorder, index, &self.gather, &task, &supply.chunks, Rays::FromSurfaces)?;
+        let task = Task { normal: &self.straight, ..task };
+        match task.formulas {
+            None => self.gather.resolve_points(recorder, &task, this.seen.bind())?,
+            Some(formulas) => {
+                self.gather.resolve_points(recorder, &task, self.gather.found.bind())?;
+                self.gather.found.show_formulas(recorder, &task, formulas)?;
+            }
+        }
+
+        let is_lit = settings.gi.bounces > 0;
+        let is_last = bounce + 1 == self.bounces.len();
+        if is_lit {
+            let gi = if is_last { None } else { light.gi.take() };
+            let shaded = light.shade(recorder, supply, &self.bounces, bounce + 1);
+            light.gi = gi.or(light.gi.take());
+            shaded?;
+        }
+        recorder.time_as(Some(LIGHT_RAYS));
+        let indirect = light.gi.as_ref().and_then(|gi| gi.met()).filter(|_| is_lit && is_last);
+        let bindings = passes::light_ray_sum {
+            albedo_in: this.seen.albedo.bind(),
+            normal_in: this.seen.normal.bind(),
+            position_in: this.seen.position.bind(),
+            point_in: this.mirror.point.bind(),
+            eye_in: this.mirror.eye.bind(),
+            direct_in: this.radiance.bind(),
+            indirect_in: indirect.unwrap_or(&this.radiance).bind(),
+            paths: self.paths.as_entire_binding(),
+            diffuse_out: self.diffuse.bind(),
+            glossy_out: self.glossy.bind(),
+        };
+        let switches = [
+            ("is_lit", u32::from(is_lit)),
+            ("has_indirect", u32::from(indirect.is_some())),
+            ("is_last", u32::from(is_last)),
+            ("has_sky", u32::from(share.has_sky)),
+            ("is_glossy", u32::from(is_glossy)),
+            ("is_mixed", u32::from(light.is_mixed(bounce + 1))),
+            ("is_published", u32::from(is_published(settings))),
+        ];
+        recorder.over_pixels(&switches, supply, bindings)
+    }
+
+    /// The light of the rays so far.
+    pub fn brought(&self) -> Brought<'_> {
+        Brought { diffuse: &self.diffuse, glossy: &self.glossy, state: self.state }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let images = [&self.straight, &self.diffuse, &self.glossy].map(Image::bytes).iter().sum::<u64>();
+        self.gather.bytes() + self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.paths.size() + images
+    }
+}
+
+/// The settings by which what rays meet is lit: neighbours among pixels meet places that have nothing to do with one
+/// another. So each is lit by its own part of the virtual lights only if the light of a tile's pixels is averaged where
+/// the rays begin.
+pub(crate) fn settings_where_met(settings: &Settings) -> Settings {
+    let mut settings = settings.clone();
+    settings.gi.interleave = if settings.gi.filtered { settings.gi.interleave } else { 1 };
+    settings.gi.filtered = false;
+    settings
+}

@@ -1,0 +1,200 @@
+//! Indirect light by rays against closed forms, and the sums of rays over frames.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[macro_use]
+mod stage;
+mod walls;
+
+use std::f64::consts::{FRAC_1_PI, PI};
+use std::sync::Arc;
+
+use cloud::{Chunk, pack_normal, pack_radius};
+use glam::{DVec3, Vec3};
+use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
+use scene::five_mirrors::{self, Variant};
+use scene::{Camera, Settings, SpotLight};
+
+use stage::Stage;
+use walls::{ALBEDO, DISC, settings, store_of, wall};
+
+const SIZE: [u32; 2] = [64, 48];
+
+fn render(
+    stage: &mut Stage,
+    store: &PointStore,
+    camera: &Camera,
+    settings: &Settings,
+    lights: &[SpotLight],
+) -> FrameStats {
+    let objects = Objects { lights, ..Objects::default() };
+    let frame = Frame::new(camera, settings, objects, SIZE);
+    stage.renderer.render(store, &Frame { effort: stage.effort, ..frame }).unwrap()
+}
+
+fn read(stage: &Stage, aov: Aov) -> Vec<DVec3> {
+    let image = stage.renderer.read_aov(aov).unwrap();
+    image.data.as_chunks::<3>().0.iter().map(|rgb| Vec3::from(*rgb).as_dvec3()).collect()
+}
+
+/// The settings of an even sky without a sun, whose light comes by rays.
+fn sky(rays: u32) -> Settings {
+    let rays = rays.to_string();
+    settings(&[
+        ("light.by", "sun"),
+        ("sun.irradiance", "0"),
+        ("sun.sky", "2"),
+        ("gi.by", "rays"),
+        ("gi.bounces", "0"),
+        ("gi.rays_per_pixel", &rays),
+        ("reflection.method", "none"),
+    ])
+}
+
+fn floor() -> Chunk {
+    wall(DVec3::new(-2.0, -2.0, 0.0), [DVec3::X * 4.0, DVec3::Y * 4.0])
+}
+
+/// A white floor's light from the sky of `sky`.
+const OPEN: f64 = ALBEDO * 2.0 * FRAC_1_PI;
+
+#[test]
+fn an_open_floor_sees_the_whole_sky_by_any_number_of_rays() {
+    let mut stage = stage_or_skip!();
+    let store = store_of(&stage, vec![floor()], Material::default());
+    let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, -0.2, 1.0), 1.2, DVec3::Z);
+    for rays in [1, 7] {
+        render(&mut stage, &store, &camera, &sky(rays), &[]);
+        let light = read(&stage, Aov::Indirect);
+        assert!(light.iter().filter(|light| !light.is_nan()).count() > 500);
+        for light in light.iter().filter(|light| !light.is_nan()) {
+            // Colour, irradiance and light are halves.
+            assert!((light.x / OPEN - 1.0).abs() < 3e-3, "{light} instead of {OPEN} by {rays} rays");
+        }
+    }
+}
+
+#[test]
+fn a_floor_at_the_foot_of_a_wall_sees_what_the_wall_leaves_of_the_sky_even_a_disc_away() {
+    let mut stage = stage_or_skip!();
+    // A wide wall of height h at distance d hides (1 - d / sqrt(d^2 + h^2)) / 2 of the light of a floor.
+    let beside = wall(DVec3::new(2.0, -8.0, 0.0), [DVec3::Y * 16.0, DVec3::Z * 4.0]);
+    let store = store_of(&stage, vec![floor(), beside], Material::default());
+    // The first looks at the floor, the second at its last centimetres before the wall, which are five discs wide.
+    let cameras = [(0.0, 1.2, 3.2), (1.95, 0.15, 5.0 * DISC)];
+    for (x, distance, reach) in cameras {
+        let camera = Camera::looking(DVec3::new(x, 0.0, 0.0), DVec3::new(-0.2, -0.2, 1.0), distance, DVec3::Z);
+        render(&mut stage, &store, &camera, &sky(256), &[]);
+        let (positions, light) = (read(&stage, Aov::Position), read(&stage, Aov::Indirect));
+        let is_floor = |at: &DVec3| at.z.abs() < 0.002 && at.x < 2.0 - 0.5 * DISC && at.x > 2.0 - reach;
+        let shares: Vec<f64> = positions
+            .iter()
+            .zip(&light)
+            .filter(|(at, _)| is_floor(at))
+            .map(|(at, light)| {
+                let distance = 2.0 - at.x;
+                let hidden = (1.0 - distance / (distance * distance + 16.0).sqrt()) / 2.0;
+                light.x / (OPEN * (1.0 - hidden))
+            })
+            .collect();
+        let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+        println!("{mean} of the closed form on {} pixels", shares.len());
+        assert!(shares.len() > 300 && (mean - 1.0).abs() < 0.02, "{mean} of the closed form on {}", shares.len());
+    }
+}
+
+/// The inside of a sphere about the origin, of `points` discs.
+fn hollow_sphere(radius: f64, points: u32) -> Chunk {
+    let place = |index: u32| {
+        // A spiral of even density (Vogel 1979).
+        let z = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(points);
+        let turn = f64::from(index) * PI * (3.0 - 5_f64.sqrt());
+        DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z)
+    };
+    let directions: Vec<DVec3> = (0..points).map(place).collect();
+    let at = |direction: &DVec3| (*direction * radius).as_vec3().to_array();
+    let mut chunk = Chunk::new(0, DVec3::ZERO, directions.iter().map(at).collect());
+    chunk.normals = Some(Arc::new(directions.iter().map(|direction| pack_normal(-direction.as_vec3())).collect()));
+    chunk.colors = Some(Arc::new(vec![[188, 188, 188, 255]; chunk.len()]));
+    let disc = 1.5 * radius * (4.0 / f64::from(points)).sqrt();
+    chunk.radii = Some(Arc::new(vec![pack_radius(disc as f32); chunk.len()]));
+    chunk
+}
+
+#[test]
+fn rays_and_virtual_lights_behind_them_keep_the_energy_that_the_integrating_sphere_says() {
+    let mut stage = stage_or_skip!();
+    // The light that a ball reflects inside is the same everywhere: for a flux F the k-th reflection gives albedo^k F /
+    // area. With a factor of 1.6 four fifths of the light come back.
+    let store = store_of(&stage, vec![hollow_sphere(2.0, 40_000)], Material::default());
+    let lamp = SpotLight {
+        position: DVec3::new(0.3, -0.2, 0.1),
+        target: DVec3::new(0.3, 2.0, 0.5),
+        intensity: [10.0; 3],
+        inner_degrees: 40.0,
+        outer_degrees: 40.0,
+    };
+    let flux = 10.0 * 2.0 * PI * (1.0 - 40_f64.to_radians().cos());
+    let camera = Camera::looking(DVec3::new(0.0, 0.5, 0.0), -DVec3::Y, 1.0, DVec3::Z);
+    let irradiance = flux / (4.0 * PI * 4.0);
+    for (bounces, ray_bounces, factor, most) in
+        [(1_u32, 1, 1.0, 0.02), (2, 2, 1.0, 0.02), (4, 4, 1.6, 0.03), (3, 1, 1.0, 0.05), (1, 4, 1.0, 0.02)]
+    {
+        let settings = settings(&[
+            ("gi.by", "rays"),
+            ("gi.rays_per_pixel", "64"),
+            ("gi.bounces", &bounces.to_string()),
+            ("gi.ray_bounces", &ray_bounces.to_string()),
+            ("light.diffuse", &factor.to_string()),
+        ]);
+        let albedo = ALBEDO * factor;
+        render(&mut stage, &store, &camera, &settings, &[lamp]);
+        let expected: f64 = (1..=bounces).map(|k| albedo.powi(k as i32) * irradiance).sum::<f64>() * albedo * FRAC_1_PI;
+        let light = read(&stage, Aov::Indirect);
+        let seen: Vec<f64> =
+            light.iter().filter(|light| !light.is_nan()).map(|light| light.element_sum() / 3.0).collect();
+        let ratio = seen.iter().sum::<f64>() / seen.len() as f64 / expected;
+        println!("{bounces} bounces, {ray_bounces} by rays, {factor}: {ratio} of the closed form");
+        assert!((ratio - 1.0).abs() < most, "{bounces} bounces, {ray_bounces} by rays: {ratio} of the closed form");
+    }
+}
+
+#[test]
+fn a_still_picture_has_the_same_bits_however_many_rays_a_frame_adds_and_then_keeps_them() {
+    let mut stage = stage_or_skip!();
+    let chunks = five_mirrors::sample(Variant::None, 20_000, 1).into_iter().flat_map(|part| part.chunks).collect();
+    let store = store_of(&stage, chunks, Material::default());
+    let by_rays = |pairs: &[(&str, &str)]| {
+        let all = [("gi.by", "rays"), ("gi.rays_per_pixel", "7"), ("gi.vpls", "64")];
+        settings(&[&all[..], pairs].concat())
+    };
+    let mut draw = |settings: &Settings, most_samples: Option<u32>| {
+        stage.effort.most_samples = most_samples;
+        let stats = render(&mut stage, &store, &five_mirrors::camera(), settings, &[five_mirrors::light()]);
+        (stats.light_rays, stage.renderer.read_picture().unwrap(), stage.renderer.read_aov(Aov::Indirect).unwrap().data)
+    };
+    let plain = by_rays(&[]);
+    let (rays, whole, light) = draw(&plain, None);
+    assert_eq!(rays, [7, 7]);
+    let other = by_rays(&[("gi.ray_seed", "2")]);
+    assert!(draw(&other, None).1 != whole, "the seed changes nothing");
+    let mut counts = Vec::new();
+    let mut first = None;
+    for _ in 0..4 {
+        let (rays, picture, _) = draw(&plain, Some(3));
+        counts.push(rays[0]);
+        first.get_or_insert(picture);
+    }
+    assert_eq!(counts, [3, 6, 7, 7]);
+    assert!(first.is_some_and(|first| first != whole), "three rays are as good as seven");
+    let (_, again, same) = draw(&plain, Some(3));
+    let bits = |light: &[f32]| light.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    assert!(again == whole && bits(&same) == bits(&light), "frames that add a part of the rays make another picture");
+    // Another light needs all rays anew, and one of another way of mapping none.
+    let brighter = by_rays(&[("tone.exposure", "1")]);
+    assert_eq!(draw(&brighter, Some(3)).0, [7, 7]);
+    let duller = by_rays(&[("light.diffuse", "0.5")]);
+    assert_eq!(draw(&duller, Some(3)).0, [3, 7]);
+    // Virtual lights in their place know nothing of them.
+    let by_lights = settings(&[("gi.vpls", "64")]);
+    assert_eq!(draw(&by_lights, Some(3)).0, [0, 0]);
+}
