@@ -1,7 +1,7 @@
 //! Indirect light by rays (docs/methods/gi.md): each pixel of the camera's surface sends rays by the cosine through the
-//! tree of discs, as `surfel_trace` does for mirrors. What a ray meets is lit by the scene's lights; where the path ends, the
-//! virtual lights add all further reflections. Rays that leave the scene find the sky. The sums grow from frame to frame
-//! while camera, points and light stand still, and are the same however many rays a frame adds.
+//! tree of discs, as `surfel_trace` does for mirrors. What a ray meets is lit by the scene's lights; where the path
+//! ends, the virtual lights add all further reflections. Rays that leave the scene find the sky. The sums grow from
+//! frame to frame while camera, points and light stand still, and are the same however many rays a frame adds.
 
 use std::ops::Range;
 
@@ -41,7 +41,7 @@ pub(crate) struct RayShare<'a> {
     /// The number of rays of each pixel when none is left to add.
     pub total: u32,
     pub has_sky: bool,
-    /// For the buffer with the counters, which rays of light leave alone.
+    /// The counters of reflections, which rays of light leave alone.
     pub counters: &'a wgpu::Buffer,
 }
 

@@ -37,8 +37,8 @@ pub fn light_error(mask: &[bool], image: &[[f32; 3]], truth: &[[f32; 3]]) -> Lig
     }
 }
 
-/// The difference in luminance that 95 of 100 pixels of `light_error` do not exceed, relative to the mean of the truth. NaN
-/// where nothing could be measured.
+/// The difference in luminance that 95 of 100 pixels of `light_error` do not exceed, relative to the mean of the truth.
+/// NaN where nothing could be measured.
 pub(crate) fn p95_error(mask: &[bool], image: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let marked = image.iter().zip(truth).zip(mask).filter(|(_, is_marked)| **is_marked).map(|(pair, _)| pair);
     let finite = marked.filter(|(_, truth)| truth.iter().all(|value| value.is_finite()));

@@ -32,8 +32,8 @@ pub struct FrameStats {
     /// The number of samples of mirrors that the picture shows, and the number asked for; 0 of 0 if mirrors are perfect
     /// and one ray a pixel is followed.
     pub glossy_samples: [u32; 2],
-    /// The number of rays of light of each pixel that the picture shows, and the number asked for; 0 of 0 if no rays bring
-    /// indirect light.
+    /// The number of rays of light of each pixel that the picture shows, and the number asked for; 0 of 0 if no rays
+    /// bring indirect light.
     pub light_rays: [u32; 2],
     /// The exposure of the picture, if it was fitted.
     pub exposure: Option<Exposure>,
@@ -51,8 +51,8 @@ pub struct FrameStats {
 }
 
 impl FrameStats {
-    /// The numbers of samples that the picture shows and that are asked for, of what is summed over frames and lags most:
-    /// mirrors, or rays of light.
+    /// The numbers of samples that the picture shows and that are asked for, of what is summed over frames and lags
+    /// most: mirrors, or rays of light.
     pub fn samples(&self) -> [u32; 2] {
         let left = |[summed, asked]: [u32; 2]| asked.saturating_sub(summed);
         if left(self.light_rays) > left(self.glossy_samples) { self.light_rays } else { self.glossy_samples }
