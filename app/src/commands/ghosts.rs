@@ -1,9 +1,9 @@
-//! `glint ghosts`: points that a scanner saw in mirrors and panes, told and put back.
+//! `glint ghosts`: points that a scanner saw in mirrors and panes, found and put back.
 
 use anyhow::Context as _;
 use cloud::Progress;
 use codec::ExportFormat;
-use ghost::{Found, Kind, Told};
+use ghost::{Found, Kind, Verdicts};
 use glam::DVec3;
 use scene::{Mirror, SceneFile, Shape, shown};
 use serde_json::json;
@@ -17,7 +17,7 @@ use crate::system::failure::{UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 use crate::system::{picture_file, progress_bar};
 
-/// Tells the ghosts, prints a report, and writes the points if a file is named. Returns exit status 2 if one of several
+/// Finds the ghosts, prints a report, and writes the points if a file is named. Returns exit status 2 if one of several
 /// inputs cannot be read.
 ///
 /// # Errors
@@ -48,16 +48,16 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
     let given = given.into_iter().map(Found::given).collect();
     let look = || ghosts::look(&sources, &arguments.station, given, finds, &progress);
     let looked = progress_bar::watch("ghosts", &progress, look)?.ok_or(stream::Error::Cancelled)?;
-    let Looked { stations, found, told, warnings } = looked;
+    let Looked { stations, found, verdicts, warnings } = looked;
     terminal::warn(warnings);
-    let put_back = told.count(Kind::Ghost) * u64::from(arguments.put_back);
+    let put_back = verdicts.count(Kind::Ghost) * u64::from(arguments.put_back);
     if let Some(output) = &arguments.output {
-        let parts = if arguments.put_back { Parts::Both } else { Parts::Told };
+        let parts = if arguments.put_back { Parts::Both } else { Parts::Scan };
         let progress = Progress::default();
-        let write = || ghosts::write(&sources, &told, output, parts, memory, &progress);
+        let write = || ghosts::write(&sources, &verdicts, output, parts, memory, &progress);
         terminal::warn(progress_bar::watch("writing", &progress, write)?.ok_or(stream::Error::Cancelled)?);
     }
-    report(arguments, &stations, &found, &told, put_back)?;
+    report(arguments, &stations, &found, &verdicts, put_back)?;
     Ok(status)
 }
 
@@ -101,13 +101,13 @@ fn report(
     arguments: &GhostsArguments,
     stations: &[DVec3],
     found: &[Found],
-    told: &Told,
+    verdicts: &Verdicts,
     put_back: u64,
 ) -> anyhow::Result<()> {
-    let (ghosts, undecided) = (told.count(Kind::Ghost), told.count(Kind::Undecided));
+    let (ghosts, undecided) = (verdicts.count(Kind::Ghost), verdicts.count(Kind::Undecided));
     if arguments.json {
         let mirror = |(index, found): (usize, &Found)| {
-            let (points, residual) = told.of_mirror(index);
+            let (points, residual) = verdicts.of_mirror(index);
             let mirror = &found.reflector.mirror;
             json!({
                 "kind": mirror.shape.name(), "parameters": parameters(mirror), "points": points, "residual": residual,
@@ -124,7 +124,7 @@ fn report(
     let places: Vec<String> = stations.iter().map(place).collect();
     let mut lines = vec![format!("  stations     {}", places.join(", "))];
     for (index, found) in found.iter().enumerate() {
-        let (points, residual) = told.of_mirror(index);
+        let (points, residual) = verdicts.of_mirror(index);
         let mirror = &found.reflector.mirror;
         let residual = residual.map_or("-".into(), |residual| format!("{residual:.4}"));
         lines.push(format!(

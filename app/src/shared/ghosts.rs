@@ -1,4 +1,4 @@
-//! Ghosts among the points of files: mirrors looked for, ghosts told, and files written with what is told of them.
+//! Ghosts among the points of files: mirrors looked for, points judged, and files written with the verdicts.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::Context as _;
 use cloud::{Chunk, Cloud, Column, PointTest, Progress};
 use codec::{Added, Runs, Selection, Source, Wanted};
-use ghost::{Block, Extent, Found, Kind, Mirrors, Points, Suspect, Told};
+use ghost::{Block, Extent, Found, Kind, Mirrors, Points, Suspect, Verdicts};
 use glam::DVec3;
 use scene::shown;
 
@@ -15,15 +15,15 @@ use crate::shared::comparing::free_name;
 use crate::shared::moved_points;
 use crate::system::failure::usage;
 
-/// The mirrors of a scan, and what is told of its points by them.
+/// The mirrors of a scan, and the verdicts on its points by them.
 pub struct Looked {
     pub stations: Vec<DVec3>,
     pub found: Vec<Found>,
-    pub told: Told,
+    pub verdicts: Verdicts,
     pub warnings: BTreeSet<String>,
 }
 
-/// Tells ghosts by the mirrors that are given, and by those that are found besides them if that is wanted. Stations that are
+/// Finds ghosts by the mirrors that are given, and by those that are found besides them if that is wanted. Stations that are
 /// named replace those of the files. `None` when cancelled.
 ///
 /// # Errors
@@ -39,7 +39,7 @@ pub fn look(
     let files = Files { sources, of_file: &of_file, progress, warnings: Mutex::default() };
     let total: u64 = sources.iter().map(|source| source.info().points).sum();
     progress.set_total(if finds { 5 } else { 4 } * total);
-    let extent = Extent::of(&files, total)?.ok_or_else(|| usage("no points to tell ghosts among"))?;
+    let extent = Extent::of(&files, total)?.ok_or_else(|| usage("there are no points among which ghosts could be"))?;
     let mut found = given;
     if finds {
         let Some(others) = ghost::find(&files, &stations, extent, total, progress)? else { return Ok(None) };
@@ -51,9 +51,9 @@ pub fn look(
     let mirrors = Mirrors::new(found.iter().map(|found| found.reflector.clone()).collect());
     let has_pane = mirrors.reflectors().iter().any(|reflector| reflector.is_open);
     progress.set_total(progress.done() + if has_pane { 5 } else { 3 } * total);
-    let told = ghost::tell(&files, &stations, &mirrors, extent, 0.0, progress)?;
+    let verdicts = ghost::judge(&files, &stations, &mirrors, extent, 0.0, progress)?;
     let warnings = files.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(told.map(|told| Looked { stations, found, told, warnings }))
+    Ok(verdicts.map(|verdicts| Looked { stations, found, verdicts, warnings }))
 }
 
 /// The stations, and for each file the index of its own, if that is known.
@@ -117,8 +117,8 @@ impl Points for Files<'_> {
             let attributes = (0..info.attributes.len()).map(|index| Some(index) == intensity).collect();
             let selection = Selection { positions: true, attributes, ..Selection::default() };
             let summary = source.read(&selection, &reading, &emit)?;
-            let told = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(&info.path)));
-            self.warnings.lock().unwrap_or_else(PoisonError::into_inner).extend(told);
+            let warnings = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(&info.path)));
+            self.warnings.lock().unwrap_or_else(PoisonError::into_inner).extend(warnings);
         }
         Ok(())
     }
@@ -127,21 +127,21 @@ impl Points for Files<'_> {
 /// Which points a new file has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parts {
-    /// All points with what is told of them.
-    Told,
+    /// All points of the scan with their verdicts.
+    Scan,
     /// The ghosts where they are.
     PutBack,
     Both,
 }
 
-/// Writes points with what is told of them, and those that are put back after them, and returns warnings. `None` when
+/// Writes points with their verdicts, and those that are put back after them, and returns warnings. `None` when
 /// cancelled.
 ///
 /// # Errors
 /// A file that cannot be read or written.
 pub fn write(
     sources: &[Arc<Source>],
-    told: &Told,
+    verdicts: &Verdicts,
     output: &Path,
     parts: Parts,
     memory: u64,
@@ -154,15 +154,15 @@ pub fn write(
         all.extend_from_slice(sources);
         for (file, source) in sources.iter().enumerate() {
             let ends = run_ends(source.info().points);
-            let own = |value: &dyn Fn(&Suspect) -> f32| runs(told, file, ends.clone(), value);
+            let own = |value: &dyn Fn(&Suspect) -> f32| runs(verdicts, file, ends.clone(), value);
             columns[0].push(own(&|suspect| f32::from(suspect.kind.number())));
             columns[1].push(own(&|suspect| f32::from(suspect.mirror())));
             columns[2].push(Runs::new());
         }
     }
     let mut temporary = Temporary(Vec::new());
-    for (file, source) in sources.iter().enumerate().filter(|_| parts != Parts::Told) {
-        let ghosts = ghosts_of(told, file);
+    for (file, source) in sources.iter().enumerate().filter(|_| parts != Parts::Scan) {
+        let ghosts = ghosts_of(verdicts, file);
         if ghosts.is_empty() {
             continue;
         }
@@ -183,7 +183,7 @@ pub fn write(
             let values = ghosts.iter().map(|(_, suspect)| value(suspect)).collect();
             Runs::from([(0, Arc::new(Column::F32(values)))])
         };
-        // Where it is now, the point is real; the number tells by which mirror it was seen.
+        // Where it is now, the point is real; the number says by which mirror it was seen.
         columns[0].push(whole(&|_| 0.0));
         columns[1].push(whole(&|suspect| f32::from(suspect.mirror())));
         columns[2].push(whole(&|suspect| suspect.error));
@@ -205,9 +205,14 @@ impl Drop for Temporary {
 }
 
 /// A value of each point of a file: that of suspects, and 0 for all others. Each run goes from one index to another.
-pub fn runs(told: &Told, file: usize, ends: impl Iterator<Item = (u64, u64)>, value: &dyn Fn(&Suspect) -> f32) -> Runs {
+pub fn runs(
+    verdicts: &Verdicts,
+    file: usize,
+    ends: impl Iterator<Item = (u64, u64)>,
+    value: &dyn Fn(&Suspect) -> f32,
+) -> Runs {
     let mut marked: Vec<(u64, f32)> = Vec::new();
-    for ((_, first), suspects) in told.suspects.range((file, 0)..(file + 1, 0)) {
+    for ((_, first), suspects) in verdicts.suspects.range((file, 0)..(file + 1, 0)) {
         marked.extend(suspects.iter().map(|suspect| (first + u64::from(suspect.index), value(suspect))));
     }
     let run = |(from, to): (u64, u64)| {
@@ -229,8 +234,8 @@ pub fn run_ends(points: u64) -> impl Iterator<Item = (u64, u64)> + Clone {
 }
 
 /// The ghosts of a file with their indices in it, in its order.
-fn ghosts_of(told: &Told, file: usize) -> Vec<(u64, Suspect)> {
-    let own = told.suspects.range((file, 0)..(file + 1, 0));
+fn ghosts_of(verdicts: &Verdicts, file: usize) -> Vec<(u64, Suspect)> {
+    let own = verdicts.suspects.range((file, 0)..(file + 1, 0));
     own.flat_map(|((_, first), suspects)| {
         let ghosts = suspects.iter().filter(|suspect| suspect.kind == Kind::Ghost);
         ghosts.map(move |suspect| (first + u64::from(suspect.index), *suspect))

@@ -2,7 +2,7 @@
 //!
 //! Points are read three times, block by block. First, points on sightlines that meet no mirror make a map of the
 //! surfaces and the range images of the stations. Then each suspected point is weighed: unfolded it fits a surface or
-//! not; another station sees through it, or sees a surface there. Its neighbours behind the mirror tell what share of
+//! not; another station sees through it, or sees a surface there. Its neighbours behind the mirror say what share of
 //! them are ghosts, by the likelihoods of all of them (expectation and maximisation), and that share is the probability
 //! from which the point's own evidence starts. Memory is that of the map, of the neighbourhoods and of the suspects.
 
@@ -24,7 +24,7 @@ pub struct Block {
     pub file: usize,
     /// The index in the file of the first point.
     pub first_point: u64,
-    /// The index of the station that saw them, if the file tells it.
+    /// The index of the station that saw them, if the file names it.
     pub station: Option<usize>,
     /// Points that are hidden or not finite are NaN.
     pub places: Vec<DVec3>,
@@ -99,20 +99,20 @@ impl Suspect {
     }
 }
 
-/// What is known of all points.
-pub struct Told {
+/// What each suspect among the points is.
+pub struct Verdicts {
     /// The suspects of each block, by file and first point, in their order.
     pub suspects: BTreeMap<(usize, u64), Vec<Suspect>>,
     /// The standard deviation of ranges.
     pub noise: f64,
 }
 
-impl Told {
+impl Verdicts {
     pub fn count(&self, kind: Kind) -> u64 {
         self.suspects.values().flatten().filter(|suspect| suspect.kind == kind).count() as u64
     }
 
-    /// What is told if only these mirrors are: all other suspects are real.
+    /// The verdicts if only these mirrors are: all other suspects are real.
     pub fn of_mirrors(&self, is_one: impl Fn(usize) -> bool) -> Self {
         let is_kept = |suspect: &&Suspect| {
             let met = suspect.mirrors.iter().filter_map(|mirror| usize::from(*mirror).checked_sub(1));
@@ -163,9 +163,9 @@ const SLOPE: f64 = 0.5;
 /// As many points as the share of ghosts before any evidence counts for.
 const PRIOR_POINTS: f64 = 2.0;
 
-/// One of so many suspects tells what share of light a pane reflects.
+/// One of so many suspects serves to find what share of light a pane reflects.
 const OF_SUSPECTS: u64 = 8;
-/// From this logarithm on, the strength of a return tells a ghost from a real point.
+/// From this logarithm on, the strength of a return parts a ghost from a real point.
 const TELLING: f64 = 0.7;
 
 /// What speaks for a point being a ghost.
@@ -176,7 +176,7 @@ struct Weight {
     way: Way,
     error: f64,
     fit: Option<Fit>,
-    /// Whether the unfolded place tells a ghost from a real point. A floor before a mirror and the floor behind it are mirror
+    /// Whether the unfolded place parts a ghost from a real point. A floor before a mirror and the floor behind it are mirror
     /// images of each other, so points on it fit in any case.
     is_telling: bool,
     /// Whether the point lies on the surface that goes on from where it is unfolded.
@@ -203,19 +203,19 @@ type Counts = [u32; BINS];
 /// Those of a neighbourhood, with the key of all points of its mirrors.
 type Neighbourhood = (Counts, Option<u64>);
 
-/// Tells the ghosts among points. `edge` is that of the map's finest cells (see `Extent`), `angle_error` the standard
+/// Judges which points are ghosts. `edge` is that of the map's finest cells (see `Extent`), `angle_error` the standard
 /// deviation of the scanner's directions in radians. `None` when cancelled.
 ///
 /// # Errors
 /// The points cannot be read.
-pub fn tell<P: Points>(
+pub fn judge<P: Points>(
     points: &P,
     stations: &[DVec3],
     mirrors: &Mirrors,
     extent: Extent,
     angle_error: f64,
     progress: &Progress,
-) -> Result<Option<Told>, P::Error> {
+) -> Result<Option<Verdicts>, P::Error> {
     let margin = MARGIN * extent.edge;
     let own = |block: &Block| block.station.map_or(0..stations.len(), |station| station..station + 1);
     let is_suspect = |block: &Block, place: DVec3| {
@@ -278,7 +278,7 @@ pub fn tell<P: Points>(
     }
     let whole = |shard: Mutex<ByKey<Neighbourhood>>| shard.into_inner().unwrap_or_else(PoisonError::into_inner);
     let counts: ByKey<Neighbourhood> = shards.into_iter().flat_map(whole).collect();
-    // What is told of all points of the mirrors is what is known of a neighbourhood before it is looked at.
+    // The verdict on all points of the mirrors is what is known of a neighbourhood before it is looked at.
     let of_all = |key: u64| counts.get(&key).map_or(0.5, |(all, _)| ghost_share(all, 0.5));
     let mut before: ByKey<f64> = ByKey::default();
     counts.values().filter_map(|(_, key)| *key).for_each(|key| {
@@ -303,7 +303,7 @@ pub fn tell<P: Points>(
         }
     })?;
     let suspects = suspects.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok((!progress.is_cancelled()).then_some(Told { suspects, noise: scales.scanner.range }))
+    Ok((!progress.is_cancelled()).then_some(Verdicts { suspects, noise: scales.scanner.range }))
 }
 
 fn suspect_of(index: usize, weight: &Weight, share: f64) -> Suspect {
@@ -455,17 +455,17 @@ impl Scales<'_> {
         }
     }
 
-    /// The same by what other stations see than the one that saw it. What is hidden from them tells nothing.
+    /// The same by what other stations see than the one that saw it. Nothing follows from what is hidden from them.
     fn seen_by_others(&self, place: DVec3, own: Option<usize>) -> f64 {
         let Some(own) = own else { return 0.0 };
         let others = (0..self.stations.len()).filter(|station| *station != own);
         let clear = others.filter(|station| !self.mirrors.may_meet(self.stations[*station], place));
-        let told = clear.map(|station| match self.sight(station, place) {
+        let weights = clear.map(|station| match self.sight(station, place) {
             Sight::Unknown | Sight::Hidden => 0.0,
             Sight::On => SEEN_ON,
             Sight::Through => SEEN_THROUGH,
         });
-        told.sum()
+        weights.sum()
     }
 
     /// The same by the surfaces where the point was written down.
@@ -523,7 +523,7 @@ pub struct Extent {
 
 /// The finest cells of a map to the diagonal of the box about most points.
 const CELLS: f64 = 300.0;
-/// The number of points by which the box is told.
+/// The number of points from which the box follows.
 const SAMPLED: u64 = 50_000;
 
 impl Extent {

@@ -42,7 +42,7 @@ const BEHIND: f64 = 4.0;
 const MOUNTED: f64 = 2.5;
 /// The cosine between the mirrored normal at a point and the normal of the surface that it fits.
 const AGREES: f64 = 0.95;
-/// A surface that is mirrored onto itself tells nothing: the cosine between its normal and that of the mirror is below.
+/// A surface that is mirrored onto itself says nothing of the mirror: the cosine between its normal and that of the mirror is below.
 const TELLS: f64 = 0.3;
 /// The share of the points behind a mirror that fit at least, in a cell of its plane and in all.
 const LEAST_FIT: f64 = 0.15;
@@ -54,7 +54,7 @@ const PARALLEL: f64 = 0.9;
 const LEAST_CLOSED: f64 = 0.6;
 /// The fewest cells of the border at which sightlines end at the plane.
 const FEWEST_CLOSED: f64 = 8.0;
-/// A mirror through which nothing is seen: at least this share of the points that tell fits.
+/// A mirror through which nothing is seen: at least this share of the distinctive points fits.
 const OPAQUE: f64 = 0.85;
 
 /// The balls that are looked at closely, and the points by which one is moved.
@@ -168,7 +168,7 @@ impl Search<'_> {
     }
 
     /// Whether a point behind a plane fits a surface when it is unfolded, by place and normal: how far it is from it, and
-    /// whether that tells anything of the plane.
+    /// whether anything of the plane follows from that.
     fn fit(&self, sample: &Sample, plane: &Plane) -> Option<(f64, DVec3, bool)> {
         let fit = self.map.nearest(plane.mirrored(sample.place))?;
         if fit.distance.abs() > NEAR_PLANE * self.map.edge() {

@@ -20,7 +20,7 @@ impl Found {
         Self { reflector: Reflector::exact(mirror), reason: reason.to_owned() }
     }
 
-    /// Whether another mirror is this one, as far as the parts of both that a scanner saw tell.
+    /// Whether another mirror is this one, as far as follows from the parts of both that a scanner saw.
     pub fn is_at(&self, other: &Self) -> bool {
         let [one, two] = [&self.reflector.mirror, &other.reflector.mirror];
         let (apart, size) = (two.position - one.position, one.size.max(two.size));

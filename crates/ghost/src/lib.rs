@@ -1,4 +1,4 @@
-//! Ghosts: points that a scanner saw in mirrors and panes and wrote down behind them. They are told from other points,
+//! Ghosts: points that a scanner saw in mirrors and panes and wrote down behind them. They are parted from other points,
 //! put back to where they are, and their mirrors are found.
 //!
 //! This crate knows points, stations and mirrors, and no files. Lengths are in the units of the coordinates, and angles in
@@ -15,7 +15,7 @@ mod strength;
 mod surface_map;
 mod unfold;
 
-pub use evidence::{Block, Extent, GHOST_FROM, Kind, Points, Suspect, Told, tell};
+pub use evidence::{Block, Extent, GHOST_FROM, Kind, Points, Suspect, Verdicts, judge};
 pub use find::find;
 pub use found::Found;
 pub use unfold::{Mirrors, Reflector, ScannerError, Way};

@@ -89,7 +89,7 @@ fn unfolded(mirrors: &Mirrors, station: DVec3, point: DVec3) -> Option<DVec3> {
         .map(|way| way.place)
 }
 
-/// One step of Gauss and Newton; `None` if too few points tell where to go, or if it does not get better.
+/// One step of Gauss and Newton; `None` if too few points say where to go, or if it does not get better.
 fn step(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap, scale: f64) -> Option<Mirror> {
     let count = numbers_of(mirror);
     let small = 1e-4 * mirror.size;
@@ -100,7 +100,7 @@ fn step(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap, scale: f64) -> Option<
     };
     let own = unfolding(mirror);
     let others: Vec<[Mirrors; 2]> = (0..count).map(|index| [number(index, small), number(index, -small)]).collect();
-    let (mut matrix, mut side, mut told) = ([[0.0; MOST_NUMBERS]; MOST_NUMBERS], [0.0; MOST_NUMBERS], 0);
+    let (mut matrix, mut side, mut used) = ([[0.0; MOST_NUMBERS]; MOST_NUMBERS], [0.0; MOST_NUMBERS], 0);
     for (station, point) in seen {
         let Some(fit) = unfolded(&own, *station, *point).and_then(|place| map.nearest(place)) else { continue };
         let normal = fit.patch.normal.as_dvec3();
@@ -119,9 +119,9 @@ fn step(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap, scale: f64) -> Option<
                 matrix[a][b] += weight * row[a] * row[b];
             }
         }
-        told += 1;
+        used += 1;
     }
-    if told < FEWEST_POINTS {
+    if used < FEWEST_POINTS {
         return None;
     }
     let cost = |mirror: &Mirror| {

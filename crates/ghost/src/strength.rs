@@ -1,6 +1,6 @@
 //! How strong returns are. A pane sends back a share of the beam and lets the rest through, there and back, so that a ghost
 //! and a point seen through the pane are weaker than returns of their surfaces elsewhere, each by a factor of its own. Where
-//! a floor before a pane and the floor behind it are mirror images of each other, only that tells a ghost.
+//! a floor before a pane and the floor behind it are mirror images of each other, only that parts a ghost from it.
 //!
 //! The strength of a return falls with the squared range and the cosine of the incidence. Some scanners note that strength,
 //! some its root, and some correct it for range and incidence. Which of these fits is what leaves the least variance among
@@ -107,7 +107,7 @@ impl StrengthsBuilder {
     }
 }
 
-/// The fewest returns that tell a law.
+/// The fewest returns from which a law follows.
 const FEWEST: f64 = 1000.0;
 /// The least variance of the logarithm of a return, for scans that are too good to be true.
 const LEAST_VARIANCE: f64 = 0.01;
@@ -258,7 +258,7 @@ mod tests {
                 let share = if is_ghost { reflected } else { 1.0 - reflected };
                 let value = noted(albedo, share, 4.0, 0.5);
                 let compared = strengths.compared(value, 4.0, Some((fit, 0.5)), Some((fit, 0.5))).unwrap();
-                // Places of a few points tell which share is that of the ghosts.
+                // From places of a few points follows which share is that of the ghosts.
                 let by_place = if is_ghost { 2.0 } else { -2.0 };
                 shares.add(&compared, if index % 10 == 0 { by_place } else { 0.0 });
                 seen.push((is_ghost, compared));

@@ -161,7 +161,7 @@ impl MapBuilder {
         }
     }
 
-    /// With so many grids, of which the widest one tells how far away surfaces are that are not near.
+    /// With so many grids, of which the widest one says how far away surfaces are that are not near.
     pub fn with_levels(self, levels: usize) -> Self {
         Self { levels, ..self }
     }
@@ -283,7 +283,7 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 
 /// The points of a patch whose thickness is well known.
 const FULL: u32 = 30;
-/// The least mean square of the cosine of incidence at which a patch tells the noise of ranges.
+/// The least mean square of the cosine of incidence at which the noise of ranges follows from a patch.
 const LEAST_FACING: f64 = 0.1;
 /// Patches are thinner than this share of their cell's edge, or than so many times the noise.
 const THIN: f64 = 0.04;

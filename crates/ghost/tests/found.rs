@@ -46,7 +46,7 @@ fn figures() {
                 let places = Tripod::Four.stations()[..stations].to_vec();
                 let made = Made::of(solids.clone(), exact.clone(), places, noise, 500_000.0);
                 let found = found(&made);
-                println!("{}", made.judge(&made.told(&mirrors(&found)), noise).row(name, stations));
+                println!("{}", made.judge(&made.verdicts(&mirrors(&found)), noise).row(name, stations));
                 for Found { reflector, reason } in &found {
                     let Mirror { position, rotation, size, .. } = &reflector.mirror;
                     let normal = *rotation * DVec3::Z;
@@ -60,7 +60,7 @@ fn figures() {
         for noise in NOISES {
             let made = Made::of(tripod.solids(), Vec::new(), tripod.stations(), noise, 500_000.0);
             let found = found(&made);
-            let figures = made.judge(&made.told(&mirrors(&found)), noise);
+            let figures = made.judge(&made.verdicts(&mirrors(&found)), noise);
             let share = 100.0 * figures.wrong as f64 / made.count() as f64;
             println!("| {}, {:.0} mm | {} | {} | {share:.4} |", tripod.name(), noise * 1e3, made.count(), found.len());
             found.iter().for_each(|found| println!("    {:?} {}", found.reflector.mirror.position, found.reason));
@@ -77,7 +77,7 @@ fn a_mirror_on_a_wall_is_found_where_it_is() {
     let normal = rotation * DVec3::Z;
     assert!(normal.dot(DVec3::NEG_Y) > 1.0 - 1e-6, "{normal}");
     assert!((position - wall_mirror().position).dot(normal).abs() < 0.001, "{position}");
-    let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+    let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
     println!("{}", figures.row("plane, found", 1));
     assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
     assert!(figures.median < 0.004, "{figures:?}");
@@ -88,7 +88,7 @@ fn a_window_is_found_by_its_frame() {
     let made = Made::of(with_window(), vec![pane(0.8)], Tripod::Room.stations(), 0.002, 400_000.0);
     let found = found(&made);
     assert_eq!(found.len(), 1, "{found:?}");
-    let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+    let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
     println!("{}", figures.row("window, 0.8 reflected, found", 1));
     assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
 }
@@ -100,7 +100,7 @@ fn a_ball_is_found_by_its_outline() {
     assert_eq!(found.len(), 1, "{found:?}");
     let Mirror { position, size, .. } = found[0].reflector.mirror;
     assert!(position.distance(sphere().position) < 0.01 && (size - 0.4).abs() < 0.005, "{position} {size}");
-    let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+    let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
     println!("{}", figures.row("sphere, found", 1));
     assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
 }
@@ -110,7 +110,7 @@ fn scans_without_mirrors_have_none() {
     for tripod in [Tripod::Room, Tripod::Hall40, Tripod::Street, Tripod::Church] {
         let made = Made::of(tripod.solids(), Vec::new(), tripod.stations(), 0.002, 200_000.0);
         let found = found(&made);
-        let figures = made.judge(&made.told(&mirrors(&found)), 0.002);
+        let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
         assert!(figures.wrong as f64 <= 1e-3 * made.count() as f64, "{tripod:?}: {found:?} {figures:?}");
     }
 }

@@ -32,7 +32,7 @@ fn figures() {
         for stations in [1, 2] {
             for noise in NOISES {
                 let made = Made::new(mirrors.clone(), stations, noise, 400_000.0);
-                let figures = made.judge(&made.told(&made.exact_mirrors()), noise);
+                let figures = made.judge(&made.verdicts(&made.exact_mirrors()), noise);
                 println!("{}", figures.row(name, stations));
                 if name.starts_with("pane") {
                     held.iter_mut().zip(figures.held).for_each(|(all, own)| {
@@ -42,7 +42,7 @@ fn figures() {
             }
         }
         let made = Made::new(mirrors.clone(), 2, 0.003, 400_000.0).merged();
-        println!("{}", made.judge(&made.told(&made.exact_mirrors()), 0.003).row(&format!("{name}, one file"), 2));
+        println!("{}", made.judge(&made.verdicts(&made.exact_mirrors()), 0.003).row(&format!("{name}, one file"), 2));
     }
     println!("\n| probability | points of panes | ghosts, % |\n|---|---|---|");
     for (tenth, [points, ghosts]) in held.into_iter().enumerate() {
@@ -55,7 +55,7 @@ fn figures() {
 fn ghosts_of_given_mirrors_are_told_and_put_back() {
     for (name, mirrors, least) in cases() {
         let made = Made::new(mirrors, 2, 0.002, 300_000.0);
-        let figures = made.judge(&made.told(&made.exact_mirrors()), 0.002);
+        let figures = made.judge(&made.verdicts(&made.exact_mirrors()), 0.002);
         println!("{}", figures.row(name, 2));
         assert!(figures.f1() >= least, "{name}: {figures:?}");
         // Of a pane, floors before and behind it are mirror images of each other: such points stay undecided.

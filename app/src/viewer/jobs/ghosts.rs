@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use cloud::Progress;
 use codec::Source;
-use ghost::{Found, Kind, Told};
+use ghost::{Found, Kind, Verdicts};
 use glam::DVec3;
 use scene::{CloudSettings, Settings};
 use world::{Request, half_of};
@@ -39,7 +39,7 @@ pub struct Ghosts {
     pub seen: Option<Seen>,
 }
 
-/// What a search has told.
+/// What a search has found.
 pub struct Seen {
     pub looked: Looked,
     /// Of each mirror that was found or given.
@@ -65,21 +65,21 @@ impl Seen {
     pub fn new(looked: Looked, of_scene: Vec<ObjectId>, sources: Vec<Arc<Source>>) -> Self {
         let mut verdicts: Vec<Verdict> = of_scene.into_iter().map(Verdict::Accepted).collect();
         verdicts.resize(looked.found.len(), Verdict::Open);
-        let figures = (0..looked.found.len()).map(|mirror| looked.told.of_mirror(mirror)).collect();
-        let counts = [Kind::Ghost, Kind::Undecided].map(|kind| looked.told.count(kind));
+        let figures = (0..looked.found.len()).map(|mirror| looked.verdicts.of_mirror(mirror)).collect();
+        let counts = [Kind::Ghost, Kind::Undecided].map(|kind| looked.verdicts.count(kind));
         Self { looked, verdicts, sources, figures, counts }
     }
 
-    /// What is told by all mirrors that are not refused.
-    pub fn told(&self) -> Told {
-        self.looked.told.of_mirrors(|mirror| !self.is_refused(mirror))
+    /// The verdicts by all mirrors that are not refused.
+    pub fn verdicts(&self) -> Verdicts {
+        self.looked.verdicts.of_mirrors(|mirror| !self.is_refused(mirror))
     }
 
     pub fn is_refused(&self, mirror: usize) -> bool {
         self.verdicts[mirror] == Verdict::Refused
     }
 
-    /// The files and scans that were read, in the order of what is told.
+    /// The files and scans that were read, in the order of the verdicts.
     pub fn places(&self) -> impl Iterator<Item = Place> {
         self.sources.iter().map(|source| (source.info().path.clone(), source.info().scan_number()))
     }
@@ -103,7 +103,7 @@ pub enum GhostTask {
     },
     PutBack {
         sources: Vec<Arc<Source>>,
-        told: Told,
+        verdicts: Verdicts,
         parts: Parts,
         output: PathBuf,
     },
@@ -135,8 +135,8 @@ impl GhostWork {
                     Ok(looked.map(|looked| Box::new(Seen::new(looked, ids, sources))))
                 }))
             }
-            GhostTask::PutBack { sources, told, parts, output } => {
-                let result = ghosts::write(&sources, &told, &output, parts, memory, &progress);
+            GhostTask::PutBack { sources, verdicts, parts, output } => {
+                let result = ghosts::write(&sources, &verdicts, &output, parts, memory, &progress);
                 let result = result.map_err(|error| format!("{error:#}"));
                 // Whoever waits for the end of the work waits for the file to be gone, or whole.
                 drop(progress);

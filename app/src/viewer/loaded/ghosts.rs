@@ -1,4 +1,4 @@
-//! Looks for mirrors and ghosts in the background. What is told becomes attributes of clouds in memory; mirrors that a person
+//! Looks for mirrors and ghosts in the background. The verdicts become attributes of clouds in memory; mirrors that a person
 //! accepts become objects of the scene, and their ghosts are put back in a new file.
 
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::{Effect, whole};
 use crate::viewer::requests::work::Work;
 
-/// The attributes of what is told: 0 real, 1 ghost, 2 undecided; the number of the mirror; how probable a ghost is.
+/// The attributes of verdicts: 0 real, 1 ghost, 2 undecided; the number of the mirror; how probable a ghost is.
 pub const TOLD: [&str; 3] = ["ghost", "ghost_mirror", "ghost_probability"];
 /// Just below the probability from which on points are ghosts.
 const BELOW_GHOSTS: f64 = ghost::GHOST_FROM - 1e-4;
@@ -121,8 +121,8 @@ impl Loaded {
 
     fn putting_back(&self, beside: &Beside<'_>) -> Result<GhostTask, String> {
         let seen = self.ghosts.seen.as_ref().ok_or("Look for ghosts first")?;
-        let told = seen.looked.told.of_mirrors(|mirror| is_accepted(seen, mirror, &beside.scene.objects));
-        if told.count(Kind::Ghost) == 0 {
+        let verdicts = seen.looked.verdicts.of_mirrors(|mirror| is_accepted(seen, mirror, &beside.scene.objects));
+        if verdicts.count(Kind::Ghost) == 0 {
             return Err("There are no ghosts of accepted mirrors to put back; accept a mirror first".into());
         }
         let is_streamed = self.clouds.iter().any(|entry| entry.is_visible && entry.streamed.is_some());
@@ -140,7 +140,7 @@ impl Loaded {
         if output.symlink_metadata().is_ok() {
             return Err(format!("{}: a file of this name is there; it is not replaced", shown(&output)));
         }
-        Ok(GhostTask::PutBack { sources: seen.sources.clone(), told, parts, output })
+        Ok(GhostTask::PutBack { sources: seen.sources.clone(), verdicts, parts, output })
     }
 
     pub fn on_ghosts(&mut self, outcome: GhostOutcome, beside: &mut Beside<'_>) {
@@ -184,11 +184,11 @@ impl Loaded {
         }
     }
 
-    /// Makes what is told by all mirrors that are not refused attributes of the clouds in memory, and colours by it.
+    /// Makes the verdicts by all mirrors that are not refused attributes of the clouds in memory, and colours by it.
     fn put_told(&mut self, beside: &mut Beside<'_>) {
         let Some(seen) = &mut self.ghosts.seen else { return };
-        let told = seen.told();
-        seen.counts = [Kind::Ghost, Kind::Undecided].map(|kind| told.count(kind));
+        let verdicts = seen.verdicts();
+        seen.counts = [Kind::Ghost, Kind::Undecided].map(|kind| verdicts.count(kind));
         let values: [&dyn Fn(&Suspect) -> f32; 3] =
             [&|suspect| f32::from(suspect.kind.number()), &|suspect| f32::from(suspect.mirror()), &|suspect| {
                 suspect.probability
@@ -206,7 +206,7 @@ impl Loaded {
                 }
                 Box::new(chunks.iter().map(|chunk| (chunk.first_point, chunk.first_point + chunk.len() as u64)))
             };
-            lists.push((entry.key, values.map(|value| runs(&told, file, ends(), value))));
+            lists.push((entry.key, values.map(|value| runs(&verdicts, file, ends(), value))));
         }
         for (key, lists) in lists {
             if let Some(name) = self.put_values(key, &TOLD, lists.into(), beside) {
@@ -280,16 +280,16 @@ mod tests {
         let source = Some(Arc::new(codec::open(path).unwrap()));
         let expected_points = count as u64;
         let opened = Opened { name: "room".into(), input, source, expected_points, up: DVec3::Z, ..Opened::default() };
-        let mut tell = |event| session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
-        tell(Event::Opened { cloud: 0, opened });
+        let mut send = |event| session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+        send(Event::Opened { cloud: 0, opened });
         for (block, part) in places.chunks(count / 2 + 1).enumerate() {
             let positions = part.iter().map(|place| place.as_vec3().to_array()).collect();
             let first = (block * (count / 2 + 1)) as u64;
             let chunk = Chunk::new(first, DVec3::ZERO, positions);
-            tell(Event::Chunk { cloud: 0, part: Part::Block(block as u64), chunk });
+            send(Event::Chunk { cloud: 0, part: Part::Block(block as u64), chunk });
         }
-        tell(Event::Read { cloud: 0, summary: codec::Summary::default() });
-        tell(Event::Finished);
+        send(Event::Read { cloud: 0, summary: codec::Summary::default() });
+        send(Event::Finished);
         session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
         (session, points.iter().filter(|point| point.met.is_ghost()).count() as u64)
     }
@@ -303,7 +303,7 @@ mod tests {
         })
     }
 
-    fn told(session: &Session, which: usize) -> Vec<f64> {
+    fn values(session: &Session, which: usize) -> Vec<f64> {
         let chunks = &session.loaded.clouds[0].cloud.chunks;
         let values = |chunk: &Chunk| {
             let column = chunk.columns[which].clone().unwrap();
@@ -334,9 +334,9 @@ mod tests {
         assert!(ghosts > 300 && said(&session).contains(&format!("1 mirrors, {ghosts} ghosts")), "{}", said(&session));
         let color = &session.scene.settings.color;
         assert_eq!((color.by, color.attribute.as_str()), (ColorBy::Attribute, "ghost"));
-        let count = |session: &Session| told(session, 0).iter().filter(|kind| **kind == 1.0).count() as u64;
+        let count = |session: &Session| values(session, 0).iter().filter(|kind| **kind == 1.0).count() as u64;
         assert_eq!(count(&session), ghosts);
-        assert!(told(&session, 0).iter().zip(told(&session, 1)).all(|(kind, mirror)| *kind == mirror));
+        assert!(values(&session, 0).iter().zip(values(&session, 1)).all(|(kind, mirror)| *kind == mirror));
 
         step(&mut session, Ghosting::Hide(true));
         let cloud = &session.loaded.clouds[0].cloud;

@@ -40,14 +40,14 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
         }
         None => {
-            let help = "Reads the files of all shown clouds, and tells what was seen in mirrors";
+            let help = "Reads the files of all shown clouds, and finds what was seen in mirrors";
             if ui.button("Look for ghosts").on_hover_text(help).clicked() {
                 actions.push(Action::Ghosts(Ghosting::Look));
             }
         }
     }
     if let Some(seen) = &ghosts.seen {
-        told(ui, session, seen, actions);
+        results(ui, session, seen, actions);
         put_back(ui, session, seen, &mut draft.output, actions);
     }
     if draft != ghosts.draft {
@@ -56,7 +56,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 }
 
 /// What was found, mirror by mirror, and whether it is shown.
-fn told(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action>) {
+fn results(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action>) {
     let [ghosts, undecided] = seen.counts.map(grouped);
     ui.label(format!("{ghosts} ghosts, {undecided} undecided"));
     if seen.looked.found.is_empty() {
@@ -126,7 +126,7 @@ fn put_back(ui: &mut Ui, session: &Session, seen: &Seen, output: &mut String, ac
 mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use ghost::{Found, Kind, Suspect, Told};
+    use ghost::{Found, Kind, Suspect, Verdicts};
     use glam::DVec3;
     use scene::{Mirror, Shape};
 
@@ -145,9 +145,9 @@ mod tests {
             error: 0.0,
             distance: Some(0.0012),
         };
-        let told = Told { suspects: [((0, 0), vec![suspect])].into(), noise: 0.0 };
+        let verdicts = Verdicts { suspects: [((0, 0), vec![suspect])].into(), noise: 0.0 };
         let found = vec![Found { reason: "for a reason".into(), ..Found::given(mirror) }];
-        let looked = Looked { stations: Vec::new(), found, told, warnings: Default::default() };
+        let looked = Looked { stations: Vec::new(), found, verdicts, warnings: Default::default() };
         Seen::new(looked, Vec::new(), Vec::new())
     }
 

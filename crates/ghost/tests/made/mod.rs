@@ -1,7 +1,7 @@
-//! Made scans with mirrors, and how well their ghosts are told.
+//! Made scans with mirrors, and how well their ghosts are judged.
 
 use cloud::Progress;
-use ghost::{Block, Extent, Kind, Mirrors, Points, Reflector, Told, tell};
+use ghost::{Block, Extent, Kind, Mirrors, Points, Reflector, Verdicts, judge};
 use glam::{DQuat, DVec3};
 use scene::solid::Solid;
 use scene::tripod::Disturbance;
@@ -94,7 +94,7 @@ impl Made {
         Self { stations, mirrors, blocks, truth }
     }
 
-    /// The same as one file that does not tell which station saw a point.
+    /// The same as one file that does not say which station saw a point.
     pub fn merged(mut self) -> Self {
         self.blocks.iter_mut().for_each(|block| block.station = None);
         self
@@ -112,18 +112,18 @@ impl Made {
         Mirrors::new(self.mirrors.iter().cloned().map(Reflector::exact).collect())
     }
 
-    pub fn told(&self, mirrors: &Mirrors) -> Told {
-        tell(self, &self.stations, mirrors, self.extent(), 0.0, &Progress::default())
+    pub fn verdicts(&self, mirrors: &Mirrors) -> Verdicts {
+        judge(self, &self.stations, mirrors, self.extent(), 0.0, &Progress::default())
             .expect("no error")
             .expect("points, and nobody cancels")
     }
 
-    /// Judges what was told of the points that are of one surface.
-    pub fn judge(&self, told: &Told, noise: f64) -> Figures {
+    /// Compares the verdicts on the points that are of one surface with the truth.
+    pub fn judge(&self, verdicts: &Verdicts, noise: f64) -> Figures {
         let mut figures = Figures::default();
         let mut errors = Vec::new();
         for (block, truth) in self.blocks.iter().zip(&self.truth) {
-            let suspects = told.suspects.get(&(block.file, block.first_point)).map_or(&[][..], Vec::as_slice);
+            let suspects = verdicts.suspects.get(&(block.file, block.first_point)).map_or(&[][..], Vec::as_slice);
             let mut suspects = suspects.iter().peekable();
             for (index, (echo, is_whole)) in truth.iter().enumerate() {
                 let suspect = suspects.next_if(|suspect| suspect.index as usize == index);
@@ -169,7 +169,7 @@ impl Points for Made {
 
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
-    /// Ghosts that are told, ghosts that are not, real points called ghosts, and the others.
+    /// Ghosts that are called so, ghosts that are not, real points called ghosts, and the others.
     pub right: usize,
     pub missed: usize,
     pub wrong: usize,
