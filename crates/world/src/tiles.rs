@@ -208,7 +208,7 @@ mod tests {
             let bounds = Bounds { min: DVec3::new(x, 0.0, 0.0), max: DVec3::new(x + 1.0, 1.0, 1.0) };
             Tile { cloud: 0, path: PathBuf::new(), points: 1, bounds, source: None }
         };
-        let camera = Camera::looking(DVec3::new(0.5, 0.5, 0.5), DVec3::new(9.0, 0.5, 0.5), 8.5, DVec3::Z);
+        let camera = Camera::from_eye(DVec3::splat(0.5), DVec3::new(9.0, 0.5, 0.5), DVec3::Z);
         let lateness = |x: f64| tile(x).lateness(&camera);
         assert!(lateness(0.0) < lateness(4.0) && lateness(4.0) < lateness(9.0) && lateness(9.0) < lateness(-2.0));
     }
