@@ -11,7 +11,7 @@ use world::half_of;
 
 use crate::shared::export;
 use crate::shared::ghost_arguments::GhostsArguments;
-use crate::shared::ghosts::{self, Looked, Parts};
+use crate::shared::ghosts::{self, Looked};
 use crate::shared::numbers::grouped;
 use crate::system::failure::{UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
@@ -52,9 +52,8 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
     terminal::warn(warnings);
     let put_back = verdicts.count(Kind::Ghost) * u64::from(arguments.put_back);
     if let Some(output) = &arguments.output {
-        let parts = if arguments.put_back { Parts::Both } else { Parts::Scan };
         let progress = Progress::default();
-        let write = || ghosts::write(&sources, &verdicts, output, parts, memory, &progress);
+        let write = || ghosts::write(&sources, &verdicts, output, arguments.put_back, memory, &progress);
         terminal::warn(progress_bar::watch("writing", &progress, write)?.ok_or(stream::Error::Cancelled)?);
     }
     report(arguments, &stations, &found, &verdicts, put_back)?;

@@ -15,6 +15,11 @@ use crate::shared::comparing::free_name;
 use crate::shared::moved_points;
 use crate::system::failure::usage;
 
+/// The attributes of verdicts: 0 real, 1 ghost, 2 undecided; the number of the mirror; how probable a ghost is.
+pub const KIND: &str = "ghost";
+pub const MIRROR: &str = "ghost_mirror";
+pub const PROBABILITY: &str = "ghost_probability";
+
 /// The mirrors of a scan, and the verdicts on its points by them.
 pub struct Looked {
     pub stations: Vec<DVec3>,
@@ -124,18 +129,8 @@ impl Points for Files<'_> {
     }
 }
 
-/// Which points a new file has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Parts {
-    /// All points of the scan with their verdicts.
-    Scan,
-    /// The ghosts where they are.
-    PutBack,
-    Both,
-}
-
-/// Writes points with their verdicts, and those that are put back after them, and returns warnings. `None` when
-/// cancelled.
+/// Writes all points with their verdicts, and if wanted the ghosts again after them, where they are. Returns warnings,
+/// `None` when cancelled.
 ///
 /// # Errors
 /// A file that cannot be read or written.
@@ -143,25 +138,25 @@ pub fn write(
     sources: &[Arc<Source>],
     verdicts: &Verdicts,
     output: &Path,
-    parts: Parts,
+    puts_back: bool,
     memory: u64,
     progress: &Progress,
 ) -> anyhow::Result<Option<Vec<String>>> {
-    let names = ["ghost", "ghost_mirror", "ghost_error"].map(|name| free_name(sources, name));
+    let names = [KIND, MIRROR, PROBABILITY, "ghost_error"].map(|name| free_name(sources, name));
     let test = PointTest::default();
-    let (mut all, mut columns): (Vec<Arc<Source>>, [Vec<Runs>; 3]) = Default::default();
-    if parts != Parts::PutBack {
-        all.extend_from_slice(sources);
-        for (file, source) in sources.iter().enumerate() {
-            let ends = run_ends(source.info().points);
-            let own = |value: &dyn Fn(&Suspect) -> f32| runs(verdicts, file, ends.clone(), value);
-            columns[0].push(own(&|suspect| f32::from(suspect.kind.number())));
-            columns[1].push(own(&|suspect| f32::from(suspect.mirror())));
-            columns[2].push(Runs::new());
+    let (mut all, mut columns): (_, [Vec<Runs>; 4]) = (sources.to_vec(), Default::default());
+    for (file, source) in sources.iter().enumerate() {
+        let ends = run_ends(source.info().points);
+        let own = |value: &dyn Fn(&Suspect) -> f32| runs(verdicts, file, ends.clone(), value);
+        columns[0].push(own(&|suspect| f32::from(suspect.kind.number())));
+        columns[1].push(own(&|suspect| f32::from(suspect.mirror())));
+        if puts_back {
+            columns[2].push(own(&|suspect| suspect.probability));
+            columns[3].push(Runs::new());
         }
     }
     let mut temporary = Temporary(Vec::new());
-    for (file, source) in sources.iter().enumerate().filter(|_| parts != Parts::Scan) {
+    for (file, source) in sources.iter().enumerate().filter(|_| puts_back) {
         let ghosts = ghosts_of(verdicts, file);
         if ghosts.is_empty() {
             continue;
@@ -186,10 +181,15 @@ pub fn write(
         // Where it is now, the point is real; the number says by which mirror it was seen.
         columns[0].push(whole(&|_| 0.0));
         columns[1].push(whole(&|suspect| f32::from(suspect.mirror())));
-        columns[2].push(whole(&|suspect| suspect.error));
+        columns[2].push(whole(&|_| 0.0));
+        columns[3].push(whole(&|suspect| suspect.error));
     }
     let mut added: Vec<Added> = names.into_iter().zip(columns).map(|(name, runs)| Added::new(name, runs)).collect();
-    added.truncate(if temporary.0.is_empty() { 2 } else { 3 });
+    added.truncate(match (puts_back, temporary.0.is_empty()) {
+        (false, _) => 2,
+        (true, true) => 3,
+        (true, false) => 4,
+    });
     let exported = codec::export(&all, &test, &added, output, memory, progress)?;
     Ok(exported.map(|exported| exported.changes.into_iter().chain(param::few(exported.warnings, "warnings")).collect()))
 }

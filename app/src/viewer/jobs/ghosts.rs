@@ -11,7 +11,7 @@ use scene::{CloudSettings, Settings};
 use world::{Request, half_of};
 
 use crate::shared::export::Place;
-use crate::shared::ghosts::{self, Looked, Parts};
+use crate::shared::ghosts::{self, Looked};
 use crate::viewer::objects::ObjectId;
 
 /// What a person has chosen for the search.
@@ -43,7 +43,7 @@ pub struct Ghosts {
 pub struct Seen {
     pub looked: Looked,
     /// Of each mirror that was found or given.
-    pub verdicts: Vec<Verdict>,
+    pub decisions: Vec<Decision>,
     pub sources: Vec<Arc<Source>>,
     /// The number of ghosts of each mirror, and the median distance of their unfolded places from surfaces.
     pub figures: Vec<(u64, Option<f64>)>,
@@ -53,7 +53,7 @@ pub struct Seen {
 
 /// What a person thinks of a mirror.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum Decision {
     Open,
     /// It is in the scene, as long as the object is there.
     Accepted(ObjectId),
@@ -63,11 +63,11 @@ pub enum Verdict {
 impl Seen {
     /// The first mirrors are those of the scene.
     pub fn new(looked: Looked, of_scene: Vec<ObjectId>, sources: Vec<Arc<Source>>) -> Self {
-        let mut verdicts: Vec<Verdict> = of_scene.into_iter().map(Verdict::Accepted).collect();
-        verdicts.resize(looked.found.len(), Verdict::Open);
+        let mut decisions: Vec<Decision> = of_scene.into_iter().map(Decision::Accepted).collect();
+        decisions.resize(looked.found.len(), Decision::Open);
         let figures = (0..looked.found.len()).map(|mirror| looked.verdicts.of_mirror(mirror)).collect();
         let counts = [Kind::Ghost, Kind::Undecided].map(|kind| looked.verdicts.count(kind));
-        Self { looked, verdicts, sources, figures, counts }
+        Self { looked, decisions, sources, figures, counts }
     }
 
     /// The verdicts by all mirrors that are not refused.
@@ -76,7 +76,7 @@ impl Seen {
     }
 
     pub fn is_refused(&self, mirror: usize) -> bool {
-        self.verdicts[mirror] == Verdict::Refused
+        self.decisions[mirror] == Decision::Refused
     }
 
     /// The files and scans that were read, in the order of the verdicts.
@@ -104,7 +104,6 @@ pub enum GhostTask {
     PutBack {
         sources: Vec<Arc<Source>>,
         verdicts: Verdicts,
-        parts: Parts,
         output: PathBuf,
     },
 }
@@ -114,7 +113,6 @@ pub enum GhostOutcome {
     Looked(Result<Option<Box<Seen>>, String>),
     PutBack {
         output: PathBuf,
-        parts: Parts,
         /// Warnings.
         result: Result<Option<Vec<String>>, String>,
     },
@@ -135,12 +133,12 @@ impl GhostWork {
                     Ok(looked.map(|looked| Box::new(Seen::new(looked, ids, sources))))
                 }))
             }
-            GhostTask::PutBack { sources, verdicts, parts, output } => {
-                let result = ghosts::write(&sources, &verdicts, &output, parts, memory, &progress);
+            GhostTask::PutBack { sources, verdicts, output } => {
+                let result = ghosts::write(&sources, &verdicts, &output, true, memory, &progress);
                 let result = result.map_err(|error| format!("{error:#}"));
                 // Whoever waits for the end of the work waits for the file to be gone, or whole.
                 drop(progress);
-                GhostOutcome::PutBack { output, parts, result }
+                GhostOutcome::PutBack { output, result }
             }
         }
     }

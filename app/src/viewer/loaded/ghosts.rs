@@ -9,9 +9,9 @@ use ghost::{Found, Kind, Suspect};
 use scene::{Filter, Mirror, Object, shown};
 use serde_json::json;
 
-use crate::shared::ghosts::{Parts, run_ends, runs};
+use crate::shared::ghosts::{KIND, MIRROR, PROBABILITY, run_ends, runs};
 use crate::shared::numbers::{grouped, parse_place};
-use crate::viewer::jobs::ghosts::{GhostOutcome, GhostTask, GhostWork, Seen, Verdict};
+use crate::viewer::jobs::ghosts::{Decision, GhostOutcome, GhostTask, GhostWork, Seen};
 use crate::viewer::loaded::comparing::color_by;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::Objects;
@@ -21,8 +21,6 @@ use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::{Effect, whole};
 use crate::viewer::requests::work::Work;
 
-/// The attributes of verdicts: 0 real, 1 ghost, 2 undecided; the number of the mirror; how probable a ghost is.
-pub const TOLD: [&str; 3] = ["ghost", "ghost_mirror", "ghost_probability"];
 /// Just below the probability from which on points are ghosts.
 const BELOW_GHOSTS: f64 = ghost::GHOST_FROM - 1e-4;
 
@@ -36,9 +34,9 @@ impl Loaded {
             Ghosting::Stop => return self.ghosts.under_way.iter().for_each(|progress| progress.cancel()),
             Ghosting::Accept(mirror) => return self.accept(mirror, beside),
             Ghosting::Refuse(mirror) => {
-                if let Some(verdict) = self.ghosts.seen.as_mut().and_then(|seen| seen.verdicts.get_mut(mirror)) {
-                    *verdict = Verdict::Refused;
-                    self.put_told(beside);
+                if let Some(decision) = self.ghosts.seen.as_mut().and_then(|seen| seen.decisions.get_mut(mirror)) {
+                    *decision = Decision::Refused;
+                    self.put_verdicts(beside);
                 }
                 return;
             }
@@ -112,9 +110,9 @@ impl Loaded {
         beside.scene.place(id, Object::Mirror(object), beside.outside);
         // There may be no room for more mirrors.
         if beside.scene.objects.mirror(id).is_some() {
-            let before = std::mem::replace(&mut seen.verdicts[mirror], Verdict::Accepted(id));
-            if before == Verdict::Refused {
-                self.put_told(beside);
+            let before = std::mem::replace(&mut seen.decisions[mirror], Decision::Accepted(id));
+            if before == Decision::Refused {
+                self.put_verdicts(beside);
             }
         }
     }
@@ -126,7 +124,6 @@ impl Loaded {
             return Err("There are no ghosts of accepted mirrors to put back; accept a mirror first".into());
         }
         let is_streamed = self.clouds.iter().any(|entry| entry.is_visible && entry.streamed.is_some());
-        let parts = if is_streamed { Parts::Both } else { Parts::PutBack };
         let output = match self.ghosts.draft.output.trim() {
             "" => {
                 let name = self.clouds.first().map_or_else(String::new, |entry| picture_name(&entry.input));
@@ -140,7 +137,7 @@ impl Loaded {
         if output.symlink_metadata().is_ok() {
             return Err(format!("{}: a file of this name is there; it is not replaced", shown(&output)));
         }
-        Ok(GhostTask::PutBack { sources: seen.sources.clone(), verdicts, parts, output })
+        Ok(GhostTask::PutBack { sources: seen.sources.clone(), verdicts, output })
     }
 
     pub fn on_ghosts(&mut self, outcome: GhostOutcome, beside: &mut Beside<'_>) {
@@ -157,10 +154,10 @@ impl Loaded {
                 }));
                 beside.outside.note(format!("{mirrors} mirrors, {} ghosts", grouped(ghosts)));
                 self.ghosts.seen = Some(*seen);
-                self.put_told(beside);
+                self.put_verdicts(beside);
             }
             GhostOutcome::Looked(Ok(None)) => beside.outside.note("Ghosts are not looked for any more"),
-            GhostOutcome::PutBack { output, parts, result: Ok(Some(warnings)) } => {
+            GhostOutcome::PutBack { output, result: Ok(Some(warnings)) } => {
                 warnings.into_iter().for_each(|warning| beside.outside.warning(warning));
                 let request = world::resolve(&[&output]);
                 if let Err(error) = request.check() {
@@ -169,11 +166,11 @@ impl Loaded {
                 beside.outside.log(json!({ "event": "put_back", "path": output }));
                 beside.outside.note(format!("Ghosts put back: {}", whole(&output)));
                 beside.outside.push(Effect::Load { inputs: request.inputs });
-                if parts == Parts::Both {
-                    let streamed = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.key);
-                    let keys: Vec<_> = streamed.collect();
-                    keys.into_iter().for_each(|key| self.set_visible(key, false, beside));
-                }
+                let shown: Vec<_> =
+                    self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.key).collect();
+                shown.into_iter().for_each(|key| self.set_visible(key, false, beside));
+                // A ghost that was put back is not shown behind its mirror, too.
+                hide(true, beside);
             }
             GhostOutcome::PutBack { output, result: Ok(None), .. } => {
                 beside.outside.note(format!("Not put back: {}", shown(&output)));
@@ -185,7 +182,7 @@ impl Loaded {
     }
 
     /// Makes the verdicts by all mirrors that are not refused attributes of the clouds in memory, and colours by it.
-    fn put_told(&mut self, beside: &mut Beside<'_>) {
+    fn put_verdicts(&mut self, beside: &mut Beside<'_>) {
         let Some(seen) = &mut self.ghosts.seen else { return };
         let verdicts = seen.verdicts();
         seen.counts = [Kind::Ghost, Kind::Undecided].map(|kind| verdicts.count(kind));
@@ -209,7 +206,7 @@ impl Loaded {
             lists.push((entry.key, values.map(|value| runs(&verdicts, file, ends(), value))));
         }
         for (key, lists) in lists {
-            if let Some(name) = self.put_values(key, &TOLD, lists.into(), beside) {
+            if let Some(name) = self.put_values(key, &[KIND, MIRROR, PROBABILITY], lists.into(), beside) {
                 color_by(&name, beside);
             }
         }
@@ -218,7 +215,7 @@ impl Loaded {
 
 /// Whether the scene has a mirror that was accepted.
 pub fn is_accepted(seen: &Seen, mirror: usize, objects: &Objects) -> bool {
-    matches!(seen.verdicts[mirror], Verdict::Accepted(id) if objects.mirror(id).is_some())
+    matches!(seen.decisions[mirror], Decision::Accepted(id) if objects.mirror(id).is_some())
 }
 
 /// Whether the filter of `hide` is there.
@@ -227,7 +224,7 @@ pub fn are_hidden(filters: &[Filter]) -> bool {
 }
 
 fn is_hiding(filter: &Filter) -> bool {
-    filter.attribute == TOLD[2]
+    filter.attribute == PROBABILITY
 }
 
 /// Hides ghosts by a filter, or shows them again. What is undecided stays.
@@ -235,7 +232,7 @@ fn hide(hides: bool, beside: &mut Beside<'_>) {
     let filters = &mut beside.scene.objects.visibility.filters;
     filters.retain(|filter| !is_hiding(filter));
     if hides {
-        filters.push(Filter { attribute: TOLD[2].to_owned(), low: f64::NEG_INFINITY, high: BELOW_GHOSTS });
+        filters.push(Filter { attribute: PROBABILITY.to_owned(), low: f64::NEG_INFINITY, high: BELOW_GHOSTS });
     }
     beside.scene.navigation.camera_moved(beside.outside.now);
 }
@@ -363,9 +360,9 @@ mod tests {
         let opens = |effect: &Effect| matches!(effect, Effect::Load { .. });
         assert!(session.outside.effects.iter().any(opens), "{}", said(&session));
         let written = codec::open(&folder.path().join("back.laz")).unwrap();
-        assert_eq!(written.info().points, ghosts);
-        let bounds = written.info().bounds.unwrap();
-        assert!(bounds.max.y < 5.97, "before the mirror: {bounds:?}");
+        assert_eq!(written.info().points, all + ghosts);
+        assert!(!session.loaded.clouds[0].is_visible, "the new file is shown in place of the scan");
+        assert!(are_hidden(&session.scene.objects.visibility.filters), "a ghost is shown once, where it is");
         assert!(step(&mut session, Ghosting::PutBack).is_none(), "a file that is there is not replaced");
     }
 

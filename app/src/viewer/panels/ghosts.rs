@@ -2,7 +2,7 @@
 
 use egui::{RichText, Ui};
 
-use crate::viewer::jobs::ghosts::{Seen, Verdict};
+use crate::viewer::jobs::ghosts::{Decision, Seen};
 use crate::viewer::loaded::ghosts::{are_hidden, is_accepted};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
@@ -69,7 +69,7 @@ fn results(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action
             ui.horizontal(|ui| {
                 let kind = if found.reflector.is_open { "pane" } else { mirror.shape.name() };
                 ui.label(format!("{number}  {kind}")).on_hover_text(format!("at {:.3}", mirror.position));
-                verdict(ui, session, seen, index, actions);
+                decision(ui, session, seen, index, actions);
             });
             let (points, residual) = seen.figures[index];
             let residual = residual.map_or(String::new(), |residual| format!(", {residual:.4} from surfaces"));
@@ -86,7 +86,7 @@ fn results(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action
     });
 }
 
-fn verdict(ui: &mut Ui, session: &Session, seen: &Seen, index: usize, actions: &mut Vec<Action>) {
+fn decision(ui: &mut Ui, session: &Session, seen: &Seen, index: usize, actions: &mut Vec<Action>) {
     let number = index + 1;
     if is_accepted(seen, index, &session.scene.objects) {
         ui.label(RichText::new("in the scene").color(theme::ACCENT));
@@ -99,7 +99,7 @@ fn verdict(ui: &mut Ui, session: &Session, seen: &Seen, index: usize, actions: &
         }
     };
     button("Accept", "Makes it a mirror of the scene; undo takes it out again", Ghosting::Accept(index));
-    if seen.verdicts[index] == Verdict::Refused {
+    if seen.decisions[index] == Decision::Refused {
         ui.label(RichText::new("refused").color(theme::WEAK));
     } else {
         button("Refuse", "What was seen in it counts as real points", Ghosting::Refuse(index));
@@ -109,13 +109,13 @@ fn verdict(ui: &mut Ui, session: &Session, seen: &Seen, index: usize, actions: &
 fn put_back(ui: &mut Ui, session: &Session, seen: &Seen, output: &mut String, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         let label = name_label(ui, "New file");
-        let help = "Ghosts of accepted mirrors are written to this file, at the places that were seen, and it is opened. Of \
-                    streamed clouds it also has all other points, and is opened in their place";
+        let help = "All points and, at the places that were seen, the ghosts of accepted mirrors are written to this file, \
+                    which is opened in place of the scan";
         let field = egui::TextEdit::singleline(output).hint_text("glint-…-put-back-1.laz").desired_width(180.0);
         ui.add(field).labelled_by(label.id).on_hover_text(help);
     });
     let is_able = session.loaded.ghosts.under_way.is_none()
-        && (0..seen.verdicts.len()).any(|mirror| is_accepted(seen, mirror, &session.scene.objects));
+        && (0..seen.decisions.len()).any(|mirror| is_accepted(seen, mirror, &session.scene.objects));
     let button = ui.add_enabled(is_able, egui::Button::new("Put back"));
     if button.on_disabled_hover_text("Accept a mirror first").clicked() {
         actions.push(Action::Ghosts(Ghosting::PutBack));
