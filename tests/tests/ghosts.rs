@@ -1,5 +1,6 @@
 //! `glint study scan` and `glint ghosts`: scans with mirrors, of which the truth is known.
 
+use exr::prelude::read_first_flat_layer_from_file;
 use tests::Folder;
 
 const MIRROR: &str = r#"
@@ -79,6 +80,121 @@ fn ghosts_keep_order_and_attributes_and_are_put_back_where_they_are() {
     assert!(left.iter().all(|name| !name.contains("put-back") && !name.ends_with(".ptx")), "{left:?}");
 }
 
+/// A mirror that shows, from the station at (2.9, 2.6, 1.55), more than one wall.
+const BALL: &str = r#"
+[[mirrors]]
+name = "ball"
+shape = "sphere"
+position = [4.4, 3.9, 1.0]
+size = 0.4
+"#;
+
+/// The lengths of the way from the station over a mirror to what it shows, in metres, row by row; NaN elsewhere.
+fn lengths(folder: &Folder, station: [f64; 3]) -> Vec<f64> {
+    let images = ["position", "mirror_position"].map(|name| {
+        let path = folder.path(&format!("{name}.exr"));
+        let channels = read_first_flat_layer_from_file(path).expect("a float image").layer_data.channel_data.list;
+        ["X", "Y", "Z"].map(|name| {
+            let channel = channels.iter().find(|channel| channel.name.eq(name)).expect("its channel");
+            channel.sample_data.values_as_f32().map(f64::from).collect::<Vec<_>>()
+        })
+    });
+    let [mirror, shown] = &images;
+    let apart = |one: [f64; 3], other: [f64; 3]| {
+        one.iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum::<f64>().sqrt()
+    };
+    let at = |image: &[Vec<f64>; 3], pixel: usize| [0, 1, 2].map(|axis: usize| image[axis][pixel]);
+    (0..mirror[0].len())
+        .map(|pixel| apart(station, at(mirror, pixel)) + apart(at(mirror, pixel), at(shown, pixel)))
+        .collect()
+}
+
+/// The differences in metres, in order, between the ranges of a made scan's ghosts, which are seen from the eye on the
+/// way to the pivot, and the lengths of the way in a picture of the scan's other points with the mirror.
+fn range_differences(mirror: &str, pivot: [f64; 3], noise: &str) -> Option<Vec<f64>> {
+    const SIZE: usize = 400;
+    let station = [2.9, 2.6, 1.55];
+    let folder = Folder::new();
+    folder.write("mirror.toml", mirror);
+    let scan = ["study", "scan", "tripod/room", "--scene", "mirror.toml", "-o", "scan.laz", "--rays", "400000"];
+    let outcome = folder.glint(scan.iter().chain(&["--noise", noise]));
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    assert_eq!(folder.glint(["export", "scan.laz", "-o", "scan.csv"]).status, Some(0));
+    let scene = format!(
+        "clouds = [\"scan.laz\"]\n{mirror}\n[camera]\neye = {station:?}\npivot = {pivot:?}\nup = [0.0, 0.0, 1.0]\n\
+         [visibility]\nfilters = [{{ attribute = \"true_ghost\", low = 0.0, high = 0.5 }}]\n"
+    );
+    folder.write("scene.toml", &scene);
+    let images = ["--aov", "position=position.exr", "--aov", "mirror_position=mirror_position.exr"];
+    let size = format!("{SIZE}x{SIZE}");
+    let render = ["render", "scene.toml", "-o", "a.png", "--method", "surfel_trace", "--size", &size];
+    let outcome = folder.glint(render.iter().chain(&images).chain(&["--set", "view.field_of_view=40"]));
+    if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+        println!("skipped: no adapter: {}", outcome.messages.trim());
+        return None;
+    }
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let lengths = lengths(&folder, station);
+
+    let minus = |one: [f64; 3], other: [f64; 3]| [0, 1, 2].map(|axis: usize| one[axis] - other[axis]);
+    let dot = |one: [f64; 3], other: [f64; 3]| one.iter().zip(other).map(|(one, other)| one * other).sum::<f64>();
+    let unit = |vector: [f64; 3]| vector.map(|value| value / dot(vector, vector).sqrt());
+    let cross =
+        |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let forward = unit(minus(pivot, station));
+    let right = unit(cross(forward, [0.0, 0.0, 1.0]));
+    let down = cross(forward, right);
+    let scale = SIZE as f64 / 2.0 / 20f64.to_radians().tan();
+    let (names, points) = table(&folder, "scan.csv");
+    let at = |name: &str| names.iter().position(|other| other == name).unwrap();
+    let [x, y, z, is_ghost] = ["x", "y", "z", "true_ghost"].map(at);
+    let mut differences: Vec<f64> = points
+        .iter()
+        .filter(|point| point[is_ghost] == 1.0)
+        .filter_map(|point| {
+            let way = minus([point[x], point[y], point[z]], station);
+            let ahead = dot(way, forward);
+            let place = [right, down].map(|axis| SIZE as f64 / 2.0 + scale * dot(way, axis) / ahead - 0.5);
+            let inside = ahead > 0.0 && place.iter().all(|at| (0.0..(SIZE - 1) as f64).contains(at));
+            let ([column, row], [u, v]) = (place.map(|at| at.max(0.0) as usize), place.map(f64::fract));
+            let near = |dx, dy| lengths.get((row + dy) * SIZE + column + dx).copied().unwrap_or(f64::NAN);
+            let corners = [near(0, 0), near(1, 0), near(0, 1), near(1, 1)];
+            // The way is as long as it is between pixels only where all four show one surface.
+            let bent = (corners[0] + corners[3] - corners[1] - corners[2]).abs();
+            let between =
+                (1.0 - v) * ((1.0 - u) * corners[0] + u * corners[1]) + v * ((1.0 - u) * corners[2] + u * corners[3]);
+            (inside && bent < 0.005).then(|| (dot(way, way).sqrt() - between).abs())
+        })
+        .collect();
+    differences.sort_by(f64::total_cmp);
+    Some(differences)
+}
+
+/// The median and the 95th percentile of `range_differences` in millimetres, for a plane and a ball.
+fn loop_errors(noise: &str) -> Option<Vec<[f64; 2]>> {
+    let cases = [("plane", MIRROR, [3.4, 5.96, 1.6]), ("ball", BALL, [4.4, 3.9, 1.0])];
+    let errors = cases.map(|(name, mirror, pivot)| {
+        let differences = range_differences(mirror, pivot, noise)?;
+        assert!(differences.len() > 500, "{name}");
+        let errors = [0.5, 0.95].map(|share| 1000.0 * differences[(share * (differences.len() - 1) as f64) as usize]);
+        println!("{name}, noise of {noise} m: {} ghosts, median and 95 %, mm: {errors:.2?}", differences.len());
+        Some(errors)
+    });
+    errors.into_iter().collect()
+}
+
+#[test]
+fn pictures_with_a_mirror_show_the_ranges_that_the_scanner_wrote_down() {
+    let errors = loop_errors("0").unwrap_or_default();
+    assert!(errors.iter().all(|[median, most]| *median < 0.5 && *most < 2.0), "{errors:?}");
+}
+
+#[test]
+#[ignore = "prints figures of docs/ghosts.md"]
+fn pictures_of_noisy_scans_show_the_ranges_that_the_scanner_wrote_down() {
+    loop_errors("0.002");
+}
+
 #[test]
 fn stations_come_from_the_file_where_it_has_them() {
     let stations = ["--station", "2.9,2.6,1.55", "--station", "6.9,5.1,1.55"];
@@ -119,6 +235,9 @@ fn what_is_missing_is_named() {
     fails(&[&station[..], &["--put-back"]].concat(), "--put-back: name the file");
     fails(&[&station[..], &["-o", "scan.txt"]].concat(), "the name must end in");
     fails(&[&station[..], &["-o", "scan.ply"]].concat(), "a file of this name is there");
+    let outcome = folder.glint(["ghosts", "tripod/room", "--station", "2.9,2.6,1.55"]);
+    let expected = "this command reads files; `glint study scan tripod/room -o scan.laz` writes one";
+    assert!(outcome.status == Some(2) && outcome.messages.contains(expected), "{outcome}");
     let outcome = folder.glint(["study", "scan", "five-mirrors/sphere", "-o", "other.laz"]);
     assert!(outcome.status == Some(2) && outcome.messages.contains("no made scan"), "{outcome}");
 }

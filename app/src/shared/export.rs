@@ -7,21 +7,22 @@ use std::sync::Arc;
 use cloud::{Chunk, Orientation, PointTest, Progress, RadiusRule, SurfelOptions, stray_kind};
 use codec::{Added, ExportFormat, Exported, Runs, Source, Wanted};
 use glam::Vec3;
+use scene::five_mirrors::Variant;
 use scene::{CloudSettings, Settings, Strays, SurfaceRadii, shown};
 use world::{Input, Request, half_of};
 
 use crate::system::terminal::Few;
 
-/// The memory in bytes that a point takes while it is told which points are stray: its place and columns as they are
-/// read, another place among those that are shown, and what the search for neighbours needs.
+/// The memory in bytes that a point takes while strays are looked for: its place and columns as they are read, another
+/// place among those that are shown, and what the search for neighbours needs.
 const BYTES_A_POINT: u64 = 64;
 
-/// The points of the files of one cloud that are hidden because of what `stray_kind` tells of them, by the settings or by
-/// filters of `cloud::STRAY`: for each file their indices in it, ascending. Strays are told as in pictures: among the points of all its files that classes and filters show. `None`
-/// when cancelled.
+/// The points of the files of one cloud that are hidden because of their `stray_kind`, by the settings or by filters of
+/// `cloud::STRAY`: for each file their indices in it, ascending. Strays are found as in pictures: among the points of all
+/// its files that classes and filters show. `None` when cancelled.
 ///
 /// # Errors
-/// A file that cannot be read, or too many points to be told.
+/// A file that cannot be read, or more points than memory allows.
 pub fn strays(
     sources: &[Arc<Source>],
     test: &PointTest,
@@ -39,7 +40,7 @@ pub fn strays(
     let points: u64 = sources.iter().map(|source| source.info().points).sum();
     if let Some(first) = sources.first().filter(|_| points > most) {
         return Err(format!(
-            "{}: it cannot be told which of {points} points are stray, as at most {most} fit into stream.host_bytes = {}; \
+            "{}: it cannot be said which of {points} points are stray, as at most {most} fit into stream.host_bytes = {}; \
              raise it, or keep stray points with --set splat.strays=faded and without a filter of `stray`",
             shown(&first.info().path),
             settings.stream.host_bytes
@@ -85,8 +86,13 @@ pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<Sou
     let mut inputs = Vec::new();
     for input in &request.inputs {
         match input {
-            Input::BuiltIn { .. } => {
-                failed.complain(&format!("{}: a built-in scene; this command reads files", input.name()));
+            Input::BuiltIn { variant, .. } => {
+                let name = input.name();
+                let scan = match variant {
+                    Variant::Tripod(_) => format!("; `glint study scan {name} -o scan.laz` writes one"),
+                    _ => String::new(),
+                };
+                failed.complain(&format!("{name}: a built-in scene; this command reads files{scan}"));
             }
             Input::Unknown { error, .. } => failed.complain(error),
             Input::File(_) | Input::Tiles { .. } => {}
@@ -173,7 +179,7 @@ mod tests {
         settings.splat.strays = Strays::Hidden;
         let refused = of(&settings).unwrap_err();
         assert!(
-            refused.contains("it cannot be told which of 40 points are stray, as at most 39 fit into"),
+            refused.contains("it cannot be said which of 40 points are stray, as at most 39 fit into"),
             "{refused}"
         );
         settings.stream.host_bytes.0 += 2 * BYTES_A_POINT;
