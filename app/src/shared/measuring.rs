@@ -455,13 +455,13 @@ mod tests {
     }
 
     /// How many of the points and of the distances lie within their intervals.
-    fn held(scan: Tripod) -> [usize; 2] {
-        let (cloud, points) = scanned(scan, RAYS, 1);
+    fn held(scan: Tripod, seed: u64) -> [usize; 2] {
+        let (cloud, points) = scanned(scan, RAYS, seed);
         // With another number of rays, their rows are elsewhere.
-        let (_, meant) = scanned(scan, RAYS * 2 / 7, 2);
+        let (_, meant) = scanned(scan, RAYS * 2 / 7, seed + 1);
         let bounds: Vec<Bounds> = cloud.chunks.iter().map(cloud::Chunk::bounds).collect();
         // A person means a place on the surface, and clicks snap to the nearest point.
-        let mut random = cloud::Random(5);
+        let mut random = cloud::Random(seed + 4);
         let mut pick = || {
             let [_, place, _] = meant[random.below(meant.len() as u64) as usize];
             let near = points.iter().min_by(|a, b| a[0].distance(place).total_cmp(&b[0].distance(place)));
@@ -484,13 +484,23 @@ mod tests {
     #[test]
     fn intervals_hold_the_exact_points_and_distances_of_made_scans_in_95_of_100_cases() {
         let scans = [Tripod::Mixed, Tripod::Four, Tripod::Hall40, Tripod::Street, Tripod::Church];
-        let held = scans.map(held);
+        let held = scans.map(|scan| held(scan, 1));
         println!("held of {MEASURED} points and distances: {held:?}");
         for which in 0..2 {
             let share = |count: usize, of: usize| count as f64 / (of * MEASURED) as f64;
             let all = share(held.iter().map(|held| held[which]).sum(), held.len());
             assert!((0.93..=0.97).contains(&all), "{which}: {all} of {held:?}");
             assert!(held.iter().all(|held| share(held[which], 1) > 0.9), "{which}: {held:?}");
+        }
+    }
+
+    /// The spacing's part of a distance was fitted to the scans of the test above.
+    #[test]
+    #[ignore = "takes a minute: prints the figures of docs/scenes.md of scans that nothing was fitted to"]
+    fn intervals_hold_for_other_seeds_and_scans() {
+        for scan in [Tripod::Hall, Tripod::Mixed, Tripod::Four, Tripod::Hall40, Tripod::Street, Tripod::Church] {
+            let held = [11, 21, 31].map(|seed| held(scan, seed));
+            println!("{scan:?}: held of {MEASURED} points and distances: {held:?}");
         }
     }
 }
