@@ -90,6 +90,7 @@ impl PathPrompt {
             Purpose::SavePoints => {
                 ("Save the points that are shown", ".laz, .las, .copc.laz, .e57, .ply or .csv; Enter saves, Esc closes")
             }
+            Purpose::Open => ("Open a file or an address", "Tab completes, Enter opens, Esc closes"),
             _ => ("Open a file", "Tab completes, Enter opens, Esc closes"),
         };
         egui::Window::new(title)
@@ -121,7 +122,10 @@ impl PathPrompt {
             let id = ui.scope_id().with("path");
             let field = egui::TextEdit::singleline(&mut self.text)
                 .id(id)
-                .hint_text("/folder/scan.laz")
+                .hint_text(match self.purpose {
+                    Purpose::Open => "/folder/scan.laz or https://host/scan.copc.laz",
+                    _ => "/folder/scan.laz",
+                })
                 .desired_width(400.0)
                 .lock_focus(true);
             let response = ui.add(field).labelled_by(label.id);
