@@ -145,7 +145,7 @@ fn hidden_strays_are_not_exported() {
     let outcome = folder.glint(["export", "stray.toml", "-o", "i.laz", "--set", "surface.radii=full"]);
     assert_eq!(outcome.status, Some(2), "{outcome}");
     assert!(
-        outcome.messages.contains("no attribute `stray` to filter by; surface.radii = spread tells it"),
+        outcome.messages.contains("no attribute `stray` to filter by; surface.radii = spread finds it"),
         "{outcome}"
     );
 }

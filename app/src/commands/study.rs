@@ -36,7 +36,7 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
         return list();
     }
     let (Some(name), Some(output)) = (&arguments.plan, &arguments.output) else {
-        return Err(usage("study: a plan and -o DIR are missing; `glint study --list` tells the built-in plans"));
+        return Err(usage("study: a plan and -o DIR are missing; `glint study --list` lists the built-in plans"));
     };
     let plan = changed(plan(name)?, arguments)?;
     runner::check_scenes(&plan, &Inputs)?;
@@ -71,7 +71,7 @@ fn status(folder: &Folder, failed: usize) -> u8 {
     if failed > 0 {
         let table = folder.path.join("results.csv");
         let table = scene::shown(table);
-        complain(&format!("settings that failed: {failed}; {table} tells why; run it again to try them again"));
+        complain(&format!("settings that failed: {failed}; {table} says why; run it again to try them again"));
     }
     u8::from(failed > 0)
 }

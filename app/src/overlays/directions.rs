@@ -15,7 +15,7 @@ const AXES: [(&str, DVec3, Color32); 3] = [
 /// The shortest arrow, relative to one across the line of sight; a shorter one would point nowhere.
 const SHORTEST: f64 = 0.15;
 
-/// The direction of grid north, if the file tells a coordinate system that has one: on the map, y points north.
+/// The direction of grid north, if the file names a coordinate system that has one: on the map, y points north.
 pub fn north(units: &Units, up: DVec3) -> Option<DVec3> {
     (units.level.is_some() && up.z > 0.9).then_some(DVec3::Y)
 }

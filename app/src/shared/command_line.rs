@@ -30,7 +30,7 @@ pub struct CommandLine {
     pub command: Option<Command>,
     #[command(flatten)]
     pub view: ViewArguments,
-    /// Names of the columns of tables, where the first line does not tell them: x,y,z,intensity,r,g,b; skip leaves one out
+    /// Names of the columns of tables, where the first line does not name them: x,y,z,intensity,r,g,b; skip leaves one out
     #[arg(long, global = true, value_name = "NAMES", value_delimiter = ',')]
     pub columns: Vec<String>,
     /// Value of the header Authorization for addresses that are typed, such as `Bearer ...`
@@ -42,7 +42,7 @@ pub struct CommandLine {
 pub enum Command {
     /// Open the viewer; the same as without a command
     View(ViewArguments),
-    /// Tell what files hold: format, points, extent, attributes, coordinate system
+    /// List what files hold: format, points, extent, attributes, coordinate system
     Info(InfoArguments),
     /// Write the picture the viewer would show
     Render(RenderArguments),
@@ -62,13 +62,13 @@ pub enum Command {
     Profile(ProfileArguments),
     /// Write the points that a scene shows to a new file, with all attributes: LAS, LAZ, COPC, E57, PLY or a table
     Export(ExportArguments),
-    /// Tell the measurements that a scene file keeps: values, units, uncertainty
+    /// Print the measurements that a scene file keeps: values, units, uncertainty
     Measure(MeasureArguments),
     /// Measure how far the points of a cloud are from another cloud
     Compare(CompareArguments),
     /// Find points that a scanner saw in mirrors and panes, and put them back
     Ghosts(GhostsArguments),
-    /// Tell which adapter and display will be used, and why
+    /// Say which adapter and display will be used, and why
     Doctor(DoctorArguments),
 }
 
@@ -572,7 +572,7 @@ pub fn brief(mut error: clap::Error) -> String {
     let problem = paragraphs.next().unwrap_or_default();
     let problem = problem.strip_prefix("error: ").unwrap_or(&problem).to_owned();
     let tip = paragraphs.find_map(|line| line.strip_prefix("tip: ").map(str::to_owned));
-    format!("{problem}; {}", tip.unwrap_or_else(|| "--help tells what there is".into()))
+    format!("{problem}; {}", tip.unwrap_or_else(|| "--help lists what there is".into()))
 }
 
 /// Quotes a word for a POSIX shell, in single quotes unless all its characters are plain.
@@ -634,10 +634,10 @@ mod tests {
     #[test]
     fn words_that_are_quoted_are_escaped() {
         let evil = "--\u{1b}[31mx\nglint: done\u{7}";
-        let told = message(&["glint", "info", "a.laz", evil]);
-        assert!(told.contains(r"--\u{1b}[31mx\nglint: done\u{7}"), "{told}");
-        let told = message(&["glint", "render", "a.laz", "-o", "a.png", "--size", "8\u{202e}\nx"]);
-        assert!(told.contains(r"8\u{202e}\nx"), "{told}");
+        let text = message(&["glint", "info", "a.laz", evil]);
+        assert!(text.contains(r"--\u{1b}[31mx\nglint: done\u{7}"), "{text}");
+        let text = message(&["glint", "render", "a.laz", "-o", "a.png", "--size", "8\u{202e}\nx"]);
+        assert!(text.contains(r"8\u{202e}\nx"), "{text}");
     }
 
     #[test]

@@ -76,7 +76,7 @@ fn texts_of_the_test_data_are_as_the_manifest_says() {
         assert_eq!(summary.warnings.len(), usize::from(name == "complex-transform.ptx"), "{name}: {summary:?}");
     }
     let refused = codec::open(&data("badheader.txt").unwrap()).err().unwrap().to_string();
-    assert!(refused.contains("the columns x, y, x have x twice; --columns tells which they are"), "{refused}");
+    assert!(refused.contains("the columns x, y, x have x twice; --columns names them"), "{refused}");
     assert!(codec::open(&data("wrench.vpc").unwrap()).is_err());
 }
 
@@ -160,7 +160,7 @@ fn columns_are_told_by_names_separators_and_values() {
     assert_eq!(colors(&shares)[0], [26, 128, 255]);
     let unsure = open("1 2 3 4 5\n4 5 6 7 8\n").unwrap().remove(0);
     let warning = &unsure.info().warnings[0];
-    assert!(warning.contains("taken for x,y,z,column_4,column_5; --columns tells others"), "{warning}");
+    assert!(warning.contains("taken for x,y,z,column_4,column_5; --columns names others"), "{warning}");
 }
 
 #[test]

@@ -14,7 +14,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     #[error(
-        "no graphics adapter{wanted}; install a Vulkan driver (Debian, Ubuntu: mesa-vulkan-drivers also runs without a GPU), `glint doctor` tells what is found"
+        "no graphics adapter{wanted}; install a Vulkan driver (Debian, Ubuntu: mesa-vulkan-drivers also runs without a GPU), `glint doctor` lists what is found"
     )]
     NoAdapter { wanted: String },
     #[error("{adapter}: {problem}")]

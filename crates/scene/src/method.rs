@@ -64,11 +64,11 @@ methods! {
         Everything, None, [];
     SurfelTrace = "surfel_trace", "Reflected rays traced through the points as discs, on the GPU", Everything, None, [];
     CubemapTrace = "cubemap_trace",
-        "Reflected rays walk through pictures of depths around each mirror; what they cannot tell is traced",
+        "Reflected rays walk through pictures of depths around each mirror; what they do not show is traced",
         Everything, Some("cubemap_trace"),
         [("cubemap_trace.size", "128"), ("cubemap_trace.maps", "1"), ("cubemap_trace.rest", "none")];
     ScreenTrace = "screen_trace",
-        "Reflected rays walk through the depths of the camera's picture; what it cannot tell is traced",
+        "Reflected rays walk through the depths of the camera's picture; what it does not show is traced",
         Everything, Some("screen_trace"), [("screen_trace.rest", "none")];
     SampleCameras = "sample_cameras",
         "Bundles of reflected rays, fitted to squares of the mirror's picture, project each point",

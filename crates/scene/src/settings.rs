@@ -194,7 +194,7 @@ params! {
         back_faces: bool = true => affects(surface found) not(kept);
         /// One point in so many is drawn of those that the camera sees, and each larger; mirrors and light still see all points.
         step: u32 = 1, 1..=64, "points" => affects(surface found);
-        /// Stray points and mixed pixels, which surface.radii = spread tells when a cloud is read: faded to dots of splat.min_pixels that no ray meets, or hidden.
+        /// Stray points and mixed pixels, which surface.radii = spread finds when a cloud is read: faded to dots of splat.min_pixels that no ray meets, or hidden.
         strays: Strays = Strays::Faded;
         /// Width of the atomics; auto takes 64 bits where the adapter has them.
         atomics: Atomics = Atomics::Auto;
@@ -336,7 +336,7 @@ params! {
         samples: u32 = 1, 1..=256, "rays";
         /// Keep the reflected points while camera, points, mirrors and parameters stand still, and only shade them anew.
         keep: bool = true => affects() not(swept);
-        /// What is shown instead of the picture: uncertain marks reflections that are not to be trusted, the others tell how a method comes to its result; light.show comes first.
+        /// What is shown instead of the picture: uncertain marks reflections that are not to be trusted, the others show how a method comes to its result; light.show comes first.
         show: Show = Show::Picture => affects(view);
         /// World position of the point whose error reflection.show = error shows, as in 0.5, -1, 2; the window takes the point picked last. Without one it is the point that the camera turns around.
         point: String = String::new() => affects(view) not(kept);
@@ -416,7 +416,7 @@ params! {
 
     /// Screen-space tracing: rays walk through the camera's picture (after Johnsson 2012).
     pub struct ScreenTrace = "screen_trace" in "Reflections" => affects(found) {
-        /// What a ray meets: plane takes each pixel for a plane, and says what it cannot tell; the others are published, and go by depth alone: whatever the ray is behind, by up to a thickness, or before the layer behind, which screen_trace.back must ask for.
+        /// What a ray meets: plane takes each pixel for a plane, and says what it cannot decide; the others are published, and go by depth alone: whatever the ray is behind, by up to a thickness, or before the layer behind, which screen_trace.back must ask for.
         criterion: ScreenCriterion = ScreenCriterion::Plane;
         /// How thick every surface is taken to be where screen_trace.criterion = thickness: too much draws streaks, too little leaves holes.
         thickness: f32 = 0.05, 0.001..=10.0, "scene radii";

@@ -29,7 +29,7 @@ impl Offer {
 /// Says why no strays are shown where colours ask for them.
 pub fn stray_warning(settings: &Settings) -> Option<String> {
     let is_told = settings.surface.radii == SurfaceRadii::Spread;
-    let warning = || "color.by = stray: only surface.radii = spread tells strays, so all points are shown on a surface";
+    let warning = || "color.by = stray: only surface.radii = spread finds strays, so all points are shown on a surface";
     (settings.color.by == ColorBy::Stray && !is_told).then(|| warning().into())
 }
 
@@ -48,7 +48,7 @@ pub fn check_filters(test: &PointTest, clouds: &[Offer]) -> Result<Vec<String>> 
         let lacking: Vec<&Offer> = clouds.iter().filter(lacks).collect();
         if lacking.len() == clouds.len() {
             let hint = param::instead(name, names(clouds).into_iter());
-            let hint = if name == STRAY { "surface.radii = spread tells it".into() } else { hint };
+            let hint = if name == STRAY { "surface.radii = spread finds it".into() } else { hint };
             return Err(Error::NoFilter(format!("{}: no attribute `{name}` to filter by; {hint}", all_of(clouds))));
         }
         let warning =
@@ -147,7 +147,7 @@ mod tests {
         };
         assert!(check_filters(&filtering(STRAY), &offer(SurfaceRadii::Spread)).unwrap().is_empty());
         let refused = check_filters(&filtering(STRAY), &offer(SurfaceRadii::Full)).unwrap_err().to_string();
-        assert_eq!(refused, "a.las: no attribute `stray` to filter by; surface.radii = spread tells it");
+        assert_eq!(refused, "a.las: no attribute `stray` to filter by; surface.radii = spread finds it");
     }
 
     #[test]

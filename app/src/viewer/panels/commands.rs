@@ -128,7 +128,7 @@ fn of_panels(session: &Session) -> Vec<Entry> {
             "Gives all their defaults; undo takes that back",
             Action::ChangeSettings(Box::default()),
         ),
-        Entry::new("Window: Messages", "All that was told", Action::ListMessages(true)),
+        Entry::new("Window: Messages", "All messages so far", Action::ListMessages(true)),
         Entry::new("Window: Panel", "Shows or hides the panel at the left", Action::TogglePanel),
         Entry::new("Measurements: Copy all", "Values of all measurements", Action::Measuring(Measuring::CopyAll)),
         Entry::new("Ghosts: Look for ghosts", "What was seen in mirrors", Action::Ghosts(Ghosting::Look)),

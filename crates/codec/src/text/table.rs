@@ -192,7 +192,7 @@ impl Table {
             (None, None) if first > 0 && !is_lone_count && !is_comment(lines[first - 1].1) => {
                 let line = brief(String::from_utf8_lossy(lines[first - 1].1.trim_ascii()).as_ref());
                 let problem = format!("`{line}` does not name the {count} columns of the lines below it");
-                return Some(Err(format!("{problem}; --columns tells which they are")));
+                return Some(Err(format!("{problem}; --columns names them")));
             }
             (None, None) => guessed(&samples),
         };
@@ -260,8 +260,8 @@ fn check_names(names: &[String]) -> Result<(), String> {
     for axis in ["x", "y", "z"] {
         match names.iter().filter(|name| *name == axis).count() {
             1 => {}
-            0 => return Err(format!("the columns {} have no {axis}; --columns tells which they are", shown())),
-            _ => return Err(format!("the columns {} have {axis} twice; --columns tells which they are", shown())),
+            0 => return Err(format!("the columns {} have no {axis}; --columns names them", shown())),
+            _ => return Err(format!("the columns {} have {axis} twice; --columns names them", shown())),
         }
     }
     Ok(())
@@ -339,7 +339,7 @@ fn guessed(samples: &[Vec<f64>]) -> (Vec<String>, Option<String>) {
             false
         }
     };
-    let warning = format!("its columns are not named and are taken for {}; --columns tells others", names.join(","));
+    let warning = format!("its columns are not named and are taken for {}; --columns names others", names.join(","));
     (names, (!is_sure).then_some(warning))
 }
 

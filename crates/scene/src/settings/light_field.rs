@@ -52,13 +52,13 @@ params! {
         offset: f32 = 0.01, 0.0005..=0.25, "mirror radii";
         /// Nearest samples of a mirror point of which one is looked up: the next where something hides one, or where what it shows is not on the ray.
         neighbours: u32 = 4, 1..=8, "samples";
-        /// Which of them comes first: the nearest, or that in the direction of the ray by its angle, or by its distance from the ray. The others blend the colours of all that tell, with equal weights, by the cosine of their angle to the ray or to the normal, or so that nothing jumps where the neighbours change.
+        /// Which of them comes first: the nearest, or that in the direction of the ray by its angle, or by its distance from the ray. The others blend the colours of all that meet something, with equal weights, by the cosine of their angle to the ray or to the normal, or so that nothing jumps where the neighbours change.
         rule: SampleRule = SampleRule::Nearest;
         /// The power of the cosine in the weights of reflection and normal; at 0 all weigh the same.
         exponent: f32 = 4.0, 0.0..=64.0, "";
-        /// How samples are told that something hides from the mirror point: by the depth in their map, or, as published, by their angle to the normal.
+        /// How samples find that something hides from the mirror point: by the depth in their map, or, as published, by their angle to the normal.
         visible_by: SampleVisibility = SampleVisibility::Depth;
-        /// The largest angle to the normal of a sample, where that tells whether it is hidden.
+        /// The largest angle to the normal of a sample, where that decides whether it is hidden.
         horizon: f32 = 85.0, 45.0..=90.0, "degrees";
         /// How often the place that a look-up finds is looked up in place of the ray's direction. Without, as published, whatever lies in that direction is shown.
         corrections: u32 = 1, 0..=4, "look-ups";

@@ -9,7 +9,7 @@ params! {
         scale_bar: bool = false;
         /// The numbers of the colour ramp with the attribute's name, or the names of the classes that are shown.
         legend: bool = false;
-        /// An arrow to grid north, where a file tells a coordinate system with one.
+        /// An arrow to grid north, where a file names a coordinate system with one.
         north: bool = false;
         /// The directions of the axes of the coordinates.
         axes: bool = false;
