@@ -108,7 +108,7 @@ fn a_ball_is_found_by_its_outline() {
 #[test]
 fn scans_without_mirrors_have_none() {
     for tripod in [Tripod::Room, Tripod::Hall40, Tripod::Street, Tripod::Church] {
-        let made = Made::of(tripod.solids(), Vec::new(), tripod.stations(), 0.002, 200_000.0);
+        let made = Made::of(tripod.solids(), Vec::new(), tripod.stations(), 0.002, 100_000.0);
         let found = found(&made);
         let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
         assert!(figures.wrong as f64 <= 1e-3 * made.count() as f64, "{tripod:?}: {found:?} {figures:?}");

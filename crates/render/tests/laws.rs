@@ -190,8 +190,9 @@ fn by(method: &MethodRow) -> Settings {
     let mut settings = Settings::default();
     settings.reflection.method = method.method;
     (settings.gi.bounces, settings.sun.sky) = (0, 0.0);
-    // Each is drawn for each picture that is made anew.
+    // Each is drawn for each picture that is made anew: maps are as fine as pictures of `SIZE`.
     (settings.light_field.samples, settings.light_field.size) = (8, 64);
+    (settings.cubemap_trace.size, settings.environment_map.size) = (64, 64);
     settings
 }
 
@@ -265,10 +266,20 @@ fn finite_at_every_end_of_every_parameter() {
             for field in group.fields.iter().filter(|field| concerns(method, group, field)) {
                 // A row for each method is what the method's own ends are.
                 for end in ends(field).into_iter().filter(|_| (group.name, field.name) != ("reflection", "method")) {
-                    let (key, text) = (format!("{}.{}", group.name, field.name), field.format(&end));
+                    let key = format!("{}.{}", group.name, field.name);
                     let mut settings = by(method);
                     // Hundreds of samples for each pixel take as long with one bounce in fewer pixels as other ends in all.
                     let has_samples = field.name == "samples";
+                    // The frame, not the method, counts and sums samples of pixels and of gloss: that all of them come to
+                    // finite sums is tried with one method, and with the others that each sample is finite.
+                    let is_summed = has_samples && group.name != "light_field";
+                    let end = match end {
+                        Value::U32(most) if is_summed && method.method != Method::Auto.chosen() => {
+                            Value::U32(most.min(16))
+                        }
+                        end => end,
+                    };
+                    let text = field.format(&end);
                     settings.reflection.bounces = if has_samples { 1 } else { 2 };
                     let size = if has_samples { SIZE.map(|side| side / 2) } else { SIZE };
                     if !field.affects.found {
