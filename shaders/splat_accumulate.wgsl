@@ -32,41 +32,47 @@ fn splat_point(item: Item, index: u32) {
     if hides_backs && is_turned_away(item, point, index) {
         return;
     }
-    var disc: Disc;
-    if !pixels_only {
-        disc = disc_of_point(frame, settings.splat, item, point);
-        if disc.radius_pixels == 0.0 {
-            return;
-        }
-    }
-    if pixels_only || disc.is_single {
+    if pixels_only {
         let single = single_of_point(frame, item, point);
         if !single.is_drawn {
             return;
         }
         let front = front_depth(single.pixel);
-        // A single pixel counts as half a pixel in radius, however small the disc is.
-        let half_pixel = 0.5 / pixels_per_unit(frame, single.center.z);
-        let offset = half_pixel * settings.splat.depth_offset;
+        let half_pixel = half_pixel_at(single.center);
         // Most points of a dense scan are hidden: they are rejected before anything else of them is read.
-        if single.center.z <= front + offset {
+        if single.center.z <= front + half_pixel * settings.splat.depth_offset {
             let surface = surface_of_point(item, point, index, single.center);
             let at = floor(pixel_from_view(frame, single.center)) + 0.5;
-            let plane = hit_of_plane(frame, single.center, surface.normal_in_view, at);
-            let depth = depth_beside(single.center.z, plane.z, half_pixel);
-            add(single.pixel, item, surface, Fragment(depth, 1.0), front);
+            let fragment = fragment_of_single(single.center, surface.normal_in_view, at, half_pixel);
+            add(single.pixel, item, surface, fragment, front);
         }
+        return;
+    }
+    var disc = disc_of_point(frame, settings.splat, item, point);
+    if disc.radius_pixels == 0.0 {
         return;
     }
     if is_shared(disc) {
         put_off(index);
         return;
     }
+    if disc.is_single {
+        let front = front_depth(u32(disc.first.y) * frame.width + u32(disc.first.x));
+        if disc.center.z > front + half_pixel_at(disc.center) * settings.splat.depth_offset {
+            return;
+        }
+    }
     let surface = surface_of_point(item, point, index, disc.center);
     disc = oriented_disc(frame, disc, point.w, attributes[index].y);
-    for (var y = disc.first.y; y <= disc.last.y; y++) {
-        for (var x = disc.first.x; x <= disc.last.x; x++) {
-            add_fragment(disc, vec2i(x, y), item, surface);
+    if covers_nothing(disc) {
+        return;
+    }
+    var at = disc.first;
+    loop {
+        add_fragment(disc, at, item, surface);
+        at = next_pixel(disc, at);
+        if at.y > disc.last.y {
+            break;
         }
     }
 }
@@ -81,12 +87,29 @@ fn splat_large(item: Item, index: u32, lane: u32) {
     }
 }
 
+// A single pixel counts as half a pixel in radius, however small the disc is.
+fn half_pixel_at(center: vec3f) -> f32 {
+    return 0.5 / pixels_per_unit(frame, center.z);
+}
+
+fn fragment_of_single(center: vec3f, normal: vec3f, at: vec2f, half_pixel: f32) -> Fragment {
+    let plane = hit_of_plane(frame, center, normal, at);
+    return Fragment(depth_beside(center.z, plane.z, half_pixel), 1.0);
+}
+
 fn add_fragment(disc: Disc, at: vec2i, item: Item, surface: PointSurface) {
-    let fragment = fragment_of_disc(frame, disc, at);
-    if fragment.depth > 0.0 {
+    var fragment = fragment_of_disc(frame, disc, at);
+    var seen = fragment.depth;
+    var radius = disc.radius;
+    if disc.is_single {
+        radius = half_pixel_at(disc.center);
+        fragment = fragment_of_single(disc.center, surface.normal_in_view, vec2f(at) + 0.5, radius);
+        seen = disc.center.z;
+    }
+    if seen > 0.0 {
         let pixel = u32(at.y) * frame.width + u32(at.x);
         let front = front_depth(pixel);
-        if fragment.depth <= front + disc.radius * settings.splat.depth_offset {
+        if seen <= front + radius * settings.splat.depth_offset {
             add(pixel, item, surface, fragment, front);
         }
     }
@@ -111,45 +134,51 @@ fn front_depth(pixel: u32) -> f32 {
     return depth_from_nearness(nearest[pixel].y);
 }
 
+// Each atomic operation is named once, and hardly any is in a branch: software Vulkan runs both sides of every branch, and
+// takes as long for an operation that no invocation does.
 fn add(pixel: u32, item: Item, surface: PointSurface, fragment: Fragment, front: f32) {
     let weight = 1u + u32(fragment.weight * 63.0);
-    add_color(pixel, 0u, weight);
-    add_color(pixel, 1u, surface.albedo.r * weight);
-    add_color(pixel, 2u, surface.albedo.g * weight);
-    add_color(pixel, 3u, surface.albedo.b * weight);
-    let biased = vec3u(surface.normal + NORMAL_BIAS) * weight;
-    add_surface(pixel, 0u, biased.x);
-    add_surface(pixel, 1u, biased.y);
-    add_surface(pixel, 2u, biased.z);
+    let color = vec4u(1u, surface.albedo) * weight;
     let behind = u32(clamp(((fragment.depth - front) / front - LEAST_BEHIND) / BEHIND_RANGE, 0.0, 1.0) * 65535.0 + 0.5);
-    add_surface(pixel, 3u, behind * weight);
+    let shape = vec4u(vec3u(surface.normal + NORMAL_BIAS), behind) * weight;
+    let at = pixel * 4u;
+    let color_before = vec4u(
+        atomicAdd(&color_sums[at], color.x),
+        atomicAdd(&color_sums[at + 1u], color.y),
+        atomicAdd(&color_sums[at + 2u], color.z),
+        atomicAdd(&color_sums[at + 3u], color.w),
+    );
+    let shape_before = vec4u(
+        atomicAdd(&surface_sums[at], shape.x),
+        atomicAdd(&surface_sums[at + 1u], shape.y),
+        atomicAdd(&surface_sums[at + 2u], shape.z),
+        atomicAdd(&surface_sums[at + 3u], shape.w),
+    );
+    let carry = vec4u(carry_of(color_before, color), carry_of(shape_before, shape));
+    // A loop over these words would count among the 65,535 turns of an invocation on software Vulkan.
+    if any(carry != vec4u(0u)) {
+        atomicAdd(&carries[at], carry.x);
+        atomicAdd(&carries[at + 1u], carry.y);
+        atomicAdd(&carries[at + 2u], carry.z);
+        atomicAdd(&carries[at + 3u], carry.w);
+    }
     // Most points are no mirrors and skip this.
     if item.specular_intensity != 0.0 {
-        if item.specular_intensity > 0.0 {
-            add_specular(pixel, 0u, u32(item.specular_intensity * 1023.0 + 0.5) * weight);
-        } else {
-            // Gloss. Its sum is too small to wrap: that takes a quarter of a million points in a pixel.
-            atomicAdd(&specular_sums[pixel * SPECULAR_WORDS + 3u], u32(-item.specular_intensity * 255.0 + 0.5) * weight);
-        }
-        add_specular(pixel, 1u, u32(item.specular_power + 0.5) * weight);
+        let is_mirror = item.specular_intensity > 0.0;
+        // The sum of gloss is too small to wrap: that takes a quarter of a million points in a pixel.
+        let steps = abs(item.specular_intensity) * select(255.0, 1023.0, is_mirror);
+        let specular = vec2u(u32(steps + 0.5), u32(item.specular_power + 0.5)) * weight;
+        let first = pixel * SPECULAR_WORDS;
+        let before = vec2u(
+            atomicAdd(&specular_sums[first + select(3u, 0u, is_mirror)], specular.x),
+            atomicAdd(&specular_sums[first + 1u], specular.y),
+        );
+        atomicAdd(&specular_sums[first + 2u], carry_of(before.xyxy, specular.xyxy).x);
     }
 }
 
-// A sum that wraps adds one to its half of a word of carries.
-fn add_color(pixel: u32, word: u32, value: u32) {
-    if atomicAdd(&color_sums[pixel * 4u + word], value) > 0xffffffffu - value {
-        atomicAdd(&carries[pixel * 4u + word / 2u], 1u << (16u * (word & 1u)));
-    }
-}
-
-fn add_surface(pixel: u32, word: u32, value: u32) {
-    if atomicAdd(&surface_sums[pixel * 4u + word], value) > 0xffffffffu - value {
-        atomicAdd(&carries[pixel * 4u + 2u + word / 2u], 1u << (16u * (word & 1u)));
-    }
-}
-
-fn add_specular(pixel: u32, word: u32, value: u32) {
-    if atomicAdd(&specular_sums[pixel * SPECULAR_WORDS + word], value) > 0xffffffffu - value {
-        atomicAdd(&specular_sums[pixel * SPECULAR_WORDS + 2u], 1u << (16u * word));
-    }
+// Of four sums, before a value was added to each: a sum that wraps adds one to its half of a word of carries.
+fn carry_of(before: vec4u, value: vec4u) -> vec2u {
+    let wraps = select(vec4u(0u), vec4u(1u), before > vec4u(0xffffffffu) - value);
+    return wraps.xz | (wraps.yw << vec2u(16u));
 }

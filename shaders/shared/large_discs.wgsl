@@ -38,6 +38,16 @@ fn put_off(index: u32) {
     large_discs[atomicAdd(&large_count, 1u)] = vec2u(index, block_at_hand);
 }
 
+fn covers_nothing(disc: Disc) -> bool {
+    return any(disc.first > disc.last);
+}
+
+// The pixel after `at` of those that a disc may cover, row by row. A loop over them tests at its end whether it is done:
+// software Vulkan runs loops that do so at their beginning once more, and loops in loops for each of these turns.
+fn next_pixel(disc: Disc, at: vec2i) -> vec2i {
+    return select(at + vec2i(1, 0), vec2i(disc.first.x, at.y + 1), at.x >= disc.last.x);
+}
+
 // The number of pixels that a disc may cover.
 fn pixels_of_disc(disc: Disc) -> u32 {
     // The box about an ellipse may be off the screen.

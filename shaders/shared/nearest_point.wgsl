@@ -28,10 +28,6 @@ fn splat_point(item: Item, index: u32) {
         return;
     }
     var disc = disc_of_point(frame, settings.splat, item, point);
-    if disc.is_single {
-        put(u32(disc.first.y) * frame.width + u32(disc.first.x), disc.center.z, identity);
-        return;
-    }
     if disc.radius_pixels == 0.0 {
         return;
     }
@@ -39,10 +35,18 @@ fn splat_point(item: Item, index: u32) {
         put_off(index);
         return;
     }
-    disc = oriented_disc(frame, disc, point.w, attributes[index].y);
-    for (var y = disc.first.y; y <= disc.last.y; y++) {
-        for (var x = disc.first.x; x <= disc.last.x; x++) {
-            offer(disc, vec2i(x, y), identity);
+    if !disc.is_single {
+        disc = oriented_disc(frame, disc, point.w, attributes[index].y);
+    }
+    if covers_nothing(disc) {
+        return;
+    }
+    var at = disc.first;
+    loop {
+        offer(disc, at, identity);
+        at = next_pixel(disc, at);
+        if at.y > disc.last.y {
+            break;
         }
     }
 }
@@ -57,8 +61,9 @@ fn splat_large(item: Item, index: u32, lane: u32) {
 
 fn offer(disc: Disc, pixel: vec2i, identity: u32) {
     let fragment = fragment_of_disc(frame, disc, pixel);
-    if fragment.depth > 0.0 {
-        let depth = fragment.depth + RIM * disc.radius * (1.0 - fragment.weight);
+    if disc.is_single || fragment.depth > 0.0 {
+        let beside = fragment.depth + RIM * disc.radius * (1.0 - fragment.weight);
+        let depth = select(beside, disc.center.z, disc.is_single);
         put(u32(pixel.y) * frame.width + u32(pixel.x), depth, identity);
     }
 }

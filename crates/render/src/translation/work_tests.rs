@@ -78,7 +78,7 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("splat_discs", &[1.0]),
     ("splat_large", &[16.0]),
     // Discs of 3 x 3 pixels.
-    ("splat_point", &[3.0, 3.0]),
+    ("splat_point", &[9.0]),
     ("splat_solution", &[3.0, 3.0]),
     ("mirror_visibility.splat_solution", &[3.0, 3.0, 3.0]),
     ("mirror_depth.splat_point", &[1.0]),
@@ -223,7 +223,7 @@ fn by_settings(pass: &str, settings: &Settings) -> Vec<(&'static str, usize, f64
         "indirect_filter" => vec![("indirect_filter", 0, run / 16.0)],
         "show_virtual_lights" => vec![("show_virtual_lights", 0, lights / 4096.0)],
         "splat_nearest" | "splat_nearest_blind" | "splat_narrow" | "splat_accumulate" | "splat_behind" => {
-            [0, 1].map(|axis| ("splat_point", axis, side_of_discs(splat) / 3.0)).into()
+            vec![("splat_point", 0, (side_of_discs(splat) / 3.0).powi(2))]
         }
         "mirror_depth" | "mirror_visibility" => {
             vec![("splat_point", 0, f64::from(rounds)), ("splat_solution", 0, side), ("splat_solution", 1, side)]
