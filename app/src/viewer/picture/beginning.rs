@@ -25,21 +25,28 @@ pub struct Beginning {
     pub on_screen: Option<FrameRequest>,
     /// The commands that wait for the renderer, in their order.
     pub waiting: VecDeque<Command>,
+    /// Whether something was opened, and whether a picture of points was drawn.
+    has_opened: bool,
+    shows_points: bool,
 }
 
 /// How often it is looked whether the shaders are compiled.
 const STEP: Duration = Duration::from_millis(20);
 /// The longest time for which points are uploaded before a waiting frame is drawn.
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
+/// How long compiling waits for the first points of what is opened: without the driver's cache it keeps all cores from
+/// reading them. And how long it waits for something to be opened.
+const LONGEST_WAIT: Duration = Duration::from_millis(1500);
+const WAIT_FOR_OPENING: Duration = Duration::from_millis(200);
 
 impl Beginning {
     pub fn new(gpu: Arc<Gpu>, window_gpu: Arc<Gpu>) -> Self {
         let resident = Resident::new(gpu.clone());
         let (moving, on_screen, waiting) = Default::default();
-        Self { gpu, window_gpu, resident, moving, on_screen, waiting }
+        Self { gpu, window_gpu, resident, moving, on_screen, waiting, has_opened: false, shows_points: false }
     }
 
-    /// Compiles the passes that every picture needs.
+    /// Compiles the passes that every picture needs, after the first quick picture of points where there is one soon.
     ///
     /// # Errors
     /// Those of `Renderer::with_progress`; the device was lost.
@@ -50,14 +57,26 @@ impl Beginning {
         finish: &impl Fn(Finished),
     ) -> render::Result<Renderer> {
         let gpu = self.gpu.clone();
+        let (began, mut frame) = (Instant::now(), None);
+        let longest = |opens: bool| if opens { LONGEST_WAIT } else { WAIT_FOR_OPENING };
+        while began.elapsed() < longest(self.has_opened) && self.may_wait(frame.as_deref()) {
+            if !self.step(commands, &mut frame, finish)? {
+                break;
+            }
+        }
         std::thread::scope(|scope| {
             let compiling = scope.spawn(move || Renderer::with_progress(gpu, shaders));
-            let mut frame = None;
             while self.gpu.is_processor() && !compiling.is_finished() && self.step(commands, &mut frame, finish)? {}
             self.waiting.extend(frame.map(Command::Frame));
             // A panic goes on in this thread, which reports it.
             compiling.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         })
+    }
+
+    /// Whether nothing needs the renderer as long as no points are shown; `frame` is the one that is asked for.
+    fn may_wait(&self, frame: Option<&FrameRequest>) -> bool {
+        let is_quick = frame.is_none_or(|frame| frame.hurried);
+        self.gpu.is_processor() && !self.shows_points && self.waiting.is_empty() && is_quick
     }
 
     /// Carries out the commands that have come, and draws the last frame among them if it can be a quick picture. Other
@@ -94,6 +113,7 @@ impl Beginning {
             && let Some(request) = frame.take()
         {
             self.on_screen = Some((*request).clone());
+            self.shows_points |= stats.points_drawn > 0;
             let window_gpu = self.window_gpu.clone();
             finish(Finished::Drawn(Box::new(DrawnFrame { request: *request, stats, rows, started, window_gpu })));
         }
@@ -107,11 +127,14 @@ impl Beginning {
         }
         match command {
             Command::Change(Change::Visibility { test }) => self.resident.store.set_visibility(&test),
-            Command::Change(change) => match self.resident.apply(change) {
-                Err(error @ render::Error::Lost(_)) => return Err(error),
-                Err(error) => finish(Finished::Told(Report::Problem(error.to_string()))),
-                Ok(()) => {}
-            },
+            Command::Change(change) => {
+                self.has_opened = true;
+                match self.resident.apply(change) {
+                    Err(error @ render::Error::Lost(_)) => return Err(error),
+                    Err(error) => finish(Finished::Told(Report::Problem(error.to_string()))),
+                    Ok(()) => {}
+                }
+            }
             Command::Arrived(pass) => drop(pass),
             Command::ShowOn(window_gpu) => self.window_gpu = window_gpu,
             Command::Pick { pixel, purpose } if self.moving.is_shown => {
@@ -148,17 +171,8 @@ mod tests {
         chunk
     }
 
-    #[test]
-    fn points_are_shown_and_picked_before_the_shaders_are_compiled_and_what_needs_them_waits_in_order() {
-        let Ok(gpu) = Gpu::headless(None) else { return eprintln!("skipped: no adapter") };
-        if !gpu.is_processor() {
-            return eprintln!("skipped: the adapter is no processor");
-        }
-        let mut beginning = Beginning::new(gpu.clone(), gpu);
-        let (commands, received) = channel();
-        let finished = RefCell::new(Vec::new());
-        let finish = |done| finished.borrow_mut().push(done);
-        let mut frame = None;
+    /// A picture at rest, and a quick one.
+    fn requests() -> [FrameRequest; 2] {
         let mut settings = Settings::default();
         // Light is not known yet.
         settings.set_text("light.by", "sun").unwrap();
@@ -175,10 +189,23 @@ mod tests {
             hurried: false,
             light_may_lag: false,
         };
-        let quick =
-            FrameRequest { spared: Some(Spared { divisor: 2, ..Spared::NOTHING }), hurried: true, ..still.clone() };
-        let cloud = CloudKey(0);
-        let key = cloud.chunk(Part::Block(0));
+        let spared = Some(Spared { divisor: 2, ..Spared::NOTHING });
+        [still.clone(), FrameRequest { spared, hurried: true, ..still }]
+    }
+
+    #[test]
+    fn points_are_shown_and_picked_before_the_shaders_are_compiled_and_what_needs_them_waits_in_order() {
+        let Ok(gpu) = Gpu::headless(None) else { return eprintln!("skipped: no adapter") };
+        if !gpu.is_processor() {
+            return eprintln!("skipped: the adapter is no processor");
+        }
+        let mut beginning = Beginning::new(gpu.clone(), gpu);
+        let (commands, received) = channel();
+        let finished = RefCell::new(Vec::new());
+        let finish = |done| finished.borrow_mut().push(done);
+        let mut frame = None;
+        let [still, quick] = requests();
+        let (cloud, key) = (CloudKey(0), CloudKey(0).chunk(Part::Block(0)));
         let mut send = |command| {
             commands.send(command).unwrap();
             assert!(beginning.step(&received, &mut frame, &finish).unwrap());
@@ -208,5 +235,35 @@ mod tests {
         drop(commands);
         assert!(!beginning.step(&received, &mut frame, &finish).unwrap(), "nobody sends commands any more");
         assert!(frame.is_some_and(|frame| frame.hurried), "the last frame is kept");
+    }
+
+    #[test]
+    fn nothing_is_compiled_before_the_first_points_are_shown() {
+        let Ok(gpu) = Gpu::headless(None) else { return eprintln!("skipped: no adapter") };
+        if !gpu.is_processor() {
+            return eprintln!("skipped: the adapter is no processor");
+        }
+        let mut beginning = Beginning::new(gpu.clone(), gpu);
+        let (commands, received) = channel();
+        let (cloud, key) = (CloudKey(0), CloudKey(0).chunk(Part::Block(0)));
+        commands.send(Command::Change(Change::Open { cloud, provisional_radius: 0.1 })).unwrap();
+        let sender = std::thread::spawn(move || {
+            // Compiling would have begun long ago.
+            std::thread::sleep(Duration::from_millis(600));
+            commands.send(Command::Change(Change::Put { key, chunk: wall(), layout: Arc::default() })).unwrap();
+            commands.send(Command::Frame(Box::new(requests()[1].clone()))).unwrap();
+            commands
+        });
+        let shaders = Arc::<Progress>::default();
+        let compiled = RefCell::new(Vec::new());
+        let finish = |done| {
+            if matches!(done, Finished::Drawn(_)) {
+                compiled.borrow_mut().push(shaders.total());
+            }
+        };
+        beginning.compile(&received, &shaders, &finish).unwrap();
+        drop(sender.join());
+        assert_eq!(compiled.take(), [0]);
+        assert!(shaders.total() > 0);
     }
 }

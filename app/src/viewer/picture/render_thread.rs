@@ -148,7 +148,7 @@ impl Worker {
             wanted.map_or_else(|| Gpu::on_same_adapter(&window_gpu.info), |wanted| Gpu::headless(Some(wanted)))?;
         let mut beginning = Beginning::new(gpu, window_gpu);
         let renderer = beginning.compile(commands, &shaders, finish)?;
-        let Beginning { gpu, window_gpu, resident, moving, on_screen, waiting } = beginning;
+        let Beginning { gpu, window_gpu, resident, moving, on_screen, waiting, .. } = beginning;
         let worker = Self {
             renderer,
             shaders,
