@@ -40,7 +40,7 @@ fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
     let direction = looked_up(point, reflected, center);
     var key = vec2u(0u);
     if mirror.low_map.w >= 0.0 {
-        key = maps[texel_of_direction(u32(mirror.low_map.w), direction)];
+        key = maps[texel_of_direction(u32(mirror.low_map.w), u32(mirror.view.w), direction)];
     }
     var albedo = vec4f(0.0);
     var normal = vec4f(0.0);
@@ -53,7 +53,7 @@ fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
             let depth = depth_from_nearness(key.y);
             // The ray at linear depth 1, as the face sees it.
             let along = direction / largest_part(direction);
-            let width = 2.0 * depth / f32(settings.environment_map.size);
+            let width = 2.0 * depth / mirror.view.w;
             let place = center + along * distance_to_point(index, center, along, depth, width);
             position = vec4f(place, select(1.0, 0.75, only_rest));
             let surface = surface_of_point(index, normalize(point - position.xyz));
@@ -90,8 +90,8 @@ fn largest_part(direction: vec3f) -> f32 {
 }
 
 // The place of a direction in a map, as seen by face_camera of crates/render/src/reflection/environment_map.rs.
-fn texel_of_direction(map: u32, direction: vec3f) -> u32 {
-    let size = settings.environment_map.size;
+// Its faces have `size` texels along each edge.
+fn texel_of_direction(map: u32, size: u32, direction: vec3f) -> u32 {
     let parts = abs(direction);
     // The component along the face's axis, then those to its right and up.
     var turned = direction;

@@ -6,8 +6,8 @@ struct MappedMirror {
     low_map: vec4f,
     // xyz: upper corner.
     high: vec4f,
-    // The viewpoint of the map, relative to the eye: for an environment map a place; for a mirrored viewpoint a plane,
-    // as its unit normal and its product with a place on it.
+    // The viewpoint of the map, relative to the eye: for an environment map a place, w: its texels along an edge; for a
+    // mirrored viewpoint a plane, as its unit normal and its product with a place on it.
     view: vec4f,
 }
 

@@ -61,5 +61,5 @@ pub use read_back::Picked;
 pub use recorder::IsGivenUp;
 pub use reflection::kept_hits::GlossCache;
 pub use reflection::{CameraCount, MapCount, MapLimit, MapUse, ReflectionStats};
-pub use renderer::{Effort, Frame, FrameStats, Renderer};
+pub use renderer::{Effort, Frame, FrameStats, ReflectedShare, Renderer};
 pub use store::{Material, PointStore};

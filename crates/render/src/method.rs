@@ -19,6 +19,7 @@ use crate::reflection::sscr::Sscr;
 use crate::reflection::surfel_index::SurfelIndex;
 use crate::reflection::surfel_trace::{self, Rays};
 use crate::reflection::task::Task;
+use crate::renderer::ReflectedShare;
 use crate::store::draw_list::Selection;
 use crate::targets::Image;
 
@@ -228,6 +229,24 @@ impl Methods {
     /// Whether the method that ran last counts rays that it does not resolve.
     pub fn leaves_rays(&self) -> bool {
         self.leaves_rays
+    }
+
+    /// What the method in use reflects where one point in `step` is searched for, or drawn into maps that are not at hand.
+    pub fn reflected_share(&self, settings: &Settings, step: u32) -> Option<ReflectedShare> {
+        let whole = settings.environment_map.size;
+        let [step, texels, whole] = match settings.reflection.method.chosen() {
+            Method::Sscr | Method::SampleCameras => [step, 1, 1],
+            Method::LightField => [self.light_field.step().unwrap_or(1), 1, 1],
+            Method::EnvironmentMap => self.environment.grain().map_or([1; 3], |[step, size]| [step, size, whole]),
+            Method::CubemapTrace => {
+                let whole = settings.cubemap_trace.size;
+                self.cubemaps.grain().map_or([1; 3], |[step, size]| [step, size, whole])
+            }
+            _ => [1; 3],
+        };
+        let texels = (f64::from(texels) / f64::from(whole.max(1))).powi(2);
+        let share = ReflectedShare { points: 1.0 / f64::from(step.max(1)), texels, ..ReflectedShare::ALL };
+        Some(share).filter(|share| *share != ReflectedShare::ALL)
     }
 
     /// Forgets what methods keep from frame to frame.

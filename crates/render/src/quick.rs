@@ -65,7 +65,7 @@ pub struct Detail {
 
 impl QuickPicture {
     /// Draws a picture of `size` pixels of the points that `camera` sees. They are lit as `known` says, or show their own
-    /// colours, and mirrors show what it says, or black.
+    /// colours, and mirrors show what it says, or else the mean colour of all others.
     pub fn draw(
         &mut self,
         store: &PointStore,
@@ -136,6 +136,7 @@ impl QuickPicture {
             glossy_hits: GlossCache::NoGloss,
             glossy_rays: [0; 2],
             reflection: None,
+            reflected: None,
             is_quick: true,
             flip: None,
         }

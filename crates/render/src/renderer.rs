@@ -34,7 +34,7 @@ use plan::{Before, Plan, PointInputs, SurfaceInputs};
 
 pub(crate) use plan::{Lit, Summed};
 pub use request::{Effort, Frame};
-pub use stats::FrameStats;
+pub use stats::{FrameStats, ReflectedShare};
 
 /// Renders frames, one at a time, on any thread.
 pub struct Renderer {
@@ -267,6 +267,8 @@ impl Renderer {
         let reflections = self.reflections.as_mut().ok_or_else(nothing_rendered)?;
         reflections.end_gloss();
         let reflection = counters.as_ref().map(|counters| reflections.stats(plan.settings, counters));
+        let reflected = reflections.methods.reflected_share(plan.settings, plan.asked.reflected_step);
+        let reflected = reflected.filter(|_| plan.has_mirrors);
         let virtual_lights = self.gi.lights().filter(|_| plan.has_indirect).map_or(0, |lights| lights.count);
         let stats = FrameStats {
             passes: times.passes,
@@ -286,6 +288,7 @@ impl Renderer {
             glossy_hits: hits,
             glossy_rays: known_rays.map_or([0; 2], |counters| Reflections::glossy_rays(counters)),
             reflection,
+            reflected,
             is_quick: false,
             flip: None,
         };

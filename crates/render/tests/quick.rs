@@ -243,6 +243,30 @@ fn a_quick_picture_takes_over_the_light_of_a_picture_at_rest_into_other_views() 
 }
 
 #[test]
+fn a_mirror_of_which_nobody_knows_what_it_shows_has_the_colour_of_what_else_is_seen() {
+    let stage = stage_or_skip!();
+    let settings = settings(&[("light.by", "colors")]);
+    let wall = |depth: f64, half: f64| {
+        let step = |i: u32| half * (f64::from(i) / 30.0 - 1.0);
+        let place = |i: u32| DVec3::new(depth, step(i % 61), step(i / 61));
+        let mut chunk = Chunk::of_places(0, &(0..61 * 61).map(place).collect::<Vec<_>>());
+        chunk.normals = Some(Arc::new(vec![pack_normal(-glam::Vec3::X); chunk.len()]));
+        chunk.radii = Some(Arc::new(vec![pack_radius(half as f32 / 15.0); chunk.len()]));
+        chunk.colors = Some(Arc::new(vec![[200, 100, 50, 255]; chunk.len()]));
+        chunk
+    };
+    let mut store = store(&stage, &Cloud { chunks: vec![wall(4.0, 6.0)], ..Cloud::default() }, &settings);
+    let mirror = store.add_cloud(Material { specular_intensity: 1.0, ..Material::default() });
+    store.add_chunk(mirror, &wall(2.0, 0.5), None).unwrap();
+    let ahead = Camera::from_eye(DVec3::ZERO, DVec3::X, DVec3::Z);
+    let mut quick = QuickPicture::default();
+    quick.draw(&store, &ahead, &settings, SIZE, ALL, Known::default());
+    let picture = quick.take_rows().tight();
+    let middle = ((SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) * 4) as usize;
+    assert_eq!(picture[middle..middle + 4], [200, 100, 50, 255]);
+}
+
+#[test]
 fn the_point_under_a_pixel_of_a_quick_picture_is_that_of_the_picture_at_rest() {
     let mut stage = stage_or_skip!();
     let cloud = scan();

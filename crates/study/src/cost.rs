@@ -494,6 +494,7 @@ mod tests {
             exposure: None,
             glossy_hits: render::GlossCache::NoGloss,
             glossy_rays: [0; 2],
+            reflected: None,
             is_quick: false,
             flip: None,
             has_compiled: false,

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use render::{FrameStats, ReflectionStats};
+use render::{FrameStats, ReflectedShare, ReflectionStats};
 
 use crate::viewer::look::theme::{bytes, grouped};
 
@@ -33,6 +33,20 @@ fn percent(share: f64) -> String {
     format!("{:.2} %", share * 100.0)
 }
 
+/// What mirrors of a hurried frame reflect of all that they could, for people.
+pub fn reflected_text(share: &ReflectedShare) -> String {
+    let points = match share.points * 100.0 {
+        percent if percent < 10.0 => format!("{percent:.1} % of points"),
+        percent => format!("{percent:.0} % of points"),
+    };
+    let part = |share: f64, of: &str| format!("1/{:.0} of {of}", share.recip());
+    let texels = part(share.texels, "texels");
+    let pixels = part(share.pixels, "mirror pixels");
+    let parts = [(share.points, points), (share.texels, texels), (share.pixels, pixels)];
+    let parts: Vec<String> = parts.into_iter().filter(|(share, _)| *share < 1.0).map(|(_, text)| text).collect();
+    parts.join(", ")
+}
+
 /// The figures of the last frames.
 #[derive(Default)]
 pub struct FigureHistory {
@@ -52,5 +66,18 @@ impl FigureHistory {
     /// The values of one figure, oldest first.
     pub fn of(&self, figure: usize) -> impl Iterator<Item = f64> {
         self.frames.iter().map(move |frame| frame[figure])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_of_what_mirrors_reflect_are_named_where_they_are_less_than_all() {
+        let share = ReflectedShare { points: 1.0 / 83.0, texels: 1.0 / 16.0, pixels: 1.0 / 9.0 };
+        assert_eq!(reflected_text(&share), "1.2 % of points, 1/16 of texels, 1/9 of mirror pixels");
+        let share = ReflectedShare { points: 0.5, pixels: 0.04, ..ReflectedShare::ALL };
+        assert_eq!(reflected_text(&share), "50 % of points, 1/25 of mirror pixels");
     }
 }

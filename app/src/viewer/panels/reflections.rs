@@ -5,6 +5,7 @@ use egui::{RichText, Ui};
 use param::{Group, Params, Value};
 use scene::{METHODS, MethodRow, Reflection};
 
+use crate::viewer::look::reflection_figures::reflected_text;
 use crate::viewer::look::theme;
 use crate::viewer::panels::{parameters, presets, side};
 use crate::viewer::requests::action::Action;
@@ -60,6 +61,16 @@ pub fn swept(session: &Session) -> Vec<(String, String)> {
     fields.map(|(group, field)| (format!("{}.{}", group.name, field.name), parameters::title(field.name))).collect()
 }
 
+/// Says what mirrors of the picture reflect while something moves, in a row that is there anyway: what is under the mouse
+/// stays where it is.
+fn share(ui: &mut Ui, session: &Session) {
+    let shown = session.frames.shown.as_ref();
+    let Some(share) = shown.and_then(|shown| shown.stats.reflected.as_ref()) else { return };
+    let text = reflected_text(share);
+    let help = format!("While values or the view change, mirrors reflect {text}; the picture at rest reflects all");
+    ui.add(egui::Label::new(RichText::new(text).small().color(theme::ACCENT)).truncate()).on_hover_text(help);
+}
+
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.menu_button("Sweep…", |ui| {
@@ -78,6 +89,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if ui.selectable_label(session.tuning.is_open, "Chart").on_hover_text(help).clicked() {
             actions.push(Action::ToggleChart);
         }
+        share(ui, session);
     });
     let mirrors = session.scene.objects.mirrors.iter().map(|placed| &placed.mirror);
     presets::show(ui, &session.scene.settings, mirrors, actions);

@@ -5,7 +5,7 @@ use egui::{Align, Layout, RichText, Ui};
 use render::{Clock, FrameStats, GlossCache, ReflectionStats};
 
 use crate::viewer::frames::auto::slowest_text;
-use crate::viewer::look::reflection_figures::FIGURES;
+use crate::viewer::look::reflection_figures::{FIGURES, reflected_text};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::{bytes, grouped};
 use crate::viewer::session::Session;
@@ -109,6 +109,10 @@ pub fn show(ui: &mut Ui, session: &Session) {
         };
         ui.label(RichText::new(text).small().color(theme::ACCENT));
     }
+    if let Some(share) = &stats.reflected {
+        let text = format!("Mirrors reflect {}", reflected_text(share));
+        ui.label(RichText::new(text).small().color(theme::ACCENT));
+    }
     if let Some(text) = stats.reflection.as_ref().and_then(cameras_text) {
         ui.label(RichText::new(text).small().color(theme::ACCENT));
     }
@@ -203,6 +207,7 @@ mod tests {
             exposure: None,
             glossy_hits: render::GlossCache::NoGloss,
             glossy_rays: [0; 2],
+            reflected: None,
             is_quick: false,
             flip: None,
             has_compiled: false,

@@ -4,7 +4,9 @@
 use std::time::{Duration, Instant};
 
 use cloud::PointTest;
-use render::{Detail, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture, Renderer};
+use render::{
+    Detail, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture, ReflectedShare, Renderer,
+};
 use scene::{Camera, LightClues, LightView, Lighting, Method, Mirror, Settings, Show, SpotLight, Tone};
 use world::Resident;
 
@@ -22,6 +24,8 @@ pub struct MovingPictures {
     /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, and its
     /// camera.
     stand: Option<(Vec<Mirror>, Camera)>,
+    /// Whether the passes of a frame with mirrors are compiled.
+    pub can_reflect: bool,
     /// Whether the picture in the window is a quick one.
     pub is_shown: bool,
 }
@@ -95,13 +99,18 @@ impl ReflectedPace {
     }
 }
 
-/// What mirrors show in a coarse frame, and when and of what that was drawn.
-type Reflections = (Instant, MirrorInputs, KnownLight);
+/// What mirrors show in a coarse frame.
+struct Reflections {
+    /// When and of what that was drawn.
+    at: Instant,
+    of: MirrorInputs,
+    known: KnownLight,
+    share: ReflectedShare,
+}
 
 /// What is known of what mirrors show in a hurried frame.
-fn reflections<'a>(known: Option<&'a Reflections>, request: &FrameRequest) -> Option<&'a KnownLight> {
-    let (at, of, known) = known?;
-    (at.elapsed() < MIRRORS_STAY && *of == MirrorInputs::new(request)).then_some(known)
+fn reflections<'a>(known: Option<&'a Reflections>, request: &FrameRequest) -> Option<&'a Reflections> {
+    known.filter(|known| known.at.elapsed() < MIRRORS_STAY && known.of == MirrorInputs::new(request))
 }
 
 /// Whether the points of a picture show their own colours, without light.
@@ -126,9 +135,9 @@ impl MovingPictures {
         gpu.is_processor() && is_picture && stand
     }
 
-    /// Whether mirrors reflect in quick pictures. The first ones come before the renderer has drawn anything.
+    /// Whether mirrors reflect in quick pictures. The first ones do not wait until the passes for that are compiled.
     fn reflects(&self, store: &PointStore, request: &FrameRequest) -> bool {
-        self.stand.is_some() && (!request.mirrors.is_empty() || store.has_mirrors())
+        self.can_reflect && (!request.mirrors.is_empty() || store.has_mirrors())
     }
 
     /// The coarse frame that the renderer must draw, and `keep_mirrors` be told, before a hurried frame can be a quick
@@ -148,7 +157,7 @@ impl MovingPictures {
     }
 
     /// Draws a hurried frame, if the adapter is a processor, and the light on the points and what mirrors show is known.
-    /// Before the first picture at rest, points show their own colours and mirrors are black.
+    /// Before the first picture at rest, points show their own colours, and mirrors a plain one until they can reflect.
     pub fn draw(&mut self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<(FrameStats, PictureRows)> {
         let FrameRequest { camera, settings, .. } = request;
         self.is_shown = false;
@@ -159,15 +168,17 @@ impl MovingPictures {
         }
         // The coarse frame knows the light, too.
         let inputs = LightInputs::new(request);
-        let known = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| light).or(mirrors);
+        let shown = mirrors.map(|mirrors| &mirrors.known);
+        let known = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| light).or(shown);
         let light = known.filter(|_| !is_unlit(request));
         if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
         }
         let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor };
-        let known = Known { light, mirrors };
-        let stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
+        let known = Known { light, mirrors: shown };
+        let mut stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
+        stats.reflected = mirrors.map(|mirrors| mirrors.share);
         self.is_shown = true;
         Some((stats, self.quick.take_rows()))
     }
@@ -184,7 +195,10 @@ impl MovingPictures {
     ) -> render::Result<()> {
         self.reflected.learn(&request.settings, stats);
         let known = renderer.known_light(&request.settings)?;
-        self.mirrors = Some((Instant::now(), MirrorInputs::new(request), known));
+        let divisor = request.spared.unwrap_or(Spared::NOTHING).divisor;
+        let pixels = 1.0 / f64::from(divisor).powi(2);
+        let share = ReflectedShare { pixels, ..stats.reflected.unwrap_or(ReflectedShare::ALL) };
+        self.mirrors = Some(Reflections { at: Instant::now(), of: MirrorInputs::new(request), known, share });
         Ok(())
     }
 

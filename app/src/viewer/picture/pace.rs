@@ -234,6 +234,7 @@ mod tests {
             dispatches: 0,
             waits: 0,
             reflection: None,
+            reflected: None,
             is_quick: false,
             flip: None,
         };

@@ -448,6 +448,7 @@ impl Worker {
         let objects = Objects { mirrors, lights, clues: *clues };
         self.held = None;
         self.renderer.prepare(&self.resident.store, &request.settings, objects, &self.shaders)?;
+        self.moving.can_reflect |= !mirrors.is_empty() || self.resident.store.has_mirrors();
         let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
         self.exposed_at = samples.is_some().then(Instant::now);
         let frame = render::Frame {

@@ -6,6 +6,7 @@ use scene::{Camera, LightClues, Mirror, MirrorSurface, Quality, Reflection, Shap
 
 use super::*;
 use crate::viewer::picture::frame_request::hurried;
+use crate::viewer::picture::pace::Spared;
 use crate::viewer::picture::window_texture::tests::Refusal;
 
 /// Software Vulkan compiles for a minute on a busy machine.
@@ -122,6 +123,38 @@ fn a_hurried_frame_spares_the_average_and_further_bounces_and_leaves_the_rest() 
     // Settings without bounces get none.
     let none = Settings { reflection: Reflection { bounces: 0, ..Reflection::default() }, ..settings };
     assert_eq!(hurried(&none, false).reflection.bounces, 0);
+}
+
+#[test]
+fn mirrors_reflect_in_quick_pictures_once_their_passes_are_compiled_and_say_what_share_of_all() {
+    let Some((thread, reports)) = start() else { return };
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    if !Gpu::headless(None).unwrap().is_processor() {
+        return eprintln!("skipped: the adapter is no processor");
+    }
+    let still = request([60, 48]);
+    let quick = |size: u32| {
+        let mut settings = hurried(&still.settings, false);
+        settings.environment_map.size = size;
+        let spared = Some(Spared { divisor: 2, ..Spared::NOTHING });
+        Command::Frame(Box::new(FrameRequest { settings, spared, hurried: true, ..(*still).clone() }))
+    };
+    let pixels = |command| {
+        thread.send(command);
+        let Report::Frame(frame) = report() else { panic!("no frame") };
+        assert!(frame.stats.is_quick);
+        frame.stats.reflected.map(|share| share.pixels)
+    };
+    assert_eq!(pixels(quick(64)), None, "nothing is compiled for mirrors");
+    // What compiles need be no picture at rest.
+    thread.send(Command::Measure(still.clone()));
+    assert!(matches!(report(), Report::Measured { .. }));
+    assert_eq!(pixels(quick(65)), Some(1.0 / 25.0));
+    thread.send(Command::Frame(still.clone()));
+    assert!(matches!(report(), Report::Frame(frame) if frame.stats.reflected.is_none()));
+    assert_eq!(pixels(quick(66)), Some(1.0 / 9.0), "the camera stands where it stood");
+    thread.end();
 }
 
 #[test]

@@ -171,7 +171,31 @@ impl<'a> Before<'a> {
     }
 }
 
-/// Gives the pixels of mirrors what they show, as far as it is known: else they are black.
+/// Gives the pixels of mirrors the mean colour of all others, for as long as nobody knows what they show.
+pub fn stand_in(view: &View, depth: &[f32], color: &mut [[u8; 4]]) {
+    let width = view.size[0] as usize;
+    let of_row = |(y, color): (usize, &[[u8; 4]])| {
+        let depths = &depth[(y + 1) * (width + 2) + 1..];
+        color.iter().zip(depths).filter(|(_, depth)| **depth != f32::INFINITY).fold([0_u64; 5], |sum, (color, _)| {
+            let [red, green, blue, kind] = *color;
+            match kind {
+                MIRROR => [sum[0], sum[1], sum[2], sum[3], sum[4] + 1],
+                _ => [sum[0] + u64::from(red), sum[1] + u64::from(green), sum[2] + u64::from(blue), sum[3] + 1, sum[4]],
+            }
+        })
+    };
+    let rows = color.par_chunks(width).with_min_len(8).enumerate().map(of_row);
+    let [red, green, blue, others, mirrors] =
+        rows.reduce(|| [0; 5], |a, b| std::array::from_fn(|part| a[part] + b[part]));
+    if mirrors > 0 && others > 0 {
+        let [red, green, blue] = [red, green, blue].map(|sum| (sum / others) as u8);
+        color.par_iter_mut().with_min_len(1 << 13).filter(|color| color[3] == MIRROR).for_each(|color| {
+            *color = [red, green, blue, MIRROR];
+        });
+    }
+}
+
+/// Gives the pixels of mirrors what they show, as far as it is known.
 pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f32], color: &mut [[u8; 4]]) {
     let width = view.size[0] as usize;
     let stride = width + 2;

@@ -326,9 +326,6 @@ impl Pixels {
         let width = view.size[0] as usize;
         let pixels = width * view.size[1] as usize;
         self.picture.resize(pixels, [0; 4]);
-        if let Some(mirrors) = known.mirrors {
-            light::reflect(mirrors, frame, view, &self.depth, &mut self.color);
-        }
         if let Some(known) = known.light {
             light::spread(known, frame, view, &self.depth, &mut self.lights);
             let lit = Lit::new(known);
@@ -338,6 +335,10 @@ impl Pixels {
                 }
             };
             self.color.par_iter_mut().with_min_len(1 << 13).zip(&self.lights).for_each(color);
+        }
+        light::stand_in(view, &self.depth, &mut self.color);
+        if let Some(mirrors) = known.mirrors {
+            light::reflect(mirrors, frame, view, &self.depth, &mut self.color);
         }
         let background = settings.view.background.bytes();
         let (depth, color) = (&self.depth, &self.color);

@@ -10,7 +10,7 @@ use cloud::Bounds;
 use glam::DVec3;
 use scene::{CubeCriterion, CubePlacement, CubeRest, OwnPoints, Settings};
 
-use super::cubemaps::{Drawn, Layout, MapCount, Maps, catch_up, draw, radius_of, splat_of_task, upload_cubes};
+use super::cubemaps::{Drawn, Layout, MapCount, Maps, catch_up, draw, grain_of_task, radius_of, upload_cubes};
 use super::gather::{Gather, rest_list};
 use super::mirror_places::{MirrorMap, MirrorPlace, mirror_places, upload};
 use super::surfel_index::SurfelIndex;
@@ -36,6 +36,11 @@ impl CubemapTrace {
     pub fn bytes(&self) -> u64 {
         let maps = self.maps.iter().flat_map(|maps| [&maps.records, &maps.bounds]);
         maps.chain(&self.rest).map(wgpu::Buffer::size).sum()
+    }
+
+    /// What one of how many points the maps show, and the texels along an edge of theirs.
+    pub fn grain(&self) -> Option<[u32; 2]> {
+        self.maps.as_ref().map(|maps| [maps.drawn.splat.step, maps.drawn.size])
     }
 
     /// Makes the next frame draw the maps anew.
@@ -87,7 +92,9 @@ impl CubemapTrace {
     ) -> Result<()> {
         let settings = &task.settings.cubemap_trace;
         let mirrors = mirror_places(task);
-        let layout = Layout::new(settings.size);
+        let kept = self.maps.as_ref().map(|maps| (&maps.drawn.splat, maps.drawn.size));
+        let (splat, size) = grain_of_task(task, settings.size, kept);
+        let layout = Layout::new(size);
         let limit = recorder.gpu.device.limits().max_storage_buffer_binding_size;
         if layout.record_bytes() > limit {
             let adapter = recorder.gpu.info.name.clone();
@@ -103,9 +110,9 @@ impl CubemapTrace {
         let mapped = || (0..mirrors.len()).filter(|mirror| has_maps[*mirror]);
         let drawn = Drawn {
             revision: task.store.geometry_revision(),
-            splat: splat_of_task(task, self.maps.as_ref().map(|maps| &maps.drawn.splat)),
+            splat,
             surface: task.settings.mirror.surface,
-            size: settings.size,
+            size,
             wanted: mapped()
                 .flat_map(|mirror| wanted[mirror].iter().map(move |places| (mirror, *places)))
                 .map(|(mirror, places)| (mirrors[mirror].cloud.filter(|_| settings.own != OwnPoints::Drawn), places))

@@ -132,6 +132,24 @@ pub fn splat_of_task(task: &Task<'_>, kept: Option<&Splat>) -> Splat {
     if kept == Some(&whole) { whole } else { splat_of_maps(task.settings, task.supply.step) }
 }
 
+/// The splats with which the maps of a task are drawn, and the texels along an edge of a face, of which `size` are asked
+/// for: those of the task, or those that `kept` maps are of if these show all points on all texels.
+pub fn grain_of_task(task: &Task<'_>, size: u32, kept: Option<(&Splat, u32)>) -> (Splat, u32) {
+    let whole = splat_of_maps(task.settings, 1);
+    if kept == Some((&whole, size)) {
+        return (whole, size);
+    }
+    let step = task.supply.step;
+    (splat_of_maps(task.settings, step), edge_of_maps(size, step))
+}
+
+/// The texels along an edge of a face of maps of one point in `step`, where maps of all points have `size`: there are as
+/// many texels for each point, as far as a quarter of the edge is left. Texels cost maps as much as points do.
+fn edge_of_maps(size: u32, step: u32) -> u32 {
+    let edge = f64::from(size) / f64::from(step.max(1)).sqrt();
+    (edge.ceil() as u32).max(size.div_ceil(4))
+}
+
 /// The points that a map's camera sees.
 pub fn draw_list(task: &Task<'_>, camera: &FrameCamera, settings: &Settings, without: Option<CloudId>) -> DrawList {
     let selection = without.map_or(Selection::Seen, Selection::SeenBesides);

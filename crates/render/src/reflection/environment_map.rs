@@ -11,7 +11,7 @@
 use glam::{DMat3, DVec3};
 use scene::{MirrorSurface, Settings, Splat};
 
-use super::cubemaps::{draw_list, splat_of_task};
+use super::cubemaps::{draw_list, grain_of_task};
 use super::gather::Gather;
 use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
 use super::task::{MirrorGBuffer, Task};
@@ -51,6 +51,11 @@ impl EnvironmentMap {
         self.maps.as_ref().map_or(0, wgpu::Buffer::size)
     }
 
+    /// What one of how many points the maps show, and the texels along an edge of theirs.
+    pub fn grain(&self) -> Option<[u32; 2]> {
+        self.drawn.as_ref().map(|drawn| [drawn.splat.step, drawn.size])
+    }
+
     /// Makes the next frame draw the maps anew.
     pub fn forget(&mut self) {
         self.drawn = None;
@@ -75,13 +80,14 @@ impl EnvironmentMap {
         only_rest: bool,
     ) -> Result<()> {
         let places = mirror_places(task);
-        let size = task.settings.environment_map.size;
+        let kept = self.drawn.as_ref().map(|drawn| (&drawn.splat, drawn.size));
+        let (splat, size) = grain_of_task(task, task.settings.environment_map.size, kept);
         let face_bytes = map_bytes([size; 2]);
         let most = (recorder.gpu.device.limits().max_storage_buffer_binding_size / (6 * face_bytes)).min(MOST_MAPS);
         let mapped = &places[..places.len().min(most as usize)];
         let drawn = Drawn {
             revision: task.store.geometry_revision(),
-            splat: splat_of_task(task, self.drawn.as_ref().map(|drawn| &drawn.splat)),
+            splat,
             surface: task.settings.mirror.surface,
             size,
             maps: mapped.iter().map(|place| (place.cloud, place.bounds.center())).collect(),
@@ -101,7 +107,7 @@ impl EnvironmentMap {
         let map_of = |index: usize| {
             let distance = |map: usize| mapped[map].bounds.center().distance_squared(places[index].bounds.center());
             let map = (0..mapped.len()).min_by(|a, b| distance(*a).total_cmp(&distance(*b)))?;
-            Some(MirrorMap { map, view: (mapped[map].bounds.center() - eye).as_vec3().extend(0.0) })
+            Some(MirrorMap { map, view: (mapped[map].bounds.center() - eye).as_vec3().extend(size as f32) })
         };
         let mirrors = upload(recorder.gpu, &places, task.store.bounds(), eye, map_of);
         let [albedo_out, normal_out, position_out] = found.bind();

@@ -102,6 +102,11 @@ pub(crate) fn looks(settings: &Settings) -> u32 {
 }
 
 impl LightField {
+    /// What one of how many points the maps show.
+    pub fn step(&self) -> Option<u32> {
+        self.kept.as_ref().map(|kept| kept.drawn.splat.step)
+    }
+
     pub fn bytes(&self) -> u64 {
         let of_page = |page: &Page| page.records.size() + page.listed.as_ref().map_or(0, wgpu::Buffer::size);
         let pages = self.kept.iter().flat_map(|kept| &kept.pages).map(of_page).sum::<u64>();

@@ -136,13 +136,23 @@ mod tests {
             let draw = |renderer: &mut Renderer, most_reflected| {
                 let frame = Frame::new(&room.camera, &settings, room.objects(), [64, 48]);
                 let frame = Frame { effort: Effort { most_reflected, ..Effort::FULL }, ..frame };
-                renderer.render(&room.store, &frame).unwrap();
-                renderer.read_picture().unwrap()
+                let stats = renderer.render(&room.store, &frame).unwrap();
+                (stats.reflected, renderer.read_picture().unwrap())
             };
-            let whole = draw(&mut Renderer::bare(gpu.clone()), None);
+            let (share, whole) = draw(&mut Renderer::bare(gpu.clone()), None);
+            assert_eq!(share, None, "{method:?}");
             let mut renderer = Renderer::bare(gpu.clone());
-            assert!(draw(&mut renderer, Some(4)) != whole, "{method:?} reflects all points");
-            assert!(draw(&mut renderer, None) == whole, "{method:?} keeps what it made of some points");
+            let (share, some) = draw(&mut renderer, Some(4));
+            let share = share.unwrap();
+            assert!(some != whole && share.points < 0.5, "{method:?} reflects all points");
+            let has_maps = [Method::EnvironmentMap, Method::CubemapTrace].contains(&method);
+            assert_eq!(share.texels, if has_maps { 1.0 / 16.0 } else { 1.0 }, "{method:?}");
+            assert!(draw(&mut renderer, None) == (None, whole.clone()), "{method:?} keeps what it made of some points");
+            // Whole maps that are at hand show all points.
+            assert!(
+                !has_maps || draw(&mut renderer, Some(4)) == (None, whole),
+                "{method:?} draws maps that are at hand"
+            );
         }
     }
 

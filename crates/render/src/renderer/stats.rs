@@ -44,10 +44,27 @@ pub struct FrameStats {
     pub glossy_rays: [u64; 2],
     /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
+    /// What mirrors of the frame reflect; `None` if it is all that they could.
+    pub reflected: Option<ReflectedShare>,
     /// Whether the processor has drawn the frame (`QuickPicture`).
     pub is_quick: bool,
     /// The mean FLIP to the picture at rest of the same view, where somebody has judged it.
     pub flip: Option<f64>,
+}
+
+/// What mirrors of a hurried frame reflect, as shares of all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReflectedShare {
+    /// The share of the points that a method searches for or draws into maps.
+    pub points: f64,
+    /// The share of the texels of maps.
+    pub texels: f64,
+    /// The share of the mirror pixels; the others take over what these show.
+    pub pixels: f64,
+}
+
+impl ReflectedShare {
+    pub const ALL: Self = Self { points: 1.0, texels: 1.0, pixels: 1.0 };
 }
 
 impl FrameStats {
