@@ -37,7 +37,7 @@ const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 /// How long compiling waits for the first points of what is opened: without the driver's cache it keeps all cores from
 /// reading them. And how long it waits for something to be opened.
 const LONGEST_WAIT: Duration = Duration::from_millis(1500);
-const WAIT_FOR_OPENING: Duration = Duration::from_millis(200);
+const WAIT_FOR_OPENING: Duration = Duration::from_millis(800);
 
 impl Beginning {
     pub fn new(gpu: Arc<Gpu>, window_gpu: Arc<Gpu>) -> Self {
