@@ -20,9 +20,13 @@
 // x: how far the mirror's ray goes, in mirror radii.
 @group(1) @binding(9) var left_in: texture_2d<f32>;
 @group(1) @binding(10) var reflectance_in: texture_2d<f32>;
+// w: 0 where no ray is followed from a mirror.
+@group(1) @binding(11) var rays_in: texture_2d<f32>;
 
 override from_camera: bool = true;
 override has_reflection: bool = false;
+// Set if only some rays are followed.
+override stops: bool = false;
 override has_indirect: bool = false;
 // Set if `reflected_in` has what arrives at each mirror pixel, the background included (gloss_sum.wgsl).
 override is_received: bool = false;
@@ -47,7 +51,7 @@ fn blend(@builtin(global_invocation_id) thread: vec3u) {
         color += textureLoad(indirect_in, id, 0).rgb;
     }
     let albedo = textureLoad(albedo_in, id, 0);
-    if has_reflection && albedo.a > 0.0 {
+    if has_reflection && albedo.a > 0.0 && (!stops || textureLoad(rays_in, id, 0).w > 0.0) {
         var mirror_point = vec3f(0.0);
         if !from_camera {
             mirror_point = textureLoad(from_in, id, 0).xyz;

@@ -20,6 +20,7 @@
 @group(1) @binding(7) var<storage, read_write> kept: array<vec4u>;
 // See shade.wgsl.
 @group(1) @binding(8) var left_in: texture_2d<f32>;
+@group(1) @binding(9) var rays_in: texture_2d<f32>;
 
 override from_camera: bool = true;
 // The edge of the window in pixels; 1 for no average.
@@ -32,6 +33,7 @@ override keeps: bool = false;
 // Set if pixels take the light that indirect_reuse has found.
 override reuses: bool = false;
 // See shade.wgsl.
+override stops: bool = false;
 override is_published: bool = false;
 override fades: bool = false;
 override is_mean_left: bool = false;
@@ -120,7 +122,7 @@ fn indirect_filter(@builtin(global_invocation_id) invocation: vec3u) {
     var radiance = albedo.rgb * diffuse * settings.light.diffuse;
     if albedo.a <= 0.0 {
         radiance = radiance * (1.0 - gloss.share) + highlight;
-    } else if is_mixed {
+    } else if is_mixed && (!stops || textureLoad(rays_in, id, 0).w > 0.0) {
         // A mirror's highlight is already part of its reflection.
         var reflected = mirror_share(albedo.a, grazing, is_published);
         if fades {

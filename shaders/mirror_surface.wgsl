@@ -14,8 +14,13 @@
 // xyz: origin of the ray, w: linear depth of the mirror point seen from there.
 @group(1) @binding(5) var eye_out: texture_storage_2d<rgba32float, write>;
 
+// x: how much the rays count.
+@group(1) @binding(6) var weight_in: texture_2d<f32>;
+
 // Whether the surface is the camera's, not one seen in a mirror.
 override from_camera: bool = true;
+// Set if rays that count too little are not followed, except those of the first bounce.
+override stops: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn mirror_surface(@builtin(global_invocation_id) id: vec3u) {
@@ -28,6 +33,9 @@ fn mirror_surface(@builtin(global_invocation_id) id: vec3u) {
     var intensity = select(0.0, max(textureLoad(albedo_in, id.xy, 0).a, 0.0), is_seen);
     // Further samples of a perfect mirror are the same as those before, unless it shows a glossy one.
     if from_camera && frame.sample >= settings.reflection.samples && settings.reflection.bounces == 1u && textureLoad(normal_in, id.xy, 0).w <= 0.0 {
+        intensity = 0.0;
+    }
+    if stops && !from_camera && textureLoad(weight_in, id.xy, 0).x < settings.reflection.least_weight {
         intensity = 0.0;
     }
     var eye = vec4f(0.0);

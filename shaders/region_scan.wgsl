@@ -8,7 +8,7 @@
 @group(1) @binding(1) var<storage, read_write> regions: array<Region>;
 @group(1) @binding(2) var<storage, read_write> counters: array<u32>;
 
-// The statistics report the regions of the first bounce.
+// Set for the first bounce, whose regions the statistics report.
 override count_regions: bool = true;
 
 @compute @workgroup_size(256)
@@ -31,6 +31,7 @@ fn region_scan(@builtin(local_invocation_index) lane: u32) {
         regions[0].regions = before.x;
         regions[0].pixels = before.y;
         if count_regions {
+            regions[0].first_pixels = before.y;
             counters[REGIONS] = before.x;
         }
     }

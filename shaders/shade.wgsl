@@ -20,6 +20,8 @@
 @group(1) @binding(6) var radiance_out: texture_storage_2d<rgba16float, write>;
 // x: how far the mirror's ray goes, in mirror radii; or a: the mean share of its reflections that is left.
 @group(1) @binding(7) var left_in: texture_2d<f32>;
+// w: 0 where no ray is followed from a mirror.
+@group(1) @binding(8) var rays_in: texture_2d<f32>;
 
 override from_camera: bool = true;
 // LIGHT_BY_*, never auto.
@@ -28,6 +30,8 @@ override lighting: u32 = LIGHT_BY_HEADLIGHT;
 override light_count: u32 = 0u;
 // Set if the reflections of this surface's mirrors are followed.
 override is_mixed: bool = false;
+// Set if only some of them are.
+override stops: bool = false;
 // Set if a lamp at the eye adds to lights or sun.
 override has_fill: bool = false;
 // Set if some surface shows highlights of lights.
@@ -64,7 +68,7 @@ fn shade(@builtin(global_invocation_id) invocation: vec3u) {
     let is_mirror = albedo.a > 0.0;
     // The diffuse share of the albedo.
     var share = 1.0;
-    if is_mixed && is_mirror {
+    if is_mixed && is_mirror && (!stops || textureLoad(rays_in, id, 0).w > 0.0) {
         var reflected = mirror_share(albedo.a, grazing_share(settings, cosine, is_published), is_published);
         if fades {
             let left = textureLoad(left_in, id, 0);

@@ -28,6 +28,8 @@ struct Round {
 override cull: bool = false;
 override cull_chunks: bool = false;
 override count_points: bool = true;
+// Set for reflections after the first.
+override is_later: bool = false;
 override record_endings: bool = false;
 
 var<workgroup> tried: atomic<u32>;
@@ -142,10 +144,11 @@ fn pick_of(walked: u32) -> Pick {
 const ORDER: u32 = 633u;
 const BACK: u32 = 969u;
 
-// As many points a mirror pixel, however large the mirror is.
+// As many points a mirror pixel, however large the mirror is; where all points are taken, later reflections take as many a
+// pixel as the first.
 fn share_of_points() -> f32 {
     if settings.sscr.point_share >= 1.0 {
-        return 1.0;
+        return select(1.0, f32(regions[0].pixels) / max(f32(regions[0].first_pixels), 1.0), is_later);
     }
     let covered = f32(regions[0].pixels) / f32(frame.width * frame.height);
     return settings.sscr.point_share * covered / USUAL_COVER;

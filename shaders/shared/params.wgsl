@@ -200,6 +200,7 @@ const MIRROR_FRESNEL_LAW_PUBLISHED: u32 = 1u;
 struct Reflection {
     method: u32,
     bounces: u32,
+    least_weight: f32,
     samples: u32,
     keep: u32,
     show: u32,

@@ -35,7 +35,8 @@ struct Region {
     accumulated: u32,
     // The number of regions, for all of them.
     regions: u32,
-    unused: u32,
+    // The pixels of all regions of the first bounce, for all of them.
+    first_pixels: u32,
     // The bounds of its mirror points and of the directions reflected there, as ordered integers.
     point_low: array<u32, 3>,
     point_high: array<u32, 3>,

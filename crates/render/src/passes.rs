@@ -179,7 +179,11 @@ passes! {
     camera_position: Surface over Pixels { depth_in: Texture, position_out: Write(Rgba32Float) }
     mirror_surface: Method over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, point_out: Write(Rgba32Float),
-        eye_out: Write(Rgba32Float),
+        eye_out: Write(Rgba32Float), weight_in: Texture,
+    }
+    mirror_weight: Method over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, weight_in: Texture,
+        left_in: Texture, reflectance_in: Texture, weight_out: Write(R32Float),
     }
     mirror_move: Method over Pixels {
         point_in: Texture, normal_in: Texture, mirrors: Read, point_out: Write(Rgba32Float),
@@ -387,7 +391,7 @@ passes! {
     }
     indirect_filter: Light over Pixels load loads::neighbours {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, diffuse_in: Texture,
-        glossy_in: Texture, radiance_out: Write(Rgba16Float), kept: ReadWrite, left_in: Texture,
+        glossy_in: Texture, radiance_out: Write(Rgba16Float), kept: ReadWrite, left_in: Texture, rays_in: Texture,
     }
     light_ray_draw: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, paths: ReadWrite,
@@ -400,12 +404,12 @@ passes! {
     }
     shade: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Read, shadows: Read,
-        radiance_out: Write(Rgba16Float), left_in: Texture,
+        radiance_out: Write(Rgba16Float), left_in: Texture, rays_in: Texture,
     }
     blend: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, radiance_in: Texture,
         seen_in: Texture, reflected_in: Texture, indirect_in: Texture, color_out: Write(Rgba16Float),
-        left_in: Texture, reflectance_in: Texture,
+        left_in: Texture, reflectance_in: Texture, rays_in: Texture,
     }
     clear_blend: Light over Pixels {
         seen_in: Texture, reflected_in: Texture, point_in: Texture, direction_in: Texture, beyond_in: Texture,

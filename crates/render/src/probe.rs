@@ -298,6 +298,7 @@ impl Renderer {
             surface: SurfaceImages { albedo: &albedo, normal: &normal, position: &position },
             from: &position,
             is_mixed: reflections.count > 0,
+            followed: None,
             is_glossy: *has_highlights,
             has_gloss: *has_gloss,
             fading: fading.in_image(&left),

@@ -97,11 +97,14 @@ impl FrameLight<'_> {
         let (shading, receiver, is_mixed) = (self.shading, self.receiver(index), self.is_mixed(index));
         let reach = bounces.get(index).and_then(|bounce| bounce.reach.as_ref());
         let fading = ShareLeft::new(self.received.filter(|_| index == 0), reach);
+        // A mirror that is dark where no ray is followed needs no look at its ray.
+        let followed = followed(bounces, index).filter(|_| self.settings.mirror.last == LastMirror::Matt);
         let switches = [
             ("from_camera", u32::from(index == 0)),
             ("lighting", shading.light.by as u32),
             ("light_count", shading.light_count),
             ("is_mixed", u32::from(is_mixed)),
+            ("stops", u32::from(followed.is_some())),
             ("has_highlights", u32::from(shading.has_highlights)),
             ("has_fill", u32::from(shading.light.fill > 0.0)),
             ("is_published", u32::from(is_published(self.settings))),
@@ -117,6 +120,7 @@ impl FrameLight<'_> {
             shadows: self.lights.shadows.as_entire_binding(),
             radiance_out: radiance.bind(),
             left_in: fading.image().unwrap_or(surface.normal).bind(),
+            rays_in: followed.unwrap_or(surface.normal).bind(),
         };
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.by_rows(&switches, inputs, bindings, groups)?;
@@ -126,6 +130,7 @@ impl FrameLight<'_> {
                 surface,
                 from,
                 is_mixed,
+                followed,
                 is_glossy: shading.has_highlights,
                 has_gloss: shading.has_gloss,
                 fading,
@@ -199,6 +204,7 @@ impl FrameLight<'_> {
             Reflected::Received(image) => Some(image),
         };
         let is_received = matches!(reflected, Reflected::Received(_));
+        let followed = followed(bounces, index);
         // What is received has faded already, and is what is reflected.
         let bounce = bounces.get(index).filter(|_| !is_received && shown.is_some());
         let reach = bounce.and_then(|bounce| bounce.reach.as_ref());
@@ -215,10 +221,12 @@ impl FrameLight<'_> {
             color_out: target.bind(),
             left_in: reach.unwrap_or(radiance).bind(),
             reflectance_in: reflectance.unwrap_or(radiance).bind(),
+            rays_in: followed.unwrap_or(radiance).bind(),
         };
         let switches = [
             ("from_camera", u32::from(index == 0)),
             ("has_reflection", u32::from(shown.is_some())),
+            ("stops", u32::from(followed.is_some())),
             ("has_indirect", u32::from(indirect.is_some())),
             ("is_received", u32::from(is_received)),
             ("is_published", u32::from(is_published(self.settings))),
@@ -231,4 +239,11 @@ impl FrameLight<'_> {
         recorder.time_as(None);
         Ok(())
     }
+}
+
+/// The rays of a bounce, whose w is 0 where none is followed from a mirror of the surface with its index; `None` if all
+/// are, as those of the camera's mirrors.
+fn followed(bounces: &[Bounce], index: usize) -> Option<&Image> {
+    let bounce = bounces.get(index).filter(|_| index > 0)?;
+    bounce.weight.as_ref().map(|_| &bounce.mirror.point)
 }

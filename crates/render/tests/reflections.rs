@@ -656,16 +656,18 @@ enum Met {
     Nothing,
 }
 
-#[test]
-fn as_many_reflections_are_followed_as_are_asked_for() {
-    let mut stage = stage_or_skip!();
-    // Mirrors in x = -1 and x = 1, a red patch between them, blue behind everything. Colours are shown as they are.
-    const INTENSITY: f64 = 0.75;
-    const GREY: f64 = 0.5;
-    const HALF: f64 = 2.0;
-    const PATCH: [f64; 4] = [1.2, 1.9, -0.4, 0.9];
+/// What facing mirrors reflect, and their own colour.
+const INTENSITY: f64 = 0.75;
+const GREY: f64 = 0.5;
+/// Half the edge of facing mirrors.
+const HALF: f64 = 2.0;
+/// The borders of the patch between facing mirrors: low and high y, low and high z.
+const PATCH: [f64; 4] = [1.2, 1.9, -0.4, 0.9];
+
+/// Mirrors in x = -1 and x = 1, and a red patch between them.
+fn facing_mirrors(stage: &Stage) -> Scene {
     let camera = Camera::looking(DVec3::new(1.0, 0.2, 0.1), DVec3::new(-1.5, -0.45, 0.2), 1.7, DVec3::Z);
-    let mut scene = Scene::new(&stage, camera);
+    let mut scene = Scene::new(stage, camera);
     let [low_y, high_y, low_z, high_z] = PATCH;
     let edges = [DVec3::Y * (high_y - low_y), DVec3::Z * (high_z - low_z)];
     scene.add(vec![rectangle(DVec3::new(0.0, low_y, low_z), edges, [255, 0, 0], 0.02)], Material::default());
@@ -674,6 +676,15 @@ fn as_many_reflections_are_followed_as_are_asked_for() {
         let (color, specular_intensity) = ([GREY as f32; 3], INTENSITY as f32);
         scene.mirrors.push(Mirror { color, specular_intensity, ..plane });
     }
+    scene
+}
+
+#[test]
+fn as_many_reflections_are_followed_as_are_asked_for() {
+    let mut stage = stage_or_skip!();
+    // Blue is behind everything. Colours are shown as they are.
+    let scene = facing_mirrors(&stage);
+    let (camera, [low_y, high_y, low_z, high_z]) = (scene.camera, PATCH);
     let meet = |origin: DVec3, direction: DVec3| {
         let at = |x: f64| {
             let distance = (x - origin.x) / direction.x;
@@ -738,6 +749,53 @@ fn as_many_reflections_are_followed_as_are_asked_for() {
             }
         }
         assert!(compared > 10_000 && patches[1..].iter().all(|count| *count > 20), "{compared}, {patches:?}");
+    }
+}
+
+#[test]
+fn a_reflection_that_weighs_too_little_is_not_followed_and_its_mirror_shows_what_the_last_ones_show() {
+    let mut stage = stage_or_skip!();
+    let mut scene = facing_mirrors(&stage);
+    scene.lights = vec![SpotLight {
+        position: DVec3::new(0.5, -1.0, 1.0),
+        target: DVec3::new(-0.5, 1.0, 0.0),
+        intensity: [10.0; 3],
+        inner_degrees: 50.0,
+        outer_degrees: 60.0,
+    }];
+    // The weight of the second reflection is the square of the share, that of the third its cube.
+    let [second, third] = [2, 3].map(|power| INTENSITY.powi(power));
+    let cases = [(0.99 * third, 3), (1.01 * third, 2), (1.01 * second, 1), (1.0, 1)];
+    for (light, last, method) in [
+        ("colors", "matt", "surfel_trace"),
+        ("lights", "matt", "surfel_trace"),
+        ("colors", "dark", "surfel_trace"),
+        ("lights", "dark", "sscr_hierarchical"),
+        ("colors", "matt", "cubemap_trace"),
+    ] {
+        let mut settings = settings(&[("light.by", light), ("mirror.last", last), ("reflection.method", method)]);
+        (settings.gi.bounces, settings.gi.vpls) = (1, 16);
+        let picture = |stage: &mut Stage, settings: &Settings| {
+            scene.render(stage, settings);
+            bits(&read(stage, Aov::Color))
+        };
+        let [one, two, three] = [1, 2, 3].map(|bounces| {
+            (settings.reflection.bounces, settings.reflection.least_weight) = (bounces, 0.0);
+            picture(&mut stage, &settings)
+        });
+        assert!(one != two && two != three, "{light} {last} {method}");
+        for (least, followed) in cases {
+            settings.reflection.least_weight = least as f32;
+            let expected = [&one, &two, &three][followed - 1];
+            assert!(picture(&mut stage, &settings) == *expected, "{light} {last} {method}: {least}");
+        }
+        // Another law of the angle changes weights: what was found before it does not stay.
+        settings.reflection.least_weight = 1.01 * third as f32;
+        settings.mirror.fresnel = 1.0;
+        let kept = picture(&mut stage, &settings);
+        stage.renderer.forget();
+        assert!(picture(&mut stage, &settings) == kept, "{light} {last} {method}: kept");
+        assert!(kept != two, "{light} {last} {method}");
     }
 }
 

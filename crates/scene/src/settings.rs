@@ -332,6 +332,8 @@ params! {
         method: Method = Method::Auto;
         /// Reflections that are followed, one after the other.
         bounces: u32 = 1, 0..=8, "bounces" => affects(found truth);
+        /// Share of the picture below which a further reflection is not followed: the product of what the mirrors on its way reflect. The mirror that it would leave shows what mirror.last says. At 0 all are followed; the first one always is, and so are all of the truth.
+        least_weight: f32 = 0.02, 0.0..=1.0, "share";
         /// Rays of a mirror pixel from places spread over it: the mirror shows their mean, so what it shrinks is smooth. While something moves, one. Methods that draw from a viewpoint behind the mirror take one.
         samples: u32 = 1, 1..=256, "rays";
         /// Keep the reflected points while camera, points, mirrors and parameters stand still, and only shade them anew.
@@ -480,7 +482,7 @@ params! {
         seeds: Seeds = Seeds::Random;
         /// Regions that each point is tried in.
         regions_per_point: u32 = 1, 1..=16, "regions";
-        /// Share of the points that are searched for where mirrors cover a tenth of the picture. Fewer pixels, as in later bounces, take fewer points, and more take more; 1 takes all.
+        /// Share of the points that are searched for where mirrors cover a tenth of the picture. Fewer pixels, as in later bounces, take fewer points, and more take more; 1 takes all, and in later bounces as many a pixel as in the first.
         point_share: f32 = 1.0, 0.001..=1.0, "share";
         /// Draw another region for points outside of the cone of their region's reflected rays, and do not search for those that no drawn region can reflect; each point is tested, not whole chunks.
         cull_points: bool = false;

@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 22] = [
+const PLANS: [(&str, &str); 24] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
@@ -13,6 +13,7 @@ const PLANS: [(&str, &str); 22] = [
     ("initial-step", include_str!("../../../assets/plans/initial-step.toml")),
     ("close-up", include_str!("../../../assets/plans/close-up.toml")),
     ("pull-levels", include_str!("../../../assets/plans/pull-levels.toml")),
+    ("density", include_str!("../../../assets/plans/density.toml")),
     ("viewport", include_str!("../../../assets/plans/viewport.toml")),
     ("mirrors", include_str!("../../../assets/plans/mirrors.toml")),
     ("solvers", include_str!("../../../assets/plans/solvers.toml")),
@@ -22,6 +23,7 @@ const PLANS: [(&str, &str); 22] = [
     ("gloss", include_str!("../../../assets/plans/gloss.toml")),
     ("light-field", include_str!("../../../assets/plans/light-field.toml")),
     ("screen", include_str!("../../../assets/plans/screen.toml")),
+    ("bounces", include_str!("../../../assets/plans/bounces.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),
     ("auto", include_str!("../../../assets/plans/auto.toml")),
     ("surfaces", include_str!("../../../assets/plans/surfaces.toml")),

@@ -38,7 +38,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 31] = [
+const CASES: [Case; 32] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -183,6 +183,7 @@ const CASES: [Case; 31] = [
         range: 0.0..=10_000.0,
         scene: stray,
     },
+    Case { name: "faint", value: "share that the mirrors reflect", default: 0.5, range: 0.01..=1.0, scene: faint },
     Case { name: "rows", value: "how many mirrors", default: 16.0, range: 1.0..=16.0, scene: rows },
 ];
 
@@ -454,6 +455,12 @@ fn crowd(mirrors: f64) -> Scene {
 fn kinds(mirrors: f64) -> Scene {
     let mirrors = five_mirrors::Variant::All.mirrors().into_iter().take(mirrors.round() as usize);
     in_room(mirrors.map(|mirror| Piece::mirror(mirror).spaced(0.006)))
+}
+
+/// All five mirrors, which show one another, and reflect a share of what they meet.
+fn faint(share: f64) -> Scene {
+    let mirrors = five_mirrors::Variant::All.mirrors().into_iter();
+    in_room(mirrors.map(|mirror| Piece::mirror(Mirror { specular_intensity: share as f32, ..mirror }).spaced(0.006)))
 }
 
 /// A sphere in front of a wall.

@@ -37,11 +37,11 @@ impl StillError {
     pub const NONE: Self = Self { delta_e: 0.0, pixels: 0.0 };
 }
 
-/// The settings of the still picture, from those of a picture.
+/// The settings of the still picture, from those of a picture. All its reflections are followed.
 pub fn still_settings(settings: &Settings) -> Settings {
     let mut still = settings.clone();
     still.reflection.method = Method::SurfelTrace;
-    (still.view.resolution, still.splat.step) = (1.0, 1);
+    (still.view.resolution, still.splat.step, still.reflection.least_weight) = (1.0, 1, 0.0);
     let gi = &mut still.gi;
     (gi.vpls, gi.sky_lights) = (gi.vpls.max(STILL_LIGHTS), gi.sky_lights.max(STILL_LIGHTS));
     gi.interleave = 1;

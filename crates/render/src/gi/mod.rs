@@ -181,6 +181,8 @@ pub(crate) struct Receiver<'a> {
     pub from: &'a Image,
     /// Whether a reflection is followed from here.
     pub is_mixed: bool,
+    /// The rays that are followed, whose w is 0 where none is; `None` if all are.
+    pub followed: Option<&'a Image>,
     /// Whether something here may have a highlight.
     pub is_glossy: bool,
     /// Whether something here that is no mirror may.
@@ -374,7 +376,7 @@ impl GlobalIllumination {
             *target = SurfaceLight::new(device, inputs.size);
         }
         let gi = &settings.gi;
-        let is_glossy = receiver.is_glossy && (receiver.has_gloss || !receiver.is_mixed);
+        let is_glossy = receiver.is_glossy && (receiver.has_gloss || !receiver.is_mixed || receiver.followed.is_some());
         let from_camera = receiver.index == 0;
         let is_reused = self.keeper.reuse == LightReuse::Reuse;
         let shaded = Shaded {
@@ -412,6 +414,7 @@ impl GlobalIllumination {
             ("window", window),
             ("is_glossy", u32::from(is_glossy)),
             ("is_mixed", u32::from(receiver.is_mixed)),
+            ("stops", u32::from(receiver.followed.is_some())),
             ("keeps", u32::from(taken.is_some())),
             ("reuses", u32::from(tiles.is_some())),
             ("is_published", u32::from(is_published(settings))),
@@ -428,6 +431,7 @@ impl GlobalIllumination {
             radiance_out: target.radiance.bind(),
             kept: taken.as_ref().map_or(&target.nothing, |taken| &taken.light).as_entire_binding(),
             left_in: receiver.fading.image().unwrap_or(normal).bind(),
+            rays_in: receiver.followed.unwrap_or(normal).bind(),
         };
         recorder.by_rows(&switches, inputs, bindings, groups)
     }

@@ -18,6 +18,8 @@ pub(crate) struct Bounce {
     pub reach: Option<Image>,
     /// How much of what the rays receive is reflected; `None` until a lobe says so (shaders/gloss_reflectance.wgsl).
     pub reflectance: Option<Image>,
+    /// How much the rays count; `None` if all are followed (shaders/mirror_weight.wgsl).
+    pub weight: Option<Image>,
 }
 
 impl Bounce {
@@ -30,12 +32,13 @@ impl Bounce {
             blended: image("mirror blended", wgpu::TextureFormat::Rgba16Float),
             reach: None,
             reflectance: None,
+            weight: None,
         }
     }
 
-    /// Makes what this bounce needs if reflections fade, and if a lobe does not reflect all that rays receive, or gives
-    /// it up.
-    pub fn provide(&mut self, device: &wgpu::Device, fades: bool, has_reflectance: bool) {
+    /// Makes what this bounce needs if reflections fade, if a lobe does not reflect all that rays receive, and if rays that
+    /// count little are not followed, or gives it up.
+    pub fn provide(&mut self, device: &wgpu::Device, [fades, has_reflectance, is_weighed]: [bool; 3]) {
         let size = self.radiance.size();
         let provide = |image: &mut Option<Image>, label, is_asked: bool| {
             let new = || Image::new(device, size, label, wgpu::TextureFormat::R32Float);
@@ -43,6 +46,7 @@ impl Bounce {
         };
         provide(&mut self.reach, "mirror reach", fades);
         provide(&mut self.reflectance, "mirror reflectance", has_reflectance);
+        provide(&mut self.weight, "mirror weight", is_weighed);
     }
 
     pub fn surface(&self) -> SurfaceImages<'_> {
@@ -50,8 +54,8 @@ impl Bounce {
     }
 
     pub fn bytes(&self) -> u64 {
-        let Self { mirror, seen, radiance, blended, reach, reflectance } = self;
-        let asked: u64 = [reach, reflectance].into_iter().flatten().map(Image::bytes).sum();
+        let Self { mirror, seen, radiance, blended, reach, reflectance, weight } = self;
+        let asked: u64 = [reach, reflectance, weight].into_iter().flatten().map(Image::bytes).sum();
         seen.bytes() + mirror.bytes() + radiance.bytes() + blended.bytes() + asked
     }
 }

@@ -12,6 +12,7 @@ use super::formula;
 use super::gather::Gather;
 use super::surfel_trace::Rays;
 use super::task::{MirrorGBuffer, MirrorSurface, SurfaceImages, Task};
+use super::weight;
 use crate::gpu::{Gpu, Result};
 use crate::identities::ChunkId;
 use crate::inputs::Inputs;
@@ -188,7 +189,8 @@ impl Clear {
         }
         bounces.truncate(count);
         let fading = Fading::new(recorder.gpu, search);
-        bounces.iter_mut().for_each(|bounce| bounce.provide(&recorder.gpu.device, fading.is_some(), false));
+        let asked = [fading.is_some(), false, weight::weighing(settings).is_some()];
+        bounces.iter_mut().for_each(|bounce| bounce.provide(&recorder.gpu.device, asked));
         let eye = search.supply.camera;
         let everything = store.draw_list(&eye, settings, method::supply_of(method));
         let mut supply = Inputs::new(recorder.gpu, eye, settings, &everything);
@@ -214,9 +216,10 @@ impl Clear {
             let (before, bounce) = (before.last(), &rest[0]);
             let surface = before.map_or(*camera, Bounce::surface);
             let from = before.map_or(camera.position, |before| &before.mirror.point);
+            weight::weigh(recorder, &supply, settings, (surface, from), before, bounce)?;
             let onward = match index {
                 0 => self.go_through(recorder, &supply, search, surface, points)?,
-                _ => self.go_on(recorder, &supply, search, surface, from)?,
+                _ => self.go_on(recorder, &supply, search, (surface, from), bounce)?,
             };
             let task = Task {
                 supply: &supply,
@@ -258,7 +261,7 @@ impl Clear {
         Ok(&self.through)
     }
 
-    /// Makes the rays that go on from the surface that a bounce has found, seen from the points `from`.
+    /// Makes the rays of `bounce`, which go on from the surface that the one before has found, seen from the points `from`.
     ///
     /// # Errors
     /// A shader is refused.
@@ -267,10 +270,10 @@ impl Clear {
         recorder: &mut Recorder<'_>,
         supply: &Inputs,
         search: &Search<'_>,
-        surface: SurfaceImages<'_>,
-        from: &Image,
+        (surface, from): (SurfaceImages<'_>, &Image),
+        bounce: &Bounce,
     ) -> Result<&Onward> {
-        self.start(recorder, supply, search, surface, Some(from), self.known_points(), &self.later)?;
+        self.start(recorder, supply, search, surface, Some((from, bounce)), self.known_points(), &self.later)?;
         Ok(&self.later)
     }
 
@@ -279,27 +282,31 @@ impl Clear {
         self.knows_points.then_some(&self.points)
     }
 
-    /// Makes rays; those that leave a surface seen from `from` alone are the only ones of their pixels.
+    /// Makes rays; those of a bounce, which leave a surface that is seen from mirror points, are the only ones of their
+    /// pixels.
     fn start(
         &self,
         recorder: &mut Recorder<'_>,
         supply: &Inputs,
         search: &Search<'_>,
         surface: SurfaceImages<'_>,
-        from: Option<&Image>,
+        later: Option<(&Image, &Bounce)>,
         points: Option<&Image>,
         onward: &Onward,
     ) -> Result<()> {
+        let weight = later.and_then(|(_, bounce)| bounce.weight.as_ref());
         let bindings = passes::mirror_surface {
             albedo_in: surface.albedo.bind(),
             normal_in: surface.normal.bind(),
             position_in: surface.position.bind(),
-            from_in: from.unwrap_or(surface.position).bind(),
+            from_in: later.map_or(surface.position, |(from, _)| from).bind(),
             point_out: self.arriving.point.bind(),
             eye_out: self.arriving.eye.bind(),
+            weight_in: weight.unwrap_or(surface.normal).bind(),
         };
-        recorder.over_pixels(&[("from_camera", u32::from(from.is_none()))], supply, bindings)?;
-        self.leave(recorder, supply, search, surface.normal, points, from.is_some(), 0, onward)
+        let switches = [("from_camera", u32::from(later.is_none())), ("stops", u32::from(weight.is_some()))];
+        recorder.over_pixels(&switches, supply, bindings)?;
+        self.leave(recorder, supply, search, surface.normal, points, later.is_some(), 0, onward)
     }
 
     /// Makes the rays that go on from where rays arrive: those behind surfaces and solids, or those of a way inside a

@@ -2,7 +2,7 @@
 //! rays that change. A ray is told by its key, on the GPU (shaders/gloss_normals.wgsl), so that a picture from kept
 //! hits is, to the bit, the one that traces them all.
 
-use scene::{Mirror, Settings};
+use scene::{Mirror, MirrorSettings, Settings};
 
 use super::gather::Gather;
 use super::task::{MirrorSurface, Task};
@@ -41,18 +41,32 @@ pub enum GlossCache {
 #[derive(Clone, PartialEq)]
 pub(crate) struct Scenery {
     camera: FrameCamera,
-    /// Without those of colours.
+    /// Without those of colours, unless rays are weighed.
     settings: Settings,
+    /// The settings by which rays are weighed; `None` if all are followed.
+    weighing: Option<MirrorSettings>,
     step: u32,
     geometry_revision: u64,
-    /// Without colours and powers.
+    /// Without colours and powers, unless rays are weighed.
     mirrors: Vec<Mirror>,
 }
 
 impl Scenery {
-    /// `settings` affect what is found; one point in `step` is drawn for the camera.
-    pub fn new(camera: FrameCamera, settings: &Settings, step: u32, store: &PointStore, mirrors: &[Mirror]) -> Self {
-        let settings = Settings { color: Default::default(), ..settings.clone() };
+    /// `settings` affect what is found, with those by which rays are weighed; one point in `step` is drawn for the camera.
+    pub fn new(
+        camera: FrameCamera,
+        (settings, weighing): (&Settings, Option<&MirrorSettings>),
+        step: u32,
+        store: &PointStore,
+        mirrors: &[Mirror],
+    ) -> Self {
+        let weighing = weighing.cloned();
+        let mut settings = settings.clone();
+        if weighing.is_some() {
+            let mirrors = mirrors.to_vec();
+            return Self { camera, settings, weighing, step, geometry_revision: store.revision(), mirrors };
+        }
+        settings.color = Default::default();
         let bare = |mirror: &Mirror| Mirror {
             name: String::new(),
             color: [0.0; 3],
@@ -61,7 +75,7 @@ impl Scenery {
             ..mirror.clone()
         };
         let mirrors = mirrors.iter().map(bare).collect();
-        Self { camera, settings, step, geometry_revision: store.geometry_revision(), mirrors }
+        Self { camera, settings, weighing, step, geometry_revision: store.geometry_revision(), mirrors }
     }
 }
 

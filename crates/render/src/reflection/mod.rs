@@ -39,6 +39,7 @@ pub(crate) mod surfel_index;
 pub(crate) mod surfel_trace;
 mod surfel_tree;
 pub(crate) mod task;
+pub(crate) mod weight;
 
 use scene::{MapFill, Method, Settings, Supply};
 
@@ -242,8 +243,8 @@ impl Reflections {
             self.bounces.push(Bounce::new(&gpu.device, self.size));
         }
         self.bounces.truncate(self.count);
-        let weighs = has_reflectance(settings);
-        self.bounces.iter_mut().for_each(|bounce| bounce.provide(&gpu.device, fades, weighs));
+        let asked = [fades, has_reflectance(settings), weight::weighing(settings).is_some()];
+        self.bounces.iter_mut().for_each(|bounce| bounce.provide(&gpu.device, asked));
         if rays.sample.is_some() {
             self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size)).provide(gpu, settings);
         }
@@ -272,9 +273,10 @@ impl Reflections {
         let drawn = gloss.filter(|_| rays.is_glossy);
 
         // The rays: perfect ones, and those that rough mirrors draw about them.
+        weight::weigh(recorder, supply, settings, (step.surface, step.from), before.last(), step.bounce)?;
         let (mirror, own_normal) = match clear {
             Some(clear) => {
-                let onward = clear.go_on(recorder, supply, search, step.surface, step.from)?;
+                let onward = clear.go_on(recorder, supply, search, (step.surface, step.from), step.bounce)?;
                 (&onward.rays, &onward.normal)
             }
             None => step.reflect(recorder, self.footprint.as_ref().filter(|_| rays.is_moved && index == 0))?,

@@ -269,6 +269,7 @@ impl Sscr {
             ("cull", u32::from(settings.cull_points)),
             ("cull_chunks", u32::from(settings.cull_chunks)),
             ("count_points", u32::from(is_counted)),
+            ("is_later", u32::from(task.bounce > 0)),
             ("record_endings", u32::from(is_counted && records)),
             ("shows_search", u32::from(task.settings.reflection.show == Show::Search)),
         ];

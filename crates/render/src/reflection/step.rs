@@ -47,8 +47,10 @@ impl<'a> Step<'a> {
             from_in: self.from.bind(),
             point_out: footprint.map_or(&bounce.mirror.point, |footprint| &footprint.centers).bind(),
             eye_out: bounce.mirror.eye.bind(),
+            weight_in: bounce.weight.as_ref().unwrap_or(surface.normal).bind(),
         };
-        recorder.over_pixels(&[("from_camera", u32::from(self.index == 0))], &search.supply, bindings)?;
+        let switches = [("from_camera", u32::from(self.index == 0)), ("stops", u32::from(bounce.weight.is_some()))];
+        recorder.over_pixels(&switches, &search.supply, bindings)?;
         let Some(footprint) = footprint else { return Ok((&bounce.mirror, surface.normal)) };
         let formulas = search.formulas.as_ref();
         footprint.move_points(recorder, &search.supply, surface.normal, formulas, &bounce.mirror)?;

@@ -269,7 +269,8 @@ fn sum_samples(
     let (first, end) = (sums.samples, plan.end_of_samples(sums.samples, plan.samples));
     let mut hits = GlossCache::NoGloss;
     if plan.has_gloss() {
-        let scenery = Scenery::new(plan.camera, &asked.settings, asked.points.step, store, plan.objects.mirrors);
+        let found_by = (&asked.settings, asked.weighing.as_ref());
+        let scenery = Scenery::new(plan.camera, found_by, asked.points.step, store, plan.objects.mirrors);
         hits = reflections.begin_gloss(recorder, search, scenery, plan.samples, first == 0);
     }
     let kept_as = |set: u32| (hits == GlossCache::Kept).then_some(set);

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{IndirectBy, Lighting, Mirror, Settings, Show, Tone};
+use scene::{IndirectBy, Lighting, Mirror, MirrorSettings, Settings, Show, Tone};
 
 use super::request::{Effort, Frame};
 use crate::frame::{FrameCamera, Objects};
@@ -14,6 +14,7 @@ use crate::layout::BLOCK_POINTS;
 use crate::lighting::{Lights, MappedLight};
 use crate::reflection::fading::fades;
 use crate::reflection::gloss::RaySets;
+use crate::reflection::weight::weighing;
 use crate::reflection::{self, Reflections};
 use crate::shading::Shading;
 use crate::store::PointStore;
@@ -57,6 +58,8 @@ pub(super) struct SurfaceInputs {
     pub rays: RaySets,
     /// Whether it is measured how far the rays of mirrors go.
     fades: bool,
+    /// The settings by which rays are weighed; `None` if all are followed.
+    pub weighing: Option<MirrorSettings>,
 }
 
 impl SurfaceInputs {
@@ -82,6 +85,7 @@ impl SurfaceInputs {
             shows_search: settings.reflection.show == Show::Search,
             rays: RaySets::new(settings, store, objects.mirrors)?,
             fades: fades(settings),
+            weighing: weighing(settings).cloned(),
         })
     }
 
