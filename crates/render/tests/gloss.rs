@@ -627,6 +627,22 @@ fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as
                 assert_eq!((traced, known), (0, all), "{name}, {change}");
             }
         }
+        // What mirrors reflect decides which second reflections are followed, and by a tint their colours do.
+        settings.reflection.least_weight = 0.5;
+        scene.mirrors[1].specular_intensity = 0.8;
+        scene.render(&mut stage, &settings);
+        for change in ["intensity", "law", "tint"] {
+            match change {
+                "intensity" => scene.mirrors[1].specular_intensity = 0.3,
+                "law" => settings.mirror.tint = 1.0,
+                _ => scene.mirrors[1].color = [0.9, 0.95, 0.9],
+            }
+            scene.render(&mut stage, &settings);
+            let shown = images(&stage);
+            stage.renderer.forget();
+            scene.render(&mut stage, &settings);
+            assert!(images(&stage) == shown, "{name}, {change}: another picture than from scratch");
+        }
         // Another camera, and another mirror, trace all.
         scene.camera.eye.x += 0.01;
         assert_eq!(scene.render(&mut stage, &settings).glossy_rays[1], 0, "{name}");

@@ -2,12 +2,15 @@
 //! rays that change. A ray is told by its key, on the GPU (shaders/gloss_normals.wgsl), so that a picture from kept
 //! hits is, to the bit, the one that traces them all.
 
-use scene::{Mirror, MirrorSettings, Settings};
+use std::collections::HashMap;
+
+use scene::{Color, Mirror, MirrorSettings, Settings};
 
 use super::gather::Gather;
 use super::task::{MirrorSurface, Task};
 use crate::frame::FrameCamera;
 use crate::gpu::{Gpu, Result};
+use crate::identities::CloudId;
 use crate::layout::KEPT_WORD_BYTES;
 use crate::method;
 use crate::passes;
@@ -41,32 +44,44 @@ pub enum GlossCache {
 #[derive(Clone, PartialEq)]
 pub(crate) struct Scenery {
     camera: FrameCamera,
-    /// Without those of colours, unless rays are weighed.
+    /// Without those of colours.
     settings: Settings,
-    /// The settings by which rays are weighed; `None` if all are followed.
-    weighing: Option<MirrorSettings>,
+    /// `None` if all rays are followed.
+    weights: Option<Weights>,
     step: u32,
     geometry_revision: u64,
-    /// Without colours and powers, unless rays are weighed.
+    /// Without colours and powers.
     mirrors: Vec<Mirror>,
 }
 
+/// All that decides how much rays count, and so which are followed.
+#[derive(Clone, PartialEq)]
+struct Weights {
+    laws: MirrorSettings,
+    of_mirrors: Vec<f32>,
+    of_points: HashMap<CloudId, f32>,
+    /// Where mirrors tint: the settings of colours, the revision of the points, and the colours of mirrors.
+    tints: Option<(Color, u64, Vec<[f32; 3]>)>,
+}
+
 impl Scenery {
-    /// `settings` affect what is found, with those by which rays are weighed; one point in `step` is drawn for the camera.
+    /// `settings` affect what is found, and `laws` how much rays count, if some are not followed; one point in `step` is
+    /// drawn for the camera.
     pub fn new(
         camera: FrameCamera,
-        (settings, weighing): (&Settings, Option<&MirrorSettings>),
+        (settings, laws): (&Settings, Option<&MirrorSettings>),
         step: u32,
         store: &PointStore,
         mirrors: &[Mirror],
     ) -> Self {
-        let weighing = weighing.cloned();
-        let mut settings = settings.clone();
-        if weighing.is_some() {
-            let mirrors = mirrors.to_vec();
-            return Self { camera, settings, weighing, step, geometry_revision: store.revision(), mirrors };
-        }
-        settings.color = Default::default();
+        let colors = || mirrors.iter().map(|mirror| mirror.color).collect();
+        let weights = laws.map(|laws| Weights {
+            laws: laws.clone(),
+            of_mirrors: mirrors.iter().map(|mirror| mirror.specular_intensity).collect(),
+            of_points: store.intensities(),
+            tints: (laws.tint > 0.0).then(|| (settings.color.clone(), store.revision(), colors())),
+        });
+        let settings = Settings { color: Default::default(), ..settings.clone() };
         let bare = |mirror: &Mirror| Mirror {
             name: String::new(),
             color: [0.0; 3],
@@ -75,7 +90,7 @@ impl Scenery {
             ..mirror.clone()
         };
         let mirrors = mirrors.iter().map(bare).collect();
-        Self { camera, settings, weighing, step, geometry_revision: store.geometry_revision(), mirrors }
+        Self { camera, settings, weights, step, geometry_revision: store.geometry_revision(), mirrors }
     }
 }
 
