@@ -427,6 +427,10 @@ impl PointStore {
         }
     }
 
+    pub(crate) fn intensities(&self) -> HashMap<CloudId, f32> {
+        self.clouds.iter().map(|(id, cloud)| (*id, cloud.material.specular_intensity)).collect()
+    }
+
     pub fn set_visible(&mut self, cloud: CloudId, visible: bool) {
         self.change();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {

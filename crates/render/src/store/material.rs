@@ -1,11 +1,6 @@
 //! How the points of a cloud reflect.
 
-use std::collections::HashMap;
-
 use scene::Mirror;
-
-use super::PointStore;
-use crate::identities::CloudId;
 
 /// How a cloud reflects: a specular intensity above 0 makes it a mirror, one below 0 makes it glossy.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -46,12 +41,5 @@ impl Material {
             (specular_intensity > 0.0, specular_intensity < 0.0, refraction, has_formula, as_points)
         };
         kind(self) == kind(other)
-    }
-}
-
-impl PointStore {
-    /// The specular intensities of the clouds.
-    pub(crate) fn intensities(&self) -> HashMap<CloudId, f32> {
-        self.clouds.iter().map(|(id, cloud)| (*id, cloud.material.specular_intensity)).collect()
     }
 }
