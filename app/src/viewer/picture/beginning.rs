@@ -249,7 +249,7 @@ mod tests {
         commands.send(Command::Change(Change::Open { cloud, provisional_radius: 0.1 })).unwrap();
         let sender = std::thread::spawn(move || {
             // Compiling would have begun long ago.
-            std::thread::sleep(Duration::from_millis(600));
+            std::thread::sleep(Duration::from_millis(100));
             commands.send(Command::Change(Change::Put { key, chunk: wall(), layout: Arc::default() })).unwrap();
             commands.send(Command::Frame(Box::new(requests()[1].clone()))).unwrap();
             commands
