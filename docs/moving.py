@@ -116,13 +116,18 @@ class Glint:
                 self.events.append((time.time(), json.loads(line)))
 
     def settle(self, first=0):
-        """Waits until the picture is final. Returns when the event after the first ones came that says so."""
+        """Waits until the picture is final after all that moves. Returns when the event came that says so."""
         until = time.time() + PATIENCE
         while time.time() < until:
             self.look()
+            final = None
             for at, event in self.events[first:]:
                 if event["event"] == "settled":
-                    return at
+                    final = at
+                elif event["event"] == "frame" and event["moving"]:
+                    final = None
+            if final:
+                return final
             time.sleep(0.01)
         sys.exit(f"no final picture within {PATIENCE} s")
 
@@ -168,11 +173,10 @@ def drags(program, scene, seconds, times):
             glint.settle()
             screen.enlarge(glint.process)
             time.sleep(4.0)
-            glint.look()
+            glint.settle()
             first = len(glint.events)
             released = screen.drag(seconds)
-            glint.settle(first)
-            final = max(at for at, event in glint.events if event["event"] == "settled")
+            final = glint.settle(first)
             moving = [event for _, event in glint.frames(first) if event["moving"]]
             if is_judged:
                 flips = [event["flip"] for event in moving]
