@@ -127,10 +127,11 @@ fn unfolded(middle: DVec3, radius: f64, station: DVec3, point: DVec3) -> Option<
 /// Balls that may be mirrors, with the points within their outlines: the best of each circle, those that most points fit
 /// first.
 pub fn suggested(station: DVec3, points: &[DVec3], map: &SurfaceMap) -> Vec<(Mirror, Vec<Seen>)> {
+    let ways: Vec<DVec3> = points.iter().map(|place| (*place - station).normalize()).collect();
     let ball = |circle: &Circle| {
         let cosine = (circle.angle * 0.9).cos();
-        let within: Vec<DVec3> =
-            points.iter().copied().filter(|place| (*place - station).normalize().dot(circle.axis) > cosine).collect();
+        let is_within = |(_, way): &(&DVec3, &DVec3)| way.dot(circle.axis) > cosine;
+        let within: Vec<DVec3> = points.iter().zip(&ways).filter(is_within).map(|(place, _)| *place).collect();
         if within.len() < TRIED {
             return None;
         }

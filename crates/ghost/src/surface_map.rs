@@ -257,22 +257,63 @@ fn patch_of(sums: &Sums, middle: DVec3, step: f64, width: f64) -> Option<Patch> 
     })
 }
 
+/// The patches of one grid, and which of them lie about each corner of its cells. A look-up of a corner takes the place
+/// of eight look-ups of cells, most of which are empty.
+struct Grid {
+    /// The patches with the keys of their cells.
+    patches: Vec<(u64, Patch)>,
+    /// The range of `about` for each corner that has patches. A corner has the key of the cell before it on all axes.
+    corners: ByKey<[u32; 2]>,
+    /// Indices into `patches`: corner by corner, in the order of `beside`.
+    about: Vec<u32>,
+}
+
+/// The cell that is one of the eight about a corner, whose key is that of the first.
+fn beside(index: i64) -> I64Vec3 {
+    I64Vec3::new(index & 1, index >> 1 & 1, index >> 2)
+}
+
+impl Grid {
+    fn new(patches: Vec<(u64, Patch)>) -> Self {
+        let corners_of = |(number, (key, _)): (usize, &(u64, Patch))| {
+            let cell = cell_of(*key);
+            (0..8).filter_map(move |index| Some((key_of(cell - beside(index))?, index as u8, number as u32)))
+        };
+        let mut all: Vec<(u64, u8, u32)> = patches.iter().enumerate().flat_map(corners_of).collect();
+        all.par_sort_unstable();
+        let (mut corners, mut start) = (ByKey::default(), 0);
+        for own in all.chunk_by(|a, b| a.0 == b.0) {
+            let end = start + own.len() as u32;
+            corners.insert(own[0].0, [start, end]);
+            start = end;
+        }
+        Self { patches, corners, about: all.into_iter().map(|(.., number)| number).collect() }
+    }
+
+    /// The patches of the eight cells about a corner.
+    fn about(&self, corner: I64Vec3) -> impl Iterator<Item = &Patch> {
+        let range = key_of(corner).and_then(|key| self.corners.get(&key));
+        let [start, end] = range.map_or([0, 0], |range| range.map(|index| index as usize));
+        self.about[start..end].iter().map(|number| &self.patches[*number as usize].1)
+    }
+}
+
 /// Patches in grids of several widths.
 pub struct SurfaceMap {
     frame: Frame,
     edge: f64,
-    levels: Vec<ByKey<Patch>>,
+    levels: Vec<Grid>,
     /// The usual thickness of patches: the noise of the scan.
     noise: f64,
 }
 
 /// The patches with so many points that their thickness is well known, of the grid that has most points in such patches.
-fn full_patches(levels: &[Vec<(u64, Patch)>]) -> impl Iterator<Item = &Patch> {
-    let full = |level: &'_ Vec<(u64, Patch)>| {
+fn full_patches<'a>(levels: &[&'a [(u64, Patch)]]) -> impl Iterator<Item = &'a Patch> {
+    let full = |level: &&[(u64, Patch)]| {
         level.iter().filter(|(_, patch)| patch.count >= FULL).map(|(_, patch)| u64::from(patch.count)).sum::<u64>()
     };
     let most = levels.iter().map(full).max().unwrap_or(0);
-    let finest = levels.iter().find(|level| 2 * full(level) >= most);
+    let finest = levels.iter().copied().find(|level| 2 * full(level) >= most);
     finest.into_iter().flatten().map(|(_, patch)| patch).filter(|patch| patch.count >= FULL)
 }
 
@@ -293,17 +334,18 @@ const REACH: f64 = 0.75;
 
 impl SurfaceMap {
     fn new(frame: Frame, edge: f64, levels: Vec<Vec<(u64, Patch)>>) -> Self {
-        let noise = median(full_patches(&levels).map(|patch| f64::from(patch.thickness)).collect()).unwrap_or(0.0);
+        let all: Vec<&[(u64, Patch)]> = levels.iter().map(Vec::as_slice).collect();
+        let noise = median(full_patches(&all).map(|patch| f64::from(patch.thickness)).collect()).unwrap_or(0.0);
         let is_thin = |patch: &Patch| f64::from(patch.thickness) < (THIN * f64::from(patch.edge)).max(NOISY * noise);
-        let thin = |patches: Vec<(u64, Patch)>| patches.into_iter().filter(|(_, patch)| is_thin(patch)).collect();
+        let thin =
+            |patches: Vec<(u64, Patch)>| Grid::new(patches.into_iter().filter(|(_, patch)| is_thin(patch)).collect());
         Self { frame, edge, levels: levels.into_iter().map(thin).collect(), noise }
     }
 
     /// The standard deviation of ranges that makes surfaces as thick as they are, seen from these stations: a range that is
     /// off by t is off by t times the cosine of the incidence across the surface.
     pub fn range_noise(&self, stations: &[DVec3]) -> f64 {
-        let levels: Vec<Vec<(u64, Patch)>> =
-            self.levels.iter().map(|level| level.iter().map(|(key, patch)| (*key, *patch)).collect()).collect();
+        let levels: Vec<&[(u64, Patch)]> = self.levels.iter().map(|level| level.patches.as_slice()).collect();
         let along = |patch: &Patch| {
             let cosine = |station: &DVec3| (patch.center - *station).normalize().dot(patch.normal.as_dvec3());
             let mean = stations.iter().map(|station| cosine(station).powi(2)).sum::<f64>() / stations.len() as f64;
@@ -324,19 +366,17 @@ impl SurfaceMap {
     /// The patches of a grid with wide cells.
     pub fn wide_patches(&self) -> Vec<Patch> {
         let mut patches: Vec<(u64, Patch)> =
-            self.levels.get(LEVELS - 1).into_iter().flatten().map(|(key, patch)| (*key, *patch)).collect();
+            self.levels.get(LEVELS - 1).map(|level| level.patches.clone()).unwrap_or_default();
         patches.sort_unstable_by_key(|(key, _)| *key);
         patches.into_iter().map(|(_, patch)| patch).collect()
     }
 
     /// The patch that a place is nearest to, of the finest grid that has one within half an edge of its cells.
     pub fn nearest(&self, place: DVec3) -> Option<Fit> {
-        self.levels.iter().enumerate().find_map(|(level, patches)| {
+        let own = self.frame.own(place);
+        self.levels.iter().enumerate().find_map(|(level, grid)| {
             let width = self.edge * f64::from(1 << level);
-            let corner = (self.frame.own(place) / width - 0.5).floor().as_i64vec3();
-            let fits = (0..8).filter_map(|index| {
-                let cell = corner + I64Vec3::new(index & 1, index >> 1 & 1, index >> 2);
-                let patch = patches.get(&key_of(cell)?)?;
+            let fits = grid.about((own / width - 0.5).floor().as_i64vec3()).filter_map(|patch| {
                 let (offset, normal) = (place - patch.center, patch.normal.as_dvec3());
                 let distance = offset.dot(normal);
                 let beside = (offset - normal * distance).length();
