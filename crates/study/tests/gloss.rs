@@ -86,11 +86,11 @@ fn the_error_falls_with_the_root_of_the_samples() {
         let mut judged = Judged::new(&gpu, variant, power, &settings);
         for method in [Method::SurfelTrace, Method::SscrHierarchical] {
             settings.reflection.method = method;
-            let errors = [1, 4, 16, 64].map(|samples| {
+            let errors = [1, 64].map(|samples| {
                 settings.gloss.samples = samples;
                 judged.error(&mut renderer, &settings)
             });
-            let slope = (errors[3] / errors[0]).ln() / 64_f64.ln();
+            let slope = (errors[1] / errors[0]).ln() / 64_f64.ln();
             let what = format!("{}, power {power}, {lobe}, {}", variant.name(), method.row().name);
             println!("{what}: {errors:.5?}, as samples to the power of {slope:.2}");
             assert!(slope <= -0.4, "{what}: {errors:?}");

@@ -152,7 +152,8 @@ fn a_still_picture_does_not_change_and_a_moving_one_does_not_flicker() {
     let settings = settings("");
     open.render(renderer, &settings, SIZE).unwrap();
     let first = renderer.read_aov(Aov::Indirect).unwrap().data;
-    for _ in 1..16 {
+    // Frames keep what did not change, from the second one on.
+    for _ in 1..4 {
         open.render(renderer, &settings, SIZE).unwrap();
         let again = renderer.read_aov(Aov::Indirect).unwrap().data;
         let is_same = first.iter().zip(&again).all(|(one, other)| one.to_bits() == other.to_bits());
