@@ -19,9 +19,23 @@ use crate::reflection::sscr::Sscr;
 use crate::reflection::surfel_index::SurfelIndex;
 use crate::reflection::surfel_trace::{self, Rays};
 use crate::reflection::task::Task;
-use crate::renderer::ReflectedShare;
 use crate::store::draw_list::Selection;
 use crate::targets::Image;
+
+/// What mirrors of a hurried frame reflect, as shares of all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReflectedShare {
+    /// The share of the points that a method searches for or draws into maps.
+    pub points: f64,
+    /// The share of the texels of maps.
+    pub texels: f64,
+    /// The share of the mirror pixels; the others take over what these show.
+    pub pixels: f64,
+}
+
+impl ReflectedShare {
+    pub const ALL: Self = Self { points: 1.0, texels: 1.0, pixels: 1.0 };
+}
 
 /// The methods, with the state that each keeps from frame to frame.
 #[derive(Default)]

@@ -34,7 +34,7 @@ use plan::{Before, Plan, PointInputs, SurfaceInputs};
 
 pub(crate) use plan::{Lit, Summed};
 pub use request::{Effort, Frame};
-pub use stats::{FrameStats, ReflectedShare};
+pub use stats::FrameStats;
 
 /// Renders frames, one at a time, on any thread.
 pub struct Renderer {

@@ -2,6 +2,7 @@
 
 use crate::exposure::Exposure;
 use crate::gpu::Clock;
+use crate::method::ReflectedShare;
 use crate::pass_times::PassTime;
 use crate::reflection::ReflectionStats;
 use crate::reflection::kept_hits::GlossCache;
@@ -50,21 +51,6 @@ pub struct FrameStats {
     pub is_quick: bool,
     /// The mean FLIP to the picture at rest of the same view, where somebody has judged it.
     pub flip: Option<f64>,
-}
-
-/// What mirrors of a hurried frame reflect, as shares of all.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReflectedShare {
-    /// The share of the points that a method searches for or draws into maps.
-    pub points: f64,
-    /// The share of the texels of maps.
-    pub texels: f64,
-    /// The share of the mirror pixels; the others take over what these show.
-    pub pixels: f64,
-}
-
-impl ReflectedShare {
-    pub const ALL: Self = Self { points: 1.0, texels: 1.0, pixels: 1.0 };
 }
 
 impl FrameStats {
