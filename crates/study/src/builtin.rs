@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 24] = [
+const PLANS: [(&str, &str); 25] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
@@ -26,6 +26,7 @@ const PLANS: [(&str, &str); 24] = [
     ("bounces", include_str!("../../../assets/plans/bounces.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),
     ("auto", include_str!("../../../assets/plans/auto.toml")),
+    ("oracle", include_str!("../../../assets/plans/oracle.toml")),
     ("surfaces", include_str!("../../../assets/plans/surfaces.toml")),
     ("stability", include_str!("../../../assets/plans/stability.toml")),
 ];

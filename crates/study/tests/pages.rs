@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use study::chart::{self, Chart};
-use study::{Plan, pages, report, table};
+use study::{Plan, pages, report, table, targets};
 
 fn docs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs")
@@ -70,4 +70,14 @@ fn charts_and_reports_are_those_of_the_csv_beside_them() {
         }
     }
     assert!(known > 20 && wrong.is_empty(), "differ from their CSV, UPDATE=1 draws them anew: {wrong:#?}");
+}
+
+#[test]
+fn what_an_oracle_would_choose_follows_from_all_settings_of_the_plan() {
+    let folder = docs().join("study/oracle");
+    let plan = Plan::read(&folder.join("plan.toml")).unwrap_or_else(|error| panic!("{error}"));
+    let text = std::fs::read_to_string(folder.join("results.csv")).unwrap();
+    let rows = table::read(&plan, &text).unwrap();
+    let made = targets::oracle_table(&targets::judged(&rows));
+    assert_eq!(compare(&folder.join("targets.csv"), &made), None, "UPDATE=1 writes it anew");
 }
