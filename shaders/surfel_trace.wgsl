@@ -81,6 +81,9 @@ fn surfel_trace(@builtin(global_invocation_id) invocation: vec3u) {
     } else {
         nearest = through_trees(ray, start, nearest);
     }
+    if closes_gaps && nearest.key >= GAP_KEY {
+        nearest = through_gap(ray, start, nearest);
+    }
     if count_tests {
         let tests = before.w + nearest.nodes_tested + nearest.discs_tested;
         hits[pixel].w = tests;

@@ -23,6 +23,73 @@ struct Nearest {
 }
 const NONE: u32 = 0xffffffffu;
 
+// Discs of scattered points leave gaps in a surface. A ray slips through one if the nearest discs that it passes lie
+// about it on all four sides; beside a straight outline they lie on three at most.
+struct Gap {
+    // The axes that part the sides.
+    right: vec3f,
+    up: vec3f,
+    // The distance of the nearest disc beside the ray, and the identity of its point.
+    distance: f32,
+    identity: u32,
+    // A bit for each side on which a disc at about that distance lies.
+    sides: u32,
+}
+const ALL_SIDES: u32 = 15u;
+// The key of a ray that ends in a gap: beyond those of all discs that it meets.
+const GAP_KEY: f32 = 2e38;
+var<private> gap: Gap;
+// The share of their extent by which boxes are widened while a ray that met nothing looks for the discs beside it: a leaf
+// is some five radii wide.
+const GAP_MARGIN: f32 = 0.3;
+var<private> widening: f32;
+// Discs are taken to be about as far as another one within so many of their radii: those of two walls that meet.
+const GAP_DEPTH: f32 = 4.0;
+
+// Forgets the discs beside the ray before, and looks for those of another one.
+fn begin_gap(direction: vec3f) {
+    let axis = select(vec3f(1.0, 0.0, 0.0), vec3f(0.0, 1.0, 0.0), abs(direction.x) > 0.7);
+    let right = normalize(cross(direction, axis));
+    gap = Gap(right, cross(direction, right), 3e38, NONE, 0u);
+    widening = GAP_MARGIN;
+}
+
+// The margin of a box while such a ray looks for them.
+fn widened(margin: f32, extent: vec3f) -> f32 {
+    if closes_gaps {
+        return margin + widening * max(extent.x, max(extent.y, extent.z));
+    }
+    return margin;
+}
+
+// Takes note of a disc beside the ray.
+fn pass_beside(hit: DiscHit, identity: u32) {
+    let depth = hit.beside - gap.distance;
+    let most = GAP_DEPTH * hit.radius;
+    if depth < -most {
+        gap.sides = 0u;
+    }
+    if depth < most {
+        let side = select(0u, 1u, dot(hit.aside, gap.right) > 0.0) + select(0u, 2u, dot(hit.aside, gap.up) > 0.0);
+        gap.sides |= 1u << side;
+    }
+    if depth < 0.0 {
+        gap.distance = hit.beside;
+        gap.identity = identity;
+    }
+}
+
+// What a ray ends on that met no disc: the surface through whose gap it would slip.
+fn through_gap(ray: MirrorRay, start: f32, so_far: Nearest) -> Nearest {
+    begin_gap(ray.direction);
+    let nearest = through_trees(ray, start, so_far);
+    let is_open = nearest.key >= GAP_KEY && (nearest.identity == NONE || gap.distance < nearest.distance);
+    if !is_open || gap.sides != ALL_SIDES {
+        return nearest;
+    }
+    return Nearest(GAP_KEY, gap.distance, gap.identity, nearest.nodes_tested, nearest.discs_tested);
+}
+
 // The nearest disc that a ray meets from the top of the trees.
 fn through_trees(ray: MirrorRay, start: f32, so_far: Nearest) -> Nearest {
     var nearest = so_far;
@@ -32,7 +99,7 @@ fn through_trees(ray: MirrorRay, start: f32, so_far: Nearest) -> Nearest {
         let top = tops[i];
         let low = bitcast<vec3f>(top.low_skip.xyz);
         let high = bitcast<vec3f>(top.high_leaf.xyz);
-        let entry = box_entry(low, high, 0.0, ray.origin, ray.inverse, start, nearest.key);
+        let entry = box_entry(low, high, widened(0.0, high - low), ray.origin, ray.inverse, start, nearest.key);
         i = select(top.low_skip.w, i + 1u, entry < nearest.key);
         if entry < nearest.key && top.high_leaf.w != INNER {
             let place = place_of(tops[top_count + top.high_leaf.w]);
@@ -63,7 +130,8 @@ fn through_tree(
         let node = nodes[place.first_node + i];
         let low = bitcast<vec3f>(node.low_skip.xyz);
         let high = bitcast<vec3f>(node.high_leaf.xyz);
-        let is_met = box_entry(low, high, margin, origin, ray.inverse, start, nearest.key) < nearest.key;
+        let wide = widened(margin, high - low);
+        let is_met = box_entry(low, high, wide, origin, ray.inverse, start, nearest.key) < nearest.key;
         i = select(node.low_skip.w, i + 1u, is_met);
         let count = select(0u, node.high_leaf.w & 255u, is_met && node.high_leaf.w != INNER);
         let first_surfel = place.first_surfel + (node.high_leaf.w >> 8u);
@@ -87,6 +155,12 @@ fn through_tree(
             }
             if is_nearer {
                 nearest = Nearest(key, hit.distance, identity, nearest.nodes_tested, nearest.discs_tested);
+            }
+            if closes_gaps && widening > 0.0 && hit.beside > start && hit.beside < gap.distance + GAP_DEPTH * hit.radius {
+                let at = order[first_surfel + k];
+                if !hides_points || is_shown(at) {
+                    pass_beside(hit, place.first_identity + at - place.first_surfel);
+                }
             }
         }
     }

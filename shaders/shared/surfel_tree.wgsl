@@ -49,12 +49,21 @@ const ALONG_HEIGHT: f32 = 1.0;
 // The unit normal of that plane.
 var<private> left_normal: vec3f;
 
+// Set if a ray that meets nothing ends on the surface between whose discs it slips; see surfel_rays.wgsl.
+override closes_gaps: bool = false;
+// The farthest centre of a disc beside such a ray, in the disc's radii.
+const GAP_REACH: f32 = 2.5;
+
 struct DiscHit {
     // The distance along the ray, in units of its direction; 0 for a miss.
     distance: f32,
     // The squared distance from the disc's centre over the squared half axis there.
     outside: f32,
     radius: f32,
+    // The disc's centre, relative to the place where the ray meets its plane.
+    aside: vec3f,
+    // The distance of that place if it lies beside the disc, within reach, and gaps are closed; else 0.
+    beside: f32,
 }
 
 // `origin` and the box are relative to the same point; `direction` has unit length. `scale` is the factor of the radii.
@@ -77,7 +86,8 @@ fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, d
     let across = direction * distance - offset;
     var outside = dot(across, across) / (radius * radius);
     var narrow = radius;
-    if is_stretched && outside <= 1.0 {
+    let reach = select(1.0, GAP_REACH * GAP_REACH, closes_gaps);
+    if is_stretched && outside <= reach {
         let shape = SHAPE_BITS + 1u + ((packed.x >> 30u) | (((packed.y >> 28u) & 7u) << 2u));
         let stretch = unpack_stretch(shape, normalize(normal));
         outside = stretched_square(stretch, across) / (radius * radius);
@@ -90,8 +100,9 @@ fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, d
         is_apart = is_apart || distance > 0.0 && dot(left_normal, offset) > height * narrow;
     }
     // A disc seen edge-on is missed.
-    let is_hit = is_finite(outside) && outside <= 1.0 && is_apart;
-    return DiscHit(select(0.0, distance, is_hit), outside, radius);
+    let is_near = is_finite(outside) && outside <= reach && is_apart;
+    let is_hit = is_near && outside <= 1.0;
+    return DiscHit(select(0.0, distance, is_hit), outside, radius, -across, select(0.0, distance, is_near && !is_hit));
 }
 
 // The distance at which a ray that begins at `start` enters a box widened by `margin`; at or beyond `limit` for a miss.

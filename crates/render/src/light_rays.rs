@@ -7,9 +7,10 @@ use std::ops::Range;
 
 use scene::{Gi, Settings};
 
-use crate::gi::Brought;
+use crate::gi::{Brought, tile_of};
 use crate::gpu::{Error, Gpu, Result};
 use crate::layout::LIGHT_PATH_BYTES;
+use crate::loads::RAY_TILES;
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::reflection::fading::is_published;
@@ -81,6 +82,12 @@ impl LightRays {
         gi.ray_bounces.min(gi.bounces).max(1)
     }
 
+    /// The edge in pixels of the window over which the light is averaged, and whose pixels share a sequence of rays: whole
+    /// tiles of the virtual lights where paths end.
+    fn window(gi: &Gi) -> u32 {
+        if tile_of(gi) > 1 { RAY_TILES * gi.interleave } else { 1 }
+    }
+
     /// Adds rays of each pixel of `light.camera` to the sums; those with the number 0 start them anew.
     ///
     /// # Errors
@@ -142,8 +149,8 @@ impl LightRays {
             point_out: this.mirror.point.bind(),
             eye_out: this.mirror.eye.bind(),
         };
-        let tile = if settings.gi.filtered { settings.gi.interleave } else { 1 };
-        let switches = [("bounce", bounce as u32), ("tile", tile), ("is_glossy", u32::from(is_glossy))];
+        let switches =
+            [("bounce", bounce as u32), ("tile", Self::window(&settings.gi)), ("is_glossy", u32::from(is_glossy))];
         recorder.over_pixels(&switches, supply, bindings)?;
 
         let task = Task {
@@ -205,8 +212,8 @@ impl LightRays {
     }
 
     /// The light of the rays so far.
-    pub fn brought(&self) -> Brought<'_> {
-        Brought { diffuse: &self.diffuse, glossy: &self.glossy, state: self.state }
+    pub fn brought(&self, gi: &Gi) -> Brought<'_> {
+        Brought { diffuse: &self.diffuse, glossy: &self.glossy, window: Self::window(gi), state: self.state }
     }
 
     pub fn bytes(&self) -> u64 {
@@ -220,7 +227,7 @@ impl LightRays {
 /// the rays begin.
 pub(crate) fn settings_where_met(settings: &Settings) -> Settings {
     let mut settings = settings.clone();
-    settings.gi.interleave = if settings.gi.filtered { settings.gi.interleave } else { 1 };
+    settings.gi.interleave = tile_of(&settings.gi);
     settings.gi.filtered = false;
     settings
 }

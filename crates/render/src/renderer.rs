@@ -247,7 +247,7 @@ impl Renderer {
             kept,
             rays_before,
         )?;
-        let brought = kept.as_ref().map(LightRays::brought);
+        let brought = kept.as_ref().map(|rays| rays.brought(&plan.settings.gi));
         let (search, lit) = (search.as_mut(), (&*lights, &mut *gi, brought));
         let samples = chapters::shade(&mut recorder, plan, &mut inputs, search, targets, reflections, lit, before)?;
         chapters::show(&mut recorder, plan, &inputs, targets, reflections, (lights, gi), exposure)?;

@@ -102,6 +102,66 @@ fn a_floor_at_the_foot_of_a_wall_sees_what_the_wall_leaves_of_the_sky_even_a_dis
     }
 }
 
+#[test]
+fn no_sky_shines_into_a_closed_room_through_the_gaps_between_its_discs() {
+    let mut stage = stage_or_skip!();
+    let chunks = five_mirrors::sample(Variant::None, 20_000, 1).into_iter().flat_map(|part| part.chunks).collect();
+    let store = store_of(&stage, chunks, Material::default());
+    let mut share_of_sky = |close_gaps: bool| {
+        let mut settings = sky(32);
+        (settings.gi.filtered, settings.splat.close_gaps) = (false, close_gaps);
+        render(&mut stage, &store, &five_mirrors::camera(), &settings, &[]);
+        let (positions, albedo) = (read(&stage, Aov::Position), read(&stage, Aov::Albedo));
+        // Where walls meet, a pixel shows a mean of both, which may lie outside.
+        let is_on_one_wall = |at: &DVec3| {
+            let gaps = (DVec3::new(1.0, 1.0, 2.0) - at.abs()).to_array();
+            gaps.iter().filter(|gap| **gap < 0.1).count() == 1
+        };
+        let light = read(&stage, Aov::Indirect).into_iter().zip(albedo).zip(positions);
+        let shares: Vec<f64> = light
+            .filter(|(_, at)| is_on_one_wall(at))
+            .map(|((light, albedo), _)| light.element_sum() / (albedo.element_sum() * 2.0 * FRAC_1_PI))
+            .collect();
+        assert!(shares.len() > 2000, "{} pixels", shares.len());
+        shares.iter().sum::<f64>() / shares.len() as f64
+    };
+    let (closed, open) = (share_of_sky(true), share_of_sky(false));
+    println!("{closed} of the sky, {open} where gaps stay open");
+    // Discs leave 1.5 % of the walls open, and about half of the rays go up.
+    assert!(open > 0.004 && closed < 0.0002, "{closed} of the sky, {open} where gaps stay open");
+}
+
+#[test]
+fn light_is_averaged_over_a_face_and_none_runs_around_its_edge() {
+    let mut stage = stage_or_skip!();
+    // The top of a block sees the whole sky, its side half of it, right up to their edge.
+    let side = wall(DVec3::new(-1.0, -1.0, -2.0), [DVec3::X * 2.0, DVec3::Z * 2.0]);
+    let top = wall(DVec3::new(-1.0, -1.0, 0.0), [DVec3::X * 2.0, DVec3::Y * 2.0]);
+    let store = store_of(&stage, vec![top, side], Material::default());
+    let camera = Camera::looking(DVec3::new(0.0, -1.0, 0.0), DVec3::new(0.1, -1.0, 0.8), 0.6, DVec3::Z);
+    let mut shares = |settings: &Settings| {
+        render(&mut stage, &store, &camera, settings, &[]);
+        let faces: Vec<(DVec3, DVec3)> =
+            read(&stage, Aov::Normal).into_iter().zip(read(&stage, Aov::Indirect)).collect();
+        [(DVec3::Z, OPEN), (DVec3::NEG_Y, OPEN / 2.0)].map(|(normal, expected)| {
+            let of_face = faces.iter().filter(|(seen, _)| seen.dot(normal) > 0.9999);
+            of_face.map(|(_, light)| light.x / expected).collect::<Vec<f64>>()
+        })
+    };
+    let noise =
+        |shares: &[f64]| (shares.iter().map(|share| (share - 1.0).powi(2)).sum::<f64>() / shares.len() as f64).sqrt();
+    let [top, side] = shares(&sky(16));
+    assert!(top.len() > 300 && side.len() > 300, "{} and {} pixels", top.len(), side.len());
+    for share in top.iter().chain(&side) {
+        assert!((share - 1.0).abs() < 0.06, "{share} of a face's light");
+    }
+    let mut alone = sky(16);
+    alone.gi.filtered = false;
+    let noises = [side, shares(&alone)[1].clone()].map(|shares| noise(&shares));
+    println!("{noises:?} with and without the mean of neighbours");
+    assert!(noises[0] < 0.5 * noises[1], "{noises:?} with and without the mean of neighbours");
+}
+
 /// The inside of a sphere about the origin, of `points` discs.
 fn hollow_sphere(radius: f64, points: u32) -> Chunk {
     let place = |index: u32| {

@@ -202,6 +202,8 @@ pub(crate) struct Brought<'a> {
     pub diffuse: &'a Image,
     /// The radiance of highlights before their tint.
     pub glossy: &'a Image,
+    /// The edge in pixels of the window over which the images are averaged.
+    pub window: u32,
     /// A number that is different after each change of the images.
     pub state: u64,
 }
@@ -399,7 +401,7 @@ impl GlobalIllumination {
         }
         let SurfaceImages { albedo, normal, position } = receiver.surface;
         let groups = if from_camera { inputs.pixel_groups() } else { inputs.mirror_groups() };
-        let window = if gi.filtered { gi.interleave } else { 1 };
+        let window = receiver.brought.map_or_else(|| tile_of(gi), |brought| brought.window);
         let source = (lights.generation, gi.clone());
         let is_kept = from_camera && receiver.brought.is_none();
         let taken = if is_kept { self.keeper.take(recorder, inputs, receiver.surface, source, window)? } else { None };
@@ -499,6 +501,11 @@ impl SurfaceLight {
     fn bytes(&self) -> u64 {
         [&self.diffuse, &self.glossy, &self.radiance].map(Image::bytes).iter().sum()
     }
+}
+
+/// The edge in pixels of the tile over which the light of virtual lights is averaged.
+pub(crate) fn tile_of(gi: &Gi) -> u32 {
+    if gi.filtered { gi.interleave } else { 1 }
 }
 
 /// The factor of diffuse light, and the share and the power of highlights, of surfaces that are no mirrors.

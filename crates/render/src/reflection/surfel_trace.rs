@@ -25,7 +25,7 @@ pub(crate) enum Rays<'a> {
     /// The rays of all mirror pixels are followed up to the distance in w of their eyes.
     WithEnds,
     /// All rays go straight on from their eyes; the normals are those of the surfaces that they leave, whose own discs
-    /// they do not meet.
+    /// they do not meet. Those that meet nothing end in the gaps between discs through which they slip.
     FromSurfaces,
 }
 
@@ -58,6 +58,7 @@ pub(super) fn trace(
     rays: Rays<'_>,
 ) -> Result<()> {
     let use_beams = matches!(rays, Rays::InBeams);
+    let leaves_surface = matches!(rays, Rays::FromSurfaces);
     let rest = if let Rays::Listed(rest) = rays { Some(rest) } else { None };
     let trees = index.update(recorder, task.store, task.supply, chunks, task.settings.splat.size)?;
     let [width, height] = task.supply.size.map(|edge| edge.div_ceil(8));
@@ -95,7 +96,8 @@ pub(super) fn trace(
             ("use_lists", u32::from(use_beams)),
             ("use_rest", u32::from(rest.is_some())),
             ("has_ends", u32::from(matches!(rays, Rays::WithEnds))),
-            ("leaves_surface", u32::from(matches!(rays, Rays::FromSurfaces))),
+            ("leaves_surface", u32::from(leaves_surface)),
+            ("closes_gaps", u32::from(leaves_surface && task.settings.splat.close_gaps)),
             ("hides_points", u32::from(task.supply.hides_points)),
             ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
         ];

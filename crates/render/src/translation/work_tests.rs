@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use scene::{METHODS, Method, Settings};
 
 use super::{others, valid_module_of};
-use crate::loads::{WITHOUT_SKIPPING, side_of_discs};
+use crate::loads::{WITHOUT_SKIPPING, side_of_discs, windows};
 use crate::passes::{ALL, Pass};
 use crate::pieces::tests::longest_dispatch;
 
@@ -220,7 +220,7 @@ fn by_settings(pass: &str, settings: &Settings) -> Vec<(&'static str, usize, f64
         [("with_root", 0, ratio(sample_cameras.roots, 4)), ("kept_root", 0, ratio(sample_cameras.polish + 1, 1))];
     match pass {
         "indirect" => vec![("light_of_run", 0, lights / run / 1024.0)],
-        "indirect_filter" => vec![("indirect_filter", 0, run / 16.0)],
+        "indirect_filter" => vec![("indirect_filter", 0, run * windows(settings) / 16.0)],
         "show_virtual_lights" => vec![("show_virtual_lights", 0, lights / 4096.0)],
         "splat_nearest" | "splat_nearest_blind" | "splat_narrow" | "splat_accumulate" | "splat_behind" => {
             vec![("splat_point", 0, (side_of_discs(splat) / 3.0).powi(2))]
