@@ -146,7 +146,7 @@ fn range_differences(mirror: &str, pivot: [f64; 3], noise: &str) -> Option<Vec<f
     let down = cross(forward, right);
     let scale = SIZE as f64 / 2.0 / 20f64.to_radians().tan();
     let (names, points) = table(&folder, "scan.csv");
-    let at = |name: &str| names.iter().position(|other| other == name).unwrap();
+    let at = |name: &str| names.iter().position(|other| other == name).expect("its column");
     let [x, y, z, is_ghost] = ["x", "y", "z", "true_ghost"].map(at);
     let mut differences: Vec<f64> = points
         .iter()
