@@ -68,7 +68,8 @@ fn share(ui: &mut Ui, session: &Session) {
     let Some(share) = shown.and_then(|shown| shown.stats.reflected.as_ref()) else { return };
     let text = reflected_text(share);
     let help = format!("While values or the view change, mirrors reflect {text}; the picture at rest reflects all");
-    ui.add(egui::Label::new(RichText::new(text).small().color(theme::ACCENT)).truncate()).on_hover_text(help);
+    let short = text.replace(" of mirror", "").replace(" of", "");
+    ui.add(egui::Label::new(RichText::new(short).small().color(theme::ACCENT)).truncate()).on_hover_text(help);
 }
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
