@@ -3,7 +3,7 @@
 //! not depend on the method.
 //!
 //! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and
-//! share `gather`. How to add a method: docs/architecture.md, "Reflections".
+//! share `gather`. How to add a method: docs/how/picture.md, "Reflections".
 
 #[cfg(test)]
 mod beam;
