@@ -10,7 +10,7 @@ use scene::{Gi, Settings};
 use crate::gi::{Brought, tile_of};
 use crate::gpu::{Error, Gpu, Result};
 use crate::layout::LIGHT_PATH_BYTES;
-use crate::loads::RAY_TILES;
+use crate::loads::ray_tiles;
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::reflection::fading::is_published;
@@ -85,7 +85,7 @@ impl LightRays {
     /// The edge in pixels of the window over which the light is averaged, and whose pixels share a sequence of rays: whole
     /// tiles of the virtual lights where paths end.
     fn window(gi: &Gi) -> u32 {
-        if tile_of(gi) > 1 { RAY_TILES * gi.interleave } else { 1 }
+        if tile_of(gi) > 1 { ray_tiles(gi) * gi.interleave } else { 1 }
     }
 
     /// Adds rays of each pixel of `light.camera` to the sums; those with the number 0 start them anew.
