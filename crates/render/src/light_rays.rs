@@ -32,6 +32,8 @@ pub(crate) struct LightRays {
     diffuse: Image,
     /// Of one pixel until a surface has highlights.
     glossy: Image,
+    /// The number of rays of each pixel in the sums.
+    summed: u32,
     state: u64,
 }
 
@@ -69,6 +71,7 @@ impl LightRays {
             paths: storage(&gpu.device, "paths of light", bytes),
             diffuse: image("irradiance by rays", size, wgpu::TextureFormat::Rgba16Float),
             glossy: image("highlights by rays", [1, 1], wgpu::TextureFormat::Rgba16Float),
+            summed: 0,
             state: 0,
         })
     }
@@ -82,10 +85,10 @@ impl LightRays {
         gi.ray_bounces.min(gi.bounces).max(1)
     }
 
-    /// The edge in pixels of the window over which the light is averaged, and whose pixels share a sequence of rays: whole
-    /// tiles of the virtual lights where paths end.
-    fn window(gi: &Gi) -> u32 {
-        if tile_of(gi) > 1 { ray_tiles(gi) * gi.interleave } else { 1 }
+    /// The edge in pixels of the window over which so many rays a pixel are averaged, and whose pixels share a sequence of
+    /// rays: whole tiles of the virtual lights where paths end.
+    fn window(gi: &Gi, rays: u32) -> u32 {
+        if tile_of(gi) > 1 { ray_tiles(rays) * gi.interleave } else { 1 }
     }
 
     /// Adds rays of each pixel of `light.camera` to the sums; those with the number 0 start them anew.
@@ -119,6 +122,7 @@ impl LightRays {
             }
             self.state += 1;
         }
+        self.summed = share.numbers.end;
         recorder.time_as(None);
         Ok(())
     }
@@ -149,8 +153,11 @@ impl LightRays {
             point_out: this.mirror.point.bind(),
             eye_out: this.mirror.eye.bind(),
         };
-        let switches =
-            [("bounce", bounce as u32), ("tile", Self::window(&settings.gi)), ("is_glossy", u32::from(is_glossy))];
+        let switches = [
+            ("bounce", bounce as u32),
+            ("tile", Self::window(&settings.gi, share.total)),
+            ("is_glossy", u32::from(is_glossy)),
+        ];
         recorder.over_pixels(&switches, supply, bindings)?;
 
         let task = Task {
@@ -213,7 +220,12 @@ impl LightRays {
 
     /// The light of the rays so far.
     pub fn brought(&self, gi: &Gi) -> Brought<'_> {
-        Brought { diffuse: &self.diffuse, glossy: &self.glossy, window: Self::window(gi), state: self.state }
+        Brought {
+            diffuse: &self.diffuse,
+            glossy: &self.glossy,
+            window: Self::window(gi, self.summed),
+            state: self.state,
+        }
     }
 
     pub fn bytes(&self) -> u64 {

@@ -1,7 +1,7 @@
 //! The loads of passes: how much more a thread may do by some settings than by those that docs/gpu.md computes times
 //! with. Each row of `passes!` names its load, if it has one.
 
-use scene::{Gi, IndirectBy, Method, Settings, Splat};
+use scene::{IndirectBy, Method, Settings, Splat};
 
 /// How many times as many texels a ray tests where no bounds of depths are asked.
 pub(crate) const WITHOUT_SKIPPING: f64 = 8.0;
@@ -9,9 +9,11 @@ pub(crate) const WITHOUT_SKIPPING: f64 = 8.0;
 /// The number of tiles of virtual lights along the edge of the window over which light by rays is averaged. Few rays are
 /// noisy, and many would only be blurred by more neighbours: with tiles of 4 pixels, 16 and 64 rays a pixel make a mean
 /// of a thousand alike.
-pub(crate) fn ray_tiles(gi: &Gi) -> u32 {
-    if gi.rays_per_pixel > 16 { 1 } else { 2 }
+pub(crate) fn ray_tiles(rays_per_pixel: u32) -> u32 {
+    if rays_per_pixel > 16 { 1 } else { MOST_RAY_TILES }
 }
+
+const MOST_RAY_TILES: u32 = 2;
 
 /// The side of most discs in pixels, at least one: streaming and the spacing of points keep them at about three for
 /// splats of the usual size.
@@ -53,7 +55,7 @@ pub(crate) fn neighbours(settings: &Settings) -> f64 {
 
 /// How many times as many neighbours the light of rays is averaged over.
 pub(crate) fn windows(settings: &Settings) -> f64 {
-    if settings.gi.by == IndirectBy::Rays { f64::from(ray_tiles(&settings.gi).pow(2)) } else { 1.0 }
+    if settings.gi.by == IndirectBy::Rays { f64::from(MOST_RAY_TILES * MOST_RAY_TILES) } else { 1.0 }
 }
 
 fn neighbours_of(settings: &Settings) -> f64 {
