@@ -134,7 +134,7 @@ pub(crate) const NEEDS: [Need; 8] = [
     },
     Need {
         what: "sampled textures in a shader",
-        least: 10,
+        least: 11,
         of: |limits| limits.max_sampled_textures_per_shader_stage.into(),
     },
     Need {
