@@ -222,8 +222,8 @@ pub fn open(
 
 /// Where the points of a cloud lie that are shown.
 fn extent<'a>(cloud: &'a Assembly, test: &PointTest) -> Extent<'a> {
-    let shown = cloud.cloud.shown(test).chunks;
-    Extent { cloud, bounds: cloud::robust_bounds(&shown), outline: cloud::robust_outline(&shown) }
+    let (bounds, outline) = cloud::robust_extent(&cloud.cloud.shown(test).chunks);
+    Extent { cloud, bounds, outline }
 }
 
 /// The classes that occur in a cloud and are not hidden, in order.

@@ -68,6 +68,7 @@ impl Chunk {
 
     /// The world position of point `index` to the precision of the f32 offset; `Cloud::world_position` gives the file's
     /// own.
+    #[inline]
     pub fn position(&self, index: usize) -> DVec3 {
         self.origin + Vec3::from(self.positions[index]).as_dvec3()
     }

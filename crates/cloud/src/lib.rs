@@ -49,7 +49,7 @@ pub use placement::Placement;
 pub use progress::Progress;
 pub use random::{Random, hash, unit};
 pub use robust::{
-    Scalar, constant, histogram, percentile_range, robust_bounds, robust_outline, robust_range, scene_fence,
+    Scalar, constant, histogram, percentile_range, robust_bounds, robust_extent, robust_range, scene_fence,
     spread_sample,
 };
 pub use shape::smallest_eigenvector;

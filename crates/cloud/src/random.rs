@@ -4,6 +4,7 @@
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Hashes a number so that close numbers give unrelated results.
+#[inline]
 pub fn hash(value: u64) -> u64 {
     let mut mixed = value.wrapping_add(STEP);
     mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

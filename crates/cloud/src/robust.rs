@@ -71,19 +71,22 @@ fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> Vec<(&'a Chunk
     let mut share = 1.5 * SAMPLE_POINTS as f64 / total as f64;
     loop {
         let most = if share < 1.0 { (share * u64::MAX as f64) as u64 } else { u64::MAX };
-        let keys = |(start, chunk): &(u64, &'a Chunk)| {
+        let draw = |(start, chunk): &(u64, &'a Chunk)| {
             let (chunk, start) = (*chunk, *start);
             let mut before = None;
-            let key = move |index: usize| {
-                let cell = (chunk.position(index) * per_unit).floor().to_array().map(|cell| cell as i64 as u64);
-                let key = hash(cell[0] ^ hash(cell[1] ^ hash(cell[2])));
-                let offset = chunk.positions[index];
+            let mut drawn = Vec::new();
+            for (index, offset) in chunk.positions.iter().enumerate() {
+                let place = chunk.position(index) * per_unit;
+                let key = hash(cell(place.x) ^ hash(cell(place.y) ^ hash(cell(place.z))));
                 let is_repeated = before.replace(offset) == Some(offset);
-                (if is_repeated { hash(key ^ hash(start + index as u64)) } else { key }, chunk, index)
-            };
-            (0..chunk.len()).map(key).filter(move |(key, ..)| *key <= most)
+                let key = if is_repeated { hash(key ^ hash(start + index as u64)) } else { key };
+                if key <= most {
+                    drawn.push((key, chunk, index));
+                }
+            }
+            drawn
         };
-        let mut found: Vec<(u64, &Chunk, usize)> = parts.par_iter().flat_map_iter(keys).collect();
+        let mut found: Vec<(u64, &Chunk, usize)> = parts.par_iter().flat_map_iter(draw).collect();
         // Of points in one cell the one with the least coordinates stays, whichever comes first.
         let order = |place: DVec3| place.to_array().map(|value| (value + 0.0).to_bits());
         found.par_sort_by(|(key, chunk, index), (other_key, other, at)| {
@@ -95,6 +98,14 @@ fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> Vec<(&'a Chunk
         }
         share *= 4.0;
     }
+}
+
+/// The number of the cell of width 1 that a coordinate is in. `f64::floor` is a call into the C library on most processors.
+#[inline(always)]
+fn cell(coordinate: f64) -> u64 {
+    let towards_zero = coordinate as i64;
+    let is_above = towards_zero as f64 > coordinate;
+    (if is_above { towards_zero.saturating_sub(1) } else { towards_zero }) as u64
 }
 
 /// The number of points of a chunk that tell how far most lie from its origin.
@@ -187,9 +198,13 @@ fn fence_about(core: Bounds) -> Bounds {
 /// plus a tenth of the cloud's: terrain keeps its towers, a room keeps the view through its windows, and points that
 /// stay wrongly make a framed picture at most three times too wide. Less than 1 % of the points can be stray.
 pub fn robust_bounds(chunks: &[Chunk]) -> Bounds {
+    bounds_of_sampled(chunks, spread_sample(chunks).collect())
+}
+
+/// The bounds of a cloud without its stray points. `sample` are those of `spread_sample`.
+pub(crate) fn bounds_of_sampled(chunks: &[Chunk], mut sample: Vec<DVec3>) -> Bounds {
     let boxes: Vec<Bounds> = chunks.par_iter().map(Chunk::bounds).collect();
     let full = boxes.iter().fold(Bounds::EMPTY, |all, bounds| all.union(*bounds));
-    let mut sample: Vec<DVec3> = spread_sample(chunks).collect();
     if sample.len() < FEWEST {
         return full;
     }
@@ -236,14 +251,16 @@ pub fn robust_range(values: impl Iterator<Item = f64>, margin: f64) -> Option<(f
 /// size.
 const OUTLINE_DIRECTIONS: u64 = 256;
 
-/// The outermost points, without stray ones, in a few hundred directions: they stand for the whole cloud when it is
-/// framed. Taken from a sample of 100 thousand points; empty for a cloud without points.
-pub fn robust_outline(chunks: &[Chunk]) -> Vec<DVec3> {
-    let fence = robust_bounds(chunks);
+/// The bounds of a cloud without its stray points, and the outermost of the other points in a few hundred directions,
+/// which stand for the whole cloud when it is framed. They are taken from a sample of 100 thousand points, and none for a
+/// cloud without points.
+pub fn robust_extent(chunks: &[Chunk]) -> (Bounds, Vec<DVec3>) {
+    let sample: Vec<DVec3> = spread_sample(chunks).collect();
+    let fence = bounds_of_sampled(chunks, sample.clone());
     let center = fence.center();
     // In units of the box, so that flat clouds have an outline from every side.
     let size = fence.size().max(DVec3::splat(f64::MIN_POSITIVE));
-    let inside = spread_sample(chunks).filter(|point| fence.contains(*point));
+    let inside = sample.into_iter().filter(|point| fence.contains(*point));
     let sample: Vec<DVec3> = inside.map(|point| (point - center) / size).collect();
     let extreme = |i: u64| {
         // Fibonacci's spiral over the sphere.
@@ -258,7 +275,8 @@ pub fn robust_outline(chunks: &[Chunk]) -> Vec<DVec3> {
         };
         sample.iter().fold(None, farthest).map(|(_, point)| point)
     };
-    (0..OUTLINE_DIRECTIONS).into_par_iter().filter_map(extreme).map(|point| point * size + center).collect()
+    let outline = (0..OUTLINE_DIRECTIONS).into_par_iter().filter_map(extreme).map(|point| point * size + center);
+    (fence, outline.collect())
 }
 
 /// The values below which the shares `low` and `high` (0 ..= 1) of the points lie, from a sample of 100 thousand
@@ -306,6 +324,15 @@ mod outline_tests {
     use super::*;
 
     #[test]
+    fn cells_are_numbered_by_the_largest_whole_number_below() {
+        let whole = [0.0, 1.0, 7.0, 1e6, 4e15, 1e18, 9e18, 1e19, 1e300, f64::INFINITY];
+        let between = [0.25, 0.5, 1.0 - f64::EPSILON, 3.75, 65_535.5, 4e15 + 0.5, f64::MIN_POSITIVE];
+        for coordinate in whole.into_iter().chain(between).flat_map(|value| [value, -value]).chain([f64::NAN]) {
+            assert_eq!(cell(coordinate), coordinate.floor() as i64 as u64, "{coordinate}");
+        }
+    }
+
+    #[test]
     fn a_range_holds_what_sticks_out_and_not_what_is_stray() {
         let slope = || (0..500).map(|at| f64::from(at) * 0.01);
         let heights = |more: &[f64]| robust_range(slope().chain(more.iter().copied()), 20.0);
@@ -327,12 +354,12 @@ mod outline_tests {
             })
             .collect();
         positions.push([900.0, 0.0, 0.0]);
-        let outline = robust_outline(&[Chunk::new(0, DVec3::new(1e6, 0.0, 0.0), positions)]);
+        let (_, outline) = robust_extent(&[Chunk::new(0, DVec3::new(1e6, 0.0, 0.0), positions)]);
         let reach = |axis: DVec3| outline.iter().map(|point| (*point - DVec3::X * 1e6).dot(axis)).fold(0.0, f64::max);
         for (axis, size) in [(DVec3::X, 4.0), (-DVec3::X, 4.0), (DVec3::Y, 2.0), (DVec3::Z, 1.0)] {
             assert!((reach(axis) / size - 1.0).abs() < 0.02, "{axis}: {}", reach(axis));
         }
-        assert!(robust_outline(&[]).is_empty());
+        assert!(robust_extent(&[]).1.is_empty());
     }
 }
 

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use crate::carve::carve;
 use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles};
-use crate::robust::{robust_bounds, spread_sample};
+use crate::robust::{bounds_of_sampled, spread_sample};
 use crate::rows::{Line, RowSplat};
 use crate::shape::Shape;
 use crate::strays::{Look, Stray, kinds_of, median_radius, strays_of};
@@ -432,7 +432,8 @@ fn orient(normal: Vec3, position: DVec3, orientation: Orientation) -> Vec3 {
 /// - A landscape is less high than a third of its width.
 /// - Anything else is an object. The outside of a box or a can with both lids looks like a room and is taken for one.
 pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
-    let bounds = robust_bounds(chunks);
+    let sample: Vec<DVec3> = spread_sample(chunks).collect();
+    let bounds = bounds_of_sampled(chunks, sample.clone());
     let up = up.normalize_or(Vec3::Z);
     let vertical = up.abs().max_position();
     if bounds.is_empty() {
@@ -442,7 +443,7 @@ pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
     let height = size[vertical];
     let width = (0..3).filter(|&axis| axis != vertical).map(|axis| size[axis]).fold(f64::INFINITY, f64::min);
     let (mut total, mut lowest, mut highest) = (0, 0, 0);
-    for position in spread_sample(chunks).filter(|position| bounds.contains(*position)) {
+    for position in sample.into_iter().filter(|position| bounds.contains(*position)) {
         let share = (position - bounds.min)[vertical] / height;
         total += 1;
         lowest += usize::from(share < 0.1);

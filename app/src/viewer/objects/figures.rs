@@ -53,8 +53,7 @@ impl Figures {
         let shown = cloud.shown(test);
         let (plan, warning) = ColorPlan::new(&shown, color, up);
         let (histogram, histogram_range) = plan.histogram(&shown, up, HISTOGRAM_BINS);
-        let bounds = cloud::robust_bounds(&shown.chunks);
-        let outline = cloud::robust_outline(&shown.chunks);
+        let (bounds, outline) = cloud::robust_extent(&shown.chunks);
         let (classes, strays) = (classes(cloud), cloud.strays());
         let shown = shown.len();
         Self { plan, warning, shown, histogram, histogram_range, classes, bounds, outline, strays, noise: None }
