@@ -83,7 +83,14 @@ fn an_error_of_colours_is_kept_to_and_what_was_chosen_can_be_set_again() {
     render(&folder, "still.png", &still);
     let [made, still] = ["auto.png", "still.png"].map(|name| pixels(&folder, name));
     let error = difference(&made, &still);
-    assert!((error - predicted).abs() < 0.1, "{error} CIEDE2000, predicted {predicted}");
+    let of = |pointer: &str| auto.pointer(pointer).and_then(Value::as_f64).expect("a number");
+    let of_all = of("/errors/delta_e");
+    assert!((error - of_all).abs() < 0.1, "{error} CIEDE2000, predicted {of_all}");
+    // The worse of mirrors and of the rest counts, each with its 95th percentile beside it.
+    let [mirrors, rest] = [of("/errors/mirrors/mean"), of("/errors/rest/mean")];
+    assert_eq!(predicted, mirrors.max(rest), "{auto}");
+    assert!(mirrors.min(rest) <= of_all && of_all <= predicted, "{auto}");
+    assert!(of("/errors/mirrors/p95") >= 0.0 && of("/errors/rest/p95") >= 0.0, "{auto}");
     let set = chosen(auto);
     let set: Vec<&str> = set.iter().map(String::as_str).collect();
     let again = render(&folder, "again.png", &set).expect("an adapter");

@@ -6,7 +6,7 @@ use param::Choice as _;
 use render::{Gpu, Renderer};
 use scene::{Method, Settings};
 use serde::{Deserialize, Serialize};
-use study::{Choice, Subject, Target, auto};
+use study::{Choice, StillError, Subject, Target, auto};
 
 use crate::commands::listing;
 use crate::shared::command_line::TargetArguments;
@@ -22,6 +22,9 @@ pub struct AutoStats {
     pub predicted_ms: f64,
     pub predicted_error: f64,
     pub error_unit: String,
+    /// All errors against the still picture; `None` in records of versions that did not take them apart.
+    #[serde(default)]
+    pub errors: Option<StillError>,
     pub why: String,
     /// The seconds that choosing took, and the frames that were drawn for it.
     pub seconds: f64,
@@ -47,6 +50,7 @@ impl AutoStats {
             predicted_ms: choice.predicted_ms,
             predicted_error: target.error(&choice.predicted_error),
             error_unit: target.error_unit().to_owned(),
+            errors: Some(choice.predicted_error),
             why: choice.why.clone(),
             seconds: choice.seconds,
             frames: choice.frames,

@@ -5,7 +5,8 @@
 //! 2. It changes one setting at a time and draws a small picture. The cost model learns the times. The error of each
 //!    change is known then.
 //! 3. Of all combinations it predicts time and error: the time by the cost model, the error by the changes' squares,
-//!    which add up where errors are independent. It draws the most promising combination, learns from it, and goes on
+//!    which add up where errors are independent, those of mirrors' colours and of the rest's apart: the worse of the two
+//!    counts. It draws the most promising combination, learns from it, and goes on
 //!    until the most promising one is already drawn.
 //! 4. It takes the best of those that were drawn in full, so that nothing is chosen on a prediction alone.
 //!
@@ -96,12 +97,24 @@ struct Drawn {
     error: StillError,
 }
 
+/// The squares of errors, or parts of them: of the colours of mirrors, of those of the rest, and of pixels.
+type Squares = [f64; 3];
+
+/// The places of the squares of mirrors' colours and of pixels.
+const OF_MIRRORS: usize = 0;
+const OF_PIXELS: usize = 2;
+
+fn squares_of(error: &StillError) -> Squares {
+    let [mirrors, rest] = error.means();
+    [mirrors, rest, error.pixels].map(|error| error.powi(2))
+}
+
 /// A change of one parameter, or of the method with its parameters.
 #[derive(Clone, Debug, PartialEq)]
 struct Change {
     set: Vec<(&'static str, String)>,
-    /// The change's part of the squares of the errors, of colours and of pixels.
-    squares: [f64; 2],
+    /// The change's part of the squares of the errors.
+    squares: Squares,
     /// The time of the passes that find reflections.
     method_milliseconds: f64,
 }
@@ -190,7 +203,7 @@ impl Explored {
             settings: still_settings.clone(),
             milliseconds,
             method_milliseconds: milliseconds,
-            error: StillError::NONE,
+            error: still.none(),
         };
         let (first, work) = search.drawn(&base, &still, size)?;
         let small = small(size);
@@ -237,13 +250,13 @@ impl Explored {
         let mut scale = 1.0_f64;
         while drawn.len() < MOST_DRAWN + self.drawn.len() {
             let costs = search.local.costs();
-            let candidate = |(settings, squares): &(Settings, [f64; 2])| {
+            let candidate = |(settings, squares): &(Settings, Squares)| {
                 let known = drawn.iter().find(|drawn| drawn.settings == *settings);
                 let milliseconds = match known {
                     Some(drawn) => drawn.milliseconds,
                     None => costs.predict(&self.work.with(&self.base, settings), settings)?,
                 };
-                let predicted = || predicted_error(target, self.drawn[1].error, *squares) * scale;
+                let predicted = || predicted_error(target, &self.drawn[1].error, *squares) * scale;
                 let error = known.map_or_else(predicted, |drawn| target.error(&drawn.error));
                 Some(Candidate { settings: settings.clone(), milliseconds, error, is_drawn: known.is_some() })
             };
@@ -275,7 +288,8 @@ impl Explored {
             names => format!("; never better than another method: {}", names.join(", ")),
         };
         let count = combinations.len();
-        let why = format!("{reason}; chosen from {count} settings by {frames} frames in {seconds:.1} s{left_out}");
+        let why =
+            format!("{reason} ({error}); chosen from {count} settings by {frames} frames in {seconds:.1} s{left_out}");
         let set = differing(&self.settings, &chosen);
         Ok(Choice { set, predicted_ms: milliseconds, predicted_error: error, why, seconds, frames })
     }
@@ -393,9 +407,8 @@ impl Search<'_, '_, '_> {
                 Some(Err(error)) => return Err(error),
                 None => base.clone(),
             };
-            let square = |error: f64, base: f64| error.powi(2) - base.powi(2);
-            let squares =
-                [square(drawn.error.delta_e, base.error.delta_e), square(drawn.error.pixels, base.error.pixels)];
+            let (own, of_base) = (squares_of(&drawn.error), squares_of(&base.error));
+            let squares = std::array::from_fn(|part| own[part] - of_base[part]);
             changes.push(Change { set, squares, method_milliseconds: drawn.method_milliseconds });
         }
         Ok(changes)
@@ -417,7 +430,9 @@ fn differing(from: &Settings, to: &Settings) -> BTreeMap<String, String> {
 
 /// Takes the methods out that another one beats in time and error. Returns their names and the other changes.
 fn without_dominated(changes: Vec<Change>, target: Target) -> (Vec<String>, Vec<Change>) {
-    let square = |change: &Change| change.squares[usize::from(matches!(target, Target::Pixels(_)))];
+    // A method changes nothing but mirrors.
+    let part = if matches!(target, Target::Pixels(_)) { OF_PIXELS } else { OF_MIRRORS };
+    let square = |change: &Change| change.squares[part];
     let methods: Vec<Change> = changes.iter().filter(|change| change.is_of_method()).cloned().collect();
     let is_dominated = |change: &Change| {
         let beats = |other: &&Change| {
@@ -438,10 +453,10 @@ fn without_dominated(changes: Vec<Change>, target: Target) -> (Vec<String>, Vec<
 
 /// All combinations of changes with the sums of their squares, that without any change first. Of each parameter a
 /// combination has at most one change.
-fn combinations(base: &Settings, changes: &[Change]) -> Vec<(Settings, [f64; 2])> {
+fn combinations(base: &Settings, changes: &[Change]) -> Vec<(Settings, Squares)> {
     let mut keys: Vec<&str> = changes.iter().map(|change| change.set[0].0).collect();
     keys.dedup();
-    let mut all = vec![(base.clone(), [0.0; 2])];
+    let mut all = vec![(base.clone(), Squares::default())];
     for key in keys {
         let of_key: Vec<&Change> = changes.iter().filter(|change| change.set[0].0 == key).collect();
         let is_method = key == METHOD;
@@ -459,7 +474,7 @@ fn combinations(base: &Settings, changes: &[Change]) -> Vec<(Settings, [f64; 2])
                     if changed.gi.bounces == 0 && changed.gi.vpls != base.gi.vpls {
                         continue;
                     }
-                    let sum = [0, 1].map(|index| squares[index] + change.squares[index]);
+                    let sum = std::array::from_fn(|part| squares[part] + change.squares[part]);
                     next.push((changed, sum));
                 }
             }
@@ -469,13 +484,14 @@ fn combinations(base: &Settings, changes: &[Change]) -> Vec<(Settings, [f64; 2])
     all
 }
 
-/// The error of a combination, from that without any change.
-fn predicted_error(target: Target, base: StillError, squares: [f64; 2]) -> f64 {
-    let (base, square) = match target {
-        Target::Pixels(_) => (base.pixels, squares[1]),
-        _ => (base.delta_e, squares[0]),
-    };
-    (base.powi(2) + square).max(0.0).sqrt()
+/// The error of a combination, from that without any change: of colours the worse of mirrors and of the rest.
+fn predicted_error(target: Target, base: &StillError, squares: Squares) -> f64 {
+    let base = squares_of(base);
+    let [mirrors, rest, pixels] = std::array::from_fn(|part| (base[part] + squares[part]).max(0.0).sqrt());
+    match target {
+        Target::Pixels(_) => pixels,
+        Target::Milliseconds(_) | Target::DeltaE(_) => f64::max(mirrors, rest),
+    }
 }
 
 /// The candidate that is expected to meet the target best. What is only predicted must keep to a share of it, `margin`.
@@ -522,35 +538,42 @@ fn best(target: Target, drawn: &[Drawn]) -> (&Drawn, bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::still::ColorError;
 
     const MAP: &str = METHODS[2].name;
     const SSCR: &str = METHODS[4].name;
     const BEAMS: &str = METHODS[5].name;
     const TRACE: &str = METHODS[6].name;
 
-    fn change(set: &[(&'static str, &str)], squares: [f64; 2], method_milliseconds: f64) -> Change {
+    fn change(set: &[(&'static str, &str)], squares: Squares, method_milliseconds: f64) -> Change {
         let set = set.iter().map(|(key, value)| (*key, (*value).to_owned())).collect();
         Change { set, squares, method_milliseconds }
     }
 
+    /// An error of mirrors and of the rest.
+    fn error(mirrors: f64, rest: f64, pixels: f64) -> StillError {
+        let [mirrors, rest] = [mirrors, rest].map(|mean| Some(ColorError { mean, p95: mean }));
+        StillError { delta_e: 0.0, mirrors, rest, pixels }
+    }
+
     fn drawn(milliseconds: f64, delta_e: f64, pixels: f64) -> Drawn {
-        let error = StillError { delta_e, pixels };
+        let error = error(delta_e, 0.0, pixels);
         Drawn { settings: Settings::default(), milliseconds, method_milliseconds: 0.0, error }
     }
 
     #[test]
     fn a_method_that_another_beats_in_time_and_error_is_left_out() {
         let method = |name: &str, delta_e: f64, pixels: f64, time: f64| {
-            change(&[(METHOD, name)], [delta_e * delta_e, pixels * pixels], time)
+            change(&[(METHOD, name)], [delta_e * delta_e, 0.0, pixels * pixels], time)
         };
         let all = vec![
             method("none", 9.0, 1e4, 0.0),
             method(MAP, 3.0, 9.0, 20.0),
-            change(&[(METHOD, MAP), ("environment_map.size", "64")], [10.0, 81.0], 5.0),
+            change(&[(METHOD, MAP), ("environment_map.size", "64")], [10.0, 0.0, 81.0], 5.0),
             method(SSCR, 4.0, 1.0, 90.0),
             method(BEAMS, 0.0, 0.0, 30.0),
             method(TRACE, 0.0, 0.0, 40.0),
-            change(&[("gi.vpls", "64")], [1.0, 0.0], 30.0),
+            change(&[("gi.vpls", "64")], [0.0, 1.0, 0.0], 30.0),
         ];
         let (names, kept) = without_dominated(all, Target::DeltaE(1.0));
         assert_eq!(names, [SSCR, TRACE]);
@@ -566,27 +589,28 @@ mod tests {
         let mut base = Settings::default();
         base.reflection.method = Method::SscrHierarchical;
         let changes = [
-            change(&[(METHOD, BEAMS)], [0.0, 0.0], 0.0),
-            change(&[(METHOD, MAP), ("environment_map.size", "64")], [1.0, 4.0], 0.0),
-            change(&[("gi.bounces", "0")], [9.0, 0.0], 0.0),
-            change(&[("gi.vpls", "64")], [0.5, 0.0], 0.0),
-            change(&[("gi.vpls", "16")], [2.0, 0.0], 0.0),
+            change(&[(METHOD, BEAMS)], [0.0; 3], 0.0),
+            change(&[(METHOD, MAP), ("environment_map.size", "64")], [1.0, 0.0, 4.0], 0.0),
+            change(&[("gi.bounces", "0")], [9.0, 9.0, 0.0], 0.0),
+            change(&[("gi.vpls", "64")], [0.5, 0.5, 0.0], 0.0),
+            change(&[("gi.vpls", "16")], [2.0, 7.0, 0.0], 0.0),
         ];
         let all = combinations(&base, &changes);
         // Two methods, three numbers of lights, and no light.
         assert_eq!(all.len(), 2 * (3 + 1));
-        assert_eq!(all[0], (base.clone(), [0.0; 2]));
+        assert_eq!(all[0], (base.clone(), [0.0; 3]));
         let mut mapped = base.clone();
         for (key, value) in [(METHOD, MAP), ("environment_map.size", "64"), ("gi.vpls", "16")] {
             mapped.set_text(key, value).unwrap();
         }
         let found = all.iter().find(|(settings, _)| *settings == mapped).unwrap();
-        assert_eq!(found.1, [3.0, 4.0]);
-        let of_base = StillError { delta_e: 1.0, pixels: 0.0 };
-        assert_eq!(predicted_error(Target::Milliseconds(9.0), of_base, found.1), 2.0);
-        assert_eq!(predicted_error(Target::Pixels(9.0), of_base, found.1), 2.0);
+        assert_eq!(found.1, [3.0, 7.0, 4.0]);
+        let of_base = error(1.0, 3.0, 0.0);
+        assert_eq!(predicted_error(Target::Milliseconds(9.0), &of_base, found.1), 4.0, "the rest is worse");
+        assert_eq!(predicted_error(Target::DeltaE(9.0), &of_base, [24.0, 7.0, 4.0]), 5.0, "the mirrors are worse");
+        assert_eq!(predicted_error(Target::Pixels(9.0), &of_base, found.1), 2.0);
         // A change that makes it better than perfect is not trusted.
-        assert_eq!(predicted_error(Target::DeltaE(9.0), of_base, [-4.0, 0.0]), 0.0);
+        assert_eq!(predicted_error(Target::DeltaE(9.0), &of_base, [-4.0, -10.0, 0.0]), 0.0);
         assert_eq!(
             differing(&Settings::default(), &mapped).into_iter().collect::<Vec<_>>(),
             [

@@ -63,7 +63,7 @@ pub use results::{Figure, Row};
 pub use runner::{Scenes, Shard};
 pub use scanner::{Scanner, ScannerFrom};
 pub use sightlines::{HoldOut, Ruler, Scan, SightlineError, Sightlines};
-pub use still::{STILL_LIGHTS, Still, StillError, Target, drawn_size, still_settings};
+pub use still::{ColorError, STILL_LIGHTS, Still, StillError, Target, drawn_size, still_settings};
 pub use subject::{Faces, Subject, SubjectPart, clear_points};
 pub use trace::Exact;
 pub use truth::{Drawn, RayTraced, Seen, Surface, TracedScene, Tracer, View, mirrors_of};

@@ -23,6 +23,7 @@ pub const FRAME_MS: &str = "frame_ms";
 
 /// The errors against the still picture.
 pub const STILL_DELTA_E: &str = "still_delta_e";
+pub const STILL_WORSE_DELTA_E: &str = "still_worse_delta_e";
 pub const STILL_PIXELS: &str = "still_pixel_error_p95";
 /// The time that `auto` was to keep to, in milliseconds.
 pub const TARGET_MS: &str = "target_ms";
@@ -234,9 +235,24 @@ const SIGHTLINE_FIGURES: [Reading<Measured>; 9] = [
     }),
 ];
 
-const STILL_FIGURES: [Reading<Measured>; 4] = [
+const STILL_FIGURES: [Reading<Measured>; 9] = [
     (STILL_DELTA_E, "colour difference to the still picture", "CIEDE2000", |measured| {
         measured.still.map(|still| still.delta_e)
+    }),
+    (STILL_WORSE_DELTA_E, "colour difference to the still picture, the worse of mirrors and rest", "CIEDE2000", |of| {
+        of.still.map(|still| still.worse_delta_e())
+    }),
+    ("still_mirrors_delta_e", "colour difference of mirrors to the still picture", "CIEDE2000", |measured| {
+        Some(measured.still?.mirrors?.mean)
+    }),
+    ("still_mirrors_delta_e_p95", "colour difference of mirrors, 95th percentile", "CIEDE2000", |measured| {
+        Some(measured.still?.mirrors?.p95)
+    }),
+    ("still_rest_delta_e", "colour difference of the rest to the still picture", "CIEDE2000", |measured| {
+        Some(measured.still?.rest?.mean)
+    }),
+    ("still_rest_delta_e_p95", "colour difference of the rest, 95th percentile", "CIEDE2000", |measured| {
+        Some(measured.still?.rest?.p95)
     }),
     (STILL_PIXELS, "pixel error to the still picture, 95th percentile", "pixels", |measured| {
         measured.still.map(|still| still.pixels)

@@ -11,6 +11,7 @@ use palette::white_point::D65;
 use rayon::prelude::*;
 use render::{Aov, Renderer};
 use scene::{Camera, Method, MirrorSurface, Projection, Settings};
+use serde::{Deserialize, Serialize};
 use trace::linear_from_srgb;
 
 use crate::metrics::{MirrorPixel, lab, pixel_error};
@@ -22,19 +23,53 @@ pub const STILL_LIGHTS: u32 = 1024;
 /// The error of a pixel that shows nothing where there is something, or something where there is nothing.
 const WRONG: f64 = 1e4;
 
-/// How far a picture is from the still picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The CIEDE2000 differences of a part of the pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ColorError {
+    pub mean: f64,
+    /// The 95th percentile.
+    pub p95: f64,
+}
+
+impl ColorError {
+    /// The error of these differences; `None` if there are no pixels.
+    fn of(mut differences: Vec<f64>) -> Option<Self> {
+        let mean = differences.iter().sum::<f64>() / differences.len() as f64;
+        percentile_95(&mut differences).map(|p95| Self { mean, p95 })
+    }
+}
+
+/// How far a picture is from the still picture. Colours count where a pixel shows something in one of the two pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StillError {
-    /// The mean CIEDE2000 difference of the pixels that show something in one of the two pictures.
+    /// The mean CIEDE2000 difference of all pixels.
     pub delta_e: f64,
+    /// The colours of the pixels that are mirrors in the still picture; `None` if there are none.
+    pub mirrors: Option<ColorError>,
+    /// The colours of the other pixels; `None` if there are none.
+    pub rest: Option<ColorError>,
     /// The 95th percentile of the pixel errors of mirror pixels, in pixels of the still picture. Of a view without
     /// mirrors: that of the distances between the centre of a pixel and of the drawn pixel that it shows.
     pub pixels: f64,
 }
 
 impl StillError {
-    /// The error of the still picture itself.
-    pub const NONE: Self = Self { delta_e: 0.0, pixels: 0.0 };
+    /// The means of the mirrors' colours and of the rest's; 0 where there are no such pixels.
+    pub fn means(&self) -> [f64; 2] {
+        [self.mirrors, self.rest].map(|part| part.map_or(0.0, |part| part.mean))
+    }
+
+    /// The error of colours that counts: the worse of the two means. The mean of all pixels would call a ball right that
+    /// stays grey, as long as it is small in the picture.
+    pub fn worse_delta_e(&self) -> f64 {
+        self.means().into_iter().fold(0.0, f64::max)
+    }
+}
+
+/// The 95th percentile by rank; `None` of no values.
+fn percentile_95(values: &mut [f64]) -> Option<f64> {
+    let rank = ((values.len() as f64 * 0.95).ceil() as usize).checked_sub(1)?;
+    Some(*values.select_nth_unstable_by(rank, f64::total_cmp).1)
 }
 
 /// The settings of the still picture, from those of a picture. All its reflections are followed.
@@ -145,10 +180,24 @@ impl Still {
         size: [u32; 2],
     ) -> render::Result<StillError> {
         let shown = Shown::read(renderer, camera, settings, size)?;
-        Ok(StillError { delta_e: self.delta_e(&shown), pixels: self.pixels(&shown) })
+        Ok(self.error_of(&shown))
     }
 
-    fn delta_e(&self, shown: &Shown) -> f64 {
+    /// The error of the still picture itself.
+    pub fn none(&self) -> StillError {
+        self.error_of(&self.shown)
+    }
+
+    fn error_of(&self, shown: &Shown) -> StillError {
+        let [mirrors, rest] = self.differences(shown);
+        let count = (mirrors.len() + rest.len()).max(1) as f64;
+        let delta_e = mirrors.iter().chain(&rest).sum::<f64>() / count;
+        let [mirrors, rest] = [mirrors, rest].map(ColorError::of);
+        StillError { delta_e, mirrors, rest, pixels: self.pixels(shown) }
+    }
+
+    /// The colour differences of the mirrors' pixels, and of the others.
+    fn differences(&self, shown: &Shown) -> [Vec<f64>; 2] {
         let picture = enlarged(&shown.picture, &shown.depth, shown.size, self.shown.size);
         let is_seen = |index: &usize| {
             let other = shown.depth[shown.place(*index, self.shown.size)];
@@ -156,9 +205,11 @@ impl Still {
         };
         let picture = colors(&picture);
         let difference = |index: usize| picture[index].difference(self.colors[index]);
-        let differences = (0..self.shown.depth.len()).into_par_iter().filter(is_seen).map(difference);
-        let differences: Vec<f64> = differences.collect();
-        differences.iter().sum::<f64>() / differences.len().max(1) as f64
+        let of_part = |is_mirror: bool| {
+            let seen = (0..self.shown.depth.len()).into_par_iter().filter(is_seen);
+            seen.filter(|index| self.mirrors[*index].is_some() == is_mirror).map(difference).collect()
+        };
+        [of_part(true), of_part(false)]
     }
 
     fn pixels(&self, shown: &Shown) -> f64 {
@@ -190,11 +241,7 @@ impl Still {
             };
             (0..self.shown.depth.len()).into_par_iter().filter_map(error).collect()
         };
-        if errors.is_empty() {
-            return 0.0;
-        }
-        let rank = (errors.len() as f64 * 0.95).ceil() as usize - 1;
-        *errors.select_nth_unstable_by(rank, f64::total_cmp).1
+        percentile_95(&mut errors).unwrap_or(0.0)
     }
 
     /// The distance between the centre of a pixel and that of the pixel of a picture of `size` that it shows.
@@ -222,7 +269,7 @@ pub enum Target {
     Milliseconds(f64),
     /// [`StillError::pixels`].
     Pixels(f64),
-    /// [`StillError::delta_e`].
+    /// [`StillError::worse_delta_e`].
     DeltaE(f64),
 }
 
@@ -231,7 +278,7 @@ impl Target {
     pub fn error(self, error: &StillError) -> f64 {
         match self {
             Self::Pixels(_) => error.pixels,
-            Self::Milliseconds(_) | Self::DeltaE(_) => error.delta_e,
+            Self::Milliseconds(_) | Self::DeltaE(_) => error.worse_delta_e(),
         }
     }
 
@@ -276,5 +323,60 @@ impl std::fmt::Display for Target {
             Self::Pixels(error) => write!(formatter, "{error}px"),
             Self::DeltaE(error) => write!(formatter, "{error}dE"),
         }
+    }
+}
+
+impl std::fmt::Display for StillError {
+    /// The colours of mirrors and of the rest apart, each with its 95th percentile, and the pixels.
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for (name, part) in [("mirrors", self.mirrors), ("the rest", self.rest)] {
+            if let Some(ColorError { mean, p95 }) = part {
+                write!(formatter, "{name} {mean:.2} dE, 95th percentile {p95:.2}; ")?;
+            }
+        }
+        write!(formatter, "{:.2} px", self.pixels)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture of one line of pixels in grey.
+    fn shown(greys: &[u8]) -> Shown {
+        let picture = greys.iter().flat_map(|grey| [*grey, *grey, *grey, 255]).collect();
+        Shown { size: [greys.len() as u32, 1], picture, depth: vec![1.0; greys.len()], found: None }
+    }
+
+    #[test]
+    fn a_small_mirror_that_stays_grey_is_not_hidden_by_the_rest_of_the_picture() {
+        let mirror = MirrorPixel {
+            position: DVec3::Z,
+            incoming: DVec3::Z,
+            reflected: DVec3::ZERO,
+            found: DVec3::NAN,
+            coverage: 0.0,
+            truth: None,
+        };
+        let bright = shown(&[200; 100]);
+        let mut mirrors = vec![None; 100];
+        mirrors[..2].fill(Some(mirror));
+        let still = Still { colors: colors(&bright.picture), shown: bright, mirrors };
+        let mut greys = [200; 100];
+        greys[..2].fill(100);
+        let error = still.error_of(&shown(&greys));
+        let [mirrors, rest] = error.means();
+        assert!(mirrors > 20.0 && rest == 0.0 && error.delta_e < 1.0, "{error:?}");
+        assert_eq!(error.worse_delta_e(), mirrors);
+        assert!(!Target::DeltaE(1.0).is_kept(1.0, &error), "the mean of all pixels would keep to it");
+        assert!((error.delta_e - mirrors * 0.02).abs() < 1e-9, "{error:?}");
+        // Of the rest, the worse tenth is what the percentile shows and the mean does not.
+        let mut greys = [200; 100];
+        greys[90..].fill(100);
+        let error = still.error_of(&shown(&greys));
+        let rest = error.rest.expect("pixels beside mirrors");
+        assert!(rest.p95 > 20.0 && rest.mean < 0.11 * rest.p95 && error.mirrors.is_some_and(|part| part.p95 == 0.0));
+        let own = still.none();
+        assert_eq!((own.worse_delta_e(), own.pixels, own.mirrors.is_some()), (0.0, 0.0, true));
     }
 }

@@ -2,6 +2,8 @@
 //!
 //! A share of the time of the settings as they are is that of their median in the same rounds: a machine that other work
 //! slows down does so for both. Targets in pixels leave the light alone, so only settings with the same light count.
+//! Errors of colours are the worse of mirrors and of the rest. In a table from before these were measured apart they are
+//! the means of all pixels, by which `auto` chose then.
 
 use std::fmt::Write as _;
 
@@ -9,7 +11,7 @@ use param::Choice as _;
 use scene::{Method, Settings};
 
 use crate::plan::{PlannedTarget, TARGET};
-use crate::results::{FRAME_MS, Row, STILL_DELTA_E, STILL_PIXELS, Spread, TARGET_MS};
+use crate::results::{FRAME_MS, Row, STILL_DELTA_E, STILL_PIXELS, STILL_WORSE_DELTA_E, Spread, TARGET_MS};
 use crate::still::Target;
 
 /// A time is kept to if a frame takes at most so much more.
@@ -51,17 +53,18 @@ impl Judged<'_> {
 
 /// Judges all rows with targets.
 pub fn judged(rows: &[Row]) -> Vec<Judged<'_>> {
-    rows.iter().filter_map(|row| judge(row, rows)).collect()
+    let is_apart = rows.iter().any(|row| row.value(STILL_WORSE_DELTA_E).is_some());
+    let colors = if is_apart { STILL_WORSE_DELTA_E } else { STILL_DELTA_E };
+    rows.iter().filter_map(|row| judge(row, rows, colors)).collect()
 }
 
-fn judge<'a>(row: &'a Row, rows: &'a [Row]) -> Option<Judged<'a>> {
+/// Judges a row; `colors` is the figure of colours that counts.
+fn judge<'a>(row: &'a Row, rows: &'a [Row], colors: &str) -> Option<Judged<'a>> {
     let planned = row.case.target.filter(|_| row.error.is_none())?;
     let (figure, target) = match planned {
         PlannedTarget::Fixed(Target::Pixels(error)) => (STILL_PIXELS, error),
-        PlannedTarget::Fixed(Target::DeltaE(error)) => (STILL_DELTA_E, error),
-        PlannedTarget::Fixed(Target::Milliseconds(_)) | PlannedTarget::Share(_) => {
-            (STILL_DELTA_E, row.value(TARGET_MS)?)
-        }
+        PlannedTarget::Fixed(Target::DeltaE(error)) => (colors, error),
+        PlannedTarget::Fixed(Target::Milliseconds(_)) | PlannedTarget::Share(_) => (colors, row.value(TARGET_MS)?),
     };
     let own = settings_of(row);
     let same_light = matches!(planned, PlannedTarget::Fixed(Target::Pixels(_)));
@@ -213,6 +216,21 @@ mod tests {
              Errors: 2 of 2 are kept to, 2 of them in at most 1.3 times the best setting's time. No setting keeps to the \
              other 2 targets."
         );
+        // Where mirrors and the rest are judged apart, the worse of the two counts, and not the mean of all pixels.
+        let apart: Vec<Run> = runs
+            .iter()
+            .cloned()
+            .map(|mut run| {
+                if let Some(error) = run.figures.get(STILL_DELTA_E).copied() {
+                    run.figures.insert(STILL_WORSE_DELTA_E.to_owned(), 2.0 * error);
+                }
+                run
+            })
+            .collect();
+        let rows = results::rows(&plan, &plan.cases(), &apart);
+        let errors: Vec<(f64, bool)> =
+            super::judged(&rows).iter().map(|judged| (judged.error, judged.is_kept)).collect();
+        assert_eq!(errors[..3], [(6.0, true), (18.0, false), (3.8, false)]);
         // Half of 100 ms is used in full and a tenth more, for one and a half times the error of 64 lights; what no setting
         // reaches is left out.
         assert_eq!(

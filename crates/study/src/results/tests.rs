@@ -147,7 +147,8 @@ fn columns_of_csv_and_json_are_fixed() {
          estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim same_input_rmse_l \
          same_input_rmse_a same_input_rmse_b {} exact_rmse \
          exact_delta_e exact_flip exact_ssim exact_rmse_l exact_rmse_a exact_rmse_b within in_front behind open depth_error_median depth_error_p95 colour_error_median \
-         traced_within traced_in_front still_delta_e still_pixel_error_p95 target_ms predicted_ms flicker_still flicker_moving adapter adapter_kind clock commit error",
+         traced_within traced_in_front still_delta_e still_worse_delta_e still_mirrors_delta_e still_mirrors_delta_e_p95 \
+         still_rest_delta_e still_rest_delta_e_p95 still_pixel_error_p95 target_ms predicted_ms flicker_still flicker_moving adapter adapter_kind clock commit error",
         truth.split_whitespace().map(|name| format!("same_input_{name}")).collect::<Vec<_>>().join(" "),
         truth.split_whitespace().map(|name| format!("exact_{name}")).collect::<Vec<_>>().join(" ")
     );
