@@ -8,7 +8,7 @@ use tests::{Folder, Outcome};
 const PLAN: &str = r#"
 title = "Tiny"
 size = "64x48"
-repeats = 1
+repeats = 3
 truths = ["same_input", "exact"]
 [set]
 "gi.bounces" = 0
@@ -64,7 +64,7 @@ fn a_study_writes_its_results_goes_on_where_it_was_cut_and_comes_in_shards() {
     let whole = rows(&folder, "whole");
     assert_eq!(whole.len(), 2 + 4);
     for row in &whole {
-        assert_eq!((&row["repeats"], &row["points"], &row["error"]), (&1.into(), &5000.into(), &Value::Null), "{row}");
+        assert_eq!((&row["repeats"], &row["points"], &row["error"]), (&3.into(), &5000.into(), &Value::Null), "{row}");
         assert!(row["frame_ms"].as_f64().is_some_and(|time| time > 0.0), "{row}");
         assert!(row["adapter"].is_string() && row["commit"].is_string() && row["clock"].is_string(), "{row}");
         assert!(row["passes"]["splat_nearest"].is_number() || row["passes"]["splat_narrow"].is_number(), "{row}");
@@ -92,7 +92,7 @@ fn a_study_writes_its_results_goes_on_where_it_was_cut_and_comes_in_shards() {
 
     // Nothing is left to do.
     let journal = read(&folder, "whole/runs.jsonl");
-    assert_eq!(journal.lines().count(), 2 * whole.len());
+    assert_eq!(journal.lines().count(), (1 + 3) * whole.len());
     let again = study(&folder, &["plan.toml", "-o", "whole"]).expect("an adapter");
     assert!(again.status == Some(0) && read(&folder, "whole/runs.jsonl") == journal, "{again}");
     // Cut in the middle of the fifth line: the rest is made again, and found again.
@@ -171,7 +171,7 @@ fn a_scene_that_cannot_be_read_is_a_row_and_the_others_go_on() {
 const PARTS: &str = r#"
 title = "Parts"
 size = "64x48"
-repeats = 1
+repeats = 3
 truths = []
 errors = []
 figures = ["search_ms"]

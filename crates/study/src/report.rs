@@ -104,7 +104,7 @@ fn measured_on(plan: &Plan, rows: &[Row]) -> String {
     let failed = rows.iter().filter(|row| row.error.is_some()).count();
     let failures = if failed > 0 { format!(" {failed} of them failed.") } else { String::new() };
     format!(
-        "{} settings, times are medians and quartiles of frames from scratch in {} rounds, on {}.{failures}",
+        "{} settings, times are medians of frames from scratch in {} rounds, with the least and the most, on {}.{failures}",
         rows.len(),
         plan.repeats,
         adapters.join("; ")

@@ -402,7 +402,7 @@ fn read_stage<'de, D: Deserializer<'de>>(deserializer: D) -> Result<PassStage, D
     stage.ok_or_else(|| serde::de::Error::unknown_variant(&name, PassStage::NAMES))
 }
 
-/// Median and quartiles.
+/// The median of the rounds, with the least and the most.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     pub median: f64,
@@ -411,16 +411,12 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// The quantiles of some values, interpolated between two values; `None` if there are no values.
+    /// That of some values; `None` if there are none.
     pub fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
-        let last = values.len().checked_sub(1)?;
-        let at = |share: f64| {
-            let place = share * last as f64;
-            let (below, rest) = (place.floor() as usize, place.fract());
-            values[below] + (values[(below + 1).min(last)] - values[below]) * rest
-        };
-        Some(Self { median: at(0.5), low: at(0.25), high: at(0.75) })
+        let (low, high) = (*values.first()?, *values.last()?);
+        let middle = [(values.len() - 1) / 2, values.len() / 2].map(|at| values[at]);
+        Some(Self { median: (middle[0] + middle[1]) / 2.0, low, high })
     }
 }
 
@@ -461,7 +457,7 @@ impl Row {
         self.parts.iter().find(|(name, _)| name == figure).map(|(_, spread)| *spread)
     }
 
-    /// The quartiles of a time.
+    /// The median, the least and the most of a time.
     pub fn spread(&self, figure: &str) -> Option<Spread> {
         match figure {
             FRAME_MS => self.frame_ms,

@@ -60,6 +60,10 @@ fn charts_and_reports_are_those_of_the_csv_beside_them() {
         let rows = table::read(&plan, &text).unwrap_or_else(|error| panic!("{}: {error:#}", folder.display()));
         let file = |chart: &Chart| folder.join(format!("{}.svg", chart.name));
         let shown: Vec<Chart> = chart::charts(&plan, &rows).into_iter().filter(|chart| file(chart).exists()).collect();
+        let is_chart = |path: &PathBuf| shown.iter().any(|chart| file(chart) == *path);
+        let drawn = files(&folder).into_iter().filter(|path| path.extension().is_some_and(|ext| ext == "svg"));
+        let others = drawn.filter(|path| !is_chart(path));
+        wrong.extend(others.map(|path| format!("{}: the table has no such chart", path.display())));
         for chart in &shown {
             known += 1;
             wrong.extend(compare(&file(chart), &chart.svg().unwrap()));

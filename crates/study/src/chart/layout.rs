@@ -1,7 +1,7 @@
 //! Computes where everything in a chart is placed.
 
 use super::shapes::{Anchor, Place, Shape, width};
-use super::{Chart, Column, Curve, Limit, Marker, Panel, Style};
+use super::{Chart, Column, Curve, Limit, Marker, Panel, Style, Whisker};
 
 /// The width at which charts are read.
 const WIDTH: f64 = 900.0;
@@ -12,6 +12,7 @@ const TEXT_SIZE: f64 = 12.5;
 const LABEL_SIZE: f64 = 11.0;
 const BLACK: [u8; 3] = [20, 20, 20];
 const GRID: [u8; 3] = [228, 228, 228];
+const FRAME: [u8; 3] = [90, 90, 90];
 const FRONT: [u8; 3] = [170, 170, 170];
 const FORBIDDEN: [u8; 3] = [200, 40, 40];
 const MARKER_RADIUS: f64 = 4.5;
@@ -180,7 +181,7 @@ fn draw_panel(panel: &Panel, area: Rect, shapes: &mut Vec<Shape>) {
     }
     let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)];
     let frame = corners.iter().map(|(x, y)| plot.at(*x, *y)).collect();
-    shapes.push(Shape::Line { points: frame, color: [90, 90, 90], width: 1 });
+    shapes.push(Shape::Line { points: frame, color: FRAME, width: 1 });
     draw_front(panel, plot, shapes);
     for level in &panel.levels {
         let y = panel.y.share(level.y);
@@ -233,14 +234,25 @@ fn draw_curve(curve: &Curve, panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>)
         shapes.push(Shape::Line { points: points.clone(), color, width: 1 });
     }
     for (mark, at) in curve.marks.iter().zip(points) {
-        if let Some((low, high)) = mark.whisker {
-            let [low, high] = [low, high].map(|end| place(panel, plot, mark.x, end));
-            shapes.push(Shape::Line { points: vec![low, high], color, width: 1 });
-            for (x, y) in [low, high] {
-                shapes.push(Shape::Line { points: vec![(x - 4.0, y), (x + 4.0, y)], color, width: 1 });
-            }
+        let ends = match mark.whisker {
+            Some(Whisker::Across { low, high }) => Some([(low, mark.y), (high, mark.y)]),
+            Some(Whisker::Upward { low, high }) => Some([(mark.x, low), (mark.x, high)]),
+            None => None,
+        };
+        if let Some(ends) = ends {
+            draw_whisker(ends.map(|(x, y)| place(panel, plot, x, y)), color, shapes);
         }
         marker_shapes(curve.style, at, mark.is_sparse || panel.y.is_on_floor(mark.y), shapes);
+    }
+}
+
+/// A line between two places, with a bar at each end.
+fn draw_whisker([low, high]: [Place; 2], color: [u8; 3], shapes: &mut Vec<Shape>) {
+    shapes.push(Shape::Line { points: vec![low, high], color, width: 1 });
+    let is_across = low.1 == high.1 && low.0 != high.0;
+    let (right, down) = if is_across { (0.0, 4.0) } else { (4.0, 0.0) };
+    for (x, y) in [low, high] {
+        shapes.push(Shape::Line { points: vec![(x - right, y - down), (x + right, y + down)], color, width: 1 });
     }
 }
 
@@ -250,14 +262,21 @@ const COLUMN_WIDTH: f64 = 0.6;
 fn draw_column(column: &Column, panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>) {
     let half = COLUMN_WIDTH / 2.0 / panel.columns.len() as f64;
     let mut low = 0.0;
-    for layer in &column.layers {
+    let mut whiskers = Vec::new();
+    let count = column.layers.len() as f64;
+    for (index, layer) in column.layers.iter().enumerate() {
         let high = low + layer.height;
+        // Side by side, as those of neighbouring layers overlap.
+        let x = column.x + half * ((2 * index + 1) as f64 / count - 1.0);
+        let (least, most) = layer.ends;
+        whiskers.push([low + least, low + most].map(|end| place(panel, plot, x, end)));
         let corners =
             [(column.x - half, low), (column.x + half, low), (column.x + half, high), (column.x - half, high)];
         let points = corners.iter().map(|(x, y)| place(panel, plot, *x, *y)).collect();
         shapes.push(Shape::Area { points, color: layer.style.color, opacity: 1.0 });
         low = high;
     }
+    whiskers.into_iter().for_each(|ends| draw_whisker(ends, FRAME, shapes));
 }
 
 /// Hollow marks are on the floor of a logarithmic axis, as their value is zero, or leave much of the mirrors empty.

@@ -1,5 +1,6 @@
 //! Charts of a study: time against error with the Pareto front, and figures over swept values.
 //!
+//! Times come from at least three rounds, with the least and the most as whiskers, else they are not shown.
 //! A chart is first panels of marks (`charts`), then shapes with places (`layout`), then an SVG or PNG (`shapes`).
 
 mod axis;
@@ -12,7 +13,7 @@ use scene::{METHODS, RAY_TRACE};
 
 use crate::file_name::file_name;
 use crate::plan::{Case, DISTANCE, Group, ORBIT, Plan, SIZE, TARGET};
-use crate::results::{self, Figure, METHOD_MS, Row};
+use crate::results::{self, Figure, METHOD_MS, Row, Spread};
 use axis::Axis;
 
 pub use axis::number;
@@ -61,11 +62,35 @@ struct Curve {
 struct Mark {
     x: f64,
     y: f64,
-    /// The quartiles.
-    whisker: Option<(f64, f64)>,
+    /// The least and the most of a time, which is x or y.
+    whisker: Option<Whisker>,
     label: String,
     /// Whether so little of the mirrors is covered that the error is of a part of them.
     is_sparse: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Whisker {
+    Across { low: f64, high: f64 },
+    Upward { low: f64, high: f64 },
+}
+
+impl Mark {
+    /// What it takes of the x axis.
+    fn across(&self) -> [f64; 2] {
+        match self.whisker {
+            Some(Whisker::Across { low, high }) => [low, high],
+            _ => [self.x; 2],
+        }
+    }
+
+    /// What it takes of the y axis.
+    fn upward(&self) -> [f64; 2] {
+        match self.whisker {
+            Some(Whisker::Upward { low, high }) => [low, high],
+            _ => [self.y; 2],
+        }
+    }
 }
 
 /// Values on top of one another, the first at the bottom.
@@ -81,6 +106,8 @@ struct Layer {
     name: String,
     style: Style,
     height: f64,
+    /// The least and the most of the height.
+    ends: (f64, f64),
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -197,7 +224,25 @@ fn front(points: &[(f64, f64)], more_is_better: bool) -> Vec<(f64, f64)> {
     pareto(&errors).into_iter().map(|index| points[index]).collect()
 }
 
-/// All charts of a plan. Settings that failed are left out, and charts that would show nothing.
+/// A time is shown only if so many rounds measured it: whiskers of fewer say nothing about how far it varies.
+const LEAST_ROUNDS: usize = 3;
+
+/// A time of a row, if enough rounds measured it.
+fn time_of(row: &Row, time: &str) -> Option<Spread> {
+    row.spread(time).filter(|_| row.repeats >= LEAST_ROUNDS)
+}
+
+/// A figure's value and whisker; no value of a time that too few rounds measured.
+fn value_of(row: &Row, figure: &Figure) -> Option<(f64, Option<Whisker>)> {
+    if figure.unit != "ms" {
+        return Some((row.value(&figure.name)?, None));
+    }
+    let Spread { median, low, high } = time_of(row, &figure.name)?;
+    Some((median, Some(Whisker::Upward { low, high })))
+}
+
+/// All charts of a plan. Settings that failed are left out, times of less than [`LEAST_ROUNDS`] rounds, and charts that
+/// would show nothing.
 pub fn charts(plan: &Plan, rows: &[Row]) -> Vec<Chart> {
     let rows: Vec<&Row> = rows.iter().filter(|row| row.error.is_none()).collect();
     let figure = |name: &String| plan.figure(name);
@@ -281,12 +326,14 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
                 }
                 continue;
             }
-            let Some(x) = row.value(time).filter(|time| *time > 0.0) else { continue };
+            let Some(spread) = time_of(row, time).filter(|spread| spread.low > 0.0) else { continue };
+            let Spread { median: x, low, high } = spread;
             let swept: Vec<&str> =
                 row.case.swept.iter().map(|(key, _)| key.as_str()).filter(|key| is_of_setting(key)).collect();
             let group = &plan.groups[row.case.group];
             let name = if swept.is_empty() { method.clone() } else { format!("{method}: {}", swept.join(", ")) };
-            let mark = Mark { x, y, whisker: None, label: label(plan, &row.case), is_sparse: is_sparse(row) };
+            let whisker = Some(Whisker::Across { low, high });
+            let mark = Mark { x, y, whisker, label: label(plan, &row.case), is_sparse: is_sparse(row) };
             // A sweep of one key is a curve of its own; single settings of a method are joined to one.
             let is_joined = group.sweep.keys().filter(|key| is_of_setting(key)).count() == 1;
             let is_first = swept.first().is_some_and(|key| {
@@ -304,7 +351,8 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
         }
         let points: Vec<(f64, f64)> =
             curves.iter().flat_map(|curve| &curve.marks).map(|mark| (mark.x, mark.y)).collect();
-        let times: Vec<f64> = points.iter().map(|(time, _)| *time).collect();
+        let marks = curves.iter().flat_map(|curve| &curve.marks);
+        let times: Vec<f64> = marks.flat_map(Mark::across).collect();
         let errors: Vec<f64> =
             points.iter().map(|(_, error)| *error).chain(levels.iter().map(|level| level.y)).collect();
         // Pictures of different sizes or numbers of points cannot be compared.
@@ -396,7 +444,7 @@ fn sweep_chart(
         let mut curves: Vec<Curve> = Vec::new();
         for row in of_group.iter().filter(|row| scenes.contains(&row.case.scene_pattern.as_str())) {
             let place = row.case.swept_value(key).and_then(|value| x.value_of(value));
-            let Some((x, y)) = place.zip(row.value(&figure.name)) else { continue };
+            let Some((x, (y, whisker))) = place.zip(value_of(row, figure)) else { continue };
             let combination = others(&row.case);
             let (name, style) = if is_by_scene {
                 let index = scenes.iter().position(|scene| *scene == row.case.scene_pattern).unwrap_or(0);
@@ -408,8 +456,6 @@ fn sweep_chart(
             } else {
                 (row.case.method.clone(), Style::of_method(&row.case.method))
             };
-            let whisker = row.spread(&figure.name).filter(|spread| spread.low < spread.high);
-            let whisker = whisker.map(|spread| (spread.low, spread.high));
             let mark = Mark { x, y, whisker, label: String::new(), is_sparse: false };
             match curves.iter_mut().find(|curve| curve.name == name) {
                 Some(curve) => curve.marks.push(mark),
@@ -423,7 +469,7 @@ fn sweep_chart(
         };
         let level = |row: &&Row| {
             let style = Style::of_method(&row.case.method);
-            Some(Level { name: row.case.method.clone(), style, y: row.value(&figure.name)? })
+            Some(Level { name: row.case.method.clone(), style, y: value_of(row, figure)?.0 })
         };
         let levels: Vec<Level> = rows.iter().filter(is_level).filter_map(level).collect();
         if curves.is_empty() {
@@ -435,9 +481,8 @@ fn sweep_chart(
             Some(Limit { y, is_least, from: bound.from, up_to: bound.up_to })
         });
         let marks = curves.iter().flat_map(|curve| &curve.marks);
-        let ends =
-            marks.flat_map(|mark| [Some(mark.y), mark.whisker.map(|(low, _)| low), mark.whisker.map(|(_, high)| high)]);
-        let shown = ends.flatten().chain(levels.iter().map(|level| level.y)).chain(limit.map(|limit| limit.y));
+        let shown =
+            marks.flat_map(Mark::upward).chain(levels.iter().map(|level| level.y)).chain(limit.map(|limit| limit.y));
         panels.push(Panel {
             title: if is_by_scene {
                 methods.join(", ")
@@ -480,16 +525,24 @@ fn stacked_chart(plan: &Plan, group: &Group, number: usize, times: &[String], of
     let figures: Vec<Figure> = times.iter().filter_map(|time| plan.figure(time)).collect();
     let column = |(row, name): (&&Row, &String)| {
         let layer = |(figure, style): (&Figure, &Style)| {
-            let height = row.value(&figure.name)?;
+            let Spread { median: height, low, high } = time_of(row, &figure.name)?;
             let name = figure.label.strip_prefix("time of ").unwrap_or(&figure.label).to_owned();
-            Some(Layer { name, style: *style, height })
+            Some(Layer { name, style: *style, height, ends: (low, high) })
         };
         let layers: Vec<Layer> = figures.iter().zip(OTHER_STYLES.iter().cycle()).filter_map(layer).collect();
         Some(Column { x: x.value_of(name)?, layers }).filter(|column| !column.layers.is_empty())
     };
     let columns: Vec<Column> = of_group.iter().zip(&names).filter_map(column).collect();
-    let heights = columns.iter().map(|column| column.layers.iter().map(|layer| layer.height).sum::<f64>());
-    let most = heights.fold(0.0, f64::max);
+    // The whisker of a layer starts where the layers below it end.
+    let most_of = |column: &Column| {
+        let mut below = 0.0;
+        column.layers.iter().fold(0.0, |most: f64, layer| {
+            let end = below + layer.ends.1;
+            below += layer.height;
+            most.max(end)
+        })
+    };
+    let most = columns.iter().map(most_of).fold(0.0, f64::max);
     let panel = Panel {
         title: if has_scenes || group.methods.len() > 1 { String::new() } else { group.name.clone() },
         x,

@@ -208,6 +208,28 @@ fn text_values_and_sizes_have_places_side_by_side() {
 }
 
 #[test]
+fn times_have_whiskers_and_those_of_less_than_three_rounds_are_not_shown() {
+    let plan = plan(GROUPS);
+    let mut rows = rows(&plan, value);
+    let time = &charts(&plan, &rows)[0];
+    let marks = || time.panels.iter().flat_map(|panel| &panel.curves).flat_map(|curve| &curve.marks);
+    assert!(marks().all(|mark| mark.whisker == Some(Whisker::Across { low: mark.x * 0.9, high: mark.x * 1.1 })));
+    // The axis holds the whiskers.
+    let panel = &time.panels[0];
+    let mut ends = panel.curves.iter().flat_map(|curve| &curve.marks).flat_map(Mark::across);
+    assert!(ends.all(|end| (0.0..=1.0).contains(&panel.x.share(end))));
+    for row in &mut rows {
+        row.repeats = if row.case.method == "sscr" { 2 } else { 3 };
+    }
+    let fewer = &charts(&plan, &rows)[0];
+    let names: Vec<&str> = fewer.panels[0].curves.iter().map(|curve| curve.name.as_str()).collect();
+    assert_eq!(names, ["sscr_hierarchical"]);
+    rows.iter_mut().for_each(|row| row.repeats = 1);
+    let names: Vec<String> = charts(&plan, &rows).into_iter().map(|chart| chart.name).collect();
+    assert_eq!(names, ["sscr-seed-attempts-coverage"], "errors stay");
+}
+
+#[test]
 fn names_of_scenes_are_short() {
     assert_eq!(short_scene("five-mirrors/sphere"), "five-mirrors/sphere");
     assert_eq!(short_scene("stability/tube:{width}"), "stability/tube");
@@ -241,7 +263,7 @@ fn stacked_times_are_a_column_for_each_setting_as_high_as_their_sum() {
     for row in &mut rows {
         row.parts = vec![("search_ms".into(), Spread { median: 5.0, low: 4.0, high: 6.0 })];
     }
-    let charts = charts(&plan, &rows);
+    let charts = super::charts(&plan, &rows);
     assert_eq!(charts.iter().map(|chart| chart.name.as_str()).collect::<Vec<_>>(), ["stacked-all", "stacked-all-2"]);
     let columns = &charts[0].panels[0].columns;
     let heights: Vec<f64> = columns.iter().map(|column| column.layers.iter().map(|layer| layer.height).sum()).collect();
@@ -253,6 +275,9 @@ fn stacked_times_are_a_column_for_each_setting_as_high_as_their_sum() {
     }
     // The second layer lies on the first: of four rectangles with the colour of each, none overlap.
     assert_eq!(svg.matches("<polygon").count(), 4 * 2 + 2, "and two in the legend");
+    assert!(columns.iter().all(|column| column.layers[0].ends == (4.0, 6.0)));
+    rows.iter_mut().for_each(|row| row.repeats = 2);
+    assert!(super::charts(&plan, &rows).is_empty());
 }
 
 #[test]
