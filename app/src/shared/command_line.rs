@@ -176,8 +176,9 @@ pub struct TargetArguments {
     /// smallest error; parameters that are named stay as they are
     #[arg(long, value_name = "TIME", value_parser = parse_budget, conflicts_with = "error")]
     pub budget: Option<Target>,
-    /// Let `auto` choose them for this error, as in 1px of reflections or 2dE of colours (CIEDE2000, of
-    /// mirrors and of the rest alike), with the smallest time; the error is that against the picture at full resolution with all points, 1024 virtual lights and surfel_trace
+    /// Let `auto` choose them for this error, as in 1px of reflections or 2dE of colours (CIEDE2000, of mirrors and of the
+    /// rest alike), with the smallest time; the error is that against the picture at full resolution with all points, 1024
+    /// virtual lights and surfel_trace
     #[arg(long, value_name = "ERROR", value_parser = parse_error)]
     pub error: Option<Target>,
 }

@@ -6,8 +6,8 @@
 //!    change is known then.
 //! 3. Of all combinations it predicts time and error: the time by the cost model, the error by the changes' squares,
 //!    which add up where errors are independent, those of mirrors' colours and of the rest's apart: the worse of the two
-//!    counts. It draws the most promising combination, learns from it, and goes on
-//!    until the most promising one is already drawn.
+//!    counts. It draws the most promising combination, learns from it, and goes on until the most promising one is
+//!    already drawn.
 //! 4. It takes the best of those that were drawn in full, so that nothing is chosen on a prediction alone.
 //!
 //! No rule names a scene. A method that another one beats in time and error is left out of step 3.
