@@ -67,7 +67,8 @@ fn the_error_falls_with_the_root_of_the_samples() {
     let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let mut settings = Settings::default();
-    (settings.gi.bounces, settings.trace.samples) = (0, 1024);
+    // A truth of 256 samples has a quarter of the variance of a picture of 64: slopes are flatter by some hundredths.
+    (settings.gi.bounces, settings.trace.samples) = (0, 256);
     settings.set_text("gloss.pattern", "pixel").unwrap();
     for (variant, power, lobe) in [
         (Variant::Sphere, 30.0, "phong"),
@@ -103,7 +104,7 @@ fn rays_of_one_lobe_show_other_powers_with_a_little_more_noise() {
     let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let mut settings = Settings::default();
-    (settings.trace.samples, settings.gloss.samples) = (1024, 16);
+    (settings.trace.samples, settings.gloss.samples) = (512, 16);
     settings.reflection.method = Method::SurfelTrace;
     for (key, value) in [("light.by", "colors"), ("gloss.pattern", "pixel"), ("gloss.cache_trust", "0")] {
         settings.set_text(key, value).unwrap();
