@@ -499,8 +499,9 @@ mod tests {
         let measurement =
             Measurement { name: long.clone(), kind, on: true, color, points: points.clone(), reach: None, level: None };
         let note = Note { text: long.clone(), on: true, color, position: points[0], camera: None };
-        session.scene.add_measurements(vec![measurement], vec![note]);
-        session.scene.add_profiles(vec![Profile { name: long, on: true, color, line: points, width: 0.1 }]);
+        let profile = Profile { name: long, on: true, color, line: points, width: 0.1 };
+        let objects = [Object::Measurement(measurement), Object::Note(note), Object::Profile(profile)];
+        session.scene.add_objects(objects);
         let mut harness = Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(
             |ui, session: &mut Session| {
                 theme::apply(ui.ctx());

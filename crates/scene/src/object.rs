@@ -23,7 +23,8 @@ pub enum Object {
     Profile(Profile),
 }
 
-/// What can be done with objects of a kind. All kinds can be selected, deleted and saved.
+/// What can be done with objects of a kind. All kinds can be selected, deleted and saved. The methods of `Object` have an
+/// arm for what a kind can do, and none for what its row denies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectKind {
     /// The name in messages and events.
@@ -141,15 +142,15 @@ impl Object {
                 let ends = profile.line.first().into_iter().chain(profile.line.last());
                 std::iter::once(profile.middle()).chain(ends.copied()).collect()
             }
-            Self::Measurement(_) | Self::Note(_) => Vec::new(),
+            _ => Vec::new(),
         }
     }
 
     /// The direction (unit vector) along which a place moves, if it moves along a line.
     pub fn rail(&self, index: usize) -> Option<DVec3> {
         match self {
-            Self::Mirror(_) | Self::Light(_) | Self::Measurement(_) | Self::Note(_) | Self::Profile(_) => None,
             Self::Clip(clip) => clip.sides().get(index.checked_sub(1)?)?.try_normalize(),
+            _ => None,
         }
     }
 
@@ -163,7 +164,7 @@ impl Object {
             (Self::Profile(profile), 0) => profile.line.iter_mut().for_each(|corner| *corner += shift),
             (Self::Profile(profile), 1) => profile.line.first_mut().into_iter().for_each(|corner| *corner += shift),
             (Self::Profile(profile), 2) => profile.line.last_mut().into_iter().for_each(|corner| *corner += shift),
-            (Self::Mirror(_) | Self::Light(_) | Self::Measurement(_) | Self::Note(_) | Self::Profile(_), _) => {}
+            _ => {}
         }
     }
 
@@ -176,7 +177,7 @@ impl Object {
                 let middle = profile.middle();
                 profile.line.iter_mut().for_each(|corner| *corner = middle + rotation * (*corner - middle));
             }
-            Self::Light(_) | Self::Measurement(_) | Self::Note(_) => {}
+            _ => {}
         }
     }
 
@@ -185,7 +186,7 @@ impl Object {
         match self {
             Self::Mirror(mirror) => mirror.size *= factor.clamp(FACTORS[0], FACTORS[1]),
             Self::Clip(clip) => clip.size *= factor.clamp(FACTORS[0], FACTORS[1]),
-            Self::Light(_) | Self::Measurement(_) | Self::Note(_) | Self::Profile(_) => {}
+            _ => {}
         }
     }
 
@@ -210,7 +211,7 @@ impl Object {
                 let line = profile.line.iter().map(|corner| *corner + aside).collect();
                 Self::Profile(Profile { line, ..profile.clone() })
             }
-            Self::Measurement(_) | Self::Note(_) => return None,
+            _ => return None,
         })
     }
 
@@ -239,7 +240,7 @@ mod tests {
         Clip { rotation, ..Clip::around(shape, Bounds { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) }) }
     }
 
-    fn one_of_each() -> [Object; 6] {
+    fn one_of_each() -> Vec<Object> {
         let mirror = Mirror::standing(Shape::Blob, DVec3::new(1.0, 2.0, 3.0), DVec3::Z, DVec3::Z, 0.5);
         let points = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
         let prism = ClipShape::Prism(Prism { points, direction: DVec3::Z, eye: None });
@@ -253,7 +254,7 @@ mod tests {
             level: None,
         };
         let note = Note::new("here".into(), DVec3::ONE, Camera::from_eye(DVec3::X, DVec3::ZERO, DVec3::Z));
-        [
+        vec![
             Object::Mirror(mirror),
             Object::Light(five_mirrors::light()),
             Object::Clip(clip(prism)),

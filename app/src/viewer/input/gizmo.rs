@@ -390,7 +390,7 @@ fn color_of(object: &Object) -> Color32 {
     let color = match object {
         Object::Mirror(mirror) => mirror.color,
         Object::Light(light) => light.intensity,
-        Object::Clip(_) | Object::Measurement(_) | Object::Note(_) | Object::Profile(_) => [1.0; 3],
+        _ => [1.0; 3],
     };
     let strongest = color.into_iter().fold(f32::MIN_POSITIVE, f32::max);
     let [red, green, blue] = color.map(|part| part / strongest);

@@ -298,15 +298,13 @@ impl Loaded {
         beside.scene.rewrite_objects(|objects| {
             if is_last {
                 objects.visibility = Visibility::default();
-                objects.clips.clear();
-                objects.measurements.clear();
-                objects.notes.clear();
+                objects.keep(|_| false);
             }
-            objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
+            objects.lights.retain(|placed| is_built_in_left || placed.origin != Origin::BuiltIn);
             objects.no_guess &= !is_last;
             objects.markings.retain(|marking| marking.key != key);
             objects.own_settings.retain(|own| own.key != key);
-            objects.mirrors.retain(|placed| !is_last && placed.input.as_ref() != Some(&input));
+            objects.mirrors.retain(|placed| placed.input.as_ref() != Some(&input));
         });
         beside.outside.change(Change::Close { cloud: key });
         beside.frames.points_changed();

@@ -162,9 +162,11 @@ impl Objects {
     pub fn has_more_than(&self, inputs: &[String]) -> bool {
         let SceneFile { mirrors, mirror_points, lights, visibility, .. } = self.scene_file(inputs);
         let has_more = !(mirrors.is_empty() && mirror_points.is_empty() && lights.is_empty());
-        let Self { clips, measurements, notes, profiles, bookmarks, paths, .. } = self;
-        let is_empty = clips.is_empty() && measurements.is_empty() && notes.is_empty() && profiles.is_empty();
-        has_more || !(is_empty && bookmarks.is_empty() && paths.is_empty() && visibility.filters.is_empty())
+        // Inputs bring mirrors and lights, and no object of another kind.
+        let is_own = |object: &Object| !matches!(object, Object::Mirror(_) | Object::Light(_));
+        let has_own = self.all().any(|(.., object)| is_own(&object));
+        let has_views = !(self.bookmarks.is_empty() && self.paths.is_empty());
+        has_more || has_own || has_views || !visibility.filters.is_empty()
     }
 
     /// Decides which points of the clouds are shown.
@@ -259,36 +261,42 @@ impl Objects {
     }
 
     /// Adds an object under a free name.
-    pub fn add(&mut self, id: ObjectId, object: Object) {
-        match object {
-            Object::Mirror(mirror) => {
-                let mirror = Mirror { name: self.free_name(&mirror.name, None), ..mirror };
-                self.mirrors.push(Placed { id, mirror, input: None });
-            }
-            Object::Light(light) => {
-                self.accept_guess();
-                let name = self.free_light_name("spot");
-                self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
-            }
+    pub fn add(&mut self, id: ObjectId, mut object: Object) {
+        match &mut object {
+            Object::Mirror(mirror) => mirror.name = self.free_name(&mirror.name, None),
             Object::Clip(clip) => {
                 let wanted = if clip.name.trim().is_empty() { clip.shape.name() } else { clip.name.trim() };
-                let name = numbered(wanted, self.clips.iter().map(|placed| placed.clip.name.as_str()));
-                self.clips.push(PlacedClip { id, clip: Clip { name, ..clip } });
+                clip.name = numbered(wanted, self.clips.iter().map(|placed| placed.clip.name.as_str()));
             }
             Object::Measurement(measurement) => {
                 let name = measurement.name.trim();
                 let wanted = if name.is_empty() { measurement.kind.name() } else { name };
                 let known = self.measurements.iter().map(|placed| placed.measurement.name.as_str());
-                let name = numbered(wanted, known);
-                self.measurements.push(PlacedMeasurement { id, measurement: Measurement { name, ..measurement } });
+                measurement.name = numbered(wanted, known);
             }
-            Object::Note(note) => self.notes.push(PlacedNote { id, note }),
             Object::Profile(profile) => {
                 let name = profile.name.trim();
                 let known = self.profiles.iter().map(|placed| placed.profile.name.as_str());
-                let name = numbered(if name.is_empty() { "profile" } else { name }, known);
-                self.profiles.push(PlacedProfile { id, profile: Profile { name, ..profile } });
+                profile.name = numbered(if name.is_empty() { "profile" } else { name }, known);
             }
+            Object::Light(_) | Object::Note(_) => {}
+        }
+        self.push(id, object);
+    }
+
+    /// Adds an object as it is. A light gets a free name, which no file keeps.
+    pub fn push(&mut self, id: ObjectId, object: Object) {
+        match object {
+            Object::Mirror(mirror) => self.mirrors.push(Placed { id, mirror, input: None }),
+            Object::Light(light) => {
+                self.accept_guess();
+                let name = self.free_light_name("spot");
+                self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
+            }
+            Object::Clip(clip) => self.clips.push(PlacedClip { id, clip }),
+            Object::Measurement(measurement) => self.measurements.push(PlacedMeasurement { id, measurement }),
+            Object::Note(note) => self.notes.push(PlacedNote { id, note }),
+            Object::Profile(profile) => self.profiles.push(PlacedProfile { id, profile }),
         }
     }
 
@@ -301,13 +309,18 @@ impl Objects {
 
     pub fn remove(&mut self, id: ObjectId) {
         let lights = self.lights.len();
-        self.mirrors.retain(|placed| placed.id != id);
-        self.clips.retain(|placed| placed.id != id);
-        self.lights.retain(|placed| placed.id != id);
-        self.measurements.retain(|placed| placed.id != id);
-        self.notes.retain(|placed| placed.id != id);
-        self.profiles.retain(|placed| placed.id != id);
+        self.keep(|known| known != id);
         self.no_guess |= self.lights.len() < lights && self.lights.is_empty();
+    }
+
+    /// Removes all objects but those of these numbers.
+    pub fn keep(&mut self, is_kept: impl Fn(ObjectId) -> bool) {
+        self.mirrors.retain(|placed| is_kept(placed.id));
+        self.lights.retain(|placed| is_kept(placed.id));
+        self.clips.retain(|placed| is_kept(placed.id));
+        self.measurements.retain(|placed| is_kept(placed.id));
+        self.notes.retain(|placed| is_kept(placed.id));
+        self.profiles.retain(|placed| is_kept(placed.id));
     }
 
     /// Sets the guessed lamp of a room if the scene has no other light; a new one gets `id`. `None` removes the lamp.

@@ -78,10 +78,10 @@ fn follow_selection(ui: &Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     ui.data_mut(|data| data.insert_temp(place, selected));
     let tab = match selected.and_then(|id| session.scene.objects.get(id)).map(|(_, object)| object) {
-        Some(Object::Measurement(_) | Object::Note(_) | Object::Profile(_)) => Tab::Measure,
+        Some(object) if object.kind().is_over_picture => Tab::Measure,
         Some(Object::Light(_)) => Tab::Light,
         Some(Object::Clip(_)) => Tab::Data,
-        Some(Object::Mirror(_)) | None => return,
+        _ => return,
     };
     actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
 }
@@ -386,7 +386,7 @@ mod tests {
         harness.run_ok();
         let note = Note { text: String::new(), on: true, color: [1.0; 3], position: DVec3::X, camera: None };
         let scene = &mut harness.state_mut().scene;
-        scene.add_measurements(Vec::new(), vec![note]);
+        scene.add_objects([Object::Note(note)]);
         scene.selected = scene.objects.notes.first().map(|placed| placed.id);
         harness.run_ok();
         assert_eq!(harness.state().preferences.tab, "Measure");

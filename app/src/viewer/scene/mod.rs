@@ -18,8 +18,7 @@ use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
 use scene::{
-    Camera, Clip, ColorBy, Lighting, Measurement, Mirror, Note, Object, Projection, Settings, SpotLight, StandardView,
-    Start, Visibility,
+    Camera, Clip, ColorBy, Lighting, Mirror, Object, Projection, Settings, SpotLight, StandardView, Start, Visibility,
 };
 use serde_json::json;
 use world::{CloudKey, mirrors};
@@ -29,9 +28,7 @@ use crate::viewer::objects::clouds::{CloudEntry, colored_chunks};
 use crate::viewer::objects::history::History;
 use crate::viewer::objects::inspection::{Ray, Target};
 use crate::viewer::objects::posed::Posed;
-use crate::viewer::objects::{
-    ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, PlacedMeasurement, PlacedNote, spot, unnamed,
-};
+use crate::viewer::objects::{ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, spot, unnamed};
 use crate::viewer::picture::messages::{Command, PickPurpose};
 use crate::viewer::requests::action::{Action, Mode};
 use crate::viewer::requests::bindings::COMMAND;
@@ -185,31 +182,28 @@ impl Scene {
         });
     }
 
-    /// Adds the measurements and notes of scene files.
-    pub fn bring_measurements(&mut self, measurements: Vec<Measurement>, notes: Vec<Note>) {
-        let first = (self.objects.measurements.len(), self.objects.notes.len());
-        self.add_measurements(measurements, notes);
-        let added = (self.objects.measurements.split_off(first.0), self.objects.notes.split_off(first.1));
-        self.rewrite_objects(|objects| {
-            objects.measurements.extend(added.0.iter().cloned());
-            objects.notes.extend(added.1.iter().cloned());
-        });
+    /// Adds objects of scene files as they are, except those that are there already.
+    pub fn bring_objects(&mut self, objects: impl IntoIterator<Item = Object>) {
+        let brought = self.numbered_if_new(objects);
+        self.rewrite_objects(|objects| brought.iter().for_each(|(id, object)| objects.push(*id, object.clone())));
     }
 
-    /// Adds measurements and notes, except those that are there already.
-    pub fn add_measurements(&mut self, measurements: Vec<Measurement>, notes: Vec<Note>) {
-        for measurement in measurements {
-            if self.objects.measurements.iter().all(|known| known.measurement != measurement) {
-                let id = self.next_object_id();
-                self.objects.measurements.push(PlacedMeasurement { id, measurement });
+    /// Adds objects of a view as they are, except those that are there already.
+    pub fn add_objects(&mut self, objects: impl IntoIterator<Item = Object>) {
+        let added = self.numbered_if_new(objects);
+        added.into_iter().for_each(|(id, object)| self.objects.push(id, object));
+    }
+
+    /// Numbers objects, without those that the scene has already.
+    fn numbered_if_new(&mut self, objects: impl IntoIterator<Item = Object>) -> Vec<(ObjectId, Object)> {
+        let known: Vec<Object> = self.objects.all().map(|(.., object)| object).collect();
+        let mut new: Vec<(ObjectId, Object)> = Vec::new();
+        for object in objects {
+            if !known.contains(&object) && new.iter().all(|(_, before)| *before != object) {
+                new.push((self.next_object_id(), object));
             }
         }
-        for note in notes {
-            if self.objects.notes.iter().all(|known| known.note != note) {
-                let id = self.next_object_id();
-                self.objects.notes.push(PlacedNote { id, note });
-            }
-        }
+        new
     }
 
     /// Warns the user if there are more lights than can shine.

@@ -93,6 +93,28 @@ fn a_scene_file_is_saved_in_its_place_and_the_title_tells_what_is_unsaved() {
     assert_eq!(sessions, ["other.toml", "hall.toml"]);
 }
 
+/// An object of each kind that is drawn over the picture.
+fn marks() -> [Object; 3] {
+    let (points, color) = (vec![DVec3::ZERO, DVec3::X], [1.0, 0.5, 0.0]);
+    let (kind, name) = (MeasurementKind::Distance, "width".into());
+    let measurement = Measurement { name, kind, on: true, color, points, reach: None, level: None };
+    let note = Note { text: "a door".into(), on: true, color, position: DVec3::X, camera: None };
+    let profile = Profile { name: "wall".into(), ..Profile::new(vec![DVec3::ZERO, DVec3::ONE], 0.25) };
+    [Object::Measurement(measurement), Object::Note(note), Object::Profile(profile)]
+}
+
+#[test]
+fn the_last_cloud_takes_all_objects_along() {
+    let mut session = Session::with_two_points();
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::AddSpot);
+    session.act(Action::Clip(Clipping::AroundAll(ClipShape::Box)));
+    session.scene.add_objects(marks());
+    assert_eq!(session.scene.objects.all().count(), 6);
+    session.with_loaded(|loaded, beside| loaded.remove_cloud(loaded.clouds[0].key, beside));
+    assert_eq!(session.scene.objects.all().count(), 0);
+}
+
 #[test]
 fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
     let (folder, mut session) = session();
@@ -102,12 +124,7 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
     let filter = Filter { attribute: "intensity".into(), low: 1.0, high: 2.0 };
     session.act(Action::Clip(Clipping::Filter(vec![filter])));
     session.act(Action::ShowClasses(vec![7], false));
-    let (points, color) = (vec![DVec3::ZERO, DVec3::X], [1.0, 0.5, 0.0]);
-    let (kind, name) = (MeasurementKind::Distance, "width".into());
-    let measurement = Measurement { name, kind, on: true, color, points, reach: None, level: None };
-    let note = Note { text: "a door".into(), on: true, color, position: DVec3::X, camera: None };
-    let profile = Profile { name: "wall".into(), ..Profile::new(vec![DVec3::ZERO, DVec3::ONE], 0.25) };
-    for object in [Object::Measurement(measurement), Object::Note(note), Object::Profile(profile)] {
+    for object in marks() {
         let id = session.scene.next_object_id();
         session.scene.place(id, object, &mut session.outside);
     }

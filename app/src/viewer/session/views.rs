@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use scene::{Object, Profile, SceneFile, Settings, Shape};
+use scene::{Object, SceneFile, Settings, Shape};
 use serde_json::json;
 
 use crate::overlays::Facts;
@@ -11,7 +11,7 @@ use crate::viewer::frames::Frames;
 use crate::viewer::jobs::study_file::{STUDY, group_of};
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
-use crate::viewer::objects::{OwnSettings, Placed, PlacedClip, PlacedProfile};
+use crate::viewer::objects::{OwnSettings, Placed, PlacedClip};
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::Command;
 use crate::viewer::requests::action::PictureDraft;
@@ -97,27 +97,10 @@ impl Scene {
             let id = self.next_object_id();
             self.objects.clips.push(PlacedClip { id, clip: clip.clone() });
         }
-        self.add_measurements(file.measurements.clone(), file.notes.clone());
-        self.add_profiles(file.profiles.clone());
+        self.add_objects(file.measurements.iter().cloned().map(Object::Measurement));
+        self.add_objects(file.notes.iter().cloned().map(Object::Note));
+        self.add_objects(file.profiles.iter().cloned().map(Object::Profile));
         self.history.after_jump(&self.settings, &self.objects);
-    }
-
-    /// Adds the profiles of scene files.
-    pub fn bring_profiles(&mut self, profiles: Vec<Profile>) {
-        let first = self.objects.profiles.len();
-        self.add_profiles(profiles);
-        let added = self.objects.profiles.split_off(first);
-        self.rewrite_objects(|objects| objects.profiles.extend(added.iter().cloned()));
-    }
-
-    /// Adds profiles, except those that are there already.
-    pub fn add_profiles(&mut self, profiles: Vec<Profile>) {
-        for profile in profiles {
-            if self.objects.profiles.iter().all(|known| known.profile != profile) {
-                let id = self.next_object_id();
-                self.objects.profiles.push(PlacedProfile { id, profile });
-            }
-        }
     }
 
     /// Returns what is on the screen as a scene, with the parameters of `settings`.
