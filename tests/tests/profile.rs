@@ -14,13 +14,20 @@ fn slope() -> String {
     header.to_string() + &(0..81).flat_map(|i| (0..81).map(move |j| line(i, j))).collect::<String>()
 }
 
-/// The columns by name.
+/// The columns by name. Where an interval is not known, it is no number.
 fn table(text: &str) -> Vec<Vec<f64>> {
     let mut lines = text.lines();
-    let names = "along,height,across,x,y,z,red,green,blue,intensity";
+    let names = "along,height,across,x,y,z,red,green,blue,intensity,along_interval,height_interval";
     assert_eq!(lines.next(), Some(names));
-    lines.map(|line| line.split(',').map(|value| value.parse().expect("a number")).collect()).collect()
+    let number = |(column, value): (usize, &str)| match value {
+        "" if column >= OWN => f64::NAN,
+        value => value.parse().expect("a number"),
+    };
+    lines.map(|line| line.split(',').enumerate().map(number).collect()).collect()
 }
+
+/// The number of columns before the intervals.
+const OWN: usize = 10;
 
 #[test]
 fn a_profile_of_a_slope_is_a_straight_line_of_it() {
@@ -33,7 +40,9 @@ fn a_profile_of_a_slope_is_a_straight_line_of_it() {
     // As many points as the area of the slice, 10 square units with 16 points each.
     assert!((150..170).contains(&rows.len()), "{} points", rows.len());
     for row in &rows {
-        let [along, height, across, x, y, z, red, _, _, intensity] = row[..] else { panic!("{row:?}") };
+        let [along, height, across, x, y, z, red, _, _, intensity, of_along, of_height] = row[..] else {
+            panic!("{row:?}")
+        };
         let (dx, dy) = (x - 5_000_002.0, y - 600_003.0);
         // The line runs along (0.8, 0.6), and its left is (-0.6, 0.8).
         assert!((along - (0.8 * dx + 0.6 * dy)).abs() < 1e-6 && (across - (0.8 * dy - 0.6 * dx)).abs() < 1e-6);
@@ -41,6 +50,12 @@ fn a_profile_of_a_slope_is_a_straight_line_of_it() {
         let slope = 0.25 * (2.0 + 0.8 * along - 0.6 * across) - 0.5 * (3.0 + 0.6 * along + 0.8 * across);
         assert!((height - slope).abs() < 1e-5, "{row:?}: {slope}");
         assert_eq!((red, intensity), ((x - 5_000_000.0) * 4.0, (y - 600_000.0) * 40.0));
+        // A place that is meant is off its nearest point by the root of an eighth of the spacing's square, in each
+        // direction along the slope, whose steepest one rises by the root of 0.3125 in 1.
+        let lattice = 1.96 * 0.25 * 1.3125_f64.powf(0.25) / 8.0_f64.sqrt();
+        assert!((0.8..1.2).contains(&(of_along / lattice)), "{row:?}");
+        let upward = |slope: f64| lattice * slope / (1.0 + slope * slope).sqrt();
+        assert!((0.8..1.2).contains(&(of_height / upward(0.3125_f64.sqrt()))), "{row:?}");
     }
     assert!(rows.windows(2).all(|pair| pair[0][0] <= pair[1][0]), "not in order");
 
@@ -54,7 +69,9 @@ fn a_profile_of_a_slope_is_a_straight_line_of_it() {
     assert_eq!(outcome.status, Some(0), "{outcome}");
     let some = table(&std::fs::read_to_string(folder.path("some.csv")).expect("the table"));
     let is_shown = |row: &&Vec<f64>| row[9] >= 200.0 && (5_000_002.0..=5_000_008.0).contains(&row[3]);
-    let expected: Vec<Vec<f64>> = rows.iter().filter(is_shown).cloned().collect();
+    let own = |row: &Vec<f64>| row[..OWN].to_vec();
+    let expected: Vec<Vec<f64>> = rows.iter().filter(is_shown).map(own).collect();
+    let some: Vec<Vec<f64>> = some.iter().map(own).collect();
     assert!(some == expected && !some.is_empty() && some.len() < rows.len(), "{} of {}", some.len(), rows.len());
 }
 
@@ -193,6 +210,17 @@ fn several_sections_make_one_table_one_chart_and_one_file() {
         let told = extents(run(&[&stack[..], &["--json", "-o", name]].concat()));
         assert!(told == (name.into(), expected.clone()) && folder.path(name).exists(), "{name}: {told:?}");
     }
+    // Only a table has intervals, of which the report has the medians.
+    for (name, is_known) in [("certain.csv", true), ("certain.png", false)] {
+        let text = run(&[&stack[..], &["--json", "-o", name]].concat());
+        let report: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        for own in report["profiles"].as_array().expect("a list") {
+            let [along, height] = ["along_interval", "height_interval"].map(|key| own[key].as_f64());
+            let is_plausible = |interval: Option<f64>| interval.is_some_and(|interval| (0.01..0.5).contains(&interval));
+            assert!(is_plausible(along) == is_known && is_plausible(height) == is_known, "{name}: {own}");
+            assert!(is_known || along.is_none() && height.is_none(), "{name}: {own}");
+        }
+    }
 
     // The profiles of a scene file, of which one is switched off.
     folder.write(
@@ -254,7 +282,9 @@ fn a_profile_that_cannot_be_made_is_refused() {
     let empty = folder.glint(["profile", "slope.ply", "--line", "0,0,0:1,0,0", "--width", "1"]);
     assert!(empty.status == Some(0) && empty.messages.contains("holds no points"), "{empty}");
     let told = folder.glint(["profile", "slope.ply", "--line", "0,0,0:1,0,0", "--width", "1", "--json"]).json();
-    let nothing = serde_json::json!([{ "name": "profile", "points": 0, "along": null, "height": null }]);
+    let nothing = serde_json::json!([{
+        "name": "profile", "points": 0, "along": null, "height": null, "along_interval": null, "height_interval": null,
+    }]);
     assert!(told["profiles"] == nothing && told["unit"].is_null(), "{told}");
     assert_eq!(table(&String::from_utf8_lossy(&empty.output)).len(), 0);
 }

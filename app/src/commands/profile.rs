@@ -51,7 +51,9 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         return Err(usage(format!("--spacing {}: expected a finite distance", stack.1)));
     }
     let keeps_points = kind != Kind::Points && (arguments.output.is_some() || !arguments.json);
-    let asked = Asked { profiles: &profiles, stack, test: &test, settings: &settings, is_watched: true, keeps_points };
+    let has_intervals = keeps_points && kind == Kind::Table;
+    let (profiles, test, settings) = (&profiles, &test, &settings);
+    let asked = Asked { profiles, stack, test, settings, is_watched: true, keeps_points, has_intervals };
     if let (Kind::Points, Some(output)) = (kind, &arguments.output) {
         return export_points(&request, &asked, output, arguments.json);
     }
@@ -117,7 +119,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         Some(output) => {
             let points: u64 = table.extents.iter().map(|extent| extent.points).sum();
             match kind {
-                Kind::Chart => table.draw(&settings, &request.cloud_settings, output)?,
+                Kind::Chart => table.draw(settings, &request.cloud_settings, output)?,
                 _ => picture_file::write_text(output, &table.into_csv()?)?,
             }
             if report.is_none() {

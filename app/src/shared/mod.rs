@@ -9,6 +9,7 @@ pub mod measuring;
 pub mod moved_points;
 pub mod numbers;
 pub mod profile_chart;
+pub mod profile_intervals;
 pub mod profiles;
 pub mod steps;
 pub mod viewpoint;

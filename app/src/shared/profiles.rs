@@ -8,7 +8,7 @@ use anyhow::Context as _;
 use cloud::{Chunk, Cloud, PointTest, Progress, Volume};
 use codec::{ExportFormat, Info, Selection, Source, Unit, Units, Wanted};
 use glam::DVec3;
-use measure::{Placed, Section};
+use measure::{Placed, PointTree, Section};
 use render::ColorPlan;
 use scene::{CloudSettings, Profile, Settings, shown};
 use serde_json::json;
@@ -16,11 +16,17 @@ use world::Request;
 
 use crate::shared::export;
 use crate::shared::profile_chart::{self, AxisUnits, Dot, Series, axis_units, colors_of};
+use crate::shared::profile_intervals::{Around, Intervals, intervals};
 use crate::system::failure::usage;
 use crate::system::{picture_file, progress_bar, terminal};
 
 /// The columns that every table has.
 const FIXED: [&str; 9] = ["along", "height", "across", "x", "y", "z", "red", "green", "blue"];
+
+/// The last columns of every table: the half widths of intervals of 95 %, and nothing where they are not known.
+const INTERVALS: [&str; 2] = ["along_interval", "height_interval"];
+/// The bytes that a point around a profile takes while intervals are found.
+const BYTES_AROUND: u64 = 64;
 
 /// Whether an attribute of a file is a column that every table has: its coordinates and its colours.
 fn is_fixed(name: &str) -> bool {
@@ -33,6 +39,8 @@ struct Piece {
     section: usize,
     chunk: Chunk,
     places: Vec<Placed>,
+    /// How certain these places are, for a table; else empty.
+    intervals: Vec<Option<Intervals>>,
 }
 
 /// What is kept of a file.
@@ -97,6 +105,8 @@ pub struct Asked<'a> {
     pub is_watched: bool,
     /// Whether the points of the sections are kept, not only counted.
     pub keeps_points: bool,
+    /// Whether it is found out how certain the places of the points are, which takes a second reading of the files.
+    pub has_intervals: bool,
 }
 
 /// Writes the points of profiles to a file, for the window: as a table, or as points.
@@ -111,7 +121,8 @@ pub fn write(
     settings: &Settings,
     path: &Path,
 ) -> anyhow::Result<()> {
-    let asked = Asked { profiles, stack: (0, 0.0), test, settings, is_watched: false, keeps_points: true };
+    let (stack, is_watched, keeps_points) = ((0, 0.0), false, true);
+    let asked = Asked { profiles, stack, test, settings, is_watched, keeps_points, has_intervals: true };
     let request = Request { cloud_settings: own, ..world::resolve(inputs) };
     let memory = world::half_of(settings.stream.host_bytes);
     let (mut sources, mut left_out) = (Vec::new(), Vec::new());
@@ -203,9 +214,62 @@ pub fn read(source: &Source, left_out: &[Vec<u64>], asked: &Asked, table: &mut T
     let summary = summary.with_context(|| shown(&info.path))?;
     let (mut pieces, extents) = found.into_inner().unwrap_or_else(PoisonError::into_inner);
     pieces.sort_unstable_by_key(|piece: &Piece| (piece.section, piece.chunk.first_point));
+    let mut warnings = summary.warnings;
+    if asked.has_intervals {
+        warnings.extend(find_intervals(source, left_out, asked, (&cloud, &sections), &mut pieces)?);
+    }
     table.add(cloud, pieces, (world::up_of(info, asked.settings), info.units));
     table.extents.iter_mut().zip(extents).for_each(|(known, own)| known.add(own));
-    Ok(summary.warnings)
+    Ok(warnings)
+}
+
+/// Finds how certain the places of pieces of a file are, by all of its points that are shown, whatever section they are
+/// in. Returns a warning where that would take too much memory.
+fn find_intervals(
+    source: &Source,
+    left_out: &[Vec<u64>],
+    asked: &Asked,
+    (cloud, sections): (&Cloud, &[Section]),
+    pieces: &mut [Piece],
+) -> anyhow::Result<Option<String>> {
+    let places = |piece: &Piece| -> Vec<DVec3> {
+        (0..piece.chunk.len()).map(|index| cloud.world_position(&piece.chunk, index)).collect()
+    };
+    let mut of_sections: Vec<Vec<DVec3>> = vec![Vec::new(); sections.len()];
+    pieces.iter().for_each(|piece| of_sections[piece.section].extend(places(piece)));
+    let around = Around::new(&of_sections);
+    let (shown_ones, wanted) = (cloud.test(asked.test), Wanted { test: asked.test, left_out });
+    let most = world::half_of(asked.settings.stream.host_bytes) / BYTES_AROUND;
+    let found = Mutex::new(Vec::new());
+    let keep = |chunk: Chunk| {
+        let left_out = wanted.left_out(0, chunk.first_point, chunk.len());
+        let near = |index: usize| {
+            let point = cloud.world_position(&chunk, index);
+            (around.has(point) && shown_ones.shows(&chunk, index) && !left_out.has(index)).then_some(point)
+        };
+        let near: Vec<DVec3> = (0..chunk.len()).filter_map(near).collect();
+        let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+        if found.len() as u64 <= most {
+            found.extend(near);
+        }
+    };
+    let attributes = asked.test.reads(&cloud.attributes);
+    let selection = Selection { positions: true, colors: false, normals: false, attributes };
+    let progress = Progress::default();
+    let read = || source.read(&selection, &progress, &keep);
+    let read = if asked.is_watched { progress_bar::watch("reading what is around", &progress, read) } else { read() };
+    read.with_context(|| shown(&source.info().path))?;
+    let found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    if found.len() as u64 > most {
+        let warning =
+            "the points around the profile do not fit into stream.host_bytes, so the table states no intervals";
+        return Ok(Some(warning.into()));
+    }
+    let tree = PointTree::new(found);
+    for piece in pieces {
+        piece.intervals = intervals(&sections[piece.section], &places(piece), &tree);
+    }
+    Ok(None)
 }
 
 fn piece_of(
@@ -219,7 +283,8 @@ fn piece_of(
         shows(index).then_some((index as u32, placed))
     };
     let (indices, places): (Vec<u32>, Vec<Placed>) = (0..chunk.len()).filter_map(placed).unzip();
-    (!indices.is_empty()).then(|| Piece { section: number, chunk: chunk.select(&indices), places })
+    let chunk = (!indices.is_empty()).then(|| chunk.select(&indices))?;
+    Some(Piece { section: number, chunk, places, intervals: Vec::new() })
 }
 
 impl Extent {
@@ -249,18 +314,34 @@ impl Table {
 
     /// What the sections hold, as JSON. `path` is the file that is written.
     pub fn report(&self, path: Option<&Path>) -> serde_json::Value {
-        let section = |(name, extent): (&String, &Extent)| {
+        let section = |(number, (name, extent)): (usize, (&String, &Extent))| {
             let range = |range: [f64; 2]| (extent.points > 0).then_some(range);
             let Extent { points, along, height } = *extent;
-            json!({ "name": name, "points": points, "along": range(along), "height": range(height) })
+            let [along_interval, height_interval] = self.median_intervals(number);
+            json!({
+                "name": name, "points": points, "along": range(along), "height": range(height),
+                "along_interval": along_interval, "height_interval": height_interval,
+            })
         };
         let text = |unit: Option<Unit>| unit.map(|unit| unit.to_string());
         let unit = text(self.parts.first().and_then(|part| part.units.length()));
         let [along_unit, height_unit] = self.axis_units().map(text);
-        let sections: Vec<serde_json::Value> = self.sections.iter().zip(&self.extents).map(section).collect();
+        let sections: Vec<serde_json::Value> =
+            self.sections.iter().zip(&self.extents).enumerate().map(section).collect();
         json!({
             "path": path.map(shown), "unit": unit, "along_unit": along_unit, "height_unit": height_unit,
             "profiles": sections,
+        })
+    }
+
+    /// The median half widths of the intervals of a section's points, where they were found.
+    fn median_intervals(&self, section: usize) -> [Option<f64>; 2] {
+        let pieces = self.parts.iter().flat_map(|part| &part.pieces).filter(|piece| piece.section == section);
+        let known: Vec<Intervals> = pieces.flat_map(|piece| piece.intervals.iter().flatten().copied()).collect();
+        [0, 1].map(|axis| {
+            let mut of_axis: Vec<f64> = known.iter().map(|half_widths| half_widths[axis]).collect();
+            let middle = of_axis.len() / 2;
+            (!of_axis.is_empty()).then(|| *of_axis.select_nth_unstable_by(middle, f64::total_cmp).1)
         })
     }
 
@@ -293,7 +374,7 @@ impl Table {
             let color = own.map_or_else(|| settings.color.clone(), |own| own.color_of(&settings.color));
             let (plan, warning) = ColorPlan::new(&whole, &color, *up);
             terminal::warn(warning.filter(|_| !pieces.is_empty()));
-            for Piece { section, chunk, places } in pieces {
+            for Piece { section, chunk, places, .. } in pieces {
                 let dot =
                     |(placed, color): (&Placed, [u8; 3])| Dot { along: placed.along, height: placed.height, color };
                 dots[*section].extend(places.iter().zip(colors_of(cloud, chunk, &plan, *up)).map(dot));
@@ -321,10 +402,11 @@ impl Table {
         let mut writer = csv::Writer::from_writer(Vec::new());
         let has_names = self.sections.len() > 1;
         let first = has_names.then_some("profile");
-        writer.write_record(first.into_iter().chain(FIXED).chain(self.attributes.iter().map(String::as_str)))?;
+        let attributes = self.attributes.iter().map(String::as_str);
+        writer.write_record(first.into_iter().chain(FIXED).chain(attributes).chain(INTERVALS))?;
         for (part, piece, index) in order {
             let Part { cloud, pieces, columns, .. } = &self.parts[part];
-            let Piece { section, chunk, places } = &pieces[piece];
+            let Piece { section, chunk, places, intervals } = &pieces[piece];
             let (placed, position) = (places[index], cloud.world_position(chunk, index).to_array());
             let lengths = [placed.along, placed.height, placed.across].into_iter().chain(position);
             let color = chunk.colors.as_ref().map(|colors| colors[index]);
@@ -337,7 +419,9 @@ impl Table {
             }
             let name = has_names.then(|| self.sections[*section].clone());
             let lengths = lengths.map(|length| length.to_string());
-            writer.write_record(name.into_iter().chain(lengths).chain(colors).chain(own))?;
+            let interval = intervals.get(index).copied().flatten();
+            let half_widths = [0, 1].map(|axis| interval.map_or(String::new(), |interval| interval[axis].to_string()));
+            writer.write_record(name.into_iter().chain(lengths).chain(colors).chain(own).chain(half_widths))?;
         }
         Ok(String::from_utf8(writer.into_inner()?)?)
     }

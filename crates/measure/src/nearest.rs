@@ -62,7 +62,7 @@ impl Nearest {
     }
 
     /// The squared distance beyond which points do not count.
-    fn limit(&self) -> f64 {
+    pub(crate) fn limit(&self) -> f64 {
         if self.found.len() < self.most { f64::INFINITY } else { self.found.peek().map_or(-1.0, |last| last.squared) }
     }
 

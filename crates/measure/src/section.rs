@@ -1,7 +1,7 @@
 //! A section: the points in an upright slice along a line, by their distance along it and their height.
 
 use cloud::{Volume, VolumeShape};
-use glam::{DQuat, DVec3};
+use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
 use crate::error::{Error, Result};
 
@@ -81,13 +81,25 @@ impl Section {
 
     /// Where a point lies in the section, if it is in it.
     pub fn place(&self, point: DVec3) -> Option<Placed> {
-        let mut nearest: Option<Placed> = None;
+        self.piece_at(point).map(|(_, placed)| placed)
+    }
+
+    /// The covariance of a point's distance along the line and its height, from that of its place in space; `None` for a
+    /// point that is not in the section.
+    pub fn covariance(&self, point: DVec3, covariance: &DMat3) -> Option<DMat2> {
+        let (piece, _) = self.piece_at(point)?;
+        let column = |axis: DVec3| DVec2::new(piece.along.dot(*covariance * axis), self.up.dot(*covariance * axis));
+        Some(DMat2::from_cols(column(piece.along), column(self.up)))
+    }
+
+    fn piece_at(&self, point: DVec3) -> Option<(&Piece, Placed)> {
+        let mut nearest: Option<(&Piece, Placed)> = None;
         for piece in &self.pieces {
             let offset = point - piece.from;
             let (along, across) = (offset.dot(piece.along), offset.dot(piece.left));
             let is_beside = (0.0..=piece.length).contains(&along) && across.abs() <= self.half_width;
-            if is_beside && nearest.is_none_or(|nearest| across.abs() < nearest.across.abs()) {
-                nearest = Some(Placed { along: piece.start + along, height: point.dot(self.up), across });
+            if is_beside && nearest.is_none_or(|(_, nearest)| across.abs() < nearest.across.abs()) {
+                nearest = Some((piece, Placed { along: piece.start + along, height: point.dot(self.up), across }));
             }
         }
         nearest
@@ -138,6 +150,19 @@ mod tests {
         assert_eq!(along(4.0, 3.0), Some((7.0, 0.0)));
         assert_eq!(along(-0.1, 0.0), None);
         assert_eq!(section.place(DVec3::NAN), None);
+    }
+
+    #[test]
+    fn readings_deviate_by_the_part_of_a_deviation_that_the_section_shows() {
+        let corners = [DVec3::ZERO, DVec3::X * 4.0, DVec3::new(4.0, 3.0, 0.0)];
+        let section = Section::new(&corners, 1.0, DVec3::Z).unwrap();
+        // 0.3 along x, 0.4 along y and 0.1 up; x and up deviate together.
+        let covariance = DMat3::from_cols_array(&[0.09, 0.0, 0.02, 0.0, 0.16, 0.0, 0.02, 0.0, 0.01]);
+        let first = section.covariance(DVec3::new(1.0, 0.2, 5.0), &covariance).unwrap();
+        assert_eq!(first.to_cols_array(), [0.09, 0.02, 0.02, 0.01]);
+        let second = section.covariance(DVec3::new(4.1, 2.0, 5.0), &covariance).unwrap();
+        assert_eq!(second.to_cols_array(), [0.16, 0.0, 0.0, 0.01]);
+        assert_eq!(section.covariance(DVec3::new(1.0, 0.6, 5.0), &covariance), None);
     }
 
     #[test]

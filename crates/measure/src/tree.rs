@@ -3,6 +3,8 @@
 use cloud::Bounds;
 use glam::{DVec3, Vec3};
 
+use crate::nearest::Nearest;
+
 /// The most points of a leaf. Fewer cost more planes, more cost more distances.
 const LEAF_POINTS: usize = 12;
 /// A part of the tree with fewer points is built by one thread.
@@ -98,6 +100,15 @@ impl PointTree {
         best.is_finite().then(|| best.sqrt())
     }
 
+    /// The `most` points nearest to a place, the nearest first.
+    pub fn nearest_points(&self, place: DVec3, most: usize) -> Vec<DVec3> {
+        let mut nearest = Nearest::new(place, most);
+        if let Some(bounds) = self.bounds.filter(|_| place.is_finite()) {
+            gather_nearest(self.whole(), outside_of(bounds, place), &mut nearest);
+        }
+        nearest.points()
+    }
+
     /// Calls `visit` with points, a few at a time, among which are all that are within `radius` of a box.
     pub fn near_box(&self, place: Bounds, radius: f64, visit: &mut impl FnMut(&[DVec3])) {
         if let Some(bounds) = self.bounds.filter(|_| !place.is_empty()) {
@@ -173,6 +184,23 @@ fn divide(points: &mut [DVec3], nodes: &mut [Node], corner: DVec3) {
     } else {
         divide(lower, of_lower, corner);
         divide(upper, of_upper, corner);
+    }
+}
+
+/// `outside` is how far the place is outside of the part along each axis.
+fn gather_nearest(part: Part<'_>, outside: DVec3, nearest: &mut Nearest) {
+    let Some((node, lower, upper)) = part.halves() else {
+        part.points.iter().for_each(|point| nearest.add(*point));
+        return;
+    };
+    let axis = node.axis as usize;
+    let beyond = nearest.place()[axis] - node.at;
+    let (near, far) = if beyond < 0.0 { (lower, upper) } else { (upper, lower) };
+    gather_nearest(near, outside, nearest);
+    let mut outside = outside;
+    outside[axis] = beyond.abs();
+    if outside.length_squared() <= nearest.limit() {
+        gather_nearest(far, outside, nearest);
     }
 }
 
@@ -254,6 +282,11 @@ mod tests {
                 assert_eq!(tree.distance(place), Some(nearest));
                 let other = distances().filter(|distance| *distance > 0.0).fold(f64::INFINITY, f64::min);
                 assert_eq!(tree.distance_to_other(place), other.is_finite().then_some(other));
+                let mut by_distance = points.clone();
+                by_distance.sort_by(|a, b| a.distance_squared(place).total_cmp(&b.distance_squared(place)));
+                let found = tree.nearest_points(place, 20).into_iter().map(|point| point.distance_squared(place));
+                let expected = by_distance.iter().take(20).map(|point| point.distance_squared(place));
+                assert!(found.eq(expected), "{count} points, {place}");
                 for axis in [DVec3::new(0.36, 0.48, 0.8), DVec3::Y, DVec3::new(0.0, -0.6, 0.8)] {
                     let cylinder = Cylinder { place, axis, radius: 0.5, reach: 3.0 };
                     let is_in = |point: &&DVec3| cylinder.height_of(**point).is_some();

@@ -3,6 +3,7 @@
 pub mod comparisons;
 pub mod contact_sheet;
 pub mod ghosts;
+pub mod point_errors;
 pub mod process;
 pub mod slices;
 pub mod study_file;

@@ -42,13 +42,17 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.label(RichText::new(coordinates(pick.world)).monospace());
     if let Some(error) = pick.error {
         let unit = units(&session.loaded).length().map_or(String::new(), |unit| format!(" {unit}"));
-        let PointError { across, sight } = error;
+        let PointError { across, sight, is_thinned, .. } = error;
         let told = |length: f64| format!("± {length:.*}{unit}", decimals(length));
         let text = format!("{} across the surface, {} along the line of sight", told(across), told(sight));
         ui.label(RichText::new(text).small()).on_hover_text(
             "The surface lies within, in 19 of 20 cases: from the spacing and the scatter of the points around. Errors \
              that all points share, as those of a registration, are not in it.",
         );
+        if is_thinned {
+            let text = "by the points that are loaded: the file has more here; pick again from nearer to be more exact";
+            ui.label(RichText::new(text).small().color(theme::WEAK));
+        }
     }
     match &pick.record {
         None => {
@@ -92,8 +96,9 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 #[cfg(test)]
 mod tests {
+    use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use glam::DVec3;
+    use glam::{DMat3, DVec3};
     use world::{CloudKey, Part};
 
     use super::*;
@@ -105,6 +110,14 @@ mod tests {
     fn pick(world: DVec3) -> Pick {
         // The coordinates of the file, and a column of another thing that has the name of one.
         let record = [("X", "3"), ("y", "0.0"), ("returns", "0"), ("Z", "-400"), ("intensity", "1234")];
+        let error = PointError {
+            across: 0.00612,
+            sight: 0.0123,
+            place: world,
+            covariance: DMat3::IDENTITY,
+            reach: 0.1,
+            is_thinned: false,
+        };
         let record = Some(Ok(record.map(|(name, value)| (name.into(), value.into())).to_vec()));
         Pick {
             point: PickedPoint { chunk: CloudKey(0).chunk(Part::Block(0)), index: 77 },
@@ -113,7 +126,7 @@ mod tests {
             world,
             record,
             added: vec![("distance".into(), "0.25".into())],
-            error: Some(PointError { across: 0.00612, sight: 0.0123 }),
+            error: Some(error),
             is_streamed: false,
         }
     }
@@ -122,7 +135,7 @@ mod tests {
     fn a_pick_shows_its_record_and_can_be_copied() {
         let mut session = Session::new(Preferences::default());
         session.tools.pick = Some(pick(DVec3::new(3.0, 0.0, -4.0)));
-        let mut harness = egui_kittest::Harness::builder().with_size([400.0, 400.0]).build_ui_state(
+        let mut harness = Harness::builder().with_size([400.0, 400.0]).build_ui_state(
             |ui, session: &mut Session| session.show_and_act(|session, actions| contents(ui, session, actions)),
             session,
         );
@@ -140,6 +153,18 @@ mod tests {
             Effect::Copy(text) => Some(text.clone()),
             _ => None,
         });
+        let is_thinned =
+            |harness: &Harness<'_, Session>| harness.query_by_label_contains("the file has more").is_some();
+        assert!(!is_thinned(&harness));
+        harness
+            .state_mut()
+            .tools
+            .pick
+            .iter_mut()
+            .flat_map(|pick| &mut pick.error)
+            .for_each(|error| error.is_thinned = true);
+        harness.run();
+        assert!(is_thinned(&harness));
         assert!(copied.is_some_and(|text| {
             text.contains(
                 "point 77\t3\t0\t-4\nreturns\t0\nZ\t-400\nintensity\t1234\ndistance\t0.25\n± across\t0.00612\n± sight\t0.0123\n",

@@ -1,13 +1,16 @@
 //! Profiles: their list in the panel, and the window that shows one from the side.
 
+use codec::Unit;
 use egui::epaint::Mesh;
 use egui::{Color32, Pos2, Rect, RichText, Shape, Stroke, Ui, vec2};
 use egui_plot::{AxisHints, GridMark, Plot, PlotPoint, PlotTransform};
-use glam::DVec3;
-use measure::Section;
+use glam::{DMat2, DVec2, DVec3};
+use measure::{IN_95_PERCENT, Section};
 use scene::{Object, Profile};
 
+use crate::shared::measuring::decimals;
 use crate::shared::profile_chart::{self, AxisUnits, axis_units, in_brackets};
+use crate::shared::profile_intervals::of_reading;
 use crate::viewer::jobs::slices::{Slice, SlicePoint};
 use crate::viewer::look::theme::{self, grouped};
 use crate::viewer::look::widgets::{eye, name_label};
@@ -16,7 +19,7 @@ use crate::viewer::requests::action::{Action, Measuring, Profiling};
 use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
 use crate::viewer::tools::measurements::units;
-use crate::viewer::tools::profiles::MOST_STACKED;
+use crate::viewer::tools::profiles::{MOST_STACKED, RulerEnd};
 
 /// The most points that are drawn at once: of those that are in view, evenly many are left out.
 const MOST_DRAWN: usize = 50_000;
@@ -190,8 +193,15 @@ fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec
             }
         });
     }
+    let section = Section::new(&profile.line, profile.width, session.up()).ok();
+    if let Some(text) = section.as_ref().and_then(|section| picked(session, section)) {
+        ui.label(RichText::new(text).small()).on_hover_text(
+            "± is the half width of an interval of 95 %: of a place on the surface that is read off this point. How the \
+             surface differs across the profile is not in it.",
+        );
+    }
     match &tool.slice {
-        Some(Ok(slice)) => chart(ui, session, profile, slice, is_even, actions),
+        Some(Ok(slice)) => chart(ui, session, section.as_ref(), slice, is_even, actions),
         Some(Err(problem)) => drop(ui.colored_label(theme::ERROR, problem)),
         None => drop(ui.spinner()),
     }
@@ -220,7 +230,14 @@ fn status(ui: &mut Ui, session: &Session) {
 }
 
 /// The numbers on the axes begin as the coordinates do.
-fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_even: bool, actions: &mut Vec<Action>) {
+fn chart(
+    ui: &mut Ui,
+    session: &Session,
+    section: Option<&Section>,
+    slice: &Slice,
+    is_even: bool,
+    actions: &mut Vec<Action>,
+) {
     let units = axis_units(&units(&session.loaded), session.scene.up(&session.loaded.clouds));
     let [of_along, of_height] = units.map(in_brackets);
     let others = &session.tools.profiles.others;
@@ -250,10 +267,8 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
     }
     painter.add(Shape::mesh(dots(slice, &transform, None)));
     // What the picture points at, and what is picked there.
-    let up = session.up();
-    let section = Section::new(&profile.line, profile.width, up).ok();
     let mark = |world: Option<DVec3>, radius: f32, color: Color32| {
-        let placed = section.as_ref().and_then(|section| section.place(world?));
+        let placed = section.and_then(|section| section.place(world?));
         if let Some(placed) = placed {
             let at = transform.position_from_point(&PlotPoint::new(placed.along, placed.height));
             painter.circle_stroke(at, radius, Stroke::new(3.0, Color32::BLACK));
@@ -279,14 +294,28 @@ fn chart(ui: &mut Ui, session: &Session, profile: &Profile, slice: &Slice, is_ev
     });
     if let (true, Some(place)) = (response.clicked(), at_pointer) {
         match (&session.tools.profiles.ruler, pointed) {
-            (Some(_), _) => actions.push(Action::Profile(Profiling::Rule(place))),
+            (Some(_), _) => {
+                actions.push(Action::Profile(Profiling::Rule(place, pointed.map(|point| point.point))));
+            }
             (None, Some(point)) => actions.push(Action::Profile(Profiling::Pick(point.point))),
             (None, None) => {}
         }
     }
     if let Some(ends) = &session.tools.profiles.ruler {
-        ruler(&painter, &transform, ends, at_pointer, units);
+        ruler(&painter, &transform, ends, at_pointer, section, units);
     }
+}
+
+/// Where the picked point is in the profile, with the intervals of what is read there, if it is in it.
+fn picked(session: &Session, section: &Section) -> Option<String> {
+    let pick = session.tools.pick.as_ref()?;
+    let placed = section.place(pick.world)?;
+    let [of_along, of_height] = axis_units(&units(&session.loaded), session.up());
+    let intervals = pick.error.and_then(|error| of_reading(section, error.place, &error.covariance));
+    let [along, height] = [0, 1].map(|axis| intervals.map(|intervals| intervals[axis]));
+    let by = if pick.error.is_some_and(|error| error.is_thinned) { ", by the points that are loaded" } else { "" };
+    let (along, height) = (length(placed.along, along, of_along), length(placed.height, height, of_height));
+    Some(format!("Picked: along {along}   height {height}{by}"))
 }
 
 fn color_behind(index: usize, count: usize) -> Color32 {
@@ -329,31 +358,56 @@ fn nearest(slice: &Slice, transform: &PlotTransform, pointer: Pos2) -> Option<Sl
 }
 
 /// The distance between two places of a profile, with its parts: `5.0000 m   along 3.0000 m   up 4.0000 m`. Parts in
-/// different units have no distance.
-fn measured(from: [f64; 2], to: [f64; 2], units: AxisUnits) -> String {
-    let (along, up) = (to[0] - from[0], to[1] - from[1]);
-    let [of_along, of_up] = units.map(|unit| unit.map_or(String::new(), |unit| format!(" {unit}")));
-    let parts = format!("along {along:.4}{of_along}   up {up:.4}{of_up}");
-    if of_along == of_up { format!("{:.4}{of_along}   {parts}", along.hypot(up)) } else { parts }
+/// different units have no distance. Where the covariance of the difference is known, all have intervals of 95 %.
+fn measured(from: [f64; 2], to: [f64; 2], covariance: Option<DMat2>, units: AxisUnits) -> String {
+    let difference = DVec2::from(to) - DVec2::from(from);
+    let interval = |direction: DVec2| {
+        let variance = direction.dot(covariance? * direction);
+        Some(IN_95_PERCENT * variance.sqrt())
+    };
+    let [of_along, of_up] = units;
+    let along = length(difference.x, interval(DVec2::X), of_along);
+    let up = length(difference.y, interval(DVec2::Y), of_up);
+    let parts = format!("along {along}   up {up}");
+    if of_along.map(|unit| unit.to_string()) == of_up.map(|unit| unit.to_string()) {
+        let whole = interval(difference.normalize_or_zero());
+        format!("{}   {parts}", length(difference.length(), whole, of_along))
+    } else {
+        parts
+    }
+}
+
+/// A length with its interval, if that is known, and its unit: `1.203 ± 0.012 m`.
+fn length(value: f64, interval: Option<f64>, unit: Option<Unit>) -> String {
+    let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
+    match interval.filter(|interval| interval.is_finite() && *interval > 0.0) {
+        Some(interval) => format!("{value:.places$} ± {interval:.places$}{unit}", places = decimals(interval)),
+        None => format!("{value:.4}{unit}"),
+    }
 }
 
 fn ruler(
     painter: &egui::Painter,
     transform: &PlotTransform,
-    ends: &[[f64; 2]],
+    ends: &[RulerEnd],
     pointer: Option<[f64; 2]>,
+    section: Option<&Section>,
     units: AxisUnits,
 ) {
-    let (from, to) = match (ends, pointer) {
-        ([from, to], _) => (*from, *to),
-        ([from], Some(to)) => (*from, to),
+    let covariance = |end: &RulerEnd| {
+        let error = end.error?;
+        section?.covariance(error.place, &error.covariance)
+    };
+    let (from, to, certain) = match (ends, pointer) {
+        ([from, to], _) => (from.at, to.at, covariance(from).zip(covariance(to)).map(|(from, to)| from + to)),
+        ([from], Some(to)) => (from.at, to, None),
         _ => return,
     };
     let place = |[along, height]: [f64; 2]| transform.position_from_point(&PlotPoint::new(along, height));
     let line = [place(from), place(to)];
     painter.line_segment(line, Stroke::new(4.0, Color32::BLACK));
     painter.line_segment(line, Stroke::new(1.6, theme::ACCENT));
-    let text = measured(from, to, units);
+    let text = measured(from, to, certain, units);
     let middle = line[0].lerp(line[1], 0.5);
     let galley = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);
     let area = Rect::from_center_size(middle - vec2(0.0, 16.0), galley.size());
@@ -373,8 +427,7 @@ mod tests {
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::work::Work;
 
-    fn harness() -> Harness<'static, Session> {
-        let mut session = Session::with_two_points();
+    fn harness(mut session: Session) -> Harness<'static, Session> {
         session.scene.view_size = [400, 300];
         Harness::builder().with_size([900.0, 900.0]).build_ui_state(
             |ui, session: &mut Session| {
@@ -400,7 +453,9 @@ mod tests {
             session.step(session.outside.now, false);
             let found = std::cell::RefCell::new(Vec::new());
             for effect in std::mem::take(&mut session.outside.effects) {
-                if let Effect::Work(work @ (Work::FindFigures { .. } | Work::Profile(_))) = effect {
+                if let Effect::Work(work @ (Work::FindFigures { .. } | Work::Profile(_) | Work::FindPointError(_))) =
+                    effect
+                {
                     work.run(&scene::Stream::default(), |one| found.borrow_mut().push(one));
                 }
             }
@@ -410,6 +465,24 @@ mod tests {
 
     fn total(session: &Session) -> u64 {
         session.tools.profiles.slice.as_ref().unwrap().as_ref().unwrap().total
+    }
+
+    fn all_texts<'a>(harness: &'a Harness<'_, Session>) -> impl Iterator<Item = &'a str> {
+        harness.output().shapes.iter().filter_map(|clipped| match &clipped.shape {
+            Shape::Text(text) => Some(text.galley.text()),
+            _ => None,
+        })
+    }
+
+    /// How many texts begin so.
+    fn texts(harness: &Harness<'_, Session>, beginning: &str) -> usize {
+        all_texts(harness).filter(|text| text.starts_with(beginning)).count()
+    }
+
+    /// The first half width in a text that begins so.
+    fn half_width(harness: &Harness<'_, Session>, beginning: &str) -> Option<f64> {
+        let after = |text: &str| text.split(" ± ").nth(1)?.split_whitespace().next()?.parse().ok();
+        all_texts(harness).filter(|text| text.starts_with(beginning)).find_map(after)
     }
 
     /// A click as egui takes it: the button goes down in one frame and up in another.
@@ -425,7 +498,7 @@ mod tests {
 
     #[test]
     fn the_mouse_points_at_points_of_the_chart_picks_them_and_measures_between_them() {
-        let mut harness = harness();
+        let mut harness = harness(Session::with_two_points());
         harness.run_ok();
         let session = harness.state_mut();
         session.act(Action::Measuring(Measuring::BeginProfile));
@@ -466,20 +539,58 @@ mod tests {
             click_at(&mut harness, at);
             harness.run_steps(20);
         }
-        let ends: Vec<[f64; 2]> = slice.points.iter().map(|point| [point.dot.along, point.dot.height]).collect();
-        assert_eq!(harness.state().tools.profiles.ruler, Some(ends), "its ends snap to the points");
+        let ends: Vec<([f64; 2], PickedPoint)> =
+            slice.points.iter().map(|point| ([point.dot.along, point.dot.height], point.point)).collect();
+        let ruler = harness.state().tools.profiles.ruler.as_ref().unwrap();
+        let snapped: Vec<([f64; 2], PickedPoint)> = ruler.iter().map(|end| (end.at, end.point.unwrap())).collect();
+        assert_eq!(snapped, ends, "its ends snap to the points");
         assert_eq!(picked(&harness), Some(slice.points[1].point));
         let length = format!("{:.4}   along", 200_f64.sqrt());
-        let texts = harness.output().shapes.iter().filter_map(|clipped| match &clipped.shape {
-            Shape::Text(text) => Some(text.galley.text().to_owned()),
-            _ => None,
-        });
-        assert_eq!(texts.filter(|text| text.starts_with(&length)).count(), 1, "the chart tells the length");
+        assert_eq!(texts(&harness, &length), 1, "the chart shows the length");
+    }
+
+    #[test]
+    fn the_ruler_and_the_picked_point_have_intervals_once_these_are_found() {
+        let floor = (0..961).map(|index| [(index % 31) as f32 * 0.1, (index / 31) as f32 * 0.1, 0.0]);
+        let mut harness = harness(Session::with_points(floor.collect()));
+        harness.run_ok();
+        let of_row = |index: usize| 15 * 31 + index;
+        let session = harness.state_mut();
+        session.act(Action::Measuring(Measuring::BeginProfile));
+        click(session, of_row(2));
+        click(session, of_row(28));
+        session.act(Action::Measuring(Measuring::End));
+        work(session);
+        let chunk = session.loaded.clouds[0].key.chunk(Part::Block(0));
+        let point = |index| PickedPoint { chunk, index: of_row(index) };
+        session.act(Action::Profile(Profiling::Pick(point(5))));
+        session.act(Action::Profile(Profiling::Ruler(true)));
+        session.act(Action::Profile(Profiling::Rule([0.3, 0.0], Some(point(5)))));
+        session.act(Action::Profile(Profiling::Rule([2.3, 0.0], Some(point(25)))));
+        harness.run_steps(3);
+        assert_eq!(texts(&harness, "2.0000   along 2.0000   up 0.0000"), 1);
+        assert_eq!(texts(&harness, "Picked: along 0.3000   height 0.0000"), 1);
+        assert_eq!(["2.0", "Picked"].map(|beginning| half_width(&harness, beginning)), [None; 2]);
+        work(harness.state_mut());
+        harness.run_steps(3);
+        // A place that is meant deviates from its nearest point by the root of an eighth of the spacing's square.
+        let one = 1.96 * 0.1 / 8.0_f64.sqrt();
+        for (beginning, expected) in [("2.0", one * 2.0_f64.sqrt()), ("Picked: along 0.3", one)] {
+            let found = half_width(&harness, beginning).unwrap();
+            assert!((0.8..1.2).contains(&(found / expected)), "{beginning}: {found}, not {expected}");
+        }
+        // An end in a gap has no interval, and neither has what depends on it.
+        let session = harness.state_mut();
+        session.act(Action::Profile(Profiling::Rule([0.3, 0.0], Some(point(5)))));
+        session.act(Action::Profile(Profiling::Rule([1.3, 1.0], None)));
+        work(session);
+        harness.run_steps(3);
+        assert_eq!(texts(&harness, "1.4142   along 1.0000   up 1.0000"), 1);
     }
 
     #[test]
     fn a_profile_is_drawn_followed_live_measured_stacked_saved_and_undone() {
-        let mut harness = harness();
+        let mut harness = harness(Session::with_two_points());
         harness.run_ok();
         harness.get_by_label("Add profile").click();
         harness.run_ok();
@@ -513,14 +624,19 @@ mod tests {
         // The ruler begins anew with the third click.
         session.act(Action::Profile(Profiling::Ruler(true)));
         for place in [[0.0, 0.0], [3.0, 4.0], [1.0, 1.0]] {
-            session.act(Action::Profile(Profiling::Rule(place)));
+            session.act(Action::Profile(Profiling::Rule(place, None)));
         }
-        assert_eq!(session.tools.profiles.ruler, Some(vec![[1.0, 1.0]]));
-        let of = |along, up| measured([0.0, 0.0], [3.0, 4.0], [along, up]);
+        let ends: Vec<[f64; 2]> = session.tools.profiles.ruler.iter().flatten().map(|end| end.at).collect();
+        assert_eq!(ends, [[1.0, 1.0]]);
+        let of = |along, up| measured([0.0, 0.0], [3.0, 4.0], None, [along, up]);
         assert_eq!(of(None, None), "5.0000   along 3.0000   up 4.0000");
         let (metre, feet) = (Some(codec::Unit::Metre), Some(codec::Unit::SurveyFoot));
         assert_eq!(of(metre, metre), "5.0000 m   along 3.0000 m   up 4.0000 m");
         assert_eq!(of(feet, metre), "along 3.0000 ftUS   up 4.0000 m");
+        // Deviations of 0.01 along and 0.02 up, and half widths of 1.96 times as much.
+        let covariance = DMat2::from_diagonal(DVec2::new(1e-4, 4e-4));
+        let text = measured([0.0, 0.0], [3.0, 4.0], Some(covariance), [metre, metre]);
+        assert_eq!(text, "5.000 ± 0.033 m   along 3.000 ± 0.020 m   up 4.000 ± 0.039 m");
         session.act(Action::Profile(Profiling::Stack(3, 2.0)));
         assert_eq!(session.scene.objects.profiles.len(), 4);
         // Together, the points of the others lie behind; those beside the cloud have none.

@@ -173,8 +173,8 @@ pub enum Profiling {
     Pick(PickedPoint),
     /// Begins or ends to measure between places of the profile.
     Ruler(bool),
-    /// An end of what is measured: the distance along the line, and the height.
-    Rule([f64; 2]),
+    /// An end of what is measured: the distance along the line, the height, and the point that it snapped to.
+    Rule([f64; 2], Option<PickedPoint>),
     /// Shows the points of the other profiles that are switched on behind those of the one in view, or no longer.
     Together(bool),
     /// Adds so many copies of the profile in view, each so far to the left of the one before.

@@ -74,8 +74,9 @@ impl Pick {
         for (name, value) in self.attributes() {
             text += &format!("{name}\t{value}\n");
         }
-        if let Some(PointError { across, sight }) = self.error {
-            text += &format!("± across\t{across}\n± sight\t{sight}\n");
+        if let Some(PointError { across, sight, is_thinned, .. }) = self.error {
+            let by = if is_thinned { "\tby the loaded points" } else { "" };
+            text += &format!("± across\t{across}{by}\n± sight\t{sight}{by}\n");
         }
         text
     }

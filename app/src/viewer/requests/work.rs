@@ -19,6 +19,7 @@ use crate::system::picture_file;
 use crate::system::progress_bar::Stage;
 use crate::viewer::jobs::comparisons::{Comparing, Comparison};
 use crate::viewer::jobs::ghosts::{GhostOutcome, GhostWork};
+use crate::viewer::jobs::point_errors::PointWork;
 use crate::viewer::jobs::process::{self, Ended, Leash};
 use crate::viewer::jobs::slices::{ProfileFound, ProfileWork};
 use crate::viewer::jobs::study_file;
@@ -78,15 +79,8 @@ pub enum Work {
         record: u64,
         source: Arc<codec::Source>,
     },
-    /// Finds how far a picked point of a cloud in memory may be off the surface. The cloud comes with the bounds of its
-    /// chunks, and the line of sight as a unit direction.
-    FindPointError {
-        picked: PickedPoint,
-        world: DVec3,
-        sight: DVec3,
-        cloud: Cloud,
-        bounds: Vec<Bounds>,
-    },
+    /// Finds how far a picked point may be off the surface.
+    FindPointError(Box<PointWork>),
     SampleMirror {
         id: ObjectId,
         mirror: Mirror,
@@ -291,7 +285,7 @@ impl Work {
             Self::Place { .. } => "placement",
             Self::ReadColumn { .. } => "column",
             Self::ReadRecord { .. } => "record",
-            Self::FindPointError { .. } => "error of a point",
+            Self::FindPointError(_) => "error of a point",
             Self::SampleMirror { .. } => "mirror",
             Self::ReadMesh(_) => "mesh",
             Self::MarkPoints { .. } => "mirror points",
@@ -342,9 +336,7 @@ impl Work {
                 let result = world::read_column(&source, attribute, &progress).map_err(|error| error.to_string());
                 found(Found::Column { key, attribute, result });
             }
-            Self::FindPointError { picked, world, sight, cloud, bounds } => {
-                found(Found::PointError { picked, error: measuring::point_error(world, sight, cloud, bounds) });
-            }
+            Self::FindPointError(work) => found(Found::PointError { picked: work.picked, error: work.run() }),
             Self::ReadRecord { picked, record, source } => {
                 let result = source.record(record).map_err(|error| error.to_string());
                 found(Found::Record { picked, record, result });

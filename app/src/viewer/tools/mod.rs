@@ -15,6 +15,7 @@ use serde_json::json;
 
 use crate::shared::measuring::PointError;
 use crate::viewer::frames::Frames;
+use crate::viewer::jobs::point_errors::PointWork;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::inspection::{self, Inspection, Pose, Surface, Target};
@@ -42,6 +43,14 @@ fn sight(scene: &Scene, world: DVec3) -> DVec3 {
         Projection::Orthographic => ahead,
         Projection::Perspective => (world - scene.camera.eye).normalize_or(ahead),
     }
+}
+
+/// Asks how far a point may be off the surface; `sight` is the unit direction in which it is seen.
+fn find_error(picked: PickedPoint, world: DVec3, sight: DVec3, loaded: &Loaded, outside: &mut Outside) {
+    let Some(entry) = loaded.cloud(picked.chunk.cloud) else { return };
+    let (cloud, parts) = (entry.cloud.clone(), entry.chunk_bounds().collect());
+    let streamed = entry.streamed.is_some().then(|| (entry.octree().cloned(), entry.placement()));
+    outside.work(Work::FindPointError(Box::new(PointWork { picked, world, sight, cloud, parts, streamed })));
 }
 
 #[derive(Default)]
@@ -89,6 +98,13 @@ impl Tools {
             Profiling::Pick(point) => {
                 if let Some(world) = loaded.world_position(point) {
                     self.select(point, world, sight(scene, world), loaded, outside);
+                }
+            }
+            Profiling::Rule(at, point) => {
+                self.profiles.rule(at, point);
+                let seen = point.and_then(|point| Some((point, loaded.world_position(point)?)));
+                if let Some((point, world)) = seen {
+                    find_error(point, world, sight(scene, world), loaded, outside);
                 }
             }
             step => self.profiles.act(step, scene, loaded, outside),
@@ -192,8 +208,10 @@ impl Tools {
         for pick in self.pick.iter_mut().filter(|pick| pick.point == picked) {
             pick.error = error;
         }
+        self.profiles.on_point_error(picked, error);
         let (across, sight) = error.map(|error| (error.across, error.sight)).unzip();
-        outside.log(json!({ "event": "point_error", "across": across, "sight": sight }));
+        let is_thinned = error.map(|error| error.is_thinned);
+        outside.log(json!({ "event": "point_error", "across": across, "sight": sight, "thinned": is_thinned }));
     }
 
     pub fn on_picked(
@@ -269,11 +287,7 @@ impl Tools {
         if let Some(source) = source {
             outside.work(Work::ReadRecord { picked: point, record: number, source });
         }
-        // The pages of a streamed cloud that are in memory have fewer points than the file.
-        if !is_streamed {
-            let bounds = entry.chunk_bounds().map(|(_, bounds)| bounds).collect();
-            outside.work(Work::FindPointError { picked: point, world, sight, cloud: entry.cloud.clone(), bounds });
-        }
+        find_error(point, world, sight, loaded, outside);
     }
 
     pub fn copy_pick(&self, outside: &mut Outside) {

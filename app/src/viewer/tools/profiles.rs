@@ -9,6 +9,7 @@ use scene::{Object, Profile, Strays};
 use serde_json::json;
 use world::CloudKey;
 
+use crate::shared::measuring::PointError;
 use crate::shared::profile_chart::axis_units;
 use crate::viewer::jobs::slices::{Cuttable, ProfileFound, ProfileWork, Slice};
 use crate::viewer::loaded::Loaded;
@@ -33,6 +34,17 @@ struct Basis {
     test: PointTest,
 }
 
+/// An end of what is measured in a profile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RulerEnd {
+    /// The distance along the line, and the height.
+    pub at: [f64; 2],
+    /// The point that it snapped to.
+    pub point: Option<PickedPoint>,
+    /// How far that may be off the surface, once it is known.
+    pub error: Option<PointError>,
+}
+
 #[derive(Default)]
 pub struct Profiles {
     /// The profile that is shown from the side.
@@ -45,8 +57,8 @@ pub struct Profiles {
     pub others: Arc<Vec<(String, Slice)>>,
     /// The point of the profile under the cursor.
     pub hovered: Option<PickedPoint>,
-    /// The ends of what is measured in the profile, while its ruler is out: distance along, and height.
-    pub ruler: Option<Vec<[f64; 2]>>,
+    /// The ends of what is measured in the profile, while its ruler is out.
+    pub ruler: Option<Vec<RulerEnd>>,
     /// Whether a file of it is being written.
     pub is_writing: bool,
     is_cutting: bool,
@@ -68,21 +80,29 @@ impl Profiles {
                 outside.log(json!({ "event": "profile_in_view", "is_shown": id.is_some() }));
             }
             Profiling::Hover(point) => self.hovered = point,
-            // `Tools` picks the point.
-            Profiling::Pick(_) => {}
+            // `Tools` picks the point, and asks how certain the ends of the ruler are.
+            Profiling::Pick(_) | Profiling::Rule(..) => {}
             Profiling::Ruler(is_out) => self.ruler = is_out.then(Vec::new),
-            Profiling::Rule(place) => {
-                if let Some(ends) = &mut self.ruler {
-                    if ends.len() == 2 {
-                        ends.clear();
-                    }
-                    ends.push(place);
-                }
-            }
             Profiling::Together(is_on) => self.is_together = is_on,
             Profiling::Stack(count, spacing) => self.stack(count, spacing, scene, loaded, outside),
             Profiling::Save(ending) => self.save(ending, scene, loaded, outside),
         }
+    }
+
+    /// Sets an end of what is measured; a third one begins anew.
+    pub fn rule(&mut self, at: [f64; 2], point: Option<PickedPoint>) {
+        if let Some(ends) = &mut self.ruler {
+            if ends.len() == 2 {
+                ends.clear();
+            }
+            ends.push(RulerEnd { at, point, error: None });
+        }
+    }
+
+    /// Takes in how far a point may be off the surface.
+    pub fn on_point_error(&mut self, picked: PickedPoint, error: Option<PointError>) {
+        let ends = self.ruler.iter_mut().flatten().filter(|end| end.point == Some(picked));
+        ends.for_each(|end| end.error = error);
     }
 
     fn look_at(&mut self, id: Option<ObjectId>) {
