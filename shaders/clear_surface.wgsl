@@ -67,7 +67,7 @@ fn clear_surface(@builtin(global_invocation_id) thread: vec3u) {
     var is_inside = false;
     if surface.mirror != NONE {
         let mirror = mirrors[surface.mirror];
-        is_solid = mirror.x_kind.w != PLANE && mirror.x_kind.w != PARABOLOID;
+        is_solid = mirror.x_kind.w == SPHERE || mirror.x_kind.w >= TORUS;
         // An eye inside a solid sees its surface from behind.
         is_inside = is_solid && value_at(mirror, point.xyz - incoming * (4.0 * LEAVE * mirror.z_size.w)) < 0.0;
         ratio = select(ratio, 1.0 / ratio, is_inside);

@@ -21,9 +21,10 @@ struct FormulaMirror {
 const PLANE: f32 = 0.0;
 const SPHERE: f32 = 1.0;
 const PARABOLOID: f32 = 2.0;
-const TORUS: f32 = 3.0;
-const BLOB: f32 = 4.0;
-const CORAL: f32 = 5.0;
+const CYLINDER: f32 = 3.0;
+const TORUS: f32 = 4.0;
+const BLOB: f32 = 5.0;
+const CORAL: f32 = 6.0;
 
 struct FormulaHit {
     // The distance along the ray in world units; 0 for a miss.
@@ -80,22 +81,25 @@ fn shape_hit(kind: f32, parameter: f32, o: vec3f, d: vec3f, begin: f32, end: f32
         let t = first_after(roots, begin);
         return FormulaHit(t, o + d * t);
     }
-    if kind == PARABOLOID {
-        // x^2 + y^2 = 4 f z
-        let f = parameter;
-        let roots = quadratic(dot(d.xy, d.xy), dot(o.xy, d.xy) - 2.0 * f * d.z, dot(o.xy, o.xy) - 4.0 * f * o.z);
+    if kind == PARABOLOID || kind == CYLINDER {
+        // x^2 + y^2 = 4 f z inside the rim; x^2 + y^2 = 1 between both ends.
+        let is_bowl = kind == PARABOLOID;
+        let slope = select(0.0, 2.0 * parameter, is_bowl);
+        let rest = dot(o.xy, o.xy) - select(1.0, 2.0 * slope * o.z, is_bowl);
+        let roots = quadratic(dot(d.xy, d.xy), dot(o.xy, d.xy) - slope * d.z, rest);
         for (var i = 0; i < 2; i++) {
             let t = roots[i];
             let p = o + d * t;
-            if t > begin && t < 3e38 && dot(p.xy, p.xy) <= 1.0 {
-                return FormulaHit(t, vec3f(-p.xy, 2.0 * f));
+            let is_within = select(abs(p.z) <= parameter, dot(p.xy, p.xy) <= 1.0, is_bowl);
+            if t > begin && t < 3e38 && is_within {
+                return FormulaHit(t, vec3f(-p.xy, slope));
             }
         }
         return miss;
     }
     // By steps that cannot pass the surface, then by bisection of the last one. Mesa writes out loops whose length it
     // knows, and processors then run all rounds under a mask, for mirrors of other shapes, too.
-    let rounds = select(0, 20, kind > PARABOLOID);
+    let rounds = select(0, 20, kind > CYLINDER);
     var t = begin;
     var step = 0.0;
     let start = implicit(kind, parameter, o + d * begin);
@@ -142,6 +146,9 @@ fn implicit(kind: f32, parameter: f32, p: vec3f) -> f32 {
     }
     if kind == PARABOLOID {
         return p.z - dot(p.xy, p.xy) / (4.0 * parameter);
+    }
+    if kind == CYLINDER {
+        return length(p.xy) - 1.0;
     }
     if kind == TORUS {
         return length(vec2f(length(p.xy) - 1.0, p.z)) - parameter;

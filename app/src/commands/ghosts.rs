@@ -89,6 +89,11 @@ fn parameters(mirror: &Mirror) -> serde_json::Value {
             parameters["height"] = json!(height);
         }
         Shape::Sphere => parameters["radius"] = json!(size),
+        Shape::Cylinder { height } => {
+            parameters["axis"] = json!((*rotation * DVec3::Z).to_array());
+            parameters["radius"] = json!(size);
+            parameters["height"] = json!(height);
+        }
         Shape::Paraboloid { focal_length } => parameters["focal_length"] = json!(focal_length),
         Shape::Torus { tube } => parameters["tube"] = json!(tube),
         Shape::Blob | Shape::Coral | Shape::Mesh(_) => {}

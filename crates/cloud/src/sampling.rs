@@ -25,6 +25,8 @@ pub enum Surface {
     /// z = (x^2 + y^2) / (4 focal_length) inside x^2 + y^2 <= rim_radius^2; normals on the hollow side, towards the
     /// focus.
     Paraboloid { focal_length: f64, rim_radius: f64 },
+    /// x^2 + y^2 = radius^2 for |z| <= half_height, with both ends open; normals away from the axis.
+    Cylinder { radius: f64, half_height: f64 },
     /// A tube of radius `tube` whose middle is the circle of radius `ring` in z = 0; `tube < ring`; normals outwards.
     Torus { ring: f64, tube: f64 },
     /// The points r(d) d for all unit vectors d; normals outwards.
@@ -97,6 +99,7 @@ impl Surface {
             Self::Rectangle { edges: [u, v], .. } => u.cross(v).length(),
             Self::Sphere { radius } => 4.0 * PI * radius * radius,
             Self::Paraboloid { focal_length, rim_radius } => paraboloid_area(focal_length, rim_radius),
+            Self::Cylinder { radius, half_height } => TAU * radius * 2.0 * half_height,
             // Pappus: the tube's circumference times the path of its middle.
             Self::Torus { ring, tube } => TAU * ring * TAU * tube,
             Self::Star(shape) => star_area(&shape),
@@ -156,6 +159,19 @@ impl Surface {
                     },
                 )
             }
+            Self::Cylinder { radius, half_height } => sample_rows(
+                count,
+                seed,
+                TAU * radius,
+                2.0 * half_height,
+                |down| down,
+                |_| 1.0,
+                |across, down| {
+                    let (sin, cos) = (TAU * across).sin_cos();
+                    let normal = DVec3::new(cos, sin, 0.0);
+                    SurfacePoint { position: normal * radius + DVec3::Z * (half_height * (2.0 * down - 1.0)), normal }
+                },
+            ),
             Self::Torus { ring, tube } => {
                 // The area up to the angle a around the tube is proportional to ring a + tube sin a.
                 let share = |angle: f64| (ring * angle + tube * angle.sin()) / (TAU * ring);
@@ -345,6 +361,7 @@ mod tests {
             Surface::Rectangle { corner: DVec3::new(1.0, 2.0, 3.0), edges: [DVec3::X * 3.0, DVec3::Z * 0.5] },
             Surface::Sphere { radius: 0.7 },
             Surface::Paraboloid { focal_length: 0.25, rim_radius: 0.45 },
+            Surface::Cylinder { radius: 0.2, half_height: 1.1 },
             Surface::Torus { ring: 0.33, tube: 0.14 },
             Surface::Star(BUMPY),
             Surface::Star(SPHEROID),
@@ -434,6 +451,20 @@ mod tests {
         }
         assert!((expected.iter().sum::<f64>() - 100_000.0).abs() < 1.0, "the area disagrees with its integral");
         assert_uniform(&counts, &expected, "paraboloid");
+    }
+
+    #[test]
+    fn cylinder_points_are_uniform_by_area() {
+        let surface = Surface::Cylinder { radius: 0.2, half_height: 1.1 };
+        assert!((surface.area() - TAU * 0.2 * 2.2).abs() < 1e-12);
+        let mut counts = [0.0; 96];
+        for point in surface.sample(100_000, 1) {
+            let p = point.position;
+            assert!((p.x.hypot(p.y) - 0.2).abs() < 1e-12 && p.z.abs() <= 1.1 && point.normal.z == 0.0);
+            let turn = (p.y.atan2(p.x) / TAU).rem_euclid(1.0);
+            counts[8 * (((p.z + 1.1) / 2.2 * 12.0).min(11.0) as usize) + (turn * 8.0).min(7.0) as usize] += 1.0;
+        }
+        assert_uniform(&counts, &[100_000.0 / 96.0; 96], "cylinder");
     }
 
     #[test]

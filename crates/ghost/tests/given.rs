@@ -2,7 +2,7 @@
 
 mod made;
 
-use made::{HEAD, Made, NOISES, facing, floor_mirror, pane, sphere, wall_mirror};
+use made::{HEAD, Made, NOISES, column, facing, floor_mirror, pane, sphere, wall_mirror};
 use scene::Mirror;
 
 type Case = (&'static str, Vec<Mirror>, f64);
@@ -14,6 +14,7 @@ fn cases() -> Vec<Case> {
         ("plane on the floor", vec![floor_mirror()], 0.98),
         ("two facing planes", facing(), 0.98),
         ("sphere", vec![sphere()], 0.95),
+        ("column", vec![column()], 0.95),
         ("pane, 0.1 reflected", vec![pane(0.1)], 0.0),
         ("pane, 0.3 reflected", vec![pane(0.3)], 0.0),
         ("pane, 0.5 reflected", vec![pane(0.5)], 0.0),

@@ -314,9 +314,10 @@ constants! {
     PLANE: f32 = 0.0;
     SPHERE: f32 = 1.0;
     PARABOLOID: f32 = 2.0;
-    TORUS: f32 = 3.0;
-    BLOB: f32 = 4.0;
-    CORAL: f32 = 5.0;
+    CYLINDER: f32 = 3.0;
+    TORUS: f32 = 4.0;
+    BLOB: f32 = 5.0;
+    CORAL: f32 = 6.0;
 }
 
 /// The size of a point's scalar in the attributes of a page, of shaders/shared/page_group.wgsl.

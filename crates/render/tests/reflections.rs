@@ -918,6 +918,7 @@ fn surface_at(shape: &Shape, p: DVec3) -> (f64, DVec3) {
             let normal = DVec3::new(-p.x, -p.y, 2.0 * focal_length).normalize();
             ((p.z - (p.x * p.x + p.y * p.y) / (4.0 * focal_length)) * normal.z, normal)
         }
+        (Shape::Cylinder { .. }, _) => (p.x.hypot(p.y) - 1.0, DVec3::new(p.x, p.y, 0.0).normalize()),
         (Shape::Torus { tube }, _) => {
             let from_ring = p - DVec3::new(p.x, p.y, 0.0).normalize();
             (from_ring.length() - tube, from_ring.normalize())

@@ -31,6 +31,9 @@ pub enum Shape {
     Sphere,
     /// z = (x^2 + y^2) / (4 focal_length) up to the rim of radius 1; hollow towards +z.
     Paraboloid { focal_length: f64 },
+    /// A column or pipe: the mantle of radius 1 about the z axis, from -height to height. Both ends are open, so that
+    /// it encloses nothing, and its inner side can be seen.
+    Cylinder { height: f64 },
     /// A tube of this radius about the circle of radius 1 in z = 0.
     Torus { tube: f64 },
     /// Star-shaped, with convex and hollow patches; its mean radius is 1.
@@ -43,10 +46,11 @@ pub enum Shape {
 
 impl Shape {
     /// One of each that has a formula, in typical proportions.
-    pub const WITH_FORMULA: [Self; 6] = [
+    pub const WITH_FORMULA: [Self; 7] = [
         Self::Plane { height: 0.75 },
         Self::Sphere,
         Self::Paraboloid { focal_length: 0.6 },
+        Self::Cylinder { height: 1.5 },
         Self::Torus { tube: 0.4 },
         Self::Blob,
         Self::Coral,
@@ -58,6 +62,7 @@ impl Shape {
             Self::Plane { .. } => "plane",
             Self::Sphere => "sphere",
             Self::Paraboloid { .. } => "paraboloid",
+            Self::Cylinder { .. } => "cylinder",
             Self::Torus { .. } => "torus",
             Self::Blob => "blob",
             Self::Coral => "coral",
@@ -67,7 +72,7 @@ impl Shape {
 
     /// Whether it encloses a solid, out of which its normals point.
     pub fn is_closed(&self) -> bool {
-        !matches!(self, Self::Plane { .. } | Self::Paraboloid { .. })
+        !matches!(self, Self::Plane { .. } | Self::Paraboloid { .. } | Self::Cylinder { .. })
     }
 
     /// Whether a formula tells where a ray meets it. Without one, it is drawn as points.
@@ -82,6 +87,7 @@ impl Shape {
             Self::Plane { .. } => 0.02,
             Self::Sphere => 1.0,
             Self::Paraboloid { .. } => 0.0,
+            Self::Cylinder { height } => height,
             Self::Torus { tube } => tube,
             Self::Blob => blob_radius(-DVec3::Z),
             Self::Coral => coral_radius(-DVec3::Z),
@@ -92,7 +98,7 @@ impl Shape {
     /// The radius of a ball about the origin that contains the surface.
     pub fn reach(&self) -> f64 {
         match *self {
-            Self::Plane { height } => 1.0_f64.hypot(height),
+            Self::Plane { height } | Self::Cylinder { height } => 1.0_f64.hypot(height),
             Self::Sphere | Self::Mesh(_) => 1.0,
             Self::Paraboloid { focal_length } => 1.0_f64.hypot(1.0 / (4.0 * focal_length)),
             Self::Torus { tube } => 1.0 + tube,
@@ -104,7 +110,7 @@ impl Shape {
 
     fn problem(&self) -> Option<String> {
         let (name, value, most) = match *self {
-            Self::Plane { height } => ("height", height, 1e3),
+            Self::Plane { height } | Self::Cylinder { height } => ("height", height, 1e3),
             Self::Paraboloid { focal_length } => ("focal_length", focal_length, 1e6),
             Self::Torus { tube } => ("tube", tube, 1.0),
             Self::Sphere | Self::Blob | Self::Coral => return None,
@@ -268,6 +274,7 @@ impl Mirror {
             },
             Shape::Sphere => Surface::Sphere { radius: 1.0 },
             Shape::Paraboloid { focal_length } => Surface::Paraboloid { focal_length, rim_radius: 1.0 },
+            Shape::Cylinder { height } => Surface::Cylinder { radius: 1.0, half_height: height },
             Shape::Torus { tube } => Surface::Torus { ring: 1.0, tube },
             Shape::Blob => Surface::Star(StarShape { radius: blob_radius, gradient: blob_gradient }),
             Shape::Coral => Surface::Star(StarShape { radius: coral_radius, gradient: coral_gradient }),
@@ -396,6 +403,7 @@ mod tests {
         assert!(problem(|mirror| mirror.color[1] = -0.1).contains("color is -0.1"));
         assert!(problem(|mirror| mirror.shape = Shape::Torus { tube: 1.0 }).contains("tube is 1"));
         assert!(problem(|mirror| mirror.shape = Shape::Plane { height: 0.0 }).contains("height"));
+        assert!(problem(|mirror| mirror.shape = Shape::Cylinder { height: f64::NAN }).contains("height is NaN"));
         assert!(problem(|mirror| mirror.shape = Shape::Mesh(String::new().into())).contains("has no name"));
     }
 }

@@ -1,8 +1,8 @@
 //! Analytic surfaces and triangles, hit in f64: the surfaces that a cloud of points samples.
 //!
-//! Rectangle, sphere and paraboloid have closed forms. Torus and star-shaped surfaces are zeros of a function f along
-//! the ray: marching brackets the first change of sign with steps of |f| over a bound of its slope (sphere tracing;
-//! Hart 1996), which cannot skip one, and bisection refines it to the last digit.
+//! Rectangle, sphere, paraboloid and cylinder have closed forms. Torus and star-shaped surfaces are zeros of a function
+//! f along the ray: marching brackets the first change of sign with steps of |f| over a bound of its slope (sphere
+//! tracing; Hart 1996), which cannot skip one, and bisection refines it to the last digit.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -99,6 +99,7 @@ impl Object {
             Surface::Paraboloid { focal_length, rim_radius } => {
                 paraboloid(focal_length, rim_radius, origin, direction, from)
             }
+            Surface::Cylinder { radius, half_height } => cylinder(radius, half_height, origin, direction, from),
             Surface::Torus { ring, tube } => torus(ring, tube, origin, direction, from),
             Surface::Star(shape) => star(&shape, &self.reach, origin, direction, from),
             Surface::Mesh(_) => None,
@@ -281,6 +282,15 @@ fn paraboloid(focal_length: f64, rim_radius: f64, origin: DVec3, direction: DVec
     let distance = quadratic(d.length_squared(), b, c)?.into_iter().find(|&t| t > from && is_in(t))?;
     let DVec2 { x, y } = o + d * distance;
     Some((distance, DVec3::new(-x, -y, 2.0 * focal_length).normalize()))
+}
+
+fn cylinder(radius: f64, half_height: f64, origin: DVec3, direction: DVec3, from: f64) -> Option<(f64, DVec3)> {
+    let (o, d) = (origin.truncate(), direction.truncate());
+    let c = (o.length() - radius) * (o.length() + radius);
+    // A ray along the axis has no finite root.
+    let is_in = |t: f64| t.is_finite() && (origin.z + direction.z * t).abs() <= half_height;
+    let distance = quadratic(d.length_squared(), o.dot(d), c)?.into_iter().find(|&t| t > from && is_in(t))?;
+    Some((distance, ((o + d * distance) / radius).extend(0.0)))
 }
 
 fn torus(ring: f64, tube: f64, origin: DVec3, direction: DVec3, from: f64) -> Option<(f64, DVec3)> {
@@ -516,6 +526,37 @@ mod tests {
             assert!(hits > 150, "{mirror:?}: {hits}");
             let sees_itself = !matches!(mirror, Variant::Sphere | Variant::Parabolic);
             assert!(!sees_itself || own > 0, "{mirror:?} never sees itself");
+        }
+    }
+
+    /// Rays at chosen points of a column, from outside, through an open end onto its inner side, and beside it.
+    #[test]
+    fn a_column_is_met_on_its_mantle_from_outside_and_through_its_open_ends() {
+        let rotation = glam::DQuat::from_rotation_x(0.7) * glam::DQuat::from_rotation_y(-0.3);
+        let position = DVec3::new(635_000.0, 12.0, -3.0);
+        let standing = Mirror::standing(scene::Shape::Cylinder { height: 2.0 }, position, DVec3::Z, DVec3::Y, 0.5);
+        let column = Exact::of_mirrors(&[Mirror { position, rotation, ..standing }]);
+        let hit = |from: DVec3, to: DVec3| {
+            let [from, to] = [from, to].map(|place| rotation * place * 0.5 + position);
+            let hit = column.nearest(&Ray::from_eye(from, (to - from).normalize()))?;
+            Some((
+                rotation.inverse() * (hit.position - position) / 0.5,
+                rotation.inverse() * hit.normal,
+                to - hit.position,
+            ))
+        };
+        for step in 0..40 {
+            let (sin, cos) = (f64::from(step) * 0.31).sin_cos();
+            let at = DVec3::new(cos, sin, f64::from(step) * 0.1 - 1.95);
+            let outward = at.with_z(0.0);
+            let (_, normal, off) = hit(at + outward * 3.0 + DVec3::Z * 0.7, at).expect("the mantle");
+            assert!(off.length() < 1e-8 && normal.distance(outward) < 1e-8, "{at}: {normal} {off}");
+            // From above the upper end, the far side is seen from within if the way to it passes the opening.
+            let above = DVec3::new(-0.9 * cos, -0.9 * sin, 2.5);
+            let (met, normal, off) = hit(above, at).expect("the inner side");
+            assert!(off.length() < 1e-8 && normal.distance(-outward) < 1e-8, "{at}: {met} {normal}");
+            assert!(hit(at * 1.01, at * 1.01 + DVec3::Z).is_none() && hit(DVec3::Z * 5.0, DVec3::ZERO).is_none());
+            assert!(hit(outward * 3.0 + DVec3::Z * 2.01, DVec3::Z * 2.01).is_none(), "past the end");
         }
     }
 

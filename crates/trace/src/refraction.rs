@@ -4,9 +4,9 @@
 //! part that Fresnel's equations give for unpolarised light is reflected, and the rest goes through. A solid (sphere,
 //! torus, star) has a second interface. Where light can leave a solid it leaves with all that the ray carries, so that
 //! nothing is lost; where it cannot (total reflection), it is reflected inside, up to [`INNER_REFLECTIONS`] times, and
-//! then leaves straight on. Other surfaces (planes, paraboloids, points of clouds) have one interface: whatever lies
-//! behind the side that is seen lies in the medium. A ray in there meets no other surface of that kind, and where it
-//! meets nothing it shows the surface's own colour, as deep water does.
+//! then leaves straight on. Other surfaces (planes, paraboloids, cylinders, points of clouds) have one interface:
+//! whatever lies behind the side that is seen lies in the medium. A ray in there meets no other surface of that kind,
+//! and where it meets nothing it shows the surface's own colour, as deep water does.
 //!
 //! Of a clear surface that is seen in a mirror or through another one, only the stronger of the two parts is followed.
 //! Clear surfaces cast no shadow: light of lamps goes straight through, so there are no caustics.

@@ -70,9 +70,12 @@ pub fn bound(mirror: &Mirror) -> MirrorBound {
     let form = match mirror.shape {
         Shape::Plane { .. } => MirrorForm::Flat(mirror.rotation * DVec3::Z),
         Shape::Sphere => MirrorForm::Sphere,
-        Shape::Paraboloid { .. } | Shape::Torus { .. } | Shape::Blob | Shape::Coral | Shape::Mesh(_) => {
-            MirrorForm::Other
-        }
+        Shape::Paraboloid { .. }
+        | Shape::Cylinder { .. }
+        | Shape::Torus { .. }
+        | Shape::Blob
+        | Shape::Coral
+        | Shape::Mesh(_) => MirrorForm::Other,
     };
     MirrorBound { center: mirror.position, radius: mirror.shape.reach() * mirror.size, form }
 }

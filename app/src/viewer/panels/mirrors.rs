@@ -151,6 +151,9 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
     }
     match &mut mirror.shape {
         Shape::Plane { height } => drop(slider(ui, "Height", egui::Slider::new(height, 0.01..=10.0).logarithmic(true))),
+        Shape::Cylinder { height } => {
+            slider(ui, "Height", egui::Slider::new(height, 0.01..=100.0).logarithmic(true));
+        }
         Shape::Paraboloid { focal_length } => {
             slider(ui, "Focal length", egui::Slider::new(focal_length, 0.05..=50.0).logarithmic(true));
         }
@@ -314,7 +317,14 @@ mod tests {
     fn every_shape_can_be_added_and_shows_its_numbers() {
         let mut harness = harness();
         harness.run_ok();
-        for (shape, own) in [("Plane", "Height"), ("Paraboloid", "Focal length"), ("Torus", "Tube"), ("Blob", "Size")] {
+        let all = [
+            ("Plane", "Height"),
+            ("Paraboloid", "Focal length"),
+            ("Cylinder", "Height"),
+            ("Torus", "Tube"),
+            ("Blob", "Size"),
+        ];
+        for (shape, own) in all {
             add(&mut harness, shape);
             assert!(harness.query_all_by_label(own).next().is_some(), "{shape} has no {own}");
             assert_eq!(harness.state().scene.objects.mirrors.last().unwrap().mirror.problem(), None);

@@ -36,6 +36,12 @@ pub fn sphere() -> Mirror {
     mirror(Shape::Sphere, [4.4, 3.9, 1.0], DVec3::Z, 0.4)
 }
 
+/// A column of chrome that stands on the floor and ends below the ceiling.
+#[allow(dead_code, reason = "not all programs of tests have all mirrors")]
+pub fn column() -> Mirror {
+    mirror(Shape::Cylinder { height: 8.0 }, [4.4, 3.9, 1.2], DVec3::Z, 0.15)
+}
+
 /// A pane across the room, 2 m wide and as high as a door.
 #[allow(dead_code, reason = "not all programs of tests have all mirrors")]
 pub fn pane(reflected: f32) -> Mirror {

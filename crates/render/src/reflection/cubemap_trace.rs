@@ -270,7 +270,11 @@ fn is_convex(samples: &[(DVec3, DVec3)], eye: DVec3) -> bool {
     some.iter().for_each(|(place, _)| bounds.include(*place));
     let extent = bounds.size().length();
     let mean = some.iter().map(|(_, normal)| *normal).sum::<DVec3>() / some.len().max(1) as f64;
-    let is_closed = mean.length() < 0.1;
+    // Over a closed surface, the mean of place times normal is a third of its volume along each axis (Gauss), and a
+    // pipe with open ends has none along its own.
+    let middle = bounds.center();
+    let flux = some.iter().map(|(place, normal)| (*place - middle) * *normal).sum::<DVec3>();
+    let is_closed = mean.length() < 0.1 && flux.min_element() > 0.5 * flux.max_element();
     some.iter().all(|(place, normal)| {
         // Points are seen from both sides.
         let facing = if is_closed || normal.dot(eye - *place) >= 0.0 { *normal } else { -*normal };
@@ -506,7 +510,9 @@ pub(super) mod tests {
         assert!(is_convex(&of(Shape::Plane { height: 1.0 }, 1.0), eye));
         assert!(is_convex(&of(Shape::Plane { height: 1.0 }, 1.0), -eye));
         assert!(is_convex(&of(Shape::Paraboloid { focal_length: 0.5 }, 1.0), DVec3::new(0.0, -0.5, -5.0)));
-        let seeing = [Shape::Coral, Shape::Torus { tube: 0.3 }, Shape::Paraboloid { focal_length: 0.5 }];
+        // The inner side of a column is seen through its open end.
+        let column = Shape::Cylinder { height: 1.5 };
+        let seeing = [column, Shape::Coral, Shape::Torus { tube: 0.3 }, Shape::Paraboloid { focal_length: 0.5 }];
         assert!(seeing.into_iter().all(|shape| !is_convex(&of(shape, 1.0), DVec3::Z * 5.0)));
     }
 }

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3, Vec4};
 use scene::{Mirror, Settings, Shape};
 
 use crate::gpu::Gpu;
-use crate::layout::{BLOB, CORAL, FormulaMirror, PARABOLOID, PLANE, SPHERE, TORUS};
+use crate::layout::{BLOB, CORAL, CYLINDER, FormulaMirror, PARABOLOID, PLANE, SPHERE, TORUS};
 use crate::targets::storage;
 
 /// The mirrors that are drawn by their formula.
@@ -91,6 +91,7 @@ fn formula(mirror: &Mirror, settings: &Settings, eye: DVec3) -> Option<FormulaMi
         Shape::Plane { height } => (PLANE, height),
         Shape::Sphere => (SPHERE, 0.0),
         Shape::Paraboloid { focal_length } => (PARABOLOID, focal_length),
+        Shape::Cylinder { height } => (CYLINDER, height),
         Shape::Torus { tube } => (TORUS, tube),
         Shape::Blob => (BLOB, 0.0),
         Shape::Coral => (CORAL, 0.0),
