@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::Context as _;
 use cloud::{Chunk, Cloud, Column, PointTest, Progress};
 use codec::{Added, Runs, Selection, Source, Wanted};
-use ghost::{Block, Extent, Found, Kind, Mirrors, Points, Suspect, Verdicts};
+use ghost::{Block, Extent, Found, Gauge, Kind, Mirrors, Points, Suspect, Verdicts};
 use glam::DVec3;
 use scene::shown;
 
@@ -47,7 +47,8 @@ pub fn look(
     let extent = Extent::of(&files, total)?.ok_or_else(|| usage("there are no points among which ghosts could be"))?;
     let mut found = given;
     if finds {
-        let Some(others) = ghost::find(&files, &stations, extent, total, progress)? else { return Ok(None) };
+        let Some(gauge) = Gauge::of(&files, &stations, extent, total, progress)? else { return Ok(None) };
+        let Some(others) = ghost::find(&gauge, progress) else { return Ok(None) };
         let known = found.len();
         let is_new = |other: &Found| !found[..known].iter().any(|given| given.is_at(other));
         let new: Vec<Found> = others.into_iter().filter(is_new).collect();

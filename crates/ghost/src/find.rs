@@ -9,23 +9,20 @@
 //! are symmetric by themselves, sightlines cross the plane freely all around, and there is no mirror.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Mutex, PoisonError};
 
 use cloud::{Progress, hash};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use scene::{Mirror, Shape};
 
-use crate::evidence::{Extent, Points};
 use crate::found::Found;
+use crate::gauge::{Gauge, Sample};
 use crate::planes::{Plane, planes};
-use crate::refine::{Seen, distances, moved};
+use crate::refine::{Seen, distances, moved, some_of};
 use crate::spheres::suggested;
-use crate::surface_map::{MapBuilder, SurfaceMap};
+use crate::surface_map::SurfaceMap;
 use crate::unfold::Reflector;
 
-/// The points by which mirrors are looked for, of all stations together.
-const SAMPLED: u64 = 400_000;
 /// The most mirrors that are found.
 const MOST_FOUND: usize = 16;
 /// The points behind a suggested mirror by which it is tried, and the suggestions that are looked at closely.
@@ -37,7 +34,7 @@ const FEWEST_FITS: usize = 12;
 const FEWEST_POINTS: usize = 60;
 /// The least distance of a station from a mirror, and of a ghost from it, in edges of the finest cells.
 const BEFORE: f64 = 5.0;
-const BEHIND: f64 = 4.0;
+pub(crate) const BEHIND: f64 = 4.0;
 /// How far from the plane of a mirror its wall and its frame may be, in edges of the finest cells.
 const MOUNTED: f64 = 2.5;
 /// The cosine between the mirrored normal at a point and the normal of the surface that it fits.
@@ -57,65 +54,24 @@ const FEWEST_CLOSED: f64 = 8.0;
 /// A mirror through which nothing is seen: at least this share of the distinctive points fits.
 const OPAQUE: f64 = 0.85;
 
-/// The balls that are looked at closely, and the points by which one is moved.
+/// The balls that are looked at closely.
 const BALLS: usize = 16;
-const BALL_POINTS: usize = 1000;
 /// The share of the points within the outline of a ball that fit at least.
 const LEAST_IN_BALL: f64 = 0.5;
-/// The grids of the map, the widest of which reaches eight of its finest edges to both sides of a surface.
-const LEVELS: usize = 5;
 /// A fit of a plane is nearer than so many of the finest edges.
 const NEAR_PLANE: f64 = 2.0;
-
-/// A point of the sample, with the normal of its surface.
-#[derive(Clone, Copy)]
-struct Sample {
-    place: DVec3,
-    station: Option<usize>,
-    normal: Option<DVec3>,
-}
 
 /// Everything that mirrors are looked for in.
 struct Search<'a> {
     stations: &'a [DVec3],
-    map: SurfaceMap,
+    map: &'a SurfaceMap,
     samples: Vec<Sample>,
 }
 
-/// Looks for plane mirrors, those that explain most points first. `None` when cancelled.
-///
-/// # Errors
-/// The points cannot be read.
-pub fn find<P: Points>(
-    points: &P,
-    stations: &[DVec3],
-    extent: Extent,
-    total: u64,
-    progress: &Progress,
-) -> Result<Option<Vec<Found>>, P::Error> {
-    let step = total.div_ceil(SAMPLED).max(1);
-    let (builder, samples) = (MapBuilder::new(extent.origin, extent.edge).with_levels(LEVELS), Mutex::new(Vec::new()));
-    points.read(&|block| {
-        builder.add(block.places.iter().copied());
-        let is_taken = |index: usize| hash(block.first_point + index as u64).is_multiple_of(step);
-        let taken = (0..block.places.len()).filter(|index| is_taken(*index) && block.places[*index].is_finite());
-        let sample = |index: usize| {
-            let sample = Sample { place: block.places[index], station: block.station, normal: None };
-            ((block.file, block.first_point + index as u64), sample)
-        };
-        let mut own: Vec<_> = taken.map(sample).collect();
-        samples.lock().unwrap_or_else(PoisonError::into_inner).append(&mut own);
-    })?;
-    if progress.is_cancelled() {
-        return Ok(None);
-    }
-    let map = builder.finish();
-    let mut samples = samples.into_inner().unwrap_or_else(PoisonError::into_inner);
-    samples.sort_unstable_by_key(|(place, _)| *place);
-    let normal = |place: DVec3| map.nearest(place).map(|fit| fit.patch.normal.as_dvec3());
-    let samples: Vec<Sample> =
-        samples.into_par_iter().map(|(_, sample)| Sample { normal: normal(sample.place), ..sample }).collect();
-    let mut search = Search { stations, map, samples };
+/// Looks for plane mirrors, those that explain most points first, then for balls. `None` when cancelled.
+pub fn find(gauge: &Gauge, progress: &Progress) -> Option<Vec<Found>> {
+    let Gauge { stations, map, samples } = gauge;
+    let mut search = Search { stations, map, samples: samples.clone() };
     let walls = planes(&search.map.wide_patches());
     let mut found: Vec<Found> = Vec::new();
     let mut suggestions = search.suggestions(&walls);
@@ -130,11 +86,11 @@ pub fn find<P: Points>(
     }
     for station in 0..stations.len() {
         if progress.is_cancelled() {
-            return Ok(None);
+            return None;
         }
         found.append(&mut search.balls(station));
     }
-    Ok((!progress.is_cancelled()).then_some(found))
+    (!progress.is_cancelled()).then_some(found)
 }
 
 fn is_same(one: &Plane, other: &Plane, edge: f64) -> bool {
@@ -414,17 +370,15 @@ impl Search<'_> {
         let points: Vec<DVec3> =
             self.of_station(station).map(|(_, sample)| sample.place).filter(|place| place.is_finite()).collect();
         let refined = |(ball, seen): &(Mirror, Vec<Seen>)| {
-            let step = seen.len().div_ceil(BALL_POINTS);
-            let some: Vec<Seen> = seen.iter().copied().step_by(step).collect();
-            let mirror = moved(ball, &some, &self.map);
-            let fits = distances(&mirror, seen, &self.map).into_iter().flatten().map(f64::abs);
+            let mirror = moved(ball, &some_of(seen), self.map);
+            let fits = distances(&mirror, seen, self.map).into_iter().flatten().map(f64::abs);
             let mut fits: Vec<f64> = fits.filter(|distance| *distance < near).collect();
             fits.sort_unstable_by(f64::total_cmp);
             let share = fits.len() as f64 / seen.len() as f64;
             let residual = *fits.get(fits.len() / 2)?;
             (fits.len() >= FEWEST_POINTS && share > LEAST_IN_BALL).then_some((share, residual, fits.len(), mirror))
         };
-        let suggested = suggested(self.stations[station], &points, &self.map);
+        let suggested = suggested(self.stations[station], &points, self.map);
         let mut tried: Vec<_> = suggested.par_iter().take(BALLS).filter_map(refined).collect();
         tried.sort_by_key(|(_, _, count, _)| std::cmp::Reverse(*count));
         let mut found: Vec<(Found, usize)> = Vec::new();

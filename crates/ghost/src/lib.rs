@@ -7,6 +7,7 @@
 mod evidence;
 mod find;
 mod found;
+mod gauge;
 mod planes;
 mod range_image;
 mod refine;
@@ -18,4 +19,5 @@ mod unfold;
 pub use evidence::{Block, Extent, GHOST_FROM, Kind, Points, Suspect, Verdicts, judge};
 pub use find::find;
 pub use found::Found;
+pub use gauge::{Gauge, Residual};
 pub use unfold::{Mirrors, Reflector, ScannerError, Way};

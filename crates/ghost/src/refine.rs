@@ -14,6 +14,10 @@ use crate::unfold::{Mirrors, Reflector};
 const MOST_NUMBERS: usize = 7;
 /// The points by which a mirror is moved at least.
 const FEWEST_POINTS: usize = 60;
+/// The points by which a mirror is moved at most.
+const MOST_POINTS: usize = 1000;
+/// The cosine between a surface and the axis of a cylinder up to which it says where the cylinder is.
+const TELLS: f64 = 0.9;
 /// Points are unfolded by a mirror that is larger than the one that is known, in shares of its size.
 const LARGER: f64 = 1.0;
 /// The scales of distances from round to round, in edges of the map's finest cells.
@@ -22,7 +26,8 @@ const SCALES: [f64; 6] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.2];
 type Row = [f64; MOST_NUMBERS];
 
 /// The mirror turned and moved by numbers in world units: a plane by two turns (as lengths at its rim) and along its normal, a
-/// sphere by its place and radius, any other by its place, three turns and its size.
+/// sphere by its place and radius, a cylinder across its axis by its place and two turns and by its radius, any other by its
+/// place, three turns and its size.
 fn changed(mirror: &Mirror, numbers: &Row) -> Mirror {
     let [a, b, c, d, e, f, g] = *numbers;
     let Mirror { rotation, position, size, .. } = mirror;
@@ -34,6 +39,12 @@ fn changed(mirror: &Mirror, numbers: &Row) -> Mirror {
             ..mirror.clone()
         },
         Shape::Sphere => Mirror { position: *position + DVec3::new(a, b, c), size: size + d, ..mirror.clone() },
+        Shape::Cylinder { height } => Mirror {
+            position: *position + *rotation * DVec3::new(a, b, 0.0),
+            rotation: turned(DVec3::new(c, d, 0.0) / height),
+            size: size + e,
+            ..mirror.clone()
+        },
         _ => Mirror {
             position: *position + DVec3::new(a, b, c),
             rotation: turned(DVec3::new(d, e, f)),
@@ -47,12 +58,18 @@ fn numbers_of(mirror: &Mirror) -> usize {
     match mirror.shape {
         Shape::Plane { .. } => 3,
         Shape::Sphere => 4,
+        Shape::Cylinder { .. } => 5,
         _ => MOST_NUMBERS,
     }
 }
 
 /// The station that may have seen a point, and the point.
 pub(crate) type Seen = (DVec3, DVec3);
+
+/// The points by which a mirror is moved.
+pub(crate) fn some_of(seen: &[Seen]) -> Vec<Seen> {
+    seen.iter().copied().step_by(seen.len().div_ceil(MOST_POINTS).max(1)).collect()
+}
 
 /// A mirror where points fit best.
 pub(crate) fn moved(given: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Mirror {
@@ -75,10 +92,29 @@ pub(crate) fn distances(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Vec
     seen.iter().map(|(station, point)| Some(map.nearest(unfolded(&mirrors, *station, *point)?)?.distance)).collect()
 }
 
+/// How far points are from a surface when they are unfolded by a mirror, if they are near one, and whether that says where
+/// the mirror is. A cylinder unfolds the points of a surface across its axis, as a floor is across a column's, to the same
+/// surface wherever it stands.
+pub(crate) fn fits(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Vec<(f64, bool)> {
+    let mirrors = unfolding(mirror);
+    let axis = matches!(mirror.shape, Shape::Cylinder { .. }).then(|| mirror.rotation * DVec3::Z);
+    let fit = |(station, point): &Seen| {
+        let fit = map.nearest(unfolded(&mirrors, *station, *point)?)?;
+        let tells = axis.is_none_or(|axis| axis.dot(fit.patch.normal.as_dvec3()).abs() < TELLS);
+        Some((fit.distance, tells))
+    };
+    seen.iter().filter_map(fit).collect()
+}
+
 /// A mirror by which also points beside it are unfolded, as far as its shape goes on there.
 fn unfolding(mirror: &Mirror) -> Mirrors {
-    let size = if matches!(mirror.shape, Shape::Plane { .. }) { mirror.size * (1.0 + LARGER) } else { mirror.size };
-    Mirrors::new(vec![Reflector { is_open: false, ..Reflector::exact(Mirror { size, ..mirror.clone() }) }])
+    let mut larger = mirror.clone();
+    match &mut larger.shape {
+        Shape::Plane { .. } => larger.size *= 1.0 + LARGER,
+        Shape::Cylinder { height } => *height *= 1.0 + LARGER,
+        _ => {}
+    }
+    Mirrors::new(vec![Reflector { is_open: false, ..Reflector::exact(larger) }])
 }
 
 fn unfolded(mirrors: &Mirrors, station: DVec3, point: DVec3) -> Option<DVec3> {

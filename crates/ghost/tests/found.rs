@@ -3,16 +3,20 @@
 mod made;
 
 use cloud::Progress;
-use ghost::{Found, Mirrors, find};
+use ghost::{Found, Gauge, Mirrors, find};
 use glam::DVec3;
-use made::{HEAD, Made, NOISES, facing, moved, pane, sphere, wall_mirror, with_window};
+use made::{HEAD, Made, NOISES, column, facing, moved, pane, sphere, wall_mirror, with_window};
 use scene::solid::Solid;
-use scene::{Mirror, Tripod};
+use scene::{Mirror, Shape, Tripod};
+
+fn gauge(made: &Made) -> Gauge {
+    Gauge::of(made, &made.stations, made.extent(), made.count(), &Progress::default())
+        .expect("no error")
+        .expect("nobody cancels")
+}
 
 fn found(made: &Made) -> Vec<Found> {
-    find(made, &made.stations, made.extent(), made.count(), &Progress::default())
-        .expect("no error")
-        .expect("points, and nobody cancels")
+    find(&gauge(made), &Progress::default()).expect("nobody cancels")
 }
 
 fn mirrors(found: &[Found]) -> Mirrors {
@@ -103,6 +107,37 @@ fn a_ball_is_found_by_its_outline() {
     let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
     println!("{}", figures.row("sphere, found", 1));
     assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
+}
+
+/// A mirror that a person has placed by hand is measured, and put where it is.
+#[test]
+fn a_mirror_that_is_moved_is_measured_and_fitted() {
+    let shifted = |mirror: &Mirror| moved(mirror, 1.5, DVec3::new(0.01, 0.03, 0.005));
+    for exact in [wall_mirror(), sphere(), column()] {
+        let name = exact.shape.name();
+        let made = Made::new(vec![exact.clone()], 1, 0.002, 400_000.0);
+        let gauge = gauge(&made);
+        let [right, off] = [&exact, &shifted(&exact)].map(|mirror| gauge.measured(mirror));
+        println!("{name}: {right:?} {off:?}");
+        assert!(right.points > 1000 && right.near as f64 > 0.95 * right.points as f64, "{name}: {right:?}");
+        assert!(right.median.is_some_and(|median| median < 0.002), "{name}: {right:?}");
+        assert!(off.median.is_some_and(|median| median > 0.008), "{name}: {off:?}");
+        let fitted = gauge.fitted(&shifted(&exact)).expect("there are enough points");
+        let after = gauge.measured(&fitted);
+        assert!(after.median.is_some_and(|median| median < 0.0025), "{name}: {after:?} {fitted:?}");
+        let apart = fitted.position - exact.position;
+        let off = match exact.shape {
+            Shape::Plane { .. } => apart.dot(exact.rotation * DVec3::Z).abs(),
+            Shape::Cylinder { .. } => apart.reject_from_normalized(exact.rotation * DVec3::Z).length(),
+            _ => apart.length(),
+        };
+        println!("    fitted: {after:?}, off by {off:.4}, size {:.4}", fitted.size);
+        assert!(off < 0.005, "{name}: {fitted:?}");
+    }
+    let made = Made::new(vec![wall_mirror()], 1, 0.002, 50_000.0);
+    let aside = moved(&wall_mirror(), 0.0, DVec3::new(0.0, 50.0, 0.0));
+    let gauge = gauge(&made);
+    assert_eq!((gauge.measured(&aside).points, gauge.fitted(&aside)), (0, None));
 }
 
 #[test]
