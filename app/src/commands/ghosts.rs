@@ -48,7 +48,7 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
     let given = given.into_iter().map(Found::given).collect();
     let look = || ghosts::look(&sources, &arguments.station, given, finds, &progress);
     let looked = progress_bar::watch("ghosts", &progress, look)?.ok_or(stream::Error::Cancelled)?;
-    let Looked { stations, found, verdicts, warnings } = looked;
+    let Looked { stations, found, verdicts, warnings, .. } = looked;
     terminal::warn(warnings);
     let put_back = verdicts.count(Kind::Ghost) * u64::from(arguments.put_back);
     if let Some(output) = &arguments.output {

@@ -24,6 +24,8 @@ pub const PROBABILITY: &str = "ghost_probability";
 pub struct Looked {
     pub stations: Vec<DVec3>,
     pub found: Vec<Found>,
+    /// What further mirrors are measured by.
+    pub gauge: Arc<Gauge>,
     pub verdicts: Verdicts,
     pub warnings: BTreeSet<String>,
 }
@@ -43,11 +45,11 @@ pub fn look(
     let (stations, of_file) = stations(sources, named)?;
     let files = Files { sources, of_file: &of_file, progress, warnings: Mutex::default() };
     let total: u64 = sources.iter().map(|source| source.info().points).sum();
-    progress.set_total(if finds { 5 } else { 4 } * total);
+    progress.set_total(5 * total);
     let extent = Extent::of(&files, total)?.ok_or_else(|| usage("there are no points among which ghosts could be"))?;
+    let Some(gauge) = Gauge::of(&files, &stations, extent, total, progress)? else { return Ok(None) };
     let mut found = given;
     if finds {
-        let Some(gauge) = Gauge::of(&files, &stations, extent, total, progress)? else { return Ok(None) };
         let Some(others) = ghost::find(&gauge, progress) else { return Ok(None) };
         let known = found.len();
         let is_new = |other: &Found| !found[..known].iter().any(|given| given.is_at(other));
@@ -59,7 +61,8 @@ pub fn look(
     progress.set_total(progress.done() + if has_pane { 5 } else { 3 } * total);
     let verdicts = ghost::judge(&files, &stations, &mirrors, extent, 0.0, progress)?;
     let warnings = files.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(verdicts.map(|verdicts| Looked { stations, found, verdicts, warnings }))
+    let gauge = Arc::new(gauge);
+    Ok(verdicts.map(|verdicts| Looked { stations, found, gauge, verdicts, warnings }))
 }
 
 /// The stations, and for each file the index of its own, if that is known.

@@ -1,13 +1,14 @@
 //! The search for mirrors and ghosts in open files, and the work of putting ghosts back.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use cloud::Progress;
 use codec::Source;
-use ghost::{Found, Kind, Verdicts};
+use ghost::{Found, Gauge, Kind, Residual, Verdicts};
 use glam::DVec3;
-use scene::{CloudSettings, Settings};
+use scene::{CloudSettings, Mirror, Settings};
 use world::{Request, half_of};
 
 use crate::shared::export::Place;
@@ -37,6 +38,46 @@ pub struct Ghosts {
     pub draft: GhostsDraft,
     pub under_way: Option<Arc<Progress>>,
     pub seen: Option<Seen>,
+    pub live: Live,
+}
+
+/// How well the mirrors of the scene fit as they stand now.
+#[derive(Default)]
+pub struct Live {
+    /// What was measured last of each, and as which mirror.
+    pub measured: BTreeMap<ObjectId, (Mirror, Residual)>,
+    /// Measures one mirror at a time, so that one that is dragged is always up to date.
+    pub is_measuring: bool,
+    /// The mirror that is being fitted.
+    pub fitting: Option<ObjectId>,
+}
+
+/// Measures a mirror, or moves it to where it fits best and measures it there.
+pub struct GaugeWork {
+    pub gauge: Arc<Gauge>,
+    pub id: ObjectId,
+    pub mirror: Mirror,
+    pub fits: bool,
+}
+
+/// A mirror that was measured, or fitted.
+pub struct Gauged {
+    pub gauge: Arc<Gauge>,
+    pub id: ObjectId,
+    pub before: Mirror,
+    /// What it was moved to, if it was to be fitted; `None` if too few points were seen in it.
+    pub fitted: Option<Option<Mirror>>,
+    /// Of the mirror as it was moved.
+    pub residual: Residual,
+}
+
+impl GaugeWork {
+    pub fn run(self) -> Gauged {
+        let Self { gauge, id, mirror, fits } = self;
+        let fitted = fits.then(|| gauge.fitted(&mirror));
+        let residual = gauge.measured(fitted.as_ref().and_then(Option::as_ref).unwrap_or(&mirror));
+        Gauged { gauge, id, before: mirror, fitted, residual }
+    }
 }
 
 /// What a search has found.
@@ -116,6 +157,7 @@ pub enum GhostOutcome {
         /// Warnings.
         result: Result<Option<Vec<String>>, String>,
     },
+    Gauged(Box<Gauged>),
 }
 
 impl GhostWork {

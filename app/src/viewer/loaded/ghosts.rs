@@ -11,10 +11,10 @@ use serde_json::json;
 
 use crate::shared::ghosts::{KIND, MIRROR, PROBABILITY, run_ends, runs};
 use crate::shared::numbers::{grouped, parse_place};
-use crate::viewer::jobs::ghosts::{Decision, GhostOutcome, GhostTask, GhostWork, Seen};
+use crate::viewer::jobs::ghosts::{Decision, GaugeWork, Gauged, GhostOutcome, GhostTask, GhostWork, Seen};
 use crate::viewer::loaded::comparing::color_by;
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::objects::Objects;
+use crate::viewer::objects::{ObjectId, Objects, unnamed};
 use crate::viewer::requests::action::Ghosting;
 use crate::viewer::requests::file_names::{free_path, picture_name};
 use crate::viewer::requests::messages::Level;
@@ -41,6 +41,7 @@ impl Loaded {
                 return;
             }
             Ghosting::Hide(hides) => return hide(hides, beside),
+            Ghosting::Fit(id) => return self.fit(id, beside),
             Ghosting::Look | Ghosting::PutBack if self.ghosts.under_way.is_some() => {
                 return beside.outside.note("Ghosts are being looked for or put back already");
             }
@@ -141,7 +142,9 @@ impl Loaded {
     }
 
     pub fn on_ghosts(&mut self, outcome: GhostOutcome, beside: &mut Beside<'_>) {
-        self.ghosts.under_way = None;
+        if !matches!(outcome, GhostOutcome::Gauged(_)) {
+            self.ghosts.under_way = None;
+        }
         match outcome {
             GhostOutcome::Looked(Ok(Some(seen))) => {
                 let [ghosts, undecided] = seen.counts;
@@ -154,8 +157,10 @@ impl Loaded {
                 }));
                 beside.outside.note(format!("{mirrors} mirrors, {} ghosts", grouped(ghosts)));
                 self.ghosts.seen = Some(*seen);
+                self.ghosts.live = Default::default();
                 self.put_verdicts(beside);
             }
+            GhostOutcome::Gauged(gauged) => self.on_gauged(*gauged, beside),
             GhostOutcome::Looked(Ok(None)) => beside.outside.note("Ghosts are not looked for any more"),
             GhostOutcome::PutBack { output, result: Ok(Some(warnings)) } => {
                 warnings.into_iter().for_each(|warning| beside.outside.warning(warning));
@@ -177,6 +182,64 @@ impl Loaded {
             }
             GhostOutcome::Looked(Err(error)) | GhostOutcome::PutBack { result: Err(error), .. } => {
                 beside.outside.say(Level::Error, error);
+            }
+        }
+    }
+
+    /// Measures the mirror of the scene that has changed since it was measured. Called every frame of the window.
+    pub fn sync_ghosts(&mut self, beside: &mut Beside<'_>) {
+        let Some(seen) = &self.ghosts.seen else { return };
+        let live = &mut self.ghosts.live;
+        live.measured.retain(|id, _| beside.scene.objects.mirror(*id).is_some());
+        let is_known = |id: ObjectId, mirror: &Mirror| {
+            live.measured.get(&id).is_some_and(|(known, _)| unnamed(known) == unnamed(mirror))
+        };
+        let stale = beside.scene.objects.mirrors.iter().find(|placed| !is_known(placed.id, &placed.mirror));
+        if let Some(placed) = stale.filter(|_| !live.is_measuring) {
+            live.is_measuring = true;
+            let gauge = seen.looked.gauge.clone();
+            let work = GaugeWork { gauge, id: placed.id, mirror: placed.mirror.clone(), fits: false };
+            beside.outside.work(Work::Gauge(Box::new(work)));
+        }
+    }
+
+    fn fit(&mut self, id: ObjectId, beside: &mut Beside<'_>) {
+        let Some(seen) = &self.ghosts.seen else { return beside.outside.note("Look for ghosts first") };
+        let Some(mirror) = beside.scene.objects.mirror(id).filter(|_| self.ghosts.live.fitting.is_none()) else {
+            return;
+        };
+        self.ghosts.live.fitting = Some(id);
+        let work = GaugeWork { gauge: seen.looked.gauge.clone(), id, mirror: mirror.clone(), fits: true };
+        beside.outside.work(Work::Gauge(Box::new(work)));
+    }
+
+    fn on_gauged(&mut self, gauged: Gauged, beside: &mut Beside<'_>) {
+        let Gauged { gauge, id, before, fitted, residual } = gauged;
+        // What was measured by a search before the last one says nothing any more.
+        if self.ghosts.seen.as_ref().is_none_or(|seen| !Arc::ptr_eq(&seen.looked.gauge, &gauge)) {
+            return;
+        }
+        let live = &mut self.ghosts.live;
+        let Some(fitted) = fitted else {
+            live.is_measuring = false;
+            live.measured.insert(id, (before, residual));
+            return;
+        };
+        live.fitting = None;
+        let Some(now) = beside.scene.objects.mirror(id) else { return };
+        let name = now.name.clone();
+        match fitted {
+            None => beside.outside.note(format!("{name}: too few points were seen in it to say where it is")),
+            Some(_) if unnamed(now) != unnamed(&before) => {
+                beside.outside.note(format!("{name} was moved while it was fitted; it stays where it is now"));
+            }
+            Some(mirror) => {
+                let mirror = Mirror { name: name.clone(), ..mirror };
+                let moved = mirror.position.distance(before.position);
+                let object = Object::Mirror(mirror.clone());
+                beside.scene.edit_objects(beside.outside.now, |objects| objects.set(id, object));
+                live.measured.insert(id, (mirror, residual));
+                beside.outside.note(format!("{name} fitted: moved by {moved:.4}"));
             }
         }
     }
@@ -364,6 +427,77 @@ mod tests {
         assert!(!session.loaded.clouds[0].is_visible, "the new file is shown in place of the scan");
         assert!(are_hidden(&session.scene.objects.visibility.filters), "a ghost is shown once, where it is");
         assert!(step(&mut session, Ghosting::PutBack).is_none(), "a file that is there is not replaced");
+    }
+
+    /// The work on mirrors that a step of the window asks for.
+    fn gauge_work(session: &mut Session) -> Option<GaugeWork> {
+        session.outside.effects.clear();
+        session.with_loaded(Loaded::sync_ghosts);
+        asked(session)
+    }
+
+    fn asked(session: &mut Session) -> Option<GaugeWork> {
+        session.outside.effects.drain(..).find_map(|effect| match effect {
+            Effect::Work(Work::Gauge(work)) => Some(*work),
+            _ => None,
+        })
+    }
+
+    fn gauged(session: &mut Session, work: GaugeWork) {
+        session.on_found(WorkFound::Ghosts(GhostOutcome::Gauged(Box::new(work.run()))));
+    }
+
+    #[test]
+    fn a_mirror_that_is_moved_is_measured_as_it_stands_and_fitted_in_one_step_of_undo() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut session, ghosts) = session(&folder.path().join("room.ply"));
+        let id = session.scene.next_object_id();
+        session.scene.place(id, Object::Mirror(wall_mirror()), &mut session.outside);
+        let draft = GhostsDraft { station: "2.9,2.6,1.55".into(), finds: false, ..GhostsDraft::default() };
+        session.act(Action::Ghosts(Ghosting::Change(Box::new(draft))));
+        assert!(gauge_work(&mut session).is_none(), "nothing was searched yet");
+        let work = step(&mut session, Ghosting::Look).unwrap();
+        session.on_found(WorkFound::Ghosts(work.run()));
+        let residual = |session: &Session| session.loaded.ghosts.live.measured[&id].1;
+        let work = gauge_work(&mut session).unwrap();
+        assert!(gauge_work(&mut session).is_none(), "one at a time");
+        gauged(&mut session, work);
+        assert!(gauge_work(&mut session).is_none(), "as it stands, it was measured");
+        let right = residual(&session);
+        assert!(right.points > ghosts / 2 && right.median.is_some_and(|median| median < 0.001), "{right:?}");
+
+        // A drag of a handle: the last place is measured, whatever became of those on the way.
+        let moved = |by: f64| Mirror { position: wall_mirror().position - DVec3::Y * by, ..wall_mirror() };
+        session.act(Action::ChangeObject(id, Box::new(Object::Mirror(moved(0.01)))));
+        let work = gauge_work(&mut session).unwrap();
+        session.act(Action::ChangeObject(id, Box::new(Object::Mirror(moved(0.03)))));
+        gauged(&mut session, work);
+        assert!(residual(&session).median.is_some_and(|median| median > 0.005));
+        let work = gauge_work(&mut session).unwrap();
+        gauged(&mut session, work);
+        let off = residual(&session);
+        assert!(off.median.is_some_and(|median| median > 0.02), "{off:?}");
+
+        session.outside.effects.clear();
+        session.act(Action::Ghosts(Ghosting::Fit(id)));
+        let work = asked(&mut session).unwrap();
+        session.act(Action::Ghosts(Ghosting::Fit(id)));
+        assert!(asked(&mut session).is_none(), "one fit at a time");
+        gauged(&mut session, work);
+        let off = (session.scene.objects.mirror(id).unwrap().position - wall_mirror().position).dot(DVec3::Y);
+        assert!(off.abs() < 0.002, "{off}: {}", said(&session));
+        assert!(residual(&session).median.is_some_and(|median| median < 0.002) && gauge_work(&mut session).is_none());
+        session.act(Action::Undo);
+        assert_eq!(session.scene.objects.mirror(id), Some(&moved(0.03)));
+
+        // A fit that ends after a person has moved the mirror on leaves it there.
+        session.outside.effects.clear();
+        session.act(Action::Ghosts(Ghosting::Fit(id)));
+        let work = asked(&mut session).unwrap();
+        session.act(Action::ChangeObject(id, Box::new(Object::Mirror(moved(0.05)))));
+        gauged(&mut session, work);
+        assert_eq!(session.scene.objects.mirror(id), Some(&moved(0.05)));
+        assert!(said(&session).contains("was moved while it was fitted"), "{}", said(&session));
     }
 
     #[test]

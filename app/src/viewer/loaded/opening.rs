@@ -240,6 +240,7 @@ impl Loaded {
         self.awaited_settings.clear();
         self.ghosts.under_way.iter().for_each(|progress| progress.cancel());
         self.ghosts.seen = None;
+        self.ghosts.live = Default::default();
         let keys: Vec<CloudKey> = self.clouds.iter().map(|entry| entry.key).collect();
         for key in keys {
             self.remove_cloud(key, beside);

@@ -7,6 +7,7 @@ use crate::viewer::loaded::ghosts::{are_hidden, is_accepted};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{name_label, progress_bar};
+use crate::viewer::objects::ObjectId;
 use crate::viewer::requests::action::{Action, Ghosting};
 use crate::viewer::session::Session;
 
@@ -75,13 +76,44 @@ fn results(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action
             let residual = residual.map_or(String::new(), |residual| format!(", {residual:.4} from surfaces"));
             let text = format!("{} points{residual}; {}", grouped(points), found.reason);
             ui.add(egui::Label::new(RichText::new(text).small().color(theme::WEAK)).wrap());
+            if let Decision::Accepted(id) = seen.decisions[index] {
+                as_it_stands(ui, session, id, actions);
+            }
         });
+    }
+    // Mirrors that were added to the scene after the search.
+    for placed in &session.scene.objects.mirrors {
+        if !seen.decisions.contains(&Decision::Accepted(placed.id)) {
+            ui.label(&placed.mirror.name);
+            as_it_stands(ui, session, placed.id, actions);
+        }
     }
     ui.horizontal(|ui| {
         let is_hidden = are_hidden(&session.scene.objects.visibility.filters);
         let hide = ui.selectable_label(is_hidden, "Hide ghosts");
         if hide.on_hover_text("By a filter of ghost_probability, as in the tab Data; undecided points stay").clicked() {
             actions.push(Action::Ghosts(Ghosting::Hide(!is_hidden)));
+        }
+    });
+}
+
+/// How well a mirror of the scene fits where it stands now, and the button that moves it to where it fits best.
+fn as_it_stands(ui: &mut Ui, session: &Session, id: ObjectId, actions: &mut Vec<Action>) {
+    let live = &session.loaded.ghosts.live;
+    let Some((mirror, residual)) = live.measured.get(&id) else { return };
+    ui.horizontal_wrapped(|ui| {
+        let distance = match residual.median {
+            Some(median) => format!("median distance {median:.4}"),
+            None => "far from surfaces".to_owned(),
+        };
+        let text = format!("now: {distance}, {} of {} points", grouped(residual.near), grouped(residual.points));
+        let help = "Of a sample of the points that lie behind the mirror as it stands now: how far they are from the \
+                    surfaces of the scan when they are unfolded, and how many are near one";
+        ui.label(RichText::new(text).small()).on_hover_text(help);
+        let button = ui.add_enabled(live.fitting.is_none(), egui::Button::new("Fit").small());
+        let help = "Moves the mirror from where it stands to where these points fit best; undo moves it back";
+        if button.accessible_name(format!("Fit {}", mirror.name)).on_hover_text(help).clicked() {
+            actions.push(Action::Ghosts(Ghosting::Fit(id)));
         }
     });
 }
@@ -124,14 +156,28 @@ fn put_back(ui: &mut Ui, session: &Session, seen: &Seen, output: &mut String, ac
 
 #[cfg(test)]
 mod tests {
+    use std::convert::Infallible;
+    use std::sync::Arc;
+
+    use cloud::Progress;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use ghost::{Found, Kind, Suspect, Verdicts};
+    use ghost::{Block, Extent, Found, Gauge, Kind, Points, Residual, Suspect, Verdicts};
     use glam::DVec3;
     use scene::{Mirror, Shape};
 
     use super::*;
     use crate::shared::ghosts::Looked;
+
+    struct NoPoints;
+
+    impl Points for NoPoints {
+        type Error = Infallible;
+
+        fn read(&self, _: &(dyn Fn(&Block) + Sync)) -> Result<(), Infallible> {
+            Ok(())
+        }
+    }
 
     /// A mirror that explains one ghost.
     fn seen() -> Seen {
@@ -147,7 +193,10 @@ mod tests {
         };
         let verdicts = Verdicts { suspects: [((0, 0), vec![suspect])].into(), noise: 0.0 };
         let found = vec![Found { reason: "for a reason".into(), ..Found::given(mirror) }];
-        let looked = Looked { stations: Vec::new(), found, verdicts, warnings: Default::default() };
+        let extent = Extent { origin: DVec3::ZERO, edge: 1.0 };
+        let gauge = Gauge::of(&NoPoints, &[], extent, 0, &Progress::default()).unwrap().unwrap();
+        let (gauge, warnings) = (Arc::new(gauge), Default::default());
+        let looked = Looked { stations: Vec::new(), found, gauge, verdicts, warnings };
         Seen::new(looked, Vec::new(), Vec::new())
     }
 
@@ -169,7 +218,15 @@ mod tests {
         harness.get_by_label("Accept mirror 1").click();
         harness.run_ok();
         assert!(has(&harness, "in the scene") && has(&harness, "1 ghosts, 0 undecided"));
-        assert_eq!(harness.state().scene.objects.mirrors[0].mirror.name, "found sphere");
+        let placed = harness.state().scene.objects.mirrors[0].clone();
+        assert_eq!(placed.mirror.name, "found sphere");
+        let residual = Residual { points: 2000, near: 1980, median: Some(0.00141) };
+        harness.state_mut().loaded.ghosts.live.measured.insert(placed.id, (placed.mirror, residual));
+        harness.run_ok();
+        assert!(has(&harness, "now: median distance 0.0014, 1,980 of 2,000 points"));
+        harness.get_by_label("Fit found sphere").click();
+        harness.run_ok();
+        assert_eq!(harness.state().loaded.ghosts.live.fitting, Some(placed.id));
         harness.get_by_label("Hide ghosts").click();
         harness.run_ok();
         assert!(are_hidden(&harness.state().scene.objects.visibility.filters));

@@ -212,6 +212,8 @@ pub enum Ghosting {
     /// Its ghosts count as real points.
     Refuse(usize),
     Hide(bool),
+    /// Moves a mirror of the scene from where it stands to where the points that were seen in it fit best.
+    Fit(ObjectId),
     /// Opens the ghosts of accepted mirrors at the places that were seen.
     PutBack,
 }

@@ -18,7 +18,7 @@ use crate::shared::measuring::{self, Outcome, PointError};
 use crate::system::picture_file;
 use crate::system::progress_bar::Stage;
 use crate::viewer::jobs::comparisons::{Comparing, Comparison};
-use crate::viewer::jobs::ghosts::{GhostOutcome, GhostWork};
+use crate::viewer::jobs::ghosts::{GaugeWork, GhostOutcome, GhostWork};
 use crate::viewer::jobs::point_errors::PointWork;
 use crate::viewer::jobs::process::{self, Ended, Leash};
 use crate::viewer::jobs::slices::{ProfileFound, ProfileWork};
@@ -160,6 +160,8 @@ pub enum Work {
     Compare(Box<Comparing>),
     /// Looks for ghosts, or puts them back.
     Ghosts(Box<GhostWork>),
+    /// Measures or fits a mirror by the points that were seen in it.
+    Gauge(Box<GaugeWork>),
     /// Has `glint record` make a film or pictures of a scene; `words` follow the scene.
     Record {
         scene: String,
@@ -299,6 +301,7 @@ impl Work {
             Self::Export { .. } => "export",
             Self::Compare(_) => "comparison",
             Self::Ghosts(_) => "ghosts",
+            Self::Gauge(_) => "gauge",
             Self::Record { .. } => "recording",
             Self::Truth(_) => "truth",
             Self::AddToStudy { .. } => "study",
@@ -404,6 +407,7 @@ impl Work {
             }
             Self::Compare(comparing) => found(Found::Compared(Box::new(comparing.run()))),
             Self::Ghosts(work) => found(Found::Ghosts(work.run())),
+            Self::Gauge(work) => found(Found::Ghosts(GhostOutcome::Gauged(Box::new(work.run())))),
             Self::Record { scene, words, leash } => {
                 let ended = process::run(&scene, &words, &leash, |stage| found(Found::Recording(stage)));
                 found(Found::Recorded(ended));
