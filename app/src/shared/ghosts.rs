@@ -16,7 +16,7 @@ use crate::shared::moved_points;
 use crate::system::failure::usage;
 
 /// The attributes of verdicts: 0 real, 1 ghost, 2 undecided; the number of the mirror; how probable a ghost is.
-pub const KIND: &str = "ghost";
+pub const KIND: &str = render::VERDICT;
 pub const MIRROR: &str = "ghost_mirror";
 pub const PROBABILITY: &str = "ghost_probability";
 

@@ -135,6 +135,8 @@ impl ColorPlan {
             |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&cloud.chunks, scalar, low, high));
         let (low, high) = range(f64::from(color.low), f64::from(color.high)).unwrap_or((0.0, 1.0));
         let full_range = range(0.001, 0.999).unwrap_or((0.0, 1.0));
+        let is_verdict = source.column().is_some_and(|index| is_verdict(&cloud.attributes[index].name));
+        let (ramp, low, high) = if is_verdict { (Ramp::Marks, 0.0, 2.0) } else { (color.ramp, low, high) };
         let label = match source {
             ColorSource::Plain => "plain".into(),
             ColorSource::Rgb | ColorSource::RgbOr(_) => "RGB".into(),
@@ -144,7 +146,7 @@ impl ColorPlan {
             ColorSource::Height => "height".into(),
             ColorSource::Column(index) => cloud.attributes[index].name.clone(),
         };
-        (Self { source, label, ramp: color.ramp, plain: color.plain.bytes(), low, high, full_range }, warning)
+        (Self { source, label, ramp, plain: color.plain.bytes(), low, high, full_range }, warning)
     }
 
     /// The column that must be read before the plan can be shown, if any chunk lacks it.
@@ -178,6 +180,16 @@ impl ColorPlan {
         };
         (histogram(&cloud.chunks, scalar, range, bins), range)
     }
+}
+
+/// The attribute that says what a point is: 0 real, 1 a ghost that was seen in a mirror, 2 undecided. Its values are
+/// kinds, each of which has its colour on the ramp of marks.
+pub const VERDICT: &str = "ghost";
+
+/// Whether an attribute is the verdict, or one with a number that a file has beside another.
+fn is_verdict(name: &str) -> bool {
+    let number = name.strip_prefix(VERDICT).map(|rest| rest.strip_prefix('_').unwrap_or(rest));
+    number.is_some_and(|number| number.chars().all(|digit| digit.is_ascii_digit()))
 }
 
 /// The name and the value of what would colour all points alike. `None` if it varies, or is not loaded.
@@ -303,6 +315,7 @@ fn control_points(ramp: Ramp) -> &'static [[u8; 3]] {
             [244, 109, 67],
             [213, 62, 79],
         ],
+        Ramp::Marks => &[[165, 165, 165], [225, 25, 25], [255, 215, 0]],
     }
 }
 
@@ -512,6 +525,23 @@ mod tests {
         assert_eq!(of(vec![7; 1200], Blank::Auto).source, ColorSource::RgbOr(None), "its intensity tells nothing");
         assert_eq!(of((0..1200).collect(), Blank::Black).source, ColorSource::Rgb);
         assert_eq!(of((0..1000).collect(), Blank::Auto).source, ColorSource::Rgb, "all points have a colour");
+    }
+
+    #[test]
+    fn real_points_are_grey_ghosts_red_and_undecided_points_yellow_however_few_there_are() {
+        let color = Color { by: ColorBy::Attribute, attribute: "ghost".into(), ..Color::default() };
+        for kinds in [vec![0, 1], vec![0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2], vec![1, 2]] {
+            let mut cloud = cloud(kinds);
+            cloud.attributes[0].name = "ghost".into();
+            let (plan, warning) = ColorPlan::new(&cloud, &color, DVec3::Z);
+            assert_eq!((plan.source, plan.low, plan.high, warning), (ColorSource::Column(0), 0.0, 2.0, None));
+            let [real, ghost, undecided] = [0, 128, 255].map(|place| ramp_colors(plan.ramp)[place]);
+            assert!(real[0] == real[1] && real[1] == real[2] && ghost[0] > 4 * ghost[1].max(ghost[2]), "{ghost:?}");
+            assert!(undecided[0] > 200 && undecided[1] > 200 && undecided[2] < 50, "{undecided:?}");
+            cloud.attributes[0].name = "ghost_mirror".into();
+            let other = Color { attribute: "ghost_mirror".into(), ..color.clone() };
+            assert_eq!(ColorPlan::new(&cloud, &other, DVec3::Z).0.ramp, Ramp::Turbo);
+        }
     }
 
     #[test]

@@ -42,7 +42,7 @@ mod together;
 #[cfg(test)]
 mod translation;
 
-pub use coloring::{ColorPlan, ColorSource, STRAY_KINDS, class_color, class_name, ramp_colors};
+pub use coloring::{ColorPlan, ColorSource, STRAY_KINDS, VERDICT, class_color, class_name, ramp_colors};
 pub use exposure::Exposure;
 pub use frame::Objects;
 pub use gi::LightReuse;

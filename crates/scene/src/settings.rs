@@ -43,8 +43,11 @@ choices! {
     }
 }
 choices! {
-    /// Colour ramps: the perceptually even ones of matplotlib, Google's turbo, and grey.
-    pub enum Ramp { Turbo = "turbo", Viridis = "viridis", Magma = "magma", Gray = "gray", Spectral = "spectral" }
+    /// Colour ramps: the perceptually even ones of matplotlib, Google's turbo, grey, and one of grey, red and yellow, in
+    /// which what is marked stands out.
+    pub enum Ramp {
+        Turbo = "turbo", Viridis = "viridis", Magma = "magma", Gray = "gray", Spectral = "spectral", Marks = "marks",
+    }
 }
 choices! {
     /// What the radii of points follow.
