@@ -194,7 +194,7 @@ mod tests {
         let verdicts = Verdicts { suspects: [((0, 0), vec![suspect])].into(), noise: 0.0 };
         let found = vec![Found { reason: "for a reason".into(), ..Found::given(mirror) }];
         let extent = Extent { origin: DVec3::ZERO, edge: 1.0 };
-        let gauge = Gauge::of(&NoPoints, &[], extent, 0, &Progress::default()).unwrap().unwrap();
+        let gauge = Gauge::of(&NoPoints, &[], extent, 0, &Progress::default()).expect("points").expect("no cancel");
         let (gauge, warnings) = (Arc::new(gauge), Default::default());
         let looked = Looked { stations: Vec::new(), found, gauge, verdicts, warnings };
         Seen::new(looked, Vec::new(), Vec::new())
