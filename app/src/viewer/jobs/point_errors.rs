@@ -67,7 +67,7 @@ mod tests {
     fn floor() -> (Octree, Vec<Chunk>) {
         let places = |part: usize| -> Vec<[f32; 3]> {
             let place = |index: usize| [(index % 40) as f32 * 0.05, (index / 40) as f32 * 0.05, 0.0];
-            let part_of = |index: &usize| match (index % 10 == 0, index % 40 < 20) {
+            let part_of = |index: &usize| match (index.is_multiple_of(10), index % 40 < 20) {
                 (true, _) => 0,
                 (false, true) => 1,
                 (false, false) => 2,
