@@ -137,7 +137,7 @@ pub enum Report {
     /// What was chosen; nothing if another command came in between.
     Chosen {
         request: Box<FrameRequest>,
-        choice: Result<Option<Choice>, String>,
+        choice: Box<Result<Option<Choice>, String>>,
         model: Box<CostModel>,
     },
     Measured {

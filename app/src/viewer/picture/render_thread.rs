@@ -310,7 +310,7 @@ impl Worker {
                     Err(Ok(error)) => Err(error.to_string()),
                     Err(Err(error)) => Err(format!("{error:#}")),
                 };
-                report(Report::Chosen { request, choice, model });
+                report(Report::Chosen { request, choice: Box::new(choice), model });
             }
         }
     }

@@ -609,7 +609,7 @@ impl Session {
                 }
             }
             Report::Chosen { request, choice, model } => {
-                self.auto.on_chosen(*request, choice, *model, &mut self.outside)
+                self.auto.on_chosen(*request, *choice, *model, &mut self.outside)
             }
             Report::Measured { request, stats } if self.sweeps.on_frame(&request, &stats) => {}
             Report::Measured { request, stats } => self.tuning.on_measured(&request, &stats),
