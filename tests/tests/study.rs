@@ -222,7 +222,10 @@ fn a_plan_moves_the_camera_sums_passes_shows_each_picture_and_judges_by_all_poin
     for row in &distances {
         let passes = &row["passes"];
         let sum = number(passes, "sscr_solve") + number(passes, "sscr_solve_again");
-        assert!((number(row, "search_ms") / sum - 1.0).abs() < 1e-9 && sum < number(row, "method_ms"), "{row}");
+        // In at least one of three rounds neither pass is below its median, and in one neither is above.
+        let ends = [number(row, "search_ms_low"), number(row, "search_ms_high")];
+        assert!(sum > ends[0] * (1.0 - 1e-9) && sum < ends[1] * (1.0 + 1e-9), "{row}");
+        assert!(number(row, "search_ms") < number(row, "method_ms"), "{row}");
     }
     // From frame to frame, more points are found.
     let hits = ["first", "learned"].map(|group| number(of(group)[0], "hit_rate"));
