@@ -241,7 +241,7 @@ fn value_of(row: &Row, figure: &Figure) -> Option<(f64, Option<Whisker>)> {
     Some((median, Some(Whisker::Upward { low, high })))
 }
 
-/// All charts of a plan. Settings that failed are left out, times of less than [`LEAST_ROUNDS`] rounds, and charts that
+/// All charts of a plan. Settings that failed are left out, times of too few rounds, and charts that
 /// would show nothing.
 pub fn charts(plan: &Plan, rows: &[Row]) -> Vec<Chart> {
     let rows: Vec<&Row> = rows.iter().filter(|row| row.error.is_none()).collect();
