@@ -71,6 +71,7 @@ const COLOR_RAMP_VIRIDIS: u32 = 1u;
 const COLOR_RAMP_MAGMA: u32 = 2u;
 const COLOR_RAMP_GRAY: u32 = 3u;
 const COLOR_RAMP_SPECTRAL: u32 = 4u;
+const COLOR_RAMP_MARKS: u32 = 5u;
 const COLOR_BLANK_AUTO: u32 = 0u;
 const COLOR_BLANK_BLACK: u32 = 1u;
 
