@@ -40,13 +40,13 @@ const LEAST_FITTED: f32 = 5.0;
 
 /// The most times that the cells of directions are halved.
 const FINEST: i32 = 19;
-/// The number of points by which a depth image is told, some of each cell of directions.
+/// The number of points that decide a depth image, some of each cell of directions.
 const PER_CELL: usize = 4;
 /// In a depth image, this share of the points that are neighbours as seen from the origin are near to one another ...
 const SAME_SURFACE: f64 = 0.9;
 /// ... which is: their distances differ by less than this share of what those of any two points differ by.
 const NEAR: f64 = 0.25;
-/// Distances that differ by less tell nothing: the origin is far from the scan.
+/// Distances that differ by less say nothing: the origin is far from the scan.
 const LEAST_DEPTH: f64 = 0.02;
 /// In a depth image, pixels are evenly spread: this share of the points is in cells with at most three times as many
 /// points as the middle one.

@@ -23,7 +23,7 @@ pub struct Cells<'a, Find> {
 }
 
 impl<'a, Find: Fn(Bounds) -> Cover> Cells<'a, Find> {
-    /// `bounds` are those of the points. `find` tells how many of the points in a part of them are kept.
+    /// `bounds` are those of the points. `find` says how many of the points in a part of them are kept.
     pub fn new(chunk: &'a Chunk, bounds: Bounds, find: Find) -> Self {
         let size = bounds.size() / f64::from(ACROSS);
         // The farthest points are still in the last cell; where all have the same coordinate, one cell has them.
@@ -33,7 +33,7 @@ impl<'a, Find: Fn(Bounds) -> Cover> Cells<'a, Find> {
         Self { positions: &chunk.positions, low, per_unit, min: bounds.min, size, covers, find }
     }
 
-    /// Whether a point is kept, as far as its cell tells.
+    /// Whether a point is kept, as far as its cell decides that.
     #[inline]
     pub fn cover(&mut self, point: usize) -> Cover {
         let place = Vec3::from(self.positions[point]);

@@ -8,8 +8,8 @@
 //! a part in it because noise that neighbours share bends the quadric along. Along a sightline the half width is longer
 //! by 1 / cos(incidence). Both constants are calibrated by sightlines that were held out (docs/study/surfaces.md).
 //!
-//! A further measurement has noise of its own. The error of a point itself is told by its neighbours alone: the formula
-//! without a, and with p about the mean of the neighbours. A point that is off the quadric by more than chance does is off
+//! A further measurement has noise of its own. The error of a point itself is estimated from its neighbours alone: the
+//! formula without a, and with p about the mean of the neighbours. A point that is off the quadric by more than chance does is off
 //! by that distance, too.
 
 use glam::{DMat4, DVec3, DVec4};
@@ -23,7 +23,7 @@ use crate::{Chunk, Progress, unpack_normal};
 pub const SURFACE_ERROR: &str = "surface_error";
 /// The share of sightlines whose error the interval holds.
 pub const STATED: f64 = 0.95;
-/// The number of neighbours that tell a disc's error, as many as make its normal.
+/// The number of neighbours that give a disc's error, as many as make its normal.
 const NEIGHBOURS: usize = 16;
 /// The half width of the interval in root mean squares: a normal deviate would ask for 1.96 if these were exact.
 const WIDTHS: f64 = 2.2;
@@ -192,7 +192,7 @@ mod tests {
         for noise in [0.02, 0.1] {
             let found = sorted(&scan(|_, _, random| noise * deviate(random)));
             let middle = found[found.len() / 2] / noise;
-            // A disc is off by the noise, and so is what is measured: 1.96 times the root of two, where neighbours tell it.
+            // A disc is off by the noise, and so is what is measured: 1.96 times the root of two, where neighbours give it.
             assert!((2.4..3.4).contains(&middle), "{middle} of a noise of {noise}");
         }
     }

@@ -1,6 +1,6 @@
 //! Points and their attributes in memory: chunks, bounds, normals, spacing, sampling of analytic surfaces and meshes.
 //!
-//! This crate knows no files, no paths and no GPU. A cloud is a list of chunks; a chunk has an f64 origin of its own
+//! The crate knows no files, no paths and no GPU. A cloud is a list of chunks; a chunk has an f64 origin of its own
 //! and f32 offsets from it, so that coordinates of seven digits lose no precision on the way to the screen.
 
 mod blank;

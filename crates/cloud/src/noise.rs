@@ -22,12 +22,12 @@ const THICKEST: f64 = 0.25;
 const THINNED: u64 = 4;
 const MOST_THINNINGS: u32 = 4;
 
-/// What the neighbours of some points tell.
+/// What the neighbours of some points show.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbourhoods {
     /// The number of points that were looked at.
     pub points: u64,
-    /// The number of those that are lone strays, and mixed pixels, as radii that follow the spread tell them. Those that
+    /// The number of those that are lone strays, and mixed pixels, as radii that follow the spread find them. Those that
     /// know one another only across the border of a part that was looked at count as lone.
     pub strays: u64,
     pub mixed: u64,

@@ -9,7 +9,7 @@ use glam::{DVec3, Vec3};
 
 use crate::hash;
 
-/// The number of points that tell where most are.
+/// The number of points that decide where most are.
 const SAMPLE: usize = 99;
 /// With fewer different places than this in the sample, all points are looked at.
 const FEWEST: usize = 9;

@@ -14,7 +14,7 @@ use crate::{
 
 /// A point may be alone if its radius is so many times the median one of its search tile, some 50 thousand points.
 const LARGE: f32 = 2.0;
-/// It is alone if within so many times the distance of its last neighbour ...
+/// A point is alone if within so many times the distance of its last neighbour ...
 const ALONE_REACH: f32 = 4.0;
 /// ... there are so many times as many points beside the plane of its neighbours: a surface has 16 times as many there,
 /// none of them beside its plane, however uneven it was scanned, and a volume 52 times.
@@ -26,7 +26,7 @@ const COMPANY: usize = 4;
 /// ... that are, with the point, thinner than this share of their width.
 const THIN: f32 = 0.15;
 
-/// What tells of a point whether it is on a surface.
+/// What decides whether a point it is on a surface.
 pub(crate) struct Look {
     /// The running index of the point.
     pub index: u32,

@@ -349,7 +349,7 @@ impl<'a> Estimate<'a> {
     }
 }
 
-/// What tells of a point whether it is on a surface, by its neighbours, their shape and their normal.
+/// What decides whether a point is on a surface: its neighbours, their shape and their normal.
 pub(crate) fn look(
     index: u32,
     around: &Neighbourhood,
@@ -492,7 +492,7 @@ pub fn normals_from_triangles(chunks: &[Chunk], triangles: &[[u32; 3]]) -> MeshN
         }
         let corners = triangle.map(locate);
         let [a, b, c] = corners.map(|(chunk, local)| chunks[chunk].position(local));
-        // Its length is twice the area.
+        // The length of the sum is twice the area.
         let normal = (b - a).cross(c - a).as_vec3();
         if normal.is_finite() {
             corners.into_iter().for_each(|(chunk, local)| sums[chunk][local] += normal);

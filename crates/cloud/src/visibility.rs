@@ -13,7 +13,7 @@ use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, Volume, attrib
 
 /// The name of the attribute that classes are.
 const CLASSES: &str = "classification";
-/// The name of the attribute that every cloud has whose radii tell strays, unless its file has one of this name: the kinds
+/// The name of the attribute that every cloud has whose radii mark strays, unless its file has one of this name: the kinds
 /// of `stray_kind`.
 pub const STRAY: &str = "stray";
 
@@ -88,7 +88,7 @@ impl PointTest {
         Self::new(classes, Vec::new(), Vec::new())
     }
 
-    /// The same test by classes and filters alone, but for filters of `STRAY`: strays are told among the points that are
+    /// The same test by classes and filters alone, but for filters of `STRAY`: strays are found among the points that are
     /// left.
     pub fn of_attributes(&self) -> Self {
         let Rule { class_words, filters, volumes: _, within: _, hides_strays: _ } = &*self.rule;
@@ -328,7 +328,7 @@ impl ShownPoints {
         }
     }
 
-    /// Those of `points` points that are shown and not left out.
+    /// Which of `points` points are shown and not left out.
     pub fn besides(self, points: usize, is_left_out: impl Fn(usize) -> bool) -> Self {
         if (0..points).any(&is_left_out) {
             Self::of(points, |index| self.has(index) && !is_left_out(index))

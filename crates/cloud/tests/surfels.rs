@@ -557,7 +557,7 @@ fn radii_by_spread_are_those_of_an_even_surface_at_its_border_too() {
 fn radii_by_spread_make_dots_of_stray_points_and_of_what_is_no_surface() {
     let mut points = grid();
     let on_surface = points.len();
-    // Its 16 neighbours fill a disc with a radius of 2.26. It is stray from 1.7 times that on.
+    // The point's 16 neighbours fill a disc with a radius of 2.26. The point is stray from 1.7 times that on.
     for (height, is_stray) in [(3.0, false), (4.5, true), (8.0, true), (100.0, true)] {
         points.truncate(on_surface);
         points.push([20.3, 20.4, height]);
