@@ -9,7 +9,7 @@ use crate::fit::plane;
 use crate::scatter::IN_95_PERCENT;
 use crate::tree::{Cylinder, PointTree};
 
-/// Both clouds need this many points in the cylinder for a level of detection.
+/// The number of points that each cloud needs in the cylinder for a level of detection.
 const LEAST_POINTS: u32 = 4;
 /// The scales that are chosen, in units of the distance between neighbouring points: some 80 points for a normal and some
 /// 50 in a cylinder of each cloud.
@@ -23,7 +23,7 @@ const BLOCK_SHARE: f64 = 1.5;
 const MOST_IN_BLOCK: usize = 64;
 /// The places of a block have a cylinder in common as far as their own ones are within this many of their radii.
 const COMMON_RADII: f64 = 2.0;
-/// The number of points of which the distance to the nearest other is looked up, to tell the spacing.
+/// The number of points of which the distance to the nearest other is looked up, to estimate the spacing.
 const SAMPLED: usize = 1001;
 
 /// The distances between neighbouring points, the median.
@@ -55,7 +55,7 @@ pub struct M3c2 {
 pub struct Change {
     /// The distance along the normal between the mean places of both clouds.
     pub distance: f64,
-    /// The least distance that is a change with a confidence of 95 %; `None` where too few points tell it.
+    /// The least distance that is a change with a confidence of 95 %; `None` where too few points give it.
     pub level: Option<f64>,
 }
 

@@ -1,7 +1,7 @@
 //! Measurements on points: sections along a line; lengths, angles and areas; planes, circles and cylinders fitted to
 //! points; volumes between points and a plane; distances between clouds; and how certain all of these are.
 //!
-//! This crate knows points, and no files, no scene and no GPU. Lengths are in the units of the coordinates, and angles in
+//! The crate knows points, and no files, no scene and no GPU. Lengths are in the units of the coordinates, and angles in
 //! radians.
 
 mod compare;

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 
 use crate::fit::plane;
 
-/// The number of neighbours that tell how far a point is off the surface.
+/// The number of neighbours that show how far a point is off the surface.
 const NEAREST: usize = 16;
 /// A normal distribution holds 95 % within this many standard deviations of its mean.
 pub const IN_95_PERCENT: f64 = 1.959_964;
