@@ -81,7 +81,7 @@ impl PixelRays {
     /// Ray `index` of `count` that are spread evenly over a pixel, by the points of Hammersley (1960).
     pub fn ray_of(&self, pixel: usize, index: u32, count: u32) -> Ray {
         let across = f64::from(index.reverse_bits()) / 2.0_f64.powi(32);
-        // Their middle is that of the pixel.
+        // The middle of the places is that of the pixel.
         let most = 1.0 - 1.0 / f64::from(count.next_power_of_two());
         self.ray_through(pixel, [(f64::from(index) + 0.5) / f64::from(count), across + (1.0 - most) / 2.0])
     }

@@ -167,7 +167,7 @@ mod tests {
                 assert!((seen(fresnel, 0.0, 0.0) - expected).abs() < 1e-12, "{x} {fresnel}");
                 // The tint does not depend on the angle.
                 assert!((seen(fresnel, 1.0, 0.0) - 0.5).abs() < 1e-12, "{x} {fresnel}");
-                // Both effects together: the one fades what the other leaves.
+                // The two effects together: the one fades what the other leaves.
                 let share = share * (1.0 - -3.0 / direction.z / (10.0 * 2.0_f64.sqrt())).powi(2);
                 let expected = (1.0 - share) * 0.5 + share;
                 assert!((seen(fresnel, 0.0, 2.0) - expected).abs() < 1e-7, "{x} {fresnel}");

@@ -110,7 +110,7 @@ mod tests {
         EXPONENTS.into_iter().flat_map(|n_u| EXPONENTS.map(|n_v| [n_u, n_v]))
     }
 
-    /// A normal that is not level, and views at angles to it, from the side that `turn` tells.
+    /// A normal that is not level, and views at angles to it, from the side that `turn` says.
     fn views(turn: f64) -> impl Iterator<Item = (f64, DVec3, DVec3)> {
         let normal = DVec3::new(0.6, -0.3, 0.5).normalize();
         let (side, other) = normal.any_orthonormal_pair();

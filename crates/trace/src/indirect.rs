@@ -424,7 +424,7 @@ mod tests {
         assert_near(with(0.5, 1, 1), 0.5 * diffuse, 0.02, "half a mirror");
         // A mirror that is not followed is diffuse.
         assert_near(with(1.0, 0, 1), diffuse, 1e-9, "not followed");
-        // It shows the ground beyond after two reflections between surfaces: ceiling, ground, and over the mirror.
+        // The mirror shows the ground beyond after two reflections between surfaces: ceiling, ground, and over the mirror.
         assert!(with(0.5, 1, 2) > with(0.5, 1, 1) * 1.01);
     }
 
@@ -506,7 +506,7 @@ mod tests {
         // Along the normal a highlight sends out all the light that it receives.
         assert_near(with(0, 0.0, 0.0), 0.4 + 0.9, 5e-3, "not followed");
         assert_near(with(1, 0.0, 0.0), 0.1 * 0.4, 1e-9, "followed");
-        // Its ray meets nothing, so that the least is left of its reflection.
+        // The mirror's ray meets nothing, so that the least is left of its reflection.
         assert_near(with(1, 1.0, 0.5), 0.55 * 0.4, 1e-7, "half is left");
         assert_near(with(1, 1.0, 0.0), 0.4, 1e-9, "nothing is left, and no highlight");
     }

@@ -1,7 +1,7 @@
 //! The truth: a CPU ray tracer over the same surfels that the renderer draws, and over exact surfaces: formulas and
 //! triangles.
 //!
-//! It judges the renderer and therefore shares no code with it. Everything that decides where a ray ends is f64.
+//! The ray tracer judges the renderer and therefore shares no code with it. Everything that decides where a ray ends is f64.
 //! Pictures are computed on all cores and do not depend on their number.
 //!
 //! Rays are traced in [`Surfels`] and [`Exact`]; [`PixelRays`] are the rays of a picture's pixel centres; [`reflected`]

@@ -41,7 +41,7 @@ struct Corner {
 #[derive(Clone, Copy, Debug)]
 struct Triangle {
     corners: [u32; 3],
-    /// Its index in the mesh, counting triangles that were left out.
+    /// The index of the triangle in the mesh, counting triangles that were left out.
     number: u32,
 }
 
