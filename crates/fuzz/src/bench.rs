@@ -45,7 +45,7 @@ impl Bench {
     /// Runs `target` on `bytes` and returns how many points were decoded. Call it from the thread that made the bench.
     ///
     /// # Errors
-    /// Tells what the parser did that it must not do.
+    /// Reports what the parser did that it must not do.
     ///
     /// # Panics
     /// If the parser panics.

@@ -38,7 +38,7 @@ fn cpu_time() -> Duration {
     Duration::try_from(clock_gettime(ClockId::ProcessCPUTime)).unwrap_or_default()
 }
 
-/// Runs the target on `bytes`, and tells what is wrong with the run.
+/// Runs the target on `bytes`, and reports what is wrong with the run.
 fn problem(bytes: &[u8]) -> Option<String> {
     let State { bench, target, .. } = &*STATE;
     let start = cpu_time();

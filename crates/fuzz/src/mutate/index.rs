@@ -162,7 +162,7 @@ fn change_nodes(dice: &Dice, nodes: &mut Vec<u8>) {
         3 => put_integer(dice, nodes, ATTRIBUTES, 4),
         4 if !table.texts.is_empty() => put_integer(dice, nodes, dice.pick(&table.texts), 4),
         5 if !table.texts.is_empty() => {
-            // This gives an attribute another type, if the text is the name of its type.
+            // An attribute gets another type, if the text is the name of its type.
             let at = dice.pick(&table.texts);
             let name = dice.pick(&TYPES).0;
             let length = number(nodes, at, 4) as usize;

@@ -49,7 +49,7 @@ pub fn change(dice: &Dice, bytes: &mut Vec<u8>) {
         return noise(dice, bytes, 0);
     }
     let mut lines: Vec<Vec<u8>> = bytes.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
-    // The first lines tell what the others are.
+    // The first lines say what the others are.
     let picked = dice.below(if dice.one_in(2) { lines.len() } else { lines.len().min(14) });
     let Some(line) = lines.get_mut(picked) else { return };
     match dice.below(10) {
