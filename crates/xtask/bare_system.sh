@@ -24,7 +24,7 @@ inside apt-get -q -q -y -o Dpkg::Use-Pty=0 install --reinstall /tmp/glint.deb > 
 inside dpkg -s glint | grep '^Status'
 inside glint --version
 
-# A file of three points, which only its content and its name tell.
+# A file of three points, which only its content and its name identify.
 inside sh -c 'printf "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 0 0\n0 1 0\n" > /srv/three.ply'
 type=$(inside gio info -a standard::content-type /srv/three.ply | sed -n 's/.*content-type: //p')
 echo "three.ply is of the type $type"

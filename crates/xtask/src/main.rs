@@ -3,7 +3,7 @@
 //! that break parsers. `cargo xtask package` makes packages for Linux, and `cargo xtask systems` checks the sources for
 //! other systems.
 //!
-//! Those that run the program first look for what the system lacks (`needs`) and install it where that is allowed.
+//! Commands that run the program first look for what the system lacks (`needs`) and install it where that is allowed.
 //! Everything else is left to cargo, in the one profile the project uses, so that running, checking and testing share
 //! what they compile.
 

@@ -1,4 +1,4 @@
-//! What the program and its tests need from the system, and how to tell what is missing.
+//! What the program and its tests need from the system, and how to find out what is missing.
 //!
 //! glint links nothing but libc: the Vulkan loader and the window system's libraries are opened by name at run time, so
 //! a build succeeds on a machine where the program then finds no adapter or no display. The checks here look for those
@@ -67,7 +67,7 @@ const DECODER: [Need; 1] = [program("ffmpeg", "ffmpeg")];
 /// Where the program will show its window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Display {
-    /// That of Windows or macOS.
+    /// The display of Windows or macOS.
     Native,
     Wayland,
     X11,
@@ -93,7 +93,7 @@ impl Display {
 
 pub fn needs_to_run(display: Display) -> Vec<Need> {
     let window: Vec<Need> = match display {
-        // These systems bring all that a window and a picture need.
+        // Windows and macOS bring all that a window and a picture need.
         Display::Native => return Vec::new(),
         Display::Wayland => WAYLAND.into(),
         Display::X11 => X11.into(),

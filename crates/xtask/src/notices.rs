@@ -28,7 +28,7 @@ const LONGEST: u64 = 1 << 20;
 struct Crate {
     name: String,
     version: String,
-    /// Its SPDX expression.
+    /// The SPDX expression of the licence.
     licence: Option<String>,
     /// Where its source is kept for the public.
     repository: Option<String>,

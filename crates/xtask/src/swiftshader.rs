@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
-/// The name of the file that tells Vulkan's loader of the driver, which lies beside the driver.
+/// The name of the file that names the driver to Vulkan's loader, which lies beside the driver.
 const MANIFEST: &str = "vk_swiftshader_icd.json";
 /// The folders of systems in which browsers keep it.
 const FOLDERS: [&str; 3] = ["/usr/lib/chromium", "/usr/lib/chromium-browser", "/opt/google/chrome"];

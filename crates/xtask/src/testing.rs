@@ -15,7 +15,7 @@ use crate::{needs, swiftshader};
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Selection {
     All,
-    /// Those that the changes since the last tested commit can touch.
+    /// The tests that the changes since the last tested commit can touch.
     Changed,
 }
 
