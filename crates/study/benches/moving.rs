@@ -94,7 +94,7 @@ impl Stage {
 #[derive(Default)]
 struct Times {
     frames: Vec<f64>,
-    /// Those of the method's passes, by their names.
+    /// The times of the method's passes, by their names.
     passes: Vec<Vec<(&'static str, f64)>>,
 }
 

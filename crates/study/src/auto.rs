@@ -193,7 +193,7 @@ impl Explored {
         let start = Instant::now();
         let mut base = settings.clone();
         base.reflection.method = base.reflection.method.chosen();
-        // What was learned of other scenes counts until this one has told more.
+        // What was learned of other scenes counts until more is known of this one.
         let mut local = hands.model.clone();
         local.fade(OTHER_SCENES);
         let still_settings = still_of(&base, fixed);
@@ -267,7 +267,7 @@ impl Explored {
             let Some(next) = promising(target, margin, &candidates).filter(|next| !next.is_drawn) else { break };
             let (found, _) = search.drawn(&next.settings, &self.still, self.size)?;
             let measured = target.error(&found.error);
-            // Where errors turn out larger than their squares told, the other predictions are too small as well.
+            // Where errors turn out larger than their squares said, the other predictions are too small as well.
             if next.error > 0.0 && measured > 0.0 {
                 scale = (scale * measured / next.error).clamp(0.25, 4.0);
             }

@@ -1,5 +1,5 @@
 //! The cost model: how many milliseconds a pass takes for each point, pixel, mirror pixel and virtual light. It learns
-//! from the pass times of the running machine, predicts the time of frames that were not drawn, and tells what makes a
+//! from the pass times of the running machine, predicts the time of frames that were not drawn, and says what makes a
 //! frame slow.
 //!
 //! The time of a pass is a sum of drivers, each with a coefficient that is not negative. The stage of the pass decides
@@ -330,7 +330,7 @@ impl CostModel {
         passes.for_each(|sums| sums.fade(share));
     }
 
-    /// Learns from a frame that was drawn from scratch, of `size` pixels. A frame for which passes were compiled tells
+    /// Learns from a frame that was drawn from scratch, of `size` pixels. A frame for which passes were compiled says
     /// nothing: do not hand it over.
     pub fn learn(&mut self, stats: &FrameStats, settings: &Settings, size: [u32; 2]) {
         self.learn_frame(stats, settings, size, true);

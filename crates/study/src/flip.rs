@@ -1,7 +1,7 @@
 //! FLIP: the difference that a person sees who flips between two pictures (Andersson et al. 2020, "FLIP: A Difference
 //! Evaluator for Alternating Images"), for pictures of limited range.
 //!
-//! It combines two differences: that of colours, after details that the eye cannot resolve have been blurred (sections
+//! FLIP combines two differences: that of colours, after details that the eye cannot resolve have been blurred (sections
 //! 4.1 and 4.2), and that of edges and points, which sharpens it (4.3, 4.4). All filters are sums of Gaussians or their
 //! derivatives, which separate into one filter along the rows and one along the columns.
 

@@ -137,7 +137,7 @@ impl Time {
     }
 }
 
-/// Passes whose times are told together, as a figure of the plan.
+/// Passes whose times are reported together, as a figure of the plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Part {

@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn a_wrong_disc_takes_the_pixels_that_its_angle_covers() {
-        // It faces the camera 1 m before it, where the wall and no mirror is.
+        // The disc faces the camera 1 m before it, where the wall and no mirror is.
         let (distance, radius) = (1.0, 0.08);
         let camera = Tripod::Room.camera();
         let way = (DVec3::new(8.0, 1.9, 2.5) - camera.eye).normalize();

@@ -411,7 +411,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// That of some values; `None` if there are none.
+    /// The spread of some values; `None` if there are none.
     pub fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
         let (low, high) = (*values.first()?, *values.last()?);

@@ -37,7 +37,7 @@ pub enum ScannerFrom {
 pub enum Scanner {
     /// Each point was seen from one of these places at least.
     Places(Vec<DVec3>),
-    /// The scanner moved, and its time tells where it was.
+    /// The scanner moved, and the time of a point shows where it was.
     Flight(Flight),
     /// The scanner looked down along a unit vector, from this far above each point.
     Above { down: DVec3, distance: f64 },
@@ -82,7 +82,7 @@ pub fn find(scan: &Scan, traced: &TracedScene, seed: u64) -> (Scanner, ScannerFr
     }
 }
 
-/// From above nothing tells the distance. It is taken to be as far as the scan is wide, and at most ten times as far as
+/// From above nothing shows the distance. It is taken to be as far as the scan is wide, and at most ten times as far as
 /// it is high, so that the tolerance stays below a tenth of its height.
 fn above(chunks: &[Chunk], up: DVec3) -> Scanner {
     let size = robust_bounds(chunks).size();
@@ -119,7 +119,7 @@ impl Flight {
         }
     }
 
-    /// The flight of an airborne scan, if its pulses tell it.
+    /// The flight of an airborne scan, if its pulses show it.
     fn of(scan: &Scan) -> Option<Self> {
         let column = |name: &str| scan.cloud.column_of(name);
         let (number, time) = (column("return_number")?, column("gps_time")?);
@@ -171,8 +171,8 @@ struct Line {
     length: f64,
 }
 
-/// The place that is nearest to all these lines, by least squares; long pulses tell directions better and count more.
-/// Lines that pass it three times as far away as most are left out. `None` if the lines do not tell it well.
+/// The place that is nearest to all these lines, by least squares; long pulses show directions better and count more.
+/// Lines that pass it three times as far away as most are left out. `None` if the lines do not fix it well.
 fn meeting(lines: &[Line], up: DVec3) -> Option<DVec3> {
     let nearest = |lines: &[Line]| {
         let (mut matrix, mut sum, middle) = (DMat3::ZERO, DVec3::ZERO, lines[0].point);

@@ -141,7 +141,7 @@ impl Met {
     }
 
     /// The better of what was met from two places: a point is seen from one of them at least. From another place a wall
-    /// may stand before it, which tells nothing, so a surface that is met before the point counts last.
+    /// may stand before it, which says nothing, so a surface that is met before the point counts last.
     fn or(self, other: Self) -> Self {
         let rank = |met: &Self| match met.error {
             error if error.abs() <= TOLERANCE => 0,
@@ -244,7 +244,7 @@ pub struct Ruler {
 impl Ruler {
     /// Makes a surface of the points that are not held out, as the program makes it: normals that the file lacks and
     /// all radii are estimated from these points alone. `places` are the scanner's, if they are known better than the
-    /// scan tells.
+    /// scan shows.
     ///
     /// # Errors
     /// A share that holds out nothing or everything, too few points, no memory on the GPU, or cancelled.

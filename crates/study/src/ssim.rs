@@ -2,7 +2,7 @@
 //! Similarity"): whether two pictures have the same structure around a pixel, whatever their brightness and contrast.
 //! It is 1 for equal structures.
 //!
-//! It is computed from the luminance as a screen shows it, with the authors' Gaussian window (deviation 1.5 pixels, 11
+//! SSIM is computed from the luminance as a screen shows it, with the authors' Gaussian window (deviation 1.5 pixels, 11
 //! wide) and constants.
 
 use crate::flicker::grey_level;

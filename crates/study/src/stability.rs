@@ -310,7 +310,7 @@ fn sphere(position: DVec3, radius: f64) -> Piece {
 
 /// A ring seen from its side, which bends eight times as much one way as the other; the camera is rolled.
 fn rolled_camera(degrees: f64) -> Scene {
-    // Its axis is level: the part before the eye is an upright tube that bends back slowly.
+    // The ring's axis is level: the part before the eye is an upright tube that bends back slowly.
     let ring = Mirror {
         rotation: DQuat::from_rotation_y(PI / 2.0),
         ..mirror(Shape::Torus { tube: 0.14 }, DVec3::Z * -0.6, 0.8)
@@ -587,7 +587,7 @@ fn deep_room(length: f64) -> Scene {
 
 /// A mirror that is almost flat.
 fn bent_mirror(slope: f64) -> Scene {
-    // Its outer side faces the camera, so that reflected rays never cross.
+    // The outer side of the mirror faces the camera, so that reflected rays never cross.
     let bent = Mirror { rotation: DQuat::from_rotation_y(PI), ..mirror(paraboloid(slope), DVec3::ZERO, 0.5) };
     in_room([Piece::mirror(bent).spaced(0.006)])
 }

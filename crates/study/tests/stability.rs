@@ -304,7 +304,7 @@ fn maps_of_hollow_and_close_mirrors_are_as_good_as_others() {
     }
 }
 
-/// What the mark of doubt tells of a frame.
+/// What the mark of doubt says of a frame.
 #[derive(Debug)]
 struct Doubts {
     /// The share that it marks of the pixels that are wrong, or show nothing where the truth sees something.
@@ -358,7 +358,7 @@ fn doubt_marks_most_of_what_is_wrong_or_unresolved_and_what_is_proven_is_right()
     for (method, set, case, size, most) in [
         ("screen_trace", screen, "torus", SIZE, 0.02),
         // Far down the fence the gaps between slats are narrower than a pixel. Where no pixel's centre shows one, the
-        // picture has a plane, and nothing in it tells that rays pass: the first runs had 0.069 and, twice as fine, 0.01.
+        // picture has a plane, and nothing in it shows that rays pass: the first runs had 0.069 and, twice as fine, 0.01.
         ("screen_trace", screen, "fence:0.3", SIZE, 0.09),
         ("screen_trace", screen, "fence:0.3", twice, 0.02),
         ("cubemap_trace", cubes, "torus", SIZE, 0.02),
@@ -502,7 +502,7 @@ fn samples_that_are_asked_see_the_mirror_point_and_what_they_show_is_where_they_
     let off = off_by(middle);
     // What is shown is the disc that the map sees in the ray's direction, and no other place.
     assert!(off.len() > 500 && off[off.len() * 8 / 10] < reach, "{} pixels, {}", off.len(), off[off.len() * 8 / 10]);
-    // It is not where the ray of the mirror point ends, and the figures say so.
+    // The disc is not where the ray of the mirror point ends, and the figures say so.
     let (mut beside, mut hidden, mut free) = (0, [0, 0], [0, 0]);
     for pixel in &pixels {
         let (point, direction) = ray_of(*pixel);

@@ -39,7 +39,7 @@ pub struct Piece {
 /// How many points a surface has.
 #[derive(Clone, Copy)]
 enum Points {
-    /// Its share, by area, of `scene.points`.
+    /// The piece's share, by area, of `scene.points`.
     Shared,
     /// One for each square of this width in world units, in addition to those.
     Spaced(f64),
