@@ -128,8 +128,8 @@ impl Bytes {
         matches!(self.place, Place::Remote(_))
     }
 
-    /// What tells the file at an address from others that were or will be there; `None` for files, and where the server does
-    /// not tell.
+    /// What tells the file at an address from others that were or will be there; `None` for files, and where the server
+    /// sends nothing of the kind.
     pub fn remote_identity(&self) -> Option<String> {
         match &self.place {
             Place::Disk(_) => None,

@@ -24,9 +24,9 @@ const MOST_TILES: usize = 100_000;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     pub path: PathBuf,
-    /// The number of points, if it is told.
+    /// The number of points, if it is given.
     pub points: Option<u64>,
-    /// The box of its points in the coordinates of the file, if it is told and that is believable.
+    /// The box of its points in the coordinates of the file, if it is given and believable.
     pub bounds: Option<Bounds>,
 }
 

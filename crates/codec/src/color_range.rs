@@ -17,7 +17,7 @@ const WHOLE: f64 = 0.95;
 /// Values up to so many times the range are rounding errors, which need no word.
 const ROUNDING: f64 = 1.01;
 
-/// The sampled values of colours; those of black points, which tell nothing of a range, are left out.
+/// The sampled values of colours; those of black points, which say nothing about a range, are left out.
 #[derive(Default)]
 pub struct ColorSample {
     values: Vec<f64>,

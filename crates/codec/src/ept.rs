@@ -341,7 +341,7 @@ impl Description {
         Ok((min, width, width / f64::from(span)))
     }
 
-    /// Where the points are, if it tells and that is believable.
+    /// Where the points are, if it says so and that is believable.
     fn points_bounds(&self, corner: DVec3, width: f64) -> Option<Bounds> {
         let (min, max) = corners(self.bounds_conforming?);
         let bounds = Bounds { min: min.max(corner), max: max.min(corner + width) };

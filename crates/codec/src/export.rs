@@ -58,7 +58,7 @@ pub enum ExportFormat {
 #[derive(Clone, Debug)]
 pub struct Exported {
     pub points: u64,
-    /// Those of the points as they are in the new file.
+    /// The bounds of the points as they are in the new file.
     pub bounds: Bounds,
     /// Everything that the new file holds of each point, in its order.
     pub attributes: Vec<Attribute>,
@@ -148,7 +148,7 @@ pub fn export<'a>(
         ExportFormat::Csv => job.table().0.fields.into_iter().map(|field| field.attribute).collect(),
         _ => {
             let written = crate::open(output)?;
-            // A header of a LAS file tells them.
+            // The header of a LAS file names them.
             if let Some(bounds) = written.info().bounds {
                 job.widen(bounds);
             }
@@ -213,7 +213,7 @@ struct Job<'a> {
     output: &'a Path,
     memory: u64,
     progress: &'a Progress,
-    /// Those of the points that are written.
+    /// The bounds of the points that are written.
     bounds: Mutex<Bounds>,
 }
 

@@ -37,13 +37,13 @@ pub struct Info {
     pub faces: u64,
     /// The coordinate reference system as the file has it: WKT or the GeoTIFF citation.
     pub crs: Option<String>,
-    /// The units of the coordinates, as far as the file tells them.
+    /// The units of the coordinates, as far as the file names them.
     pub units: Units,
     /// Which scan of the file this cloud is, in formats that hold several.
     pub scan: Option<Scan>,
     /// The pictures that the file holds beside its points.
     pub images: Vec<Image>,
-    /// The least and the greatest value that a sensor gives, for attributes of which the file tells it.
+    /// The least and the greatest value that a sensor gives, for attributes for which the file gives them.
     pub limits: Vec<(String, [f64; 2])>,
     pub warnings: Vec<String>,
 }
@@ -52,7 +52,7 @@ pub struct Info {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scan {
     pub name: String,
-    /// Its place among the scans of the file, from 0, and how many these are.
+    /// The place of the scan among those of the file, from 0, and how many scans there are.
     pub number: usize,
     pub of: usize,
     /// Where the scanner stood, in the coordinates of the points.
@@ -116,7 +116,7 @@ impl Info {
         self.scan.as_ref().map_or(0, |scan| scan.number)
     }
 
-    /// Moves what the header tells of places. `Source::read` moves the points.
+    /// Moves the places that the header names. `Source::read` moves the points.
     pub(crate) fn place(&mut self, placement: Placement) {
         self.bounds = self.bounds.map(|bounds| placement.bounds(bounds));
         self.grid = self.grid.map(|grid| grid.placed(placement));

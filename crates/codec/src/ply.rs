@@ -68,9 +68,9 @@ pub struct Made {
     /// Whether a row begins at each line end of the file.
     pub is_text: bool,
     pub newline: u8,
-    /// The scales of red, green and blue, where the file tells them.
+    /// The scales of red, green and blue, where the file gives them.
     pub color_scale: Option<[Scale; 3]>,
-    /// Everything that the rows do not tell.
+    /// Everything that the rows do not say.
     pub info: Info,
 }
 
@@ -149,7 +149,7 @@ impl RowSource {
         roles.color_scale = color_scale.filter(|_| roles.colors.is_some());
         let packing = Packing::new(&header, element, Some(maker.as_ref()), vec![true; element.properties.len()]);
         if let Err(error) = decide_conventions(&file, &packing, &rows, &scalars, &mut roles, &mut info.warnings) {
-            // The read tells which points are missing.
+            // The read reports which points are missing.
             info.warnings.push(format!("some points cannot be read: {error}"));
         }
         let attribute = |scalar: &Scalar| Attribute { name: scalar.name.clone(), column_type: scalar.scalar };

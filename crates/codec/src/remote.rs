@@ -127,7 +127,7 @@ impl Remote {
         self.stamp.is_sure().then_some(&self.stamp)
     }
 
-    /// What makes the file the one that it is; `None` if the server does not tell.
+    /// What makes the file the one that it is; `None` if the server does not say.
     pub fn identity(&self) -> Option<String> {
         let Stamp { length, etag, modified } = &self.stamp;
         self.stamp.is_sure().then(|| format!("{length} {etag} {modified}"))

@@ -168,7 +168,7 @@ impl Source {
     }
 
     /// The same file with its points turned and moved: `read` gives them so, and `export` writes them so. `record` still
-    /// tells what is in the file.
+    /// says what is in the file.
     #[must_use]
     pub fn placed(mut self, placement: Placement) -> Self {
         match &mut self {
@@ -206,7 +206,7 @@ impl Source {
     }
 
     /// Reads the file in parallel and passes each chunk to `emit`, which is called from worker threads in any order
-    /// (`Chunk::first_point` tells its place; the limits of chunks are the same in every read of the same file).
+    /// (`Chunk::first_point` is its place; the limits of chunks are the same in every read of the same file).
     /// `progress` counts points; cancelling it ends the read after the chunks in progress. A file that is cut short
     /// yields the points that it has and a warning with the number of missing ones.
     ///

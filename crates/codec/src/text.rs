@@ -21,7 +21,7 @@ use crate::{Error, Result};
 use rows::{Cells, TextRows};
 use table::{Style, Table};
 
-/// The length in bytes of the start of a file from which its format and columns are told.
+/// The length in bytes of the start of a file from which its format and columns are recognised.
 const START_BYTES: u64 = 64 << 10;
 /// The most scans of a file.
 const MOST_SCANS: usize = 10_000;

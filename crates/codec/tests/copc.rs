@@ -389,7 +389,7 @@ fn scans_come_back_node_by_node_as_they_were() {
         let expected: Vec<Point> = las_points(&input).into_iter().map(|point| upgraded(point, false)).collect();
         assert_same_points(&queried_points(&output), &expected, name);
         let (before, after) = (codec::open(&input).unwrap(), codec::open(&output).unwrap());
-        // Keys of GeoTIFF become WKT, where their codes tell everything.
+        // Keys of GeoTIFF become WKT, where their codes say everything.
         let [before_crs, after_crs] = [&before, &after].map(|source| source.info().crs.as_deref().unwrap_or_default());
         let is_text = |crs: &str| crs.contains("CS[") || crs.contains("CRS[");
         assert!(

@@ -118,7 +118,7 @@ fn points_of_the_nodes_of_a_copc_file_are_where_they_are_to_within_the_grid() {
         let mut records = points(1, COUNT);
         for (record, index) in records.iter_mut().zip(order) {
             let place = world(room[*index].0);
-            // Tells which point a record is.
+            // Recognises which point a record is.
             (record.x, record.y, record.z, record.gps_time) = (place.x, place.y, place.z, Some(*index as f64));
         }
         let (input, output) = (folder.path().join("in.las"), folder.path().join(format!("{number}.copc.laz")));

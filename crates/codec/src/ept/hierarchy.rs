@@ -101,7 +101,7 @@ fn reason(error: &Error, path: &Path) -> String {
     text.strip_prefix(&folder).map_or(text.clone(), |rest| rest.trim_start_matches(['/', '\\']).to_owned())
 }
 
-/// What a page tells: for each node its number of points, or `None` where another page tells it.
+/// What a page says: for each node its number of points, or `None` where another page has it.
 fn page(path: &Path, top: Key) -> Result<Vec<(Key, Option<u32>)>> {
     let path = beside(path, &format!("ept-hierarchy/{}.json", name(top)));
     let text = Bytes::open_small(&path)?.all(MOST_PAGE)?;

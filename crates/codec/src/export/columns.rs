@@ -23,7 +23,7 @@ impl<'a> From<&'a PointTest> for Wanted<'a> {
 }
 
 impl Wanted<'_> {
-    /// Those of a file's points that are left out among `points` from the `first_point` on.
+    /// Which of the `points` points of a file from the `first_point` on are left out of the export.
     pub fn left_out(&self, file: usize, first_point: u64, points: usize) -> LeftOut<'_> {
         let all = self.left_out.get(file).map_or(&[][..], Vec::as_slice);
         let start = all.partition_point(|index| *index < first_point);

@@ -42,7 +42,7 @@ impl Merged {
     }
 
     /// Fields of one meaning become the field of LAS that has it, if it holds the values; others become extra dimensions.
-    /// `values` tells of the columns of files that are not LAS. Words are said of files by their number.
+    /// `values` describes the columns of files that are not LAS. Words are said of files by their number.
     pub fn for_las(files: &[Vec<Field>], values: &[Vec<Option<Values>>], say: &mut dyn FnMut(usize, String)) -> Self {
         // What each column of each file becomes: names of fields, with factors.
         let mut becomes: Vec<Vec<Vec<(Field, f64)>>> = Vec::new();

@@ -15,7 +15,7 @@ pub const PIECE_POINTS: usize = 65_536;
 
 /// The fields of a file and their places in a row.
 pub struct RowFormat {
-    /// Their names and types in the file.
+    /// The names and types of the fields in the file.
     pub fields: Vec<Attribute>,
     /// The length of a row in bytes.
     pub length: usize,

@@ -1,6 +1,6 @@
 //! Reads the points of a LAZ file: finds the compressed chunks and decodes streams of records from them.
 //!
-//! The chunk table tells where each chunk starts, so that any of them can be decoded on its own. Where it is missing (a
+//! The chunk table shows where each chunk starts, so that any of them can be decoded on its own. Where it is missing (a
 //! writer that was stopped, a file cut short, LAZ of before 2011), layered chunks are found by their own headers, and
 //! point-wise ones are decoded in one go from the start. `laz` does the decoding; it trusts its input, so sizes are
 //! checked before and panics are caught around it.
@@ -124,7 +124,7 @@ impl Compressed {
         Ok(compressed)
     }
 
-    /// Makes one chunk of all points; `count` decodes them once to count them, as nothing else tells their number.
+    /// Makes one chunk of all points; `count` decodes them once to count them, as nothing else says their number.
     fn one_chunk(&mut self, file: &Bytes, offset: u64, promised: u64, count: bool) {
         let points = if promised > 0 { promised } else { u64::MAX };
         let mut chunk =

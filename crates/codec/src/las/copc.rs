@@ -190,7 +190,7 @@ fn check_cube(center: DVec3, half: f64, spacing: f64, bounds: Option<Bounds>) ->
     let (corner, width) = (center - half, 2.0 * half);
     let most = center + half;
     let is_cube = corner.is_finite() && most.is_finite() && width.is_finite() && most.cmpgt(corner).all();
-    // This is false for a spacing that is not a number, too.
+    // A spacing that is not a number lies in no range.
     if !(is_cube && (LEAST_SPACING * width..=width).contains(&spacing)) {
         return Err(format!(
             "no cube: centre {}, half width {}, spacing {}",

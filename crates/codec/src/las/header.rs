@@ -19,7 +19,7 @@ use crate::{Error, Result, Units};
 
 /// The most records: files have a handful, so a larger count is damage.
 const MOST_RECORDS: u64 = 10_000;
-/// The bit of the global encoding that says that well-known text tells the coordinate system (LAS 1.4; zero before).
+/// The bit of the global encoding for a coordinate system in well-known text (LAS 1.4; zero before).
 const WKT_BIT: u16 = 16;
 /// The longest extended record that is loaded: a coordinate system or a list of extra dimensions has some kilobytes.
 const LONGEST_EXTENDED_RECORD: u64 = 16 << 20;

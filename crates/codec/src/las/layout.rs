@@ -332,7 +332,7 @@ impl Layout {
             }
         }
 
-        // Those that are asked for most come first.
+        // The attributes that are asked for most come first.
         let first = [
             "intensity",
             "return_number",
@@ -477,7 +477,7 @@ fn extra_dimensions(
             break;
         }
         match file_type {
-            // It describes no byte.
+            // A field without bytes describes nothing.
             None if size == 0 => {}
             None => {
                 if undocumented == 0 {

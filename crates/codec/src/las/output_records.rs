@@ -417,7 +417,7 @@ pub fn common_grid(sources: &[&LasSource]) -> Grid {
     grid::common_grid(sources.iter().map(|source| source.grid), bounds).unwrap_or(sources[0].grid)
 }
 
-/// The failure of a point beyond the grid, which was chosen by the bounds that files tell.
+/// The failure of a point beyond the grid, which was chosen by the bounds that files claim.
 pub fn far_outside() -> io::Error {
     io::Error::other("a point lies too far outside of what the header says")
 }

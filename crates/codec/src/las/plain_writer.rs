@@ -269,7 +269,7 @@ pub fn compress(items: &Vec<LazItem>, records: &[u8], length: usize) -> io::Resu
     if items.first().is_some_and(|item| item.version() >= 3) {
         all(LayeredPointRecordCompressor::new(Vec::new()), items, records, length)
     } else {
-        // It seeks nowhere, and writes one stream.
+        // The sequential compressor seeks nowhere, and writes one stream.
         all(SequentialPointRecordCompressor::new(Vec::new()), items, records, length)
     }
 }

@@ -46,7 +46,7 @@ pub fn read_layer<R: Read + Seek>(source: &mut R, length: u32, is_wanted: bool) 
 
 /// Decodes the base of the records of one chunk.
 pub struct PointLayers {
-    /// Version 4 tells the items after this one the channel of every point, version 3 only where it changes.
+    /// Version 4 passes the items after this one the channel of every point, version 3 only where it changes.
     tells_every_channel: bool,
     wanted: DecompressionSelection,
     lengths: [u32; LAYERS],
@@ -305,7 +305,7 @@ impl Channel {
         }
     }
 
-    /// Decodes the next point of the channel into `last`. The bits of `changes` tell what changes.
+    /// Decodes the next point of the channel into `last`. The bits of `changes` say what changes.
     #[inline]
     fn decode(&mut self, layers: &mut Layers, changes: u32) -> io::Result<()> {
         let last = &mut self.last;

@@ -1,6 +1,6 @@
 //! The coordinate system of a file that is written. Point formats 6 to 10 have it as well-known text, and the header's bit
 //! says so (LAS 1.4 R15, 2.4 and 3); older files have it as keys of GeoTIFF, of which text is made here where their codes
-//! tell everything.
+//! say everything.
 
 use std::fmt::Write as _;
 use std::io::{self, Read as _};
@@ -173,7 +173,7 @@ struct Vertical {
     unit: Unit,
 }
 
-/// Those that files of points name.
+/// The vertical systems that files of points name.
 const VERTICAL: [Vertical; 27] = {
     const fn own(code: u16, name: &'static str, datum: u16, datum_name: &'static str, unit: Unit) -> Vertical {
         Vertical { code, name, datum, datum_name, unit }

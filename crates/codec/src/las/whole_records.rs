@@ -36,7 +36,7 @@ impl Failures {
     }
 }
 
-/// Tells which records of a file are shown.
+/// Decides which records of a file are shown.
 pub struct RecordTest<'a> {
     plan: ReadPlan<'a>,
     test: ChunkTest,

@@ -2,7 +2,7 @@
 //! which `columns` decodes alike for all encodings.
 //!
 //! Rows without lists in a binary file are packed rows already. When the file is opened, binary rows with lists are
-//! walked once and lines of text are counted once (by all threads), because nothing else tells where a row is and how
+//! walked once and lines of text are counted once (by all threads), because nothing else shows where a row is and how
 //! many there really are: some 5 % of the time of reading them.
 
 use std::io;

@@ -76,7 +76,7 @@ impl GeoTiff<'_> {
     }
 
     /// The units of the coordinates. Keys for units come before the code of a system, and that before citations. A unit
-    /// that contradicts the code is told.
+    /// that contradicts the code is reported.
     pub fn units(&self, warnings: &mut Vec<String>) -> Units {
         let of_system = |id: u16| self.system(id).and_then(epsg::units).unwrap_or_default();
         let (projected, geographic, vertical) = (of_system(3072), of_system(2048), of_system(4096));

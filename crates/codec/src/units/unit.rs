@@ -20,9 +20,9 @@ pub enum Unit {
 /// The units of coordinates; `None` where the file does not say.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Units {
-    /// That of the two coordinates on the map: x and y.
+    /// The unit of the two coordinates on the map: x and y.
     pub level: Option<Unit>,
-    /// That of the heights: z.
+    /// The unit of the heights: z.
     pub height: Option<Unit>,
 }
 
@@ -161,7 +161,7 @@ impl Units {
         }
     }
 
-    /// These units, where other ones say nothing.
+    /// Takes what these units lack from `other`.
     pub(crate) fn or(self, other: Self) -> Self {
         Self { level: self.level.or(other.level), height: self.height.or(other.height) }
     }

@@ -23,7 +23,7 @@ fn builder(version: (u8, u8), format: Format) -> Builder {
     builder
 }
 
-/// Points with a telling value in every field that `format` keeps.
+/// Points with a distinctive value in every field that `format` keeps.
 pub fn points(format: u8, count: usize) -> Vec<Point> {
     let format = Format::new(format).unwrap();
     let mut noise = Random(7);
