@@ -77,7 +77,7 @@ impl Kind {
 /// A point whose sightline meets a mirror.
 #[derive(Clone, Copy, Debug)]
 pub struct Suspect {
-    /// Its index among the points of its block.
+    /// The index of the point among those of its block.
     pub index: u32,
     pub kind: Kind,
     /// The numbers, from 1, of the mirrors on its way, in its order; 0 after the last, and for a real point.
@@ -200,7 +200,7 @@ struct Scales<'a> {
 
 /// The number of points by the logarithm of their likelihoods.
 type Counts = [u32; BINS];
-/// Those of a neighbourhood, with the key of all points of its mirrors.
+/// The counts of a neighbourhood, with the key of all points of its mirrors.
 type Neighbourhood = (Counts, Option<u64>);
 
 /// Judges which points are ghosts. `edge` is that of the map's finest cells (see `Extent`), `angle_error` the standard

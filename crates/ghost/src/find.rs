@@ -107,11 +107,11 @@ struct Suggestion {
 /// What the sightlines through a cell of a plane do.
 #[derive(Clone, Copy, Default)]
 struct Crossing {
-    /// They end at the plane, on a surface that is parallel to it.
+    /// The sightlines that end at the plane, on a surface that is parallel to it.
     on: u32,
-    /// They end there on another surface, such as the floor below a mirror.
+    /// The sightlines that end there on another surface, such as the floor below a mirror.
     across: u32,
-    /// They end behind it, and unfolded they fit a surface or not.
+    /// The sightlines that end behind the plane, and unfolded fit a surface (`fit`) or not (`other`).
     fit: u32,
     other: u32,
 }

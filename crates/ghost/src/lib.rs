@@ -1,7 +1,7 @@
 //! Ghosts: points that a scanner saw in mirrors and panes and wrote down behind them. They are parted from other points,
 //! put back to where they are, and their mirrors are found.
 //!
-//! This crate knows points, stations and mirrors, and no files. Lengths are in the units of the coordinates, and angles in
+//! The crate knows points, stations and mirrors, and no files. Lengths are in the units of the coordinates, and angles in
 //! radians.
 
 mod evidence;

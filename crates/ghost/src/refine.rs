@@ -1,7 +1,7 @@
 //! Moves mirrors that are roughly known to where unfolded points fit the surfaces of the scan.
 //!
 //! A suggested mirror is off by centimetres and degrees; points unfolded by it are off by more. The distances of unfolded
-//! points from surfaces tell how to move it (Gauss and Newton with damping, after Levenberg and Marquardt; weights fall with
+//! points from surfaces show how to move it (Gauss and Newton with damping, after Levenberg and Marquardt; weights fall with
 //! the distance, on a scale that shrinks from round to round).
 
 use glam::{DQuat, DVec3};
