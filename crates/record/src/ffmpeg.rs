@@ -97,7 +97,7 @@ impl Ffmpeg {
         if let Some(mut output) = self.child.stderr.take() {
             let _ = std::io::Read::read_to_string(&mut output, &mut said);
         }
-        // The first line tells the cause, and those after it what came of it.
+        // The first line names the cause, and those after it what came of it.
         let first = said.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or("it ended without a word");
         // Before it may stand the part of the program that speaks, with its address in memory.
         let words = first.split_once("] ").filter(|_| first.starts_with('[')).map_or(first, |(_, words)| words);

@@ -44,7 +44,7 @@ fn refused(reason: InvalidConfig) -> Error {
     Error::Encoder { reason: reason.to_string() }
 }
 
-/// What the encoder is told.
+/// The encoder's settings.
 fn config([width, height]: [u32; 2], fps: u32) -> Config {
     let mut config = EncoderConfig::with_speed_preset(SPEED);
     (config.width, config.height) = (width as usize, height as usize);
@@ -161,7 +161,7 @@ fn entry(first: &[u8]) -> Result<SampleEntry> {
     let units = parse_obus(first, Av1ObuParseContext::Sample).map_err(Error::muxer)?;
     let header = units.iter().find(|unit| unit.obu_type == Av1ObuType::SequenceHeader);
     let header = header.ok_or_else(|| Error::Encoder { reason: "it made no sequence header".into() })?;
-    // One byte tells the kind of the unit, and that its size follows.
+    // One byte holds the kind of the unit, and that its size follows.
     let mut bytes = vec![0x0a];
     let mut size = header.payload.len();
     while size >= 0x80 {
