@@ -54,7 +54,8 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     request.check()?;
     request.leave_out_hidden()?;
     terminal::warn(&request.warnings);
-    if request.measurements.is_empty() {
+    let measurements: Vec<Measurement> = request.measurements().cloned().collect();
+    if measurements.is_empty() {
         return Err(usage(format!("{name}: no measurements in it, expected a scene file with [[measurements]]")));
     }
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
@@ -81,7 +82,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         job.failed.complain(&format!("{}: points of files are measured", input.name()));
     }
     let mut results = Vec::new();
-    for round in rounds(&request.measurements, memory) {
+    for round in rounds(&measurements, memory) {
         results.append(&mut job.measure(round)?);
     }
     let Job { basis, mut status, mut failed, .. } = job;
@@ -89,7 +90,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         failed.end();
         return Ok(status.max(UNUSABLE));
     };
-    let measured = || request.measurements.iter().zip(&results);
+    let measured = || measurements.iter().zip(&results);
     for (index, (measurement, figures)) in measured().enumerate() {
         if let Err(problem) = figures {
             status = if status == 0 { FAILED } else { status };

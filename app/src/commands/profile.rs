@@ -37,7 +37,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     }
     let profiles = match (&arguments.line, arguments.width) {
         (Some(line), Some(width)) => vec![Profile::new(line.0.clone(), width)],
-        _ => request.profiles.iter().filter(|profile| profile.on).cloned().collect(),
+        _ => request.profiles().filter(|profile| profile.on).cloned().collect(),
     };
     if profiles.is_empty() {
         let expected = "--line and --width, or a scene file with a profile that is switched on";

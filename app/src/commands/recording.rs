@@ -115,10 +115,8 @@ impl PathChoice {
             lights,
             visibility,
             clips,
-            measurements,
-            notes,
+            marks,
             bookmarks: _,
-            profiles,
             paths: _,
             warnings: _,
         } = request.clone();
@@ -131,11 +129,9 @@ impl PathChoice {
             lights,
             mirror_points,
             cloud_settings,
-            measurements,
-            notes,
-            profiles,
             ..SceneFile::default()
         };
+        marks.into_iter().for_each(|mark| file.add(mark));
         if let Self::Own(path) = self {
             file.paths = vec![path.clone()];
         }

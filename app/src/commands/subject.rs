@@ -13,7 +13,8 @@ use cloud::{Bounds, Chunk, Cloud, Placement, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
 use scene::{
-    Camera, CloudSettings, ColorBy, Measurement, Mirror, MirrorPoints, MirrorSurface, Settings, Strays, Visibility,
+    Camera, CloudSettings, ColorBy, Measurement, Mirror, MirrorPoints, MirrorSurface, Object, Settings, Strays,
+    Visibility,
 };
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
@@ -243,14 +244,15 @@ fn marks(request: &Request, clouds: &[Assembly], up: DVec3, test: &PointTest, un
     let with_bounds = |loaded: &Assembly| -> (Cloud, Vec<Bounds>) {
         (loaded.cloud.clone(), loaded.cloud.chunks.iter().map(Chunk::bounds).collect())
     };
-    let measured: Vec<&Measurement> = request.measurements.iter().filter(|measurement| measurement.on).collect();
+    let measured: Vec<&Measurement> = request.measurements().filter(|measurement| measurement.on).collect();
     let with_bounds: Vec<_> = if measured.is_empty() { Vec::new() } else { clouds.iter().map(with_bounds).collect() };
     let mark = |measurement: &Measurement| {
         let figures = measuring::of_clouds(measurement, up, &with_bounds, test);
         Mark::of_measurement(measurement, Some(&figures), units)
     };
-    let notes = request.notes.iter().filter(|note| note.on).map(Mark::of_note);
-    let profiles = request.profiles.iter().filter(|profile| profile.on);
+    let note = |mark: &Object| if let Object::Note(note) = mark { note.on.then(|| Mark::of_note(note)) } else { None };
+    let notes = request.marks.iter().filter_map(note);
+    let profiles = request.profiles().filter(|profile| profile.on);
     let profiles = profiles.map(|profile| Mark::of_profile(profile, up));
     measured.into_iter().map(mark).chain(notes).chain(profiles).collect()
 }

@@ -76,7 +76,7 @@ use crate::camera_path::PathProblem;
 use crate::parameter_text::{text_of, value_of};
 use crate::{
     Bookmark, Camera, CameraPath, Clip, CloudSettings, MOST_BOOKMARKS, MOST_CLIPS, MOST_MEASUREMENTS, MOST_MIRRORS,
-    MOST_NOTES, MOST_PROFILES, Measurement, Mirror, MirrorPoints, Note, Profile, Settings, Shape, SpotLight,
+    MOST_NOTES, MOST_PROFILES, Measurement, Mirror, MirrorPoints, Note, Object, Profile, Settings, Shape, SpotLight,
     Visibility, shown, whole_file,
 };
 
@@ -210,6 +210,25 @@ impl SceneFile {
             });
         }
         None
+    }
+
+    /// The objects that are drawn over the picture: measurements, notes and profiles.
+    pub fn marks(&self) -> impl Iterator<Item = Object> {
+        let measurements = self.measurements.iter().cloned().map(Object::Measurement);
+        let notes = self.notes.iter().cloned().map(Object::Note);
+        measurements.chain(notes).chain(self.profiles.iter().cloned().map(Object::Profile))
+    }
+
+    /// Adds an object to the list of its kind.
+    pub fn add(&mut self, object: Object) {
+        match object {
+            Object::Mirror(mirror) => self.mirrors.push(mirror),
+            Object::Light(light) => self.lights.push(light),
+            Object::Clip(clip) => self.clips.push(clip),
+            Object::Measurement(measurement) => self.measurements.push(measurement),
+            Object::Note(note) => self.notes.push(note),
+            Object::Profile(profile) => self.profiles.push(profile),
+        }
     }
 
     /// The first invalid object and the reason; paths are not looked at. A file with one cannot be opened.

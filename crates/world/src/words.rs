@@ -9,8 +9,8 @@ use cloud::PointTest;
 use cloud::sampling::Surface;
 use glam::DVec3;
 use scene::{
-    Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Note, Profile, SceneFile, SpotLight,
-    View, Visibility, five_mirrors, shown,
+    Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Object, Profile, SceneFile,
+    SpotLight, View, Visibility, five_mirrors, shown,
 };
 
 use crate::error::{Error, Result};
@@ -76,12 +76,10 @@ pub struct Request {
     /// Which points are shown: what one scene file hides is hidden in all clouds.
     pub visibility: Visibility,
     pub clips: Vec<Clip>,
-    /// The measurements and notes of scene files.
-    pub measurements: Vec<Measurement>,
-    pub notes: Vec<Note>,
+    /// The objects of scene files that are drawn over the picture: measurements, notes and profiles.
+    pub marks: Vec<Object>,
     /// The bookmarks of scene files.
     pub bookmarks: Vec<Bookmark>,
-    pub profiles: Vec<Profile>,
     /// The camera paths of scene files. Of paths with the same name the last one counts.
     pub paths: Vec<CameraPath>,
     pub warnings: Vec<String>,
@@ -100,6 +98,16 @@ impl Request {
         } else {
             Err(Error::NothingNamed(param::few(errors, "that name nothing").join("; ")))
         }
+    }
+
+    /// The measurements of scene files.
+    pub fn measurements(&self) -> impl Iterator<Item = &Measurement> {
+        self.marks.iter().filter_map(|mark| if let Object::Measurement(one) = mark { Some(one) } else { None })
+    }
+
+    /// The profiles of scene files.
+    pub fn profiles(&self) -> impl Iterator<Item = &Profile> {
+        self.marks.iter().filter_map(|mark| if let Object::Profile(one) = mark { Some(one) } else { None })
     }
 
     /// All mirrors: those of the scene files, and those that built-in scenes bring.
@@ -227,10 +235,8 @@ impl Request {
         self.lights.extend(file.lights.iter().copied());
         self.visibility.hide(&file.visibility);
         self.clips.extend(file.clips.iter().cloned());
-        self.measurements.extend(file.measurements.iter().cloned());
-        self.notes.extend(file.notes.iter().cloned());
+        self.marks.extend(file.marks());
         self.bookmarks.extend(file.bookmarks.iter().cloned());
-        self.profiles.extend(file.profiles.iter().cloned());
         for input in &mut self.inputs {
             if let Input::BuiltIn { without, .. } = input {
                 without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));

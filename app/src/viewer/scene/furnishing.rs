@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use scene::{Camera, Object, Settings};
+use scene::{Camera, Settings};
 use world::Request;
 
 use crate::viewer::objects::Origin;
@@ -29,9 +29,7 @@ impl Scene {
             self.bring_mirror(mirror, None, outside);
         }
         self.bring_visibility(&request.visibility, std::mem::take(&mut request.clips));
-        self.bring_objects(request.measurements.drain(..).map(Object::Measurement));
-        self.bring_objects(request.notes.drain(..).map(Object::Note));
-        self.bring_objects(request.profiles.drain(..).map(Object::Profile));
+        self.bring_objects(request.marks.drain(..));
         self.bring_paths(std::mem::take(&mut request.bookmarks), std::mem::take(&mut request.paths));
     }
 

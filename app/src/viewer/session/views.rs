@@ -97,9 +97,7 @@ impl Scene {
             let id = self.next_object_id();
             self.objects.clips.push(PlacedClip { id, clip: clip.clone() });
         }
-        self.add_objects(file.measurements.iter().cloned().map(Object::Measurement));
-        self.add_objects(file.notes.iter().cloned().map(Object::Note));
-        self.add_objects(file.profiles.iter().cloned().map(Object::Profile));
+        self.add_objects(file.marks());
         self.history.after_jump(&self.settings, &self.objects);
     }
 
@@ -171,12 +169,11 @@ impl Scene {
     }
 
     fn whole_file_of(&self, inputs: &[String], loaded: &Loaded) -> SceneFile {
-        let file = self.movable_scene_of(inputs, &self.written_settings(loaded));
-        let measurements = self.objects.measurements.iter().map(|placed| placed.measurement.clone()).collect();
-        let notes = self.objects.notes.iter().map(|placed| placed.note.clone()).collect();
-        let profiles = self.objects.profiles.iter().map(|placed| placed.profile.clone()).collect();
+        let mut file = self.movable_scene_of(inputs, &self.written_settings(loaded));
+        let marks = self.objects.all().filter(|(.., object)| object.kind().is_over_picture);
+        marks.for_each(|(.., mark)| file.add(mark));
         let (bookmarks, paths) = (self.objects.bookmarks.clone(), self.objects.paths.clone());
-        SceneFile { bookmarks, paths, measurements, notes, profiles, ..file }
+        SceneFile { bookmarks, paths, ..file }
     }
 
     pub fn copy_command_line(&self, loaded: &Loaded, outside: &mut Outside) {
