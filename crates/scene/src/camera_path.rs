@@ -15,7 +15,7 @@ pub(crate) const MOST_TRACKS: usize = 256;
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
     pub name: String,
-    /// The speed of the eye in world units a second, if it is constant. Then the times of keyframes tell their order, and
+    /// The speed of the eye in world units a second, if it is constant. Then the times of keyframes give their order, and
     /// how long the eye rests between two in one place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed: Option<f64>,
@@ -72,7 +72,7 @@ impl CameraPath {
         self.tracks.iter().flat_map(|track| track.times.last()).copied().fold(camera, f64::max)
     }
 
-    /// What is to be told of its captions before pictures of it are made: what stands in braces and is no parameter.
+    /// Warnings about its captions, for before pictures of it are made: what stands in braces and is no parameter.
     pub fn warnings(&self) -> Vec<String> {
         let unknown = |(index, caption): (usize, &Caption)| {
             let of = |key: &&str| {

@@ -10,7 +10,7 @@ pub(crate) const MOST_CAPTIONS: usize = 256;
 const MOST_LETTERS: usize = 2000;
 /// The height of the text that is usual for films, as a share of the picture's height.
 const USUAL_SIZE: f32 = 0.045;
-/// How many digits of a number are told: more cannot be read while it changes.
+/// How many digits of a number are shown: more cannot be read while it changes.
 const DIGITS: i32 = 4;
 
 /// A text over the pictures of a path, as `[[paths.captions]]`.

@@ -26,7 +26,7 @@ const THINNEST: f64 = 1e-3;
 pub enum ClipShape {
     #[default]
     Box,
-    /// Its three diameters are the size.
+    /// An ellipsoid whose three diameters are the size.
     Sphere,
     /// All within half of the size's third component of its middle plane.
     Slab,
@@ -142,7 +142,7 @@ impl Clip {
         ClipVolume { volume, keeps_inside: self.keep == Keep::Inside }
     }
 
-    /// Its own axes in the world.
+    /// The clip's own axes in the world.
     fn axes(&self) -> DMat3 {
         DMat3::from_quat(self.rotation.normalize())
     }

@@ -216,7 +216,8 @@ impl SceneFile {
     pub fn marks(&self) -> impl Iterator<Item = Object> {
         let measurements = self.measurements.iter().cloned().map(Object::Measurement);
         let notes = self.notes.iter().cloned().map(Object::Note);
-        measurements.chain(notes).chain(self.profiles.iter().cloned().map(Object::Profile))
+        let profiles = self.profiles.iter().cloned().map(Object::Profile);
+        measurements.chain(notes).chain(profiles)
     }
 
     /// Adds an object to the list of its kind.

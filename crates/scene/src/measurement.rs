@@ -193,7 +193,7 @@ impl Note {
         Self { text, on: true, color: AMBER, position, camera: Some(camera) }
     }
 
-    /// Its first line, for lists and labels.
+    /// The first line of the note, for lists and labels.
     pub fn title(&self) -> &str {
         self.text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or("note")
     }

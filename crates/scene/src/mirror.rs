@@ -75,7 +75,7 @@ impl Shape {
         !matches!(self, Self::Plane { .. } | Self::Paraboloid { .. } | Self::Cylinder { .. })
     }
 
-    /// Whether a formula tells where a ray meets it. Without one, it is drawn as points.
+    /// Whether a formula says where a ray meets it. Without one, it is drawn as points.
     pub fn has_formula(&self) -> bool {
         !matches!(self, Self::Mesh(_))
     }

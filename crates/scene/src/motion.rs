@@ -15,7 +15,7 @@ use crate::curve::{Curve, derivative, derivatives, hermite};
 use crate::{Camera, CameraPath, Ease, Keyframe};
 
 /// The cosines of the angles between the view and the direction up at which the turn itself begins to decide what is
-/// up, and at which it alone does: there the horizon is out of sight, and tells nothing.
+/// up, and at which it alone does: there the horizon is out of sight, and says nothing.
 const STEEP: [f64; 2] = [0.94, 0.99];
 
 /// A path with all that its motion needs.

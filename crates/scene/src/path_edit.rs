@@ -35,7 +35,7 @@ impl CameraPath {
                 index
             }
         };
-        // Both ends of a loop are one view.
+        // The two ends of a loop are one view.
         self.close_from(if index + 1 == self.keyframes.len() { index } else { 0 });
         index
     }

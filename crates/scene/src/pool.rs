@@ -132,7 +132,7 @@ pub(crate) fn settings() -> Settings {
     settings.tone.exposure = 0.6;
     // No hole is left between the discs of large flat surfaces.
     settings.splat.size = 1.35;
-    // They need few points, and few points are ready soon.
+    // Large discs need few points, and few points are ready soon.
     settings.scene.points = 1_000_000;
     settings
 }

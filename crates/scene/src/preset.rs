@@ -69,7 +69,7 @@ impl Preset {
         let mut settings = Settings { sscr: Sscr::default(), ..settings.clone() };
         settings.reflection.method = Method::Sscr;
         for (key, value) in self.values {
-            // This cannot fail: a test checks the table against the parameters.
+            // Setting cannot fail: a test checks the table against the parameters.
             let _ = settings.set_text(key, value);
         }
         if self.is_by_mirror {

@@ -639,7 +639,7 @@ impl Settings {
         }
     }
 
-    /// These parameters, but for those that differ between `before` and `now`: they are as in `now`.
+    /// Returns the parameters with the values of `now` where `before` and `now` differ.
     pub fn with_changes(&self, before: &Self, now: &Self) -> Self {
         let mut settings = self.clone();
         for ((params, before), now) in settings.groups_mut().into_iter().zip(before.groups()).zip(now.groups()) {

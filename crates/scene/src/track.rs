@@ -55,7 +55,7 @@ pub enum Handle<'a> {
     Object {
         /// The name of its kind: mirror, light, clip or profile.
         kind: &'static str,
-        /// Its name; a light's number from 1.
+        /// The name of the object; a light's number from 1.
         name: &'a str,
         value: &'a str,
     },

@@ -156,7 +156,7 @@ impl Tripod {
             refraction: None,
             as_points: false,
         };
-        // Its z axis is turned to -y, and its y axis to z.
+        // The mirror's z axis is turned to -y, and its y axis to z.
         let upright = DQuat::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
         let (sin, cos) = 65.0_f64.to_radians().sin_cos();
         let leaning = DQuat::from_rotation_arc(DVec3::Z, DVec3::new(sin * -0.8, sin * -0.6, cos));

@@ -44,7 +44,7 @@ impl Apart {
                 warnings.push(format!("{} has another coordinate system than {}", place.name, shown.name));
             }
         }
-        // Clouds with the same units are told once.
+        // Clouds with the same units are reported once.
         let mut told = BTreeSet::new();
         let mixed = places.iter().filter_map(|place| Some((place.name, place.units.warning()?)));
         let mixed = mixed.filter(|(_, warning)| told.insert(warning.clone()));

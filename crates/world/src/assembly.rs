@@ -37,7 +37,7 @@ pub struct Assembly {
     offered: Vec<Attribute>,
     /// The coordinate system, as the file names it.
     pub crs: Option<String>,
-    /// The units of the coordinates, as far as the file tells them.
+    /// The units of the coordinates, as far as the file names them.
     pub units: codec::Units,
     /// The up direction, a unit vector.
     pub up: DVec3,
@@ -240,7 +240,7 @@ impl Assembly {
         self.puts()
     }
 
-    /// Adds a column that was read after the points, by the first records of the chunks. The changes tell the GPU of it;
+    /// Adds a column that was read after the points, by the first records of the chunks. The changes bring it to the GPU;
     /// its colours are shown by the next `Change::Color`.
     pub fn put_late_column(&mut self, attribute: usize, columns: BTreeMap<u64, Arc<Column>>) -> Vec<Change> {
         for chunk in &mut self.cloud.chunks {

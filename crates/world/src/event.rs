@@ -25,7 +25,7 @@ pub struct Opened {
     pub grid: Option<Grid>,
     /// The coordinate system, as the file names it.
     pub crs: Option<String>,
-    /// The units of the coordinates, as far as the file tells them.
+    /// The units of the coordinates, as far as the file names them.
     pub units: codec::Units,
     /// The number of points that a full read should yield.
     pub expected_points: u64,

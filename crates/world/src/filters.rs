@@ -17,7 +17,7 @@ pub struct Offer {
 }
 
 impl Offer {
-    /// The attributes of a cloud's files, and `STRAY` where radii tell strays.
+    /// The attributes of a cloud's files, and `STRAY` where radii mark strays.
     pub fn new(cloud: String, mut attributes: Vec<Attribute>, settings: &Settings) -> Self {
         if settings.surface.radii == SurfaceRadii::Spread {
             attributes.push(Attribute { name: STRAY.into(), column_type: ColumnType::U8 });

@@ -196,7 +196,7 @@ impl Loader {
                 self.stream(streamed, pages, false, HashMap::new());
                 continue;
             }
-            // The cloud is streamed from the old index meanwhile, so nobody is told that it has none.
+            // The cloud is streamed from the old index meanwhile, so nobody hears that it has none.
             let points = streamed.sources.iter().map(|source| source.info().points).sum();
             let task = self.plan(streamed.cloud, TaskKind::Index, points)?;
             if self.index(streamed, &task, 0)? {

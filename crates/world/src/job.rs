@@ -259,7 +259,7 @@ mod tests {
         let x = |index: usize| chunks[1].origin.x + f64::from(chunks[1].positions[index][0]);
         let right = (0..1000).filter(|index| x(*index) > 1.6 && intensity(*index) > 7.0).count();
         assert!((400..540).contains(&right), "{right} of 1000 points lie right of the middle");
-        // Its vertices alone: nothing is asked for beyond them, or its faces cannot be told.
+        // A mesh may show its vertices alone: nothing is asked for beyond them, or its faces are not known.
         for (face, mesh_points) in [("4 0 1 2 3", 0), ("4 0 1 2 3", 4), ("4 0 1 2 9", 1000), ("2 0 1", 1000)] {
             let (chunks, seen) = chunks_of(face, mesh_points);
             assert_eq!((chunks.len(), chunks[0].len(), seen), (1, 4, vec!["task", "surfels"]), "{face}, {mesh_points}");

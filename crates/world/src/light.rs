@@ -1,6 +1,6 @@
 //! The automatic light: one rule for the window, headless pictures and studies.
 //!
-//! It depends on all points of the clouds that are shown, also on those that are clipped or hidden, so that the light
+//! The light depends on all points of the clouds that are shown, also on those that are clipped or hidden, so that the light
 //! stays when somebody hides points. Most clouds that bring RGB were lit when they were scanned: their own colours are
 //! shown. For others the surroundings decide: under an open sky the sun shines, unless there are lights. A room gets a
 //! lamp if there is no light, and that lamp shines only while the eye is in the room, or when lights are asked for:
@@ -24,7 +24,7 @@ pub struct AutoLight {
 
 /// Where the camera of a depth image was: in the origin, and turned to the middle of its points. Where it looks along
 /// z, y points upwards or downwards, by convention of the program that wrote the file. What is low in a picture, as the
-/// floor, is mostly nearer than what is high, so that tells which. Else `up` is upwards.
+/// floor, is mostly nearer than what is high, so that decides which. Else `up` is upwards.
 fn sensor(chunks: &[Chunk], up: DVec3) -> Option<Camera> {
     if !cloud::is_depth_image(chunks) {
         return None;

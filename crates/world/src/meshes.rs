@@ -39,7 +39,7 @@ fn read(path: &Path) -> Result<TriangleMesh> {
     source.read(&selection, &Progress::default(), &keep)?;
     let mut chunks = chunks.into_inner().unwrap_or_else(PoisonError::into_inner);
     chunks.sort_by_key(|chunk| chunk.first_point);
-    // Corners are counted from the start of the file, so none behind a gap can be told.
+    // Corners are counted from the start of the file, so none behind a gap can be identified.
     let mut next = 0;
     let is_next =
         |chunk: &Chunk| chunk.first_point == std::mem::replace(&mut next, chunk.first_point + chunk.len() as u64);

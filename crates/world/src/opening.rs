@@ -15,7 +15,7 @@ pub struct Extent<'a> {
     pub cloud: &'a Assembly,
     /// The bounds of the points that are shown, without stray points.
     pub bounds: Bounds,
-    /// Their outermost points.
+    /// The outermost points of those that are shown.
     pub outline: Vec<DVec3>,
 }
 

@@ -65,7 +65,7 @@ pub fn system_warnings<'a>(files: impl IntoIterator<Item = &'a codec::Info> + Cl
     warnings
 }
 
-/// Warns of files in another coordinate system than the first one that tells its own: their coordinates are taken as they
+/// Warns of files in another coordinate system than the first one that names its own: their coordinates are taken as they
 /// are.
 fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Vec<String> {
     let mut with_system = files.into_iter().filter_map(|info| Some((info, info.crs.as_ref()?)));
@@ -207,7 +207,7 @@ pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOp
     SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, radii, seen_from }
 }
 
-/// The same for the points of a scan: surfaces face its scanner where the file tells its place.
+/// The same for the points of a scan: surfaces face its scanner where the file gives its place.
 pub(crate) fn options_of_scan(info: &codec::Info, chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
     let mut options = options_for(chunks, up, settings);
     let scanner = info.scan.as_ref().and_then(|scan| scan.position);

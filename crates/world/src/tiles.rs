@@ -73,7 +73,7 @@ impl Tile {
 }
 
 impl Loader {
-    /// Announces the tiles of a catalogue whose boxes, numbers of points and names of COPC files it tells. The inner value is
+    /// Announces the tiles of a catalogue whose boxes, numbers of points and names of COPC files it holds. The inner value is
     /// `None` for all other files, which are opened before anything is shown. `first` is the number of the first cloud.
     pub(crate) fn begin_tiles(&self, path: &Path, first: usize) -> Option<Option<Vec<Tile>>> {
         // What is wrong with a catalogue is said where it is opened whole.

@@ -25,7 +25,7 @@ impl SampleRule {
 }
 
 choices! {
-    /// By what a sample that something hides from a mirror point is told.
+    /// How a sample that something hides from a mirror point is recognised.
     pub enum SampleVisibility { Depth = "depth", Angle = "angle" }
 }
 choices! {
