@@ -109,7 +109,7 @@ fn build_on_disk(
         // Another builder may have made it since the last look.
         match Pages::open_locked(&entry, None) {
             Ok(pages) if pages.key() == identity.key && entry::is_own(&entry) => {}
-            // This builder made it a moment ago, so making it again would not help.
+            // The builder made the index a moment ago, so making it again would not help.
             Err(error) if is_made => return Err(error),
             Ok(_) | Err(_) => {
                 let preview = Preview::new(options.preview_points, header_points(inputs), preview);

@@ -51,7 +51,7 @@ impl Stamp {
             return Ok(Self { path: path.to_owned(), length: 0, modified: None });
         }
         if path == Path::new(codec::Bytes::STANDARD_INPUT) {
-            // It is known by its content.
+            // Standard input is known by its content.
             let length =
                 codec::Bytes::open(path).map_err(|error| Error::io(path, std::io::Error::other(error)))?.length();
             return Ok(Self { path: path.to_owned(), length, modified: None });

@@ -1,9 +1,9 @@
 //! Normals and radii of a file whose points are held in memory, kept in the cache: estimating them takes most of the
 //! time of opening such a file.
 //!
-//! They are an entry of the cache like an index, with one file: a head with a table of the chunks they belong to, then
-//! six bytes a point, chunk after chunk. The head says what they were estimated from. Nothing in the file is trusted:
-//! what does not agree with its checksums counts as damaged, and the caller estimates anew.
+//! Kept normals and radii are an entry of the cache like an index, with one file: a head with a table of the chunks they
+//! belong to, then six bytes a point, chunk after chunk. The head says what they were estimated from. Nothing in the file
+//! is trusted: what does not agree with its checksums counts as damaged, and the caller estimates anew.
 
 use std::fs::File;
 use std::io::{BufWriter, Write as _};

@@ -106,7 +106,7 @@ impl Cell {
         (self.level > 0).then(|| self.ancestor(self.level - 1))
     }
 
-    /// Its number among its parent's children.
+    /// The number of the cell among its parent's children.
     pub fn octant(self) -> usize {
         (0..3).map(|axis| ((self.at[axis] & 1) as usize) << axis).sum()
     }

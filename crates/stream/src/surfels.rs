@@ -436,9 +436,9 @@ fn read_entry(entry: &[u8; DONE_BYTES]) -> Option<(usize, u64)> {
 enum Role {
     /// All of its points are the group's.
     Below,
-    /// Those of its points that lie in the group are the group's.
+    /// The points of the node that lie in the group are the group's.
     Above,
-    /// Its points are neighbours of the group's.
+    /// The points of the node are neighbours of the group's.
     Beside,
 }
 

@@ -331,7 +331,7 @@ impl Work<'_> {
         }
     }
 
-    /// Tells the node above that a child is done. If the child has too few points for a node, `small` is its records.
+    /// Informs the node above that a child is done. If the child has too few points for a node, `small` is its records.
     fn done(&self, mut cell: Cell, mut small: Option<Vec<u8>>) -> Result<()> {
         while let Some(parent) = cell.parent() {
             let ancestor = {

@@ -149,7 +149,7 @@ fn an_index_keeps_what_it_is_asked_for_beside_the_one_without() {
         times += chunk.len();
     }
     assert_eq!((times, gps_time(&points[9])), (points.len(), 2.25));
-    // Both stay, and are found by what is asked for.
+    // The two indexes stay, and are found by what is asked for.
     for (cache, found) in [(cache.clone(), &usual), (asked, &pages)] {
         assert_eq!(cache.open(&inputs).unwrap().unwrap().folder(), found.folder());
     }

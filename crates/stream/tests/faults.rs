@@ -330,7 +330,7 @@ fn what_another_has_made_is_left_alone_wherever_the_cache_lies() {
     let all_others = |path: &Path| !path.starts_with(&own) && path.extension().is_none_or(|e| e != "lock");
     let in_cache = || contents(set.cache.folder()).into_iter().filter(|(path, _)| all_others(path)).collect::<Vec<_>>();
     let before_in_cache = in_cache();
-    // Both make room and clear, as the limit is far exceeded.
+    // `build` makes room and `clear` empties the cache, as the limit is far exceeded.
     set.build(&[set.cloud("b.las", 1_000)]).unwrap();
     set.cache.clear();
     assert!(!own.exists(), "the first index went");

@@ -136,7 +136,7 @@ fn nothing_wrong_comes_of_a_damaged_file() {
     }
     std::fs::write(&path, [&whole[..], &[0]].concat()).unwrap();
     assert!(matches!(place.open(), Err(Error::Damaged { .. })), "a byte too many");
-    // It is made anew.
+    // A damaged entry is made anew.
     place.keep(&chunks, &surfels).unwrap();
     assert_eq!(all_of(&place.open().unwrap().unwrap(), &chunks).unwrap(), surfels);
 }

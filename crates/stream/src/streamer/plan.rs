@@ -246,7 +246,7 @@ impl State {
                 Some(old) => {
                     self.bytes -= old.loaded.bytes();
                     self.shown_points -= old.points();
-                    // Its radii shrink after its children have come.
+                    // A node's radii shrink after its children have come.
                     radii = larger(&radii, &old.radii);
                 }
                 None => self.shown_nodes += 1,
