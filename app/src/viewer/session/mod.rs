@@ -1,6 +1,7 @@
-//! What the viewer knows (`state`), what happens to it as a whole (documents, views, the kept state), and the effects
-//! that it asks for.
+//! What the viewer knows (`state`, `actions`), what happens to it as a whole (documents, views, the kept state), and the
+//! effects that it asks for.
 
+mod actions;
 pub mod document;
 pub mod effects;
 pub mod first_look;
@@ -28,7 +29,7 @@ use crate::viewer::truth::sweep::Sweeps;
 use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::truth::view::TruthView;
 
-/// What the viewer knows. `state` changes it.
+/// What the viewer knows. `actions` and `state` change it.
 pub struct Session {
     pub loaded: Loaded,
     pub scene: Scene,

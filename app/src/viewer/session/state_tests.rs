@@ -10,6 +10,7 @@ use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::Marking;
 use crate::viewer::requests::action::Clipping;
 use crate::viewer::requests::outside::Effect;
+use crate::viewer::requests::work::Work;
 
 impl Session {
     /// Returns a session with a cloud of two points that is completely read.
@@ -229,7 +230,7 @@ fn a_text_that_has_the_keyboard_lets_the_picture_rest_and_is_one_step_of_undo() 
     session.act(Action::set("splat", "size", param::Value::F32(2.0)));
     session.step(at(10), true);
     assert!(session.scene.navigation.time_to_rest(at(10)).is_some(), "a slider is dragged");
-    // It is released, and the text keeps the keyboard.
+    // The slider is released, and the text keeps the keyboard.
     session.step(at(20), false);
     session.step(at(1000), false);
     assert_eq!(session.scene.navigation.time_to_rest(at(1000)), None);
