@@ -20,7 +20,7 @@ use system::{environment, fetching, interrupt, progress_bar, terminal};
 fn main() -> ExitCode {
     quiet_wayland();
     log_if_asked();
-    // A panic is a bug in the program. The user gets one line that tells its place, not a back-trace.
+    // A panic is a bug in the program. The user gets one line that names its place, not a back-trace.
     std::panic::set_hook(Box::new(|panic| {
         let place = panic.location().map_or(String::new(), |place| format!(" at {}:{}", place.file(), place.line()));
         let message = panic.payload_as_str().unwrap_or("no message");

@@ -89,7 +89,7 @@ pub fn fixed(set: &[(String, String)], settings: &Settings) -> Vec<String> {
 }
 
 /// Lets `auto` choose for a picture of `size` pixels, and sets what it chose. `fixed` names the parameters that stay.
-/// The choice is told on standard output, and what was measured for it is kept for the next one.
+/// The choice is reported on standard output, and what was measured for it is kept for the next one.
 ///
 /// # Errors
 /// If the device was lost, there is no memory for a frame, or on Ctrl-C.

@@ -155,7 +155,7 @@ struct Task<'a> {
 
 impl Task<'_> {
     /// Makes the index of a cloud in the cache, with normals and radii. If an index that is already there turns out to
-    /// be damaged, makes it again. `place` tells the user which of several clouds this is.
+    /// be damaged, makes it again. `place` shows the user which of several clouds this is.
     fn index(&self, name: &str, sources: &[Arc<codec::Source>], place: &str) -> anyhow::Result<()> {
         match self.index_once(name, sources, place) {
             Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Damaged { .. })) => {

@@ -71,7 +71,7 @@ struct FileReport {
 struct ScanReport {
     name: String,
     points: u64,
-    /// Where the scanner stood, if the file tells it.
+    /// Where the scanner stood, if the file says so.
     position: Option<[f64; 3]>,
 }
 
@@ -82,11 +82,11 @@ struct ImageReport {
     /// Width and height in pixels.
     size: [u32; 2],
     bytes: u64,
-    /// Where the camera stood, if the file tells it.
+    /// Where the camera stood, if the file says so.
     position: Option<[f64; 3]>,
 }
 
-/// The units of coordinates as they are written, such as `m` and `ftUS`, where the file tells them.
+/// The units of coordinates as they are written, such as `m` and `ftUS`, where the file names them.
 #[derive(Debug, PartialEq, Serialize)]
 struct UnitsReport {
     level: Option<String>,
@@ -100,7 +100,7 @@ pub struct BoundsReport {
     max: [f64; 3],
 }
 
-/// What the neighbours of some points tell.
+/// What the neighbours of some points show.
 #[derive(Serialize)]
 struct NeighbourhoodReport {
     /// The number of points that were looked at.
@@ -128,7 +128,7 @@ pub struct AttributeReport {
     /// The number of points without a value, if all were read and there are some.
     #[serde(skip_serializing_if = "Option::is_none")]
     without_value: Option<u64>,
-    /// The least and the greatest value that the sensor gives, if the file tells it.
+    /// The least and the greatest value that the sensor gives, if the file gives them.
     #[serde(skip_serializing_if = "Option::is_none")]
     limits: Option<[f64; 2]>,
 }
@@ -237,7 +237,7 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     Ok(report)
 }
 
-/// What the heads of a file's scans tell.
+/// What the heads of a file's scans say.
 fn header_report(path: &Path, sources: &[Source]) -> FileReport {
     let infos = || sources.iter().map(Source::info);
     let first = infos().next();
@@ -291,7 +291,7 @@ fn told(info: &Info, warning: String) -> String {
     }
 }
 
-/// What the points of a file have told.
+/// What is known of the points of a file.
 #[derive(Default)]
 struct Found {
     ranges: BTreeMap<String, Range>,
@@ -303,7 +303,7 @@ impl Found {
     /// Reads a scan of a file of `total` points.
     fn read(&mut self, source: &Source, total: u64) -> codec::Result<codec::Summary> {
         let info = source.info();
-        // The bounds tell of coordinates.
+        // The bounds show the range of the coordinates.
         let is_place = |name: &str| ["x", "y", "z"].iter().any(|axis| name.eq_ignore_ascii_case(axis));
         let attributes = info.attributes.iter().map(|attribute| !is_place(&attribute.name)).collect();
         let selection = codec::Selection { positions: true, colors: true, attributes, ..Default::default() };
@@ -334,7 +334,7 @@ impl Found {
     }
 }
 
-/// What the neighbours of points tell. `None` where there are too few.
+/// What the neighbours of points show. `None` where there are too few.
 fn neighbourhoods(chunks: &[Chunk]) -> Option<NeighbourhoodReport> {
     let progress = Progress::default();
     let found = progress_bar::watch("neighbours", &progress, || cloud::neighbourhoods(chunks, &progress))?;

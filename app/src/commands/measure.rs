@@ -43,8 +43,8 @@ struct Job<'a> {
     failed: Few,
 }
 
-/// Tells the measurements. Returns exit status 2 if a file cannot be read, and 1 if something cannot be measured; both
-/// are told on standard error.
+/// Prints the measurements. Returns exit status 2 if a file cannot be read, and 1 if something cannot be measured; both
+/// are reported on standard error.
 ///
 /// # Errors
 /// Bad usage, no file can be read, or Ctrl-C.
@@ -67,7 +67,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     let mut left_out = HashMap::new();
     let hidden = test.hiding_strays(settings.splat.strays == Strays::Hidden).hidden_kinds(&[]);
     for input in request.inputs.iter().filter(|_| hidden != [false; 3]) {
-        // What cannot be read is told when it is measured.
+        // What cannot be read is reported when it is measured.
         let open = |file: &PathBuf| request.open(input, file, memory).unwrap_or_default();
         let sources: Vec<_> = input.files().iter().flat_map(open).collect();
         let progress = Progress::default();

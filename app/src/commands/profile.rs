@@ -154,7 +154,7 @@ fn export_points(request: &Request, asked: &Asked, output: &Path, is_json: bool)
     terminal::warn(changes);
     terminal::warn(param::few(warnings, "warnings"));
     if is_json {
-        // The files are read once more: the new one no longer tells which points are in which section.
+        // The files are read once more: the new one no longer shows which points are in which section.
         let mut table = Table::new(asked);
         for (number, source) in sources.iter().enumerate() {
             read(source, &left_out[number..=number], asked, &mut table)?;

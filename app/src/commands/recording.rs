@@ -222,7 +222,7 @@ impl Recorder {
                 let path = path.over(&viewer.place());
                 let motion = Motion::new(&path).ok_or_else(|| anyhow!("path `{}` has no keyframes", path.name))?;
                 let mut recorder = Self { viewer, path, size, motion, start: opened + REST, fitted: BTreeMap::new() };
-                // Tracks and captions that name nothing are told before the first picture.
+                // Tracks and captions that name nothing are reported before the first picture.
                 recorder.pose(0.0)?;
                 terminal::warn(recorder.path.warnings());
                 Ok(Ok(recorder))

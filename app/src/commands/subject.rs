@@ -44,7 +44,7 @@ pub struct LoadedSubject {
     pub stream: Option<StreamReport>,
     /// For each cloud its file, if all points of the file are in memory and shown.
     pub sources: Vec<Option<Arc<codec::Source>>>,
-    /// What overlays of the picture tell.
+    /// What overlays of the picture show.
     pub facts: Facts,
     /// How sure the surface is, if that was asked for.
     pub errors: Option<SurfaceErrors>,

@@ -5,7 +5,7 @@
 //! Tracing starts from the frame's own surface (positions, normals and colours of its pixels). Rays meet the points
 //! that the frame was drawn from, as discs: the same input as the methods have. With `--truth exact`, rays for the
 //! figures and for the images of light meet the surfaces behind the points instead: the formulas of a built-in scene,
-//! or the triangles of meshes. docs/accuracy.md tells what each figure means.
+//! or the triangles of meshes. docs/accuracy.md says what each figure means.
 
 use std::path::PathBuf;
 use std::sync::Arc;

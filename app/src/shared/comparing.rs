@@ -100,7 +100,7 @@ impl Side {
         }
     }
 
-    /// Its files; a cloud in memory has none.
+    /// The files of the cloud; a cloud in memory has none.
     pub fn sources(&self) -> &[Arc<Source>] {
         match &self.points {
             Points::Files(sources) => sources,

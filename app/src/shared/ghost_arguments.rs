@@ -18,7 +18,7 @@ pub struct GhostsArguments {
     /// looked for
     #[arg(long, value_name = "FILE.toml")]
     pub scene: Option<PathBuf>,
-    /// A place of the scanner, in the coordinates of the file; those that the files tell if not given
+    /// A place of the scanner, in the coordinates of the file; those that the files give if not given
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_place, allow_hyphen_values = true)]
     pub station: Vec<DVec3>,
     /// File to write: all points in their order with `ghost` (0 real, 1 ghost, 2 undecided) and `ghost_mirror` (the number of the

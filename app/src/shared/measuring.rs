@@ -12,11 +12,11 @@ use crate::shared::numbers::grouped;
 #[cfg(test)]
 pub use tests::{MEASURED, RAYS, scanned};
 
-/// The points around a corner that tell how certain it is.
+/// The points around a corner that show how certain it is.
 pub const NEIGHBOURS: usize = 24;
 /// The most points that are fitted: a cylinder through as many takes seconds.
 const MOST_FITTED: usize = 4_000_000;
-/// The most decimals of a value that is told to people.
+/// The most decimals of a value that is reported to people.
 const MOST_DECIMALS: i32 = 9;
 
 /// What kind of number a figure is, which decides its unit.
@@ -46,7 +46,7 @@ pub struct Figure {
     pub name: &'static str,
     pub quantity: Quantity,
     pub value: f64,
-    /// Its standard deviation by the noise and the spacing of the points, where that is known.
+    /// The standard deviation of the value by the noise and the spacing of the points, where that is known.
     pub deviation: Option<f64>,
 }
 
@@ -74,7 +74,7 @@ impl Figure {
         self.deviation.map(|deviation| measure::IN_95_PERCENT * deviation)
     }
 
-    /// The unit, if the file of the points tells one.
+    /// The unit, if the file of the points names one.
     pub fn unit(&self, units: &Units) -> Option<String> {
         let (length, level, rise) = (units.length(), units.level, units.rise());
         // A square degree is no area.
@@ -282,7 +282,7 @@ fn circle(corners: &[DVec3], covariances: Option<&[DMat3]>) -> Vec<Figure> {
     let Ok(round) = measure::circle(corners) else { return Vec::new() };
     let radius = |corners: &[DVec3]| measure::circle(corners).map_or(f64::NAN, |round| round.radius);
     let by_scatter = covariances.map(|covariances| measure::spread(radius, corners, covariances));
-    // Corners beside the circle tell more than the points around them. NaN loses against a number.
+    // Corners beside the circle show more than the points around them. NaN loses against a number.
     let deviation = by_scatter.map(|scatter| scatter.max(round.radius_deviation));
     vec![
         Figure::new("radius", Quantity::Length, round.radius, deviation),

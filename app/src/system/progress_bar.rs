@@ -18,7 +18,7 @@ use crate::system::terminal::{self, escaped};
 /// The time between two updates: short enough that the bar moves and Ctrl-C acts at once, long enough to cost nothing.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// The progress of a task, as a line of JSON tells it.
+/// The progress of a task, as a line of JSON reports it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stage {
     pub task: String,

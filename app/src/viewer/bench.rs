@@ -54,7 +54,7 @@ impl Bench {
         let thread = RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap();
         let mut session = Session::new(Preferences::default());
         (session.scene.settings.scene.points, session.scene.settings.trace.samples) = (3000, 4);
-        // Such values leave few passes to compile.
+        // Few lights and bounces leave few passes to compile.
         (session.scene.settings.gi.vpls, session.scene.settings.gi.bounces) = (4, 1);
         session.set_view_size([64, 48]);
         assert!(session.open(&[name]));

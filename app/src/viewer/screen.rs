@@ -217,7 +217,7 @@ impl Screen {
             }
             Current::Lost => return Presented::Lost,
             // The window is hidden, or the compositor is busy: the next event brings the next frame. Or the device is lost,
-            // which it tells when it is asked.
+            // which it reports when it is asked.
             _ => {
                 let _ = device.poll(wgpu::PollType::Poll);
                 return Presented::Hidden;
@@ -245,7 +245,7 @@ fn first_monitor(event_loop: &ActiveEventLoop) -> Option<([u32; 2], f64)> {
 
 /// The size of a window that lies within a monitor, in logical pixels.
 fn fitted(size: [u32; 2], monitor: [u32; 2], scale: f64) -> [u32; 2] {
-    // Some systems do not tell the size.
+    // Some systems do not give the size.
     if monitor.contains(&0) || scale <= 0.0 {
         return size;
     }

@@ -206,7 +206,7 @@ impl Filming {
         }
     }
 
-    /// Tells how a recording of the window has ended.
+    /// Reports how a recording of the window has ended.
     pub fn on_captured(&mut self, captured: Captured, outside: &mut Outside) {
         let Some(live) = self.live.take() else { return };
         let (name, dropped) = (whole(&live.name), live.dropped.load(Ordering::Relaxed));

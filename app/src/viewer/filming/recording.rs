@@ -108,7 +108,7 @@ impl Recording {
         outside.log(json!({ "event": "recorded", "output": under_way.output, "ended": format!("{ended:?}") }));
         match ended {
             Ended::Done(told) => {
-                // The command tells the path as it was given.
+                // The command prints the path as it was given.
                 let told = told
                     .strip_prefix(&under_way.output)
                     .map_or(told.clone(), |rest| format!("{}{rest}", whole(under_way.output.as_ref())));

@@ -201,7 +201,7 @@ fn edits_of_a_path_are_undone_and_the_picture_follows() {
     assert!(session.scene.objects.paths.is_empty());
     session.act(Action::Undo);
     assert_eq!(path(&session).keyframes[0].eye, view.eye);
-    // Impossible changes are told and change nothing.
+    // Impossible changes are reported and change nothing.
     let known = path(&session).clone();
     film(&mut session, Film::Change(Box::new(CameraPath { keyframes: Vec::new(), ..known.clone() })));
     assert_eq!(*path(&session), known);
@@ -502,7 +502,7 @@ fn record_is_the_command_with_the_scene_that_is_saved() {
     assert_eq!((arguments.size, arguments.fps, arguments.frames), ([320, 240], 25, Some(10..20)));
     assert_eq!((arguments.subframes, arguments.shutter, arguments.supersample), (4, 0.5, 1));
     assert_eq!((arguments.path.as_deref(), arguments.output.to_str()), (Some("mirror sweep"), Some("a film.mp4")));
-    // Its progress and its end are told.
+    // The film reports its progress and its end.
     let stage =
         |done| Found::Recording(crate::system::progress_bar::Stage { task: "recording".into(), done, total: 10 });
     session.on_found(stage(0));

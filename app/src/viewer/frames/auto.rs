@@ -1,4 +1,4 @@
-//! `auto` in the window: learns what passes cost from the frames that are shown, tells what makes a frame slow, and lets
+//! `auto` in the window: learns what passes cost from the frames that are shown, says what makes a frame slow, and lets
 //! the render thread choose settings for `view.still_ms` once the picture stands still. What was chosen stays until the
 //! scene, the light, the parameters or the size change, or another view takes much longer; so it never swings.
 

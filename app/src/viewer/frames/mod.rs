@@ -57,7 +57,7 @@ struct Asked {
 pub struct Frames {
     /// The shaders that the render thread has compiled.
     pub shaders: Arc<Progress>,
-    /// How many there were when none was being compiled, and the largest share that was told since: more of them come
+    /// How many there were when none was being compiled, and the largest share that was shown since: more of them come
     /// to light on the way.
     told_shaders: Cell<(u64, f32)>,
     pub shown: Option<Shown>,
@@ -157,7 +157,7 @@ impl Frames {
     }
 
     /// Returns true if a frame in full quality, which something else is about to replace, would hold that up. Until one
-    /// was drawn, the time of a hurried frame tells.
+    /// was drawn, the time of a hurried frame decides.
     fn would_delay(&self) -> bool {
         self.is_slow() || self.careful_milliseconds == 0.0 && self.hurried_milliseconds > TOO_LONG
     }

@@ -65,7 +65,7 @@ pub struct PictureStats {
     /// Null if all clouds are held in memory.
     stream: Option<Streamed>,
     gpu_bytes: u64,
-    /// The most memory that the process has held so far; null where the system does not tell.
+    /// The most memory that the process has held so far; null where the system does not say.
     host_peak_bytes: Option<u64>,
 }
 

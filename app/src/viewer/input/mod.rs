@@ -27,7 +27,7 @@ const LONGEST_STEP: f32 = 0.5;
 const MOST_ARROW_FACTOR: f64 = 2.0;
 
 /// Turns all input over the picture and from the keyboard since the last frame of the window into actions. `picture` is
-/// the response of the picture's rectangle, which senses clicks and drags. `is_taken` tells that the mouse is on a
+/// the response of the picture's rectangle, which senses clicks and drags. `is_taken` says that the mouse is on a
 /// handle.
 pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, actions: &mut Vec<Action>) {
     let is_typing = ui.ctx().text_edit_focused();
@@ -133,7 +133,7 @@ fn typing() -> egui::Id {
     egui::Id::unique("a text was being typed")
 }
 
-/// `was_typing` tells that a text was being typed until now: the Esc that has ended that does nothing else.
+/// `was_typing` says that a text was being typed until now: the Esc that has ended that does nothing else.
 fn keys(
     ui: &Ui,
     events: &[Event],
@@ -195,7 +195,7 @@ fn digit(key: egui::Key) -> Option<u8> {
     (0..).zip(row).find(|(_, known)| *known == key).map(|(digit, _)| digit)
 }
 
-/// Tells the session what is held down, if that has changed.
+/// Informs the session of what is held down, if that has changed.
 fn hold(session: &Session, [raw_colors, truth, kept]: [bool; 3], actions: &mut Vec<Action>) {
     if [raw_colors, truth, kept] != [session.raw_colors, session.truth.is_held, session.kept.is_held] {
         actions.push(Action::Hold { raw_colors, truth, kept });

@@ -96,7 +96,7 @@ pub struct Seen {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
     Open,
-    /// It is in the scene, as long as the object is there.
+    /// The mirror is in the scene, as long as the object is there.
     Accepted(ObjectId),
     Refused,
 }

@@ -22,7 +22,7 @@ pub enum Ended {
     Failed(String),
 }
 
-/// Runs `glint record` on a scene, tells its progress, and returns how it ended.
+/// Runs `glint record` on a scene, reports its progress, and returns how it ended.
 pub fn run(scene: &str, words: &[OsString], leash: &Leash, tell: impl Fn(Stage)) -> Ended {
     let file = match ScratchFile::new(scene) {
         Ok(file) => file,

@@ -51,7 +51,7 @@ impl Loaded {
         hidden.find(|input| shown.clone().any(|other| other == *input))
     }
 
-    /// Tells how an export ended; `None` if it was stopped.
+    /// Reports how an export ended; `None` if it was stopped.
     pub fn on_exported(&mut self, path: &Path, result: Result<Option<Exported>, String>, outside: &mut Outside) {
         self.writing = None;
         match result {

@@ -50,7 +50,7 @@ pub struct Loaded {
     pub cache_size: Option<u64>,
     /// True while streamed points are coloured by level.
     pub levels_are_shown: bool,
-    /// The number of points and the test of what is shown that the render thread was last told.
+    /// The number of points and the test of what is shown that the render thread last heard of.
     pub expected_points: u64,
     pub drawn_test: PointTest,
     /// The file of exported points that is being written.

@@ -47,7 +47,7 @@ impl Loaded {
         }
     }
 
-    /// Tells the render thread how many points will be resident at once, if that number has changed: all points of
+    /// Informs the render thread how many points will be resident at once, if that number has changed: all points of
     /// clouds held in memory, and as many points of streamed clouds as the budgets allow.
     pub fn make_room(&mut self, beside: &mut Beside<'_>) {
         let total = |is_streamed: bool| -> u64 {

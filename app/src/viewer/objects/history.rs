@@ -45,7 +45,7 @@ pub struct History {
 const QUIET: Duration = Duration::from_millis(400);
 /// The largest number of steps kept. A snapshot takes a few kilobytes.
 const STEPS: usize = 500;
-/// The most things and the most characters of a name that an undone step is told by.
+/// The most things and the most characters of a name that the message of an undone step has.
 const MOST_TOLD: usize = 3;
 const MOST_NAMED: usize = 30;
 

@@ -3,7 +3,7 @@
 //! direction that it shows.
 //!
 //! The surface under the cursor is found by following the sight line through the points, on a worker thread. The
-//! picture cannot tell it, since it shows the mirror in front of the surface.
+//! picture cannot show that, since it shows the mirror in front of the surface.
 
 use std::sync::Arc;
 
@@ -270,7 +270,7 @@ mod tests {
             assert!((shown.angle_between(to_eye) - inspection.pose.tilt).abs() < 1e-6);
             // The shown direction points to the eye's side, and lower.
             assert!(shown.dot(-DVec3::X) > 0.0 && shown.z < to_eye.z, "{shown}");
-            // Its long side is level.
+            // The mirror's long side is level.
             assert!((mirror.rotation * DVec3::X).z.abs() < 1e-9);
         }
     }

@@ -99,7 +99,7 @@ pub fn beside(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>)
     if !session.kept.is_beside() {
         return rect;
     }
-    // Both halves have whole pixels, and the same number of them.
+    // The halves have whole pixels, and equally many.
     let pixel = 1.0 / ui.ctx().pixels_per_point();
     let width = ((rect.width() * 0.5 - pixel) / pixel).floor() * pixel;
     let (left, right) = (rect.with_max_x(rect.left() + width), rect.with_min_x(rect.right() - width));

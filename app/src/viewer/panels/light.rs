@@ -448,7 +448,7 @@ mod tests {
         let found = room(&session);
         answer(&mut session, found);
         assert_eq!(names(&session), ["spot"]);
-        // This answers an older request.
+        // An answer to an older request changes nothing.
         session.on_found(Found::Surroundings { asked: 0, found: light_of(Surroundings::OpenSky) });
         assert!(!session.loaded.sky_is_open());
     }

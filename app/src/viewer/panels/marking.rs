@@ -257,7 +257,7 @@ mod tests {
         }
     }
 
-    /// The number of reflecting points that the render thread was last told.
+    /// The number of reflecting points that the render thread last heard of.
     fn marked(session: &mut Session) -> Option<u64> {
         let effects = std::mem::take(&mut session.outside.effects);
         effects.into_iter().rev().find_map(|effect| match effect {

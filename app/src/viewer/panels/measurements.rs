@@ -356,7 +356,7 @@ mod tests {
         work(session);
         harness.run_ok();
         assert_eq!(measurements(&harness)[0].points, [DVec3::ZERO, DVec3::new(10.0, 10.0, 0.0)]);
-        // A cloud of two points tells no uncertainty.
+        // A cloud of two points gives no uncertainty.
         assert_eq!(harness.query_all_by_label("14.1421").count(), 2, "and its horizontal part");
         let session = harness.state_mut();
         session.act(Action::Measuring(Measuring::CopyAll));

@@ -610,7 +610,7 @@ mod tests {
         let session = harness.state_mut();
         session.act(Action::Profile(Profiling::Pick(slice.points[0].point)));
         assert_eq!(session.tools.pick.as_ref().unwrap().point, slice.points[0].point);
-        // It follows the handles while they are held.
+        // The slice follows the handles while they are held.
         session.tools.handle_is_grabbed = true;
         let aside: Vec<DVec3> = placed.profile.line.iter().map(|corner| *corner + DVec3::X).collect();
         let moved = Object::Profile(Profile { line: aside, ..placed.profile.clone() });

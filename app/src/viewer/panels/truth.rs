@@ -1,4 +1,4 @@
-//! The ray-traced truth on the screen: the section of the panel that chooses what to show and tells how accurate the
+//! The ray-traced truth on the screen: the section of the panel that chooses what to show and says how accurate the
 //! picture is, the truth over the picture, and the progress in the status bar.
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, pos2, vec2};
@@ -103,7 +103,7 @@ fn figures(ui: &mut Ui, session: &Session) {
     }
 }
 
-/// Shows how large the error of the picture on the screen is, as far as random pixels tell.
+/// Shows how large the error of the picture on the screen is, as far as random pixels show.
 fn estimate(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut is_on = session.truth.live.is_on;
     let help = "Trace some hundred random mirror pixels exactly, and light as many by many lights, again and again while the \
@@ -241,7 +241,7 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
     tag(&painter, corner, Align2::LEFT_TOP, &format!("ray-traced truth{paths}"));
 }
 
-/// Tells how many paths have been traced: ` · 2 of 16 paths a pixel, mirrors 16`.
+/// Reports how many paths have been traced: ` · 2 of 16 paths a pixel, mirrors 16`.
 fn paths([mirrors, all]: [u32; 2], wanted: u32) -> String {
     match (mirrors, all) {
         _ if wanted <= 1 && all == wanted => String::new(),

@@ -11,7 +11,7 @@ use crate::viewer::session::Session;
 /// What a newcomer can do.
 const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a file of points here, or press";
 
-/// Tells a newcomer what to do, until a hand has done something.
+/// Shows a newcomer what to do, until a hand has done something.
 pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
     let Some(first) = &session.first_look else { return };
     let is_untouched = session.scene.camera == first.camera && session.scene.history.steps() == 0;

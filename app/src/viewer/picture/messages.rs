@@ -40,7 +40,7 @@ pub enum Command {
     Save {
         request: Box<FrameRequest>,
         path: PathBuf,
-        /// What the overlays tell that are drawn over it.
+        /// What the overlays that are drawn over it say.
         facts: Box<Facts>,
     },
     /// Hands over a picture and float images of it. The frame is drawn first unless it is the last one that was drawn.

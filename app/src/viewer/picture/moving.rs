@@ -140,7 +140,7 @@ impl MovingPictures {
         self.can_reflect && (!request.mirrors.is_empty() || store.has_mirrors())
     }
 
-    /// The coarse frame that the renderer must draw, and `keep_mirrors` be told, before a hurried frame can be a quick
+    /// The coarse frame that the renderer must draw, and `keep_mirrors` get, before a hurried frame can be a quick
     /// picture; `None` if it needs none, or cannot be one.
     pub fn lacks(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
         let reflects = self.reflects(store, request);

@@ -15,7 +15,7 @@ use crate::viewer::picture::window_texture::picture_texture;
 /// What the render thread hands over.
 pub enum Finished {
     Drawn(Box<DrawnFrame>),
-    /// Anything else that the window is told.
+    /// Anything else that is reported to the window.
     Told(Report),
 }
 

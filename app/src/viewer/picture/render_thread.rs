@@ -1,6 +1,6 @@
 //! The thread that draws the points, so that the window never waits for them.
 //!
-//! It owns the renderer and the points on the GPU, on a device of its own. Waiting for a device holds a lock that
+//! The thread owns the renderer and the points on the GPU, on a device of its own. Waiting for a device holds a lock that
 //! presenting on the same device needs. Whichever of the two is lost is opened again: some systems reset both where one
 //! takes too long. Commands are carried out in order; of several waiting frames
 //! only the latest is drawn, and of several tests of points only the latest is applied. Another thread writes a finished

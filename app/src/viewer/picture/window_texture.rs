@@ -2,7 +2,7 @@
 
 use render::{Error, Gpu};
 
-/// What a person is told when the window's device has no memory left.
+/// What a person reads when the window's device has no memory left.
 pub const NO_MEMORY: &str =
     "The graphics device has no memory left for the window. Make it smaller, or show fewer points.";
 

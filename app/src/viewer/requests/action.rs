@@ -209,7 +209,7 @@ pub enum Ghosting {
     Stop,
     /// Makes the mirror of this index an object of the scene.
     Accept(usize),
-    /// Its ghosts count as real points.
+    /// Refuses the mirror of this index: its ghosts count as real points.
     Refuse(usize),
     Hide(bool),
     /// Moves a mirror of the scene from where it stands to where the points that were seen in it fit best.

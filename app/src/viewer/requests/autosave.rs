@@ -11,7 +11,7 @@ use scene::whole_file;
 
 use crate::system::picture_file;
 
-/// The first line of a file tells, as a JSON string, the scene file that was being worked on.
+/// The first line of a file names, as a JSON string, the scene file that was being worked on.
 const PLACE: &str = "# of ";
 /// How the files are called.
 const START: &str = "unsaved-";
@@ -65,7 +65,7 @@ impl Keeper {
         let Some((path, _)) = &state.own else { return Ok(()) };
         let written = picture_file::write_text(path, &(first + text));
         if written.is_err() && !path.exists() {
-            // Its folder may be gone; the next time makes it anew.
+            // The folder may be gone; the next time makes it anew.
             state.own.take().into_iter().for_each(|(path, lock)| remove(&path, lock));
         }
         written

@@ -424,7 +424,7 @@ mod tests {
         for (_, _, text) in sheet() {
             assert!(harness.query_all_by_label(text).next().is_some(), "{text}");
         }
-        // It is longer than the window is high, and takes what there is.
+        // The list is longer than the window is high, and takes the height that there is.
         let area = harness.ctx.memory(|memory| memory.area_rect(egui::Id::unique("shortcuts"))).unwrap();
         assert!(area.height() > 700.0 && area.height() <= 800.0, "{area}");
     }

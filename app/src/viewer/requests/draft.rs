@@ -88,7 +88,7 @@ impl Default for Draft {
 /// The class of water in LAS files.
 const WATER_CLASS: u8 = 9;
 
-/// The specular intensity of clear points, of which Fresnel's equations tell what they reflect.
+/// The specular intensity of clear points, for which Fresnel's equations say what they reflect.
 const CLEAR: f32 = 1.0;
 /// The specular intensity of opaque points: reflections are bright, and the points' own colour still shines through.
 const OPAQUE: f32 = 0.8;

@@ -103,13 +103,13 @@ impl Outside {
         self.messages.name_address(address);
     }
 
-    /// Tells that a picture was written.
+    /// Reports that a picture was written.
     pub fn saved(&mut self, path: &Path) {
         self.log(json!({ "event": "saved", "path": path }));
         self.note(format!("Picture saved: {}", whole(path)));
     }
 
-    /// Tells whether a scene file was written.
+    /// Reports whether a scene file was written.
     pub fn scene_saved(&mut self, path: &Path, result: Result<(), String>) {
         match result {
             Ok(()) => {
@@ -120,7 +120,7 @@ impl Outside {
         }
     }
 
-    /// Tells whether an index was deleted, and how much room that made.
+    /// Reports whether an index was deleted, and how much room that made.
     pub fn index_deleted(&mut self, freed: &str, result: Result<(), String>) {
         match result {
             Ok(()) => self.say(Level::Note, format!("Index deleted: {freed} free")),

@@ -28,7 +28,7 @@ pub enum Purpose {
     Open,
     /// The file is opened, and its points will be a mirror.
     MirrorPoints,
-    /// Its faces will be a mirror.
+    /// The file is opened, and its faces will be a mirror.
     Mesh,
     /// The scene is saved under this name.
     SaveScene,

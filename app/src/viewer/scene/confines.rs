@@ -55,7 +55,7 @@ impl Confines {
         let most = center.distance(eye);
         let back = (eye - center).try_normalize().filter(|_| !self.walls.is_empty() || self.rooms().is_some())?;
         let side = back.cross(up).try_normalize()?;
-        // The least angle to a wall tells how near it must be.
+        // The least angle to a wall decides how near it must be.
         let matters = |wall: &Wall| {
             let angle = wall.middle.angle_between(back) - (wall.radius / wall.middle.length()).min(1.0).asin();
             wall.distance < most * (1.0 + MARGIN - angle.max(0.0) * SLOPE).min(1.0)

@@ -10,7 +10,7 @@ use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::Scene;
 
 impl Scene {
-    /// Brings everything but points, warnings and points that reflect. `is_empty` tells that no cloud is open, so that
+    /// Brings everything but points, warnings and points that reflect. `is_empty` says that no cloud is open, so that
     /// the camera is the request's.
     pub fn furnish(&mut self, request: &mut Request, is_empty: bool, outside: &mut Outside) {
         let built_in_light = request.built_in_light();

@@ -368,7 +368,7 @@ impl Scene {
         outside.log(json!({ "event": "returned" }));
     }
 
-    /// Tells what was undone or done again; `words` say what happened if something was, and if nothing was.
+    /// Reports what was undone or done again; `words` say what happened if something was, and if nothing was.
     fn after_history(&mut self, done: Option<String>, words: [&str; 2], outside: &mut Outside) {
         if let Some(done) = done {
             self.navigation.camera_moved(outside.now);

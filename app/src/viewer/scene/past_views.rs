@@ -23,7 +23,7 @@ pub struct PastViews {
 }
 
 impl PastViews {
-    /// Notes where the camera is. `is_placed` tells that a person or a file has put it there, and `is_held` that a mouse
+    /// Notes where the camera is. `is_placed` says that a person or a file has put it there, and `is_held` that a mouse
     /// button is down. Returns the time after which to call this again.
     pub fn watch(&mut self, camera: Camera, is_placed: bool, is_held: bool, now: Instant) -> Option<Duration> {
         if !is_placed || self.resting.is_none() {

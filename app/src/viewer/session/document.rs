@@ -43,7 +43,7 @@ pub enum Leaving {
     Close(CloudKey),
 }
 
-/// All that a scene file holds, in a form that tells quickly whether it has changed.
+/// All that a scene file holds, in a form that shows quickly whether it has changed.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct State {
     marks: Marks,

@@ -339,7 +339,7 @@ mod tests {
         session.scene.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
         session.scene.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
         let mut mirror = Mirror::standing(Shape::Sphere, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::Z, 1.0);
-        // This name would end the view, and the shell would run the rest.
+        // A name with the end mark would end the view, and the shell would run the rest.
         mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
         let id = session.scene.next_object_id();
         session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Mirror(mirror.clone())));

@@ -1,4 +1,4 @@
-//! What the overlays of a picture tell about what is open.
+//! What the overlays of a picture say about what is open.
 
 use scene::Visibility;
 
@@ -8,7 +8,7 @@ use crate::viewer::loaded::Loaded;
 use crate::viewer::scene::Scene;
 use crate::viewer::tools::measurements::{Measurements, units};
 
-/// What overlays tell about the visible clouds, the measurements and notes that are switched on,
+/// What overlays say about the visible clouds, the measurements and notes that are switched on,
 /// and the captions and the wipe of the path that the picture follows.
 pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Facts {
     let units = units(loaded);

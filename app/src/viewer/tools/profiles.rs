@@ -49,7 +49,7 @@ pub struct RulerEnd {
 pub struct Profiles {
     /// The profile that is shown from the side.
     pub in_view: Option<ObjectId>,
-    /// Its points, once they are found, or why there are none.
+    /// The points of the profile in view, once they are found, or why there are none.
     pub slice: Option<Result<Arc<Slice>, String>>,
     /// Whether the points of the other profiles that are switched on are shown behind its own.
     pub is_together: bool,
