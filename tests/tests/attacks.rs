@@ -1,5 +1,5 @@
-//! Names, words and files that somebody has made in order to break something: what a person sees is told in short, on one line,
-//! and nothing is waited for.
+//! Names, words and files that somebody has made in order to break something: what a person sees is reported in short, on
+//! one line, and nothing is waited for.
 #![cfg(unix)]
 
 use std::ffi::OsStr;

@@ -117,7 +117,7 @@ fn a_time_without_end_gives_the_still_picture_and_one_that_nothing_keeps_to_is_t
     let words = ["--method", "surfel_trace", "--set", "gi.vpls=16"];
     let Some(rich) = stats(&folder, "rich.png", &[&words[..], &["--budget", "1000s"]].concat()) else { return };
     assert_eq!(rich["auto"]["predicted_error"], 0.0, "{rich}");
-    // The times were kept. A file that is damaged is told, and does no harm.
+    // The times were kept. A file that is damaged is reported, and does no harm.
     let costs: Vec<PathBuf> = std::fs::read_dir(folder.path(".config/glint/costs"))
         .expect("the folder of costs")
         .map(|entry| entry.expect("an entry").path())

@@ -820,7 +820,7 @@ fn surfaces_judges_a_depth_image_by_the_half_of_it_that_is_held_out() {
     let report = aside.json();
     assert_eq!(report["inputs"][0]["scanner_from"], "flag");
     assert_eq!(report["inputs"][0]["scanners"], json!([[-6.0, 0.0, 0.0], [0.0, 0.0, 0.5]]));
-    // What cannot be judged is told, and the others are judged all the same.
+    // What cannot be judged is reported, and the others are judged all the same.
     folder.write("few.ply", header.replace("10800", "2") + "0 0 1 9 9 9\n0 1 1 9 9 9\n");
     let few = folder.glint(["surfaces", "few.ply", "image.ply", "--json"]);
     assert_refused(&few, 2, &["few.ply", "2 points", "too few"]);

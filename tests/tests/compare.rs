@@ -43,7 +43,7 @@ fn distances_of_planes_are_those_that_they_were_made_with() {
     let found = figures(&folder, &["--method", "m3c2"]);
     assert!(is_near(&found["mean"], -0.05, 1e-6) && is_near(&found["max"], 0.05, 1e-6), "{found}");
     assert_eq!((&found["points"], &found["significant"]), (&10_000.into(), &1.0.into()));
-    // Points that scatter by 0.15 tell no change of 0.02: with n points in either cylinder the level is 1.96 * 0.15 *
+    // Points that scatter by 0.15 show no change of 0.02: with n points in either cylinder the level is 1.96 * 0.15 *
     // sqrt(2 / n), or 0.07 for 32 of them.
     folder.write("a.ply", plane(0.0, 0.15));
     folder.write("b.ply", plane(0.02, 0.15));
@@ -117,7 +117,7 @@ fn a_cloud_that_its_scene_moves_or_turns_is_compared_from_where_it_stands() {
         let found = figures(&[first, second, "--method", "m3c2"]);
         assert!(is_near(&found["mean"], sign * 0.05, 1e-6), "{found}");
     }
-    // Its rows stand 0, 0.2, ... 19.8 above the plane, between two rows of it.
+    // The rows of the upright cloud stand 0, 0.2, ... 19.8 above the plane, between two rows of it.
     let expected = (0..100).map(|row| (0.1_f64.powi(2) + (0.2 * f64::from(row)).powi(2)).sqrt()).sum::<f64>() / 100.0;
     let found = figures(&["upright.toml", "b.ply", "-o", "upright.csv"]);
     assert!(is_near(&found["mean"], expected, 1e-6), "{found}, not {expected}");

@@ -33,7 +33,7 @@ fn rows(outcome: &Outcome) -> BTreeSet<String> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// The names and types of the attributes that a report tells.
+/// The names and types of the attributes that a report lists.
 fn kinds(of: &serde_json::Value) -> Vec<(String, String)> {
     let text = |value: &serde_json::Value| value.as_str().expect("text").to_owned();
     let attributes = of["attributes"].as_array().expect("a list");

@@ -79,7 +79,7 @@ fn output_of(program: &str, folder: &Folder, words: &[&str]) -> Vec<u8> {
     output.stdout
 }
 
-/// Decodes a film with `ffmpeg` and compares it with its pictures: what `ffprobe` tells of it, and the ratio of peak
+/// Decodes a film with `ffmpeg` and compares it with its pictures: what `ffprobe` says of it, and the ratio of peak
 /// signal to noise of all pictures together, in decibels.
 fn decoded(folder: &Folder, film: &str) -> (serde_json::Value, f64) {
     let entries = "stream=codec_name,width,height,r_frame_rate,nb_read_frames,color_range,color_space,color_primaries,\
@@ -160,7 +160,7 @@ fn an_ffmpeg_that_is_missing_or_makes_no_film_is_told_and_pictures_stay() {
         let output = command.env("PATH", path).output().expect("it starts");
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
-    // Both of these are refused before there is an adapter.
+    // A missing and a failing ffmpeg are refused before there is an adapter.
     let (status, told) = run(&bin);
     assert_eq!(status, Some(2), "{told}");
     assert!(told.contains("ball.mp4: ffmpeg: it is not on the PATH") && told.contains("leave --codec out"), "{told}");
@@ -171,7 +171,7 @@ fn an_ffmpeg_that_is_missing_or_makes_no_film_is_told_and_pictures_stay() {
     let why = "ball.mp4: ffmpeg: it makes no H.264 of 96x64 pixels at 4 a second: Unknown encoder 'libx264'; leave \
                --codec out for AV1";
     assert!(told.contains(why) && !folder.path("ball.frames").exists(), "{told}");
-    // This one encodes the picture of the check, of which nothing is kept, and fails in the film.
+    // The last ffmpeg encodes the picture of the check, of which nothing is kept, and fails in the film.
     put_ffmpeg(&folder, "cat > /dev/null; case \"$*\" in *'-f null'*) exit 0;; esac; echo 'No space left' >&2; exit 1");
     let (status, told) = run(&path);
     if lacks_adapter(status) {

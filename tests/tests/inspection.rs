@@ -42,7 +42,7 @@ fn rest_after(window: &Window, name: &str, seen: usize) {
 }
 
 /// The part of a screenshot that shows the picture alone: below messages and charts, right of the panel, and left of what
-/// is told of a picked point.
+/// is said of a picked point.
 fn view(picture: &RgbaImage) -> RgbaImage {
     part(picture, 330, 950)
 }
@@ -274,7 +274,7 @@ fn a_scan_is_moved_compared_and_shown_beside_its_kept_state() {
     let file: toml::Table = text.parse().expect("a scene file");
     assert_eq!(file["cloud_settings"][0]["turn"][2].as_float(), Some(30.0), "{text}");
 
-    // Its distances from the other one, beside the state before.
+    // The distances of the turned cloud from the other one, beside the state before.
     window.press("shift+F3");
     window.click(1, MEASURE);
     give_keyboard(&window, [205, 372]);

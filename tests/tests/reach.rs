@@ -175,7 +175,7 @@ fn tiles_that_are_opened_as_they_are_needed_give_the_picture_of_their_files() {
         let (of_catalogue, messages) = picture(&folder, "catalogue.png", &input, &[]);
         assert!(of_catalogue == of_folder, "{input}: {messages}");
     }
-    // A tile that is missing is told, and the others are shown.
+    // A tile that is missing is reported, and the others are shown.
     std::fs::remove_file(&paths[1]).expect("a tile");
     let (_, messages) = picture(&folder, "missing.png", &text(&catalogue), &[]);
     assert!(messages.contains("a tile is missing") && messages.contains("1-1-1-1.copc.laz"), "{messages}");

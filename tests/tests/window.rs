@@ -110,12 +110,12 @@ fn a_window_whose_device_is_lost_has_another_one_with_the_same_picture_and_all_t
     let window = session.open_acting_like("lost-window", ["small.toml"]);
     window.wait_for_event("frame", seen, |_| true);
     let lost = window.events().len();
-    // It is opened a second time.
+    // The window is opened a second time.
     let is_opened = |event: &Value| event["event"] == "window";
     let again = || window.events().into_iter().skip(seen).filter(is_opened).count() == 2;
     window.wait_for_picture("a window of another device", |_| again());
     window.wait_for_picture("the same picture as without a loss", |picture| view(picture) == expected);
-    // It goes on as before.
+    // The window goes on as before.
     window.press("6");
     window.wait_for_event("colored", lost, |event| event["by"] == "normal");
     window.wait_for_picture("another picture", |picture| view(picture) != expected);
@@ -484,7 +484,7 @@ fn closed_while_an_index_is_made(close: impl FnOnce(Window<'_>)) {
     let cache = session.folder.path(".cache/glint/pages");
     let left = std::fs::read_dir(cache).into_iter().flatten().flatten().map(|entry| entry.path());
     let left: Vec<_> = left.filter(|path| path.is_dir()).collect();
-    // It may have been complete by then.
+    // The index may have been complete by then.
     assert!(left.iter().all(|path| path.join("nodes").exists() && !path.join("building").exists()), "{left:?}");
     let outcome = session.folder.glint(["index", "hills.ply"]);
     assert!(outcome.status == Some(0) && outcome.text().contains("3,000,000 points"), "{outcome}");

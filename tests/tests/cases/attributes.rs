@@ -120,7 +120,7 @@ fn a_filter_that_names_nothing_is_an_error_of_every_command() {
             continue;
         }
         assert_eq!(outcome.status, Some(2), "{outcome}");
-        // It names the file and what is in it.
+        // The message names the file and what is in it.
         for word in ["04_las_flags_channels.las", "no attribute `nonsense`", "withheld", "scanner_channel"] {
             assert!(outcome.messages.contains(word), "`{word}`: {outcome}");
         }

@@ -121,7 +121,7 @@ struct Advisory {
     package: String,
     /// Versions that do not have it any more, or never had it.
     safe: Vec<VersionReq>,
-    /// Only told: `unmaintained`, `notice`. `unsound` is a defect like any other.
+    /// Only reported: `unmaintained`, `notice`. `unsound` is a defect like any other.
     is_notice: bool,
 }
 
