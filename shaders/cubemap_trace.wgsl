@@ -27,7 +27,7 @@
 // The rays that another method has left, if only they are walked; as `rest`.
 @group(1) @binding(11) var<storage, read> listed: array<u32>;
 
-// Set for the first bounce, whose figures are told.
+// Set for the first bounce, whose figures are reported.
 override counts: bool = false;
 // Whether rays are sampled by steps or angles, and which hit counts.
 override sampling: u32 = CUBEMAP_TRACE_SAMPLING_TEXEL;
@@ -94,7 +94,7 @@ fn cubemap_trace(@builtin(global_invocation_id) invocation: vec3u) {
     if walk.kind == WALK_HIDDEN {
         let place = atomicAdd(&rest[0], 1u);
         atomicStore(&rest[1u + 2u * place], pixel);
-        // What maps tell that lag is not proven.
+        // What maps that lag show is not proven.
         atomicStore(&rest[2u + 2u * place], bitcast<u32>(select(walk.t, 0.0, cubes.lag != 0u)));
     }
     if counts {

@@ -1,6 +1,6 @@
 // The normals of a glossy sample: reflect(P - E, H) is the direction drawn by the lobe of the surface's specular power.
 // A direction below the surface is drawn again, but for Ashikhmin and Shirley's lobe, whose weight there is 0. Perfect
-// mirrors keep their normal. Also tells which rays are to be traced. One thread a pixel.
+// mirrors keep their normal. Also marks which rays are to be traced. One thread a pixel.
 #import frame_group
 #import lobe
 #import gloss_pixel

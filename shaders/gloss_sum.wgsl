@@ -68,7 +68,7 @@ fn gloss_sum(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgrou
         if fades {
             let reach = textureLoad(left_in, id, 0).x;
             let by_reach = share_left(settings.mirror.fade_distance, settings.mirror.fade_least, reach);
-            // Rays below the surface tell nothing.
+            // Rays below the surface say nothing.
             let share = select(by_reach, 1.0, reflectance == 0.0);
             received *= share;
             left += weight * share;

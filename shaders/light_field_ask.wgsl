@@ -14,7 +14,7 @@
 @group(1) @binding(7) var<storage, read> records: array<vec4u>;
 // A bit for each texel of the page that was listed before.
 @group(1) @binding(8) var<storage, read_write> listed: array<atomic<u32>>;
-// Their number, or a larger one if the list is full, then the texels by their number in the page.
+// The number of texels that are asked for, or a larger one if the list is full, then the texels by their number in the page.
 @group(1) @binding(9) var<storage, read_write> asked: array<atomic<u32>>;
 @group(1) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
 

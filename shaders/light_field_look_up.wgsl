@@ -1,7 +1,7 @@
 // Light fields: each mirror pixel looks its reflected ray up in the map of a sample near to it. The disc found there
-// tells where the ray meets its plane, and that place is looked up again. Runs once for each page of maps; what the
+// shows where the ray meets its plane, and that place is looked up again. Runs once for each page of maps; what the
 // first sample in order finds counts, whichever page it is on. Where looks are blended it runs over all pages to learn
-// which samples tell, and once more to take one of their looks, of which the frame has the number. What no sample
+// which samples answer, and once more to take one of their looks, of which the frame has the number. What no sample
 // resolves is listed by the last page. One thread a pixel. CPU twin: reflection/light_field/twin.rs.
 #import frame_group
 #import light_field_maps
@@ -17,16 +17,16 @@
 @group(1) @binding(6) var<storage, read> samples: array<FieldSample>;
 // The maps of the page, texel by texel; see depth_texel.wgsl.
 @group(1) @binding(7) var<storage, read> records: array<vec4u>;
-// See hit.wgsl. Between pages w holds the rank of what is found, or a bit for each sample that tells where looks are
+// See hit.wgsl. Between pages w holds the rank of what is found, or a bit for each sample that answers where looks are
 // blended; and the rank of what shows something beside the ray.
 @group(1) @binding(8) var<storage, read_write> hits: array<vec4u>;
 // As in cubemap_trace.wgsl.
 @group(1) @binding(9) var<storage, read_write> rest: array<atomic<u32>>;
-// x: the weight of the look. z: the number of samples that were asked until one told.
+// x: the weight of the look. z: the number of samples that were asked until one answered.
 @group(1) @binding(10) var views_out: texture_storage_2d<rgba32float, write>;
 @group(1) @binding(11) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Set for the first bounce, whose figures are told.
+// Set for the first bounce, whose figures are reported.
 override counts: bool = false;
 override rest_of_rays: u32 = LIGHT_FIELD_REST_SURFEL_TRACE;
 
@@ -44,7 +44,7 @@ fn light_field_look_up(@builtin(global_invocation_id) invocation: vec3u) {
     let ray = mirror_ray(point.xyz, normal, textureLoad(eye_in, id, 0).xyz);
     let pixel = id.y * frame.width + id.x;
     var hit = select(hits[pixel], vec4u(0u), fields.is_first != 0u);
-    // The rank of the sample that tells what the ray meets, or a bit for each of them; the rank of one that shows
+    // The rank of the sample that shows what the ray meets, or a bit for each of them; the rank of one that shows
     // something beside it. Ranks count from 1.
     var told = hit.w & 0xffu;
     var beside = hit.w >> 8u;
@@ -109,7 +109,7 @@ fn rank_of_look(telling: u32) -> u32 {
     return firstTrailingBit(bits) + 1u;
 }
 
-// How much the look counts among those of all samples that tell; their weights sum up to 1.
+// How much the look counts among those of all samples that answer; their weights sum up to 1.
 fn weight_of_look(near: OrderedSamples, telling: u32) -> f32 {
     var sum = 0.0;
     for (var i = 0u; i < near.count; i++) {

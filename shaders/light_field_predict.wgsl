@@ -18,7 +18,7 @@
 // For each sample the number of its pixels, and of those that are off.
 @group(1) @binding(8) var<storage, read_write> predicted: array<atomic<u32>>;
 
-// Where the sample tells nothing about the ray.
+// Where the sample says nothing about the ray.
 const UNTOLD: f32 = 3e38;
 
 @compute @workgroup_size(8, 8)

@@ -21,14 +21,14 @@
 // See hit.wgsl.
 @group(1) @binding(7) var<storage, read> hits: array<vec4u>;
 
-// Set if the method tells which rays it knows nothing about.
+// Set if the method marks which rays it knows nothing about.
 override knows_rest: bool = false;
 
 // Closed from its neighbours.
 const CLOSED: f32 = 1.0;
 // The position found is more than a pixel beside the reflected ray.
 const OFF_ITS_RAY: f32 = 2.0;
-// Its neighbours show other surfaces: one of them hides the other, or is missing.
+// The neighbours of the pixel show other surfaces: one of them hides the other, or is missing.
 const ALONE: f32 = 3.0;
 // Found, but something may stand before it; or nothing was found, and nothing is known.
 const UNPROVEN: f32 = 4.0;

@@ -5,7 +5,7 @@
 @group(1) @binding(0) var<storage, read> screen: Screen;
 @group(1) @binding(1) var picture_albedo_in: texture_2d<f32>;
 @group(1) @binding(2) var<storage, read> texels: array<vec2u>;
-// Those along rows of all walls, then those along columns.
+// The edges along rows of all walls, then those along columns.
 @group(1) @binding(3) var<storage, read_write> edges: array<f32>;
 // The period of each wall across and down in texels, then the number of known texels of each.
 @group(1) @binding(4) var<storage, read_write> periods: array<atomic<u32>>;

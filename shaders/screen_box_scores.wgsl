@@ -44,7 +44,7 @@ fn screen_box_scores(
         for (var i = 0u; i < THREADS; i++) {
             all_sums += sums[i];
         }
-        // A row of pairs tells nothing.
+        // A row of pairs says nothing.
         let is_told = all_sums.y >= 2.0 * f32(size);
         scores[whole.y * frame.columns + whole.x] = select(0.0, all_sums.x / max(all_sums.y, 1.0), is_told);
     }

@@ -49,7 +49,7 @@ fn screen_planes(@builtin(global_invocation_id) id: vec3u) {
 }
 
 struct Beside {
-    // A mirror whose slope changes from pixel to pixel, so that no plane tells where it is met. What it reflects of
+    // A mirror whose slope changes from pixel to pixel, so that no plane shows where it is met. What it reflects of
     // itself is so near that it matters.
     is_rough: bool,
     // Another surface begins beside the pixel, so that the pixel may show both.

@@ -21,7 +21,7 @@
 // See screen_box.wgsl.
 @group(1) @binding(10) var<storage, read> walls: array<vec2u>;
 
-// Set for the first bounce, whose figures are told.
+// Set for the first bounce, whose figures are reported.
 override counts: bool = false;
 
 // Farther than any scene.

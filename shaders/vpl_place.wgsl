@@ -50,7 +50,7 @@ fn vpl_place(@builtin(global_invocation_id) id: vec3u) {
     let toward = select(-normalize(offset), -emitter.axis_focal.xyz, is_parallel);
     let surface = surface_of_point(index, toward);
     let cosine = max(dot(surface.normal.xyz, toward), 0.0);
-    // First tries tell what part of the flux meets anything; all lights that do share it.
+    // First tries show what part of the flux meets anything; all lights that do share it.
     let flux = emitter.flux.rgb * f32(counts[layer * AIM_COUNTS]) / f32(max(counts[layer * AIM_COUNTS + 1u], 1u));
     // The surface that receives this flux.
     var irradiance = dot(emitter.strength.rgb, vec3f(1.0)) * cosine;

@@ -1,4 +1,4 @@
-// Planes and spheres reflect each point in one place, which a formula tells: a plane where the line from the mirrored
+// Planes and spheres reflect each point in one place, which a formula gives: a plane where the line from the mirrored
 // eye meets it, a sphere where the angles of eye and point to the normal are equal (Alhazen's problem). For rays that
 // come from the camera. The importing pass binds the mirrors as `analytic`; a size of 0 stands for none.
 #import frame_group

@@ -32,9 +32,9 @@ struct BundleNode {
 
 // No mirror in the square, or its parent is not divided.
 const NODE_EMPTY: f32 = 0.0;
-// Its four parts stand for it.
+// The four parts of the square stand for it.
 const NODE_DIVIDED: f32 = 1.0;
-// Its bundle stands for its pixels.
+// The bundle of the square stands for its pixels.
 const NODE_LEAF: f32 = 2.0;
 
 // The rays of a square, in a frame across their mean direction: the ray of a place p of the square, from -1 to 1, meets

@@ -61,7 +61,7 @@ fn tried_point(item: Item, index: u32) -> Tried {
     let is_point = is_place(point.xyz) && dot(place, place) < 3e38 && is_shown(index);
     let own_radius = unpack_radius(point.w & 0xffffu);
     let radius = select(own_radius, item.origin_radius.w, own_radius == 0.0);
-    // Those that are not drawn while the camera moves are stood for by the others.
+    // The area also covers the points that a thinned frame skips.
     let area = 3.14159274 * radius * radius / OVERLAP * f32(page.step);
     let normal = unpack_normal(attributes[index].y);
     return Tried(is_point, Reflected(place, normal, radius * settings.splat.size, area, identities_from + index));

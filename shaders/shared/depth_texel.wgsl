@@ -1,6 +1,6 @@
 // Pictures of depths, their texels and the records of those.
 
-// A surface seen at a smaller angle than this sine has no slope that its depth would tell.
+// A surface seen at a smaller angle than this sine has no slope that its depth would show.
 const LEAST_COSINE: f32 = 0.16;
 
 // A texel: the disc that it shows.

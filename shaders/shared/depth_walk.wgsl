@@ -1,6 +1,6 @@
 // Rays through a picture of depths. A ray crosses the texels of a picture in order. Each texel is the plane of the disc
 // that it shows, and the ray either stays in front of it, meets it, or is hidden behind it, which the picture cannot
-// tell more about. Bounds of cells of 2 x 2, 4 x 4, ... texels let a ray pass all of them at once. CPU twin:
+// show more of. Bounds of cells of 2 x 2, 4 x 4, ... texels let a ray pass all of them at once. CPU twin:
 // crates/render/src/reflection/depth_walk.rs.
 //
 // The importing pass defines `texel_record(picture, texel)`, `cell_bounds(picture, level, cell)`, and `said_at`, which is
@@ -198,7 +198,7 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
     let down = axis_of(along.down, divisor);
     var t = part.x;
     var is_start = starts;
-    // A ray that begins at the centre is in one texel, which its direction tells.
+    // A ray that begins at the centre is in one texel, which its direction decides.
     let has_depth = linear_at(divisor, t) != 0.0;
     let place = select(vec2f(across.y, down.y), vec2f(linear_at(across.xy, t), linear_at(down.xy, t)), has_depth);
     let first_place = place / select(divisor.y, linear_at(divisor, t), has_depth);

@@ -23,8 +23,8 @@ fn change(id: vec2u, step: vec2i, direction: vec3f) -> f32 {
     return angle(direction, reflected(at));
 }
 
-// The angle by which the reflected direction changes from pixel to pixel; 0 if no neighbour tells. Along each axis the
-// smaller change counts, so that the edge of another mirror does not; the larger of both axes is taken.
+// The angle by which the reflected direction changes from pixel to pixel; 0 if no neighbour shows it. Along each axis
+// the smaller change counts, so that the edge of another mirror does not; the larger of both axes is taken.
 fn direction_step(id: vec2u, direction: vec3f) -> f32 {
     let sideways = min(change(id, vec2i(-1, 0), direction), change(id, vec2i(1, 0), direction));
     let upright = min(change(id, vec2i(0, -1), direction), change(id, vec2i(0, 1), direction));

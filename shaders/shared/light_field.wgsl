@@ -26,7 +26,7 @@ struct Fields {
     // Whether the page is the first one that is looked into, or the last one.
     is_first: u32,
     is_last: u32,
-    // Whether it is known which samples tell, and one of their looks is taken, where looks are blended.
+    // Whether it is known which samples answer, and one of their looks is taken, where looks are blended.
     picks: u32,
     // The number of the first grid of all samples, behind those of the samples that are chosen.
     first_of_all: u32,

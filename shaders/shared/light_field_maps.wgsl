@@ -1,4 +1,4 @@
-// What the map of a sample tells about the reflected ray of a mirror point. The importing pass binds what light_field.wgsl
+// What the map of a sample shows about the reflected ray of a mirror point. The importing pass binds what light_field.wgsl
 // asks for, and the maps of a page as `records`, texel by texel; see depth_texel.wgsl.
 #import light_field
 #import cube_faces
@@ -11,9 +11,9 @@ override visible_by: u32 = LIGHT_FIELD_VISIBLE_BY_DEPTH;
 // Set if texels are traced when they are first looked at.
 override is_partial: bool = false;
 
-// How far beside a disc, in texels, it still tells where a ray meets its surface: its texel shows so much more of it.
+// How far beside a disc, in texels, it still shows where a ray meets its surface: its texel shows so much more of it.
 const BESIDE_DISC: f32 = 0.75;
-// A surface seen at a smaller angle than this sine does not tell it.
+// A surface seen at a smaller angle than this sine does not show it.
 const LEAST_SINE: f32 = 0.05;
 
 struct OrderedSamples {
@@ -114,7 +114,7 @@ struct MapDisc {
     place: vec3f,
     normal: vec3f,
     middle: vec3f,
-    // Up to here from its middle it tells where a ray meets it.
+    // Up to here from its middle it shows where a ray meets it.
     reach: f32,
 }
 
@@ -160,7 +160,7 @@ struct LookedUp {
     distance: f32,
 }
 
-// The distance at which a ray meets the plane of a disc; where that tells nothing, the distance of the disc.
+// The distance at which a ray meets the plane of a disc; where that says nothing, the distance of the disc.
 fn distance_to_disc(disc: MapDisc, ray: MirrorRay) -> vec2f {
     let sine = dot(disc.normal, ray.direction);
     let met = dot(disc.normal, disc.place - ray.origin) / sine;

@@ -5,7 +5,7 @@
 
 @group(1) @binding(0) var<uniform> page: Page;
 @group(1) @binding(1) var<storage, read> points: array<vec4u>;
-// Colour and normal of each point. Behind those of all points lie a bit for each that tells whether it is shown, then
+// Colour and normal of each point. Behind those of all points lie a bit for each that says whether it is shown, then
 // the scalars, two an element; they are read only where some points are hidden, or an attribute is shown.
 @group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
 // The palette, four colours an element; where the page's values say, the items, four elements each, and the blocks or

@@ -50,7 +50,7 @@ fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
 
 // The distance along a line to the plane of a point of the page; or `depth`, which the map has for the texel's middle,
 // if the point has no normal or is seen edge-on. A texel is `width` world units wide there. The map's depth alone does
-// not tell how distant surfaces slant.
+// not show how distant surfaces slant.
 fn distance_to_point(index: u32, origin: vec3f, direction: vec3f, depth: f32, width: f32) -> f32 {
     let item = item_of_point(index);
     let offset = bitcast<vec3f>(points[index].xyz) + item.origin_radius.xyz - origin;

@@ -25,7 +25,7 @@ fn cell_bounds(layer: u32, level: i32, cell: vec2i) -> vec2f {
     return select(bounds[index_of_cell(level, cell)], vec2f(0.0), is_between);
 }
 
-// Whether the ray is behind the nearest surface, where the layer behind it tells what comes.
+// Whether the ray is behind the nearest surface, where the layer behind it shows what comes.
 var<private> is_between: bool = false;
 // Whether what the ray meets is in the layer behind.
 var<private> is_in_back: bool = false;
@@ -86,13 +86,13 @@ fn said_between(view: DepthView, ray: WalkRay, at: vec2i, part: vec2f, starts: b
     let after = linear_at(height, part.y);
     var said = Walk(WALK_ON, 0.0, 0u, 0u);
     if front.y == 0u || before >= 0.0 {
-        // It comes out beside an outline.
+        // The ray comes out beside an outline.
         is_between = false;
         if front.y != 0u {
             said = said_by_texel(view, ray, at, part, false, choices);
         }
     } else if after > 0.0 {
-        // It meets the nearest surface from behind.
+        // The ray meets the nearest surface from behind.
         let t = part.x + (part.y - part.x) * before / (before - after);
         said = Walk(WALK_HIT, t, front.x, 0u);
     } else {

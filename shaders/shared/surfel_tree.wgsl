@@ -24,7 +24,7 @@ struct TreePlace {
 }
 
 // The place that is stored as an element of `tops`: places follow the nodes over the page's chunks, whose number the
-// first node tells.
+// first node shows.
 fn place_of(words: Node) -> TreePlace {
     let last = words.high_leaf;
     return TreePlace(bitcast<vec4f>(words.low_skip), last.x, last.y, last.z, last.w);

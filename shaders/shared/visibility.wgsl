@@ -1,4 +1,4 @@
-// Tells whether a point is shown. The CPU decides it, chunk by chunk (`ChunkTest` in crates/cloud/src/visibility.rs): a
+// Reads whether a point is shown. The CPU decides it, chunk by chunk (`ChunkTest` in crates/cloud/src/visibility.rs): a
 // bit for each point of the page, 32 in a word. The importing module defines `shown_word(word)`.
 
 // Set while some points are hidden; else there are no bits.
