@@ -1,5 +1,5 @@
 //! Every buffer and texture is made here, so that a test can refuse each of them in turn. One that there is no memory for is
-//! an invalid one: wgpu tells the device's handler of errors, and the frame ends with what `Gpu::failure` says.
+//! an invalid one: wgpu calls the device's handler of errors, and the frame ends with what `Gpu::failure` says.
 
 /// Makes a buffer.
 pub(crate) fn buffer(device: &wgpu::Device, descriptor: &wgpu::BufferDescriptor<'_>) -> wgpu::Buffer {

@@ -138,7 +138,7 @@ impl Methods {
         gather.resolve(recorder, task)
     }
 
-    /// Finds what the mirror pixels of a bounce see; `known` tells what some rays meet.
+    /// Finds what the mirror pixels of a bounce see; `known` says what some rays meet.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.

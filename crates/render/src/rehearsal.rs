@@ -164,7 +164,7 @@ impl Renderer {
         settings.gloss.samples = settings.gloss.samples.min(2);
         settings.reflection.samples = settings.reflection.samples.min(2);
         if gloss::is_refused_by(settings.reflection.method) {
-            // It draws no frame with glossy mirrors.
+            // The method draws no frame with glossy mirrors.
             settings.gloss.samples = 0;
         }
         settings.environment_map.size = 16;

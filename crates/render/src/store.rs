@@ -330,7 +330,7 @@ impl PointStore {
         }
         let (page, old, needs) = (stored.page, stored.room(), room_of(count));
         let place = if needs > old.len() as u32 {
-            // Its own room may be part of the next.
+            // The chunk's own room may be part of the next.
             let mut moved = self.chunks.remove(&id).ok_or_else(not_stored)?;
             self.pages[page].room.release(old);
             (moved.page, moved.range) = self.allocate(count)?;

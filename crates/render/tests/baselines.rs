@@ -336,7 +336,7 @@ fn where_maps_tell_nothing_cubemap_trace_is_surfel_trace() {
     let stats = hidden.render(&mut stage, &settings("cubemap_trace", "middle"));
     assert_eq!(stats.reflection.and_then(|found| found.unresolved), Some(1.0));
     assert!(bits(&stage) == traced);
-    // Without the box maps do tell something.
+    // Without the box maps do find something.
     let stats = scene.render(&mut stage, &settings("cubemap_trace", "middle"));
     let unresolved = stats.reflection.and_then(|found| found.unresolved).unwrap();
     assert!(unresolved < 0.1 && bits(&stage) != traced, "{unresolved}");

@@ -445,7 +445,7 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
         read(&stage, Aov::Indirect)
     };
     let [taken, fresh] = [LightReuse::Reuse, LightReuse::Keep].map(&mut beside);
-    // It is computed from fewer lights, but as bright.
+    // The reused light is computed from fewer lights, but as bright.
     let ratio = mean(&taken) / mean(&fresh);
     assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
     // What a mirror shows is lit by fewer lights, but as brightly.
@@ -509,7 +509,7 @@ fn a_lamp_that_mostly_shines_past_things_loses_none_of_what_meets_them() {
         assert!(light.len() > 50);
         mean(&light)
     };
-    // Both cones contain plate and wall; the wide one sends nine tenths of its light past them.
+    // The narrow and the wide cone contain plate and wall; the wide one sends nine tenths of its light past them.
     let (narrow, wide) = (light(45.0), light(80.0));
     assert!((wide / narrow - 1.0).abs() < 0.1, "{wide} instead of {narrow}");
 }

@@ -204,7 +204,7 @@ fn an_even_surrounding_is_reflected_evenly() {
                 assert!(mirrors.len() > 500);
                 let what = format!("{}, power {power}, {samples} samples {lobe} {pattern}", method.row().name);
                 if method == Method::Sscr {
-                    // It may find the mirror's own points, which are grey.
+                    // SSCR may find the mirror's own points, which are grey.
                     let mean = mirrors.iter().map(|pixel| f64::from(shown[*pixel][0])).sum::<f64>();
                     let mean = mean / mirrors.len() as f64;
                     assert!((mean - 1.0).abs() < 0.02, "{what}: {mean}");
@@ -424,7 +424,7 @@ fn rays_from_places_within_a_pixel_change_no_even_surrounding_and_no_figure() {
                 let told = stats.reflection.map(|told| ReflectionStats { map_use: None, ..told });
                 drawn.push((seen.into_iter().map(f32::to_bits).collect::<Vec<_>>(), told));
             }
-            // What else is told of the reflection is told of the rays through the centres of pixels.
+            // What else is reported of the reflection is that of the rays through the centres of pixels.
             assert!(drawn[0] == drawn[1] && drawn[0] == drawn[2], "{}, {surface}", method.row().name);
         }
     }

@@ -237,7 +237,7 @@ fn assert_finite(stage: &Stage, what: &str) -> [usize; 4] {
     [depth.iter().filter(|depth| !depth.is_nan()).count(), mirrors, found, closed]
 }
 
-/// Both ends of a parameter's range, or all of its choices.
+/// The two ends of a parameter's range, or all of its choices.
 fn ends(field: &Field) -> Vec<Value> {
     match &field.kind {
         Kind::F32 { min, max, .. } => vec![Value::F32(*min), Value::F32(*max)],
@@ -292,7 +292,7 @@ fn finite_at_every_end_of_every_parameter() {
                     if group.name == "gloss" {
                         settings.gloss.samples = 2;
                     }
-                    // This criterion asks for a second layer.
+                    // The criterion `layers` asks for a second layer.
                     if key == "screen_trace.criterion" && text == "layers" {
                         settings.screen_trace.back = scene::ScreenBack::Culled;
                     }
@@ -526,7 +526,7 @@ fn what_is_kept_equals_what_is_made_anew() {
     }
 }
 
-/// Gives the frames that follow up once they have asked so often whether they are; tells how often they have.
+/// Gives the frames that follow up once they have asked so often whether they are; counts how often they have.
 fn give_up_after(stage: &mut Stage, most: u32) -> Arc<AtomicU32> {
     let asked = Arc::new(AtomicU32::new(0));
     let count = asked.clone();

@@ -40,7 +40,7 @@ pub(crate) struct StillImages {
 
 /// The light that the code 255 stands for, as a multiple of what makes a white surface white without a curve.
 const MOST: f32 = 16.0;
-/// Albedos below this do not tell how much light falls on them.
+/// Albedos below this do not show how much light falls on them.
 const LEAST_ALBEDO: f32 = 0.004;
 /// The entries of the table of screen colours.
 const CURVE: usize = 4096;

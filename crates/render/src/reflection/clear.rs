@@ -1,7 +1,7 @@
 //! Clear surfaces: glass and water. They split what a mirror reflects between its reflection and what is seen through
 //! it (Fresnel). A ray that goes through is one more ray of its pixel: it starts where it leaves the surface or the
 //! solid (shaders/clear_surface.wgsl), and every method that traces reflected rays finds what it meets, as
-//! docs/methods/glass.md tells. The camera's clear surfaces have both rays; of those that are seen in mirrors or
+//! docs/methods/glass.md says. The camera's clear surfaces have both rays; of those that are seen in mirrors or
 //! through others, only the stronger one is followed.
 
 use scene::{Mirror, Settings, Shape};
@@ -66,7 +66,7 @@ pub(crate) struct Clear {
     pub found: MirrorGBuffer,
     /// What each mirror pixel of the camera receives by reflection and through its surface.
     pub received: Image,
-    /// Counts what these rays find, of which no statistics tell.
+    /// Counts what these rays find, which no statistics report.
     counters: wgpu::Buffer,
     /// Bound where there are no mirrors with a formula.
     no_mirrors: wgpu::Buffer,
@@ -277,7 +277,7 @@ impl Clear {
         Ok(&self.later)
     }
 
-    /// The index of refraction of the points that the bounce before has found, if it tells.
+    /// The index of refraction of the points that the bounce before has found, if it reports one.
     pub fn known_points(&self) -> Option<&Image> {
         self.knows_points.then_some(&self.points)
     }
@@ -387,7 +387,7 @@ impl Clear {
     }
 
     /// Takes what a task has found into its bounce: with the own colour of deep water, which is part of `surface`.
-    /// `is_through` tells whose rays the task has followed.
+    /// `is_through` says whose rays the task has followed.
     ///
     /// # Errors
     /// A shader is refused.
@@ -420,7 +420,7 @@ impl Clear {
     }
 
     /// Looks up the index of refraction of the points that a task has found, for the next bounce; `knows_points` is
-    /// then to be set to the result. Methods that keep no hits do not tell.
+    /// then to be set to the result. Methods that keep no hits report nothing.
     ///
     /// # Errors
     /// The shader is refused.

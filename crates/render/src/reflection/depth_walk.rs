@@ -1,7 +1,7 @@
 //! The CPU twin of shaders/shared/depth_walk.wgsl: rays through a picture of depths.
 //!
 //! A ray crosses the texels of a picture in order. Each texel is the plane of the disc that it shows, and the ray
-//! either stays in front of it, meets it, or is hidden behind it, which the picture cannot tell more about.
+//! either stays in front of it, meets it, or is hidden behind it, which the picture shows no more of.
 
 #[cfg(test)]
 mod tests;
@@ -119,7 +119,7 @@ pub(super) enum Answer {
     Hidden(f32),
 }
 
-/// A surface seen at a smaller angle than this sine has no slope that its depth would tell.
+/// A surface seen at a smaller angle than this sine has no slope that its depth would show.
 pub(super) const LEAST_COSINE: f32 = 0.16;
 /// By how much bounds are widened, so that rounding never skips what a texel would have decided.
 const MARGIN: f32 = 1e-5;
@@ -242,7 +242,7 @@ pub(super) struct Ray {
     pub to: f32,
 }
 
-/// What walking one picture has told.
+/// What walking one picture has found.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Walk {
     pub answer: Answer,
@@ -307,7 +307,7 @@ fn face_beside(face: usize, side: Side) -> usize {
 
 /// A ray along its way.
 pub(super) struct Coordinates {
-    /// Its place in texels, each times the divisor.
+    /// The place of the ray in texels, each times the divisor.
     pub across: Linear,
     pub down: Linear,
     /// The linear depth; 1 in a parallel picture.
@@ -409,7 +409,7 @@ pub(super) fn walk(
     let Coordinates { across, down, divisor, depth } = coordinates(view, ray);
     let axes = [Axis::new(across, divisor), Axis::new(down, divisor)];
     let mut t = part[0];
-    // A ray that begins at the centre is in one texel, which its direction tells.
+    // A ray that begins at the centre is in one texel, which its direction decides.
     let has_depth = divisor.at(t) != 0.0;
     let place = |value: Linear| if has_depth { value.at(t) / divisor.at(t) } else { value.slope / divisor.slope };
     let texel_of = |value: Linear, size: i32| (place(value).floor() as i32).clamp(0, size - 1);

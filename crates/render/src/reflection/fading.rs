@@ -23,7 +23,7 @@ pub(crate) fn is_published(settings: &Settings) -> bool {
     settings.mirror.fresnel_law == FresnelLaw::Published
 }
 
-/// How the share of the reflections that is left is told for the mirrors of a surface.
+/// How the share of the reflections that is left is stored for the mirrors of a surface.
 #[derive(Clone, Copy)]
 pub(crate) enum ShareLeft<'a> {
     /// Reflections do not fade.
@@ -35,8 +35,8 @@ pub(crate) enum ShareLeft<'a> {
 }
 
 impl<'a> ShareLeft<'a> {
-    /// What tells it: the mean of several rays if there is one, else how far the rays of a bounce go. Without the latter
-    /// reflections do not fade.
+    /// Takes the share from the mean of several rays if there is one, else from how far the rays of a bounce go. Without
+    /// the latter reflections do not fade.
     pub fn new(mean: Option<&'a Image>, reach: Option<&'a Image>) -> Self {
         match (mean, reach) {
             (_, None) => Self::All,
@@ -83,7 +83,7 @@ impl Fading {
         Some(Self { mirrors: upload(gpu, &places, store.bounds(), supply.camera.eye, of_mirror) })
     }
 
-    /// Tells how far the rays of a bounce's mirror pixels go, which it has found. `index` has the index of refraction
+    /// Reports how far the rays of a bounce's mirror pixels go, which it has found. `index` has the index of refraction
     /// of the mirrors' surfaces, if some are clear.
     ///
     /// # Errors

@@ -37,7 +37,7 @@ pub(crate) fn upload_with_clear(
 /// The most mirrors whose reflections of points are computed by their formula: each point tries all of them.
 const MOST_ANALYTIC: usize = 16;
 
-/// The first of these mirrors of which a formula tells where they reflect a point.
+/// The first of these mirrors for which a formula says where they reflect a point.
 pub(crate) fn analytic<'a>(mirrors: impl Iterator<Item = &'a Mirror>, eye: DVec3) -> impl Iterator<Item = &'a Mirror> {
     let has_place = move |mirror: &&Mirror| match mirror.shape {
         Shape::Plane { .. } => true,

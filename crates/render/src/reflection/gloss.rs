@@ -27,7 +27,7 @@ pub(crate) struct RaySet {
     pub is_glossy: bool,
     /// Whether rays leave from another place than the centres of pixels.
     pub is_moved: bool,
-    /// Its number among the sets whose hits are kept, if they are.
+    /// The number of the set among those whose hits are kept, if its hits are.
     pub kept_as: Option<u32>,
 }
 
@@ -35,7 +35,7 @@ impl RaySet {
     /// The rays from the centres of pixels, of perfect mirrors, that no picture sums.
     pub const PERFECT: Self = Self { sample: None, is_glossy: false, is_moved: false, kept_as: None };
 
-    /// Whether these are the rays that statistics and images tell of.
+    /// Whether statistics and images describe these rays.
     pub fn is_perfect(&self) -> bool {
         !self.is_glossy && !self.is_moved && self.sample.is_none_or(|[_, _, look]| look == 0)
     }
@@ -53,7 +53,7 @@ pub(crate) struct RaySets {
 }
 
 impl RaySets {
-    /// Returns the sets of a frame: one of perfect rays where something else than the picture is shown, which tells of
+    /// Returns the sets of a frame: one of perfect rays where something else than the picture is shown, which describes
     /// that.
     ///
     /// # Errors

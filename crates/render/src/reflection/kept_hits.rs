@@ -1,5 +1,5 @@
 //! What the rays of glossy mirrors meet, kept from frame to frame: new colours, lights and powers then trace only the
-//! rays that change. A ray is told by its key, on the GPU (shaders/gloss_normals.wgsl), so that a picture from kept
+//! rays that change. A ray is known by its key, on the GPU (shaders/gloss_normals.wgsl), so that a picture from kept
 //! hits is, to the bit, the one that traces them all.
 
 use std::collections::HashMap;
@@ -227,6 +227,6 @@ impl KnownRays<'_> {
     }
 }
 
-/// The choices of the pass `gloss_keep`; by default the pixels tell.
+/// The choices of the pass `gloss_keep`; by default the pixels decide.
 const NONE_KNOWN: u32 = 1;
 const ALL_KNOWN: u32 = 2;

@@ -388,7 +388,7 @@ impl LightField {
         let blends = settings.rule.blends();
         let counts = ("counts", u32::from(task.bounce == 0));
         let switches = [&kept.switches(task)[..], &[counts, ("rest_of_rays", settings.rest as u32)]].concat();
-        // Which samples tell what a ray meets is known after all pages; then one of them is taken.
+        // Which samples know what a ray meets is known after all pages; then one of them is taken.
         let rounds = if blends { 2 } else { 1 };
         let all = (0..rounds).flat_map(|round| pages.iter().map(move |page| (round, *page)));
         for (number, (round, page)) in all.enumerate() {

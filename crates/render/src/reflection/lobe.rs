@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn ashikhmin_and_shirleys_lobe_of_one_exponent_is_blinns_times_a_weight() {
-        // Their specular term (2000, equation 4) with n_u = n_v = n and R_s = 1, whose Fresnel factor is 1:
+        // The paper's specular term (2000, equation 4) with n_u = n_v = n and R_s = 1, whose Fresnel factor is 1:
         // (n + 1) / (8 pi) (n.h)^n / ((h.v) max(n.v, n.l)). The integral by a fine grid of directions, even by area.
         const RINGS: u32 = 400;
         const TURNS: u32 = 800;

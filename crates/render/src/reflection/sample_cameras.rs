@@ -1,7 +1,7 @@
 //! Sample-based cameras (after Popescu, Sacks and Mei 2006): the reflected rays of a square of the mirror's picture are
 //! a bundle, a pair of polynomials, and project points as a camera does. Bundles are fitted anew each frame, so the
 //! method needs no tree over the points and keeps nothing. Or, as published, trees of pinholes and lists of rays part
-//! space (`space`), and are kept while camera and mirrors stand. docs/methods/sample_cameras.md tells what became of
+//! space (`space`), and are kept while camera and mirrors stand. docs/methods/sample_cameras.md says what became of
 //! the paper.
 
 #[cfg(test)]

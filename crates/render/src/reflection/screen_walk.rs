@@ -33,7 +33,7 @@ pub(super) struct Layers {
     pub hides_more: bool,
 }
 
-/// What a walk has told, and whether what the ray meets is in the layer behind.
+/// What a walk has found, and whether what the ray meets is in the layer behind.
 pub(super) struct ScreenWalk {
     pub walk: Walk,
     pub is_in_back: bool,
@@ -140,11 +140,11 @@ impl Layers {
         };
         let [before, after] = part.map(|t| height.at(t));
         let said = if front.depth == 0.0 || before >= 0.0 {
-            // It comes out beside an outline.
+            // The ray comes out beside an outline.
             way.is_between = false;
             leaf(&self.front, ray, at, part, false, choices)
         } else if after > 0.0 {
-            // It meets the nearest surface from behind.
+            // The ray meets the nearest surface from behind.
             let t = part[0] + (part[1] - part[0]) * before / (before - after);
             Some(Answer::Hit { t, identity: front.identity })
         } else {

@@ -4,8 +4,8 @@ use super::Renderer;
 use crate::gpu::{Error, Result};
 
 impl Renderer {
-    /// Returns the failure from which others follow, if there is one: a buffer without memory, for example, is only told
-    /// of after the fact. What is kept from frame to frame may lack something then, and is given up.
+    /// Returns the failure from which others follow, if there is one: a buffer without memory, for example, is only
+    /// reported after the fact. What is kept from frame to frame may lack something then, and is given up.
     pub(crate) fn checked<T>(&mut self, outcome: Result<T>) -> Result<T> {
         let is_failed = outcome.as_ref().is_err_and(|error| !matches!(error, Error::GivenUp));
         let known = if is_failed { self.gpu.wait() } else { self.gpu.failure() };

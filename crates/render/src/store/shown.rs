@@ -80,7 +80,7 @@ impl Shown {
 pub(super) const FAR: f32 = 64.0;
 /// The number of points that tell how far most are from the origin.
 const SAMPLE: usize = 99;
-/// The number of points of a chunk that tell where the scene is.
+/// The number of points of a chunk that decide where the scene is.
 const SCENE_SAMPLE: usize = 128;
 
 /// The distance from the origin, along any axis, within which nine tenths of some of the shown points are.

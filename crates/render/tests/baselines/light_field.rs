@@ -364,7 +364,7 @@ fn before_far_walls_every_rule_shows_what_an_environment_map_shows() {
         let (mut off, mut compared) = (0, 0);
         for ((field, map), traced) in by_field.iter().zip(&by_map).zip(&traced) {
             assert!(field.pixel == map.pixel && field.pixel == traced.pixel);
-            // Samples below the horizon tell nothing where angles decide.
+            // Samples below the horizon answer nothing where angles decide.
             let Some(((found, of_map), traced)) = field.found.zip(map.found).zip(traced.found) else { continue };
             compared += 1;
             let others = [of_map, traced, exit(field.point, field.reflected).0];
@@ -375,7 +375,7 @@ fn before_far_walls_every_rule_shows_what_an_environment_map_shows() {
     }
 }
 
-/// In an empty box one corrected sample tells what the box does, and what no sample tells is left to the box itself.
+/// In an empty box one corrected sample finds what the box does, and what no sample answers is left to the box itself.
 #[test]
 fn in_an_empty_box_one_sample_shows_what_the_box_of_an_environment_map_shows() {
     let mut stage = stage_or_skip!();
@@ -457,7 +457,7 @@ fn samples_are_added_until_few_pixels_are_predicted_to_be_off_and_few_are() {
     assert!(shares.windows(2).all(|pair| pair[0] > pair[1]) && shares[3] > 0.05, "{shares:?}");
     let (count, used, _) = told(&mut stage, &scene, "0", "64");
     assert!(count.asked > 30 && used.off.is_none(), "{count:?}, {used:?}");
-    // Of a small mirror, from which all is far, one map tells all.
+    // Of a small mirror, from which all is far, one map shows all.
     let middle = DVec3::new(0.2, 0.1, -0.3);
     let mut small = Scene::new(&stage, room(&[]), vec![sphere(middle, 0.01)]);
     small.camera = Camera::looking(middle, DVec3::new(0.1, 0.2, 1.0), 0.0275, DVec3::Y);

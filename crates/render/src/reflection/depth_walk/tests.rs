@@ -316,7 +316,7 @@ fn a_walk_asks_the_texels_that_dense_samples_lie_in() {
         };
         let border = 2.0 * (size / 3) as f32 / size as f32 - 1.0;
         rays.extend([
-            // From the centre, and close by it: of rays within rounding of it, texels tell nothing.
+            // From the centre, and close by it: of rays within rounding of it, texels say nothing.
             special(Vec3::ZERO, Vec3::new(0.3, 0.7, -0.2)),
             special(Vec3::new(-0.3, -0.7, 0.22), Vec3::new(0.3, 0.7, -0.2)),
             // Along an axis, along a face's diagonal, and along a border of texels.

@@ -15,7 +15,7 @@ const MOST_OFF: u32 = 20;
 #[derive(Clone)]
 pub struct Choice {
     pub samples: Arc<[usize]>,
-    /// Its cells have the numbers of the samples among all of the mirror.
+    /// The cells hold the numbers of the samples among all of the mirror.
     pub grid: Arc<Grid>,
 }
 

@@ -71,7 +71,7 @@ pub struct Page {
 }
 
 impl Page {
-    /// What a pass over the page is told of it.
+    /// What a pass over the page gets to know of it.
     pub fn fields(&self, layout: &Layout) -> Fields {
         Fields {
             size: layout.size,
@@ -318,7 +318,7 @@ impl Kept {
         let Some(bytes) = recorder.read(&needs)? else { return Ok(all.map(|sample| (1, sample)).collect()) };
         let counts: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let mut needed: Vec<(u32, Sample)> = counts.into_iter().zip(all).filter(|(count, _)| *count > 0).collect();
-        // Those that are asked for as much keep their order.
+        // Samples that are asked for as much keep their order.
         needed.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
         Ok(needed)
     }
@@ -339,7 +339,7 @@ impl Kept {
         }
     }
 
-    /// What the passes that look into maps are told of the parameters.
+    /// The parameters that the passes which look into maps get.
     pub fn switches(&self, task: &Task<'_>) -> [(&'static str, u32); 4] {
         let settings = &task.settings.light_field;
         [

@@ -116,7 +116,7 @@ mod tests {
                 prop_assert_eq!(draw(&mut slots, samples, search), missing);
                 list.retain(|(_, sample)| !chosen.contains(sample));
                 list.extend(chosen.iter().map(|sample| (search, *sample)));
-                // Those that were needed last in the same frame are alike, so only these frames are compared.
+                // Samples that were needed last in the same frame are alike, so only the frames are compared.
                 list.sort_unstable();
                 let over = list.len().saturating_sub(room);
                 let lost: Vec<(u64, usize)> = list.drain(..over).collect();

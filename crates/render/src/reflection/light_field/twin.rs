@@ -65,7 +65,7 @@ impl Field {
         beside
     }
 
-    /// The looks that are blended: what each sample that tells finds, with its weight. The weights sum up to 1.
+    /// The looks that are blended: what each sample that answers finds, with its weight. The weights sum up to 1.
     pub fn looks(&self, place: Vec3, normal: Vec3, direction: Vec3) -> Vec<(Found, f32)> {
         let mut looks = Vec::new();
         for (sample, weight) in self.in_order(place, normal, direction) {

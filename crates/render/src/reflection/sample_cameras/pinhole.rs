@@ -1,7 +1,7 @@
 //! A pinhole for reflected rays (Popescu, Sacks and Mei 2006): the place that is nearest to all of them in the sense of
 //! least squares, and two polynomials of the second degree from its picture to the mirror's pixels.
 //!
-//! It differs from the paper in three ways. The image plane lies across the mirrored line of sight, because a plane
+//! The fit differs from the paper in three ways. The image plane lies across the mirrored line of sight, because a plane
 //! fitted to the tails may hold the centre; parts of flat mirrors have an exact picture on it. Parallel rays have no centre: their picture is their place across the mean direction.
 //! And the error counts all along a ray, not at its two ends alone, by a closed form.
 

@@ -272,7 +272,7 @@ fn coddington(eye_distance: f64, radius: f64, cosine: f64) -> [f64; 2] {
 }
 
 /// The foci of all exact bundles of a picture against those of Coddington: by how much they are off, relative to them.
-/// `meets` tells where a line of sight meets the mirror, relative to the eye.
+/// `meets` says where a line of sight meets the mirror, relative to the eye.
 fn foci_off(
     bundles: &Bundles,
     eye: DVec3,

@@ -90,7 +90,7 @@ impl Leaf {
 
     /// The distances from a mirror point, along the ray of its pixel, at which neighbouring rays meet: where the places of
     /// rays no longer change with the pixel in one direction. Before them, by how much they are real: the discriminant
-    /// over the square of the linear part; below 0 there are none, and the double one is told.
+    /// over the square of the linear part; below 0 there are none, and the double one is reported.
     pub fn foci(&self, at: DVec2, point: DVec3) -> (f64, [f64; 2]) {
         let [ray, along_x, along_y] = self.at((at - self.center) / self.half);
         let [tx, ty] = [along_x, along_y].map(|change| DVec2::new(change.x, change.y));
