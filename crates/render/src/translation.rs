@@ -318,12 +318,12 @@ fn page(gpu: &std::sync::Arc<Gpu>) -> String {
          A test computes them for both ends of each parameter, alone, and fails where a dispatch takes more than 100 ms: in a\n\
          first frame, in later ones, and in the first one after a change from or to the usual settings. Only `splat_behind`\n\
          takes up to 115 ms with discs of 64 pixels, by the loads of a single workgroup, as does `cubemap_trace` with two\n\
-         parameters at their ends. What settings do not tell is not in it: a disc of thousands of pixels beside the eye\n\
+         parameters at their ends. What settings do not say is not in it: a disc of thousands of pixels beside the eye\n\
          makes its workgroup longer than any cut.\n\n\
          Software Vulkan (llvmpipe) ends all loops of an invocation after 65,535 turns together, and reports nothing: what was\n\
          left to do is missing in the picture. The same test bounds the turns; only `indirect` with all 17,408 lights would have\n\
          more (87,000), if every light were nearer than its own size. Discs of more than 64 pixels are shared by a workgroup,\n\
-         and blocks of points with such discs are smaller (crates/render/src/store/draw_list.rs). What no setting tells is not\n\
+         and blocks of points with such discs are smaller (crates/render/src/store/draw_list.rs). What no setting says is not\n\
          bounded: a point that `sample_cameras` takes through thousands of squares, as `cull = none` does.\n\n\
          A dispatch that is estimated to take two seconds all the same is refused. A frame of many pieces is not, however long\n\
          it takes: no system resets a GPU for it. The window submits no more than 200 ms of it ahead, gives it up as soon as\n\
