@@ -1,6 +1,8 @@
 //! Mirror pixels of the reference scene's mirrors by rays cast at their formulas, for tests: what a camera's G-buffer
 //! would hold if it were exact.
 
+use std::sync::{Mutex, PoisonError};
+
 use glam::{DVec3, UVec2, Vec3};
 use rayon::prelude::*;
 use scene::five_mirrors::{Variant, camera};
@@ -44,14 +46,16 @@ fn cast(mirror: Variant, origin: DVec3, direction: DVec3) -> Option<DVec3> {
     }
     let half = squared.sqrt();
     let at = |place: f64| origin + direction * (nearest + half * (2.0 * place / STEPS as f64 - 1.0));
+    let mut reached = distance(mirror, at(0.0));
     (0..STEPS).map(|step| step as f64).find_map(|step| {
         let (mut near, mut far) = (step, step + 1.0);
-        if distance(mirror, at(near)) * distance(mirror, at(far)) > 0.0 {
+        let before = std::mem::replace(&mut reached, distance(mirror, at(far)));
+        if before * reached > 0.0 {
             return None;
         }
         for _ in 0..45 {
             let middle = (near + far) * 0.5;
-            let is_before = distance(mirror, at(step)) * distance(mirror, at(middle)) > 0.0;
+            let is_before = before * distance(mirror, at(middle)) > 0.0;
             if is_before { near = middle } else { far = middle }
         }
         let hit = at(far);
@@ -59,8 +63,20 @@ fn cast(mirror: Variant, origin: DVec3, direction: DVec3) -> Option<DVec3> {
     })
 }
 
-/// The mirror as the scene's camera sees it.
+/// The mirror as the scene's camera sees it. Many tests take the same few pictures, so each is cast once.
 pub fn picture(mirror: Variant, size: UVec2) -> MirrorPicture {
+    static CAST: Mutex<Vec<(Variant, MirrorPicture)>> = Mutex::new(Vec::new());
+    let all = || CAST.lock().unwrap_or_else(PoisonError::into_inner);
+    let known = all().iter().find(|(known, picture)| *known == mirror && picture.size == size).cloned();
+    let (_, picture) = known.unwrap_or_else(|| {
+        let cast = (mirror, cast_picture(mirror, size));
+        all().push(cast.clone());
+        cast
+    });
+    picture
+}
+
+fn cast_picture(mirror: Variant, size: UVec2) -> MirrorPicture {
     let eye = camera().eye;
     let focal_pixels = f64::from(size.y) * 0.5 / 30.0_f64.to_radians().tan();
     let of_pixel = |index: u32| {

@@ -23,6 +23,7 @@ pub struct MirrorPixel {
 }
 
 /// The mirror pixels of a picture, row by row; `None` where there is no mirror.
+#[derive(Clone)]
 pub struct MirrorPicture {
     pub size: UVec2,
     pub pixels: Vec<Option<MirrorPixel>>,
