@@ -216,11 +216,7 @@ mod tests {
 
     #[test]
     fn a_picture_stays_as_long_as_it_is_read_and_its_buffer_is_taken_again() {
-        let gpu = match Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => return println!("skipped: {error}"),
-        };
+        let Some(gpu) = Gpu::shared() else { return };
         let store = PointStore::new(gpu.clone());
         let mut renderer = Renderer::new(gpu).unwrap();
         let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);

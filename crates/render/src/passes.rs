@@ -2,6 +2,8 @@
 //! point, of its pipeline, and of the type by which the pass is called; its slots are the shader's bindings, by name,
 //! in order.
 
+use std::sync::PoisonError;
+
 use param::choices;
 use scene::Settings;
 use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
@@ -446,11 +448,20 @@ passes! {
     }
 }
 
-/// A compiled pass.
-pub struct Compiled {
-    pass: &'static Pass,
+/// The name of a pass, and its switches: the values of the shader's `override` constants.
+pub(crate) type PipelineKey = (&'static str, Vec<(&'static str, u32)>);
+
+/// What the compiler makes of a pass.
+#[derive(Clone, Debug)]
+pub struct Code {
     pub pipeline: wgpu::ComputePipeline,
     layouts: Vec<wgpu::BindGroupLayout>,
+}
+
+/// A compiled pass, and what a renderer knows of its times.
+pub struct Compiled {
+    pass: &'static Pass,
+    code: Code,
     /// How long a workgroup took in the last dispatch; `None` before the second one, because drivers compile at the first.
     pub group_milliseconds: Option<f64>,
     /// The load of the pass at which it took so long.
@@ -459,12 +470,8 @@ pub struct Compiled {
     pub has_run: bool,
 }
 
-impl Compiled {
-    /// Compiles a pass. `switches` are the values of the shader's `override` constants.
-    ///
-    /// # Errors
-    /// The shader compiler's message, with file and line.
-    pub fn new(gpu: &Gpu, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
+impl Code {
+    fn new(gpu: &Gpu, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
         let device = &gpu.device;
         let woven = crate::shader::weave(pass)?;
         let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
@@ -509,7 +516,32 @@ impl Compiled {
         if let Some(error) = pollster::block_on(scope.pop()) {
             return Err(format!("shader {}: {}", pass.name, woven.explain(&error.to_string())));
         }
-        Ok(Self { pass, pipeline, layouts, group_milliseconds: None, load: 1.0, has_run: false })
+        Ok(Self { pipeline, layouts })
+    }
+}
+
+impl Compiled {
+    /// Compiles a pass, unless the device has it already. `switches` are the values of the shader's `override` constants.
+    ///
+    /// # Errors
+    /// The shader compiler's message, with file and line.
+    pub fn new(gpu: &Gpu, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
+        let key = (pass.name, switches.to_vec());
+        let compiled = || gpu.compiled.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = compiled().get(&key).cloned();
+        let code = match known {
+            Some(code) => code,
+            None => {
+                let code = Code::new(gpu, pass, switches)?;
+                compiled().insert(key, code.clone());
+                code
+            }
+        };
+        Ok(Self { pass, code, group_milliseconds: None, load: 1.0, has_run: false })
+    }
+
+    pub fn pipeline(&self) -> &wgpu::ComputePipeline {
+        &self.code.pipeline
     }
 
     /// The most milliseconds that a workgroup is known to take by some settings; `None` if nobody has timed the pass. A
@@ -558,7 +590,7 @@ impl Compiled {
             .collect();
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(self.pass.name),
-            layout: &self.layouts[group],
+            layout: &self.code.layouts[group],
             entries: &entries,
         })
     }

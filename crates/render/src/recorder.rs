@@ -13,7 +13,7 @@ use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
 use crate::layout::{Page, Run};
 use crate::pass_times::{PassTime, Times, summed};
-use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
+use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, PipelineKey, Pixels};
 use crate::pieces::{LONGEST_ON_GPU, MOST_AHEAD, TOO_LONG, UNKNOWN_TOGETHER, piece_of, pieces_of};
 use crate::store::draw_list::Cover;
 use crate::targets::{Image, uniform_buffer};
@@ -24,9 +24,6 @@ pub(crate) type Switches<'a> = &'a [(&'static str, u32)];
 
 /// The passes compiled so far, by name and switches.
 pub(crate) type Pipelines = HashMap<PipelineKey, Compiled>;
-
-/// The name of a pass, and its switches.
-pub(crate) type PipelineKey = (&'static str, Vec<(&'static str, u32)>);
 
 /// A pass and the values of its switches.
 pub(crate) type Variant = (&'static Pass, Vec<(&'static str, u32)>);
@@ -495,7 +492,7 @@ impl<'a> Recorder<'a> {
         let bind = |(switches, bound, groups): Dispatch<'_>| {
             let compiled = &pipelines[&(pass.name, switches)];
             let bind = |(group, resources): (usize, &Vec<_>)| compiled.bind(&self.gpu.device, group, resources);
-            (compiled.pipeline.clone(), bound.iter().enumerate().map(bind).collect::<Vec<_>>(), groups)
+            (compiled.pipeline().clone(), bound.iter().enumerate().map(bind).collect::<Vec<_>>(), groups)
         };
         let bound: Vec<_> = dispatches.into_iter().map(bind).collect();
         let splats = self.timed_as.is_none() && pass.stage == PassStage::Surface && pass.is_over_points;
@@ -673,7 +670,7 @@ impl<'a> Recorder<'a> {
     }
 }
 
-/// What tells a pass that it runs for depths, and then for identities.
+/// What makes a pass run for depths, and then for identities.
 pub(crate) fn two_runs(gpu: &Gpu) -> [wgpu::Buffer; 2] {
     [0, 1].map(|finds_identity| uniform_buffer(gpu, bytemuck::bytes_of(&Run { finds_identity, ..Run::default() })))
 }

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use scene::Settings;
 
-use crate::recorder::{PipelineKey, Pipelines};
+use crate::passes::PipelineKey;
+use crate::recorder::Pipelines;
 
 /// Passes that are submitted together and timed by the host's clock.
 #[derive(Default)]

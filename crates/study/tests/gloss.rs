@@ -1,7 +1,7 @@
 //! Glossy mirrors of the renderer against those of the ray tracer.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use cloud::Progress;
 use render::{Error, Gpu, Renderer};
@@ -12,17 +12,15 @@ use study::{CostModel, Subject, Target, TracedScene, Tracer, Truth, View};
 
 const SIZE: [u32; 2] = [96, 72];
 
-/// `None` without an adapter.
-fn gpu() -> Option<Arc<Gpu>> {
-    match Gpu::headless(None) {
-        Ok(gpu) => Some(gpu),
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            println!("skipped: {error}");
-            None
-        }
+/// The device of all tests, so that each pass is compiled once; `None` without an adapter.
+static GPU: LazyLock<Option<Arc<Gpu>>> = LazyLock::new(|| match Gpu::headless(None) {
+    Ok(gpu) => Some(gpu),
+    Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+    Err(error) => {
+        println!("skipped: {error}");
+        None
     }
-}
+});
 
 /// A glossy mirror in a box, and the colours that the ray tracer finds for its pixels.
 struct Judged {
@@ -64,7 +62,7 @@ impl Judged {
 
 #[test]
 fn the_error_falls_with_the_root_of_the_samples() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = GPU.clone() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let mut settings = Settings::default();
     // A truth of 256 samples has a quarter of the variance of a picture of 64: slopes are flatter by some hundredths.
@@ -101,7 +99,7 @@ fn the_error_falls_with_the_root_of_the_samples() {
 
 #[test]
 fn rays_of_one_lobe_show_other_powers_with_a_little_more_noise() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = GPU.clone() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let mut settings = Settings::default();
     (settings.trace.samples, settings.gloss.samples) = (512, 16);
@@ -129,7 +127,7 @@ fn rays_of_one_lobe_show_other_powers_with_a_little_more_noise() {
 
 #[test]
 fn a_blur_lowers_the_error_of_few_samples() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = GPU.clone() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let mut settings = Settings::default();
     settings.trace.samples = 1024;
@@ -160,7 +158,7 @@ fn a_blur_lowers_the_error_of_few_samples() {
 
 #[test]
 fn auto_chooses_no_method_that_refuses_the_glossy_mirrors_of_a_scene() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = GPU.clone() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let mut settings = Settings::default();
     (settings.gi.bounces, settings.gloss.samples) = (0, 2);

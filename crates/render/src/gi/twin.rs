@@ -133,13 +133,9 @@ struct TestGpu {
     renderer: Renderer,
 }
 
-static STAGE: LazyLock<Option<Mutex<TestGpu>>> = LazyLock::new(|| match Gpu::headless(None) {
-    Ok(gpu) => Renderer::new(gpu.clone()).ok().map(|renderer| Mutex::new(TestGpu { gpu, renderer })),
-    Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-    Err(error) => {
-        println!("skipped: {error}");
-        None
-    }
+static STAGE: LazyLock<Option<Mutex<TestGpu>>> = LazyLock::new(|| {
+    let gpu = Gpu::shared()?;
+    Renderer::new(gpu.clone()).ok().map(|renderer| Mutex::new(TestGpu { gpu, renderer }))
 });
 
 fn stage() -> Option<MutexGuard<'static, TestGpu>> {

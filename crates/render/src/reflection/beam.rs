@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn the_shader_bounds_as_its_twin_does() {
-        let Some(gpu) = Gpu::for_test() else { return };
+        let Some(gpu) = Gpu::shared() else { return };
         const CASES: usize = 4096;
         let mut runner = proptest::test_runner::TestRunner::deterministic();
         let strategy = beam_and_box();

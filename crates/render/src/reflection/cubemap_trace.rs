@@ -349,7 +349,7 @@ pub(super) mod tests {
 
     #[test]
     fn the_gpu_walks_as_its_twin_does() {
-        let Some(gpu) = Gpu::for_test() else { return };
+        let Some(gpu) = Gpu::shared() else { return };
         let mut renderer = Renderer::new(gpu.clone()).unwrap();
         let store = furnished(&gpu, true);
         let camera = Camera::looking(DVec3::new(0.1, 0.0, 0.1), DVec3::new(0.3, -1.0, 0.2), 1.4, DVec3::Z);

@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn half_of_a_checkered_wall_is_continued_in_phase() {
-        let Some(gpu) = Gpu::for_test() else { return };
+        let Some(gpu) = Gpu::shared() else { return };
         let mut renderer = Renderer::new(gpu.clone()).unwrap();
         let store = walls(&gpu);
         // The camera sees the left half of the wall, and not the other wall, which is behind it.

@@ -251,17 +251,6 @@ mod tests {
     use crate::gpu::Gpu;
     use crate::renderer::{Frame, Renderer};
 
-    fn gpu() -> Option<std::sync::Arc<Gpu>> {
-        match Gpu::headless(None) {
-            Ok(gpu) => Some(gpu),
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => {
-                println!("skipped: {error}");
-                None
-            }
-        }
-    }
-
     fn settings() -> Settings {
         let mut settings = Settings::default();
         settings.reflection.method = Method::ScreenTrace;
@@ -282,7 +271,7 @@ mod tests {
 
     #[test]
     fn the_gpu_walks_as_its_twin_does() {
-        let Some(gpu) = gpu() else { return };
+        let Some(gpu) = Gpu::shared() else { return };
         let mut renderer = Renderer::new(gpu.clone()).unwrap();
         // A parallel view has its eye outside of the room.
         let stores = [true, false].map(|has_walls| furnished(&gpu, has_walls));
@@ -395,7 +384,7 @@ mod tests {
 
     #[test]
     fn points_at_even_steps_meet_what_intervals_do_and_miss_what_is_shallower_than_a_step() {
-        let Some(gpu) = gpu() else { return };
+        let Some(gpu) = Gpu::shared() else { return };
         let mut renderer = Renderer::new(gpu.clone()).unwrap();
         let store = furnished(&gpu, true);
         let camera = Camera::looking(DVec3::new(0.2, 0.2, 0.0), DVec3::new(0.3, -1.0, 0.2), 1.7, DVec3::Z);
@@ -418,7 +407,7 @@ mod tests {
 
     #[test]
     fn layers_without_a_second_layer_are_refused() {
-        let Some(gpu) = gpu() else { return };
+        let Some(gpu) = Gpu::shared() else { return };
         let mut renderer = Renderer::new(gpu.clone()).unwrap();
         let store = furnished(&gpu, true);
         let camera = Camera::looking(DVec3::new(0.2, 0.2, 0.0), DVec3::new(0.3, -1.0, 0.2), 1.7, DVec3::Z);
@@ -432,7 +421,7 @@ mod tests {
 
     #[test]
     fn two_plane_mirrors_turn_a_ray_back_but_for_its_part_along_their_edge() {
-        let Some(gpu) = gpu() else { return };
+        let Some(gpu) = Gpu::shared() else { return };
         let mut renderer = Renderer::new(gpu.clone()).unwrap();
         let store = furnished(&gpu, true);
         let plane = |position, normal| Mirror {
@@ -479,7 +468,7 @@ mod tests {
                 }
             }
             assert!(turned > 300, "{turned}");
-            // They go back past the camera.
+            // The turned rays go back past the camera.
             assert!(rest == ScreenRest::None || found * 10 > turned * 9, "{found} of {turned}");
         }
     }

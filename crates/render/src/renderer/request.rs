@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn reflections_of_some_of_the_points_leave_no_trace_in_the_next_picture() {
-        let Some(gpu) = Gpu::for_test() else { return };
+        let Some(gpu) = Gpu::shared() else { return };
         let room = Room::new(&gpu);
         let methods =
             [Method::Sscr, Method::EnvironmentMap, Method::CubemapTrace, Method::SampleCameras, Method::LightField];
@@ -198,7 +198,7 @@ mod tests {
             let frame = Frame::new(&room.camera, &settings, room.objects(), [64, 48]);
             let frame = Frame { effort: Effort { times_passes: known.is_none(), ..Effort::FULL }, ..frame };
             renderer.render(&room.store, &frame).unwrap();
-            // It runs once a frame.
+            // The pass runs once a frame.
             let mut accumulating = renderer.pipelines.iter().filter(|(key, _)| key.0 == "splat_accumulate");
             accumulating.find_map(|(_, compiled)| compiled.group_milliseconds).unwrap_or(0.0)
         };

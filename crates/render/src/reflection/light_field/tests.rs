@@ -26,7 +26,7 @@ fn linear([red, green, blue, _]: [u8; 4]) -> Vec3 {
 
 #[test]
 fn the_gpu_looks_up_as_its_twin_does() {
-    let Some(gpu) = Gpu::for_test() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let (room, open) = (furnished(&gpu, true), furnished(&gpu, false));
     let (nearest, depth) = (SampleRule::Nearest, SampleVisibility::Depth);
@@ -107,7 +107,7 @@ fn the_gpu_looks_up_as_its_twin_does() {
         let hits = &reflections.methods.gather.as_ref().unwrap().hits;
         let hits: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&gpu.read_buffer(hits, 0, hits.size()).unwrap());
         let vector = |part: &[f32; 4]| Vec3::new(part[0], part[1], part[2]);
-        // What the last set of rays is, which statistics tell of: the look that weighs most.
+        // What the last set of rays is, which statistics describe: the look that weighs most.
         let weights = vectors(&gpu, &reflections.methods.gather.as_ref().unwrap().views);
         let received = rule.blends().then(|| halves(&gpu, &reflections.gloss.as_ref().unwrap().received));
         let mut blended = [0_u32; 3];
@@ -192,7 +192,7 @@ fn within(reach: f32) -> impl Strategy<Value = Vec3> {
     prop::array::uniform3(-reach..reach).prop_map(Vec3::from)
 }
 
-/// A direction with no part so small that a texel of a map tells nothing about it.
+/// A direction with no part so small that a texel of a map says nothing about it.
 fn any_direction() -> impl Strategy<Value = Vec3> {
     within(1.0).prop_filter_map("too short", |direction| {
         (direction.length() > 0.1 && direction.abs().min_element() > 1e-3).then(|| direction.normalize())

@@ -1,10 +1,11 @@
-//! Tests of the mirrors of which a formula tells where they reflect a point: the GPU against closed forms in doubles.
+//! Tests of the mirrors for which a formula says where they reflect a point: the GPU against closed forms in doubles.
 
 use glam::{DVec2, DVec3, UVec2, Vec3};
 use scene::five_mirrors::{Variant, camera};
 use scene::{BundleRest, Mirror, SampleCameras as Parameters, Shape};
 
-use super::tests::{RADIUS, all_points, gpu, made, made_with, on_screen, place_on_sphere, plane_picture, quantile};
+use super::tests::{RADIUS, all_points, made, made_with, on_screen, place_on_sphere, plane_picture, quantile};
+use crate::Gpu;
 use crate::layout::{POINTS_FOUND, RAYS_LEFT, REGIONS};
 use crate::reflection::sscr::exact_mirrors::{picture, wall_points};
 use crate::reflection::sscr::twin::{MirrorPicture, MirrorPixel};
@@ -44,7 +45,7 @@ fn compared(
 
 #[test]
 fn a_formula_tells_where_a_ball_reflects_each_point() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let picture = picture(Variant::Sphere, SIZE);
     let points = wall_points(20_000);
     let made = made_with(&gpu, &picture, &[ball()], &points, RADIUS, &all_points());
@@ -58,7 +59,7 @@ fn a_formula_tells_where_a_ball_reflects_each_point() {
 
 #[test]
 fn a_formula_tells_where_a_plane_reflects_each_point() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let (picture, normal, middle) = plane_picture(SIZE);
     let points = wall_points(20_000);
     // The picture shows nothing else, wherever the rectangle ends.
@@ -82,7 +83,7 @@ fn a_formula_tells_where_a_plane_reflects_each_point() {
 
 #[test]
 fn formulas_leave_other_mirrors_to_squares() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let (picture, points) = (picture(Variant::Sphere, SIZE), wall_points(4000));
     let by_squares = made(&gpu, &picture, &points, &all_points());
     assert!(by_squares.counters[REGIONS] > 100);
@@ -100,7 +101,7 @@ fn formulas_leave_other_mirrors_to_squares() {
 
 #[test]
 fn thinned_points_are_as_dense_by_formula_as_by_squares() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let (picture, points) = (picture(Variant::Sphere, SIZE), wall_points(200_000));
     // The discs of points must close the walls.
     let radius = 1.5 * (40.0 / (std::f32::consts::PI * points.len() as f32)).sqrt();
@@ -114,7 +115,7 @@ fn thinned_points_are_as_dense_by_formula_as_by_squares() {
 
 #[test]
 fn rays_of_points_that_do_not_follow_the_formula_are_left() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let mut picture = picture(Variant::Sphere, SIZE);
     let tilt = Vec3::new(0.05, 0.0, 0.0);
     let left = |pixel: &MirrorPixel| pixel.point.x < 0.0;

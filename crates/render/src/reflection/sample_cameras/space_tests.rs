@@ -10,8 +10,9 @@ use scene::five_mirrors::{Variant, camera};
 use scene::{CameraCells, SampleCameras as Parameters};
 
 use super::pinhole::{Pinhole, across_axis};
-use super::tests::{all_points, gpu, made, on_screen, place_on_sphere, plane_picture, quantile, walls};
+use super::tests::{all_points, made, on_screen, place_on_sphere, plane_picture, quantile, walls};
 use super::tree::{Builder, Leaf, Node, Ray, RayMap, Rules, Trees, plant};
+use crate::Gpu;
 use crate::layout::{CameraRay, POINTS_FOUND, POINTS_LISTED, RAYS_LEFT};
 use crate::reflection::sscr::exact_mirrors::{picture, wall_points};
 use crate::reflection::sscr::twin::{MirrorPicture, Random};
@@ -153,7 +154,7 @@ fn rays_that_meet_before_their_heads_have_no_pinhole() {
         .map(|ray| Ray { direction: -ray.direction, sight: -ray.sight, ..ray })
         .collect();
     assert!(Pinhole::fit(&rays, 0.0).is_none());
-    // Those that end before it have one.
+    // Rays that end before the crossing have one.
     let short: Vec<Ray> = rays.iter().map(|ray| Ray { reach: 0.5, ..*ray }).collect();
     let pinhole = Pinhole::fit(&short, 0.0).unwrap();
     assert!(pinhole.center.unwrap().length() < 1e-9 && pinhole.error < 1e-6, "{pinhole:?}");
@@ -235,7 +236,7 @@ fn in_space() -> Parameters {
 
 #[test]
 fn the_gpu_finds_what_the_leaves_see_in_doubles() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let points = wall_points(3000);
     // Near caustics, as of the torus, the last bits decide whether a gap has a place.
     let picture = picture(Variant::Sphere, SIZE);
@@ -267,7 +268,7 @@ fn the_gpu_finds_what_the_leaves_see_in_doubles() {
 
 #[test]
 fn cells_of_space_find_points_where_the_sphere_reflects_them() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let picture = picture(Variant::Sphere, SIZE);
     let points = wall_points(3000);
     let made = made(&gpu, &picture, &points, &in_space());
@@ -299,7 +300,7 @@ fn cells_of_space_find_points_where_the_sphere_reflects_them() {
 
 #[test]
 fn rays_of_lists_that_are_too_long_are_counted_and_project_nothing() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let picture = picture(Variant::Parabolic, SIZE);
     let points = wall_points(500);
     // The rays of a hollow mirror cross, so that its only list is longer than allowed: nothing projects, and it is said.
@@ -313,7 +314,7 @@ fn rays_of_lists_that_are_too_long_are_counted_and_project_nothing() {
 /// plane of its own, so that depths behind these mean nothing to one another.
 #[test]
 fn the_point_nearer_to_the_mirror_is_seen_although_another_leaf_projects_it() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let parameters = Parameters { down_sampling: 2, ..in_space() };
     let picture = picture(Variant::Sphere, SIZE);
     let map = ray_map(&picture, 2, walls());
@@ -340,7 +341,7 @@ fn the_point_nearer_to_the_mirror_is_seen_although_another_leaf_projects_it() {
     let made = made(&gpu, &picture, &points, &parameters);
     let (mut near, mut far) = (0, 0);
     for (number, (ray, places)) in pairs.iter().enumerate() {
-        // Both must be found in this pixel, or there is nothing to tell apart.
+        // Two places in one pixel are needed, or there is nothing to tell apart.
         let is_here = |point: usize| made.roots[point].iter().any(|root| root.at.floor() == ray.at.floor());
         if !(is_here(2 * number) && is_here(2 * number + 1)) {
             continue;

@@ -227,18 +227,6 @@ fn all_roots_are_found_and_obey_the_law_of_reflection() {
     }
 }
 
-/// The GPU, or `None` where there is none.
-pub fn gpu() -> Option<Arc<Gpu>> {
-    match Gpu::headless(None) {
-        Ok(gpu) => Some(gpu),
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            println!("skipped: {error}");
-            None
-        }
-    }
-}
-
 /// What a frame found.
 pub struct Made {
     /// The places and distances of each point, in order.
@@ -331,7 +319,7 @@ pub fn made_with(
 
 #[test]
 fn the_gpu_finds_the_roots_that_its_twin_finds() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let points = wall_points(4000);
     for (mirror, parameters) in [
         (Variant::Sphere, all_points()),
@@ -367,7 +355,7 @@ fn the_gpu_finds_the_roots_that_its_twin_finds() {
 
 #[test]
 fn what_descends_first_changes_nothing_and_roots_beyond_those_kept_are_counted() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let points = wall_points(20_000);
     let picture = picture(Variant::Torus, SMALL);
     let all = made(&gpu, &picture, &points, &all_points());
@@ -387,7 +375,7 @@ fn what_descends_first_changes_nothing_and_roots_beyond_those_kept_are_counted()
 
 #[test]
 fn pixels_that_no_bundle_stands_for_are_traced() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let points = wall_points(200_000);
     let picture = picture(Variant::Coral, SMALL);
     let pixels = picture.pixels.iter().flatten().count() as f64;
@@ -404,11 +392,11 @@ fn pixels_that_no_bundle_stands_for_are_traced() {
 
 #[test]
 fn points_that_would_fall_on_a_pixel_together_are_thinned_out_without_gaps() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::shared() else { return };
     let points = wall_points(200_000);
     let picture = picture(Variant::Sphere, SMALL);
     let pixels = picture.pixels.iter().flatten().count() as f64;
-    // The discs of points must close the walls: only then do their sizes tell how many fall on a pixel.
+    // The discs of points must close the walls: only then do their sizes show how many fall on a pixel.
     let radius = 1.5 * (40.0 / (std::f32::consts::PI * points.len() as f32)).sqrt();
     let counts = [0.0, 4.0, 1.0].map(|points_per_pixel| {
         let parameters = Parameters { points_per_pixel, ..Parameters::default() };
