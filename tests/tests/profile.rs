@@ -50,12 +50,15 @@ fn a_profile_of_a_slope_is_a_straight_line_of_it() {
         let slope = 0.25 * (2.0 + 0.8 * along - 0.6 * across) - 0.5 * (3.0 + 0.6 * along + 0.8 * across);
         assert!((height - slope).abs() < 1e-5, "{row:?}: {slope}");
         assert_eq!((red, intensity), ((x - 5_000_000.0) * 4.0, (y - 600_000.0) * 40.0));
-        // A place that is meant is off its nearest point by the root of an eighth of the spacing's square, in each
-        // direction along the slope, whose steepest one rises by the root of 0.3125 in 1.
-        let lattice = 1.96 * 0.25 * 1.3125_f64.powf(0.25) / 8.0_f64.sqrt();
-        assert!((0.8..1.2).contains(&(of_along / lattice)), "{row:?}");
-        let upward = |slope: f64| lattice * slope / (1.0 + slope * slope).sqrt();
-        assert!((0.8..1.2).contains(&(of_height / upward(0.3125_f64.sqrt()))), "{row:?}");
+        // A place that is meant is off the point nearest to it in the chart by the root of an eighth of the area of a
+        // point there, and along the line, which is nearly level on the slope, by that of half of the square of how far
+        // the points of the strip are apart.
+        let (area, part_of_normal) = (0.0625 * 1.3125_f64.sqrt(), 0.55 / 1.3125_f64.sqrt());
+        let (in_chart, apart) = (area * part_of_normal / 8.0, area * (1.0 - part_of_normal * part_of_normal).sqrt());
+        let expected = [in_chart + 0.5 * apart * apart, in_chart].map(|variance| 1.96 * variance.sqrt());
+        for (found, expected) in [(of_along, expected[0]), (of_height, expected[1])] {
+            assert!((0.75..1.25).contains(&(found / expected)), "{row:?}: {expected}");
+        }
     }
     assert!(rows.windows(2).all(|pair| pair[0][0] <= pair[1][0]), "not in order");
 
@@ -210,11 +213,17 @@ fn several_sections_make_one_table_one_chart_and_one_file() {
         let told = extents(run(&[&stack[..], &["--json", "-o", name]].concat()));
         assert!(told == (name.into(), expected.clone()) && folder.path(name).exists(), "{name}: {told:?}");
     }
-    // Only a table has intervals, of which the report has the medians.
-    for (name, is_known) in [("certain.csv", true), ("certain.png", false)] {
-        let text = run(&[&stack[..], &["--json", "-o", name]].concat());
-        let report: serde_json::Value = serde_json::from_str(&text).expect("JSON");
-        for own in report["profiles"].as_array().expect("a list") {
+    // Only a table has intervals, of which the report has the medians, and none where profiles are thinner than half of
+    // the distance between points: then a warning says so.
+    for (name, width, is_known) in
+        [("certain.csv", "0.3", true), ("certain.png", "0.3", false), ("thin.csv", "0.1", false)]
+    {
+        let words =
+            [&["profile"][..], &line[..line.len() - 1], &[width], &stack[line.len()..], &["--json", "-o", name]];
+        let outcome = folder.glint(&words.concat());
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        assert_eq!(outcome.messages.contains("27 of 27 points have no intervals"), name == "thin.csv", "{outcome}");
+        for own in outcome.json()["profiles"].as_array().expect("a list") {
             let [along, height] = ["along_interval", "height_interval"].map(|key| own[key].as_f64());
             let is_plausible = |interval: Option<f64>| interval.is_some_and(|interval| (0.01..0.5).contains(&interval));
             assert!(is_plausible(along) == is_known && is_plausible(height) == is_known, "{name}: {own}");

@@ -144,9 +144,9 @@ pub struct PointError {
     pub across: f64,
     /// Along the line of sight in which the point was picked.
     pub sight: f64,
-    /// Where the point is, and the covariance of a place that is read off it, for figures of several places.
+    /// Where the point is, and how the points around it scatter, for what is read in profiles.
     pub place: DVec3,
-    pub covariance: DMat3,
+    pub scatter: Scatter,
     /// How far the points reach that this follows from.
     pub reach: f64,
     /// Whether the cloud has more points within this reach, which are not loaded.
@@ -165,8 +165,7 @@ pub fn point_error(place: DVec3, sight: DVec3, cloud: Cloud, bounds: Vec<Bounds>
     let reach = gathering.nearest.first()?.points().last()?.distance(place);
     let across = scatter.half_widths.point;
     let along = cloud::error_along(across, scatter.normal, sight);
-    let covariance = scatter.covariance();
-    let error = PointError { across, sight: along, place, covariance, reach, is_thinned: false };
+    let error = PointError { across, sight: along, place, scatter, reach, is_thinned: false };
     across.is_finite().then_some(error)
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use glam::{DMat3, DVec3, I64Vec3};
+use glam::{DVec3, I64Vec3};
 use measure::{IN_95_PERCENT, PointTree, Scatter, Section};
 use rayon::prelude::*;
 
@@ -68,14 +68,14 @@ impl Around {
 pub fn intervals(section: &Section, places: &[DVec3], around: &PointTree) -> Vec<Option<Intervals>> {
     let of = |place: &DVec3| {
         let scatter = Scatter::around(*place, &around.nearest_points(*place, NEIGHBOURS))?;
-        of_reading(section, *place, &scatter.covariance())
+        of_reading(section, *place, &scatter)
     };
     places.par_iter().map(of).collect()
 }
 
-/// The intervals of a reading at a place of a section, from the covariance of the place.
-pub fn of_reading(section: &Section, place: DVec3, covariance: &DMat3) -> Option<Intervals> {
-    let of_axes = section.covariance(place, covariance)?;
+/// The intervals of a reading at a place of a section, from how the points around it scatter.
+pub fn of_reading(section: &Section, place: DVec3, scatter: &Scatter) -> Option<Intervals> {
+    let of_axes = section.covariance(place, scatter)?;
     let half_widths = [of_axes.x_axis.x, of_axes.y_axis.y].map(|variance| IN_95_PERCENT * variance.sqrt());
     half_widths.iter().all(|half_width| half_width.is_finite()).then_some(half_widths)
 }
@@ -87,17 +87,14 @@ mod tests {
     use super::*;
     use crate::shared::measuring::{MEASURED, RAYS, scanned};
 
-    /// How many distances along, heights and lengths that are read in profiles lie within their intervals.
-    ///
-    /// A profile goes through two places of the surface that are meant, and is thick enough to have the points nearest
-    /// to them; or, with a width of its own, a person clicks where a further measurement is, and the click snaps to the
-    /// nearest point that the profile shows.
-    fn held(scan: Tripod, seed: u64, width: Option<f64>) -> [usize; 3] {
+    /// Of so many readings in profiles of a width: how many have intervals, and how many distances along, heights and
+    /// lengths between two of them lie within.
+    fn held(scan: Tripod, seed: u64, width: f64) -> [usize; 4] {
         let (_, points) = scanned(scan, RAYS, seed);
         let places: Vec<DVec3> = points.iter().map(|point| point[0]).collect();
         let (_, meant) = scanned(scan, RAYS * 2 / 7, seed + 1);
         let (tree, mut random) = (PointTree::new(places.clone()), cloud::Random(seed + 4));
-        let (mut count, mut measured) = ([0; 3], 0);
+        let (mut count, mut measured) = ([0; 4], 0);
         while measured < MEASURED {
             let ends = [0, 1].map(|_| meant[random.below(meant.len() as u64) as usize]);
             let apart = (ends[1][1] - ends[0][1]).reject_from_normalized(DVec3::Z);
@@ -105,66 +102,70 @@ mod tests {
                 continue;
             }
             let line = [ends[0][1] - apart, ends[1][1] + apart];
-            let near = ends.map(|[_, exact, _]| tree.nearest_points(exact, 1)[0]);
-            let reach = (0..2).map(|end| near[end].distance(ends[end][1])).fold(0.0, f64::max);
-            let section = Section::new(&line, width.unwrap_or(2.0 * reach + 1e-3), DVec3::Z).expect("a line");
-            let shown = || places.iter().filter_map(|place| Some((*place, section.place(*place)?)));
+            let section = Section::new(&line, width, DVec3::Z).expect("a line");
+            let shown: Vec<(DVec3, measure::Placed)> =
+                places.iter().filter_map(|place| Some((*place, section.place(*place)?))).collect();
             let side = apart.cross(DVec3::Z).normalize();
             let clicked = |end: usize| {
                 let [clicked, exact, _] = ends[end];
                 // On the line, as the place that is meant.
                 let clicked = section.place(clicked + side * (exact - clicked).dot(side))?;
-                let off = |(_, placed): &(DVec3, measure::Placed)| {
+                let off = |(_, placed): &&(DVec3, measure::Placed)| {
                     (placed.along - clicked.along).hypot(placed.height - clicked.height)
                 };
-                shown().min_by(|a, b| off(a).total_cmp(&off(b))).map(|(place, _)| place)
+                shown.iter().min_by(|a, b| off(a).total_cmp(&off(b))).map(|(place, _)| *place)
             };
-            let read = [0, 1].map(|end| if width.is_some() { clicked(end) } else { Some(near[end]) });
-            let [Some(start), Some(end)] = read else { continue };
+            let [Some(start), Some(end)] = [0, 1].map(clicked) else { continue };
             let read = [start, end];
-            let of = |place: DVec3| section.place(place).map(|placed| [placed.along, placed.height]);
-            let (Some(first), Some(second)) = (of(read[0]), of(read[1])) else { continue };
+            let of = |place: DVec3| section.place(place).map(|placed| glam::DVec2::new(placed.along, placed.height));
+            let (first, second) = (of(start).expect("shown"), of(end).expect("shown"));
             measured += 1;
             let exact = ends.map(|[_, exact, _]| of(exact).expect("on the line"));
             let scatter = |place: DVec3| Scatter::around(place, &tree.nearest_points(place, NEIGHBOURS));
-            let (Some(from), Some(to)) = (scatter(read[0]), scatter(read[1])) else {
-                count.iter_mut().for_each(|count| *count += 1);
-                continue;
-            };
-            let own = of_reading(&section, read[0], &from.covariance()).expect("numbers");
+            let (Some(from), Some(to)) = (scatter(read[0]), scatter(read[1])) else { continue };
+            let both = section.covariance(read[0], &from).zip(section.covariance(read[1], &to));
+            let Some(both) = both.map(|(from, to)| from + to) else { continue };
+            count[0] += 1;
+            let own = of_reading(&section, read[0], &from).expect("numbers");
             for axis in 0..2 {
-                count[axis] += usize::from((first[axis] - exact[0][axis]).abs() <= own[axis]);
+                count[1 + axis] += usize::from((first[axis] - exact[0][axis]).abs() <= own[axis]);
             }
-            let both = section.covariance(read[0], &from.covariance()).expect("in the section")
-                + section.covariance(read[1], &to.covariance()).expect("in the section");
-            let length = |ends: [[f64; 2]; 2]| glam::DVec2::from(ends[1]) - glam::DVec2::from(ends[0]);
-            let direction = length([first, second]).normalize();
-            let error = (length([first, second]).length() - length(exact).length()).abs();
-            count[2] += usize::from(error <= IN_95_PERCENT * direction.dot(both * direction).sqrt());
+            let direction = (second - first).normalize();
+            let error = ((second - first).length() - (exact[1] - exact[0]).length()).abs();
+            count[3] += usize::from(error <= IN_95_PERCENT * direction.dot(both * direction).sqrt());
         }
         count
     }
 
+    const SCANS: [Tripod; 5] = [Tripod::Mixed, Tripod::Four, Tripod::Hall40, Tripod::Street, Tripod::Church];
+
+    /// How often intervals hold in profiles of a width of all made scans with noise: how many are stated of all, and the
+    /// shares of distances along, heights and lengths.
+    fn shares(seed: u64, width: f64) -> (usize, [f64; 3]) {
+        let held: Vec<[usize; 4]> = SCANS.par_iter().map(|scan| held(*scan, seed, width)).collect();
+        let [stated, ..] = [0, 1, 2, 3].map(|which| held.iter().map(|held| held[which]).sum::<usize>());
+        let share = |which: usize| held.iter().map(|held| held[which]).sum::<usize>() as f64 / stated as f64;
+        let shares = [1, 2, 3].map(share);
+        println!("{width}, seed {seed}: {stated} of {}: {shares:.3?}; {held:?}", SCANS.len() * MEASURED);
+        (stated, shares)
+    }
+
     #[test]
     fn intervals_hold_what_is_read_in_profiles_of_made_scans_in_95_of_100_cases() {
-        let scans = [Tripod::Mixed, Tripod::Four, Tripod::Hall40, Tripod::Street, Tripod::Church];
-        let held = scans.map(|scan| held(scan, 1, None));
-        println!("held of {MEASURED} distances along, heights and lengths: {held:?}");
-        for which in 0..3 {
-            let share = |count: usize, of: usize| count as f64 / (of * MEASURED) as f64;
-            let all = share(held.iter().map(|held| held[which]).sum(), held.len());
-            assert!((0.93..=0.97).contains(&all), "{which}: {all} of {held:?}");
-            assert!(held.iter().all(|held| share(held[which], 1) > 0.9), "{which}: {held:?}");
+        // As thick as points are apart or less, and thicker than that.
+        for (width, fewest) in [(0.05, 500), (0.2, 900)] {
+            let (stated, shares) = shares(1, width);
+            assert!(stated >= fewest, "{width}: {stated}");
+            assert!(shares.iter().all(|share| (0.93..=0.975).contains(share)), "{width}: {shares:?}");
         }
     }
 
     #[test]
-    #[ignore = "takes a minute: prints how often intervals hold where a click takes the nearest point that is shown"]
+    #[ignore = "takes minutes: prints how often intervals hold in profiles of other widths and seeds"]
     fn intervals_hold_in_profiles_of_other_widths() {
-        for width in [0.05, 0.2, 0.5] {
-            for scan in [Tripod::Mixed, Tripod::Four, Tripod::Hall40, Tripod::Street, Tripod::Church] {
-                let held = held(scan, 1, Some(width));
-                println!("{width}, {scan:?}: held of {MEASURED} distances along, heights and lengths: {held:?}");
+        for width in [0.02, 0.05, 0.1, 0.2, 0.5] {
+            for seed in 1..=4 {
+                shares(seed, width);
             }
         }
     }

@@ -15,6 +15,7 @@ use serde_json::json;
 use world::Request;
 
 use crate::shared::export;
+use crate::shared::numbers::grouped;
 use crate::shared::profile_chart::{self, AxisUnits, Dot, Series, axis_units, colors_of};
 use crate::shared::profile_intervals::{Around, Intervals, intervals};
 use crate::system::failure::usage;
@@ -224,7 +225,7 @@ pub fn read(source: &Source, left_out: &[Vec<u64>], asked: &Asked, table: &mut T
 }
 
 /// Finds how certain the places of pieces of a file are, by all of its points that are shown, whatever section they are
-/// in. Returns a warning where that would take too much memory.
+/// in. Returns a warning where that would take too much memory, and where most places have none.
 fn find_intervals(
     source: &Source,
     left_out: &[Vec<u64>],
@@ -266,10 +267,19 @@ fn find_intervals(
         return Ok(Some(warning.into()));
     }
     let tree = PointTree::new(found);
+    let (mut count, mut without) = (0, 0);
     for piece in pieces {
         piece.intervals = intervals(&sections[piece.section], &places(piece), &tree);
+        count += piece.intervals.len();
+        without += piece.intervals.iter().filter(|interval| interval.is_none()).count();
     }
-    Ok(None)
+    let warning = format!(
+        "{} of {} points have no intervals: the profile is thinner than half of the distance between them, or they form no \
+         surface",
+        grouped(without as u64),
+        grouped(count as u64),
+    );
+    Ok((2 * without > count).then_some(warning))
 }
 
 fn piece_of(

@@ -9,6 +9,10 @@ use crate::fit::plane;
 const NEAREST: usize = 16;
 /// A normal distribution holds 95 % within this many standard deviations of its mean.
 pub const IN_95_PERCENT: f64 = 1.959_964;
+/// The variance, in each direction along a surface, of the way from a place to the nearest point, as a share of the area
+/// of a point. On a square lattice it is 1/12 and for points at random 1/(2 pi); this holds for scans of one to four
+/// stations.
+pub(crate) const SNAPPED: f64 = 1.0 / 8.0;
 
 /// How the points around a place scatter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,13 +50,12 @@ impl Scatter {
     }
 
     /// The covariance of a place that a person chose on the surface: the error of the point across it; along it, how
-    /// far the nearest point is from the place that is meant. In each direction that is a variance of 1/12 of the area of
-    /// a point on a square lattice and of 1/(2 pi) for points at random: 1/8 holds for scans of one to four stations.
+    /// far the nearest point is from the place that is meant.
     pub fn covariance(&self) -> DMat3 {
         let outer = |a: DVec3| DMat3::from_cols(a * a.x, a * a.y, a * a.z);
         let across = outer(self.normal);
         across * (self.half_widths.point / IN_95_PERCENT).powi(2)
-            + (DMat3::IDENTITY - across) * (self.spacing * self.spacing / 8.0)
+            + (DMat3::IDENTITY - across) * (self.spacing * self.spacing * SNAPPED)
     }
 }
 

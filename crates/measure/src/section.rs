@@ -1,9 +1,17 @@
 //! A section: the points in an upright slice along a line, by their distance along it and their height.
 
 use cloud::{Volume, VolumeShape};
-use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat2, DQuat, DVec2, DVec3};
 
 use crate::error::{Error, Result};
+use crate::scatter::{IN_95_PERCENT, SNAPPED, Scatter};
+
+/// The variance of the way along a line to the nearest of the points that lie on it at random, as a share of the square
+/// of their mean distance: the way is distributed exponentially, with half of that distance as its mean.
+const IN_LINE: f64 = 0.5;
+/// The most times that a strip may be narrower than the spacing of the surface's points. In narrower strips the nearest
+/// point is often beyond the end of the surface.
+const SPARSEST: f64 = 2.0;
 
 /// An upright slice of even width along a line of one or more straight pieces. The line counts as seen from above: the
 /// heights of its corners do not matter. Where it bends, a point on the outer side that is beside neither piece is
@@ -84,12 +92,30 @@ impl Section {
         self.piece_at(point).map(|(_, placed)| placed)
     }
 
-    /// The covariance of a point's distance along the line and its height, from that of its place in space; `None` for a
-    /// point that is not in the section.
-    pub fn covariance(&self, point: DVec3, covariance: &DMat3) -> Option<DMat2> {
+    /// The covariance of a distance along the line and a height, where the point that the section shows nearest to a
+    /// place on the line is read in its stead, by the points around that point. `None` for a point that is not in the
+    /// section, and where the section is so thin that its nearest point may be on something else.
+    pub fn covariance(&self, point: DVec3, scatter: &Scatter) -> Option<DMat2> {
         let (piece, _) = self.piece_at(point)?;
-        let column = |axis: DVec3| DVec2::new(piece.along.dot(*covariance * axis), self.up.dot(*covariance * axis));
-        Some(DMat2::from_cols(column(piece.along), column(self.up)))
+        let (normal, area) = (scatter.normal, scatter.spacing * scatter.spacing);
+        let in_section = |axis: DVec3| DVec2::new(piece.along.dot(axis), self.up.dot(axis));
+        let outer = |axis: DVec2, variance: f64| DMat2::from_cols(axis * axis.x, axis * axis.y) * variance;
+        let across = outer(in_section(normal), (scatter.half_widths.point / IN_95_PERCENT).powi(2));
+        // The section cuts a strip out of the surface, and shows it by so much less wide than it is.
+        let cut = normal.cross(piece.left);
+        let (sine, shown) = (cut.length(), normal.dot(piece.left).abs());
+        if sine == 0.0 {
+            return Some(across + DMat2::IDENTITY * (area * SNAPPED));
+        }
+        let width = 2.0 * self.half_width / sine;
+        if scatter.spacing > SPARSEST * width {
+            return None;
+        }
+        let along_cut = in_section(cut / sine);
+        let gap = area / width;
+        let along = area * shown * SNAPPED + gap * gap * IN_LINE;
+        let aside = (area * shown * SNAPPED).min((width * shown).powi(2) / 12.0);
+        Some(across + outer(along_cut, along) + outer(along_cut.perp(), aside))
     }
 
     fn piece_at(&self, point: DVec3) -> Option<(&Piece, Placed)> {
@@ -108,6 +134,8 @@ impl Section {
 
 #[cfg(test)]
 mod tests {
+    use cloud::HalfWidths;
+
     use super::*;
 
     fn grid(step: f64) -> impl Iterator<Item = DVec3> {
@@ -153,16 +181,36 @@ mod tests {
     }
 
     #[test]
-    fn readings_deviate_by_the_part_of_a_deviation_that_the_section_shows() {
+    fn readings_deviate_by_how_far_the_nearest_point_is_that_a_section_shows() {
         let corners = [DVec3::ZERO, DVec3::X * 4.0, DVec3::new(4.0, 3.0, 0.0)];
-        let section = Section::new(&corners, 1.0, DVec3::Z).unwrap();
-        // 0.3 along x, 0.4 along y and 0.1 up; x and up deviate together.
-        let covariance = DMat3::from_cols_array(&[0.09, 0.0, 0.02, 0.0, 0.16, 0.0, 0.02, 0.0, 0.01]);
-        let first = section.covariance(DVec3::new(1.0, 0.2, 5.0), &covariance).unwrap();
-        assert_eq!(first.to_cols_array(), [0.09, 0.02, 0.02, 0.01]);
-        let second = section.covariance(DVec3::new(4.1, 2.0, 5.0), &covariance).unwrap();
-        assert_eq!(second.to_cols_array(), [0.16, 0.0, 0.0, 0.01]);
-        assert_eq!(section.covariance(DVec3::new(1.0, 0.6, 5.0), &covariance), None);
+        let deviations = |width: f64, place: DVec3, normal: DVec3| {
+            let half_widths = HalfWidths { point: 0.01 * IN_95_PERCENT, further: 0.0 };
+            let scatter = Scatter { spacing: 0.1, noise: 0.01, normal, half_widths };
+            let section = Section::new(&corners, width, DVec3::Z).unwrap();
+            let of_axes = section.covariance(place, &scatter)?;
+            Some([of_axes.x_axis.x, of_axes.y_axis.y].map(f64::sqrt))
+        };
+        let is_near = |found: Option<[f64; 2]>, expected: [f64; 2]| {
+            let found = found.unwrap();
+            assert!((0..2).all(|axis| (found[axis] - expected[axis]).abs() < 1e-9), "{found:?}, not {expected:?}");
+        };
+        let (first, second) = (DVec3::new(1.0, 0.0, 5.0), DVec3::new(4.0, 2.0, 5.0));
+        // A floor is seen from its edge: 0.1 x 0.1 / 0.2 = 0.05 from point to point along the line, whichever its piece.
+        for place in [first, second] {
+            is_near(deviations(0.2, place, DVec3::Z), [0.05 * IN_LINE.sqrt(), 0.01]);
+            is_near(deviations(0.05, place, DVec3::Z), [0.2 * IN_LINE.sqrt(), 0.01]);
+            assert_eq!(deviations(0.049, place, DVec3::Z), None, "narrower than half of the spacing");
+        }
+        // A wall along the first piece is seen as a whole, and one across the second piece from its edge.
+        is_near(deviations(0.2, first, DVec3::Y), [0.1 * SNAPPED.sqrt(); 2]);
+        is_near(deviations(0.2, second, DVec3::Y), [0.01, 0.05 * IN_LINE.sqrt()]);
+        // A slope of 60 degrees across the line: the strip is 0.1 / sin 30 wide.
+        let slope = DVec3::new(0.0, 0.75_f64.sqrt(), 0.5);
+        let gap = 0.01 / 0.2;
+        let along = 0.01 * 0.75_f64.sqrt() * SNAPPED + gap * gap * IN_LINE;
+        let up = 0.25e-4 + 0.01 * 0.75_f64.sqrt() * SNAPPED;
+        is_near(deviations(0.1, first, slope), [along.sqrt(), up.sqrt()]);
+        assert_eq!(deviations(0.2, DVec3::new(1.0, 0.6, 5.0), DVec3::Z), None, "beside the section");
     }
 
     #[test]

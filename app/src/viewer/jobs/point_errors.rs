@@ -124,7 +124,7 @@ mod tests {
             // A place is read off as exactly as points are close together.
             let along = |error: &PointError| {
                 let axis = placement.map_or(DVec3::Y, |placement| placement.direction(DVec3::Y));
-                axis.dot(error.covariance * axis).sqrt()
+                axis.dot(error.scatter.covariance() * axis).sqrt()
             };
             assert!(along(&thinned) > 2.0 * along(&whole));
             assert!(!error(left(1.7), &[0, 1, 2], true, placement).is_thinned);

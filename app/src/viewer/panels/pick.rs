@@ -98,7 +98,8 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use glam::{DMat3, DVec3};
+    use glam::DVec3;
+    use measure::Scatter;
     use world::{CloudKey, Part};
 
     use super::*;
@@ -110,11 +111,12 @@ mod tests {
     fn pick(world: DVec3) -> Pick {
         // The coordinates of the file, and a column of another thing that has the name of one.
         let record = [("X", "3"), ("y", "0.0"), ("returns", "0"), ("Z", "-400"), ("intensity", "1234")];
+        let places = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::ONE];
         let error = PointError {
             across: 0.00612,
             sight: 0.0123,
             place: world,
-            covariance: DMat3::IDENTITY,
+            scatter: Scatter::around(DVec3::ZERO, &places).expect("a plane"),
             reach: 0.1,
             is_thinned: false,
         };

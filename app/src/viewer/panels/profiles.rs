@@ -31,6 +31,8 @@ const MOST_NAMES: usize = 12;
 const X_LABELS: egui::Rangef = egui::Rangef { min: 24.0, max: 44.0 };
 /// Half the width of a point, in points of the window.
 const HALF: f32 = 1.1;
+/// Why a reading has no interval although it is known how the points around it scatter.
+const TOO_THIN: &str = ", no ± in so thin a profile";
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let begin = Action::Measuring(Measuring::BeginProfile);
@@ -311,9 +313,13 @@ fn picked(session: &Session, section: &Section) -> Option<String> {
     let pick = session.tools.pick.as_ref()?;
     let placed = section.place(pick.world)?;
     let [of_along, of_height] = axis_units(&units(&session.loaded), session.up());
-    let intervals = pick.error.and_then(|error| of_reading(section, error.place, &error.covariance));
+    let intervals = pick.error.and_then(|error| of_reading(section, error.place, &error.scatter));
     let [along, height] = [0, 1].map(|axis| intervals.map(|intervals| intervals[axis]));
-    let by = if pick.error.is_some_and(|error| error.is_thinned) { ", by the points that are loaded" } else { "" };
+    let by = match pick.error {
+        Some(_) if intervals.is_none() => TOO_THIN,
+        Some(error) if error.is_thinned => ", by the points that are loaded",
+        _ => "",
+    };
     let (along, height) = (length(placed.along, along, of_along), length(placed.height, height, of_height));
     Some(format!("Picked: along {along}   height {height}{by}"))
 }
@@ -396,18 +402,26 @@ fn ruler(
 ) {
     let covariance = |end: &RulerEnd| {
         let error = end.error?;
-        section?.covariance(error.place, &error.covariance)
+        section?.covariance(error.place, &error.scatter)
     };
-    let (from, to, certain) = match (ends, pointer) {
-        ([from, to], _) => (from.at, to.at, covariance(from).zip(covariance(to)).map(|(from, to)| from + to)),
-        ([from], Some(to)) => (from.at, to, None),
+    let is_inside = |end: &RulerEnd| {
+        let place = end.error.map(|error| error.place);
+        section.zip(place).is_some_and(|(section, place)| section.place(place).is_some())
+    };
+    let (from, to, certain, are_inside) = match (ends, pointer) {
+        ([from, to], _) => {
+            let both = covariance(from).zip(covariance(to)).map(|(from, to)| from + to);
+            (from.at, to.at, both, is_inside(from) && is_inside(to))
+        }
+        ([from], Some(to)) => (from.at, to, None, false),
         _ => return,
     };
     let place = |[along, height]: [f64; 2]| transform.position_from_point(&PlotPoint::new(along, height));
     let line = [place(from), place(to)];
     painter.line_segment(line, Stroke::new(4.0, Color32::BLACK));
     painter.line_segment(line, Stroke::new(1.6, theme::ACCENT));
-    let text = measured(from, to, certain, units);
+    let why = if are_inside && certain.is_none() { TOO_THIN } else { "" };
+    let text = measured(from, to, certain, units) + why;
     let middle = line[0].lerp(line[1], 0.5);
     let galley = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);
     let area = Rect::from_center_size(middle - vec2(0.0, 16.0), galley.size());
@@ -573,12 +587,21 @@ mod tests {
         assert_eq!(["2.0", "Picked"].map(|beginning| half_width(&harness, beginning)), [None; 2]);
         work(harness.state_mut());
         harness.run_steps(3);
-        // A place that is meant deviates from its nearest point by the root of an eighth of the spacing's square.
-        let one = 1.96 * 0.1 / 8.0_f64.sqrt();
+        // The profile is a fiftieth of its length thick, half of the spacing, and so shows a point each 0.19 on average.
+        let one = 1.96 * 0.1 * 0.1 / 0.052 * 0.5_f64.sqrt();
         for (beginning, expected) in [("2.0", one * 2.0_f64.sqrt()), ("Picked: along 0.3", one)] {
             let found = half_width(&harness, beginning).unwrap();
             assert!((0.8..1.2).contains(&(found / expected)), "{beginning}: {found}, not {expected}");
         }
+        // In a profile so thin that few points are in it, none is stated, and the reason is.
+        let session = harness.state_mut();
+        let placed = session.scene.objects.profiles[0].clone();
+        let thin = Object::Profile(Profile { width: 0.01, ..placed.profile.clone() });
+        session.act(Action::ChangeObject(placed.id, Box::new(thin)));
+        work(session);
+        harness.run_steps(3);
+        assert_eq!(texts(&harness, "Picked: along 0.3000   height 0.0000, no ±"), 1);
+        assert_eq!(texts(&harness, "2.0000   along 2.0000   up 0.0000, no ±"), 1);
         // An end in a gap has no interval, and neither has what depends on it.
         let session = harness.state_mut();
         session.act(Action::Profile(Profiling::Rule([0.3, 0.0], Some(point(5)))));
