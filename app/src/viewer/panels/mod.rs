@@ -20,6 +20,7 @@ pub mod parameters;
 pub mod pick;
 pub mod picture;
 pub mod presets;
+mod profile_ruler;
 pub mod profiles;
 pub mod recording;
 pub mod reflections;

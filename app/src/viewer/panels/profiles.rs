@@ -1,25 +1,24 @@
 //! Profiles: their list in the panel, and the window that shows one from the side.
 
-use codec::Unit;
 use egui::epaint::Mesh;
 use egui::{Color32, Pos2, Rect, RichText, Shape, Stroke, Ui, vec2};
 use egui_plot::{AxisHints, GridMark, Plot, PlotPoint, PlotTransform};
-use glam::{DMat2, DVec2, DVec3};
-use measure::{IN_95_PERCENT, Section};
+use glam::DVec3;
+use measure::Section;
 use scene::{Object, Profile};
 
-use crate::shared::measuring::decimals;
-use crate::shared::profile_chart::{self, AxisUnits, axis_units, in_brackets};
+use crate::shared::profile_chart::{self, axis_units, in_brackets};
 use crate::shared::profile_intervals::of_reading;
 use crate::viewer::jobs::slices::{Slice, SlicePoint};
 use crate::viewer::look::theme::{self, grouped};
 use crate::viewer::look::widgets::{eye, name_label};
 use crate::viewer::objects::{ObjectId, PlacedProfile};
+use crate::viewer::panels::profile_ruler::{TOO_THIN, length, ruler};
 use crate::viewer::requests::action::{Action, Measuring, Profiling};
 use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
 use crate::viewer::tools::measurements::units;
-use crate::viewer::tools::profiles::{MOST_STACKED, RulerEnd};
+use crate::viewer::tools::profiles::MOST_STACKED;
 
 /// The most points that are drawn at once: of those that are in view, evenly many are left out.
 const MOST_DRAWN: usize = 50_000;
@@ -31,8 +30,6 @@ const MOST_NAMES: usize = 12;
 const X_LABELS: egui::Rangef = egui::Rangef { min: 24.0, max: 44.0 };
 /// Half the width of a point, in points of the window.
 const HALF: f32 = 1.1;
-/// Why a reading has no interval although it is known how the points around it scatter.
-const TOO_THIN: &str = ", no ± in so thin a profile";
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let begin = Action::Measuring(Measuring::BeginProfile);
@@ -363,80 +360,16 @@ fn nearest(slice: &Slice, transform: &PlotTransform, pointer: Pos2) -> Option<Sl
     near.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(point, _)| *point)
 }
 
-/// The distance between two places of a profile, with its parts: `5.0000 m   along 3.0000 m   up 4.0000 m`. Parts in
-/// different units have no distance. Where the covariance of the difference is known, all have intervals of 95 %.
-fn measured(from: [f64; 2], to: [f64; 2], covariance: Option<DMat2>, units: AxisUnits) -> String {
-    let difference = DVec2::from(to) - DVec2::from(from);
-    let interval = |direction: DVec2| {
-        let variance = direction.dot(covariance? * direction);
-        Some(IN_95_PERCENT * variance.sqrt())
-    };
-    let [of_along, of_up] = units;
-    let along = length(difference.x, interval(DVec2::X), of_along);
-    let up = length(difference.y, interval(DVec2::Y), of_up);
-    let parts = format!("along {along}   up {up}");
-    if of_along.map(|unit| unit.to_string()) == of_up.map(|unit| unit.to_string()) {
-        let whole = interval(difference.normalize_or_zero());
-        format!("{}   {parts}", length(difference.length(), whole, of_along))
-    } else {
-        parts
-    }
-}
-
-/// A length with its interval, if that is known, and its unit: `1.203 ± 0.012 m`.
-fn length(value: f64, interval: Option<f64>, unit: Option<Unit>) -> String {
-    let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
-    match interval.filter(|interval| interval.is_finite() && *interval > 0.0) {
-        Some(interval) => format!("{value:.places$} ± {interval:.places$}{unit}", places = decimals(interval)),
-        None => format!("{value:.4}{unit}"),
-    }
-}
-
-fn ruler(
-    painter: &egui::Painter,
-    transform: &PlotTransform,
-    ends: &[RulerEnd],
-    pointer: Option<[f64; 2]>,
-    section: Option<&Section>,
-    units: AxisUnits,
-) {
-    let covariance = |end: &RulerEnd| {
-        let error = end.error?;
-        section?.covariance(error.place, &error.scatter)
-    };
-    let is_inside = |end: &RulerEnd| {
-        let place = end.error.map(|error| error.place);
-        section.zip(place).is_some_and(|(section, place)| section.place(place).is_some())
-    };
-    let (from, to, certain, are_inside) = match (ends, pointer) {
-        ([from, to], _) => {
-            let both = covariance(from).zip(covariance(to)).map(|(from, to)| from + to);
-            (from.at, to.at, both, is_inside(from) && is_inside(to))
-        }
-        ([from], Some(to)) => (from.at, to, None, false),
-        _ => return,
-    };
-    let place = |[along, height]: [f64; 2]| transform.position_from_point(&PlotPoint::new(along, height));
-    let line = [place(from), place(to)];
-    painter.line_segment(line, Stroke::new(4.0, Color32::BLACK));
-    painter.line_segment(line, Stroke::new(1.6, theme::ACCENT));
-    let why = if are_inside && certain.is_none() { TOO_THIN } else { "" };
-    let text = measured(from, to, certain, units) + why;
-    let middle = line[0].lerp(line[1], 0.5);
-    let galley = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);
-    let area = Rect::from_center_size(middle - vec2(0.0, 16.0), galley.size());
-    painter.rect_filled(area.expand2(vec2(6.0, 3.0)), 4.0, Color32::from_black_alpha(190));
-    painter.galley(area.min, galley, Color32::WHITE);
-}
-
 #[cfg(test)]
 mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use glam::{DMat2, DVec2};
     use world::Part;
 
     use super::*;
     use crate::viewer::jobs::slices::ProfileWork;
+    use crate::viewer::panels::profile_ruler::measured;
     use crate::viewer::picture::messages::{PickPurpose, PickedPoint, Report};
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::work::Work;
