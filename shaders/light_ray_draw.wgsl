@@ -1,10 +1,8 @@
 // Draws the ray that each pixel's surface sends out for indirect light: by the cosine about its normal, so that all rays
-// count alike. The pixels of a tile take consecutive parts of one sequence, so that their rays together are as even as
-// those of each. One thread a pixel.
+// count alike. A mirror reflects the ray that met it. One thread a pixel.
 #import frame_group
 #import brdf
 #import gloss
-#import lobe
 #import vpl
 #import light_path
 
@@ -14,7 +12,7 @@
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 // xyz: relative to the eye, w: coverage.
 @group(1) @binding(2) var position_in: texture_2d<f32>;
-// w: 0 where the ray before did not exist.
+// xyz: the origin of the ray before, w: 0 where there was none.
 @group(1) @binding(3) var from_in: texture_2d<f32>;
 @group(1) @binding(4) var<storage, read_write> paths: array<LightPath>;
 // xyz: the origin of the ray, w: 0 where there is none.
@@ -24,8 +22,6 @@
 
 // The number of the ray in its path.
 override bounce: u32 = 0u;
-// The edge of a tile in pixels.
-override tile: u32 = 1u;
 override is_glossy: bool = false;
 
 @compute @workgroup_size(8, 8)
@@ -43,6 +39,8 @@ fn light_ray_draw(@builtin(global_invocation_id) id: vec3u) {
     }
     if from_camera {
         path.throughput = vec4f(1.0, 1.0, 1.0, 0.0);
+        path.diffuse.w = 0.0;
+        path.glossy.w = 0.0;
     }
     var is_alive = position.w > 0.0 && dot(surface.xyz, surface.xyz) > 0.0 && any(path.throughput.rgb > vec3f(0.0));
     if !from_camera {
@@ -52,13 +50,17 @@ fn light_ray_draw(@builtin(global_invocation_id) id: vec3u) {
     var eye = vec4f(0.0);
     if is_alive {
         let normal = normalize(surface.xyz);
-        let of_tile = hash(id.x / tile + hash(id.y / tile));
-        let number = (id.y % tile * tile + id.x % tile) * frame.samples + frame.sample;
-        let numbers = lobe_numbers(number, hash(settings.gi.ray_seed + hash(of_tile + hash(bounce))));
-        let turn = 6.2831853 * numbers.y;
-        let tangent = tangent_of(normal);
-        let sideways = tangent * cos(turn) + cross(normal, tangent) * sin(turn);
-        let direction = normalize(normal * sqrt(1.0 - numbers.x) + sideways * sqrt(numbers.x));
+        var direction: vec3f;
+        if path.glossy.w > 0.0 {
+            direction = reflect(normalize(position.xyz - textureLoad(from_in, id.xy, 0).xyz), normal);
+        } else {
+            let numbers = path_numbers(id.xy, bounce);
+            let turn = 6.2831853 * numbers.y;
+            let tangent = tangent_of(normal);
+            let sideways = tangent * cos(turn) + cross(normal, tangent) * sin(turn);
+            direction = normalize(normal * sqrt(1.0 - numbers.x) + sideways * sqrt(numbers.x));
+            path.diffuse.w += 1.0;
+        }
         let before = max(length(position.xyz), 1e-6 * frame.scene_radius);
         point = vec4f(position.xyz, 1.0);
         eye = vec4f(position.xyz - direction * before, before);

@@ -28,14 +28,21 @@
 override is_lit: bool = true;
 // Set if there is indirect light on what is met.
 override has_indirect: bool = false;
-// Set for the last ray of a path.
+// Set for the last ray of all paths.
 override is_last: bool = true;
+// The number of the ray in its path.
+override bounce: u32 = 0u;
+// The most rays of a path that are drawn by the cosine.
+override ray_bounces: u32 = 1u;
 override has_sky: bool = false;
 override is_glossy: bool = false;
-// Set if the reflections of mirrors are followed where the camera sees them: paths then find their diffuse part alone.
+// Set if the reflections of mirrors are followed: a mirror's own light is then its diffuse part alone.
 override is_mixed: bool = false;
 // See shade.wgsl.
 override is_published: bool = false;
+
+// The first dimension by which chance chooses what a mirror does.
+const MIRRORED: u32 = 64u;
 
 @compute @workgroup_size(8, 8)
 fn light_ray_sum(@builtin(global_invocation_id) id: vec3u) {
@@ -48,10 +55,11 @@ fn light_ray_sum(@builtin(global_invocation_id) id: vec3u) {
     if point.w > 0.0 {
         let direction = normalize(point.xyz - textureLoad(eye_in, id.xy, 0).xyz);
         let is_met = textureLoad(position_in, id.xy, 0).w > 0.0;
+        let is_drawn_out = path.diffuse.w >= f32(ray_bounces);
         var light = vec3f(0.0);
         if is_met && is_lit {
             light = textureLoad(direct_in, id.xy, 0).rgb;
-            if has_indirect {
+            if has_indirect && is_drawn_out {
                 light += textureLoad(indirect_in, id.xy, 0).rgb;
             }
         } else if !is_met && has_sky && dot(direction, frame.world_up.xyz) > 0.0 {
@@ -63,15 +71,20 @@ fn light_ray_sum(@builtin(global_invocation_id) id: vec3u) {
         if !is_last {
             let albedo = textureLoad(albedo_in, id.xy, 0);
             let normal = textureLoad(normal_in, id.xy, 0);
-            var share = settings.light.diffuse;
-            if albedo.a > 0.0 {
-                let grazing = grazing_share(settings, -dot(normal.xyz, direction), is_published);
-                share *= select(1.0, 1.0 - mirror_share(albedo.a, grazing, is_published), is_mixed);
-            } else {
-                share *= 1.0 - gloss_of(settings, albedo.a, normal.w).share;
+            let grazing = grazing_share(settings, -dot(normal.xyz, direction), is_published);
+            let reflected = select(0.0, mirror_share(albedo.a, grazing, is_published), albedo.a > 0.0 && is_mixed);
+            // Behind the last ray that the cosine may draw, only mirrors go on; else chance chooses between both.
+            let chance = select(reflected, 1.0, is_drawn_out && reflected > 0.0);
+            var onward = vec3f(0.0);
+            let is_mirrored = path_numbers(id.xy, MIRRORED + bounce).x < chance;
+            if is_mirrored {
+                onward = mirror_tint(settings, albedo.rgb, grazing) * reflected / chance;
+            } else if !is_drawn_out {
+                let matt = select(1.0 - gloss_of(settings, albedo.a, normal.w).share, 1.0 - reflected, albedo.a > 0.0);
+                onward = albedo.rgb * settings.light.diffuse * matt / (1.0 - chance);
             }
-            let onward = path.throughput.rgb * albedo.rgb * share;
-            path.throughput = vec4f(select(vec3f(0.0), onward, is_met), path.throughput.w);
+            path.throughput = vec4f(select(vec3f(0.0), path.throughput.rgb * onward, is_met), path.throughput.w);
+            path.glossy.w = select(0.0, 1.0, is_mirrored);
         }
     }
     paths[index] = path;

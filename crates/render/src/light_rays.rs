@@ -1,7 +1,8 @@
 //! Indirect light by rays (docs/methods/gi.md): each pixel of the camera's surface sends rays by the cosine through the
 //! tree of discs, as `surfel_trace` does for mirrors. What a ray meets is lit by the scene's lights; where the path
-//! ends, the virtual lights add all further reflections. Rays that leave the scene find the sky. The sums grow from
-//! frame to frame while camera, points and light stand still, and are the same however many rays a frame adds.
+//! ends, the virtual lights add all further reflections. Mirrors reflect the rays that meet them. Rays that leave the
+//! scene find the sky. The sums grow from frame to frame while camera, points and light stand still, and are the same
+//! however many rays a frame adds.
 
 use std::ops::Range;
 
@@ -44,6 +45,8 @@ pub(crate) struct RayShare<'a> {
     /// The number of rays of each pixel when none is left to add.
     pub total: u32,
     pub has_sky: bool,
+    /// The most reflections in mirrors that follow one another.
+    pub mirrors: usize,
     /// The counters of reflections, which rays of light leave alone.
     pub counters: &'a wgpu::Buffer,
 }
@@ -80,7 +83,7 @@ impl LightRays {
         self.diffuse.size()
     }
 
-    /// The number of rays that paths have by these settings.
+    /// The number of rays that paths have by these settings, without those that mirrors reflect.
     pub fn bounces_of(gi: &Gi) -> u32 {
         gi.ray_bounces.min(gi.bounces).max(1)
     }
@@ -109,7 +112,7 @@ impl LightRays {
         if is_glossy && self.glossy.size() != size {
             self.glossy = Image::new(&gpu.device, size, "highlights by rays", wgpu::TextureFormat::Rgba16Float);
         }
-        let count = Self::bounces_of(&search.settings.gi) as usize;
+        let count = Self::bounces_of(&search.settings.gi) as usize * (1 + share.mirrors);
         self.bounces.truncate(count);
         while self.bounces.len() < count {
             self.bounces.push(Bounce::new(&gpu.device, size));
@@ -153,11 +156,8 @@ impl LightRays {
             point_out: this.mirror.point.bind(),
             eye_out: this.mirror.eye.bind(),
         };
-        let switches = [
-            ("bounce", bounce as u32),
-            ("tile", Self::window(&settings.gi, share.total)),
-            ("is_glossy", u32::from(is_glossy)),
-        ];
+        let tile = Self::window(&settings.gi, share.total);
+        let switches = [("bounce", bounce as u32), ("tile", tile), ("is_glossy", u32::from(is_glossy))];
         recorder.over_pixels(&switches, supply, bindings)?;
 
         let task = Task {
@@ -185,15 +185,17 @@ impl LightRays {
         }
 
         let is_lit = settings.gi.bounces > 0;
-        let is_last = bounce + 1 == self.bounces.len();
+        let ray_bounces = Self::bounces_of(&settings.gi);
+        // Some paths have no further ray but those that mirrors reflect.
+        let may_end = bounce + 1 >= ray_bounces as usize;
         if is_lit {
-            let gi = if is_last { None } else { light.gi.take() };
+            let gi = if may_end { None } else { light.gi.take() };
             let shaded = light.shade(recorder, supply, &self.bounces, bounce + 1);
             light.gi = gi.or(light.gi.take());
             shaded?;
         }
         recorder.time_as(Some(LIGHT_RAYS));
-        let indirect = light.gi.as_ref().and_then(|gi| gi.met()).filter(|_| is_lit && is_last);
+        let indirect = light.gi.as_ref().and_then(|gi| gi.met()).filter(|_| is_lit && may_end);
         let bindings = passes::light_ray_sum {
             albedo_in: this.seen.albedo.bind(),
             normal_in: this.seen.normal.bind(),
@@ -209,7 +211,10 @@ impl LightRays {
         let switches = [
             ("is_lit", u32::from(is_lit)),
             ("has_indirect", u32::from(indirect.is_some())),
-            ("is_last", u32::from(is_last)),
+            ("is_last", u32::from(bounce + 1 == self.bounces.len())),
+            ("bounce", bounce as u32),
+            ("ray_bounces", ray_bounces),
+            ("tile", tile),
             ("has_sky", u32::from(share.has_sky)),
             ("is_glossy", u32::from(is_glossy)),
             ("is_mixed", u32::from(light.is_mixed(bounce + 1))),

@@ -12,7 +12,7 @@ use cloud::{Chunk, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
 use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
-use scene::{Camera, Settings, SpotLight};
+use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
 use stage::Stage;
 use walls::{ALBEDO, DISC, settings, store_of, wall};
@@ -99,6 +99,51 @@ fn a_floor_at_the_foot_of_a_wall_sees_what_the_wall_leaves_of_the_sky_even_a_dis
         let mean = shares.iter().sum::<f64>() / shares.len() as f64;
         println!("{mean} of the closed form on {} pixels", shares.len());
         assert!(shares.len() > 300 && (mean - 1.0).abs() < 0.02, "{mean} of the closed form on {}", shares.len());
+    }
+}
+
+#[test]
+fn a_floor_beside_a_mirror_wall_sees_the_sky_in_it() {
+    let mut stage = stage_or_skip!();
+    let camera = Camera::looking(DVec3::ZERO, DVec3::new(-0.2, -0.2, 1.0), 3.2, DVec3::Z);
+    let mut settings = sky(64);
+    settings.set_text("reflection.method", "surfel_trace").unwrap();
+    for share in [1.0_f64, 0.5] {
+        let mut store = store_of(&stage, vec![floor()], Material::default());
+        let center = DVec3::new(2.0, 0.0, 2.0);
+        let plane = Mirror {
+            specular_intensity: share as f32,
+            ..Mirror::standing(Shape::Plane { height: 0.25 }, center, -DVec3::X, DVec3::Z, 8.0)
+        };
+        // By its formula, and as points.
+        let by_formula = [plane];
+        for mirrors in [&by_formula[..], &[]] {
+            if mirrors.is_empty() {
+                let wall = wall(DVec3::new(2.0, -8.0, 0.0), [DVec3::Z * 4.0, DVec3::Y * 16.0]);
+                let material = Material { specular_intensity: share as f32, ..Material::default() };
+                let cloud = store.add_cloud(material);
+                store.add_chunk(cloud, &wall, None).unwrap();
+            }
+            let objects = Objects { mirrors, ..Objects::default() };
+            stage.renderer.render(&store, &Frame::new(&camera, &settings, objects, SIZE)).unwrap();
+            let is_floor = |at: &DVec3| at.z.abs() < 0.002 && at.x < 2.0 - DISC;
+            // The mirror hides (1 - d / sqrt(d^2 + h^2)) / 2 of the light of a floor, and reflects its share of that.
+            let shares =
+                read(&stage, Aov::Position).into_iter().zip(read(&stage, Aov::Indirect)).filter(|(at, _)| is_floor(at));
+            let shares: Vec<f64> = shares
+                .map(|(at, light)| {
+                    let distance = 2.0 - at.x;
+                    let hidden = (1.0 - distance / (distance * distance + 16.0).sqrt()) / 2.0;
+                    light.x / (OPEN * (1.0 - hidden * (1.0 - share)))
+                })
+                .collect();
+            let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+            println!("{mean} of the closed form by a mirror of {share}");
+            assert!(
+                shares.len() > 300 && (mean - 1.0).abs() < 0.01,
+                "{mean} of the closed form by a mirror of {share}"
+            );
+        }
     }
 }
 

@@ -167,6 +167,23 @@ fn a_still_picture_does_not_change_and_a_moving_one_does_not_flicker() {
 }
 
 #[test]
+fn rays_of_light_find_what_a_mirror_ball_throws_on_the_walls_and_virtual_lights_do_not() {
+    let Some(mut studio) = studio() else { return };
+    let studio = &mut *studio;
+    let [rays, lights] = ["gi.by=rays gi.rays_per_pixel=8", "gi.by=lights"]
+        .map(|text| settings(&format!("{text} reflection.method=surfel_trace")));
+    let traced = TracedLight { over_mirrors: true, paths: 256, stride: 10 };
+    let truth = studio.with_sphere.indirect_truth(&rays, SIZE, traced).unwrap();
+    let [rays, lights] = [rays, lights].map(|settings| {
+        studio.with_sphere.render(&mut studio.renderer, &settings, SIZE).unwrap();
+        studio.with_sphere.judge_indirect(&studio.renderer, &truth).unwrap().same_surface
+    });
+    println!("rays {rays:?}, lights {lights:?}, noise {}", truth.noise);
+    assert!((rays.mean_ratio - 1.0).abs() < 0.02, "{rays:?}");
+    assert!(lights.mean_ratio < 0.95, "{lights:?}");
+}
+
+#[test]
 fn a_mirror_whose_reflections_are_not_followed_sends_as_much_light_as_a_diffuse_surface() {
     let Some(mut studio) = studio() else { return };
     let settings = settings("gi.vpls=1024 gi.interleave=1");

@@ -171,7 +171,7 @@ pub(super) fn light_rays(
         gi: Some(gi),
         shading,
         camera: surface,
-        // Mirrors throw on their diffuse light alone where their reflections are followed.
+        // A mirror's own light is its diffuse part alone where its reflections are followed.
         bounces: if Reflections::asked(settings) > 0 { usize::MAX } else { 0 },
         received: None,
         direct: &targets.direct,
@@ -181,7 +181,13 @@ pub(super) fn light_rays(
         met_bounces: Some(settings.gi.bounces.saturating_sub(LightRays::bounces_of(&settings.gi))),
     };
     let Reflections { methods, counters, .. } = reflections;
-    let share = RayShare { numbers: numbers.clone(), total: plan.rays, has_sky: plan.sky.is_some(), counters };
+    let share = RayShare {
+        numbers: numbers.clone(),
+        total: plan.rays,
+        has_sky: plan.sky.is_some(),
+        mirrors: if store.has_mirrors() || !with_mirrors { Reflections::asked(settings) } else { 0 },
+        counters,
+    };
     rays.add(recorder, &mut search, &mut light, &mut methods.index, &share)?;
     sums.samples = numbers.end;
     Ok(Some(sums))
