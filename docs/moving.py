@@ -8,7 +8,8 @@ INPUT is a file or a built-in scene. Each is opened with empty caches, then agai
 dragged in circles. Medians are printed, of glint by its event log. A last drag, with GLINT_EVENT_FLIP, compares moving
 pictures with the pictures at rest of the same views, so that a rate never stands without its quality. Where
 CloudCompare is found, it is opened and dragged beside glint, and both are counted from outside by ffmpeg, which takes
-processor time of its own. Needs Xvfb and xdotool, and ffmpeg for CloudCompare."""
+processor time of its own; what CloudCompare asks about a file is accepted. Needs Xvfb and xdotool, and ffmpeg for
+CloudCompare."""
 
 import argparse
 import json
@@ -71,11 +72,10 @@ class Screen:
     def record(self, seconds):
         """Starts to record the picture beside the panel; `changes` reads the result."""
         area = f"{SIZE[0] - PANEL}x{SIZE[1] - 60}"
-        source = ["-f", "x11grab", "-framerate", "60", "-video_size", area, "-i", f"{self.display}+{PANEL},30"]
-        output = ["-t", str(seconds), "-f", "framehash", "-"]
-        arguments = ["ffmpeg", "-loglevel", "error", "-draw_mouse", "0", *source, *output]
-        began = time.time()
-        return began, subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
+        screen = ["-f", "x11grab", "-framerate", "60", "-video_size", area, "-i", f"{self.display}+{PANEL},30"]
+        # The times of the frames are those of the clock.
+        arguments = ["ffmpeg", "-loglevel", "error", "-draw_mouse", "0", "-t", str(seconds), *screen]
+        return subprocess.Popen([*arguments, "-copyts", "-f", "framecrc", "-"], stdout=subprocess.PIPE, text=True)
 
     def end(self):
         self.server.terminate()
@@ -84,9 +84,8 @@ class Screen:
 
 def changes(recording):
     """When the recorded picture changed, in seconds of the clock."""
-    began, process = recording
-    lines = [line.split(",") for line in process.communicate()[0].splitlines() if not line.startswith("#")]
-    frames = [(began + int(words[2]) / 60.0, words[-1].strip()) for words in lines]
+    lines = [line.split(",") for line in recording.communicate()[0].splitlines() if not line.startswith("#")]
+    frames = [(int(words[2]) / 60.0, words[-1].strip()) for words in lines]
     return [at for (_, before), (at, now) in zip(frames, frames[1:]) if now != before]
 
 
@@ -195,30 +194,46 @@ def drags(program, scene, seconds, times):
     print(f"        release to final {median(releases, 2)} s", flush=True)
 
 
-def outside(name, command, seconds):
-    """Opens a program, drags, and prints what a recorder of the screen counts."""
+def answer(screen, began):
+    """Accepts what a program proposes that asks how to read a file, once it asks. Returns the seconds until then."""
+    while time.time() - began < 10.0:
+        questions = screen.xdotool("search", "--onlyvisible", "--name", "File Open|Open LAS")
+        if questions:
+            screen.xdotool("windowfocus", questions[-1], "key", "Return")
+            return time.time() - began
+        time.sleep(0.02)
+    return None
+
+
+def outside(name, command, seconds, asks):
+    """Opens a program twice, drags, and prints what a recorder of the screen counts."""
+    openings, waits = [], []
     with tempfile.TemporaryDirectory() as home:
-        screen = Screen()
-        environment = {**os.environ, "DISPLAY": screen.display, "HOME": home, "XDG_RUNTIME_DIR": home}
-        recording = screen.record(30)
-        began = time.time()
-        process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        opened = changes(recording)
-        screen.xdotool("key", "Return")
-        screen.enlarge(process)
-        time.sleep(4.0)
-        recording = screen.record(seconds + 8)
-        time.sleep(0.5)
-        released = screen.drag(seconds)
-        seen = changes(recording)
-        process.terminate()
-        process.wait()
-        screen.end()
+        for again in (False, True):
+            screen = Screen()
+            environment = {**os.environ, "DISPLAY": screen.display, "HOME": home, "XDG_RUNTIME_DIR": home}
+            recording = screen.record(20)
+            began = time.time()
+            process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            waits.append(answer(screen, began) if asks else None)
+            opened = changes(recording)
+            openings.append(opened[-1] - began if opened else float("nan"))
+            if again:
+                screen.enlarge(process)
+                time.sleep(4.0)
+                recording = screen.record(seconds + 8)
+                time.sleep(0.5)
+                released = screen.drag(seconds)
+                seen = changes(recording)
+            process.terminate()
+            process.wait()
+            screen.end()
     rate = sum(released - seconds < at < released for at in seen) / seconds
+    first = next((at - released + seconds for at in seen if at > released - seconds), float("nan"))
     final = max([at - released for at in seen if at > released], default=0.0)
-    last = opened[-1] - began if opened else float("nan")
-    print(f"  {name} from outside: {rate:.1f} changes a second, release to final {final:.2f} s;")
-    print(f"        last change {last:.1f} s after the start", flush=True)
+    print(f"  {name} from outside: {rate:.1f} changes a second, the first {first:.2f} s after the drag began;")
+    print(f"        release to last change {final:.2f} s; start to last change {openings[0]:.1f} s, again {openings[1]:.1f}", end="")
+    print(f" ({waits[1]:.1f} of them until a question was answered)" if waits[1] else "", flush=True)
 
 
 def main():
@@ -244,8 +259,8 @@ def main():
         print(f"        {median(later, 1)} and {median(later_final, 1)} s", flush=True)
         drags(program, scene, asked.seconds, asked.times)
         if other and os.path.exists(scene):
-            outside("CloudCompare", [other, os.path.abspath(scene)], asked.seconds)
-            outside("glint", [program, os.path.abspath(scene)], asked.seconds)
+            outside("CloudCompare", [other, os.path.abspath(scene)], asked.seconds, True)
+            outside("glint", [program, os.path.abspath(scene)], asked.seconds, False)
 
 
 if __name__ == "__main__":

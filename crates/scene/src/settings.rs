@@ -273,7 +273,7 @@ params! {
         by: IndirectBy = IndirectBy::Lights;
         /// Rays of each pixel at rest, of which the first picture shows one and each further picture more; four times as many halve the noise. While something moves, one. Powers of two are spread most evenly.
         rays_per_pixel: u32 = 64, 1..=4096, "rays";
-        /// Reflections that rays follow themselves; the virtual lights give those beyond them, up to gi.bounces.
+        /// Reflections between surfaces that rays follow themselves; the virtual lights give those beyond them, up to gi.bounces. Mirrors reflect rays besides, as often as reflection.bounces says.
         ray_bounces: u32 = 1, 1..=4, "bounces";
         /// Seed of the directions of rays; the same seed gives the same picture.
         ray_seed: u32 = 1;
