@@ -9,7 +9,6 @@ use scene::{Atomics, LargeDiscs, Splat};
 
 use crate::allocation;
 use crate::kept_pipelines::KeptPipelines;
-use crate::passes::{Code, PipelineKey};
 
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -62,6 +61,16 @@ impl Clock {
             Self::Host => "host",
         }
     }
+}
+
+/// The name of a pass, and its switches: the values of the shader's `override` constants.
+pub(crate) type PipelineKey = (&'static str, Vec<(&'static str, u32)>);
+
+/// What the compiler makes of a pass.
+#[derive(Clone, Debug)]
+pub(crate) struct Code {
+    pub pipeline: wgpu::ComputePipeline,
+    pub layouts: Vec<wgpu::BindGroupLayout>,
 }
 
 /// An opened device.

@@ -8,7 +8,7 @@ use param::choices;
 use scene::Settings;
 use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
 
-use crate::gpu::Gpu;
+use crate::gpu::{Code, Gpu};
 use crate::loads;
 
 choices! {
@@ -448,16 +448,6 @@ passes! {
     }
 }
 
-/// The name of a pass, and its switches: the values of the shader's `override` constants.
-pub(crate) type PipelineKey = (&'static str, Vec<(&'static str, u32)>);
-
-/// What the compiler makes of a pass.
-#[derive(Clone, Debug)]
-pub struct Code {
-    pub pipeline: wgpu::ComputePipeline,
-    layouts: Vec<wgpu::BindGroupLayout>,
-}
-
 /// A compiled pass, and what a renderer knows of its times.
 pub struct Compiled {
     pass: &'static Pass,
@@ -470,8 +460,8 @@ pub struct Compiled {
     pub has_run: bool,
 }
 
-impl Code {
-    fn new(gpu: &Gpu, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
+impl Compiled {
+    fn compile(gpu: &Gpu, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Code, String> {
         let device = &gpu.device;
         let woven = crate::shader::weave(pass)?;
         let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
@@ -516,11 +506,9 @@ impl Code {
         if let Some(error) = pollster::block_on(scope.pop()) {
             return Err(format!("shader {}: {}", pass.name, woven.explain(&error.to_string())));
         }
-        Ok(Self { pipeline, layouts })
+        Ok(Code { pipeline, layouts })
     }
-}
 
-impl Compiled {
     /// Compiles a pass, unless the device has it already. `switches` are the values of the shader's `override` constants.
     ///
     /// # Errors
@@ -532,7 +520,7 @@ impl Compiled {
         let code = match known {
             Some(code) => code,
             None => {
-                let code = Code::new(gpu, pass, switches)?;
+                let code = Self::compile(gpu, pass, switches)?;
                 compiled().insert(key, code.clone());
                 code
             }

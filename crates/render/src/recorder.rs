@@ -8,12 +8,12 @@ use std::time::Instant;
 use cloud::Progress;
 use scene::Settings;
 
-use crate::gpu::{Clock, Error, Gpu, Result};
+use crate::gpu::{Clock, Error, Gpu, PipelineKey, Result};
 use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
 use crate::layout::{Page, Run};
 use crate::pass_times::{PassTime, Times, summed};
-use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, PipelineKey, Pixels};
+use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
 use crate::pieces::{LONGEST_ON_GPU, MOST_AHEAD, TOO_LONG, UNKNOWN_TOGETHER, piece_of, pieces_of};
 use crate::store::draw_list::Cover;
 use crate::targets::{Image, uniform_buffer};

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use scene::Settings;
 
-use crate::passes::PipelineKey;
+use crate::gpu::PipelineKey;
 use crate::recorder::Pipelines;
 
 /// Passes that are submitted together and timed by the host's clock.
