@@ -49,6 +49,9 @@ pub struct TestTime {
     pub program: String,
     pub test: String,
     pub time: Duration,
+    /// The time on processors of a whole program and of what it ran, where the system says it. Other work on the machine
+    /// makes `time` longer, and this hardly.
+    pub processor: Option<Duration>,
 }
 
 /// What became of the tests.
@@ -132,6 +135,7 @@ struct Finished {
     errors: String,
     lines: TestLines,
     time: Duration,
+    processor: Option<Duration>,
 }
 
 fn run_one(program: &TestProgram, variables: &[(&str, OsString)]) -> Result<Finished> {
@@ -153,9 +157,20 @@ fn run_one(program: &TestProgram, variables: &[(&str, OsString)]) -> Result<Fini
         output.push_str(&text);
         line.clear();
     }
-    let status = child.wait()?;
     let errors = errors.join().unwrap_or_default();
-    Ok(Finished { status, output, errors, lines, time: start.elapsed() })
+    let processor = std::fs::read_to_string(format!("/proc/{}/stat", child.id()));
+    let processor = processor.ok().and_then(|stat| processor_time(&stat));
+    let status = child.wait()?;
+    Ok(Finished { status, output, errors, lines, time: start.elapsed(), processor })
+}
+
+/// The time on processors of a program and of the programs that it has waited for, by Linux's `/proc/PID/stat`: fields 14
+/// to 17, in hundredths of a second.
+fn processor_time(stat: &str) -> Option<Duration> {
+    // The name of the program stands in brackets and may have any character.
+    let (_, fields) = stat.rsplit_once(')')?;
+    let ticks = fields.split_whitespace().skip(11).take(4).map(|field| field.parse::<u64>().ok());
+    Some(Duration::from_millis(ticks.sum::<Option<u64>>()? * 10))
 }
 
 fn text_of(mut stream: impl Read) -> String {
@@ -167,10 +182,12 @@ fn text_of(mut stream: impl Read) -> String {
 
 /// Prints how a program ended, and adds its tests to the outcome of all.
 fn report(program: &TestProgram, finished: Finished, outcome: &mut Outcome) {
-    let Finished { status, output, errors, lines, time } = finished;
+    let Finished { status, output, errors, lines, time, processor } = finished;
     let is_good = status.success() && lines.failed.is_empty();
     let word = if is_good { "ok" } else { "FAILED" };
-    println!("{word:>6} {:7.1} s  {} ({} tests)", time.as_secs_f64(), program.name, lines.passed + lines.failed.len());
+    let on_processors = processor.map_or(String::new(), |time| format!(", {:.1} s on processors", time.as_secs_f64()));
+    let tests = lines.passed + lines.failed.len();
+    println!("{word:>6} {:7.1} s  {} ({tests} tests{on_processors})", time.as_secs_f64(), program.name);
     // A skipped test says so on standard output of the test, which is shown only under --nocapture.
     if !is_good {
         println!("---- {} ({status}) ----\n{output}{errors}---- end of {} ----", program.name, program.name);
@@ -179,9 +196,9 @@ fn report(program: &TestProgram, finished: Finished, outcome: &mut Outcome) {
     }
     outcome.passed += lines.passed;
     outcome.ignored += lines.ignored;
-    let named = |(test, time)| TestTime { program: program.name.clone(), test, time };
+    let named = |(test, time)| TestTime { program: program.name.clone(), test, time, processor: None };
     outcome.times.extend(lines.times.into_iter().map(named));
-    outcome.times.push(TestTime { program: program.name.clone(), test: String::new(), time });
+    outcome.times.push(TestTime { program: program.name.clone(), test: String::new(), time, processor });
 }
 
 /// Reads the lines of a test program that runs its tests one by one.
@@ -214,13 +231,14 @@ impl TestLines {
     }
 }
 
-/// A table of times, longest first: the seconds of each program, then of each test.
+/// A table of times, longest first: the seconds of each program, with those on processors, then of each test.
 pub fn table(times: &[TestTime]) -> String {
     let mut sorted: Vec<&TestTime> = times.iter().collect();
     sorted.sort_by_key(|time| (!time.test.is_empty(), std::cmp::Reverse(time.time)));
-    let mut text = String::from("program,test,seconds\n");
-    for TestTime { program, test, time } in sorted {
-        let _ = writeln!(text, "{program},{test},{:.2}", time.as_secs_f64());
+    let mut text = String::from("program,test,seconds,on processors\n");
+    for TestTime { program, test, time, processor } in sorted {
+        let processor = processor.map_or(String::new(), |time| format!("{:.2}", time.as_secs_f64()));
+        let _ = writeln!(text, "{program},{test},{:.2},{processor}", time.as_secs_f64());
     }
     text
 }
@@ -343,9 +361,18 @@ mod tests {
             program: program.into(),
             test: test.into(),
             time: Duration::from_secs(seconds),
+            processor: test.is_empty().then(|| Duration::from_secs(seconds * 2)),
         };
         let times = [time("render", "one", 2), time("render", "two", 3), time("render", "", 5), time("app", "", 7)];
-        let expected = "program,test,seconds\napp,,7.00\nrender,,5.00\nrender,two,3.00\nrender,one,2.00\n";
+        let expected = "program,test,seconds,on processors\napp,,7.00,14.00\nrender,,5.00,10.00\nrender,two,3.00,\n\
+                        render,one,2.00,\n";
         assert_eq!(table(&times), expected);
+    }
+
+    #[test]
+    fn the_time_on_processors_is_that_of_a_program_and_of_those_that_it_ran() {
+        let stat = "77 (a (b) c) S 1 77 77 0 -1 4194304 900 0 0 0 150 25 1000 5 20 0 1 0 88 1 2";
+        assert_eq!(processor_time(stat), Some(Duration::from_millis(11_800)));
+        assert_eq!(processor_time("77 (a) S 1"), None);
     }
 }
