@@ -21,6 +21,7 @@
 //! assert!(window.is_open(), "{}", window.messages());
 //! ```
 
+pub mod copc_lists;
 mod program;
 mod real_data;
 pub mod server;

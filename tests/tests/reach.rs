@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 
+use tests::copc_lists::{self, in_pages};
 use tests::server::{Habits, Server};
 use tests::{Folder, test_data};
 
@@ -48,6 +49,67 @@ fn pictures_by_address_are_those_of_files_to_the_bit() {
         let (of_address, messages) = picture(&folder, "address.png", &text(&server.path(name)), &[]);
         assert!(of_file == of_address, "{name}: {messages}");
     }
+}
+
+/// More nodes than fit in the smallest memory, and than are read whole of an address.
+const MANY_NODES: usize = 9000;
+const LITTLE_MEMORY: [&str; 2] = ["--set", "stream.host_bytes=64MiB"];
+
+#[test]
+fn lists_of_nodes_that_are_read_page_by_page_give_the_picture_of_whole_ones_to_the_bit() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let clouds = folder.path("clouds");
+    std::fs::create_dir(&clouds).expect("a folder");
+    let file = std::fs::read(data.join("copc/lone_star_las14_pf6.copc.laz")).expect("a COPC file");
+    std::fs::write(clouds.join("paged.copc.laz"), in_pages(&file, 1, MANY_NODES).bytes).expect("a copy");
+    let server = Server::of_folder(&clouds, Habits { fails: 10, ..Habits::default() });
+    let (path, address) = (text(&clouds.join("paged.copc.laz")), text(&server.path("paged.copc.laz")));
+    let views: [&[&str]; 2] = [&[], &["--set", "view.point_budget=100000", "--set", "light.by=sun"]];
+    for more in views {
+        let (whole, _) = picture(&folder, "whole.png", &path, more);
+        let (paged, messages) = picture(&folder, "paged.png", &path, &[more, &LITTLE_MEMORY].concat());
+        assert!(whole == paged && messages.is_empty(), "{more:?}: {messages}");
+        let (far, messages) = picture(&folder, "far.png", &address, more);
+        assert!(whole == far && messages.is_empty(), "{more:?}: {messages}");
+    }
+    // A hierarchy that claims to be larger than it is.
+    let (from, to) = (data.join("ept/lone-star-laszip"), folder.path("ept"));
+    for part in ["", "ept-data", "ept-hierarchy"] {
+        std::fs::create_dir(to.join(part)).expect("a folder");
+        for entry in std::fs::read_dir(from.join(part)).expect("its files").flatten().filter(|own| own.path().is_file())
+        {
+            let bytes = std::fs::read(entry.path()).expect("a file");
+            std::fs::write(to.join(part).join(entry.file_name()), bytes).expect("a copy");
+        }
+    }
+    let told = std::fs::read_to_string(from.join("ept.json")).expect("text").replace("518862", "1000000000000");
+    std::fs::write(to.join("ept.json"), told).expect("a copy");
+    let (whole, _) = picture(&folder, "whole.png", &text(&from.join("ept.json")), &[]);
+    let (paged, messages) = picture(&folder, "paged.png", &text(&to.join("ept.json")), &[]);
+    assert!(whole == paged && messages.is_empty(), "{messages}");
+}
+
+#[test]
+fn a_page_of_a_list_of_nodes_that_cannot_be_used_is_told_and_the_rest_is_shown() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let file = std::fs::read(data.join("copc/lone_star_las14_pf6.copc.laz")).expect("a COPC file");
+    let mut listed = in_pages(&file, 1, MANY_NODES);
+    let ((link, _), at) = listed.entries.iter().find(|((_, is_page), _)| *is_page).expect("a further page");
+    let (link, at) = (*link, *at);
+    let whole = folder.write("whole.copc.laz", &listed.bytes);
+    // The page is said to lie where no page can.
+    listed.bytes[at..at + 32].copy_from_slice(&copc_lists::entry(link, 375, 64, -1));
+    let damaged = folder.write("damaged.copc.laz", &listed.bytes);
+    let (of_whole, _) = picture(&folder, "whole.png", &text(&whole), &LITTLE_MEMORY);
+    let output = text(&folder.path("damaged.png"));
+    let arguments = ["render", &text(&damaged), "--size", "200x150", "--set", "stream.pages=always", "-o", &output];
+    let outcome = folder.glint([&arguments[..], &LITTLE_MEMORY].concat());
+    let told = &outcome.messages;
+    assert!(told.contains("outside the record of pages") && told.contains("below that node are missing"), "{outcome}");
+    let shown = std::fs::read(output).expect("what is there is shown");
+    assert!(shown != of_whole);
 }
 
 #[test]

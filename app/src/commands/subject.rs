@@ -520,7 +520,7 @@ mod tests {
         let grid = Some(cloud::Grid::new(DVec3::splat(0.01), DVec3::ZERO));
         let opened = Opened { name: "tiles".into(), expected_points: 1, up: DVec3::Z, ..Opened::default() };
         loads.take(Event::Opened { cloud: 0, opened }, &bar, &mut failed);
-        let octree = Arc::new(stream::Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
+        let octree = Arc::new(stream::Octree::new(DVec3::ZERO, 1.0, 0.1, Vec::new()));
         let attributes = Vec::new();
         let pages = IndexState::Indexed { octree, attributes, grid, was_built: true, has_surfels: false, entry: None };
         loads.take(Event::Pages { cloud: 0, pages }, &bar, &mut failed);

@@ -2,7 +2,8 @@
 //! points for each node of an octree (`tiles`): LAZ, or rows of numbers.
 //!
 //! `ept.json` and the hierarchy are claims: a tile with another number of points, other attributes or another grid than
-//! they and the first tile say is not read, and the others are. What is read stays within the tree, since all names of
+//! they and the first tile say is not read, and the others are. A hierarchy that is larger than the memory for it is read page
+//! by page, as views need its nodes. What is read stays within the tree, since all names of
 //! files are made from the numbers of nodes.
 
 pub(crate) mod hierarchy;
@@ -10,7 +11,7 @@ mod tiles;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use cloud::{Bounds, Chunk, Progress};
 use glam::DVec3;
@@ -24,17 +25,17 @@ use crate::export::columns::{Colors, Field, Piece, Reading};
 use crate::format::Format;
 use crate::in_order::InOrder;
 use crate::info::{Info, Selection, Summary};
-use crate::las::{Copc, CopcNode, Key};
+use crate::las::{Copc, CopcNode, CopcPage, Key, PageNodes, most_nodes};
 use crate::remote::Stamp;
 use crate::units::wkt;
 use crate::{Error, Result};
-use hierarchy::{Hierarchy, name};
+use hierarchy::{Entries, Hierarchy, name};
 use tiles::{Dimension, Tile, TileRows};
 
 /// The longest `ept.json`: a coordinate system has some kilobytes.
 const MOST_DESCRIPTION: u64 = 4 << 20;
-/// The memory of a node in bytes while a cloud is open, in all tables; nodes may take an eighth of the memory.
-const NODE_BYTES: u64 = 512;
+/// The most nodes of a hierarchy on a server that is read whole.
+const MOST_NODES_FAR: usize = 1 << 13;
 /// The number of tiles that are tried before a cloud is said to be unreadable.
 const TRIED: usize = 8;
 
@@ -43,15 +44,19 @@ pub struct EptSource {
     pub(crate) info: Info,
     file: Bytes,
     octree: Copc,
-    /// The number of points before each node.
+    /// The number of points before each node that is known from the opening.
     first_points: Vec<u64>,
+    /// The cloud with its whole hierarchy, once it is read from end to end, if the hierarchy is read page by page.
+    whole: OnceLock<std::result::Result<Box<EptSource>, String>>,
+    /// The bytes of a point in the tiles, about.
+    bytes_each: f64,
     /// How binary tiles are read; `None` for LAZ.
     rows: Option<TileRows>,
     /// The tile whose columns, colours and grid all others have; `None` for a cloud without points.
     model: Option<Tile>,
     memory: u64,
     /// The stamps of the tiles at addresses that were opened, by their nodes: each stays the one that it was.
-    opened: Mutex<HashMap<usize, Stamp>>,
+    opened: Mutex<HashMap<Key, Stamp>>,
 }
 
 #[derive(Deserialize)]
@@ -91,6 +96,12 @@ impl EptSource {
     /// # Errors
     /// If the description, the first page of the hierarchy or the first tiles cannot be used.
     pub fn open(file: Bytes, memory: u64) -> Result<Self> {
+        let most = if file.is_remote() { most_nodes(memory).min(MOST_NODES_FAR) } else { most_nodes(memory) };
+        Self::open_up_to(file, memory, most)
+    }
+
+    /// Reads a hierarchy of more than `most_whole` nodes page by page.
+    fn open_up_to(file: Bytes, memory: u64, most_whole: usize) -> Result<Self> {
         let path = file.path().to_owned();
         let fail = |problem: String| Error::malformed(&path, "description", problem);
         let text = file.all(MOST_DESCRIPTION)?;
@@ -113,10 +124,17 @@ impl EptSource {
             return Err(fail(format!("a hierarchy of type `{other}`, expected json")));
         }
         let (corner, width, spacing) = told.cube().map_err(fail)?;
-        let most = usize::try_from(memory / 8 / NODE_BYTES).unwrap_or(usize::MAX).max(1024);
-        let Hierarchy { nodes, warnings } = hierarchy::read(&path, most)?;
+        let most = most_nodes(memory);
+        let octree = Copc::of_tiles(corner, width, spacing, most);
+        let first = hierarchy::page(&path, (0, [0; 3]))?;
+        let (octree, warnings) = match first_page(&path, &first, told.points, most_whole, most)? {
+            Some(first) => (octree.with_first_page(first), Vec::new()),
+            None => whole_octree(octree, hierarchy::read(&path, first, most)).map_err(fail)?,
+        };
+        let is_paged = !octree.further.is_empty();
+        let counted = octree.nodes.iter().map(|node| u64::from(node.points)).sum();
         let mut info = Info::of_rows(&path, Format::Ept, format!("{} {}", told.version, told.data_type));
-        info.points = nodes.values().map(|points| u64::from(*points)).sum();
+        info.points = if is_paged { told.points } else { counted };
         info.bounds = told.points_bounds(corner, width).filter(|_| info.points > 0);
         info.crs = told.srs.wkt.as_deref().map(str::trim).filter(|wkt| !wkt.is_empty()).map(str::to_owned);
         info.units = info.crs.as_deref().map(wkt::units).unwrap_or_default();
@@ -124,7 +142,6 @@ impl EptSource {
         if told.points != info.points {
             info.warnings.push(format!("it says {} points, its hierarchy has {}", told.points, info.points));
         }
-        let octree = octree(nodes, (corner, width, spacing), most).map_err(fail)?;
         let mut points = 0;
         let first_points = octree.nodes.iter().map(|node| {
             points += u64::from(node.points);
@@ -132,7 +149,9 @@ impl EptSource {
         });
         let first_points = first_points.collect();
         info.grid = rows.as_ref().and_then(|_| TileRows::grid(&told.schema));
-        let mut source = Self { info, file, octree, first_points, rows, model: None, memory, opened: Mutex::default() };
+        let (whole, bytes_each, opened) = (OnceLock::new(), 0.0, Mutex::default());
+        let mut source =
+            Self { info, file, octree, first_points, whole, bytes_each, rows, model: None, memory, opened };
         source.find_model()?;
         Ok(source)
     }
@@ -140,10 +159,9 @@ impl EptSource {
     /// Opens the first tile, whose columns, colours and grid all others have.
     fn find_model(&mut self) -> Result<()> {
         let mut first_error = None;
-        let filled: Vec<usize> =
-            (0..self.octree.nodes.len()).filter(|node| self.octree.nodes[*node].points > 0).collect();
+        let filled: Vec<usize> = (0..self.octree.first).filter(|node| self.octree.nodes[*node].points > 0).collect();
         for node in filled.iter().take(TRIED) {
-            match self.tile(*node) {
+            match self.tile(&self.octree.nodes[*node]) {
                 Ok(tile) => {
                     let own = tile.info();
                     self.info.point_format = own.point_format;
@@ -156,6 +174,7 @@ impl EptSource {
                     }
                     // The lengths of other tiles are not known before they are opened.
                     let bytes_each = tile.length() as f64 / own.points.max(1) as f64;
+                    self.bytes_each = bytes_each;
                     self.octree
                         .nodes
                         .iter_mut()
@@ -170,8 +189,8 @@ impl EptSource {
     }
 
     /// The path of the file with the points of a node.
-    fn tile_path(&self, node: usize) -> PathBuf {
-        let CopcNode { level, cell, .. } = self.octree.nodes[node];
+    fn tile_path(&self, node: &CopcNode) -> PathBuf {
+        let CopcNode { level, cell, .. } = *node;
         let ending = if self.rows.is_some() { "bin" } else { "laz" };
         beside(self.file.path(), &format!("ept-data/{}.{ending}", name((level, cell))))
     }
@@ -180,13 +199,14 @@ impl EptSource {
     ///
     /// # Errors
     /// If it is not there, or is not as the hierarchy and the first tile say.
-    fn tile(&self, node: usize) -> Result<Tile> {
+    fn tile(&self, node: &CopcNode) -> Result<Tile> {
         let path = self.tile_path(node);
+        let key = (node.level, node.cell);
         let opened = || self.opened.lock().unwrap_or_else(PoisonError::into_inner);
-        let before = opened().get(&node).cloned();
+        let before = opened().get(&key).cloned();
         let file = Bytes::open_small_again(&path, before.as_ref())?;
         if let (None, Some(stamp)) = (before, file.stamp()) {
-            opened().insert(node, stamp.clone());
+            opened().insert(key, stamp.clone());
         }
         let memory = self.memory / rayon::current_num_threads().max(1) as u64;
         let mut tile = match &self.rows {
@@ -197,7 +217,7 @@ impl EptSource {
             }
         };
         let fail = |problem: String| Error::malformed(&path, "tile", problem);
-        let (points, expected) = (tile.info().points, u64::from(self.octree.nodes[node].points));
+        let (points, expected) = (tile.info().points, u64::from(node.points));
         if points != expected {
             return Err(fail(format!("{points} points, the hierarchy says {expected}")));
         }
@@ -227,7 +247,42 @@ impl EptSource {
         (0..self.octree.nodes.len()).filter(|node| self.octree.nodes[*node].points > 0).collect()
     }
 
+    /// One page of the hierarchy.
+    pub fn read_page(&self, page: &CopcPage) -> Result<PageNodes> {
+        let top = (page.level, page.cell);
+        let entries = hierarchy::page(self.file.path(), top)?;
+        let mut found = page_nodes(self.file.path(), top, &entries, self.octree.most_nodes)?;
+        found.nodes.iter_mut().for_each(|node| node.bytes = (f64::from(node.points) * self.bytes_each) as u64);
+        Ok(found)
+    }
+
+    /// The cloud with its whole hierarchy, as far as that fits in memory.
+    pub fn whole(&self) -> Result<&Self> {
+        if self.octree.further.is_empty() {
+            return Ok(self);
+        }
+        let open = || {
+            let opened =
+                Bytes::open_small(self.file.path()).and_then(|file| Self::open_up_to(file, self.memory, usize::MAX));
+            opened.map(Box::new).map_err(|error| error.to_string())
+        };
+        match self.whole.get_or_init(open) {
+            Ok(whole) => Ok(whole),
+            Err(problem) => Err(Error::unsuitable(self.file.path(), format!("it cannot be read whole: {problem}"))),
+        }
+    }
+
     pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+        let whole = self.whole()?;
+        let mut summary = whole.read_tiles(selection, progress, emit)?;
+        // What is wrong with the pages that were read only now.
+        if !std::ptr::eq(whole, self) {
+            summary.warnings.splice(0..0, whole.info.warnings.iter().cloned());
+        }
+        Ok(summary)
+    }
+
+    fn read_tiles(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
         progress.set_total(self.info.points);
         let total = Mutex::new((0, Bounds::EMPTY, Vec::new(), None));
         let filled = self.filled();
@@ -245,7 +300,7 @@ impl EptSource {
                     own.cancel();
                 }
             };
-            let read = self.tile(*node).and_then(|tile| tile.read(selection, &own, &emit));
+            let read = self.tile(&self.octree.nodes[*node]).and_then(|tile| tile.read(selection, &own, &emit));
             let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
             match read {
                 Ok(summary) => {
@@ -280,23 +335,26 @@ impl EptSource {
     /// # Errors
     /// If its tile is missing or damaged.
     pub fn read_node(&self, node: &CopcNode, selection: &Selection) -> Result<Chunk> {
-        let found = self.octree.nodes.binary_search_by_key(&(node.level, node.cell), |node| (node.level, node.cell));
-        let Some(index) = found.ok().filter(|index| self.octree.nodes[*index].points > 0) else {
+        if node.points == 0 {
             return Ok(Chunk::new(0, DVec3::ZERO, Vec::new()));
-        };
-        let mut chunk = self.tile(index)?.read_whole(selection)?;
-        chunk.first_point += self.first_points[index];
+        }
+        let mut chunk = self.tile(node)?.read_whole(selection)?;
+        chunk.first_point += self.octree.place_of(node).map_or(0, |place| self.first_points[place]);
         Ok(chunk)
     }
 
     pub fn record(&self, point: u64) -> Result<Vec<(String, String)>> {
+        let whole = self.whole()?;
+        if !std::ptr::eq(whole, self) {
+            return whole.record(point);
+        }
         if point >= self.info.points {
             let problem = format!("the cloud has {} points, counted from 0", self.info.points);
             return Err(Error::malformed(self.file.path(), format!("point {point}"), problem));
         }
         // Nodes without points have the same first point as the node after them.
         let node = self.first_points.partition_point(|first| *first <= point) - 1;
-        self.tile(node)?.record(point - self.first_points[node])
+        self.tile(&self.octree.nodes[node])?.record(point - self.first_points[node])
     }
 
     pub fn column_fields(&self, colors: Colors) -> Vec<Field> {
@@ -312,13 +370,20 @@ impl EptSource {
         rows_of: &(dyn Fn(Piece) -> Vec<u8> + Sync),
     ) -> Vec<String> {
         let mut problems = Vec::new();
+        match self.whole() {
+            Ok(whole) if !std::ptr::eq(whole, self) => {
+                return whole.read_columns_in_order(wish, progress, order, rows_of);
+            }
+            Ok(_) => {}
+            Err(error) => return vec![error.to_string()],
+        }
         for node in self.filled() {
             if order.is_stopped() {
                 break;
             }
             let first_point = self.first_points[node];
             let rows_of = |piece: Piece| rows_of(Piece { first_point: piece.first_point + first_point, ..piece });
-            match self.tile(node) {
+            match self.tile(&self.octree.nodes[node]) {
                 Ok(tile) => problems.append(&mut tile.read_columns_in_order(wish, progress, order, &rows_of)),
                 Err(error) => problems.push(format!("{} points are missing: {error}", self.octree.nodes[node].points)),
             }
@@ -354,18 +419,45 @@ fn corners(bounds: [f64; 6]) -> (DVec3, DVec3) {
     (DVec3::new(x, y, z), DVec3::new(far_x, far_y, far_z))
 }
 
-/// The octree of these nodes and of those above them.
-fn octree(
-    nodes: HashMap<Key, u32>,
-    (corner, width, spacing): (DVec3, f64, f64),
+/// What the first page of a hierarchy says, if it has more than `most_whole` nodes, so that the others are read page by page.
+///
+/// # Errors
+/// If the page cannot be used.
+fn first_page(
+    path: &std::path::Path,
+    entries: &Entries,
+    points: u64,
+    most_whole: usize,
     most: usize,
-) -> std::result::Result<Copc, String> {
-    let all = nodes.into_iter().map(|((level, cell), points)| {
-        let node = CopcNode::of_tile(level, cell, points);
-        ((level, cell), node)
+) -> Result<Option<PageNodes>> {
+    let own = entries.iter().filter_map(|(_, points)| *points).filter(|points| *points > 0);
+    let (count, sum) = own.fold((0_u64, 0_u64), |(count, sum), points| (count + 1, sum + u64::from(points)));
+    // As many nodes as the description claims if all have as many points as those of the first page.
+    let claimed = points.saturating_mul(count) / sum.max(1);
+    let is_divided = entries.iter().any(|(_, points)| points.is_none());
+    if !is_divided || claimed <= most_whole as u64 || entries.len() > most {
+        return Ok(None);
+    }
+    page_nodes(path, (0, [0; 3]), entries, most).map(Some)
+}
+
+fn page_nodes(path: &std::path::Path, top: Key, entries: &Entries, most: usize) -> Result<PageNodes> {
+    let nodes = entries.iter().filter_map(|(key, points)| {
+        let points = points.filter(|points| *points > 0)?;
+        Some(CopcNode::of_tile(*key, points, 0))
     });
+    let further = entries.iter().filter(|(_, points)| points.is_none()).map(|(key, _)| CopcPage::of_file(*key));
+    PageNodes::of(top, nodes.collect(), further.collect(), most)
+        .map_err(|problem| Error::malformed(path, format!("page {}", name(top)), problem))
+}
+
+/// The octree of all nodes of a hierarchy and of those above them, and what is wrong with the hierarchy.
+fn whole_octree(octree: Copc, found: Hierarchy) -> std::result::Result<(Copc, Vec<String>), String> {
+    let Hierarchy { nodes, first, warnings } = found;
+    let all = nodes.into_iter().map(|(key, points)| (key, CopcNode::of_tile(key, points, 0)));
     // A tree has no more nodes without points than 30 above each.
-    let most = most.saturating_mul(4).saturating_add(1024);
-    Copc::of_nodes(corner, width, spacing, all.collect(), most)
-        .ok_or_else(|| format!("more than {most} nodes, most of them without points"))
+    let most = octree.most_nodes.saturating_mul(4).saturating_add(1024);
+    let octree = octree.with_nodes(all.collect(), first, most);
+    let octree = octree.ok_or_else(|| format!("more than {most} nodes, most of them without points"))?;
+    Ok((octree, warnings))
 }

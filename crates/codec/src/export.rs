@@ -111,6 +111,9 @@ pub fn export<'a>(
     let all: u64 = sources.iter().map(|source| source.info().points).sum();
     progress.set_total(progress.done() + all);
     let file = temporary()?;
+    for source in sources {
+        source.check_whole()?;
+    }
     let all: Option<Vec<&LasSource>> = sources.iter().map(|source| las(source)).collect();
     let job = Job { sources, wanted, added, output, memory, progress, bounds: Mutex::new(Bounds::EMPTY) };
     let written = match (format, &all) {
@@ -193,7 +196,7 @@ fn temporary(output: &Path) -> Result<NamedTempFile> {
 
 fn las(source: &Source) -> Option<&LasSource> {
     match source {
-        Source::Las(source) => Some(source),
+        Source::Las(source) => source.whole().ok(),
         Source::Rows(_) | Source::Ept(_) => None,
     }
 }
@@ -305,7 +308,11 @@ impl Job<'_> {
         };
         let reading = Reading { test: self.wanted.test, colors, needed };
         match &*self.sources[number] {
-            Source::Las(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
+            Source::Las(source) => {
+                // A file that cannot be read whole was refused before.
+                let whole = source.whole().unwrap_or(source);
+                whole.read_columns_in_order(&reading, self.progress, order, &rows_of)
+            }
             Source::Rows(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
             Source::Ept(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
         }

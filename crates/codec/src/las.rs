@@ -6,6 +6,7 @@
 //! the file, so that the first chunks show its whole extent.
 
 mod byte_colors;
+mod color_sample;
 pub mod column_records;
 mod columns;
 mod compressed;
@@ -16,6 +17,7 @@ mod gps_times;
 mod header;
 mod items;
 mod layout;
+mod node_pages;
 mod output_head;
 pub mod output_records;
 pub mod plain_writer;
@@ -26,30 +28,25 @@ pub mod systems;
 mod whole_records;
 
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use cloud::{Bounds, CHUNK_POINTS, Chunk, Column, Grid, Progress};
 use laz::DecompressionSelection;
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
 use crate::bytes::Bytes;
-use crate::color_range::ColorSample;
 use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, ColorDepth, ReadPlan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
 pub use copc::{Copc, CopcNode, DEEPEST, Key};
 use header::Header;
 use layout::{Layout, Reading, bytes};
+pub use node_pages::{CopcPage, PageNodes, is_below, most_nodes};
 
 /// The most bytes of records that a thread holds at once: whole chunks of records up to 256 bytes.
 const BLOCK_BYTES: usize = 16 << 20;
 /// The most bytes of records that a thread decodes at once: more than the longest record.
 const TILE_BYTES: usize = 1 << 20;
-/// The number of places of a LAS file that are sampled, and of records at each, to decide whether colours have 8 or 16
-/// bits.
-const COLOR_SAMPLES: (u64, usize) = (64, 64);
-/// The number of compressed chunks that are sampled for that, and of points in all of them: some 10 ms.
-const COMPRESSED_COLOR_SAMPLES: (usize, u64) = (8, 32_768);
 
 /// Whether a LAS file says that it is COPC.
 pub fn is_copc(file: &Bytes) -> bool {
@@ -58,7 +55,7 @@ pub fn is_copc(file: &Bytes) -> bool {
 
 pub struct LasSource {
     pub(crate) info: Info,
-    file: Bytes,
+    file: Arc<Bytes>,
     layout: Layout,
     grid: Grid,
     data_start: u64,
@@ -67,6 +64,10 @@ pub struct LasSource {
     /// The range of the colours; `None` for a file without colours, or with nothing but black.
     colors: Option<ColorDepth>,
     copc: Option<Copc>,
+    /// The file with all its compressed chunks, once it is read from end to end, if the list of its nodes is read page by
+    /// page; or why it cannot be read so.
+    whole: OnceLock<std::result::Result<Box<LasSource>, String>>,
+    memory: u64,
     /// The Extra Bytes descriptors, one after the other.
     descriptors: Vec<u8>,
     /// Major, minor.
@@ -128,17 +129,23 @@ impl Tally<'_> {
 impl LasSource {
     /// `memory` bounds what decoders of compressed points take, in bytes.
     pub fn open(file: Bytes, memory: u64) -> Result<Self> {
-        Self::open_like(file, memory, None)
+        Self::open_shared(Arc::new(file), memory, None, false)
     }
 
-    /// Opens a file whose colours have the range of those of `model`, if there is one: tiles of one cloud.
+    /// Opens a file that is read whole, and whose colours have the range of those of `model`, if there is one: a tile of a
+    /// cloud.
     pub fn open_like(file: Bytes, memory: u64, model: Option<&Self>) -> Result<Self> {
+        Self::open_shared(Arc::new(file), memory, model, true)
+    }
+
+    /// `is_whole` says that all points will be read, so that the compressed chunks are found rather than the nodes.
+    fn open_shared(file: Arc<Bytes>, memory: u64, model: Option<&Self>, is_whole: bool) -> Result<Self> {
         let mut warnings = Vec::new();
         let header = Header::read(&file, &mut warnings)?;
         let layout = Layout::new(header.point_format, header.record_length, &header.descriptors, &mut warnings);
-        let compressed =
-            if header.compressed { Some(Compressed::open(&file, &header, memory, &mut warnings)?) } else { None };
+        let (compressed, copc) = open_compressed(&file, &header, memory, is_whole, &mut warnings)?;
         let (points, blocks) = match &compressed {
+            Some(_) if copc.as_ref().is_some_and(|copc| !copc.further.is_empty()) => (header.points, Vec::new()),
             Some(compressed) => {
                 (compressed.chunks.iter().map(|chunk| chunk.points).sum(), compressed_blocks(compressed))
             }
@@ -154,18 +161,6 @@ impl LasSource {
                 header.points - points
             ));
         }
-        let copc = compressed.as_ref().and_then(|compressed| {
-            match Copc::read(&file, &header, &compressed.chunks) {
-                Ok(copc) => copc,
-                Err(problem) => {
-                    warnings.push(format!(
-                        "the COPC index is not usable: {problem}; read as plain LAZ (was it saved by a tool that does not know COPC?)"
-                    ));
-                    None
-                }
-            }
-        });
-
         let format = if header.compressed { Format::Laz } else { Format::Las };
         let info = Info {
             point_format: Some(header.point_format),
@@ -189,6 +184,8 @@ impl LasSource {
             blocks,
             colors: None,
             copc,
+            whole: OnceLock::new(),
+            memory,
             descriptors: header.descriptors,
             version: header.version,
             global_encoding: header.global_encoding,
@@ -231,6 +228,33 @@ impl LasSource {
         self.copc.as_ref()
     }
 
+    /// One page of the list of nodes.
+    pub fn read_copc_page(&self, page: &CopcPage) -> Result<PageNodes> {
+        let read = self.copc.as_ref().ok_or_else(|| "no list of nodes".to_owned());
+        read.and_then(|copc| copc.read_page(&self.file, page)).map_err(|problem| {
+            let (level, [x, y, z]) = (page.level, page.cell);
+            Error::malformed(self.file.path(), format!("page {level}-{x}-{y}-{z} of the list of nodes"), problem)
+        })
+    }
+
+    /// The file with all its compressed chunks, which a file whose list of nodes is read page by page has not before this.
+    ///
+    /// # Errors
+    /// If they cannot be found.
+    pub fn whole(&self) -> Result<&Self> {
+        if self.copc.as_ref().is_none_or(|copc| copc.further.is_empty()) {
+            return Ok(self);
+        }
+        let open = || {
+            let opened = Self::open_shared(self.file.clone(), self.memory, Some(self), true);
+            opened.map(Box::new).map_err(|error| error.to_string())
+        };
+        match self.whole.get_or_init(open) {
+            Ok(whole) => Ok(whole),
+            Err(problem) => Err(Error::unsuitable(self.file.path(), format!("it cannot be read whole: {problem}"))),
+        }
+    }
+
     fn plan(&self, selection: &Selection) -> (ReadPlan<'_>, DecompressionSelection) {
         let mut attributes = selection.attributes.clone();
         attributes.resize(self.layout.attributes.len(), false);
@@ -247,12 +271,19 @@ impl LasSource {
 
     pub fn read_copc_node(&self, node: &CopcNode, selection: &Selection) -> Result<Chunk> {
         let (plan, layers) = self.plan(selection);
-        let chunk =
-            self.compressed.as_ref().zip(node.chunk).and_then(|(all, index)| Some((all, all.chunks.get(index)?)));
-        let Some((compressed, chunk)) = chunk else {
+        let Some((compressed, chunk)) = self.compressed.as_ref().zip(node.chunk()) else {
             return Ok(ChunkBuilder::new(&plan, 0, 0).finish().0);
         };
-        self.read_chunks(compressed, std::slice::from_ref(chunk), &plan, layers)
+        let read = self.read_chunks(compressed, &[chunk], &plan, layers)?;
+        // The bytes are there by now.
+        match compressed.told_points(&self.file, &chunk) {
+            Some(points) if points != chunk.points => {
+                let place = format!("byte {}", chunk.offset);
+                let problem = format!("{points} points, the list of nodes says {}", chunk.points);
+                Err(Error::malformed(self.file.path(), place, problem))
+            }
+            _ => Ok(read),
+        }
     }
 
     /// All points of a compressed file in one chunk.
@@ -301,6 +332,15 @@ impl LasSource {
     }
 
     pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+        self.whole()?.read_blocks(selection, progress, emit)
+    }
+
+    fn read_blocks(
+        &self,
+        selection: &Selection,
+        progress: &Progress,
+        emit: &(dyn Fn(Chunk) + Sync),
+    ) -> Result<Summary> {
         let (plan, layers) = self.plan(selection);
         let total = Mutex::new(Total { points: 0, bounds: Bounds::EMPTY, failure: None });
         let tally = Tally { progress, emit, total };
@@ -436,6 +476,7 @@ impl LasSource {
                 }
             }
             Some(compressed) => {
+                let compressed = self.whole()?.compressed.as_ref().unwrap_or(compressed);
                 let chunk = chunk_of(&compressed.chunks, point)
                     .ok_or_else(|| malformed("in no compressed chunk of the file".into()))?;
                 let mut stream =
@@ -480,68 +521,38 @@ impl LasSource {
             }
         }
     }
+}
 
-    /// The colours of a sample that spreads over the file.
-    fn color_sample(&self, red: usize) -> ColorSample {
-        let length = self.layout.record_length;
-        let add = |sample: &mut ColorSample, records: &[u8]| {
-            let fields = records.chunks_exact(length).flat_map(|record| record[red..red + 6].chunks_exact(2));
-            fields.for_each(|field| sample.add(f64::from(u16::from_le_bytes([field[0], field[1]]))));
-        };
-        match &self.compressed {
-            None => {
-                let (places, records) = COLOR_SAMPLES;
-                let mut buffer = vec![0; records * length];
-                let mut sample = ColorSample::default();
-                let last = self.info.points.saturating_sub(records as u64);
-                for place in 0..places {
-                    let point = (u128::from(last) * u128::from(place) / u128::from(places - 1)) as u64;
-                    // Failures are ignored here: the read of the points reports them.
-                    let read = self.file.read_at(self.data_start + point * length as u64, &mut buffer).unwrap_or(0);
-                    add(&mut sample, &buffer[..read]);
-                }
-                sample
-            }
-            Some(compressed) => {
-                // A chunk can only be decoded from its start, so fewer chunks mean more points of each.
-                let layers = DecompressionSelection(DecompressionSelection::RGB);
-                let (most_chunks, points) = COMPRESSED_COLOR_SAMPLES;
-                let last = compressed.chunks.len().saturating_sub(1);
-                let mut chunks: Vec<usize> = match &self.copc {
-                    // The coarsest nodes have points from all over the file, and every view needs them.
-                    Some(copc) => {
-                        let mut left = points as i64;
-                        let needed = |node: &&CopcNode| {
-                            let is_needed = left > 0;
-                            left -= i64::from(node.points);
-                            is_needed
-                        };
-                        copc.nodes.iter().take_while(needed).filter_map(CopcNode::chunk).take(most_chunks).collect()
-                    }
-                    None => (0..most_chunks).map(|place| last * place / (most_chunks - 1)).collect(),
-                };
-                chunks.dedup();
-                let points_each = points / chunks.len().max(1) as u64;
-                let sample_of = |index: usize| {
-                    let mut sample = ColorSample::default();
-                    let chunk = compressed.chunks.get(index)?;
-                    let mut stream = compressed.stream(&self.file, chunk, layers).ok()?;
-                    let mut buffer = vec![0; tile_records(length) * length];
-                    let mut left = stream.left().min(points_each);
-                    while left > 0 {
-                        let wanted = left.min(tile_records(length) as u64);
-                        let (decoded, outcome) = stream.decode(&mut buffer[..wanted as usize * length]);
-                        add(&mut sample, &buffer[..decoded * length]);
-                        left = if outcome.is_ok() { left - wanted } else { 0 };
-                    }
-                    Some(sample)
-                };
-                let each = chunks.len().div_ceil(compressed.decoders(layers));
-                let samples = chunks.into_par_iter().with_min_len(each).filter_map(sample_of);
-                samples.reduce(ColorSample::default, ColorSample::merge)
-            }
-        }
+/// The compressed part of a file, if it has one, and its octree, if it is COPC and that is usable. With a list of nodes that
+/// is read page by page the compressed chunks are not known.
+fn open_compressed(
+    file: &Bytes,
+    header: &Header,
+    memory: u64,
+    is_whole: bool,
+    warnings: &mut Vec<String>,
+) -> Result<(Option<Compressed>, Option<Copc>)> {
+    if !header.compressed {
+        return Ok((None, None));
     }
+    let is_paged = !is_whole && Copc::is_paged(file, header, memory);
+    let first = if is_paged { Copc::read(file, header, None, memory) } else { Ok(None) };
+    if let Ok(Some(copc)) = first {
+        return Ok((Some(Compressed::open(file, header, memory, true, warnings)?), Some(copc)));
+    }
+    let compressed = Compressed::open(file, header, memory, false, warnings)?;
+    let copc = match first {
+        Ok(_) if is_whole => Ok(None),
+        Ok(_) => Copc::read(file, header, Some(&compressed.chunks), memory),
+        Err(problem) => Err(problem),
+    };
+    let copc = copc.unwrap_or_else(|problem| {
+        warnings.push(format!(
+            "the COPC index is not usable: {problem}; read as plain LAZ (was it saved by a tool that does not know COPC?)"
+        ));
+        None
+    });
+    Ok((Some(compressed), copc))
 }
 
 /// The number of records of a LAS file: the header's count, less the records that the file is too short for.

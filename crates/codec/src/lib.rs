@@ -35,7 +35,7 @@ pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chu
 pub use format::Format;
 pub use info::{Image, Info, Scan, Selection, Summary};
 pub use las::copc_writer::{CopcSummary, write_copc};
-pub use las::{Copc, CopcNode};
+pub use las::{Copc, CopcNode, CopcPage, PageNodes};
 pub use remote::{Network, trust_address, use_network};
 pub use source::{Source, bounds_of, open, open_scans, open_within};
 pub use text::table::name_columns;

@@ -9,7 +9,7 @@ use crate::at_once::at_once;
 use crate::bytes::Bytes;
 use crate::error::{Error, Result};
 use crate::info::{Info, Selection, Summary};
-use crate::las::{Copc, CopcNode};
+use crate::las::{Copc, CopcNode, CopcPage, PageNodes};
 use crate::{catalogue, e57, ept, las, pcd, ply, text};
 
 /// An opened file. It is `Sync`: one thread may read a column while another looks up a record.
@@ -262,6 +262,27 @@ impl Source {
         };
         let Info { placement, grid, .. } = self.info();
         Ok(placement.as_ref().map_or_else(|| chunk.clone(), |placement| chunk.placed(placement, *grid)))
+    }
+
+    /// What a page of the list of nodes of `copc` says that was not read at opening.
+    ///
+    /// # Errors
+    /// If it cannot be read, or says what no page may say.
+    pub fn read_copc_page(&self, page: &CopcPage) -> Result<PageNodes> {
+        match self {
+            Self::Las(source) => source.read_copc_page(page),
+            Self::Rows(source) => Err(Error::unsuitable(&source.info.path, "it has no list of nodes")),
+            Self::Ept(source) => source.read_page(page),
+        }
+    }
+
+    /// Finds all points of a file whose list of nodes is read page by page, as a read of all points does.
+    pub(crate) fn check_whole(&self) -> Result<()> {
+        match self {
+            Self::Las(source) => source.whole().map(drop),
+            Self::Rows(_) => Ok(()),
+            Self::Ept(source) => source.whole().map(drop),
+        }
     }
 
     /// All values of one point, read from the file: (property, value as text) in file order.

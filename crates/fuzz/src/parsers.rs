@@ -12,7 +12,7 @@ use cloud::{CHUNK_POINTS, Chunk, Progress};
 use codec::{Selection, Source};
 use glam::DVec3;
 use scene::{Camera, Preferences, SceneFile};
-use stream::Pages;
+use stream::{NodeTable, Pages};
 use study::Plan;
 
 /// A read is cancelled after this many points, since a few bytes may rightly stand for billions.
@@ -122,8 +122,27 @@ fn scan(source: Source) -> Result<u64, String> {
     }
     if let Some(pages) = Pages::copc(&Arc::new(source), &BTreeSet::new()) {
         decoded += nodes(&pages)?;
+        lists(&Arc::new(pages));
     }
     Ok(decoded)
+}
+
+/// Reads pages of a list of nodes, some of the latest needed by a view.
+fn lists(pages: &Arc<Pages>) {
+    let Some(mut table) = NodeTable::new(pages) else { return };
+    for _ in 0..MOST_READ {
+        let Some(place) = table.octree().paged.unread.keys().next_back().copied() else { return };
+        let Some(page) = table.page(place) else { return };
+        match pages.read_list(page) {
+            Ok(found) => {
+                if !table.put(place, found) {
+                    return;
+                }
+                table.use_nodes([place.0]);
+            }
+            Err(_) => table.leave_out(place),
+        }
+    }
 }
 
 fn read(source: &Source, selection: &Selection) -> Result<u64, String> {

@@ -33,10 +33,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let budget = Budget { points: points.parse()?, bytes: u64::MAX };
     let cut = choose(&trees, |_, octree, node| view.pixels(octree, node), budget, FINEST_PIXELS);
     let mut drawn = 0;
-    for wanted in &cut {
+    for wanted in &cut.wanted {
         // The batches of a node are even shares of its points: the last node of the cut may give only some.
         drawn += stream::prefix(pages.read(wanted.node)?.len(), wanted.batches);
     }
-    println!("the view needs {} nodes with {drawn} points", cut.len());
+    println!("the view needs {} nodes with {drawn} points", cut.wanted.len());
     Ok(())
 }

@@ -41,6 +41,17 @@ pub struct Wanted {
     pub batches: usize,
 }
 
+/// What a view needs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Cut {
+    pub wanted: Vec<Wanted>,
+    /// The children that would come next, but whose pages of the list of nodes are not there: cloud, parent and octant. The
+    /// cut leaves as much room for each as its parent takes.
+    pub unread: Vec<(usize, NodeId, u8)>,
+    /// The first node that found no room: the cut depends on it as well.
+    pub next: Option<(usize, NodeId)>,
+}
+
 /// A node whose parent is in the cut. The greatest comes next.
 struct Candidate {
     /// The distance between the parent's points in pixels; infinite for a root.
@@ -48,14 +59,22 @@ struct Candidate {
     level: u8,
     /// The index in the list of trees.
     tree: usize,
-    node: NodeId,
+    /// The number of cubes of its level before it in z, y and x.
+    cell: [u64; 3],
+    place: Place,
+}
+
+enum Place {
+    Node(NodeId),
+    /// A child in an octant of a node, whose page is not there.
+    Unread(NodeId, u8),
 }
 
 impl Ord for Candidate {
     fn cmp(&self, other: &Self) -> Ordering {
-        // Coarse levels first, then the order of trees and nodes: the cut does not depend on the order in which the
-        // heap is filled.
-        let rest = |c: &Self| (c.level, c.tree, c.node);
+        // Coarse levels first, then the order of trees and places: the cut does not depend on the order in which the heap
+        // is filled, nor on that in which nodes were read.
+        let rest = |c: &Self| (c.level, c.tree, c.cell);
         self.pixels.total_cmp(&other.pixels).then_with(|| rest(other).cmp(&rest(self)))
     }
 }
@@ -101,9 +120,9 @@ pub fn choose(
     measure: impl Fn(usize, &Octree, &Node) -> f64,
     budget: Budget,
     finest_pixels: f64,
-) -> Vec<Wanted> {
+) -> Cut {
     let mut left = budget;
-    let mut cut = Vec::new();
+    let mut cut = Cut::default();
     let mut heap = BinaryHeap::new();
     let root_batches = root_batches(trees, budget);
     for (tree, Tree { cloud, octree, point_bytes }) in trees.iter().enumerate() {
@@ -112,22 +131,34 @@ pub fn choose(
         if batches == 0 {
             break;
         }
-        cut.push(Wanted { cloud: *cloud, node: NodeId(0), batches });
+        cut.wanted.push(Wanted { cloud: *cloud, node: NodeId(0), batches });
         if root_batches == BATCHES {
-            add_children(&mut heap, &measure, trees, tree, root, f64::INFINITY, finest_pixels);
+            let above = Above { tree, id: NodeId(0), cell: [0; 3], pixels: f64::INFINITY };
+            add_children(&mut heap, &measure, trees, &above, finest_pixels);
         }
     }
-    while let Some(Candidate { pixels, tree, node: id, .. }) = heap.pop() {
+    while let Some(Candidate { pixels, tree, cell, place, .. }) = heap.pop() {
         let Tree { cloud, octree, point_bytes } = trees[tree];
+        let id = match place {
+            Place::Node(id) => id,
+            Place::Unread(parent, octant) => {
+                cut.unread.push((cloud, parent, octant));
+                parent
+            }
+        };
         let node = octree.node(id);
         let batches = left.take(node.points, BATCHES, node.point_bytes(point_bytes));
-        if batches > 0 {
-            cut.push(Wanted { cloud, node: id, batches });
+        let is_there = matches!(place, Place::Node(_));
+        if batches > 0 && is_there {
+            cut.wanted.push(Wanted { cloud, node: id, batches });
         }
         if batches < BATCHES {
+            cut.next = Some((cloud, id));
             break;
         }
-        add_children(&mut heap, &measure, trees, tree, node, pixels, finest_pixels);
+        if is_there {
+            add_children(&mut heap, &measure, trees, &Above { tree, id, cell, pixels }, finest_pixels);
+        }
     }
     cut
 }
@@ -147,25 +178,41 @@ fn root_batches(trees: &[Tree], budget: Budget) -> usize {
     (0..=BATCHES).rev().find(|batches| fits(*batches)).unwrap_or(0)
 }
 
+/// A node of the cut: its tree, its place there, and how far apart the points of its own parent are in pixels.
+struct Above {
+    tree: usize,
+    id: NodeId,
+    cell: [u64; 3],
+    pixels: f64,
+}
+
 fn add_children(
     heap: &mut BinaryHeap<Candidate>,
     measure: &impl Fn(usize, &Octree, &Node) -> f64,
     trees: &[Tree],
-    tree: usize,
-    parent: &Node,
-    parent_pixels: f64,
+    parent: &Above,
     finest_pixels: f64,
 ) {
-    let Tree { cloud, octree, .. } = trees[tree];
-    for id in parent.children.into_iter().flatten() {
-        let node = octree.node(id);
+    let Tree { cloud, octree, .. } = trees[parent.tree];
+    let own = octree.node(parent.id);
+    let mut add = |octant: u8, node: &Node, place: Place| {
         // The parent's points are twice as far apart as the node's own.
         let pixels = 2.0 * measure(cloud, octree, node);
         if pixels > finest_pixels && pixels > 0.0 {
             // No node is more urgent than its parent.
-            let pixels = pixels.min(parent_pixels);
-            heap.push(Candidate { pixels, level: node.level, tree, node: id });
+            let pixels = pixels.min(parent.pixels);
+            let half = |axis: u8| u64::from(octant >> axis & 1);
+            let [z, y, x] = parent.cell;
+            let cell = [z.wrapping_mul(2) + half(2), y.wrapping_mul(2) + half(1), x.wrapping_mul(2) + half(0)];
+            heap.push(Candidate { pixels, level: node.level, tree: parent.tree, cell, place });
         }
+    };
+    for (octant, id) in (0_u8..).zip(own.children).filter_map(|(octant, child)| Some((octant, child?))) {
+        add(octant, octree.node(id), Place::Node(id));
+    }
+    for ((id, octant), bounds) in octree.paged.unread.range((parent.id, 0)..=(parent.id, u8::MAX)) {
+        let unread = Node { level: own.level + 1, bounds: *bounds, children: [None; 8], ..own.clone() };
+        add(*octant, &unread, Place::Unread(*id, *octant));
     }
 }
 

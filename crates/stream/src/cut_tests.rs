@@ -5,6 +5,13 @@ use proptest::prelude::*;
 use super::*;
 use crate::test_trees::{filled, random};
 
+/// What a cut wants of trees whose nodes are all there.
+fn choose(trees: &[Tree], measure: impl Fn(usize, &Octree, &Node) -> f64, budget: Budget, finest: f64) -> Vec<Wanted> {
+    let cut = super::choose(trees, measure, budget, finest);
+    assert!(cut.unread.is_empty());
+    cut.wanted
+}
+
 const EVERYTHING: Budget = Budget { points: u64::MAX, bytes: u64::MAX };
 
 fn trees(octrees: &[Octree]) -> Vec<Tree<'_>> {

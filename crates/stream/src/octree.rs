@@ -1,9 +1,12 @@
 //! Where points lie in a tree of cubes and how many there are: all that is known of a cloud before its pages are read.
 
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
 use cloud::{Bounds, Placement};
 use glam::DVec3;
 
-/// A node of one octree, as an index into [`Octree::nodes`].
+/// A node of one octree: an index into [`Octree::nodes`], or a number behind those in one of its pages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId(pub u32);
 
@@ -35,7 +38,7 @@ impl Node {
 }
 
 /// The nodes of a cloud, parents before their children; the first is the root.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Octree {
     /// The lower corner of the root's cube, in world coordinates.
     pub corner: DVec3,
@@ -43,12 +46,54 @@ pub struct Octree {
     pub width: f64,
     /// The distance between neighbouring points of the root in world units; it halves with each level.
     pub spacing: f64,
+    /// The nodes that are always known.
     pub nodes: Vec<Node>,
+    /// What is known of others as long as views need them, in files whose lists of nodes are read page by page.
+    pub paged: Paged,
+}
+
+/// The nodes of pages of a list of nodes, which come and go.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Paged {
+    /// The nodes of each page that is there, by the number of the first. No number is used twice, and a page comes after
+    /// that of the nodes above it.
+    pub pages: BTreeMap<u32, Arc<Vec<Node>>>,
+    /// The children that pages have which are not there, by parent and octant, with the bounds of their points.
+    pub unread: BTreeMap<(NodeId, u8), Bounds>,
+    /// The bounds of the points without strays, from the nodes of the first page; `None` if it has all.
+    pub scene: Option<Bounds>,
 }
 
 impl Octree {
+    /// An octree whose nodes are all known.
+    pub fn new(corner: DVec3, width: f64, spacing: f64, nodes: Vec<Node>) -> Self {
+        Self { corner, width, spacing, nodes, paged: Paged::default() }
+    }
+
+    /// A node that is there.
+    ///
+    /// # Panics
+    /// If its page is not there.
     pub fn node(&self, id: NodeId) -> &Node {
-        &self.nodes[id.0 as usize]
+        self.get(id).unwrap_or_else(|| panic!("node {} is not there", id.0))
+    }
+
+    /// A node, unless its page is not there.
+    pub fn get(&self, id: NodeId) -> Option<&Node> {
+        let known = self.nodes.get(id.0 as usize);
+        known.or_else(|| {
+            let (first, page) = self.paged.pages.range(..=id.0).next_back()?;
+            page.get((id.0 - first) as usize)
+        })
+    }
+
+    /// A node to change, unless its page is not there.
+    pub(crate) fn get_mut(&mut self, id: NodeId) -> Option<&mut Node> {
+        if (id.0 as usize) < self.nodes.len() {
+            return self.nodes.get_mut(id.0 as usize);
+        }
+        let (first, page) = self.paged.pages.range_mut(..=id.0).next_back()?;
+        Arc::make_mut(page).get_mut((id.0 - first) as usize)
     }
 
     /// The nodes with their points turned and moved, in level boxes about the turned ones.
@@ -57,11 +102,18 @@ impl Octree {
         let cube = placement.bounds(Bounds { min: self.corner, max: self.corner + self.width });
         let place = |node: &Node| Node { bounds: placement.bounds(node.bounds), ..node.clone() };
         let nodes = self.nodes.iter().map(place).collect();
-        Self { corner: cube.min, width: cube.size().max_element(), spacing: self.spacing, nodes }
+        let pages = self.paged.pages.iter().map(|(first, page)| (*first, Arc::new(page.iter().map(place).collect())));
+        let unread = self.paged.unread.iter().map(|(place, bounds)| (*place, placement.bounds(*bounds)));
+        let scene = self.paged.scene.map(|bounds| placement.bounds(bounds));
+        let paged = Paged { pages: pages.collect(), unread: unread.collect(), scene };
+        Self { corner: cube.min, width: cube.size().max_element(), spacing: self.spacing, nodes, paged }
     }
 
     /// The bounds of the points without strays, from the nodes that have none below them.
     pub fn scene_bounds(&self) -> Bounds {
+        if let Some(scene) = self.paged.scene {
+            return scene;
+        }
         let leaves = || self.nodes.iter().filter(|node| node.children.iter().all(Option::is_none));
         let ends = leaves().filter(|leaf| !leaf.bounds.is_empty()).flat_map(|leaf| {
             let weight = leaf.total as f64 / 2.0;
@@ -87,9 +139,11 @@ impl Octree {
         self.spacing / f64::from(level).exp2()
     }
 
-    /// All nodes with their ids.
+    /// All nodes that are there with their ids.
     pub fn ids(&self) -> impl Iterator<Item = (NodeId, &Node)> {
-        self.nodes.iter().enumerate().map(|(index, node)| (NodeId(index as u32), node))
+        let known = std::iter::once((0, self.nodes.as_slice()));
+        let pages = known.chain(self.paged.pages.iter().map(|(first, page)| (*first, page.as_slice())));
+        pages.flat_map(|(first, page)| (first..).map(NodeId).zip(page))
     }
 }
 
@@ -108,7 +162,7 @@ mod tests {
             let min = DVec3::new(f64::from(index % 8), f64::from(index / 8), 0.0);
             node(Bounds { min, max: min + DVec3::new(0.9, 0.9, 2.0) }, 5000, 1)
         };
-        let mut octree = Octree { corner: DVec3::ZERO, width: 1e4, spacing: 1.0, nodes: Vec::new() };
+        let mut octree = Octree::new(DVec3::ZERO, 1e4, 1.0, Vec::new());
         octree.nodes.push(node(Bounds { min: DVec3::ZERO, max: DVec3::splat(9e3) }, 9000, 0));
         octree.nodes[0].children[0] = Some(NodeId(1));
         octree.nodes.extend((0..64).map(leaf));

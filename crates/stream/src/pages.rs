@@ -13,12 +13,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use cloud::{Attribute, Bounds, Chunk, ColumnType, Grid, SurfelOptions, Surfels, attribute_named};
-use codec::Source;
+use codec::{CopcPage, PageNodes, Source};
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::cache::Cache;
-use crate::copc::{self, CopcPages};
+use crate::copc::{self, CopcPages, Frame};
 use crate::entry::{MAGIC, NODES, PAGES, UNFINISHED};
 use crate::lattice::{Cell, Lattice};
 use crate::page::{self, Place};
@@ -166,7 +166,7 @@ impl Pages {
         let copc = source.copc()?;
         let info = source.info();
         let grid = info.grid?;
-        let octree = copc::octree(copc, &grid, info.bounds);
+        let octree = copc::octree(copc, &Frame::new(copc, grid, info.bounds), info.points);
         let attributes = plan::index_attributes(std::slice::from_ref(source), also);
         let column = |kept: &Attribute| attribute_named(&info.attributes, &kept.name);
         let columns = attributes.iter().filter_map(column).collect();
@@ -182,6 +182,31 @@ impl Pages {
         };
         let points = Points::Copc(CopcPages::new(source.clone(), copc.nodes.clone(), columns));
         Some(Self { folder: info.path.clone(), summary, octree, points, surfels: None, cache: None, _lock: None })
+    }
+
+    /// The COPC file that the index is, or the EPT; `None` for an index of ours.
+    pub(crate) fn of_copc(&self) -> Option<&CopcPages> {
+        match &self.points {
+            Points::Copc(copc) => Some(copc),
+            Points::Own { .. } => None,
+        }
+    }
+
+    /// One page of the list of nodes of a COPC file or of EPT.
+    ///
+    /// # Errors
+    /// If it cannot be read, or says what no page may say.
+    pub fn read_list(&self, page: &CopcPage) -> Result<PageNodes> {
+        match &self.points {
+            Points::Copc(copc) => Ok(copc.source.read_copc_page(page)?),
+            Points::Own { .. } => Err(Error::damaged(&self.folder, "an index of ours has one list of nodes")),
+        }
+    }
+
+    /// The nodes that are known from the opening, whichever others are in memory: those of the first page.
+    pub(crate) fn first_nodes(&self) -> usize {
+        let copc = self.of_copc().and_then(|copc| copc.source.copc());
+        copc.map_or(self.octree.nodes.len(), |copc| copc.first)
     }
 
     /// Whether the index is a COPC file itself.
@@ -263,7 +288,7 @@ impl Pages {
         let index = node.0 as usize;
         match &self.points {
             Points::Own { places, .. } => self.own_page_bytes(index, &places[index]),
-            Points::Copc(copc) => copc.page_bytes(index),
+            Points::Copc(copc) => copc.page_bytes(node),
         }
     }
 
@@ -290,7 +315,7 @@ impl Pages {
         let index = node.0 as usize;
         let (places, pages) = match &self.points {
             Points::Own { places, pages } => (places, pages),
-            Points::Copc(copc) => return copc.read(index, &self.octree),
+            Points::Copc(copc) => return copc.read(node, &self.octree),
         };
         let page @ Page { place, offset, checksum } = &places[index];
         let Node { points, first_point, .. } = self.octree.nodes[index];
@@ -528,7 +553,7 @@ fn parse_nodes(reader: &mut Reader<'_>, summary: &Summary, pages_length: u64) ->
         }
     }
     let Lattice { corner, width, .. } = summary.lattice;
-    Ok((Octree { corner, width, spacing: width / SPACINGS_PER_WIDTH, nodes }, places))
+    Ok((Octree::new(corner, width, width / SPACINGS_PER_WIDTH, nodes), places))
 }
 
 #[cfg(test)]

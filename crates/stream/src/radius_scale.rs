@@ -9,6 +9,10 @@
 //! That is right on average. Trees and facades have more points than their visible surface needs, and the surroundings
 //! of a scanner have more than the rest of their place. The points drawn are spaced evenly all the same, so enlarged
 //! radii stay within [`LARGEST_SPACINGS`] and [`SMALLEST_SPACINGS`].
+//!
+//! Radii that were estimated from a node's own points alone are those of that node's density. Where other nodes are drawn
+//! at a place as well, they shrink: by the square root of (the node's points there) / (points drawn there). So they do not
+//! depend on nodes that are not drawn, which may not even be known.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -95,6 +99,10 @@ struct Cell {
     children: [u32; 8],
     /// The growth in octants without a child's cell.
     growths: [Growth; 8],
+    /// The share of the points of nodes above that each octant has.
+    shares: [f64; 8],
+    /// The number of points drawn in octants without a child's cell, as eighths of an octave of a radius.
+    drawn: [i16; 8],
 }
 
 /// How radii grow at a place.
@@ -121,7 +129,7 @@ struct Above {
 impl Field {
     /// `drawn` has all nodes of which something is drawn.
     pub fn new(octree: &Octree, drawn: &BTreeMap<NodeId, Drawn>) -> Self {
-        let above = |id: NodeId| octree.node(id).parent.filter(|parent| *parent < id);
+        let above = |id: NodeId| octree.get(id)?.parent.filter(|parent| *parent < id);
         let mut nodes: BTreeSet<NodeId> = BTreeSet::new();
         for id in drawn.keys() {
             let path = std::iter::successors(Some(*id), |id| above(*id));
@@ -148,9 +156,10 @@ impl Field {
                 true => octree.spacing_at(node.level) * (own_points / drawn_points).sqrt(),
                 false => f64::INFINITY,
             };
+            // One is added in each octant, so that the share of nodes above never vanishes.
+            let shares = own.map(|own| (f64::from(own) + 1.0) / (own_points + 8.0));
             let octants: [Above; 8] = std::array::from_fn(|octant| {
-                // One is added in each octant, so that the share of nodes above never vanishes.
-                let share = (f64::from(own[octant]) + 1.0) / (own_points + 8.0);
+                let share = shares[octant];
                 Above {
                     all: from_above.all * share + f64::from(own[octant]),
                     drawn: from_above.drawn * share + f64::from(drawn[octant]),
@@ -165,8 +174,10 @@ impl Field {
                 let parent = &mut field.cells[parent as usize];
                 parent.children[octant] = index;
                 parent.growths[octant] = Growth::default();
+                parent.drawn[octant] = 0;
             }
-            field.cells.push(Cell { center: cube_center(octree, id), children: [0; 8], growths });
+            let drawn = octants.map(|place| eighths_of(place.drawn));
+            field.cells.push(Cell { center: cube_center(octree, id), children: [0; 8], growths, shares, drawn });
             field.indices.insert(id, index);
             inside.push(octants);
         }
@@ -178,9 +189,12 @@ impl Field {
         let mut changed = BTreeSet::new();
         let nodes: BTreeSet<&NodeId> = self.indices.keys().chain(other.indices.keys()).collect();
         for id in nodes {
-            let growths = |field: &Self| Some(field.cells[*field.indices.get(id)? as usize].growths);
+            let growths = |field: &Self| {
+                let cell = &field.cells[*field.indices.get(id)? as usize];
+                Some((cell.growths, cell.drawn))
+            };
             if growths(self) != growths(other) {
-                let above = |id: &NodeId| octree.node(*id).parent.filter(|parent| parent < id);
+                let above = |id: &NodeId| octree.get(*id)?.parent.filter(|parent| parent < id);
                 let path = std::iter::successors(Some(*id), above);
                 for id in path {
                     if !changed.insert(id) {
@@ -193,22 +207,56 @@ impl Field {
     }
 
     /// The radii of a node's chunk, none smaller than before; the same vector where nothing changes. Points without a
-    /// radius get none, and stray ones stay dots. Radii that were estimated at the spacing of the drawn points need no bounds.
-    pub fn radii(&self, id: NodeId, chunk: &Chunk, has_bounds: bool) -> Radii {
+    /// radius get none, and stray ones stay dots.
+    pub fn radii(&self, id: NodeId, chunk: &Chunk) -> Radii {
+        self.scaled(id, chunk, |first, position, radius| self.growth(first, position).apply(radius))
+    }
+
+    /// The radii of a chunk whose radii were estimated from its node's points alone; `own` are the numbers of these by
+    /// octant. None is larger than before, but where only some of the node's points are drawn.
+    pub fn radii_of_density(&self, id: NodeId, chunk: &Chunk, own: &Octants) -> Radii {
+        self.scaled(id, chunk, |first, position, radius| {
+            let shape = i32::from(radius % RADIUS_SHAPES);
+            let scaled = (i32::from(radius) - shape + self.steps(first, position, own)).max(i32::from(RADIUS_SHAPES));
+            let largest = i32::from(u16::MAX / RADIUS_SHAPES) * i32::from(RADIUS_SHAPES);
+            (scaled.min(largest) + shape) as u16
+        })
+    }
+
+    fn scaled(&self, id: NodeId, chunk: &Chunk, scale: impl Fn(u32, DVec3, u16) -> u16) -> Radii {
         let radii = chunk.radii.as_ref()?;
         let Some(&first) = self.indices.get(&id) else { return Some(radii.clone()) };
-        let grow = |index: usize| match radii[index] {
+        let scaled = |index: usize| match radii[index] {
             radius if !has_size(radius) => radius,
-            radius => self.growth(first, chunk.position(index)).apply(radius, has_bounds),
+            radius => scale(first, chunk.position(index), radius),
         };
-        let grown: Vec<u16> = (0..radii.len()).map(grow).collect();
-        Some(if grown == **radii { radii.clone() } else { Arc::new(grown) })
+        let scaled: Vec<u16> = (0..radii.len()).map(scaled).collect();
+        Some(if scaled == **radii { radii.clone() } else { Arc::new(scaled) })
+    }
+
+    /// The steps by which the radius of a node's own density changes at a position in its cell.
+    fn steps(&self, mut cell: u32, position: DVec3, own: &Octants) -> i32 {
+        let mut points = None;
+        loop {
+            let Cell { center, children, shares, drawn, .. } = &self.cells[cell as usize];
+            let octant = position.cmpge(*center).bitmask() as usize;
+            let here = points.map_or(f64::from(own[octant]), |points: f64| points * shares[octant]);
+            match children[octant] {
+                0 => {
+                    let octaves = 0.5 * here.max(f64::MIN_POSITIVE).log2();
+                    let steps = (octaves * f64::from(RADIUS_STEPS / RADIUS_SHAPES)).round() as i32;
+                    let drawn = i32::from(drawn[octant]) * i32::from(EIGHTH);
+                    return steps * i32::from(RADIUS_SHAPES) - drawn;
+                }
+                child => (cell, points) = (child, Some(here)),
+            }
+        }
     }
 
     /// The growth at a position in a cell.
     fn growth(&self, mut cell: u32, position: DVec3) -> Growth {
         loop {
-            let Cell { center, children, growths } = &self.cells[cell as usize];
+            let Cell { center, children, growths, .. } = &self.cells[cell as usize];
             let octant = position.cmpge(*center).bitmask() as usize;
             match children[octant] {
                 0 => return growths[octant],
@@ -216,6 +264,11 @@ impl Field {
             }
         }
     }
+}
+
+/// The radius of this many points in a place, in eighths of an octave; that of one where there are fewer.
+fn eighths_of(points: f64) -> i16 {
+    (4.0 * points.max(1.0).log2()).round() as i16
 }
 
 /// Whether a packed radius is one, and not a mark of points without a size.
@@ -239,10 +292,10 @@ impl Growth {
         }
     }
 
-    fn apply(self, radius: u16, has_bounds: bool) -> u16 {
+    fn apply(self, radius: u16) -> u16 {
         let (shape, radius) = (radius % RADIUS_SHAPES, radius / RADIUS_SHAPES * RADIUS_SHAPES);
         let grown = radius.saturating_add(u16::from(self.eighths) * EIGHTH);
-        let grown = if has_bounds { grown.max(self.smallest).min(self.largest).max(radius) } else { grown };
+        let grown = grown.max(self.smallest).min(self.largest).max(radius);
         grown / RADIUS_SHAPES * RADIUS_SHAPES + shape
     }
 }
@@ -261,24 +314,6 @@ pub fn larger(radii: &Radii, other: &Radii) -> Radii {
 pub fn is_near(radii: &Radii, other: &Radii) -> bool {
     let (Some(radii), Some(other)) = (radii, other) else { return true };
     radii.iter().zip(other.iter()).all(|(radius, other)| radius.saturating_sub(*other) < RADIUS_STEPS / 2)
-}
-
-/// Converts radii that were estimated from a node's own points to full density: divides by the growth that they get
-/// where only that node is drawn.
-pub fn to_full_density(radii: &mut [u16], chunk: &Chunk, octree: &Octree, id: NodeId) {
-    let center = cube_center(octree, id);
-    let own = count_octants(chunk, center);
-    let node = octree.node(id);
-    let steps: [i32; 8] = std::array::from_fn(|octant| {
-        let total = f64::from(own[octant]) + node.children[octant].map_or(0, |child| octree.node(child).total) as f64;
-        // An octant without own points has no radius to change.
-        let scale = if own[octant] == 0 { 1.0 } else { (total / f64::from(own[octant])).sqrt() };
-        (scale.log2() * f64::from(RADIUS_STEPS / RADIUS_SHAPES)).round() as i32 * i32::from(RADIUS_SHAPES)
-    });
-    for (radius, octant) in radii.iter_mut().zip(octants(chunk, center)).filter(|(radius, _)| has_size(**radius)) {
-        let shape = i32::from(*radius % RADIUS_SHAPES);
-        *radius = (i32::from(*radius) - steps[octant]).max(i32::from(RADIUS_SHAPES) + shape) as u16;
-    }
 }
 
 #[cfg(test)]

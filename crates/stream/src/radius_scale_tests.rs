@@ -68,7 +68,7 @@ fn radii_are_as_they_were_where_all_is_drawn() {
         assert_eq!(field.cells.len(), octree.nodes.len());
         for (id, _) in octree.ids() {
             let chunk = page(&octree, id);
-            let radii = field.radii(id, &chunk, true);
+            let radii = field.radii(id, &chunk);
             assert!(Arc::ptr_eq(chunk.radii.as_ref().unwrap(), radii.as_ref().unwrap()), "seed {seed}");
         }
     }
@@ -114,10 +114,10 @@ fn points_of_all_levels_grow_alike_at_a_place() {
     assert_eq!(place(fourth), expected(256.0 * 5.25, 64.0, spacing));
     for id in [NodeId(0), second] {
         let chunk = terrain_page(&octree, id);
-        let (full, radii) = (chunk.radii.as_ref().unwrap(), field.radii(id, &chunk, true).unwrap());
+        let (full, radii) = (chunk.radii.as_ref().unwrap(), field.radii(id, &chunk).unwrap());
         for index in 0..chunk.len() {
             let growth = growth_at(&field, chunk.position(index));
-            assert_eq!(radii[index], growth.apply(full[index], true));
+            assert_eq!(radii[index], growth.apply(full[index]));
         }
     }
 }
@@ -171,7 +171,7 @@ proptest! {
         let field = Field::new(&octree, &drawn);
         for id in drawn.keys() {
             let chunk = page(&octree, *id);
-            let radii = field.radii(*id, &chunk, true).unwrap();
+            let radii = field.radii(*id, &chunk).unwrap();
             prop_assert!(radii.iter().zip(chunk.radii.unwrap().iter()).all(|(grown, radius)| grown >= radius));
         }
     }
@@ -186,7 +186,7 @@ fn extreme_counts_have_a_scale() {
 
 /// Applies a growth to a radius in world units.
 fn apply(growth: Growth, radius: f32) -> f32 {
-    cloud::unpack_radius(growth.apply(pack_radius(radius), true)).unwrap()
+    cloud::unpack_radius(growth.apply(pack_radius(radius))).unwrap()
 }
 
 #[test]
@@ -196,9 +196,7 @@ fn radii_grow_to_the_bounds_and_none_shrinks() {
         assert!((apply(growth, radius) / expected - 1.0).abs() < 0.012, "{radius}");
     }
     let radius = pack_radius(0.5);
-    assert_eq!(cloud::unpack_radius(growth.apply(radius, false)), Some(2.0));
-    assert_eq!(growth.apply(radius + 7, true) % RADIUS_SHAPES, 7, "an ellipse stays one");
-    assert_eq!(growth.apply(u16::MAX, false), u16::MAX);
+    assert_eq!(growth.apply(radius + 7) % RADIUS_SHAPES, 7, "an ellipse stays one");
 }
 
 #[test]
@@ -207,10 +205,10 @@ fn points_without_a_radius_get_none() {
     let mut chunk = terrain_page(&octree, NodeId(0));
     let mut radii = chunk.radii.take().unwrap().to_vec();
     let field = Field::new(&octree, &whole(&octree, [NodeId(0)]));
-    assert_eq!(field.radii(NodeId(0), &chunk, true), None);
+    assert_eq!(field.radii(NodeId(0), &chunk), None);
     radii[3] = NO_RADIUS;
     chunk.radii = Some(Arc::new(radii));
-    let grown = field.radii(NodeId(0), &chunk, true).unwrap();
+    let grown = field.radii(NodeId(0), &chunk).unwrap();
     assert!(grown[3] == NO_RADIUS && grown[4] > chunk.radii.unwrap()[4]);
 }
 
@@ -224,21 +222,44 @@ fn the_larger_radii_are_those_of_each_point() {
     assert!(is_near(&radii(&[1023]), &radii(&[0])) && !is_near(&radii(&[0, 1024]), &radii(&[9, 0])));
 }
 
-#[test]
-fn estimated_radii_come_back_when_the_node_is_alone() {
-    let octree = terrain(3);
-    let (id, chunk) = (NodeId(0), terrain_page(&octree, NodeId(0)));
-    let estimated = cloud::pack_radius(30.0);
-    let mut radii = vec![estimated; chunk.len()];
+/// The chunk of a node of [`terrain`] with radii of its own density, and its points by octant.
+fn estimated(octree: &Octree, id: NodeId) -> (Chunk, Octants) {
+    let chunk = terrain_page(octree, id);
+    let spacing = octree.spacing_at(octree.node(id).level);
+    let mut radii = vec![cloud::pack_radius(spacing as f32); chunk.len()];
     radii[7] = NO_RADIUS;
-    to_full_density(&mut radii, &chunk, &octree, id);
     let chunk = Chunk { radii: Some(Arc::new(radii)), ..chunk };
-    let center = cube_center(&octree, id);
-    let own = count_octants(&chunk, center);
-    let field = Field::new(&octree, &BTreeMap::from([(id, Drawn { own, drawn: own })]));
-    let radii = field.radii(id, &chunk, false).unwrap();
+    let own = count_octants(&chunk, cube_center(octree, id));
+    (chunk, own)
+}
+
+#[test]
+fn estimated_radii_are_as_they_were_where_the_node_is_alone() {
+    let octree = terrain(3);
+    let (chunk, own) = estimated(&octree, NodeId(0));
+    let field = Field::new(&octree, &BTreeMap::from([(NodeId(0), Drawn { own, drawn: own })]));
+    let radii = field.radii_of_density(NodeId(0), &chunk, &own).unwrap();
     assert_eq!(radii[7], NO_RADIUS);
-    for radius in radii.iter().filter(|radius| **radius != NO_RADIUS) {
-        assert!((i32::from(*radius) - i32::from(estimated)).unsigned_abs() <= u32::from(EIGHTH / 2 + 1), "{radius}");
+    for (radius, before) in radii.iter().zip(chunk.radii.unwrap().iter()).filter(|(radius, _)| **radius != NO_RADIUS) {
+        assert!((i32::from(*radius) - i32::from(*before)).unsigned_abs() <= u32::from(EIGHTH / 2 + 1), "{radius}");
+    }
+}
+
+#[test]
+fn estimated_radii_shrink_to_the_density_of_all_that_is_drawn_whatever_lies_below() {
+    // The second tree has a level more, which is not drawn.
+    for levels in [2, 3] {
+        let octree = terrain(levels);
+        let field =
+            Field::new(&octree, &whole(&octree, octree.ids().filter(|(_, node)| node.level <= 2).map(|(id, _)| id)));
+        for (id, node) in octree.ids().filter(|(_, node)| node.level <= 2) {
+            let (chunk, own) = estimated(&octree, id);
+            let radii = field.radii_of_density(id, &chunk, &own).unwrap();
+            // A square of n points, one of 4 n and one of 16 n.
+            let expected = octree.spacing_at(node.level) * (4_f64.powi(i32::from(node.level)) / 21.0).sqrt();
+            for radius in radii.iter().filter_map(|radius| cloud::unpack_radius(*radius)) {
+                assert!((f64::from(radius) / expected - 1.0).abs() < 0.12, "{id:?}: {radius}, expected {expected}");
+            }
+        }
     }
 }

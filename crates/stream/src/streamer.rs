@@ -25,7 +25,7 @@ pub use nodes::{Missing, NodeChange, Page, PagedCloud};
 use state::State;
 pub use state::StreamerStats;
 
-use crate::{Budget, Error, Wanted};
+use crate::{Budget, Error, Octree, Wanted};
 
 /// Loads nodes and says what to draw. All calls return at once: threads of its own read.
 pub struct Streamer {
@@ -67,6 +67,13 @@ impl Streamer {
     /// have been read again; if the octree is another one, they are dropped.
     pub fn replace(&self, cloud: usize, paged: PagedCloud) {
         self.shared.lock().replace(cloud, paged);
+        self.shared.work.notify_all();
+    }
+
+    /// Replaces the octree of a cloud by one that has the nodes of other pages of its list. What is shown of nodes that it
+    /// does not have is dropped.
+    pub fn know(&self, cloud: usize, octree: Arc<Octree>) {
+        self.shared.lock().know(cloud, octree);
         self.shared.work.notify_all();
     }
 

@@ -14,7 +14,14 @@ use super::nodes::SCALED_RADIUS_BYTES;
 use super::*;
 use crate::radius_scale::LARGEST_SPACINGS;
 use crate::test_trees::{page, random, terrain, terrain_page};
-use crate::{BATCHES, NodeId, Octree, Result, Tree, ViewMeasure, choose, prefix};
+use crate::{BATCHES, Node, NodeId, Octree, Result, Tree, ViewMeasure, prefix};
+
+/// What a cut wants of trees whose nodes are all there.
+fn choose(trees: &[Tree], measure: impl Fn(usize, &Octree, &Node) -> f64, budget: Budget, finest: f64) -> Vec<Wanted> {
+    let cut = crate::choose(trees, measure, budget, finest);
+    assert!(cut.unread.is_empty());
+    cut.wanted
+}
 
 /// The size of a point of a test page in bytes: position, normal, radius; and the radius once more.
 const POINT_BYTES: u64 = 12 + 4 + 2;

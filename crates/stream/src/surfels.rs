@@ -45,9 +45,9 @@ const DEEPEST: u8 = 21;
 const MARGIN: f64 = 22.0;
 
 /// The points of the levels nearest to the root that have up to `points` points together, but at least the root's:
-/// enough of a cloud to guess from (`cloud::guess_orientation`).
+/// enough of a cloud to guess from (`cloud::guess_orientation`). Of a list of nodes in several pages only the first counts.
 pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
-    let nodes = &pages.octree().nodes;
+    let nodes = &pages.octree().nodes[..pages.first_nodes()];
     let mut per_level = vec![0_u64; 1 + usize::from(u8::MAX)];
     nodes.iter().for_each(|node| per_level[usize::from(node.level)] += u64::from(node.points));
     let mut total = 0;
@@ -56,8 +56,12 @@ pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
         total <= points
     });
     let levels = levels.count().max(1);
-    let wanted: Vec<NodeId> =
-        pages.octree().ids().filter(|(_, node)| usize::from(node.level) < levels).map(|(id, _)| id).collect();
+    let wanted: Vec<NodeId> = (0_u32..)
+        .map(NodeId)
+        .zip(nodes)
+        .filter(|(_, node)| usize::from(node.level) < levels)
+        .map(|(id, _)| id)
+        .collect();
     wanted.into_par_iter().map(|node| pages.read(node)).collect()
 }
 

@@ -24,7 +24,7 @@ pub fn random(seed: u64, nodes: usize) -> Octree {
 
 /// Builds a tree level by level. `is_there` and `points` receive a key that is unique to each node.
 fn build(is_there: impl Fn(u64, usize) -> bool, levels: u8, points: impl Fn(u64) -> u32, at_most: usize) -> Octree {
-    let mut octree = Octree { corner: DVec3::ZERO, width: WIDTH, spacing: WIDTH / 128.0, nodes: Vec::new() };
+    let mut octree = Octree::new(DVec3::ZERO, WIDTH, WIDTH / 128.0, Vec::new());
     let node = |level, corner: DVec3, width: f64, points, parent| Node {
         level,
         bounds: Bounds { min: corner, max: corner + width },

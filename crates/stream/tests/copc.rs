@@ -64,12 +64,10 @@ fn pages_of_a_copc_file_hold_its_points_in_their_nodes() {
         assert_eq!(usual.attributes(), &pages.attributes()[..3]);
         let columns: Vec<usize> = (0..pages.attributes().len()).collect();
         let mut bag = Bag::new();
-        let mut first_point = 0;
         for (id, node) in octree.ids() {
             let chunk = pages.read(id).unwrap();
-            assert_eq!((chunk.len() as u32, chunk.first_point), (node.points, first_point), "{name}");
+            assert_eq!((chunk.len() as u32, chunk.first_point), (node.points, node.first_point), "{name}");
             assert!(node.points == 0 || pages.page_bytes(id) > 0);
-            first_point += u64::from(node.points);
             let step = source.info().grid.unwrap().scale;
             let inside = |index: usize| {
                 let position = chunk.position(index);

@@ -544,7 +544,7 @@ mod tests {
         let offer = cloud.offer(&Settings::default());
         let idle: Vec<&str> = test.idle_filters(&offer.attributes).collect();
         assert_eq!(idle, ["of_no_file"], "what the file has may come");
-        let octree = Arc::new(Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
+        let octree = Arc::new(Octree::new(DVec3::ZERO, 1.0, 0.1, Vec::new()));
         let attributes = ["angle", "classification"].map(attribute).to_vec();
         let (grid, entry) = (None, None);
         cloud.page(IndexState::Indexed { octree, attributes, grid, was_built: true, has_surfels: false, entry });

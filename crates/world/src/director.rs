@@ -10,13 +10,14 @@ use cloud::{Bounds, Cover, Placement, PointTest};
 use glam::DVec2;
 use scene::{Projection, Settings};
 use stream::{
-    Budget, Missing, Node, NodeChange, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose,
+    Budget, Cut, Missing, Node, NodeChange, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose,
 };
 
 use crate::budget::{CUT_PART, half_of, most_points};
 use crate::chunk_key::Part;
 use crate::error::is_of_inputs;
 use crate::event::{Event, IndexEntry, IndexState, StreamStats};
+use crate::lists::Lists;
 use crate::mailbox::{Arrival, Mailbox, News, StreamRequest, StreamView};
 
 /// The share of the memory for decoded points that a cut may use: the remainder is for reads in progress and for nodes
@@ -57,6 +58,10 @@ struct StreamedCloud {
     octree: Arc<Octree>,
     /// The octree with its nodes where the last view has them, or the first one will, if they are moved.
     placed: Option<(Placement, Octree)>,
+    /// The list of its nodes, if it is read page by page.
+    lists: Option<Lists>,
+    /// What the receiver was last told of its index.
+    state: IndexState,
     /// Whether its pages can be made again.
     is_own: bool,
     point_bytes: u64,
@@ -143,10 +148,15 @@ impl Director {
             (self.viewpoint, self.awaited) =
                 if viewpoint.is_alone { (None, Some(viewpoint)) } else { (Some(viewpoint), None) };
         }
+        if is_other {
+            // What found no room for the view before may find some now.
+            self.clouds.values_mut().filter_map(|streamed| streamed.lists.as_mut()).for_each(Lists::try_again);
+        }
         for request in requests {
-            is_other |= matches!(request, StreamRequest::Arrive(_) | StreamRequest::Close(_));
+            is_other |= !matches!(request, StreamRequest::KeepRoom { .. } | StreamRequest::Complete(_));
             self.handle(request)?;
         }
+        self.show_lists()?;
         is_other |= self.beside_cut() != self.beside_cut;
         if is_other {
             self.choose()?;
@@ -172,13 +182,42 @@ impl Director {
             }
             StreamRequest::KeepRoom { cloud, points } => drop(self.previews.insert(cloud, points)),
             StreamRequest::Complete(is_complete) => self.is_complete = is_complete,
+            StreamRequest::List { cloud, place, found } => {
+                let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
+                let Some(problem) = streamed.lists.as_mut().and_then(|lists| lists.put(place, found)) else {
+                    return Some(());
+                };
+                let input = streamed.input.clone();
+                self.send(Event::Failed { input, error: problem, is_usage: true })?;
+            }
         }
         Some(())
     }
 
+    /// Passes on the octrees that have changed, as other pages of lists of nodes are there.
+    fn show_lists(&mut self) -> Option<()> {
+        let mut states = Vec::new();
+        for (cloud, streamed) in &mut self.clouds {
+            let changed = streamed.lists.as_mut().and_then(Lists::changed_octree);
+            let (Some(octree), IndexState::Indexed { octree: told, .. }) = (changed, &mut streamed.state) else {
+                continue;
+            };
+            *told = octree.clone();
+            self.streamer.know(*cloud, octree.clone());
+            (streamed.octree, streamed.placed) = (octree, None);
+            states.push((*cloud, streamed.state.clone()));
+        }
+        states.into_iter().try_for_each(|(cloud, pages)| self.send(Event::Pages { cloud, pages }))
+    }
+
     fn add(&mut self, arrival: Arrival) -> Option<()> {
         let Arrival { cloud, input, name, pages, is_own, was_built, estimate, previews, mut warnings } = arrival;
-        let octree = Arc::new(pages.octree().clone());
+        let mut before = self.clouds.remove(&cloud);
+        let lists = match before.as_mut().and_then(|before| before.lists.take()) {
+            Some(lists) => lists.again(&pages),
+            None => Lists::new(&pages),
+        };
+        let octree = lists.as_ref().map_or_else(|| Arc::new(pages.octree().clone()), |lists| lists.octree().clone());
         let (attributes, grid, has_surfels) = (pages.attributes().to_vec(), pages.grid(), pages.has_surfels());
         let entry = is_own.then(|| IndexEntry { folder: pages.folder().to_owned(), bytes: pages.bytes() });
         let point_bytes = pages.point_bytes();
@@ -189,7 +228,6 @@ impl Director {
             warnings,
             cancelled: false,
         };
-        let before = self.clouds.remove(&cloud);
         let is_again = before.as_ref().is_some_and(|before| before.summary.is_none());
         let (mut resident, mut stale) = before.map(|before| (before.resident, before.stale)).unwrap_or_default();
         resident.extend(&previews);
@@ -203,11 +241,14 @@ impl Director {
         self.streamer.replace(cloud, paged);
         let summary = (!is_again).then_some(summary);
         let octree_shown = octree.clone();
+        let state = IndexState::Indexed { octree: octree_shown, attributes, grid, was_built, has_surfels, entry };
         let streamed = StreamedCloud {
             input,
             name,
             octree,
             placed: None,
+            lists,
+            state: state.clone(),
             is_own,
             point_bytes,
             resident,
@@ -217,8 +258,7 @@ impl Director {
             is_reported: false,
         };
         self.clouds.insert(cloud, streamed);
-        let pages = IndexState::Indexed { octree: octree_shown, attributes, grid, was_built, has_surfels, entry };
-        self.send(Event::Pages { cloud, pages })
+        self.send(Event::Pages { cloud, pages: state })
     }
 
     /// The number of resident points that belong to no cut, which use a part of the budget.
@@ -235,7 +275,7 @@ impl Director {
             return Some(());
         }
         let level = |streamed: &StreamedCloud, part: Part| match part {
-            Part::Node(node) => streamed.octree.nodes.get(node.0 as usize).map_or(u8::MAX, |node| node.level),
+            Part::Node(node) => streamed.octree.get(node).map_or(u8::MAX, |node| node.level),
             Part::Preview(_) | Part::Block(_) => u8::MAX,
         };
         let stale = self
@@ -302,10 +342,19 @@ impl Director {
             None => octree.spacing_at(node.level) * scale,
         };
         let cut = |budget: Budget| choose(&trees, |_, octree, node| pixels(octree, node), budget, detail);
-        let wanted = cut(budget(CUT_SHARE));
+        let Cut { wanted, unread, next } = cut(budget(CUT_SHARE));
         let whole = Budget { points: most, bytes: (bytes * CUT_SHARE) as u64 };
-        let demand = if share < 1.0 { demand(&cut(whole), &trees, whole) } else { demand(&wanted, &trees, whole) };
+        let demand =
+            if share < 1.0 { demand(&cut(whole).wanted, &trees, whole) } else { demand(&wanted, &trees, whole) };
         let demand = (demand + self.beside_cut as f64 / most.max(1) as f64).min(1.0);
+        let needed = wanted.iter().map(|wanted| (wanted.cloud, wanted.node)).chain(next);
+        let needed: Vec<_> = needed.collect();
+        for (cloud, streamed) in &mut self.clouds {
+            let Some(lists) = &mut streamed.lists else { continue };
+            let nodes = needed.iter().filter(|(other, _)| other == cloud).map(|(_, node)| *node);
+            let places = unread.iter().filter(|(other, ..)| other == cloud).map(|(_, node, octant)| (*node, *octant));
+            lists.want(nodes, places, *cloud, &self.mailbox);
+        }
         self.streamer.show_only_wanted(self.awaited.is_some());
         self.streamer.want(wanted);
         self.demand = demand;
@@ -364,7 +413,10 @@ impl Director {
     /// Reports what has been loaded, if that has changed, and finishes a cut that is complete.
     fn report(&mut self, is_quiet: bool) -> Option<()> {
         let shown = self.streamer.stats();
-        let mut is_there = is_quiet && shown.settled && !self.clouds.values().any(StreamedCloud::is_awaited);
+        let lists = self.clouds.values().filter_map(|streamed| streamed.lists.as_ref());
+        let lists_waiting: usize = lists.map(Lists::waiting).sum();
+        let is_awaited = lists_waiting > 0 || self.clouds.values().any(StreamedCloud::is_awaited);
+        let mut is_there = is_quiet && shown.settled && !is_awaited;
         if is_there && self.clouds.values().any(|streamed| !streamed.stale.is_empty()) {
             // The cut replaces the stale chunks.
             is_there = false;
@@ -393,7 +445,7 @@ impl Director {
             points_resident: shown.shown_points,
             points_total: self.clouds.values().map(|streamed| streamed.octree.points()).sum(),
             host_bytes: shown.bytes,
-            nodes_waiting: shown.waiting_nodes,
+            nodes_waiting: shown.waiting_nodes + lists_waiting,
             demand: self.demand,
             disk_bytes_per_second: shown.disk_bytes_per_second,
             points_per_second: shown.points_per_second,

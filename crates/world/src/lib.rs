@@ -18,6 +18,7 @@ mod filters;
 mod indexing;
 mod job;
 mod light;
+mod lists;
 mod loader;
 mod mailbox;
 mod meshes;

@@ -5,8 +5,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use cloud::{Placement, PointTest, SurfelOptions};
+use codec::PageNodes;
 use scene::{Camera, CloudSettings, Stream, ViewSettings};
-use stream::{MirrorBound, Pages};
+use stream::{MirrorBound, NodeId, Pages};
 
 use crate::chunk_key::Part;
 use crate::task::{CloudTask, CloudTasks};
@@ -78,6 +79,8 @@ pub(crate) enum StreamRequest {
     KeepRoom { cloud: usize, points: u64 },
     /// Says whether every index is complete.
     Complete(bool),
+    /// One page of the list of nodes of a cloud was read: the parent and the octant of its topmost node.
+    List { cloud: usize, place: (NodeId, u8), found: stream::Result<PageNodes> },
 }
 
 /// What came since the streaming thread last looked.
@@ -279,6 +282,11 @@ impl Mailbox {
     fn ask(&self, mail: &mut Mail, request: StreamRequest) {
         mail.stream_requests.push(request);
         self.notify(mail);
+    }
+
+    /// Passes on one page of the list of nodes of a cloud.
+    pub(crate) fn pass_list(&self, cloud: usize, place: (NodeId, u8), found: stream::Result<PageNodes>) {
+        self.ask(&mut self.mail(), StreamRequest::List { cloud, place, found });
     }
 
     pub(crate) fn wake(&self) {

@@ -84,7 +84,9 @@ impl Loader {
             scene::Paging::Auto => {
                 // What a view does not need stays on the server.
                 let is_far = |source: &Arc<codec::Source>| source.bytes().is_remote() && source.copc().is_some();
+                let is_paged = |source: &Arc<codec::Source>| source.copc().is_some_and(|copc| !copc.further.is_empty());
                 !is_one_file(sources)
+                    || sources.iter().any(is_paged)
                     || sources.iter().all(is_far)
                     || held.saturating_add(bytes) > half_of(self.settings.stream.host_bytes)
             }

@@ -68,7 +68,7 @@ impl Tile {
             parent: None,
             children: [None; 8],
         };
-        Octree { corner: self.bounds.min, width, spacing: width / SPACINGS, nodes: vec![root] }
+        Octree::new(self.bounds.min, width, width / SPACINGS, vec![root])
     }
 }
 

@@ -46,11 +46,12 @@ fn lacks_points(
     is_near: &impl Fn(Bounds) -> bool,
     is_loaded: &impl Fn(NodeId) -> bool,
 ) -> bool {
-    let Some(node) = octree.nodes.get(id.0 as usize).filter(|node| !node.bounds.is_empty() && is_near(node.bounds))
-    else {
+    let Some(node) = octree.get(id).filter(|node| !node.bounds.is_empty() && is_near(node.bounds)) else {
         return false;
     };
-    let is_missing = node.points > 0 && !is_loaded(id);
+    // What the page of a list of nodes has that is not there is not loaded.
+    let mut unread = octree.paged.unread.range((id, 0)..=(id, u8::MAX));
+    let is_missing = node.points > 0 && !is_loaded(id) || unread.any(|(_, bounds)| is_near(*bounds));
     is_missing || node.children.iter().flatten().any(|child| lacks_points(octree, *child, is_near, is_loaded))
 }
 
@@ -88,7 +89,7 @@ mod tests {
         let all = chunks.iter().map(Chunk::bounds).fold(Bounds::EMPTY, Bounds::union);
         let mut nodes = vec![node(0, all), node(1, chunks[1].bounds()), node(2, chunks[2].bounds())];
         (nodes[0].children[0], nodes[0].children[1]) = (Some(NodeId(1)), Some(NodeId(2)));
-        (Octree { corner: DVec3::ZERO, width: 2.0, spacing: 0.1, nodes }, chunks)
+        (Octree::new(DVec3::ZERO, 2.0, 0.1, nodes), chunks)
     }
 
     /// The error of the point of the root that is nearest to a place of the file, while these nodes are loaded.

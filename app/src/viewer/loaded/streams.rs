@@ -303,7 +303,7 @@ mod tests {
         ];
         (nodes[0].children[0], nodes[0].children[7], nodes[1].children[0]) =
             (Some(NodeId(1)), Some(NodeId(3)), Some(NodeId(2)));
-        Octree { corner: DVec3::ZERO, width: 8.0, spacing: 1.0, nodes }
+        Octree::new(DVec3::ZERO, 8.0, 1.0, nodes)
     }
 
     fn chunk(first_point: u64, places: &[f32]) -> Chunk {

@@ -175,7 +175,8 @@ impl CloudEntry {
     /// The boxes of the loaded nodes without loaded nodes below them, each with the colour of its level.
     pub fn shown_boxes(&self) -> Vec<(Bounds, [u8; 4])> {
         let (Some(streamed), Some(octree)) = (&self.streamed, self.octree()) else { return Vec::new() };
-        let is_there = |id: NodeId| octree.node(id).points > 0 && self.bounds_of(Part::Node(id)).is_some();
+        let is_there =
+            |id: NodeId| octree.get(id).is_some_and(|node| node.points > 0) && self.bounds_of(Part::Node(id)).is_some();
         let is_last = |node: &Node| !node.children.iter().flatten().any(|child| is_there(*child));
         let there = self.chunk_bounds().filter_map(|(part, bounds)| Some((node_of(octree, part)?, bounds)));
         let last = there.filter(|(node, _)| is_last(node));
@@ -186,7 +187,7 @@ impl CloudEntry {
 /// The node whose points a chunk holds.
 fn node_of(octree: &Octree, part: Part) -> Option<&Node> {
     match part {
-        Part::Node(id) => octree.nodes.get(id.0 as usize),
+        Part::Node(id) => octree.get(id),
         Part::Preview(_) | Part::Block(_) => None,
     }
 }
@@ -201,7 +202,7 @@ pub struct Streamed {
 
 impl Streamed {
     pub fn new(octree: Option<&Octree>, rests: u32) -> Self {
-        let levels = octree.and_then(|octree| octree.nodes.iter().map(|node| node.level).max());
+        let levels = octree.and_then(|octree| octree.ids().map(|(_, node)| node.level).max());
         Self { rests, deepest_level: levels.unwrap_or(0) }
     }
 

@@ -246,7 +246,7 @@ mod tests {
             children: [None; 8],
         };
         let nodes = vec![node(0, None), node(1, Some(0))];
-        let octree = stream::Octree { corner: glam::DVec3::ZERO, width: 1.0, spacing: 1.0, nodes };
+        let octree = stream::Octree::new(glam::DVec3::ZERO, 1.0, 1.0, nodes);
         let kept = Some(IndexEntry { folder: "/cache/0123".into(), bytes: 1_700_000 });
         let attributes = Vec::new();
         IndexState::Indexed {

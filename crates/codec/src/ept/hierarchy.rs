@@ -11,7 +11,7 @@ use crate::address::beside;
 use crate::at_once::at_once;
 use crate::brief::{self, brief};
 use crate::bytes::Bytes;
-use crate::las::{Copc, DEEPEST, Key};
+use crate::las::{Copc, DEEPEST, Key, is_below};
 use crate::{Error, Result};
 
 /// The longest page: Entwine's have up to some megabytes.
@@ -25,6 +25,8 @@ const PAGES_AT_ONCE: usize = 8;
 #[derive(Debug, Default)]
 pub struct Hierarchy {
     pub nodes: HashMap<Key, u32>,
+    /// The nodes that the first page lists, with those of further pages.
+    pub first: Vec<Key>,
     pub warnings: Vec<String>,
 }
 
@@ -44,41 +46,48 @@ fn key(name: &str) -> Option<Key> {
     (numbers.next().is_none() && is_inside).then_some((level, cell))
 }
 
-/// Whether a node is `top` or below it.
-fn is_below((level, cell): Key, (top_level, top): Key) -> bool {
-    level >= top_level && cell.map(|cell| cell >> (level - top_level)) == top
-}
-
-/// Reads the pages of the tree, the coarse ones first, until nodes would take more than `most` places. `path` is that of
-/// `ept.json`.
-///
-/// # Errors
-/// If the first page cannot be used. What is wrong with others is a warning, and their nodes are left out.
-pub fn read(path: &Path, most: usize) -> Result<Hierarchy> {
+/// Reads the pages below the first one, whose entries are `first`, the coarse ones before the others, until nodes would take
+/// more than `most` places. `path` is that of `ept.json`. What is wrong with a page is a warning, and its nodes are left out.
+pub fn read(path: &Path, first: Entries, most: usize) -> Hierarchy {
     let mut found = Hierarchy::default();
+    let mut first = Some(Ok(first));
     let (mut lost, mut left_out) = (Vec::new(), 0);
     let mut waiting = vec![(0, [0; 3])];
     let mut pages = 0;
     while !waiting.is_empty() {
         let now: Vec<Key> = std::mem::take(&mut waiting);
-        let read = at_once(&now, PAGES_AT_ONCE, |key| page(path, *key));
+        let read = match first.take() {
+            Some(first) => vec![first],
+            None => at_once(&now, PAGES_AT_ONCE, |key| page(path, *key)),
+        };
         for (top, page) in now.into_iter().zip(read) {
             pages += 1;
             let page = match page {
                 Ok(page) => page,
-                Err(error) if pages == 1 => return Err(error),
                 Err(error) => {
                     lost.push(format!("the hierarchy below node {} is missing: {}", name(top), reason(&error, path)));
                     continue;
                 }
             };
             for (key, points) in page {
-                match points {
-                    Some(0) => {}
-                    Some(points) if found.nodes.len() < most => drop(found.nodes.insert(key, points)),
-                    None if pages + waiting.len() < MOST_PAGES && found.nodes.len() < most => waiting.push(key),
-                    _ => left_out += 1,
-                }
+                // Another page has the points of the node that it is named after.
+                let above = (key.0.saturating_sub(1), key.1.map(|cell| cell / 2));
+                let own = match points {
+                    Some(0) => continue,
+                    Some(points) if found.nodes.len() < most => {
+                        found.nodes.insert(key, points);
+                        key
+                    }
+                    None if pages + waiting.len() < MOST_PAGES && found.nodes.len() < most => {
+                        waiting.push(key);
+                        above
+                    }
+                    _ => {
+                        left_out += 1;
+                        continue;
+                    }
+                };
+                found.first.extend((pages == 1).then_some(own));
             }
         }
     }
@@ -91,7 +100,7 @@ pub fn read(path: &Path, most: usize) -> Result<Hierarchy> {
             found.nodes.len()
         ));
     }
-    Ok(found)
+    found
 }
 
 /// An error without the name of the whole cloud.
@@ -102,7 +111,10 @@ fn reason(error: &Error, path: &Path) -> String {
 }
 
 /// What a page says: for each node its number of points, or `None` where another page has it.
-fn page(path: &Path, top: Key) -> Result<Vec<(Key, Option<u32>)>> {
+pub type Entries = Vec<(Key, Option<u32>)>;
+
+/// Reads the page of the node `top`.
+pub fn page(path: &Path, top: Key) -> Result<Entries> {
     let path = beside(path, &format!("ept-hierarchy/{}.json", name(top)));
     let text = Bytes::open_small(&path)?.all(MOST_PAGE)?;
     let fail = |problem: String| Error::malformed(&path, format!("page {}", name(top)), problem);

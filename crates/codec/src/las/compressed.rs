@@ -60,8 +60,14 @@ pub struct Compressed {
 }
 
 impl Compressed {
-    /// Finds the chunks. `memory` bounds what decoders take, in bytes.
-    pub fn open(file: &Bytes, header: &Header, memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
+    /// Finds the chunks, unless a list of nodes says where they are. `memory` bounds what decoders take, in bytes.
+    pub fn open(
+        file: &Bytes,
+        header: &Header,
+        memory: u64,
+        has_nodes: bool,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
         let malformed = |problem: String| Error::malformed(file.path(), "LASzip record", problem);
         let Some(record) = &header.laszip else {
             return Err(malformed("missing, although the point format says the points are compressed".into()));
@@ -84,6 +90,9 @@ impl Compressed {
             .check_memory(DecompressionSelection::base(), None)
             .map_err(|problem| Error::unsuitable(file.path(), problem))?;
 
+        if has_nodes {
+            return Ok(compressed);
+        }
         if laszip_kind(record) == CompressorType::PointWise as u16 {
             // Without a table there is no offset to it either: the first record starts at once. The header's count has
             // to be believed.
@@ -241,6 +250,12 @@ impl Compressed {
         let filled = sizes().filter(|size| *size > 0).count() as u64;
         let points = u64::from(u32::from_le_bytes(points));
         (offset + length <= end).then_some(LayeredChunk { points, length, filled })
+    }
+
+    /// The number of points that the head of a layered chunk tells; `None` if it is no such chunk.
+    pub fn told_points(&self, file: &Bytes, chunk: &CompressedChunk) -> Option<u64> {
+        let end = chunk.offset.checked_add(chunk.length)?.min(file.length());
+        self.layered_chunk(file, chunk.offset, end).map(|found| found.points)
     }
 
     /// Starts decoding `chunk`; of a layered one only `layers`.

@@ -71,7 +71,7 @@ pub struct CopcSummary {
 /// Inputs that cannot be read or cannot be in one file; an output that is an input or cannot be written.
 pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Progress) -> Result<Option<CopcSummary>> {
     let sources = open(inputs, output, memory / 2)?;
-    let sources = leading(&sources.iter().collect::<Vec<_>>());
+    let sources = leading(&sources.iter().map(LasSource::whole).collect::<Result<Vec<_>>>()?);
     let mut words = Words::default();
     let plan = OutputFormat::new(&sources, memory / 2, &mut words)?;
     let mut warnings = Vec::new();

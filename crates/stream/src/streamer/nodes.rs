@@ -6,7 +6,7 @@ use std::sync::Arc;
 use cloud::{Chunk, Progress, SurfelOptions, pack_radius, provisional_radius};
 use glam::DVec3;
 
-use crate::radius_scale::{Field, Octants, Radii, count_octants, cube_center, to_full_density};
+use crate::radius_scale::{Field, Octants, Radii, count_octants, cube_center};
 use crate::{Error, NodeId, Octree, Result, prefix};
 
 /// The bytes of a point in memory: if radii are scaled, a chunk's radii exist twice.
@@ -75,13 +75,13 @@ pub(super) struct Job {
 #[derive(Clone)]
 pub(super) struct Loaded {
     pub(super) node: NodeId,
-    /// All of its points, or those of its first batches; radii are those of full density.
+    /// All of its points, or those of its first batches; radii are those of full density, unless they were estimated.
     pub(super) chunk: Chunk,
     /// The middle of the node's cube.
     pub(super) center: DVec3,
     /// The numbers of all of the node's points by octant.
     pub(super) own: Octants,
-    /// Whether radii were estimated from the node's own points and converted to full density.
+    /// Whether radii were estimated from the node's own points, so that they are those of its density.
     pub(super) is_estimated: bool,
     pub(super) disk_bytes: u64,
 }
@@ -136,7 +136,7 @@ impl Job {
 }
 
 impl Missing {
-    /// Adds radii of full density, if the chunk has none.
+    /// Adds radii, if the chunk has none: those of the node's own density if they are estimated, else of full density.
     fn fill(self, chunk: &mut Chunk, octree: &Octree, id: NodeId) {
         if chunk.radii.is_some() {
             return;
@@ -144,8 +144,7 @@ impl Missing {
         match self {
             Self::Estimate(options) => {
                 let surfels = cloud::estimate(std::slice::from_ref(chunk), &options, &Progress::default());
-                if let Some(mut surfels) = surfels.and_then(|mut surfels| surfels.pop()) {
-                    to_full_density(&mut surfels.radii, chunk, octree, id);
+                if let Some(surfels) = surfels.and_then(|mut surfels| surfels.pop()) {
                     chunk.normals = Some(Arc::new(surfels.normals));
                     chunk.radii = Some(Arc::new(surfels.radii));
                 }
@@ -166,7 +165,10 @@ impl Loaded {
 
     /// The radii that the field gives its points.
     pub(super) fn radii(&self, id: NodeId, field: &Field) -> Radii {
-        field.radii(id, &self.chunk, !self.is_estimated)
+        match self.is_estimated {
+            true => field.radii_of_density(id, &self.chunk, &self.own),
+            false => field.radii(id, &self.chunk),
+        }
     }
 
     /// The node with only its first `points` points.

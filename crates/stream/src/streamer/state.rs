@@ -2,10 +2,11 @@
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::nodes::{CloudNodes, Entry, Job, Loaded, NodeChange, PagedCloud, ShownNode};
-use crate::{BATCHES, Budget, Error, NodeId, Result, Wanted, prefix};
+use crate::{BATCHES, Budget, Error, NodeId, Octree, Result, Wanted, prefix};
 
 /// The time over which rates are measured.
 const RATE_TIME: Duration = Duration::from_secs(1);
@@ -93,6 +94,27 @@ impl State {
         self.accept();
     }
 
+    /// Replaces the octree by one with more nodes, or without some: these are dropped.
+    pub(super) fn know(&mut self, cloud: usize, octree: Arc<Octree>) {
+        let Some(held) = self.clouds.get_mut(&cloud) else { return };
+        held.paged.octree = octree;
+        let octree = &held.paged.octree;
+        let gone: Vec<NodeId> = held.entries.keys().copied().filter(|id| octree.get(*id).is_none()).collect();
+        // Children come after their parents.
+        for id in gone.into_iter().rev() {
+            let Some(entry) = held.entries.remove(&id) else { continue };
+            held.loose.remove(&id);
+            self.bytes -= entry.loaded.map_or(0, |loaded| loaded.bytes());
+            if let Some(shown) = entry.shown {
+                self.bytes -= shown.loaded.bytes();
+                self.shown_points -= shown.points();
+                self.shown_nodes -= 1;
+                self.pending.extend(shown.leave(cloud));
+            }
+        }
+        self.accept();
+    }
+
     /// Removes a cloud; returns the drops of its shown nodes, children first.
     pub(super) fn remove(&mut self, cloud: usize) -> Vec<NodeChange> {
         let mut drops = Vec::new();
@@ -140,14 +162,14 @@ impl State {
         let most = self.budget.bytes / 2;
         let cost_of = |wanted: &Wanted| {
             let paged = &self.clouds.get(&wanted.cloud)?.paged;
-            paged.octree.nodes.get(wanted.node.0 as usize).map(|_| paged.cost(wanted.node))
+            paged.octree.get(wanted.node).map(|_| paged.cost(wanted.node))
         };
         let reserve = self.asked.iter().filter_map(cost_of).filter(|cost| *cost <= most).max().unwrap_or(0);
         let mut bytes = self.budget.bytes.saturating_sub(reserve);
         self.wanted.clear();
         for Wanted { cloud, node: id, batches } in &self.asked {
             let Some(held) = self.clouds.get_mut(cloud) else { continue };
-            let Some(node) = held.paged.octree.nodes.get(id.0 as usize) else { continue };
+            let Some(node) = held.paged.octree.get(*id) else { continue };
             let is_wanted = |id: NodeId| held.entry(id).is_some_and(|entry| entry.wanted > 0);
             // A node that is too large is not wanted itself, so that its shown form can go.
             let may_have_children = |id: NodeId| held.entry(id).is_some_and(|entry| entry.wanted > 0 || entry.failed);
