@@ -1,4 +1,4 @@
-//! Finds mirrors without help: planes, then balls (`spheres.rs`).
+//! Finds mirrors without help: planes, then balls (`spheres.rs`) and columns (`columns.rs`).
 //!
 //! A plane mirror makes the surfaces behind it mirror images of those before it. So each pair of planes in the scan
 //! suggests two mirrors, the planes that mirror one to the other, and each plane itself suggests one, since mirrors hang
@@ -15,13 +15,14 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use scene::{Mirror, Shape};
 
+use crate::columns::{Part, columns};
 use crate::found::Found;
 use crate::gauge::{Gauge, Sample};
 use crate::planes::{Plane, planes};
 use crate::refine::{Seen, distances, moved, some_of};
 use crate::spheres::suggested;
 use crate::surface_map::SurfaceMap;
-use crate::unfold::Reflector;
+use crate::unfold::{Mirrors, Reflector};
 
 /// The most mirrors that are found.
 const MOST_FOUND: usize = 16;
@@ -65,16 +66,17 @@ const NEAR_PLANE: f64 = 2.0;
 struct Search<'a> {
     stations: &'a [DVec3],
     map: &'a SurfaceMap,
+    /// The planes of the scan, largest first.
+    walls: Vec<Plane>,
     samples: Vec<Sample>,
 }
 
-/// Looks for plane mirrors, those that explain most points first, then for balls. `None` when cancelled.
+/// Looks for plane mirrors, those that explain most points first, then for balls and columns. `None` when cancelled.
 pub fn find(gauge: &Gauge, progress: &Progress) -> Option<Vec<Found>> {
     let Gauge { stations, map, samples } = gauge;
-    let mut search = Search { stations, map, samples: samples.clone() };
-    let walls = planes(&search.map.wide_patches());
+    let mut search = Search { stations, map, walls: planes(&map.wide_patches()), samples: samples.clone() };
     let mut found: Vec<Found> = Vec::new();
-    let mut suggestions = search.suggestions(&walls);
+    let mut suggestions = search.suggestions();
     while found.len() < MOST_FOUND && !progress.is_cancelled() {
         let tried: Vec<_> = suggestions.par_iter().filter_map(|suggestion| search.look(suggestion)).collect();
         let Some((mirror, plane, explained)) = tried.into_iter().max_by_key(|(_, _, explained)| explained.len()) else {
@@ -85,10 +87,19 @@ pub fn find(gauge: &Gauge, progress: &Progress) -> Option<Vec<Found>> {
         found.push(mirror);
     }
     for station in 0..stations.len() {
-        if progress.is_cancelled() {
-            return None;
+        for curved in [Search::balls, Search::columns] {
+            if progress.is_cancelled() {
+                return None;
+            }
+            for mirror in curved(&search, station) {
+                // Another station may see it, too.
+                if !found.iter().any(|known| known.is_at(&mirror)) {
+                    let explained = search.seen_in(&mirror);
+                    search.take(&explained);
+                    found.push(mirror);
+                }
+            }
         }
-        found.append(&mut search.balls(station));
     }
     (!progress.is_cancelled()).then_some(found)
 }
@@ -137,8 +148,8 @@ impl Search<'_> {
     }
 
     /// The suggestions that most of the tried points speak for.
-    fn suggestions(&self, walls: &[Plane]) -> Vec<Suggestion> {
-        let edge = self.map.edge();
+    fn suggestions(&self) -> Vec<Suggestion> {
+        let (edge, walls) = (self.map.edge(), &self.walls);
         let mut all = Vec::new();
         for (index, wall) in walls.iter().enumerate() {
             // A mirror hangs before its wall, a pane stands in the middle of its frame.
@@ -364,9 +375,33 @@ impl Search<'_> {
         })
     }
 
+    /// The distance from a surface up to which an unfolded point fits it.
+    fn near(&self) -> f64 {
+        (5.0 * self.map.noise()).max(0.2 * self.map.edge())
+    }
+
+    /// The columns that a station sees.
+    fn columns(&self, station: usize) -> Vec<Found> {
+        let found = |part: Part| {
+            let Part { mirror, share, residual, fits, .. } = part;
+            let reason = format!(
+                "found: {:.0} % of the points between its straight outlines that can say so fit surfaces when unfolded, by \
+                 {residual:.4} in the middle",
+                share * 100.0
+            );
+            let place_error = residual * 1.5 / (fits as f64 / 10.0).sqrt();
+            // What is seen through a curved pane is not on the straight line.
+            let reflector = Reflector { mirror, is_open: false, place_error, angle_error: 0.0 };
+            Found { reflector, reason }
+        };
+        let own = self.of_station(station).map(|(_, sample)| sample).filter(|sample| sample.place.is_finite());
+        let own: Vec<&Sample> = own.collect();
+        columns(self.stations[station], &own, &self.walls, self.map, self.near()).into_iter().map(found).collect()
+    }
+
     /// The balls that a station sees. A ball is a mirror if most points within its outline fit when they are unfolded.
-    fn balls(&mut self, station: usize) -> Vec<Found> {
-        let near = (5.0 * self.map.noise()).max(0.2 * self.map.edge());
+    fn balls(&self, station: usize) -> Vec<Found> {
+        let near = self.near();
         let points: Vec<DVec3> =
             self.of_station(station).map(|(_, sample)| sample.place).filter(|place| place.is_finite()).collect();
         let refined = |(ball, seen): &(Mirror, Vec<Seen>)| {
@@ -401,6 +436,19 @@ impl Search<'_> {
             found.push((Found { reflector, reason }, count));
         }
         found.into_iter().map(|(found, _)| found).collect()
+    }
+
+    /// The samples that were seen in a mirror.
+    fn seen_in(&self, found: &Found) -> Vec<usize> {
+        let mirrors = Mirrors::new(vec![found.reflector.clone()]);
+        let is_seen = |(_, sample): &(usize, &Sample)| {
+            let own = sample.station.map_or(0..self.stations.len(), |station| station..station + 1);
+            let is_from = |station: usize| {
+                !mirrors.ways(self.stations[station], sample.place, BEHIND * self.map.edge()).is_empty()
+            };
+            sample.place.is_finite() && own.into_iter().any(is_from)
+        };
+        self.samples.iter().enumerate().filter(is_seen).map(|(index, _)| index).collect()
     }
 
     /// Leaves out samples that a mirror explains.

@@ -24,16 +24,19 @@ impl Found {
     pub fn is_at(&self, other: &Self) -> bool {
         let [one, two] = [&self.reflector.mirror, &other.reflector.mirror];
         let (apart, size) = (two.position - one.position, one.size.max(two.size));
-        if one.shape.name() != two.shape.name() || apart.length() > size {
-            return false;
-        }
-        let [normal, other_normal] = [one, two].map(|mirror| mirror.rotation * DVec3::Z);
-        let is_plane = matches!(one.shape, Shape::Plane { .. });
-        !is_plane || (normal.dot(other_normal).abs() > ALIGNED && normal.dot(apart).abs() < NEAR * size)
+        let [axis, other_axis] = [one, two].map(|mirror| mirror.rotation * DVec3::Z);
+        let is_aligned = axis.dot(other_axis).abs() > ALIGNED;
+        one.shape.name() == two.shape.name()
+            && match one.shape {
+                Shape::Plane { .. } => apart.length() < size && is_aligned && axis.dot(apart).abs() < NEAR * size,
+                // One may be known higher up than the other.
+                Shape::Cylinder { .. } => is_aligned && apart.reject_from_normalized(axis).length() < size,
+                _ => apart.length() < size,
+            }
     }
 }
 
-/// The cosine between the normals of two planes that are one, and how far they are apart at most, in their sizes.
+/// The cosine between the normals of two planes that are one, or the axes of two columns, and how far they are apart at most, in their sizes.
 const ALIGNED: f64 = 0.999;
 const NEAR: f64 = 0.05;
 
@@ -55,5 +58,12 @@ mod tests {
         assert!(!one.is_at(&plane(0.0, DVec3::Y)) && !one.is_at(&found(Shape::Sphere, 0.0, DVec3::X)));
         let ball = |x| found(Shape::Sphere, x, DVec3::Z);
         assert!(ball(0.0).is_at(&ball(0.1)) && !ball(0.0).is_at(&ball(1.5)));
+        let column = |place| {
+            let shape = Shape::Cylinder { height: 8.0 };
+            let column = Mirror::standing(shape, place, DVec3::Z, DVec3::Y, 0.2);
+            Found::given(Mirror { position: place, ..column })
+        };
+        let low = column(DVec3::ZERO);
+        assert!(low.is_at(&column(DVec3::new(0.05, 0.0, 1.0))) && !low.is_at(&column(DVec3::new(0.5, 0.0, 0.0))));
     }
 }

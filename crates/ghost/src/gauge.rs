@@ -6,11 +6,11 @@ use std::sync::{Mutex, PoisonError};
 use cloud::{Progress, hash};
 use glam::DVec3;
 use rayon::prelude::*;
-use scene::{Mirror, Shape};
+use scene::Mirror;
 
 use crate::evidence::{Extent, Points};
 use crate::find::BEHIND;
-use crate::refine::{Seen, fits, moved, some_of};
+use crate::refine::{Seen, fits, fitted, some_of};
 use crate::surface_map::{MapBuilder, SurfaceMap};
 use crate::unfold::{Mirrors, Reflector};
 
@@ -20,8 +20,6 @@ const SAMPLED: u64 = 400_000;
 const LEVELS: usize = 5;
 /// The fewest points that say where a mirror is.
 const FEWEST_POINTS: usize = 60;
-/// How far apart the places are that are tried for a column across the line of sight, in radii.
-const TRIED_EVERY: f64 = 0.03;
 
 /// A point of the sample, with the normal of its surface.
 #[derive(Clone, Copy)]
@@ -114,30 +112,6 @@ impl Gauge {
     /// The mirror moved from where it stands to where these points fit best; `None` if too few were seen in it.
     pub fn fitted(&self, mirror: &Mirror) -> Option<Mirror> {
         let seen = some_of(&self.seen_in(mirror));
-        if seen.len() < FEWEST_POINTS {
-            return None;
-        }
-        let rough = moved(mirror, &seen, &self.map);
-        let Shape::Cylinder { .. } = mirror.shape else { return Some(rough) };
-        // Floors and ceilings have put the axis upright. A thin column that is off by a tenth of its radius throws points
-        // far from their walls, so places about it are tried.
-        let axis = rough.rotation * DVec3::Z;
-        let toward = (seen[0].0 - mirror.position).reject_from_normalized(axis).normalize_or_zero();
-        let place = |across: i32, along: i32| {
-            let off = axis.cross(toward) * f64::from(across) + toward * (2.0 * f64::from(along));
-            Mirror { position: mirror.position + off * (TRIED_EVERY * mirror.size), size: mirror.size, ..rough.clone() }
-        };
-        let tried: Vec<Mirror> = (-10..=10)
-            .flat_map(|across| (-5..=5).map(move |along| (across, along)))
-            .map(|(across, along)| place(across, along))
-            .collect();
-        let few: Vec<Seen> = seen.iter().copied().step_by(4).collect();
-        let score = |mirror: &Mirror| {
-            let fits = fits(mirror, &few, &self.map).into_iter().filter(|(_, tells)| *tells);
-            fits.map(|(distance, _)| 1.0 / (1.0 + (distance / self.map.edge()).powi(2))).sum::<f64>()
-        };
-        let scores: Vec<f64> = tried.par_iter().map(score).collect();
-        let best = scores.iter().zip(&tried).max_by(|a, b| a.0.total_cmp(b.0)).map(|(_, mirror)| mirror)?;
-        Some(moved(best, &seen, &self.map))
+        (seen.len() >= FEWEST_POINTS).then(|| fitted(mirror, &seen, &self.map))
     }
 }

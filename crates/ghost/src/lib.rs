@@ -4,6 +4,7 @@
 //! The crate knows points, stations and mirrors, and no files. Lengths are in the units of the coordinates, and angles in
 //! radians.
 
+mod columns;
 mod evidence;
 mod find;
 mod found;

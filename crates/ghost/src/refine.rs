@@ -5,6 +5,7 @@
 //! the distance, on a scale that shrinks from round to round).
 
 use glam::{DQuat, DVec3};
+use rayon::prelude::*;
 use scene::{Mirror, Shape};
 
 use crate::surface_map::SurfaceMap;
@@ -17,7 +18,9 @@ const FEWEST_POINTS: usize = 60;
 /// The points by which a mirror is moved at most.
 const MOST_POINTS: usize = 1000;
 /// The cosine between a surface and the axis of a cylinder up to which it says where the cylinder is.
-const TELLS: f64 = 0.9;
+pub(crate) const TELLS: f64 = 0.9;
+/// How far apart the places are that are tried for a column across the line of sight, in radii.
+const TRIED_EVERY: f64 = 0.03;
 /// Points are unfolded by a mirror that is larger than the one that is known, in shares of its size.
 const LARGER: f64 = 1.0;
 /// The scales of distances from round to round, in edges of the map's finest cells.
@@ -84,6 +87,30 @@ pub(crate) fn moved(given: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Mirror {
         }
     }
     mirror
+}
+
+/// A mirror moved from where it stands to where points fit best, also a thin column. There must be points.
+pub(crate) fn fitted(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Mirror {
+    let rough = moved(mirror, seen, map);
+    let Shape::Cylinder { .. } = mirror.shape else { return rough };
+    // Floors and ceilings have put the axis upright. A thin column that is off by a tenth of its radius throws points far
+    // from their walls, so places about it are tried.
+    let axis = rough.rotation * DVec3::Z;
+    let toward = (seen[0].0 - mirror.position).reject_from_normalized(axis).normalize_or_zero();
+    let place = |across: i32, along: i32| {
+        let off = axis.cross(toward) * f64::from(across) + toward * (2.0 * f64::from(along));
+        Mirror { position: mirror.position + off * (TRIED_EVERY * mirror.size), size: mirror.size, ..rough.clone() }
+    };
+    let tried = (-10..=10).flat_map(|across| (-5..=5).map(move |along| (across, along)));
+    let tried: Vec<Mirror> = tried.map(|(across, along)| place(across, along)).collect();
+    let few: Vec<Seen> = seen.iter().copied().step_by(4).collect();
+    let score = |mirror: &Mirror| {
+        let fits = fits(mirror, &few, map).into_iter().filter(|(_, tells)| *tells);
+        fits.map(|(distance, _)| 1.0 / (1.0 + (distance / map.edge()).powi(2))).sum::<f64>()
+    };
+    let scores: Vec<f64> = tried.par_iter().map(score).collect();
+    let best = scores.iter().zip(&tried).max_by(|a, b| a.0.total_cmp(b.0)).map(|(_, mirror)| mirror);
+    moved(best.unwrap_or(&rough), seen, map)
 }
 
 /// How far each point is from a surface when it is unfolded by a mirror.

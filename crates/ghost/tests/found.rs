@@ -2,9 +2,11 @@
 
 mod made;
 
+use std::f64::consts::FRAC_PI_2;
+
 use cloud::Progress;
 use ghost::{Found, Gauge, Mirrors, find};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use made::{HEAD, Made, NOISES, column, facing, moved, pane, sphere, wall_mirror, with_window};
 use scene::solid::Solid;
 use scene::{Mirror, Shape, Tripod};
@@ -28,10 +30,23 @@ type Case = (&'static str, Vec<Solid>, Vec<Mirror>);
 fn cases() -> Vec<Case> {
     let room = || Tripod::Room.solids();
     let tilted = moved(&wall_mirror(), 2.0, DVec3::ZERO);
+    let cylinder = |place: [f64; 3], rotation, height, size| {
+        let (position, shape) = (DVec3::from(place), Shape::Cylinder { height });
+        vec![Mirror { position, rotation, shape, size, ..column() }]
+    };
+    let upright = DQuat::IDENTITY;
+    let leaning = DQuat::from_rotation_x(3.0_f64.to_radians());
+    let along_x = DQuat::from_rotation_y(FRAC_PI_2);
     vec![
         ("plane", room(), vec![wall_mirror()]),
         ("plane, 2 degrees off its wall", room(), vec![tilted]),
         ("two facing planes", room(), facing()),
+        ("column", room(), vec![column()]),
+        ("column up to the ceiling", room(), cylinder([4.4, 3.9, 1.5], upright, 10.0, 0.15)),
+        ("column of 5 cm", room(), cylinder([4.4, 3.9, 1.2], upright, 24.0, 0.05)),
+        ("column of 0.4 m", room(), cylinder([4.4, 3.9, 1.2], upright, 3.0, 0.4)),
+        ("column that leans by 3 degrees", room(), cylinder([4.4, 3.9, 1.2], leaning, 8.0, 0.15)),
+        ("pipe from wall to wall", room(), cylinder([4.0, 4.5, 2.0], along_x, 40.0, 0.1)),
         ("window, 0.3 reflected", with_window(), vec![pane(0.3)]),
         ("window, 0.5 reflected", with_window(), vec![pane(0.5)]),
         ("window, 0.7 reflected", with_window(), vec![pane(0.7)]),
@@ -107,6 +122,20 @@ fn a_ball_is_found_by_its_outline() {
     let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
     println!("{}", figures.row("sphere, found", 1));
     assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
+}
+
+#[test]
+fn a_column_is_found_by_its_straight_outlines() {
+    let made = Made::new(vec![column()], 1, 0.002, 400_000.0);
+    let found = found(&made);
+    assert_eq!(found.len(), 1, "{found:?}");
+    let Mirror { position, rotation, size, shape, .. } = &found[0].reflector.mirror;
+    let (off, axis) = ((*position - column().position).truncate().length(), *rotation * DVec3::Z);
+    println!("off by {off:.4}, radius {size:.4}, axis {axis:.4}, {shape:?}, middle {position:.3}: {}", found[0].reason);
+    assert!(off < 0.005 && (size - 0.15).abs() < 0.003 && axis.z.abs() > 0.9999, "{found:?}");
+    let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
+    println!("{}", figures.row("column, found", 1));
+    assert!(figures.f1() > 0.95 && figures.wrong * 1000 <= figures.real, "{figures:?}");
 }
 
 /// A mirror that a person has placed by hand is measured, and put where it is.

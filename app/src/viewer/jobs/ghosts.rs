@@ -20,7 +20,7 @@ use crate::viewer::objects::ObjectId;
 pub struct GhostsDraft {
     /// X,Y,Z of the scanner; empty if the files know it.
     pub station: String,
-    /// Whether planes and balls are looked for besides the mirrors of the scene.
+    /// Whether planes, balls and columns are looked for besides the mirrors of the scene.
     pub finds: bool,
     /// The file for points that are put back.
     pub output: String,

@@ -93,7 +93,7 @@ impl Loaded {
         });
         let (given, finds): (Vec<_>, _) = (given.collect(), draft.finds);
         if given.is_empty() && !finds {
-            return Err("The scene has no mirrors; add one, or look for planes and balls".into());
+            return Err("The scene has no mirrors; add one, or look for planes, balls and columns".into());
         }
         Ok(GhostTask::Look { inputs, own: objects.all_own(), station, given, finds })
     }

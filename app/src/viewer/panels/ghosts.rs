@@ -28,8 +28,8 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             draft.station = format!("{:.4},{:.4},{:.4}", eye.x, eye.y, eye.z);
         }
     });
-    let help = "Mirrors and panes of the scene are always used; further planes and balls are looked for if this is on";
-    ui.checkbox(&mut draft.finds, "Find planes and balls").on_hover_text(help);
+    let help = "Mirrors and panes of the scene are always used; further planes, balls and columns are looked for if this is on";
+    ui.checkbox(&mut draft.finds, "Find planes, balls and columns").on_hover_text(help);
     match &ghosts.under_way {
         Some(progress) => {
             ui.horizontal(|ui| {
