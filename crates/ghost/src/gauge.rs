@@ -43,7 +43,7 @@ pub struct Residual {
     pub points: u64,
     pub near: u64,
     /// The median distance from these surfaces in world units, of points that say where the mirror is: a floor does not of
-    /// a column, to which it fits anywhere. `None` if there are none.
+    /// a column or an upright plane, to which it fits anywhere. `None` if there are none.
     pub median: Option<f64>,
 }
 

@@ -19,6 +19,8 @@ const FEWEST_POINTS: usize = 60;
 const MOST_POINTS: usize = 1000;
 /// The cosine between a surface and the axis of a cylinder up to which it says where the cylinder is.
 pub(crate) const TELLS: f64 = 0.9;
+/// The cosine between the normals of a surface and of a plane mirror from which on it says where the mirror is.
+const TELLS_OF_PLANE: f64 = 0.3;
 /// How far apart the places are that are tried for a column across the line of sight, in radii.
 const TRIED_EVERY: f64 = 0.03;
 /// Points are unfolded by a mirror that is larger than the one that is known, in shares of its size.
@@ -121,14 +123,18 @@ pub(crate) fn distances(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Vec
 
 /// How far points are from a surface when they are unfolded by a mirror, if they are near one, and whether that says where
 /// the mirror is. A cylinder unfolds the points of a surface across its axis, as a floor is across a column's, to the same
-/// surface wherever it stands.
+/// surface wherever it stands, and an upright plane does so with floors, too.
 pub(crate) fn fits(mirror: &Mirror, seen: &[Seen], map: &SurfaceMap) -> Vec<(f64, bool)> {
     let mirrors = unfolding(mirror);
-    let axis = matches!(mirror.shape, Shape::Cylinder { .. }).then(|| mirror.rotation * DVec3::Z);
+    let axis = mirror.rotation * DVec3::Z;
+    let tells = |surface: DVec3| match mirror.shape {
+        Shape::Plane { .. } => axis.dot(surface).abs() > TELLS_OF_PLANE,
+        Shape::Cylinder { .. } => axis.dot(surface).abs() < TELLS,
+        _ => true,
+    };
     let fit = |(station, point): &Seen| {
         let fit = map.nearest(unfolded(&mirrors, *station, *point)?)?;
-        let tells = axis.is_none_or(|axis| axis.dot(fit.patch.normal.as_dvec3()).abs() < TELLS);
-        Some((fit.distance, tells))
+        Some((fit.distance, tells(fit.patch.normal.as_dvec3())))
     };
     seen.iter().filter_map(fit).collect()
 }

@@ -163,6 +163,10 @@ fn a_mirror_that_is_moved_is_measured_and_fitted() {
         println!("    fitted: {after:?}, off by {off:.4}, size {:.4}", fitted.size);
         assert!(off < 0.005, "{name}: {fitted:?}");
     }
+    // A mirror that is moved along its normal leaves the floor in it where it is.
+    let made = Made::new(vec![pane(0.9)], 1, 0.002, 100_000.0);
+    let off = gauge(&made).measured(&moved(&pane(0.9), 0.0, DVec3::new(0.03, 0.0, 0.0)));
+    assert!(off.median.is_some_and(|median| median > 0.03), "{off:?}");
     let made = Made::new(vec![wall_mirror()], 1, 0.002, 50_000.0);
     let aside = moved(&wall_mirror(), 0.0, DVec3::new(0.0, 50.0, 0.0));
     let gauge = gauge(&made);
