@@ -13,8 +13,7 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use scene::{Mirror, Shape};
 
-use crate::find::BEHIND;
-use crate::gauge::Sample;
+use crate::gauge::{BEHIND, Sample};
 use crate::planes::Plane;
 use crate::refine::{Seen, TELLS, fitted, some_of};
 use crate::surface_map::SurfaceMap;

@@ -17,7 +17,7 @@ use scene::{Mirror, Shape};
 
 use crate::columns::{Part, columns};
 use crate::found::Found;
-use crate::gauge::{Gauge, Sample};
+use crate::gauge::{BEHIND, Gauge, Sample};
 use crate::planes::{Plane, planes};
 use crate::refine::{Seen, distances, moved, some_of};
 use crate::spheres::suggested;
@@ -33,9 +33,8 @@ const CLOSELY: usize = 60;
 const FEWEST_FITS: usize = 12;
 /// The fewest points that make a mirror.
 const FEWEST_POINTS: usize = 60;
-/// The least distance of a station from a mirror, and of a ghost from it, in edges of the finest cells.
+/// The least distance of a station from a mirror, in edges of the finest cells.
 const BEFORE: f64 = 5.0;
-pub(crate) const BEHIND: f64 = 4.0;
 /// How far from the plane of a mirror its wall and its frame may be, in edges of the finest cells.
 const MOUNTED: f64 = 2.5;
 /// The cosine between the mirrored normal at a point and the normal of the surface that it fits.

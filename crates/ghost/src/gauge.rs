@@ -9,7 +9,6 @@ use rayon::prelude::*;
 use scene::Mirror;
 
 use crate::evidence::{Extent, Points};
-use crate::find::BEHIND;
 use crate::refine::{Seen, fits, fitted, some_of};
 use crate::surface_map::{MapBuilder, SurfaceMap};
 use crate::unfold::{Mirrors, Reflector};
@@ -18,6 +17,8 @@ use crate::unfold::{Mirrors, Reflector};
 const SAMPLED: u64 = 400_000;
 /// The grids of the map, the widest of which reaches eight of its finest edges to both sides of a surface.
 const LEVELS: usize = 5;
+/// The least distance of a ghost from a mirror, in edges of the finest cells.
+pub(crate) const BEHIND: f64 = 4.0;
 /// The fewest points that say where a mirror is.
 const FEWEST_POINTS: usize = 60;
 
