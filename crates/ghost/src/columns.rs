@@ -231,11 +231,11 @@ struct Unfolded {
 /// What an unfolded point says of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Says {
-    /// Nothing: it is near a surface across the axis.
+    /// Nothing: the point is near a surface across the axis.
     Nothing,
-    /// It is so far from another surface.
+    /// The point is so far from another surface.
     Near(f64),
-    /// It is far from all.
+    /// The point is far from all surfaces.
     Against,
 }
 
