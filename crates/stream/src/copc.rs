@@ -68,7 +68,8 @@ impl CopcPages {
         };
         let mut chunk = self.source.read_copc_node(&node, &self.selection)?;
         let mut columns = std::mem::take(&mut chunk.columns);
-        chunk.columns = self.columns.iter().map(|column| columns[*column].take()).collect();
+        // The chunk of a node without points has no columns.
+        chunk.columns = self.columns.iter().map(|column| columns.get_mut(*column).and_then(Option::take)).collect();
         let cube = cube(octree.corner, octree.width, node.level, node.cell);
         let mut chunk = chunk.select(&in_batches(&chunk, &cube));
         chunk.first_point = number(node.level, node.cell);
