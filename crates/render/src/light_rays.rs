@@ -25,8 +25,8 @@ use crate::targets::{Image, storage};
 /// The rays of the camera's pixels, and the light that they bring.
 pub(crate) struct LightRays {
     gather: Gather,
-    /// The rays of a path and what they meet, one after the other.
-    bounces: Vec<Bounce>,
+    /// The last two rays of a path and what they meet, which each further ray of the path takes in turn.
+    bounces: [Bounce; 2],
     /// Never written, so all zeros: rays that no normal reflects go straight on from their eyes.
     straight: Image,
     paths: wgpu::Buffer,
@@ -45,7 +45,7 @@ pub(crate) struct RayShare<'a> {
     /// The number of rays of each pixel when none is left to add.
     pub total: u32,
     pub has_sky: bool,
-    /// The most reflections in mirrors that follow one another.
+    /// For each ray that is drawn by the cosine, the most reflections in mirrors that follow one another.
     pub mirrors: usize,
     /// The counters of reflections, which rays of light leave alone.
     pub counters: &'a wgpu::Buffer,
@@ -69,7 +69,7 @@ impl LightRays {
         let image = |label, size, format| Image::new(&gpu.device, size, label, format);
         Ok(Self {
             gather: Gather::new(&gpu.device, size),
-            bounces: Vec::new(),
+            bounces: std::array::from_fn(|_| Bounce::new(&gpu.device, size)),
             straight: image("no normals", size, wgpu::TextureFormat::Rgba32Float),
             paths: storage(&gpu.device, "paths of light", bytes),
             diffuse: image("irradiance by rays", size, wgpu::TextureFormat::Rgba16Float),
@@ -113,15 +113,11 @@ impl LightRays {
             self.glossy = Image::new(&gpu.device, size, "highlights by rays", wgpu::TextureFormat::Rgba16Float);
         }
         let count = Self::bounces_of(&search.settings.gi) as usize * (1 + share.mirrors);
-        self.bounces.truncate(count);
-        while self.bounces.len() < count {
-            self.bounces.push(Bounce::new(&gpu.device, size));
-        }
         for number in share.numbers.clone() {
             recorder.go_on()?;
             search.supply.set_sample(gpu, Some([number, share.total, 0]));
             for bounce in 0..count {
-                self.follow(recorder, search, light, index, (share, is_glossy), bounce)?;
+                self.follow(recorder, search, light, index, (share, is_glossy), (bounce, bounce + 1 == count))?;
             }
             self.state += 1;
         }
@@ -138,13 +134,13 @@ impl LightRays {
         light: &mut FrameLight<'_>,
         index: &mut SurfelIndex,
         (share, is_glossy): (&RayShare<'_>, bool),
-        bounce: usize,
+        (bounce, is_last): (usize, bool),
     ) -> Result<()> {
         let Search { supply, settings, store, mirrors, formulas, camera } = search;
-        let this = &self.bounces[bounce];
-        let (surface, from) = match bounce.checked_sub(1).map(|before| &self.bounces[before]) {
-            None => (*camera, camera.position),
-            Some(before) => (before.surface(), &before.mirror.point),
+        let [this, before] = [bounce, bounce + 1].map(|number| &self.bounces[number % 2]);
+        let (surface, from) = match bounce {
+            0 => (*camera, camera.position),
+            _ => (before.surface(), &before.mirror.point),
         };
         recorder.time_as(Some(LIGHT_RAYS));
         let bindings = passes::light_ray_draw {
@@ -190,7 +186,7 @@ impl LightRays {
         let may_end = bounce + 1 >= ray_bounces as usize;
         if is_lit {
             let gi = if may_end { None } else { light.gi.take() };
-            let shaded = light.shade(recorder, supply, &self.bounces, bounce + 1);
+            let shaded = light.shade(recorder, supply, std::slice::from_ref(this), 1);
             light.gi = gi.or(light.gi.take());
             shaded?;
         }
@@ -211,13 +207,13 @@ impl LightRays {
         let switches = [
             ("is_lit", u32::from(is_lit)),
             ("has_indirect", u32::from(indirect.is_some())),
-            ("is_last", u32::from(bounce + 1 == self.bounces.len())),
+            ("is_last", u32::from(is_last)),
             ("bounce", bounce as u32),
             ("ray_bounces", ray_bounces),
             ("tile", tile),
             ("has_sky", u32::from(share.has_sky)),
             ("is_glossy", u32::from(is_glossy)),
-            ("is_mixed", u32::from(light.is_mixed(bounce + 1))),
+            ("is_mixed", u32::from(light.is_mixed(1))),
             ("is_published", u32::from(is_published(settings))),
         ];
         recorder.over_pixels(&switches, supply, bindings)
