@@ -49,6 +49,8 @@ const LEAST_TELLING: f64 = 0.2;
 const PARALLEL: f64 = 0.9;
 /// The share of the border at which sightlines end at the plane.
 const LEAST_CLOSED: f64 = 0.6;
+/// The same while the plane is refined, which changes that share by some hundredths.
+const MAY_CLOSE: f64 = 0.5 * LEAST_CLOSED;
 /// The fewest cells of the border at which sightlines end at the plane.
 const FEWEST_CLOSED: f64 = 8.0;
 /// A mirror through which nothing is seen: at least this share of the distinctive points fits.
@@ -212,6 +214,9 @@ impl Search<'_> {
             }
             let reach = (2.0 * scale * edge).max(5.0 * self.map.noise());
             let area = self.patch(suggestion.station, &plane, reach)?;
+            if area.closed < MAY_CLOSE {
+                return None;
+            }
             own = area.inside.clone();
             patch = Some(area);
         }
