@@ -245,7 +245,7 @@ fn bundle_fit(
         }
         workgroupBarrier();
     }
-    // The same partial results as above, of what the bundle's z is bounded by.
+    // Partial results like those above, of what the bundle's z is bounded by.
     parts[0][lane] = vec4f(least_z, -largest_z, select(0.0, 1.0, is_narrow), 0.0);
     if lane == 0u {
         is_solved = select(0u, 1u, cholesky(terms, rays));

@@ -1,4 +1,4 @@
-// The same as splat_nearest without looking first. A 64-bit value cannot be read in Metal's language, and naga 30
+// Does what splat_nearest does without looking first. A 64-bit value cannot be read in Metal's language, and naga 30
 // writes a read of 32 bits for DirectX.
 #import nearest_point
 

@@ -8,7 +8,7 @@
 struct Cubes {
     // Texels along the edge of a face.
     size: u32,
-    // The same, rounded up to a power of two.
+    // `size`, rounded up to a power of two.
     padded_size: u32,
     // The room of a face in `records`.
     texels_of_face: u32,

@@ -99,7 +99,7 @@ impl Folder {
         self.glint_within(TIME_LIMIT, arguments)
     }
 
-    /// Does the same, and fails the test if the program runs longer than `limit`.
+    /// Runs `glint ARGUMENTS` without a display, and fails the test if the program runs longer than `limit`.
     pub fn glint_within<I: IntoIterator<Item: AsRef<OsStr>>>(&self, limit: Duration, arguments: I) -> Outcome {
         let mut command = self.command(arguments);
         let words: Vec<_> = command.get_args().map(|word| word.to_string_lossy()).collect();

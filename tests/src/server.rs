@@ -72,7 +72,7 @@ impl Server {
         Self::of_folder_after(root, habits, |_| {})
     }
 
-    /// The same; each answer comes when `wait` has ended.
+    /// A server of the files in a folder, each of whose answers comes when `wait` has ended.
     pub fn of_folder_after(root: &Path, habits: Habits, wait: impl Fn(&Request) + Send + Sync + 'static) -> Self {
         let counts = Arc::new(Counts::default());
         let (root, own) = (root.to_owned(), counts.clone());

@@ -53,7 +53,7 @@ impl Session {
         self.open_acting_like("", arguments)
     }
 
-    /// The same, with words of GLINT_ACT_LIKE.
+    /// Starts `glint ARGUMENTS` with words of GLINT_ACT_LIKE, and waits as `open` does.
     pub fn open_acting_like<I: IntoIterator<Item: AsRef<OsStr>>>(&self, words: &str, arguments: I) -> Window<'_> {
         let messages = File::create(self.folder.path("messages.txt")).expect("a file in a temporary folder");
         let mut command = self.folder.command(arguments);

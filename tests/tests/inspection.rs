@@ -19,7 +19,7 @@ fn settled(window: &Window, seen: usize) -> RgbaImage {
     window.screenshot()
 }
 
-/// The same after the first event of this name that fulfils a condition, and that event.
+/// The picture that settles after the first event of this name that fulfils a condition, and that event.
 fn settled_after(window: &Window, name: &str, seen: usize, condition: impl Fn(&Value) -> bool) -> (Value, RgbaImage) {
     let event = window.wait_for_event(name, seen, &condition);
     let is_it = |event: &Value| event["event"] == name && condition(event);

@@ -233,7 +233,7 @@ fn reference_indirect_is_what_reference_color_has_beside_direct_light() {
         lit += usize::from(indirect[0] > 0.0);
     }
     assert!(lit > 5000, "{lit}");
-    // The same seed gives the same paths, another one others.
+    // One seed always gives the same paths, another one others.
     let Some(_) = render_box(&folder, &format!("{images} --set trace.seed=2")) else { return };
     assert!(pixels(&folder, "indirect.exr") != indirect);
     let Some(_) = render_box(&folder, images) else { return };

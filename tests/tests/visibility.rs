@@ -53,7 +53,7 @@ fn points() -> Vec<Point> {
     points_of(60_000)
 }
 
-/// The same with another number of points, a quarter of them noise.
+/// The floor and walls of `points` with another number of points, a quarter of them noise.
 fn points_of(count: u32) -> Vec<Point> {
     let even = |index: u32| [0.754_877_666, 0.569_840_29].map(|step: f64| (f64::from(index) * step).fract());
     let wall = |index: u32| {
@@ -223,7 +223,7 @@ fn clipped_points_of_a_streamed_cloud_are_as_good_as_absent_and_most_are_not_loa
     let kept = points.iter().filter(is_in).count() as u64;
     let clip = "[[clips]]\nposition = [2.0, 1.25, 2.25]\nsize = [4.0, 2.5, 3.5]\n";
     folder.write("clipped.toml", format!("clouds = [\"all.las\"]\n{clip}"));
-    // The same from another place, to which the scene moves it; the clip is in the world.
+    // A file from elsewhere, which the scene moves here, is clipped alike: the clip is in the world.
     folder.write("away.las", las(away(points).iter()));
     folder.write("moved.toml", format!("clouds = [\"away.las\"]\n{clip}{BACK}"));
     let points = points_of(300_000);

@@ -249,7 +249,7 @@ struct Beside {
 }
 
 impl Around {
-    /// The same with the points of the cells up to `steps` cells beside that of a direction, in which there are some.
+    /// Adds the points of the cells up to `steps` cells beside that of a direction, in which there are some.
     fn filled(&mut self, directions: &Directions, middle: Vec3, steps: usize) -> &Self {
         if self.points.is_empty() {
             self.points.extend(directions.near(middle, steps as i32).map(|way| {

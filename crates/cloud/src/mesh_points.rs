@@ -171,7 +171,7 @@ mod tests {
         let radius = unpack_radius(mesh.vertices[0].radii[0]).unwrap();
         assert!((f64::from(radius) / (OVERLAP * (8.0 / (1e5 * PI)).sqrt()) - 1.0).abs() < 0.01);
         assert_eq!(mesh.chunks[1].radii.as_ref().unwrap()[7], mesh.vertices[0].radii[5]);
-        // The same again.
+        // Another mesh of the same triangles has the same points.
         let again = MeshPoints::new(&vertices, &triangles, 100_000, 1).unwrap();
         assert!(again.chunks[0].positions == mesh.chunks[0].positions);
     }

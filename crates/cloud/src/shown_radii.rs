@@ -100,7 +100,7 @@ mod tests {
         let growth = median(&cloud, &sparse, 2) / median(&cloud, &all, 2);
         assert!((growth - 4.0).abs() < 0.01, "{growth}");
         assert_eq!(median(&cloud, &sparse, 7), median(&cloud, &all, 7), "the hidden ones keep theirs");
-        // The same as for a file that has the shown points alone.
+        // Radii are those of a file that has the shown points alone.
         let alone = cloud.shown(&PointTest::hiding([7]));
         let alone = Cloud { chunks: alone.chunks, ..cloud.clone() };
         let bare = alone.chunks.iter().map(|chunk| Chunk { radii: None, ..chunk.clone() }).collect::<Vec<_>>();

@@ -78,7 +78,7 @@ pub enum RadiusRule {
     /// How far the neighbours reach.
     #[default]
     Full,
-    /// The same, but smaller, the more the neighbours lie on one side.
+    /// How far the neighbours reach, but smaller, the more they lie on one side.
     Narrow,
     /// How far the neighbours are spread about their own middle, and smaller where they form no surface. In the middle
     /// of an even surface it is the same. A point that is far from all of its neighbours gets `STRAY_RADIUS`.
@@ -148,7 +148,7 @@ pub(crate) fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
     parts
 }
 
-/// The same as [`estimate`] for a part of a cloud, with two differences: radii are not carved, and the total of
+/// What [`estimate`] does, for a part of a cloud, with two differences: radii are not carved, and the total of
 /// `progress` is not set. For less than 2^32 points.
 pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     let points = Points::new(chunks);

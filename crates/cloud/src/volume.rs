@@ -43,7 +43,7 @@ pub struct Volume {
     position: DVec3,
     /// From the world's axes to its own.
     own_from_world: DMat3,
-    /// The same with the absolute values of its numbers, which gives the half of a turned box from that of a box.
+    /// `own_from_world` with the absolute values of its numbers, which gives the half of a turned box from that of a box.
     own_reach: DMat3,
     size: DVec3,
     lines: Lines,

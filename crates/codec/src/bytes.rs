@@ -47,12 +47,12 @@ impl Bytes {
         File::open(path).and_then(|file| Self::of_file(path, file)).map_err(io)
     }
 
-    /// The same, for a file that is read whole: one request brings all of it from an address.
+    /// Opens a file that is read whole: one request brings all of it from an address.
     pub(crate) fn open_small(path: &Path) -> Result<Self> {
         Self::open_small_again(path, None)
     }
 
-    /// The same, for a file that was opened before with a stamp: what was fetched of it is taken without a request.
+    /// Opens a file that is read whole and was opened before with a stamp: what was fetched of it needs no request.
     pub(crate) fn open_small_again(path: &Path, before: Option<&Stamp>) -> Result<Self> {
         if is_address(path) { Self::open_remote(path, true, before) } else { Self::open(path) }
     }

@@ -5,7 +5,7 @@
 
 /// The share of the values that may lie above a range that files commonly have.
 const ABOVE: f64 = 0.05;
-/// The same for ranges of 10 and 12 bits, for which dark colours of 16 bits could be mistaken: these have highlights.
+/// That share for ranges of 10 and 12 bits, for which dark colours of 16 bits could be mistaken: these have highlights.
 const ABOVE_RARE: f64 = 0.01;
 /// The share of the values that are multiples of 256 or 257 where bytes were made 16 bits wide.
 const WIDENED: f64 = 0.95;

@@ -226,7 +226,7 @@ impl Job<'_> {
         *bounds = bounds.union(more);
     }
 
-    /// The same by the places of a piece.
+    /// Widens the bounds by the places of a piece.
     fn widen_by(&self, own: &OwnFields, piece: &Piece) {
         let axis = |axis: &str| {
             own.fields.iter().position(|field| field.meaning == Meaning::Coordinate && field.name() == axis)
@@ -287,7 +287,7 @@ impl Job<'_> {
         problems
     }
 
-    /// The same of one file, of which some columns may not be needed.
+    /// Gives the rows of one file, of which some columns may not be needed, to `order`. Returns what could not be read.
     fn read_one(
         &self,
         number: usize,

@@ -407,7 +407,7 @@ impl RowMaker for Maker {
 }
 
 impl Maker {
-    /// The same of lines of text.
+    /// Makes points of a block of lines of text, as `make` does of binary rows.
     fn make_of_text(
         &self,
         file: &Bytes,

@@ -31,7 +31,7 @@ pub fn open(path: &Path) -> Result<Source> {
     open_within(path, DECODER_MEMORY)
 }
 
-/// The same as `open`, for reads whose decoders take no more than `memory` bytes together, besides the decoded points.
+/// Opens a file as `open` does, for decoders that take no more than `memory` bytes together, besides the decoded points.
 /// Fewer decoders run at a time where points are long (a decoder of LAZ takes some kilobytes for each byte of a point).
 ///
 /// # Errors

@@ -144,7 +144,7 @@ const ON_SURFACE: f64 = 0.9;
 const SEEN_ON: f64 = 1.1;
 const SEEN_THROUGH: f64 = -1.9;
 const IS_HIDDEN: f64 = -3.0;
-/// The same where the point lies on a surface of points that are beyond suspicion.
+/// How much likelier a point is that lies on a surface of points that are beyond suspicion.
 const ON_KNOWN: f64 = 1.4;
 /// Points are ghosts from this probability on, and real up to the other one.
 pub const GHOST_FROM: f64 = 0.8;
@@ -455,7 +455,8 @@ impl Scales<'_> {
         }
     }
 
-    /// The same by what other stations see than the one that saw it. Nothing follows from what is hidden from them.
+    /// How much likelier a point is by what other stations see than the one that saw it. Nothing follows from what is hidden
+    /// from them.
     fn seen_by_others(&self, place: DVec3, own: Option<usize>) -> f64 {
         let Some(own) = own else { return 0.0 };
         let others = (0..self.stations.len()).filter(|station| *station != own);
@@ -468,7 +469,7 @@ impl Scales<'_> {
         weights.sum()
     }
 
-    /// The same by the surfaces where the point was written down.
+    /// How much likelier a point is by the surfaces where it was written down.
     fn known_at(&self, place: DVec3) -> f64 {
         if self.map.nearest(place).is_some_and(|fit| self.is_on(&fit)) { ON_KNOWN } else { 0.0 }
     }

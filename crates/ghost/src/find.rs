@@ -43,13 +43,13 @@ const AGREES: f64 = 0.95;
 const TELLS: f64 = 0.3;
 /// The share of the points behind a mirror that fit at least, in a cell of its plane and in all.
 const LEAST_FIT: f64 = 0.15;
-/// The same of the points whose surfaces are not mirrored onto themselves.
+/// The share of the points behind a mirror whose surfaces are not mirrored onto themselves that fit at least.
 const LEAST_TELLING: f64 = 0.2;
 /// The cosine between the normals of a mirror and of the wall or the frame about it.
 const PARALLEL: f64 = 0.9;
 /// The share of the border at which sightlines end at the plane.
 const LEAST_CLOSED: f64 = 0.6;
-/// The same while the plane is refined, which changes that share by some hundredths.
+/// That share while the plane is refined, which changes it by some hundredths.
 const MAY_CLOSE: f64 = 0.5 * LEAST_CLOSED;
 /// The fewest cells of the border at which sightlines end at the plane.
 const FEWEST_CLOSED: f64 = 8.0;

@@ -99,7 +99,7 @@ fn scene(stage: &Stage, turn: DMat3) -> Scene {
     scene_of(stage, turn, None)
 }
 
-/// The same with mirrors of this index of refraction, if light goes through them.
+/// The corner of `scene`; its mirrors have this index of refraction, if light goes through them.
 fn scene_of(stage: &Stage, turn: DMat3, refraction: Option<f32>) -> Scene {
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let camera = Camera::looking(DVec3::new(0.0, 0.4, 0.0), DVec3::new(-0.2, -1.0, 0.35), 3.2, z);

@@ -10,7 +10,7 @@ use crate::{Camera, CameraPath, Keyframe};
 pub enum BuiltInPath {
     /// Once around what the first view looks at, on its level.
     Turntable,
-    /// The same, while the camera rises and sinks.
+    /// Once around what the first view looks at, while the camera rises and sinks.
     Orbit,
     /// Across everything, in the direction of the first view.
     Flight,

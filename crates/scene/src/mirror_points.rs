@@ -48,7 +48,7 @@ pub struct MirrorPoints {
     /// The share of the light that is reflected, 0 to 1; the remainder is diffuse.
     #[serde(default = "one")]
     pub specular_intensity: f32,
-    /// The same as in `Mirror`.
+    /// The power of the lobe, as in `Mirror`.
     #[serde(default)]
     pub specular_power: f32,
     /// Whether they are no mirror: their specular intensity is the share of a highlight of lights.
@@ -56,7 +56,7 @@ pub struct MirrorPoints {
     pub gloss: bool,
     #[serde(default)]
     pub normals: MirrorNormals,
-    /// The same as in `Mirror`: what is behind them is seen through one interface.
+    /// The index of refraction, as in `Mirror`: what is behind the points is seen through one interface.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refraction: Option<f32>,
 }

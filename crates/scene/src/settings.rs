@@ -187,7 +187,7 @@ params! {
         min_pixels: f32 = 1.0, 0.0..=64.0, "pixels";
         /// Largest diameter of a splat on the screen: bounds the cost of points close to the eye while something moves, in mirrors and in shadow maps.
         max_pixels: f32 = 64.0, 1.0..=512.0, "pixels";
-        /// The same, where it is larger, for what the camera sees in pictures at rest, so that near surfaces stay closed.
+        /// Largest diameter of a splat that the camera sees in pictures at rest, where it is above `max_pixels`, so that near surfaces stay closed.
         rest_pixels: f32 = 512.0, 1.0..=4096.0, "pixels" => affects(surface);
         /// High quality: how far behind the front point others still count, in splat radii.
         depth_offset: f32 = 1.0, 0.01..=10.0, "radii";

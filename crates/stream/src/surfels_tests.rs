@@ -123,7 +123,7 @@ fn surfels_of_one_group_are_those_of_the_cloud_in_memory() {
     let pages = reopened(&pages);
     assert!(pages.has_surfels());
     let chunks = all(&pages);
-    // The same chunks give the same result to the bit.
+    // Equal chunks give the same result to the bit.
     let mut bare = chunks.clone();
     bare.iter_mut().for_each(|chunk| (chunk.normals, chunk.radii) = (None, None));
     let expected = cloud::estimate(&bare, &OPTIONS, &Progress::default()).unwrap();

@@ -41,7 +41,7 @@ fn in_box(studio: &Studio, shape: Shape, size: f64, refraction: Option<f32>, set
     filled_in_box(studio, shape, size, refraction, None, settings)
 }
 
-/// The same with something inside the mirror.
+/// The box of `in_box` with something inside the mirror.
 fn filled_in_box(
     studio: &Studio,
     shape: Shape,

@@ -213,7 +213,7 @@ fn the_scanner_is_found_where_the_scan_tells_it() {
         })
         .collect();
     assert_eq!(found(&image), (Scanner::Places(vec![DVec3::ZERO]), ScannerFrom::Origin));
-    // The same far from the origin, where it is an object.
+    // A scan of an object far from the origin was not taken from there.
     let moved: Vec<DVec3> = image.iter().map(|point| *point + DVec3::new(5000.0, 3000.0, 200.0)).collect();
     assert_eq!(found(&moved).1, ScannerFrom::Estimated);
     // A landscape.

@@ -143,7 +143,7 @@ impl Exact {
         self
     }
 
-    /// The same for rays in coordinates relative to `origin`; before, they were world coordinates.
+    /// Takes rays in coordinates relative to `origin` from now on; before, they were in world coordinates.
     pub fn seen_from(mut self, origin: DVec3) -> Self {
         for object in &mut self.objects {
             object.placement.translation -= origin - self.origin;

@@ -67,7 +67,7 @@ pub fn indirect(
     indirect_beside(geometry, hit, direction, pixel, share_left, illumination)
 }
 
-/// The same where it is known which share of the mirror's reflection is left.
+/// The indirect light of `indirect`, where it is known which share of the mirror's reflection is left.
 pub(crate) fn indirect_beside(
     geometry: &impl Geometry,
     hit: &Hit,

@@ -130,7 +130,7 @@ mod tests {
             for degrees in [0.0, 10.0, 45.0, 80.0, 89.9] {
                 let behind = refracted(downward(degrees), DVec3::Z, index).unwrap();
                 assert!((behind.x * index - degrees.to_radians().sin()).abs() < 1e-12 && behind.z < 0.0);
-                // The same from the other side, and backwards.
+                // Rays from the other side bend alike, and back again.
                 assert_eq!(refracted(downward(degrees), -DVec3::Z, index), Some(behind));
                 let back = refracted(-behind, DVec3::Z, 1.0 / index).unwrap();
                 assert!(back.distance(-downward(degrees)) < 1e-7, "{index} at {degrees}: {back}");

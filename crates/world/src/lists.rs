@@ -38,7 +38,7 @@ impl Lists {
         Some(Self { pages, table, asked, waiting: Vec::new(), refused, is_changed: false, is_told: [false; 2] })
     }
 
-    /// The same for a cloud that is read anew, with further attributes.
+    /// These lists for a cloud that is read anew, with further attributes.
     pub(crate) fn again(self, pages: &Arc<Pages>) -> Option<Self> {
         Some(Self { table: self.table.again(pages)?, pages: pages.clone(), ..self })
     }

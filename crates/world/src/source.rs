@@ -16,8 +16,8 @@ use crate::apart::groups;
 
 /// The number of points that are read to guess the kind of cloud.
 const KIND_POINTS: u64 = 500_000;
-/// The same of COPC and EPT, which are shown from then on: they may have to be fetched from a server first. A root has some
-/// tens of thousands of points from all over its cloud.
+/// The number of points of COPC and EPT that are read for that. They are shown from then on, since they may have to be
+/// fetched from a server. A root has some tens of thousands of points from all over its cloud.
 const NATIVE_KIND_POINTS: u64 = 100_000;
 
 /// Opens the scans of a file, for reads whose decoders take at most `memory` bytes; the error says why nothing of it can be
@@ -207,7 +207,7 @@ pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOp
     SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, radii, seen_from }
 }
 
-/// The same for the points of a scan: surfaces face its scanner where the file gives its place.
+/// The options of `options_for` for the points of a scan: surfaces face its scanner where the file gives its place.
 pub(crate) fn options_of_scan(info: &codec::Info, chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
     let mut options = options_for(chunks, up, settings);
     let scanner = info.scan.as_ref().and_then(|scan| scan.position);

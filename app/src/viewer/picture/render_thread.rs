@@ -142,7 +142,7 @@ impl Worker {
         commands: &Receiver<Command>,
         finish: &impl Fn(Finished),
     ) -> render::Result<(Self, VecDeque<Command>)> {
-        // The same adapter as the window's, unless another is wanted: the adapter that presents is the one that has the
+        // Takes the window's adapter, unless another is wanted: the adapter that presents is the one that has the
         // screen.
         let gpu =
             wanted.map_or_else(|| Gpu::on_same_adapter(&window_gpu.info), |wanted| Gpu::headless(Some(wanted)))?;

@@ -117,7 +117,7 @@ impl Effects {
         }
     }
 
-    /// Does the same, and also waits for the frame that is being drawn, however long that takes.
+    /// Ends all work in the background, and waits for the frame that is being drawn, however long that takes.
     pub fn end(&mut self, session: &Session) {
         let thread = self.render_thread.take();
         self.close(session);

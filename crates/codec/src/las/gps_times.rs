@@ -106,7 +106,7 @@ impl GpsTimes {
         Ok(0)
     }
 
-    /// The same where the last difference is not 0.
+    /// Decodes a time where the last difference is not 0. Returns what `decode_without_difference` does.
     fn decode_with_difference<R: Read>(&mut self, decoder: &mut ArithmeticDecoder<R>) -> io::Result<u32> {
         let mut symbol = decoder.decode_symbol(&mut self.with_difference)?;
         if symbol >= UNCHANGED {

@@ -126,7 +126,7 @@ impl Scale {
         }
     }
 
-    /// The same with 16 bits.
+    /// A value as a channel of colour of 16 bits.
     fn apply_wide(self, value: f64) -> u16 {
         match self {
             // Floats are rounded; of integers, full brightness stays full.
@@ -537,7 +537,7 @@ pub fn column(rows: &[u8], scalar: &Scalar, packing: &Packing) -> Column {
     column
 }
 
-/// The same of a channel of colour, with 16 bits.
+/// All values of a channel of colour among packed rows, with 16 bits.
 pub fn color_column(rows: &[u8], scalar: &Scalar, packing: &Packing, scale: Scale) -> Column {
     let values = column(rows, scalar, packing);
     // Values of 16 bits are those that lose eight of them on the screen.

@@ -67,7 +67,7 @@ pub fn put_number(row: &mut [u8], column_type: ColumnType, value: f64) {
     }
 }
 
-/// The same of a whole number.
+/// Writes a whole number in its type, little-endian; one beyond the type becomes the nearest value of it.
 pub fn put_integer(row: &mut [u8], column_type: ColumnType, value: i64) {
     let within = |least: i64, most: i64| value.clamp(least, most);
     match column_type {

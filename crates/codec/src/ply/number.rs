@@ -97,7 +97,7 @@ pub fn parse_f32(text: &[u8]) -> (Option<f32>, usize) {
     parse_by_std(text)
 }
 
-/// The same as `parse_f32` for f64.
+/// The f64 at the start of `text` and the length of its token; `None` for a token that is no number.
 #[inline]
 pub fn parse_f64(text: &[u8]) -> (Option<f64>, usize) {
     if let Some((decimal, length)) = Decimal::scan(text)

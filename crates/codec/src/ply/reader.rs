@@ -33,7 +33,7 @@ impl<'a> Reader<'a> {
         Self { file, buffer: Vec::new(), at: 0, filled: 0, next: offset, end, piece: PIECE_BYTES, in_cut_line: false }
     }
 
-    /// The same for a few bytes: reads 4 KiB at a time instead of a whole piece.
+    /// Reads `offset..end` of the file 4 KiB at a time, for those who need a few bytes.
     pub fn short(file: &'a Bytes, offset: u64, end: u64) -> Self {
         Self { piece: 4096, ..Self::new(file, offset, end) }
     }

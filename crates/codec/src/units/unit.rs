@@ -32,7 +32,7 @@ const SURVEY_FOOT: f64 = 1200.0 / 3937.0;
 const GON: f64 = 0.9;
 /// By how much, as a share, a length may differ from the one that it is taken for. The two feet differ by 2e-6.
 const SAME_LENGTH: f64 = 2e-7;
-/// The same for angles, which files write with six digits.
+/// By how much, as a share, an angle may differ from the one that it is taken for: files write six digits.
 const SAME_ANGLE: f64 = 1e-5;
 /// By how much a number may differ from the unit of its name: a file may write 0.304801 for the US survey foot.
 const SAME_NAME: f64 = 5e-6;

@@ -100,7 +100,7 @@ impl Made {
         Self { stations, mirrors, blocks, truth }
     }
 
-    /// The same as one file that does not say which station saw a point.
+    /// The scan as one file that does not say which station saw a point.
     pub fn merged(mut self) -> Self {
         self.blocks.iter_mut().for_each(|block| block.station = None);
         self

@@ -19,7 +19,7 @@ pub const NEARER: f32 = 0.985;
 pub const IN_FRONT: f32 = 0.98;
 /// So many of the eight neighbours in front make a cell of the finest level a gap in their surface.
 const AROUND_PIXEL: usize = 4;
-/// The same for the other levels, where the points of a surface fill one cell in three at the least.
+/// So many of the eight do at the other levels, where the points of a surface fill one cell in three at the least.
 const AROUND_CELL: usize = 2;
 
 /// The nearest point of each cell.

@@ -29,7 +29,7 @@ pub struct Pixels {
 const SAME_SURFACE: f32 = 1.01;
 /// How far beyond the rim of a splat, in radii, a pixel counts as a gap in its surface, if it is covered by none.
 const GAP: f32 = 1.5;
-/// The same where nothing lies behind.
+/// How far beyond the rim it does where nothing lies behind.
 const WIDE_GAP: f32 = 4.0;
 
 /// The points by their identities.

@@ -253,7 +253,7 @@ fn made_of(gpu: &Arc<Gpu>, picture: &MirrorPicture, points: &[Vec3], radius: f32
     made_with(gpu, picture, &[], points, radius, parameters)
 }
 
-/// The same, where some mirrors have a formula.
+/// Finds reflections of points in mirrors of which some have a formula.
 pub fn made_with(
     gpu: &Arc<Gpu>,
     picture: &MirrorPicture,
