@@ -2,19 +2,21 @@
 //! them. Each item has a box, a number of points, and a reference to a file or an address.
 
 use std::collections::HashSet;
+use std::fmt;
 use std::io::Write as _;
 use std::path::{Component, Path, PathBuf};
 
 use cloud::{Bounds, ColumnType};
 use glam::DVec3;
-use serde::Deserialize;
+use serde::de::{Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};
 
 use crate::address::{Address, is_address, last_part};
 use crate::brief;
 use crate::bytes::Bytes;
 use crate::info::Info;
-use crate::{Error, Result};
+use crate::{Error, Result, las};
 
 /// The longest catalogue, and the most tiles.
 const MOST_BYTES: u64 = 256 << 20;
@@ -34,15 +36,145 @@ pub struct Entry {
 struct Collection {
     #[serde(rename = "type")]
     kind: String,
-    features: Vec<Item>,
+    features: Items,
 }
+
+/// The items of a collection: at most as many as a catalogue may have tiles, each with no more than is used of it.
+struct Items(Vec<Item>);
 
 #[derive(Deserialize)]
 struct Item {
     #[serde(default)]
-    properties: Value,
+    properties: Properties,
     #[serde(default)]
-    assets: Value,
+    assets: Assets,
+}
+
+#[derive(Default, Deserialize)]
+struct Properties {
+    #[serde(rename = "pc:count", default)]
+    count: Numbers,
+    #[serde(rename = "proj:bbox", default)]
+    bounds: Numbers,
+}
+
+/// The reference of the asset `data`, or else of the first asset.
+#[derive(Default)]
+struct Assets(Option<String>);
+
+#[derive(Deserialize)]
+struct Asset {
+    href: Option<String>,
+}
+
+/// A number, or the first numbers of a list, one more than are used; none where something else stands.
+#[derive(Default)]
+struct Numbers(Vec<f64>);
+
+const MOST_NUMBERS: usize = 7;
+
+impl<'de> Deserialize<'de> for Items {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
+        struct Reader;
+        impl<'de> Visitor<'de> for Reader {
+            type Value = Items;
+
+            fn expecting(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+                to.write_str("a list of items")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> std::result::Result<Items, A::Error> {
+                let mut items = Vec::new();
+                while let Some(item) = list.next_element()? {
+                    if items.len() == MOST_TILES {
+                        return Err(A::Error::custom(format!("more than {MOST_TILES} tiles")));
+                    }
+                    items.push(item);
+                }
+                Ok(Items(items))
+            }
+        }
+        from.deserialize_seq(Reader)
+    }
+}
+
+impl<'de> Deserialize<'de> for Assets {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
+        struct Reader;
+        impl<'de> Visitor<'de> for Reader {
+            type Value = Assets;
+
+            fn expecting(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+                to.write_str("assets by their names")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> std::result::Result<Assets, A::Error> {
+                let mut found = None;
+                while let Some((name, Asset { href })) = map.next_entry::<String, Asset>()? {
+                    found = if name == "data" { href } else { found.or(href) };
+                    if name == "data" {
+                        while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+                    }
+                }
+                Ok(Assets(found))
+            }
+        }
+        from.deserialize_map(Reader)
+    }
+}
+
+impl<'de> Deserialize<'de> for Numbers {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
+        struct Reader;
+        impl<'de> Visitor<'de> for Reader {
+            type Value = Numbers;
+
+            fn expecting(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+                to.write_str("numbers")
+            }
+
+            fn visit_u64<E>(self, number: u64) -> std::result::Result<Numbers, E> {
+                Ok(Numbers(vec![number as f64]))
+            }
+
+            fn visit_i64<E>(self, number: i64) -> std::result::Result<Numbers, E> {
+                Ok(Numbers(vec![number as f64]))
+            }
+
+            fn visit_f64<E>(self, number: f64) -> std::result::Result<Numbers, E> {
+                Ok(Numbers(vec![number]))
+            }
+
+            fn visit_bool<E>(self, _: bool) -> std::result::Result<Numbers, E> {
+                Ok(Numbers::default())
+            }
+
+            fn visit_unit<E>(self) -> std::result::Result<Numbers, E> {
+                Ok(Numbers::default())
+            }
+
+            fn visit_str<E>(self, _: &str) -> std::result::Result<Numbers, E> {
+                Ok(Numbers::default())
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> std::result::Result<Numbers, A::Error> {
+                while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+                Ok(Numbers::default())
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> std::result::Result<Numbers, A::Error> {
+                let mut numbers = Vec::new();
+                while numbers.len() < MOST_NUMBERS
+                    && let Some(number) = list.next_element::<Option<f64>>()?
+                {
+                    numbers.push(number.unwrap_or(f64::NAN));
+                }
+                while list.next_element::<IgnoredAny>()?.is_some() {}
+                Ok(Numbers(numbers))
+            }
+        }
+        from.deserialize_any(Reader)
+    }
 }
 
 /// Whether a file is a catalogue, by its start and its name.
@@ -64,21 +196,18 @@ pub fn read(file: &Bytes) -> Result<Vec<Entry>> {
         let kind = brief::brief(&told.kind);
         return Err(fail("catalogue".into(), format!("a `{kind}`, expected a FeatureCollection")));
     }
-    if told.features.len() > MOST_TILES {
-        return Err(fail("catalogue".into(), format!("{} tiles, expected at most {MOST_TILES}", told.features.len())));
-    }
     let mut known = HashSet::new();
     let mut entries = Vec::new();
-    for (number, item) in told.features.into_iter().enumerate() {
+    for (number, item) in told.features.0.into_iter().enumerate() {
         let place = format!("item {number}");
-        let reference = item.assets.get("data").or_else(|| item.assets.as_object()?.values().next());
-        let reference = reference.and_then(|data| data.get("href")).and_then(Value::as_str);
         let reference =
-            reference.ok_or_else(|| fail(place.clone(), "no reference to a file (assets, data, href)".into()))?;
-        let own = resolved(path, reference).map_err(|problem| fail(place, problem))?;
+            item.assets.0.ok_or_else(|| fail(place.clone(), "no reference to a file (assets, data, href)".into()))?;
+        let own = resolved(path, &reference).map_err(|problem| fail(place, problem))?;
         if known.insert(own.clone()) {
-            let points = item.properties.get("pc:count").and_then(Value::as_u64);
-            entries.push(Entry { path: own, points, bounds: item.properties.get("proj:bbox").and_then(bounds) });
+            let Properties { count, bounds: Numbers(ends) } = item.properties;
+            // A number of points that is none is 0, which no tile is believed to have.
+            let points = count.0.first().map(|count| *count as u64);
+            entries.push(Entry { path: own, points, bounds: bounds(ends) });
         }
     }
     if entries.is_empty() {
@@ -88,11 +217,10 @@ pub fn read(file: &Bytes) -> Result<Vec<Entry>> {
 }
 
 /// A box of six numbers.
-fn bounds(told: &Value) -> Option<Bounds> {
-    let numbers: Vec<f64> = told.as_array()?.iter().map_while(Value::as_f64).take(7).collect();
-    let [x, y, z, far_x, far_y, far_z] = numbers.try_into().ok()?;
+fn bounds(told: Vec<f64>) -> Option<Bounds> {
+    let [x, y, z, far_x, far_y, far_z] = told.try_into().ok()?;
     let bounds = Bounds { min: DVec3::new(x, y, z), max: DVec3::new(far_x, far_y, far_z) };
-    (bounds.min.is_finite() && bounds.max.is_finite() && !bounds.is_empty()).then_some(bounds)
+    is_believable(&bounds).then_some(bounds)
 }
 
 /// The tiles of the catalogue at a path or address; `None` where another file is.
@@ -107,6 +235,26 @@ pub fn tiles_of(path: &Path) -> Result<Option<Vec<Entry>>> {
     let mut start = [0; 64];
     let count = file.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
     if is_catalogue(&start[..count], path) { read(&file).map(Some) } else { Ok(None) }
+}
+
+/// What the head of a COPC file says, as a catalogue would; `None` for all other files.
+pub fn entry_of(path: &Path) -> Option<Entry> {
+    /// The length of a header of LAS 1.4, and the offsets of the greatest and least x, y and z and of the number of points.
+    const HEAD: usize = 375;
+    const GREATEST: usize = 179;
+    const POINTS: usize = 247;
+    let file = Bytes::open(path).ok().filter(las::is_copc)?;
+    let mut head = [0; HEAD];
+    file.read_at(0, &mut head).ok().filter(|count| *count == HEAD)?;
+    let eight = |at: usize| head[at..].first_chunk().copied().unwrap_or_default();
+    let corner = |start: usize| DVec3::from([0, 16, 32].map(|axis| f64::from_le_bytes(eight(start + axis))));
+    let bounds = Bounds { min: corner(GREATEST + 8), max: corner(GREATEST) };
+    let points = Some(u64::from_le_bytes(eight(POINTS)));
+    Some(Entry { path: path.to_owned(), points, bounds: is_believable(&bounds).then_some(bounds) })
+}
+
+fn is_believable(bounds: &Bounds) -> bool {
+    bounds.min.is_finite() && bounds.max.is_finite() && !bounds.is_empty()
 }
 
 /// The file that a reference in a catalogue stands for.

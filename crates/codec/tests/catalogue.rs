@@ -63,6 +63,27 @@ fn a_tile_that_is_missing_or_has_changed_is_told() {
 }
 
 #[test]
+fn what_a_catalogue_says_of_a_tile_is_used_where_it_can_be_true() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.vpc");
+    let entry = |properties: &str| {
+        let item = format!(r#"{{"properties":{{{properties}}},"assets":{{"data":{{"href":"a.laz"}}}}}}"#);
+        fs::write(&path, format!(r#"{{"type":"FeatureCollection","features":[{item}]}}"#)).unwrap();
+        let entry = codec::tiles_of(&path).unwrap().unwrap().remove(0);
+        (entry.points, entry.bounds.map(|bounds| bounds.max.x))
+    };
+    let bounds = |text: &str| format!(r#""pc:count":3,"proj:bbox":{text}"#);
+    assert_eq!(entry(&bounds("[0,0,0,7,1,1]")), (Some(3), Some(7.0)));
+    let many = format!("[{}0]", "0,".repeat(1_000_000));
+    for text in
+        ["[0,0,7,1]", "[0,0,0,null,1,1]", "[9,0,0,7,1,1]", "[0,0,0,7,1,1,1]", "\"x\"", "{}", "null", "true", &many]
+    {
+        assert_eq!(entry(&bounds(text)), (Some(3), None), "{text:.20}");
+    }
+    assert_eq!(entry(r#""pc:count":"many""#), (None, None));
+}
+
+#[test]
 fn a_catalogue_that_is_none_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.vpc");
@@ -71,13 +92,14 @@ fn a_catalogue_that_is_none_says_so() {
         (items(""), "a catalogue without tiles"),
         (r#"{"type":"Feature","features":[]}"#.into(), "a `Feature`, expected a FeatureCollection"),
         (items(r#"{"assets":{}}"#), "item 0: no reference to a file"),
-        (items(r#"{"assets":{"data":{"href":7}}}"#), "item 0: no reference to a file"),
+        (items(r#"{"assets":{"data":{"href":7}}}"#), "not a collection of items: invalid type: integer `7`"),
+        (items(&format!("{}{{}}", "{},".repeat(1_000_000))), "more than 100000 tiles"),
         (r#"{"type":"FeatureCollection""#.into(), "not a collection of items"),
         // A catalogue that names itself.
         (items(r#"{"assets":{"data":{"href":"a.vpc"}}}"#), "a catalogue among the tiles"),
     ] {
         fs::write(&path, &text).unwrap();
-        assert!(message(&path).contains(problem), "{text}: {}", message(&path));
+        assert!(message(&path).contains(problem), "{problem}: {}", message(&path));
     }
     let Some(data) = real_data::test_data() else { return };
     let told = message(&data.join("text/wrench.vpc"));
