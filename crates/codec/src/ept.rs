@@ -2,9 +2,9 @@
 //! points for each node of an octree (`tiles`): LAZ, or rows of numbers.
 //!
 //! `ept.json` and the hierarchy are claims: a tile with another number of points, other attributes or another grid than
-//! they and the first tile say is not read, and the others are. A hierarchy that is larger than the memory for it is read page
-//! by page, as views need its nodes. What is read stays within the tree, since all names of
-//! files are made from the numbers of nodes.
+//! they and the first tile say is not read, and the others are. A hierarchy that is larger than the memory for it, or has
+//! several pages on a server, is read page by page, as views need its nodes. What is read stays within the tree, since all
+//! names of files are made from the numbers of nodes.
 
 pub(crate) mod hierarchy;
 mod tiles;
@@ -34,8 +34,6 @@ use tiles::{Dimension, Tile, TileRows};
 
 /// The longest `ept.json`: a coordinate system has some kilobytes.
 const MOST_DESCRIPTION: u64 = 4 << 20;
-/// The most nodes of a hierarchy on a server that is read whole.
-const MOST_NODES_FAR: usize = 1 << 13;
 /// The number of tiles that are tried before a cloud is said to be unreadable.
 const TRIED: usize = 8;
 
@@ -96,7 +94,8 @@ impl EptSource {
     /// # Errors
     /// If the description, the first page of the hierarchy or the first tiles cannot be used.
     pub fn open(file: Bytes, memory: u64) -> Result<Self> {
-        let most = if file.is_remote() { most_nodes(memory).min(MOST_NODES_FAR) } else { most_nodes(memory) };
+        // Each page of a hierarchy on a server is a request, and most views need few of them.
+        let most = if file.is_remote() { 0 } else { most_nodes(memory) };
         Self::open_up_to(file, memory, most)
     }
 
