@@ -214,7 +214,7 @@ fn a_catalogue_is_the_cloud_that_its_folder_is() {
 }
 
 #[test]
-fn tiles_that_are_opened_as_they_are_needed_give_the_picture_of_their_files() {
+fn a_folder_or_a_catalogue_of_copc_files_is_one_cloud_with_the_points_of_its_files() {
     let Some(data) = test_data() else { return };
     let folder = Folder::new();
     let tiles = folder.path("tiles");
@@ -230,8 +230,14 @@ fn tiles_that_are_opened_as_they_are_needed_give_the_picture_of_their_files() {
     let catalogue = tiles.join("all.vpc");
     let outcome = folder.glint(["index", "--catalogue", &text(&tiles), "-o", &text(&catalogue)]);
     assert_eq!(outcome.status, Some(0), "{outcome}");
-    let (of_files, _) = picture(&folder, "files.png", &paths[0], &[&paths[1], &paths[2]]);
-    assert!(of_files == of_folder);
+    // Ramps, the first camera and the extent of light are those of one cloud. Points, normals and radii are those of files.
+    let view =
+        "[camera]\neye = [515368.6, 4918318.2, 2360.0]\npivot = [515380.0, 4918345.0, 2330.0]\nup = [0.0, 0.0, 1.0]\n";
+    let view = text(&folder.write("view.toml", view));
+    let same = ["--camera", &view, "--set", "color.by=plain", "--set", "light.by=headlight"];
+    let (of_files, _) = picture(&folder, "files.png", &paths[0], &[&[&*paths[1], &*paths[2]], &same[..]].concat());
+    let (of_tiles, _) = picture(&folder, "tiles.png", &text(&tiles), &same);
+    assert!(of_files == of_tiles);
     let server = Server::of_folder(&tiles, Habits { fails: 10, ..Habits::default() });
     for input in [text(&catalogue), text(&server.path("all.vpc"))] {
         let (of_catalogue, messages) = picture(&folder, "catalogue.png", &input, &[]);

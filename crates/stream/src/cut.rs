@@ -305,13 +305,22 @@ impl ViewMeasure {
         if node.bounds.is_empty() {
             return 0.0;
         }
-        let spacing = octree.spacing_at(node.level);
-        let pixels = self.pixels_after(self.eye.distance(nearest(node.bounds, self.eye)), spacing, 1.0);
-        if self.is_seen(node.bounds) {
+        self.pixels_of(node.bounds, octree.spacing_at(node.level))
+    }
+
+    /// The same for points in a box that are `spacing` apart.
+    pub fn pixels_of(&self, bounds: Bounds, spacing: f64) -> f64 {
+        let pixels = self.pixels_after(self.distance(bounds), spacing, 1.0);
+        if self.sees(bounds) {
             return pixels;
         }
-        let reflected = self.mirrors.iter().map(|mirror| self.reflected_pixels(mirror, node.bounds, spacing));
+        let reflected = self.mirrors.iter().map(|mirror| self.reflected_pixels(mirror, bounds, spacing));
         reflected.fold(pixels * self.unseen, f64::max).min(pixels)
+    }
+
+    /// The distance between the eye and the nearest place of a box.
+    pub fn distance(&self, bounds: Bounds) -> f64 {
+        self.eye.distance(nearest(bounds, self.eye))
     }
 
     /// The length of `spacing` in pixels at the end of a way of this length, along which rays spread this many times as
@@ -362,7 +371,7 @@ impl ViewMeasure {
     }
 
     /// Whether a part of the box may lie in the picture.
-    fn is_seen(&self, bounds: Bounds) -> bool {
+    pub fn sees(&self, bounds: Bounds) -> bool {
         self.planes.iter().all(|(normal, offset)| normal.dot(furthest(bounds, *normal) - self.eye) >= *offset)
     }
 }

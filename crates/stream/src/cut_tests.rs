@@ -167,7 +167,7 @@ fn spacing_on_the_screen_is_that_of_the_projection() {
 #[test]
 fn a_picture_sees_boxes_that_reach_into_it() {
     let view = view(DVec3::new(0.0, 0.0, 10.0), 0.25);
-    let is_seen = |min: [f64; 3], max: [f64; 3]| view.is_seen(Bounds { min: min.into(), max: max.into() });
+    let is_seen = |min: [f64; 3], max: [f64; 3]| view.sees(Bounds { min: min.into(), max: max.into() });
     assert!(is_seen([-1.0; 3], [1.0; 3]));
     assert!(is_seen([-100.0; 3], [100.0; 3]), "the eye is in it");
     assert!(is_seen([9.0, -1.0, -1.0], [20.0, 1.0, 1.0]), "over the edge");

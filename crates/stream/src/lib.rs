@@ -43,6 +43,6 @@ pub use kept::{KeptSurfels, SurfelPlace};
 pub use node_table::NodeTable;
 pub use octree::{Node, NodeId, Octree, Paged};
 pub use pages::{BUILDER, Pages};
-pub use plan::{COMPARED, index_attributes};
+pub use plan::{COMPARED, index_attributes, is_one_grid};
 pub use streamer::{Missing, NodeChange, Page, PagedCloud, Streamer, StreamerStats};
 pub use surfels::{coarsest, estimate_surfels};

@@ -62,6 +62,9 @@ pub struct Paged {
     pub unread: BTreeMap<(NodeId, u8), Bounds>,
     /// The bounds of the points without strays, from the nodes of the first page; `None` if it has all.
     pub scene: Option<Bounds>,
+    /// The octrees of the open tiles, by their places in a catalogue. Its octree has a root without points; `unread` has the
+    /// boxes of the closed tiles, by their places instead of parents.
+    pub tiles: BTreeMap<u32, Arc<Octree>>,
 }
 
 impl Octree {
@@ -105,7 +108,8 @@ impl Octree {
         let pages = self.paged.pages.iter().map(|(first, page)| (*first, Arc::new(page.iter().map(place).collect())));
         let unread = self.paged.unread.iter().map(|(place, bounds)| (*place, placement.bounds(*bounds)));
         let scene = self.paged.scene.map(|bounds| placement.bounds(bounds));
-        let paged = Paged { pages: pages.collect(), unread: unread.collect(), scene };
+        let tiles = self.paged.tiles.iter().map(|(tile, octree)| (*tile, Arc::new(octree.placed(placement))));
+        let paged = Paged { pages: pages.collect(), unread: unread.collect(), scene, tiles: tiles.collect() };
         Self { corner: cube.min, width: cube.size().max_element(), spacing: self.spacing, nodes, paged }
     }
 

@@ -131,7 +131,7 @@ fn finest_grid(mut grids: impl Iterator<Item = Option<Grid>>) -> Option<Grid> {
 
 /// Whether points on one of these grids also lie on the other: the steps are equal and the offsets differ by whole
 /// steps.
-fn is_one_grid(a: &Grid, b: &Grid) -> bool {
+pub fn is_one_grid(a: &Grid, b: &Grid) -> bool {
     let shift = (a.offset - b.offset) / b.scale;
     a.scale == b.scale && (shift - shift.round()).abs().max_element() < 1e-3
 }

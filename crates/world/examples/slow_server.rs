@@ -84,7 +84,7 @@ fn main() -> Result<()> {
 struct Found {
     first: Duration,
     whole: Duration,
-    /// The nodes in the picture: the number of the cloud, and that of the node.
+    /// The nodes in the picture: the number of the tile, and that of the node.
     nodes: BTreeSet<(usize, usize)>,
 }
 
@@ -99,11 +99,13 @@ fn open(path: &Path) -> Result<Found> {
     let mut nodes = BTreeSet::new();
     for event in &job.events {
         match event {
-            Event::Chunk { cloud, part: Part::Node(node), .. } => {
+            Event::Chunk { part, .. } => {
                 first.get_or_insert_with(|| start.elapsed());
-                nodes.insert((cloud, node.0 as usize));
+                nodes.extend(node_of(part));
             }
-            Event::Dropped { cloud, part: Part::Node(node) } => drop(nodes.remove(&(cloud, node.0 as usize))),
+            Event::Dropped { part, .. } => {
+                node_of(part).map(|node| nodes.remove(&node));
+            }
             Event::Stream(stats) if stats.is_settled => break,
             Event::Failed { error, .. } => eprintln!("{error}"),
             Event::Finished => break,
@@ -115,6 +117,15 @@ fn open(path: &Path) -> Result<Found> {
     // The files are closed when the job has ended.
     for _ in job.events.iter() {}
     Ok(Found { first: first.ok_or("no points came")?, whole, nodes })
+}
+
+/// The tile and the node of a part.
+fn node_of(part: Part) -> Option<(usize, usize)> {
+    match part {
+        Part::Node(node) => Some((0, node.0 as usize)),
+        Part::Tile(tile, node) => Some((tile as usize, node.0 as usize)),
+        Part::Preview(_) | Part::Block(_) => None,
+    }
 }
 
 fn bytes_of(sources: &[Arc<Source>], (cloud, node): &(usize, usize)) -> u64 {

@@ -16,6 +16,8 @@ pub enum Part {
     Block(u64),
     /// The points of a node of the cloud's octree.
     Node(NodeId),
+    /// The points of a node of the octree of a tile, by the tile's place in its catalogue.
+    Tile(u32, NodeId),
 }
 
 /// A chunk of a cloud.

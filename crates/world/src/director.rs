@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Cover, Placement, PointTest};
+use cloud::{Bounds, Chunk, Cover, Placement, PointTest};
 use glam::DVec2;
 use scene::{Projection, Settings};
 use stream::{
@@ -19,6 +19,7 @@ use crate::error::is_of_inputs;
 use crate::event::{Event, IndexEntry, IndexState, StreamStats};
 use crate::lists::Lists;
 use crate::mailbox::{Arrival, Mailbox, News, StreamRequest, StreamView};
+use crate::tiles::{Put, SPACINGS, Tiles, first_point_of, number_of, owner_of, part_of};
 
 /// The share of the memory for decoded points that a cut may use: the remainder is for reads in progress and for nodes
 /// that may be wanted again.
@@ -33,7 +34,10 @@ pub struct Director {
     mailbox: Arc<Mailbox>,
     events: SyncSender<Event>,
     streamer: Streamer,
+    /// The clouds, and the open tiles of `tiles` by numbers of their own.
     clouds: BTreeMap<usize, StreamedCloud>,
+    /// The clouds whose tiles are opened as views need them.
+    tiles: BTreeMap<usize, Tiles>,
     view_number: u64,
     viewpoint: Option<StreamView>,
     /// A view that is to be as the first one: it waits until what is shown before the first view is complete again.
@@ -122,6 +126,7 @@ impl Director {
             events,
             streamer,
             clouds: BTreeMap::new(),
+            tiles: BTreeMap::new(),
             view_number: 0,
             viewpoint: None,
             awaited: None,
@@ -132,6 +137,12 @@ impl Director {
             beside_cut: 0,
             reported,
         })
+    }
+
+    /// The same with clouds whose tiles are opened as views need them.
+    #[must_use]
+    pub fn with_tiles(self, tiles: Vec<Tiles>) -> Self {
+        Self { tiles: tiles.into_iter().map(|tiles| (tiles.cloud, tiles)).collect(), ..self }
     }
 
     /// Streams until the mailbox ends it, or until the receiver is gone.
@@ -151,6 +162,11 @@ impl Director {
         if is_other {
             // What found no room for the view before may find some now.
             self.clouds.values_mut().filter_map(|streamed| streamed.lists.as_mut()).for_each(Lists::try_again);
+            self.tiles.values_mut().for_each(Tiles::try_again);
+            let asked = self.viewpoint.as_ref().or(self.awaited.as_ref()).map(|viewpoint| &viewpoint.asked);
+            let kept = |asked| self.tiles.values_mut().flat_map(|tiles| tiles.keep(asked)).collect();
+            let again: Vec<Arrival> = asked.map(kept).unwrap_or_default();
+            again.into_iter().try_for_each(|arrival| self.add(arrival))?;
         }
         for request in requests {
             is_other |= !matches!(request, StreamRequest::KeepRoom { .. } | StreamRequest::Complete(_));
@@ -158,9 +174,10 @@ impl Director {
         }
         self.show_lists()?;
         is_other |= self.beside_cut() != self.beside_cut;
-        if is_other {
+        if is_other || self.tiles.values().any(Tiles::is_new) {
             self.choose()?;
         }
+        self.show_tiles()?;
         let changes = self.streamer.changes();
         let is_quiet = changes.is_empty();
         for change in changes {
@@ -177,11 +194,22 @@ impl Director {
             }
             StreamRequest::Close(cloud) => {
                 self.previews.remove(&cloud);
-                self.clouds.remove(&cloud);
-                self.streamer.remove(cloud);
+                self.tiles.remove(&cloud);
+                let own: Vec<usize> = self.clouds.keys().copied().filter(|own| owner_of(*own).0 == cloud).collect();
+                for own in own {
+                    self.clouds.remove(&own);
+                    self.streamer.remove(own);
+                }
             }
             StreamRequest::KeepRoom { cloud, points } => drop(self.previews.insert(cloud, points)),
             StreamRequest::Complete(is_complete) => self.is_complete = is_complete,
+            StreamRequest::StopTiles => self.tiles.values_mut().for_each(Tiles::stop),
+            StreamRequest::Tile { cloud, tile, found } => {
+                let Some(tiles) = self.tiles.get_mut(&cloud) else { return Some(()) };
+                let Put { closed, arrival } = tiles.put(tile, found);
+                self.close_tiles(cloud, closed)?;
+                arrival.map_or(Some(()), |arrival| self.add(arrival))?;
+            }
             StreamRequest::List { cloud, place, found } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
                 let Some(problem) = streamed.lists.as_mut().and_then(|lists| lists.put(place, found)) else {
@@ -205,27 +233,63 @@ impl Director {
             *told = octree.clone();
             self.streamer.know(*cloud, octree.clone());
             (streamed.octree, streamed.placed) = (octree, None);
-            states.push((*cloud, streamed.state.clone()));
+            match owner_of(*cloud) {
+                (cloud, None) => states.push((cloud, streamed.state.clone())),
+                (owner, Some(_)) => {
+                    self.tiles.get_mut(&owner).into_iter().for_each(Tiles::change);
+                }
+            }
         }
         states.into_iter().try_for_each(|(cloud, pages)| self.send(Event::Pages { cloud, pages }))
     }
 
+    /// Passes on which tiles are open, and what is to be said of tiles.
+    fn show_tiles(&mut self) -> Option<()> {
+        let mut events = Vec::new();
+        for (cloud, tiles) in &mut self.tiles {
+            if tiles.has_changed() {
+                let own = self.clouds.range(number_of(*cloud, 0)..number_of(*cloud + 1, 0));
+                let open = own.filter_map(|(number, own)| Some((owner_of(*number).1? as u32, own.octree.clone())));
+                events.push(Event::Pages { cloud: *cloud, pages: tiles.state(open.collect()) });
+            }
+            let input = tiles.names().0.to_owned();
+            let news = tiles.news().into_iter();
+            events.extend(news.map(|error| Event::Failed { input: input.clone(), error, is_usage: true }));
+        }
+        events.into_iter().try_for_each(|event| self.send(event))
+    }
+
+    /// Closes tiles of a cloud.
+    fn close_tiles(&mut self, cloud: usize, tiles: Vec<usize>) -> Option<()> {
+        for number in tiles.into_iter().map(|tile| number_of(cloud, tile)) {
+            let resident = self.clouds.remove(&number).map(|streamed| streamed.resident).unwrap_or_default();
+            self.streamer.remove(number);
+            for part in resident.into_keys() {
+                self.send(Event::Dropped { cloud, part })?;
+            }
+        }
+        Some(())
+    }
+
     fn add(&mut self, arrival: Arrival) -> Option<()> {
-        let Arrival { cloud, input, name, pages, is_own, was_built, estimate, previews, mut warnings } = arrival;
+        let Arrival { cloud, input, name, fit, pages, is_own, was_built, estimate, previews } = arrival;
         let mut before = self.clouds.remove(&cloud);
         let lists = match before.as_mut().and_then(|before| before.lists.take()) {
             Some(lists) => lists.again(&pages),
             None => Lists::new(&pages),
         };
-        let octree = lists.as_ref().map_or_else(|| Arc::new(pages.octree().clone()), |lists| lists.octree().clone());
+        let mut octree =
+            lists.as_ref().map_or_else(|| Arc::new(pages.octree().clone()), |lists| lists.octree().clone());
+        if fit.as_ref().is_some_and(|fit| fit.grid.is_some()) {
+            Arc::make_mut(&mut octree).nodes.iter_mut().for_each(|node| node.is_exact = true);
+        }
         let (attributes, grid, has_surfels) = (pages.attributes().to_vec(), pages.grid(), pages.has_surfels());
         let entry = is_own.then(|| IndexEntry { folder: pages.folder().to_owned(), bytes: pages.bytes() });
         let point_bytes = pages.point_bytes();
-        warnings.extend_from_slice(pages.warnings());
         let summary = codec::Summary {
             points: octree.points(),
             bounds: octree.nodes.first().map(|root| root.bounds),
-            warnings,
+            warnings: pages.warnings().to_vec(),
             cancelled: false,
         };
         let is_again = before.as_ref().is_some_and(|before| before.summary.is_none());
@@ -233,13 +297,19 @@ impl Director {
         resident.extend(&previews);
         stale.extend(previews);
         let read = move |node| {
-            let chunk = pages.read(node)?;
+            let own = pages.read(node)?;
+            let chunk = if let Some(fit) = &fit { fit.apply(own) } else { own };
             Ok(Page { chunk, disk_bytes: pages.page_bytes(node) as u64 })
         };
         let missing = estimate.map_or(Missing::Provisional, Missing::Estimate);
         let paged = PagedCloud { octree: octree.clone(), point_bytes, missing, read: Arc::new(read) };
         self.streamer.replace(cloud, paged);
-        let summary = (!is_again).then_some(summary);
+        let mut summary = (!is_again).then_some(summary);
+        let (owner, tile) = owner_of(cloud);
+        if let Some((tiles, tile)) = self.tiles.get_mut(&owner).zip(tile) {
+            // What is to be said of tiles is said of the whole cloud.
+            tiles.warn(tile, summary.take().map(|summary| summary.warnings).unwrap_or_default());
+        }
         let octree_shown = octree.clone();
         let state = IndexState::Indexed { octree: octree_shown, attributes, grid, was_built, has_surfels, entry };
         let streamed = StreamedCloud {
@@ -258,6 +328,9 @@ impl Director {
             is_reported: false,
         };
         self.clouds.insert(cloud, streamed);
+        if tile.is_some() {
+            return Some(());
+        }
         self.send(Event::Pages { cloud, pages: state })
     }
 
@@ -275,7 +348,7 @@ impl Director {
             return Some(());
         }
         let level = |streamed: &StreamedCloud, part: Part| match part {
-            Part::Node(node) => streamed.octree.get(node).map_or(u8::MAX, |node| node.level),
+            Part::Node(node) | Part::Tile(_, node) => streamed.octree.get(node).map_or(u8::MAX, |node| node.level),
             Part::Preview(_) | Part::Block(_) => u8::MAX,
         };
         let stale = self
@@ -288,7 +361,7 @@ impl Director {
             let streamed = self.clouds.get_mut(&cloud)?;
             excess = excess.saturating_sub(streamed.stale.remove(&part).unwrap_or(0));
             streamed.resident.remove(&part);
-            self.send(Event::Dropped { cloud, part })?;
+            self.send(Event::Dropped { cloud: owner_of(cloud).0, part })?;
         }
         Some(())
     }
@@ -303,36 +376,42 @@ impl Director {
         let most = most_points(&view, &stream);
         let points = (most as f64 * share) as u64;
         self.drop_stale(points / CUT_PART)?;
-        self.beside_cut = self.beside_cut();
+        let beside_cut = self.beside_cut();
+        self.beside_cut = beside_cut;
         let bytes = half_of(stream.host_bytes) as f64;
         let budget = |part: f64| {
-            let points = points.saturating_sub(self.beside_cut).max(points / CUT_PART);
+            let points = points.saturating_sub(beside_cut).max(points / CUT_PART);
             Budget { points, bytes: (bytes * share * part) as u64 }
         };
         self.streamer.set_budget(budget(1.0));
         for (cloud, streamed) in &mut self.clouds {
             let placement = match &self.viewpoint {
-                Some(viewpoint) => viewpoint.placed.get(cloud).copied(),
+                Some(viewpoint) => viewpoint.placed.get(&owner_of(*cloud).0).copied(),
                 None => self.mailbox.first_placement(&streamed.input, &streamed.name),
             };
             streamed.place(placement.as_ref());
         }
-        let is_hidden =
-            |cloud: &usize| self.viewpoint.as_ref().is_some_and(|viewpoint| viewpoint.hidden.contains(cloud));
+        let detail = f64::from(stream.detail);
+        let first_test = || self.mailbox.first_test();
+        let test = self.viewpoint.as_ref().map_or_else(first_test, |viewpoint| viewpoint.test.clone());
+        let measure = self.viewpoint.as_ref().map(measure);
+        self.need_tiles(measure.as_ref(), &test, detail)?;
+        let is_shown = |cloud: usize| {
+            let (owner, tile) = owner_of(cloud);
+            let is_needed = |tile: usize| self.tiles.get(&owner).is_some_and(|tiles| tiles.is_needed(tile));
+            tile.is_none_or(is_needed)
+                && !self.viewpoint.as_ref().is_some_and(|viewpoint| viewpoint.hidden.contains(&owner))
+        };
         let trees: Vec<Tree> = self
             .clouds
             .iter()
-            .filter(|(cloud, streamed)| !streamed.is_awaited() && !is_hidden(cloud))
+            .filter(|(cloud, streamed)| !streamed.is_awaited() && is_shown(**cloud))
             .map(|(cloud, streamed)| Tree {
                 cloud: *cloud,
                 octree: streamed.nodes(),
                 point_bytes: streamed.point_bytes,
             })
             .collect();
-        let detail = f64::from(stream.detail);
-        let first_test = || self.mailbox.first_test();
-        let test = self.viewpoint.as_ref().map_or_else(first_test, |viewpoint| viewpoint.test.clone());
-        let measure = self.viewpoint.as_ref().map(measure);
         let all = trees.iter().filter_map(|tree| tree.octree.nodes.first());
         let all = all.fold(Bounds::EMPTY, |all, root| all.union(root.bounds));
         let scale = WIDTH_UNSEEN / all.size().max_element().max(f64::MIN_POSITIVE);
@@ -346,7 +425,7 @@ impl Director {
         let whole = Budget { points: most, bytes: (bytes * CUT_SHARE) as u64 };
         let demand =
             if share < 1.0 { demand(&cut(whole).wanted, &trees, whole) } else { demand(&wanted, &trees, whole) };
-        let demand = (demand + self.beside_cut as f64 / most.max(1) as f64).min(1.0);
+        let demand = (demand + beside_cut as f64 / most.max(1) as f64).min(1.0);
         let needed = wanted.iter().map(|wanted| (wanted.cloud, wanted.node)).chain(next);
         let needed: Vec<_> = needed.collect();
         for (cloud, streamed) in &mut self.clouds {
@@ -361,10 +440,37 @@ impl Director {
         Some(())
     }
 
+    /// Has the tiles opened that a view needs.
+    fn need_tiles(&mut self, measure: Option<&ViewMeasure>, test: &PointTest, detail: f64) -> Option<()> {
+        let mut closed = Vec::new();
+        for (cloud, tiles) in &mut self.tiles {
+            let (input, name) = tiles.names();
+            let placement = match &self.viewpoint {
+                Some(viewpoint) => viewpoint.placed.get(cloud).copied(),
+                None => self.mailbox.first_placement(input, name),
+            };
+            let is_hidden = self.viewpoint.as_ref().is_some_and(|viewpoint| viewpoint.hidden.contains(cloud));
+            tiles.need(measure.is_none(), |own: Bounds| {
+                let bounds = placement.map_or(own, |placement| placement.bounds(own));
+                if is_hidden || shows_nothing(test, bounds) {
+                    return None;
+                }
+                let Some(measure) = measure else { return Some((false, 0.0)) };
+                let is_seen = measure.sees(bounds);
+                // Tiles outside of the picture count as nodes there do.
+                let spacing = bounds.size().max_element() / SPACINGS;
+                let is_needed = is_seen || 2.0 * measure.pixels_of(bounds, spacing) > detail;
+                is_needed.then(|| (!is_seen, measure.distance(bounds)))
+            });
+            closed.push((*cloud, tiles.open_needed(&self.mailbox)));
+        }
+        closed.into_iter().try_for_each(|(cloud, closed)| self.close_tiles(cloud, closed))
+    }
+
     fn pass_on(&mut self, change: NodeChange) -> Option<()> {
         match change {
             NodeChange::Put { cloud, node, chunk } => {
-                let part = Part::Node(node);
+                let (owner, part) = part_of(cloud, node);
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
                 let points = chunk.len() as u64;
                 streamed.resident.insert(part, points);
@@ -373,15 +479,16 @@ impl Director {
                 } else {
                     streamed.stale.remove(&part);
                 }
-                self.send(Event::Chunk { cloud, part, chunk })
+                let chunk = Chunk { first_point: first_point_of(cloud, chunk.first_point), ..chunk };
+                self.send(Event::Chunk { cloud: owner, part, chunk })
             }
             NodeChange::Drop { cloud, node } => {
-                let part = Part::Node(node);
+                let (owner, part) = part_of(cloud, node);
                 if let Some(streamed) = self.clouds.get_mut(&cloud) {
                     streamed.resident.remove(&part);
                     streamed.stale.remove(&part);
                 }
-                self.send(Event::Dropped { cloud, part })
+                self.send(Event::Dropped { cloud: owner, part })
             }
             NodeChange::Failed { cloud, error, .. } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
@@ -415,7 +522,8 @@ impl Director {
         let shown = self.streamer.stats();
         let lists = self.clouds.values().filter_map(|streamed| streamed.lists.as_ref());
         let lists_waiting: usize = lists.map(Lists::waiting).sum();
-        let is_awaited = lists_waiting > 0 || self.clouds.values().any(StreamedCloud::is_awaited);
+        let tiles_waiting: usize = self.tiles.values().map(Tiles::waiting).sum();
+        let is_awaited = lists_waiting + tiles_waiting > 0 || self.clouds.values().any(StreamedCloud::is_awaited);
         let mut is_there = is_quiet && shown.settled && !is_awaited;
         if is_there && self.clouds.values().any(|streamed| !streamed.stale.is_empty()) {
             // The cut replaces the stale chunks.
@@ -433,19 +541,25 @@ impl Director {
         }
         if is_there {
             let read = |(cloud, streamed): (&usize, &mut StreamedCloud)| Some((*cloud, streamed.summary.take()?));
-            let read: Vec<_> = self.clouds.iter_mut().filter_map(read).collect();
+            let of_tiles = |(cloud, tiles): (&usize, &mut Tiles)| Some((*cloud, tiles.summary()?));
+            let of_tiles = self.tiles.iter_mut().filter_map(of_tiles);
+            let read: Vec<_> = self.clouds.iter_mut().filter_map(read).chain(of_tiles).collect();
             for (cloud, summary) in read {
                 self.send(Event::Read { cloud, summary })?;
             }
         }
+        let whole = self.clouds.iter().filter(|(cloud, _)| owner_of(**cloud).1.is_none());
+        let of_tiles = self.tiles.values().map(Tiles::points);
+        let counts = self.tiles.values().map(Tiles::counts);
         let stats = StreamStats {
             view_number: self.view_number,
             is_settled: is_there && self.is_complete,
             nodes: shown.shown_nodes,
             points_resident: shown.shown_points,
-            points_total: self.clouds.values().map(|streamed| streamed.octree.points()).sum(),
+            points_total: whole.map(|(_, streamed)| streamed.octree.points()).chain(of_tiles).sum(),
             host_bytes: shown.bytes,
-            nodes_waiting: shown.waiting_nodes + lists_waiting,
+            nodes_waiting: shown.waiting_nodes + lists_waiting + tiles_waiting,
+            tiles: counts.fold([0; 3], |all, own| [0, 1, 2].map(|index| all[index] + own[index])),
             demand: self.demand,
             disk_bytes_per_second: shown.disk_bytes_per_second,
             points_per_second: shown.points_per_second,
@@ -505,114 +619,5 @@ fn measure(viewpoint: &StreamView) -> ViewMeasure {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::collections::BTreeSet;
-    use std::path::Path;
-    use std::sync::mpsc::{Receiver, sync_channel};
-
-    use cloud::Progress;
-    use scene::Camera;
-    use stream::{BuildOptions, Cache, Pages};
-
-    use super::*;
-
-    /// The index of a square with this many points.
-    fn square(folder: &Path, name: &str, points: u32) -> Arc<Pages> {
-        let path = folder.join(name);
-        let mut text = format!("ply\nformat ascii 1.0\nelement vertex {points}\n");
-        text += "property float x\nproperty float y\nproperty float z\nend_header\n";
-        for index in 0..points {
-            let [x, y] = [0.754_877_67, 0.569_840_3].map(|step: f64| (f64::from(index) * step).fract());
-            text += &format!("{x:.6} {y:.6} 0\n");
-        }
-        std::fs::write(&path, text).unwrap();
-        let sources = [Arc::new(codec::open(&path).unwrap())];
-        let cache = Cache::new(folder.join("cache"), u64::MAX);
-        let pages = stream::build(&sources, &cache, &BuildOptions::default(), &Progress::default(), &|_| ());
-        Arc::new(pages.unwrap())
-    }
-
-    /// The number of points of both clouds that are loaded when a view is settled, and the share of the whole budget
-    /// that it would take.
-    fn settled(
-        events: &Receiver<Event>,
-        there: &mut [BTreeMap<Part, usize>; 2],
-        view_number: u64,
-    ) -> ([usize; 2], f64) {
-        loop {
-            match events.recv().unwrap() {
-                Event::Chunk { cloud, part, chunk } => drop(there[cloud].insert(part, chunk.len())),
-                Event::Dropped { cloud, part } => drop(there[cloud].remove(&part)),
-                Event::Stream(stats) if stats.is_settled && stats.view_number == view_number => {
-                    return (there.each_ref().map(|chunks| chunks.values().sum()), stats.demand);
-                }
-                _ => {}
-            }
-        }
-    }
-
-    #[test]
-    fn clouds_that_are_hidden_or_moved_out_of_sight_leave_their_budget_to_the_others_and_come_back() {
-        const BUDGET: usize = 60_000;
-        let folder = tempfile::tempdir().unwrap();
-        let mailbox = Arc::<Mailbox>::default();
-        let (sender, events) = sync_channel(1000);
-        let mut settings = Settings::default();
-        settings.view.point_budget = BUDGET as u32;
-        settings.stream.detail = 0.01;
-        for cloud in [0, 1] {
-            mailbox.arrive(Arrival {
-                cloud,
-                input: String::new(),
-                name: String::new(),
-                pages: square(folder.path(), &format!("{cloud}.ply"), 100_000),
-                is_own: true,
-                was_built: true,
-                estimate: None,
-                previews: HashMap::new(),
-                warnings: Vec::new(),
-            });
-        }
-        let camera =
-            Camera::looking(glam::DVec3::new(0.5, 0.5, 2.0), glam::DVec3::new(0.5, 0.5, 0.0), 2.0, glam::DVec3::Y);
-        let moved = Placement::new(glam::DQuat::IDENTITY, glam::DVec3::ZERO, glam::DVec3::Z * 50.0);
-        let director = Director::new(mailbox.clone(), sender, &settings, false).unwrap();
-        let seen = std::thread::scope(|scope| {
-            scope.spawn(|| director.run());
-            scope.spawn(|| mailbox.wait_for_requests());
-            let set_view = |hidden: &[usize], away: &[usize], share: f64| {
-                let (view, stream) = (settings.view.clone(), settings.stream.clone());
-                let hidden = hidden.iter().copied().collect();
-                mailbox.set_view(StreamView {
-                    camera,
-                    size: [800, 600],
-                    view,
-                    stream,
-                    mirrors: Vec::new(),
-                    hidden,
-                    // Behind the eye.
-                    placed: away.iter().map(|cloud| (*cloud, moved)).collect(),
-                    test: PointTest::default(),
-                    asked: BTreeSet::new(),
-                    share,
-                    is_alone: false,
-                })
-            };
-            let mut there = [BTreeMap::new(), BTreeMap::new()];
-            let none = &[][..];
-            let views =
-                [(none, none, 1.0), (&[0], none, 1.0), (none, none, 1.0), (none, &[0], 1.0), (none, none, 1.0 / 3.0)];
-            let seen = views.map(|(hidden, away, share)| settled(&events, &mut there, set_view(hidden, away, share)));
-            mailbox.end();
-            seen
-        });
-        let [(both, demand), (one, _), (again, _), (alone, _), (third, demand_of_third)] = seen;
-        assert!(both.iter().all(|points| (20_000..40_000).contains(points)), "{both:?}");
-        assert!(one[1] > 50_000 && one[0] + one[1] <= BUDGET, "{one:?}");
-        assert!(again.iter().all(|points| (20_000..40_000).contains(points)), "{again:?}");
-        // Of a cloud that is moved out of sight only the root stays.
-        assert!(alone[1] > both[1] && alone[0] < 17_000, "{alone:?} {both:?}");
-        assert!(third.iter().sum::<usize>() <= BUDGET / 3, "{third:?}");
-        assert!(demand > 0.9 && demand_of_third > 0.9, "{demand} {demand_of_third}");
-    }
-}
+#[path = "director_tests.rs"]
+mod tests;

@@ -125,8 +125,11 @@ pub struct StreamStats {
     pub points_total: u64,
     /// The memory in bytes of nodes that are resident or kept for later.
     pub host_bytes: u64,
-    /// The number of nodes that are wanted but not resident yet.
+    /// The number of nodes that are wanted but not resident yet, with the tiles that are to be opened for them.
     pub nodes_waiting: usize,
+    /// Of clouds whose tiles are opened as views need them: the number of tiles that are open of those that the view needs,
+    /// that of those, and that of all.
+    pub tiles: [usize; 3],
     /// The share of the whole budgets that the view would take, 0 to 1.
     pub demand: f64,
     /// The bytes read per second, over the last second.

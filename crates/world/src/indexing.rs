@@ -18,7 +18,6 @@ use crate::mailbox::{Arrival, IndexRequest};
 use crate::reading::Loading;
 use crate::source::{file_name, file_warnings, is_one_file, surfel_options, up_of};
 use crate::task::{CloudTask, TaskKind};
-use crate::tiles::Tile;
 use crate::words::Input;
 
 /// A streamed cloud while its index is found or made.
@@ -35,37 +34,9 @@ pub(crate) struct StreamedInput {
     previews: Mutex<HashMap<Part, u64>>,
     /// The number of previews so far.
     previews_begun: AtomicU32,
-    /// What is said of it with its first points.
-    warnings: Mutex<Vec<String>>,
 }
 
 impl StreamedInput {
-    /// A tile of a catalogue, and its pages if it has some.
-    pub(crate) fn of_tile(
-        cloud: usize,
-        source: Arc<codec::Source>,
-        settings: &scene::Settings,
-        also: &BTreeSet<String>,
-        warnings: Vec<String>,
-    ) -> (Self, Option<Pages>) {
-        let info = source.info();
-        let (input, name, up) = (scene::shown(&info.path), info.name(), up_of(info, settings));
-        let pages = Pages::copc(&source, also);
-        let streamed = Self {
-            cloud,
-            input,
-            name,
-            sources: vec![source],
-            up,
-            found: None,
-            is_native: pages.is_some(),
-            previews: Mutex::default(),
-            previews_begun: AtomicU32::new(0),
-            warnings: Mutex::new(warnings),
-        };
-        (streamed, pages)
-    }
-
     /// Whether its points are read from a server.
     pub(crate) fn is_far(&self) -> bool {
         self.is_native && self.sources.iter().any(|source| source.bytes().is_remote())
@@ -95,11 +66,12 @@ impl Stopped {
 
 impl Loader {
     /// Streams clouds that have an index at once, reads clouds that are held in memory, and makes missing indexes. Then
-    /// waits for requests: to mend damaged indexes, and to resume stopped tasks.
+    /// waits for requests: to mend damaged indexes, and to resume stopped tasks. `has_tiles` says that the streaming thread
+    /// has tiles, too, which it opens itself.
     pub(crate) fn stream_all(
         &self,
         mut streamed_inputs: Vec<StreamedInput>,
-        tiles: Vec<Tile>,
+        has_tiles: bool,
         opened: Vec<Loading>,
     ) -> Option<()> {
         let mut there: Vec<(&StreamedInput, Pages)> = Vec::new();
@@ -120,13 +92,6 @@ impl Loader {
         };
         // The clouds that have an index, or may still get one.
         let mut open: Vec<&StreamedInput> = there.into_iter().map(stream).collect();
-        let of_tiles = self.open_tiles(tiles)?;
-        for streamed in &of_tiles {
-            match streamed.is_native {
-                true => open.push(streamed),
-                false => missing.push((streamed, self.plan_index(streamed)?)),
-            }
-        }
         self.read_all(opened)?;
         for (streamed, task) in missing {
             if self.index(streamed, &task, preview_points)? || task.progress.is_cancelled() {
@@ -135,7 +100,7 @@ impl Loader {
         }
         self.refine_all(&open)?;
         let mut again = HashSet::new();
-        while !open.is_empty() {
+        while has_tiles || !open.is_empty() {
             for request in self.mailbox.wait_for_requests()? {
                 let cloud = match request {
                     IndexRequest::Mend(cloud) | IndexRequest::Resume(cloud) => cloud,
@@ -289,7 +254,6 @@ impl Loader {
             is_native,
             previews: Mutex::default(),
             previews_begun: AtomicU32::new(0),
-            warnings: Mutex::default(),
         })
     }
 
@@ -303,12 +267,12 @@ impl Loader {
             cloud,
             input,
             name,
+            fit: None,
             pages,
             is_own: !streamed.is_native,
             was_built,
             estimate,
             previews,
-            warnings: std::mem::take(&mut *streamed.warnings.lock().unwrap_or_else(PoisonError::into_inner)),
         });
     }
 

@@ -2,7 +2,7 @@
 //! clouds the normals and radii that were missing. The channel is bounded, so a slow receiver holds the readers back
 //! and the memory stays at what the receiver keeps.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex};
 
@@ -18,7 +18,7 @@ use crate::indexing::StreamedInput;
 use crate::loader::Loader;
 use crate::mailbox::Mailbox;
 use crate::source::parts;
-use crate::tiles::Tile;
+use crate::tiles::Tiles;
 use crate::words::Input;
 
 /// The number of chunks on their way from the readers to the receiver: enough that neither waits for the other, and at
@@ -106,9 +106,13 @@ impl Loader {
         let (mut clouds, mut held) = (0, 0);
         for input in inputs {
             match input {
-                Input::File(path) if let Some(of_catalogue) = self.begin_tiles(path, clouds)? => {
-                    clouds += of_catalogue.len();
-                    tiles.extend(of_catalogue);
+                Input::File(_) | Input::Tiles { .. }
+                    if let Some(found) = Tiles::of(input, clouds, &self.settings, self.also()) =>
+                {
+                    self.send(Event::Opened { cloud: clouds, opened: found.opened() })?;
+                    self.send(Event::Pages { cloud: clouds, pages: found.state(BTreeMap::new()) })?;
+                    tiles.push(found);
+                    clouds += 1;
                 }
                 Input::File(_) | Input::Tiles { .. } => {
                     let sources = self.open(input)?;
@@ -139,9 +143,10 @@ impl Loader {
             let (input, error) = ("streaming".into(), error.to_string());
             Event::Failed { input, error, is_usage: false }
         };
-        let is_far = streamed.iter().any(StreamedInput::is_far) || tiles.iter().any(Tile::is_far);
+        let is_far = streamed.iter().any(StreamedInput::is_far) || tiles.iter().any(Tiles::is_far);
+        let has_tiles = !tiles.is_empty();
         let director = match Director::new(self.mailbox.clone(), self.sender.clone(), &self.settings, is_far) {
-            Ok(director) => director,
+            Ok(director) => director.with_tiles(tiles),
             Err(error) => return self.send(stopped(error)),
         };
         std::thread::scope(|scope| {
@@ -149,7 +154,7 @@ impl Loader {
             if let Err(error) = thread.spawn_scoped(scope, || director.run()) {
                 return self.send(stopped(error));
             }
-            let done = self.stream_all(streamed, tiles, opened);
+            let done = self.stream_all(streamed, has_tiles, opened);
             self.mailbox.end();
             done
         })

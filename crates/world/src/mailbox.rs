@@ -11,6 +11,7 @@ use stream::{MirrorBound, NodeId, Pages};
 
 use crate::chunk_key::Part;
 use crate::task::{CloudTask, CloudTasks};
+use crate::tiles::{Fit, FoundTile};
 
 /// The longest time for which anything waits for a picture.
 const LONGEST_FRAME: Duration = Duration::from_secs(2);
@@ -81,6 +82,10 @@ pub(crate) enum StreamRequest {
     Complete(bool),
     /// One page of the list of nodes of a cloud was read: the parent and the octant of its topmost node.
     List { cloud: usize, place: (NodeId, u8), found: stream::Result<PageNodes> },
+    /// A tile of a cloud was opened, or cannot be.
+    Tile { cloud: usize, tile: usize, found: Result<FoundTile, String> },
+    /// Stops opening tiles until the view changes.
+    StopTiles,
 }
 
 /// What came since the streaming thread last looked.
@@ -108,6 +113,8 @@ pub struct Arrival {
     pub input: String,
     /// The name of the cloud.
     pub name: String,
+    /// How the chunks of a tile become those of its catalogue; `None` for all other clouds.
+    pub(crate) fit: Option<Fit>,
     pub pages: Arc<Pages>,
     /// Whether the pages are in the cache, so that they can be made again.
     pub is_own: bool,
@@ -116,8 +123,6 @@ pub struct Arrival {
     pub estimate: Option<SurfelOptions>,
     /// The number of points of each preview chunk; they are removed as soon as the cut is complete.
     pub previews: HashMap<Part, u64>,
-    /// What is said of it besides the warnings of the pages.
-    pub warnings: Vec<String>,
 }
 
 impl Mailbox {
@@ -166,15 +171,6 @@ impl Mailbox {
 
     pub fn is_closed(&self, cloud: usize) -> bool {
         self.mail().tasks.is_closed(cloud)
-    }
-
-    /// The camera of the latest view.
-    pub(crate) fn camera(&self) -> Option<Camera> {
-        self.mail().view.as_ref().map(|(_, view)| view.camera)
-    }
-
-    pub(crate) fn is_over(&self) -> bool {
-        self.mail().is_over
     }
 
     /// Ends the streaming.
@@ -229,9 +225,11 @@ impl Mailbox {
         self.mail().tasks.stop(cloud);
     }
 
-    /// Stops all tasks.
+    /// Stops all tasks, and the opening of tiles for the present view.
     pub fn stop_all(&self) {
-        self.mail().tasks.stop_all();
+        let mut mail = self.mail();
+        mail.tasks.stop_all();
+        self.ask(&mut mail, StreamRequest::StopTiles);
     }
 
     /// Resumes the stopped task of a cloud, once no other task is running.
@@ -287,6 +285,11 @@ impl Mailbox {
     /// Passes on one page of the list of nodes of a cloud.
     pub(crate) fn pass_list(&self, cloud: usize, place: (NodeId, u8), found: stream::Result<PageNodes>) {
         self.ask(&mut self.mail(), StreamRequest::List { cloud, place, found });
+    }
+
+    /// Passes on a tile that was opened.
+    pub(crate) fn pass_tile(&self, cloud: usize, tile: usize, found: Result<FoundTile, String>) {
+        self.ask(&mut self.mail(), StreamRequest::Tile { cloud, tile, found });
     }
 
     pub(crate) fn wake(&self) {

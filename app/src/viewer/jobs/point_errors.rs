@@ -27,13 +27,20 @@ impl PointWork {
     pub fn run(self) -> Option<PointError> {
         let bounds = self.parts.iter().map(|(_, bounds)| *bounds).collect();
         let error = point_error(self.world, self.sight, self.cloud, bounds)?;
-        let is_loaded = |node: NodeId| self.parts.binary_search_by_key(&Part::Node(node), |(part, _)| *part).is_ok();
+        let is_loaded = |part: Part| self.parts.binary_search_by_key(&part, |(part, _)| *part).is_ok();
         let is_thinned = self.streamed.is_some_and(|(octree, placement)| {
             // Of a cloud whose index is being made there is a preview.
             let Some(octree) = octree else { return true };
             let own = placement.map_or(self.world, |placement| placement.own_point(self.world));
             let is_near = |bounds: Bounds| own.distance(own.clamp(bounds.min, bounds.max)) <= error.reach;
-            lacks_points(&octree, NodeId(0), &is_near, &is_loaded)
+            if octree.paged.tiles.is_empty() {
+                return lacks_points(&octree, NodeId(0), &is_near, &|id| is_loaded(Part::Node(id)));
+            }
+            let mut closed = octree.paged.unread.values();
+            let lacks = |(tile, octree): (&u32, &Arc<Octree>)| {
+                lacks_points(octree, NodeId(0), &is_near, &|id| is_loaded(Part::Tile(*tile, id)))
+            };
+            closed.any(|bounds| is_near(*bounds)) || octree.paged.tiles.iter().any(lacks)
         });
         Some(PointError { is_thinned, ..error })
     }

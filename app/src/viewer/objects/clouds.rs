@@ -176,11 +176,15 @@ impl CloudEntry {
     pub fn shown_boxes(&self) -> Vec<(Bounds, [u8; 4])> {
         let (Some(streamed), Some(octree)) = (&self.streamed, self.octree()) else { return Vec::new() };
         let is_there =
-            |id: NodeId| octree.get(id).is_some_and(|node| node.points > 0) && self.bounds_of(Part::Node(id)).is_some();
-        let is_last = |node: &Node| !node.children.iter().flatten().any(|child| is_there(*child));
-        let there = self.chunk_bounds().filter_map(|(part, bounds)| Some((node_of(octree, part)?, bounds)));
-        let last = there.filter(|(node, _)| is_last(node));
-        last.map(|(node, bounds)| (bounds, streamed.level_color(node.level))).collect()
+            |part: Part| node_of(octree, part).is_some_and(|node| node.points > 0) && self.bounds_of(part).is_some();
+        let child = |part: Part, id: NodeId| match part {
+            Part::Tile(tile, _) => Part::Tile(tile, id),
+            _ => Part::Node(id),
+        };
+        let there = self.chunk_bounds().filter_map(|(part, bounds)| Some((part, node_of(octree, part)?, bounds)));
+        let last =
+            there.filter(|(part, node, _)| !node.children.iter().flatten().any(|below| is_there(child(*part, *below))));
+        last.map(|(_, node, bounds)| (bounds, streamed.level_color(node.level))).collect()
     }
 }
 
@@ -188,6 +192,7 @@ impl CloudEntry {
 fn node_of(octree: &Octree, part: Part) -> Option<&Node> {
     match part {
         Part::Node(id) => octree.get(id),
+        Part::Tile(tile, id) => octree.paged.tiles.get(&tile)?.get(id),
         Part::Preview(_) | Part::Block(_) => None,
     }
 }
@@ -202,7 +207,10 @@ pub struct Streamed {
 
 impl Streamed {
     pub fn new(octree: Option<&Octree>, rests: u32) -> Self {
-        let levels = octree.and_then(|octree| octree.ids().map(|(_, node)| node.level).max());
+        let trees = octree
+            .into_iter()
+            .flat_map(|octree| std::iter::once(octree).chain(octree.paged.tiles.values().map(AsRef::as_ref)));
+        let levels = trees.flat_map(Octree::ids).map(|(_, node)| node.level).max();
         Self { rests, deepest_level: levels.unwrap_or(0) }
     }
 

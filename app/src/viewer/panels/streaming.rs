@@ -184,9 +184,11 @@ fn figures(ui: &mut Ui, stats: &StreamStats, points: u64, bytes: u64) {
         ("Disk", format!("{}/s", theme::bytes(stats.disk_bytes_per_second as u64))),
         ("Decoded", format!("{:.2} M points/s", stats.points_per_second / 1e6)),
     ];
+    let [open, needed, all] = stats.tiles;
+    let tiles = (all > 0).then(|| ("Tiles", format!("{} of {} in view", grouped(open as u64), grouped(needed as u64))));
     let help = "What this may have of the budgets; decoded points take half of stream.host_bytes, making indexes the other half";
     let grid = egui::Grid::new("streaming").num_columns(2).spacing([16.0, 2.0]).show(ui, |ui| {
-        for (name, text) in lines {
+        for (name, text) in lines.into_iter().chain(tiles) {
             ui.label(RichText::new(name).small());
             ui.label(RichText::new(text).small().monospace());
             ui.end_row();
