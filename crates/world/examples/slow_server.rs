@@ -2,7 +2,7 @@
 //! there, the requests, and the bytes that were fetched for each byte of points that the picture needs.
 //!
 //! ```
-//! cargo run --release -p stream --example make_scan -- 4000000 scan.las
+//! cargo run --release -p stream --example make_scan -- 20000000 scan.las
 //! cargo run --release -p world --example slow_server -- scan.las FOLDER
 //! ```
 //!
