@@ -335,12 +335,10 @@ fn a_tile_of_an_ept_that_is_not_there_is_missed_and_the_others_are_read() {
     }
     let server = Server::of_folder(folder.path(), Habits::default());
     let source = open(&server.path("ept.json")).unwrap();
-    assert!(
-        source.info().warnings.join("\n").contains("below node 2-2-2-1 is missing"),
-        "{:?}",
-        source.info().warnings
-    );
+    // Pages below the first one are read when their nodes are needed.
+    assert!(source.info().warnings.is_empty(), "{:?}", source.info().warnings);
     let summary = source.read(&Selection::default(), &Progress::default(), &|_| {}).unwrap();
     assert_eq!(summary.points, 41_998 + 22_108);
-    assert!(summary.warnings.join("\n").contains("no such file on the server"), "{:?}", summary.warnings);
+    let told = summary.warnings.join("\n");
+    assert!(told.contains("below node 2-2-2-1 is missing") && told.contains("no such file on the server"), "{told}");
 }
