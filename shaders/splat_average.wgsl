@@ -14,6 +14,9 @@
 // The linear depth in world units; 0 if empty.
 @group(1) @binding(7) var depth_out: texture_storage_2d<r32float, write>;
 
+// Set where splat_accumulate_pairs made the sums.
+override pairs: bool = false;
+
 @compute @workgroup_size(8, 8)
 fn splat_average(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.width || id.y >= frame.height {
@@ -49,5 +52,8 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
 // Sums with their carries, 16 bits each, two a word.
 fn total(sums: vec4u, carry: vec2u) -> vec4f {
     let high = vec4u(carry.x & 0xffffu, carry.x >> 16u, carry.y & 0xffffu, carry.y >> 16u);
-    return vec4f(sums) + vec4f(high) * 4294967296.0;
+    // The upper sum of a pair has what the lower one carried.
+    let carried = select(vec4u(0u), vec4u(0u, high.x, 0u, high.z), pairs);
+    let borrowed = select(vec4u(0u), vec4u(1u), sums < carried);
+    return vec4f(sums - carried) + vec4f(high - borrowed) * 4294967296.0;
 }

@@ -84,6 +84,8 @@ pub struct Gpu {
     pub atomics64: bool,
     /// Whether 64-bit atomics can be read: only with Vulkan, see splat_nearest_blind.wgsl.
     pub(crate) reads_atomics64: bool,
+    /// Whether 64-bit atomics are added to: on processors, where that takes as long as adding to 32 bits.
+    adds_atomics64: bool,
     /// Whether the system takes the device away if a dispatch takes long.
     pub(crate) is_watched: bool,
     /// Whether what would take too long there is refused: processors that act like a GPU in tests are slower than any.
@@ -299,7 +301,10 @@ impl Gpu {
         let timestamps = features & wgpu::Features::TIMESTAMP_QUERY;
         let int64 = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
         let atomics64 = features.contains(int64);
-        let int64 = if atomics64 { int64 } else { wgpu::Features::empty() };
+        let adds = wgpu::Features::SHADER_INT64_ATOMIC_ALL_OPS;
+        let adds_atomics64 = atomics64 && features.contains(adds) && info.device_type == wgpu::DeviceType::Cpu;
+        let adds = if adds_atomics64 { adds } else { wgpu::Features::empty() };
+        let int64 = if atomics64 { int64 | adds } else { wgpu::Features::empty() };
         let pipeline_cache = features & wgpu::Features::PIPELINE_CACHE;
         let request = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("glint"),
@@ -334,6 +339,7 @@ impl Gpu {
             clock,
             atomics64,
             reads_atomics64,
+            adds_atomics64,
             is_watched,
             refuses_long,
             kept_pipelines,
@@ -349,6 +355,11 @@ impl Gpu {
     /// Whether points are splatted with 64-bit atomics.
     pub(crate) fn has_wide_atomics(&self, splat: &Splat) -> bool {
         self.atomics64 && splat.atomics != Atomics::Bits32
+    }
+
+    /// Whether sums are added to in pairs, by 64-bit atomics.
+    pub(crate) fn sums_pairs(&self, splat: &Splat) -> bool {
+        self.adds_atomics64 && self.reads_atomics64 && self.has_wide_atomics(splat)
     }
 
     /// Whether the invocations of a workgroup share large discs: processors run them one after the other.

@@ -156,6 +156,9 @@ passes! {
     splat_accumulate: Surface over Blocks load loads::discs {
         nearest: Read, color_sums: ReadWrite, surface_sums: ReadWrite, specular_sums: ReadWrite, carries: ReadWrite,
     }
+    splat_accumulate_pairs: Surface over Blocks load loads::discs {
+        nearest: Read, color_sums: ReadWrite, surface_sums: ReadWrite, specular_sums: ReadWrite, carries: ReadWrite,
+    }
     splat_average: Surface over Pixels {
         nearest: Read, color_sums: Read, surface_sums: Read, specular_sums: Read, carries: Read,
         albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), depth_out: Write(R32Float),

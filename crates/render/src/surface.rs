@@ -34,14 +34,28 @@ pub(crate) fn splat_surface(
             }
             let [color_sums, surface_sums, specular_sums, carries] =
                 sums.each_ref().map(|sums| sums.as_entire_binding());
-            let bindings = passes::splat_accumulate {
-                nearest: nearest.clone(),
-                color_sums: color_sums.clone(),
-                surface_sums: surface_sums.clone(),
-                specular_sums: specular_sums.clone(),
-                carries: carries.clone(),
-            };
-            recorder.over_points(&switches, inputs, bindings)?;
+            let (nearest_in, color, surface) = (nearest.clone(), color_sums.clone(), surface_sums.clone());
+            let (specular, carried) = (specular_sums.clone(), carries.clone());
+            let pairs = recorder.gpu.sums_pairs(&settings.splat);
+            if pairs {
+                let bindings = passes::splat_accumulate_pairs {
+                    nearest: nearest_in,
+                    color_sums: color,
+                    surface_sums: surface,
+                    specular_sums: specular,
+                    carries: carried,
+                };
+                recorder.over_points(&switches, inputs, bindings)?;
+            } else {
+                let bindings = passes::splat_accumulate {
+                    nearest: nearest_in,
+                    color_sums: color,
+                    surface_sums: surface,
+                    specular_sums: specular,
+                    carries: carried,
+                };
+                recorder.over_points(&switches, inputs, bindings)?;
+            }
             let bindings = passes::splat_average {
                 nearest,
                 color_sums,
@@ -52,7 +66,7 @@ pub(crate) fn splat_surface(
                 normal_out: normal.clone(),
                 depth_out: depth.clone(),
             };
-            recorder.over_pixels(&[], inputs, bindings)?;
+            recorder.over_pixels(&[("pairs", u32::from(pairs))], inputs, bindings)?;
         }
         _ => {
             let bindings = passes::splat_resolve {

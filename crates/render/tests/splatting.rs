@@ -569,18 +569,25 @@ fn a_pixel_takes_a_hundred_thousand_points_as_it_takes_one() {
     let mut stage = stage_or_skip!();
     let normal = Vec3::new(0.3, -1.0, 0.4).normalize();
     let at = Point { position: DVec3::ZERO, normal, color: [250, 90, 255], radius: 1e-6 };
+    let camera = front_camera();
     for discs in ["1", "3"] {
-        let settings = settings(&[("splat.min_pixels", discs), ("splat.max_pixels", discs)]);
-        let camera = front_camera();
-        draw(&mut stage, vec![chunk(&[at], DVec3::ZERO)], &camera, &settings);
-        let one = [Aov::Albedo, Aov::Normal].map(|aov| stage.renderer.read_aov(aov).unwrap().data);
-        draw(&mut stage, vec![chunk(&vec![at; 100_000], DVec3::ZERO)], &camera, &settings);
-        let many = [Aov::Albedo, Aov::Normal].map(|aov| stage.renderer.read_aov(aov).unwrap().data);
-        for (one, many) in one.iter().zip(&many) {
-            let differences =
-                one.iter().zip(many).filter(|(a, b)| !(a.is_nan() && b.is_nan() || (*a - *b).abs() < 2e-3));
-            assert_eq!(differences.count(), 0, "discs of {discs} pixels");
-        }
+        // Pairs of sums where the adapter adds to 64 bits, and each for itself.
+        let both = ["auto", "32"].map(|atomics| {
+            let settings =
+                settings(&[("splat.min_pixels", discs), ("splat.max_pixels", discs), ("splat.atomics", atomics)]);
+            let mut seen = |count| {
+                draw(&mut stage, vec![chunk(&vec![at; count], DVec3::ZERO)], &camera, &settings);
+                [Aov::Albedo, Aov::Normal].map(|aov| stage.renderer.read_aov(aov).unwrap().data)
+            };
+            let [one, many] = [1, 100_000].map(&mut seen);
+            for (one, many) in one.iter().zip(&many) {
+                let differences =
+                    one.iter().zip(many).filter(|(a, b)| !(a.is_nan() && b.is_nan() || (*a - *b).abs() < 2e-3));
+                assert_eq!(differences.count(), 0, "discs of {discs} pixels, atomics {atomics}");
+            }
+            many.map(|data| data.into_iter().map(f32::to_bits).collect::<Vec<u32>>())
+        });
+        assert!(both[0] == both[1], "sums in pairs are others, discs of {discs} pixels");
     }
 }
 

@@ -199,7 +199,7 @@ mod tests {
             let frame = Frame { effort: Effort { times_passes: known.is_none(), ..Effort::FULL }, ..frame };
             renderer.render(&room.store, &frame).unwrap();
             // The pass runs once a frame.
-            let mut accumulating = renderer.pipelines.iter().filter(|(key, _)| key.0 == "splat_accumulate");
+            let mut accumulating = renderer.pipelines.iter().filter(|(key, _)| key.0.starts_with("splat_accumulate"));
             accumulating.find_map(|(_, compiled)| compiled.group_milliseconds).unwrap_or(0.0)
         };
         draw(None);

@@ -202,11 +202,17 @@ fn is_wide_atomic(inner: &TypeInner) -> bool {
     matches!(inner, TypeInner::Atomic(scalar) if scalar.width == 8)
 }
 
-/// Whether a module reads a 64-bit atomic.
+/// Whether a module reads a 64-bit atomic, or what it was before an operation.
 fn loads_wide_atomics(module: &Module, info: &ModuleInfo) -> bool {
     let loads = |function: &Function, info: &FunctionInfo| {
         function.expressions.iter().any(|(_, expression)| {
-            let Expression::Load { pointer } = expression else { return false };
+            let pointer = match expression {
+                Expression::Load { pointer } => pointer,
+                Expression::AtomicResult { ty, .. } => {
+                    return module.types[*ty].inner.scalar_width() == Some(8);
+                }
+                _ => return false,
+            };
             let pointed = match &info[*pointer].ty {
                 TypeResolution::Handle(handle) => &module.types[*handle].inner,
                 TypeResolution::Value(inner) => inner,

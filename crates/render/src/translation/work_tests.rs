@@ -225,7 +225,12 @@ fn by_settings(pass: &str, settings: &Settings) -> Vec<(&'static str, usize, f64
         "indirect" => vec![("light_of_run", 0, lights / run / 1024.0)],
         "indirect_filter" => vec![("indirect_filter", 0, run * windows(settings) / 16.0)],
         "show_virtual_lights" => vec![("show_virtual_lights", 0, lights / 4096.0)],
-        "splat_nearest" | "splat_nearest_blind" | "splat_narrow" | "splat_accumulate" | "splat_behind" => {
+        "splat_nearest"
+        | "splat_nearest_blind"
+        | "splat_narrow"
+        | "splat_accumulate"
+        | "splat_accumulate_pairs"
+        | "splat_behind" => {
             vec![("splat_point", 0, (side_of_discs(splat) / 3.0).powi(2))]
         }
         "mirror_depth" | "mirror_visibility" => {
