@@ -200,7 +200,7 @@ impl Frames {
             wanted.light_may_lag |= is_moving;
             wanted.settings = settings;
         }
-        match self.want(&wanted, points_come, outside.now) {
+        match self.want(&wanted, points_come || is_passing && !is_recorded, outside.now) {
             Next::Draw => {
                 let is_moving = rest.is_some();
                 let (request, input_at) = (wanted.clone(), outside.input_at);
@@ -254,8 +254,9 @@ impl Frames {
         Some(LATE.saturating_sub(now.saturating_duration_since(*since)))
     }
 
-    /// Decides what to do about the wanted frame, and records it if it is to be drawn. While points are loaded, frames
-    /// that differ from the last only in their points are drawn no more often than `LOADING_FRAME_INTERVAL`.
+    /// Decides what to do about the wanted frame, and records it if it is to be drawn. While points are loaded, or what
+    /// they need is computed, frames that differ from the last only in their points are drawn no more often than
+    /// `LOADING_FRAME_INTERVAL`.
     fn want(&mut self, wanted: &FrameRequest, points_come: bool, now: Instant) -> Next {
         if self.requested.as_ref() == Some(wanted) {
             return Next::Nothing;
