@@ -154,25 +154,3 @@ fn surface_at(id: vec2u, point: vec3f) -> ClearSurface {
     }
     return found;
 }
-
-// The pixel itself, the eight around it, and those around these.
-fn nth_step(n: i32) -> vec2i {
-    var step = vec2i(0);
-    if n > 8 {
-        let at = n - 9;
-        let side = at / 4;
-        let along = at % 4 - 2;
-        let sides = array<vec2i, 4>(vec2i(along, -2), vec2i(2, along), vec2i(-along, 2), vec2i(-2, -along));
-        step = sides[side];
-    } else if n > 0 {
-        step = neighbor(n - 1);
-    }
-    return step;
-}
-
-// The mirror's implicit function at a point; its absolute value is about the distance in mirror sizes.
-fn value_at(mirror: FormulaMirror, point: vec3f) -> f32 {
-    let offset = (point - mirror.position_reach.xyz) / mirror.z_size.w;
-    let p = vec3f(dot(offset, mirror.x_kind.xyz), dot(offset, mirror.y_parameter.xyz), dot(offset, mirror.z_size.xyz));
-    return implicit(mirror.x_kind.w, mirror.y_parameter.w, p);
-}

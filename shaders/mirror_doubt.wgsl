@@ -23,6 +23,8 @@
 
 // Set if the method marks which rays it knows nothing about.
 override knows_rest: bool = false;
+// Set if the pixels of other methods keep what they have.
+override is_further: bool = false;
 
 // Closed from its neighbours.
 const CLOSED: f32 = 1.0;
@@ -88,7 +90,9 @@ fn judge(id: vec2u) {
             atomicAdd(&doubted, 1u);
         }
     }
-    textureStore(doubt_out, id, vec4f(doubt));
+    if point.w > 0.0 || !is_further {
+        textureStore(doubt_out, id, vec4f(doubt));
+    }
 }
 
 fn is_off(id: vec2u, point: vec3f, seen: vec3f) -> bool {

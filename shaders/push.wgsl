@@ -18,19 +18,22 @@ fn push(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.width || id.y >= frame.height {
         return;
     }
-    let is_mirror = textureLoad(point_in, id.xy, 0).w > 0.0;
+    // Nothing reads the Mirror G-Buffer where there is no mirror; another method may fill it there.
+    if textureLoad(point_in, id.xy, 0).w == 0.0 {
+        return;
+    }
     var level = 0u;
     var at = id.xy;
     var position = textureLoad(position_in, at, 0);
     let levels = min(settings.sscr.pull_levels, textureNumLevels(position_in) - 1u);
-    while is_mirror && position.w == 0.0 && level < levels {
+    while position.w == 0.0 && level < levels {
         level++;
         // Levels of odd size round down.
         at = min(id.xy >> vec2u(level), textureDimensions(position_in, level) - 1u);
         position = textureLoad(position_in, at, level);
     }
     position.w /= f32(1u + level);
-    let is_filled = is_mirror && position.w > 0.0;
+    let is_filled = position.w > 0.0;
     textureStore(albedo_out, id.xy, select(vec4f(0.0), textureLoad(albedo_in, at, level), is_filled));
     textureStore(normal_out, id.xy, select(vec4f(0.0), textureLoad(normal_in, at, level), is_filled));
     textureStore(position_out, id.xy, select(vec4f(0.0), position, is_filled));

@@ -103,3 +103,18 @@ fn neighbor(index: i32) -> vec2i {
     let i = index + select(0, 1, index >= 4);
     return vec2i(i % 3 - 1, i / 3 - 1);
 }
+
+// The pixel itself, the eight around it, and those around these.
+fn nth_step(n: i32) -> vec2i {
+    var step = vec2i(0);
+    if n > 8 {
+        let at = n - 9;
+        let side = at / 4;
+        let along = at % 4 - 2;
+        let sides = array<vec2i, 4>(vec2i(along, -2), vec2i(2, along), vec2i(-along, 2), vec2i(-2, -along));
+        step = sides[side];
+    } else if n > 0 {
+        step = neighbor(n - 1);
+    }
+    return step;
+}

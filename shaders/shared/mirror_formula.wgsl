@@ -16,7 +16,8 @@ struct FormulaMirror {
     refraction: f32,
     // 1 for a mirror that is drawn as points: only its inside follows the formula.
     as_points: u32,
-    unused: u32,
+    // The number of its method among those of a frame that has several.
+    part: u32,
 }
 const PLANE: f32 = 0.0;
 const SPHERE: f32 = 1.0;
@@ -168,13 +169,17 @@ fn implicit(kind: f32, parameter: f32, p: vec3f) -> f32 {
     return (r - (1.0 + 0.08 * x * y * z + 0.03 * sin(41.0 * q.x + 3.0 * q.y))) / 3.6;
 }
 
+// The mirror's implicit function at a point; its absolute value is about the distance in mirror sizes.
+fn value_at(mirror: FormulaMirror, point: vec3f) -> f32 {
+    let offset = (point - mirror.position_reach.xyz) / mirror.z_size.w;
+    let p = vec3f(dot(offset, mirror.x_kind.xyz), dot(offset, mirror.y_parameter.xyz), dot(offset, mirror.z_size.xyz));
+    return implicit(mirror.x_kind.w, mirror.y_parameter.w, p);
+}
+
 // The distance that a ray from a point must go before it can meet the mirror; small if the point lies on it.
 fn leave(mirror: FormulaMirror, point: vec3f) -> f32 {
-    let size = mirror.z_size.w;
-    let offset = (point - mirror.position_reach.xyz) / size;
-    let p = vec3f(dot(offset, mirror.x_kind.xyz), dot(offset, mirror.y_parameter.xyz), dot(offset, mirror.z_size.xyz));
-    let lies_on_it = abs(implicit(mirror.x_kind.w, mirror.y_parameter.w, p)) < LEAVE;
-    return select(0.0, LEAVE * size, lies_on_it);
+    let lies_on_it = abs(value_at(mirror, point)) < LEAVE;
+    return select(0.0, LEAVE * mirror.z_size.w, lies_on_it);
 }
 
 // The roots of a t^2 + 2 b t + c, smaller first; 3e38 if there are none.

@@ -200,6 +200,7 @@ const MIRROR_FRESNEL_LAW_PUBLISHED: u32 = 1u;
 // Reflections.
 struct Reflection {
     method: u32,
+    own_methods: u32,
     bounces: u32,
     least_weight: f32,
     samples: u32,

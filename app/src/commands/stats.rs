@@ -22,6 +22,9 @@ pub struct Stats {
     clock: &'static str,
     size: [u32; 2],
     method: &'static str,
+    /// The methods of the frame, if mirrors have their own and the frame has several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    methods: Vec<&'static str>,
     /// What `--set` must say for this picture: the parameters that differ from the defaults, and those that were given.
     set: BTreeMap<String, serde_json::Value>,
     points: PointStats,
@@ -167,6 +170,10 @@ impl Stats {
             clock: gpu.clock.name(),
             size: arguments.size,
             method: settings.reflection.method.name(),
+            methods: match last.map(|frame| frame.methods.as_slice()) {
+                Some(several @ [_, _, ..]) => several.iter().map(|method| method.name()).collect(),
+                _ => Vec::new(),
+            },
             set: set_values(settings, &said),
             points: PointStats {
                 scene: last.map_or(0, |frame| frame.points_resident),

@@ -24,6 +24,10 @@ pub enum Error {
     Shader(String),
     #[error("{method} shows perfect mirrors only; set gloss.samples to 0, or take another method")]
     PerfectMirrorsOnly { method: &'static str },
+    #[error(
+        "{because}, and mirrors have several: {methods}; take a method away from mirrors, or set reflection.own_methods to false"
+    )]
+    OneMethodOnly { because: &'static str, methods: String },
     #[error("screen_trace.criterion = layers needs a second layer: set screen_trace.back to culled or peeled")]
     NoSecondLayer,
     /// A caller asked for an image that the frame does not have.

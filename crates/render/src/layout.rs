@@ -84,7 +84,7 @@ structs! {
     /// A mirror that is drawn by its formula, of shaders/shared/mirror_formula.wgsl.
     FormulaMirror {
         x_kind: Vec4, y_parameter: Vec4, z_size: Vec4, position_reach: Vec4, color_intensity: Vec4,
-        specular_power: f32, refraction: f32, as_points: u32, unused: u32,
+        specular_power: f32, refraction: f32, as_points: u32, part: u32,
     }
     /// The box about all points; it precedes the mirrors with maps in their buffer, of
     /// shaders/shared/mirror_places.wgsl.

@@ -136,7 +136,7 @@ impl LightRays {
         (share, is_glossy): (&RayShare<'_>, bool),
         (bounce, is_last): (usize, bool),
     ) -> Result<()> {
-        let Search { supply, settings, store, mirrors, formulas, camera } = search;
+        let Search { supply, settings, store, mirrors, formulas, camera, .. } = search;
         let [this, before] = [bounce, bounce + 1].map(|number| &self.bounces[number % 2]);
         let (surface, from) = match bounce {
             0 => (*camera, camera.position),

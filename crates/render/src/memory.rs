@@ -31,6 +31,7 @@ fn cast(method: Method) -> Cast {
         has_highlights: false,
         clear: [false; 2],
         filters: false,
+        own_methods: Vec::new(),
     }
 }
 

@@ -3,7 +3,7 @@
 
 use scene::{CameraCells, Method, ScreenRest, Settings, Show, Supply};
 
-use crate::gpu::{Gpu, Result};
+use crate::gpu::{Error, Gpu, Result};
 use crate::identities::ChunkId;
 use crate::recorder::Recorder;
 use crate::reflection::cubemap_trace::CubemapTrace;
@@ -59,6 +59,8 @@ pub(crate) struct Methods {
     keeps_hits: bool,
     /// Whether the method that ran last counts rays that it does not resolve.
     leaves_rays: bool,
+    /// Whether one of several methods does.
+    any_leaves_rays: bool,
 }
 
 /// The method that made the views.
@@ -93,7 +95,7 @@ impl Methods {
 
     /// Gives up the images and buffers of the picture's size that none of these methods needs: at 3840 x 2160 they are
     /// gigabytes. The trees over the points and the maps around mirrors stay, because making them takes long.
-    pub fn keep_images_of(&mut self, methods: [Method; 2]) {
+    pub fn keep_images_of(&mut self, methods: &[Method]) {
         let uses = |any: &[Method]| methods.iter().any(|method| any.contains(method));
         if !uses(&[Method::Sscr]) {
             self.sscr = None;
@@ -212,6 +214,26 @@ impl Methods {
         Ok(())
     }
 
+    /// Begins a bounce whose pixels several methods share.
+    pub fn begin_parts(&mut self) {
+        self.any_leaves_rays = false;
+    }
+
+    /// Runs the method of a task that has some of the pixels.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn run_part(&mut self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
+        self.run(recorder, task.settings.reflection.method, task, None)?;
+        self.any_leaves_rays |= self.leaves_rays;
+        Ok(())
+    }
+
+    /// Ends such a bounce: no method's hits and views are those of all pixels.
+    pub fn end_parts(&mut self) {
+        (self.keeps_hits, self.views, self.leaves_rays) = (false, None, self.any_leaves_rays);
+    }
+
     /// The hits of the method that ran last, see shaders/surfel_trace.wgsl; `None` if it keeps none.
     pub fn hits(&self) -> Option<&wgpu::Buffer> {
         self.gather.as_ref().filter(|_| self.keeps_hits).map(|gather| &gather.hits)
@@ -245,10 +267,10 @@ impl Methods {
         self.leaves_rays
     }
 
-    /// What the method in use reflects where one point in `step` is searched for, or drawn into maps that are not at hand.
-    pub fn reflected_share(&self, settings: &Settings, step: u32) -> Option<ReflectedShare> {
+    /// What a method in use reflects where one point in `step` is searched for, or drawn into maps that are not at hand.
+    pub fn reflected_share(&self, settings: &Settings, method: Method, step: u32) -> Option<ReflectedShare> {
         let whole = settings.environment_map.size;
-        let [step, texels, whole] = match settings.reflection.method.chosen() {
+        let [step, texels, whole] = match method {
             Method::Sscr | Method::SampleCameras => [step, 1, 1],
             Method::LightField => [self.light_field.step().unwrap_or(1), 1, 1],
             Method::EnvironmentMap => self.environment.grain().map_or([1; 3], |[step, size]| [step, size, whole]),
@@ -338,19 +360,18 @@ pub(crate) fn follows_rays(settings: &Settings) -> bool {
     matches!(settings.reflection.method.chosen(), SurfelTrace | SscrHierarchical | CubemapTrace | ScreenTrace)
 }
 
-/// Whether rays walk through the maps around mirrors.
-pub(crate) fn walks_maps(settings: &Settings) -> bool {
-    match settings.reflection.method.chosen() {
+/// Whether a method lets rays walk through the maps around mirrors.
+pub(crate) fn walks_maps(settings: &Settings, method: Method) -> bool {
+    match method {
         Method::CubemapTrace => true,
         Method::ScreenTrace => settings.screen_trace.rest == ScreenRest::CubemapTrace,
         _ => false,
     }
 }
 
-/// Whether cameras of rays stand for cells of space.
-pub(crate) fn has_cells(settings: &Settings) -> bool {
-    let is_space = settings.sample_cameras.cells == CameraCells::Space;
-    settings.reflection.method.chosen() == Method::SampleCameras && is_space
+/// Whether cameras of rays stand for cells of space in a method.
+pub(crate) fn has_cells(settings: &Settings, method: Method) -> bool {
+    method == Method::SampleCameras && settings.sample_cameras.cells == CameraCells::Space
 }
 
 /// The method that finds what is seen through clear surfaces: the frame's, unless that traces no rays of any kind, or
@@ -373,4 +394,33 @@ pub fn shows_more(settings: &Settings, views: Option<&Views<'_>>) -> bool {
         Show::Borders | Show::Curvature | Show::Regions | Show::Steps | Show::Unconverged => views.is_some(),
         Show::Uncertain | Show::Coverage | Show::Distance | Show::Albedo | Show::Normal | Show::Position => true,
     }
+}
+
+/// Checks that a frame may have these methods.
+///
+/// # Errors
+/// Something in the frame has room for one method alone.
+pub(crate) fn check(settings: &Settings, methods: &[Method], has_clear: bool, is_glossy: bool) -> Result<()> {
+    if methods.len() < 2 {
+        return Ok(());
+    }
+    let has = |method| methods.contains(&method);
+    let with = |method| {
+        let mut settings = settings.clone();
+        settings.reflection.method = method;
+        settings
+    };
+    let because = if has_clear {
+        "glass and water are drawn by one method"
+    } else if has(Method::LightField) && light_field::looks(&with(Method::LightField)) > 1 {
+        "light_field blends several looks at each ray (light_field.rule), which no other method does"
+    } else if has(Method::MirroredViewpoint) && settings.reflection.samples > 1 {
+        "mirrored_viewpoint has one ray for each pixel, and reflection.samples is more than 1"
+    } else if is_glossy && methods.iter().any(|method| is_forward(&with(*method))) {
+        "sscr and sample_cameras take one draw for all pixels of glossy mirrors, and others one for each"
+    } else {
+        return Ok(());
+    };
+    let names: Vec<&str> = methods.iter().map(|method| method.row().name).collect();
+    Err(Error::OneMethodOnly { because, methods: names.join(", ") })
 }

@@ -186,6 +186,10 @@ passes! {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, point_out: Write(Rgba32Float),
         eye_out: Write(Rgba32Float), weight_in: Texture,
     }
+    mirror_methods: Method over Pixels {
+        position_in: Texture, nearest: Read, runs: Read, mirrors: Read, method_out: Write(R32Float),
+    }
+    mirror_share: Method over Pixels { point_in: Texture, method_in: Texture, point_out: Write(Rgba32Float) }
     mirror_weight: Method over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, weight_in: Texture,
         left_in: Texture, reflectance_in: Texture, weight_out: Write(R32Float),

@@ -108,7 +108,7 @@ impl Renderer {
         // alone, have no place here.
         let mut exact = settings.clone();
         exact.reflection.show = Show::Picture;
-        exact.reflection.method = Method::SurfelTrace;
+        (exact.reflection.method, exact.reflection.own_methods) = (Method::SurfelTrace, false);
         exact.splat.close_gaps = false;
         exact.gi.interleave = 1;
         let settings = &exact;

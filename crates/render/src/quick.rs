@@ -135,6 +135,7 @@ impl QuickPicture {
             exposure: None,
             glossy_hits: GlossCache::NoGloss,
             glossy_rays: [0; 2],
+            methods: Vec::new(),
             reflection: None,
             reflected: None,
             is_quick: true,

@@ -9,14 +9,14 @@ use cloud::{Chunk, PointTest, Progress, pack_radius};
 use glam::DVec3;
 use param::Kind;
 use rayon::prelude::*;
-use scene::{Camera, LightClues, Mirror, Quality, Settings, Shape, SpotLight};
+use scene::{Camera, LightClues, Method, Mirror, Quality, Settings, Shape, SpotLight};
 
 use crate::frame::Objects;
 use crate::gpu::{Error, Result};
 use crate::lighting::MOST_LIGHTS;
 use crate::passes::Compiled;
 use crate::recorder::{Rehearsal, Variant};
-use crate::reflection::{gloss, is_clear};
+use crate::reflection::{gloss, is_clear, own_methods};
 use crate::renderer::{Frame, FrameStats, Renderer};
 use crate::store::{Material, PointStore};
 
@@ -35,6 +35,8 @@ pub(crate) struct Cast {
     pub(crate) clear: [bool; 2],
     /// Whether some points are hidden.
     pub(crate) filters: bool,
+    /// The methods that mirrors have for themselves.
+    pub(crate) own_methods: Vec<Method>,
 }
 
 impl Cast {
@@ -54,6 +56,7 @@ impl Cast {
             has_highlights: store.has_highlights() || objects.mirrors.iter().any(shows_highlights),
             clear: [objects.mirrors.iter().any(is_clear), store.has_clear_points(settings)],
             filters: store.hides_points(),
+            own_methods: own_methods::all_own(store, settings, objects.mirrors),
         }
     }
 }
@@ -106,7 +109,7 @@ impl Renderer {
         for quality in [Quality::Nearest, Quality::High] {
             let mut settings = Settings::default();
             settings.splat.quality = quality;
-            settings.reflection.method = scene::Method::None;
+            settings.reflection.method = Method::None;
             self.prepare(&store, &settings, Objects::default(), progress)?;
         }
         Ok(())
@@ -163,7 +166,7 @@ impl Renderer {
         // The second sample adds to the first.
         settings.gloss.samples = settings.gloss.samples.min(2);
         settings.reflection.samples = settings.reflection.samples.min(2);
-        if gloss::is_refused_by(settings.reflection.method) {
+        if cast.own_methods.iter().chain([&settings.reflection.method]).any(|method| gloss::is_refused_by(*method)) {
             // The method draws no frame with glossy mirrors.
             settings.gloss.samples = 0;
         }
@@ -211,7 +214,15 @@ impl Renderer {
             ..Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.3)
         };
         let mirrors = [(exact, false), (as_points, true)].into_iter().filter(|(is_there, _)| *is_there);
-        let mirrors = mirrors.map(|(_, as_points)| mirror(as_points)).collect();
+        let mut mirrors: Vec<Mirror> = mirrors.map(|(_, as_points)| mirror(as_points)).collect();
+        for method in cast.own_methods.iter().copied().map(Some) {
+            if exact {
+                mirrors.push(Mirror { method, ..mirror(false) });
+            } else {
+                let has_formula = !of_points;
+                add(Material { has_formula, as_points, method, ..reflecting }, &disc([0.0, 0.0, 0.2]))?;
+            }
+        }
         if cast.filters {
             store.set_visibility(&PointTest::hiding([7]));
         }
@@ -221,8 +232,6 @@ impl Renderer {
 
 #[cfg(test)]
 mod tests {
-    use scene::Method;
-
     use super::*;
     use crate::Gpu;
 

@@ -24,7 +24,7 @@ use crate::lighting::{DrawnMap, Lights};
 use crate::pass_times::Times;
 use crate::recorder::{IsGivenUp, Pipelines, Recorder, Rehearsal};
 use crate::reflection::kept_hits::GlossCache;
-use crate::reflection::{self, Reflections, SurfaceImages};
+use crate::reflection::{self, Reflections};
 use crate::rehearsal::Cast;
 use crate::store::PointStore;
 use crate::store::draw_list::DrawList;
@@ -180,7 +180,7 @@ impl Renderer {
     ) -> Result<FrameStats> {
         let compiled = self.pipelines.len();
         self.resize(frame.size, frame.settings.splat.quality)?;
-        let settings = plan::settings_of(frame);
+        let settings = plan::settings_of(store, frame);
         let before = Before {
             made_from: self.made_from.as_ref(),
             splatted_from: self.splatted_from.as_ref(),
@@ -231,7 +231,7 @@ impl Renderer {
 
         chapters::surface(&mut recorder, plan, &inputs, targets, formulas.as_ref())?;
         let targets = &*targets;
-        let search = || chapters::search(gpu, plan, formulas.clone(), SurfaceImages::of_camera(targets));
+        let search = || chapters::search(gpu, plan, formulas.clone(), targets);
         let mut search = plan.searches().then(search);
         chapters::mirrors(&mut recorder, plan, search.as_mut(), targets, reflections)?;
         let at_hand = std::mem::take(&mut self.kept_shadows);
@@ -267,8 +267,8 @@ impl Renderer {
         let reflections = self.reflections.as_mut().ok_or_else(nothing_rendered)?;
         reflections.end_gloss();
         let reflection = counters.as_ref().map(|counters| reflections.stats(plan.settings, counters));
-        let reflected = reflections.methods.reflected_share(plan.settings, plan.asked.reflected_step);
-        let reflected = reflected.filter(|_| plan.has_mirrors);
+        let share = |method: &_| reflections.methods.reflected_share(plan.settings, *method, plan.asked.reflected_step);
+        let reflected = plan.methods.iter().find_map(share).filter(|_| plan.has_mirrors);
         let virtual_lights = self.gi.lights().filter(|_| plan.has_indirect).map_or(0, |lights| lights.count);
         let stats = FrameStats {
             passes: times.passes,
@@ -287,6 +287,7 @@ impl Renderer {
             exposure: None,
             glossy_hits: hits,
             glossy_rays: known_rays.map_or([0; 2], |counters| Reflections::glossy_rays(counters)),
+            methods: plan.methods.clone(),
             reflection,
             reflected,
             is_quick: false,

@@ -34,11 +34,17 @@ fn casts(settings: &Settings) -> Vec<Cast> {
         has_highlights: false,
         clear: [false; 2],
         filters: false,
+        own_methods: Vec::new(),
     };
     vec![
         Cast { lights: 0, ..plain.clone() },
         Cast { mirrors: [false, false, true], filters: true, clear: [false, true], ..plain.clone() },
         Cast { lights: 2, mirrors: [true; 3], has_highlights: true, clear: [true; 2], ..plain.clone() },
+        Cast {
+            mirrors: [true, false, true],
+            own_methods: METHODS[2..5].iter().map(|row| row.method).collect(),
+            ..plain.clone()
+        },
         plain,
     ]
 }
@@ -94,7 +100,7 @@ fn variants(gpu: &std::sync::Arc<Gpu>) -> BTreeMap<&'static str, BTreeSet<Consta
             let stage = renderer.stage(&cast, &settings).unwrap();
             match renderer.missing(&stage) {
                 Ok(missing) => named.extend(missing),
-                Err(Error::PerfectMirrorsOnly { .. } | Error::NoSecondLayer) => {}
+                Err(Error::PerfectMirrorsOnly { .. } | Error::OneMethodOnly { .. } | Error::NoSecondLayer) => {}
                 Err(error) => panic!("{error}"),
             }
         }

@@ -25,8 +25,14 @@ const SIZE: [u32; 2] = [64, 48];
 /// Half the edges of the box that contains the mirrors; its middle is the origin.
 const HALF: DVec3 = DVec3::new(1.0, 0.8, 1.2);
 const RADIUS: f64 = 0.4;
-const MIRROR: Material =
-    Material { specular_intensity: 1.0, specular_power: 0.0, refraction: 0.0, has_formula: false, as_points: false };
+const MIRROR: Material = Material {
+    specular_intensity: 1.0,
+    specular_power: 0.0,
+    refraction: 0.0,
+    has_formula: false,
+    as_points: false,
+    method: None,
+};
 
 /// The sRGB colour of the wall of each side of the box: sides 0 to 2 are at the upper end of an axis, 3 to 5 at the
 /// lower.

@@ -75,6 +75,8 @@ struct Scene {
     camera: Camera,
     /// Makes a cloud of green points alone.
     green: CloudId,
+    /// The mirror of points.
+    of_points: CloudId,
 }
 
 /// What the columns of chunks with a class hold.
@@ -143,8 +145,8 @@ fn scene_of(stage: &Stage, turn: DMat3, refraction: Option<f32>) -> Scene {
         add(samples, Material { has_formula: true, ..reflecting });
     }
     let of_points = mirror(Shape::Sphere, DVec3::new(0.8, 0.3, 0.3), DVec3::Z, 0.4);
-    add(of_points.sample(600, 2).into_iter().map(|chunk| (chunk, 0)).collect(), reflecting);
-    Scene { store, mirrors, camera, green }
+    let of_points = add(of_points.sample(600, 2).into_iter().map(|chunk| (chunk, 0)).collect(), reflecting);
+    Scene { store, mirrors, camera, green, of_points }
 }
 
 impl Scene {
@@ -182,7 +184,13 @@ fn scanned(stage: &Stage) -> Scene {
         store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
         green.get_or_insert(id);
     }
-    Scene { store, mirrors: variant.mirrors(), camera: variant.camera(), green: green.unwrap() }
+    Scene {
+        store,
+        mirrors: variant.mirrors(),
+        camera: variant.camera(),
+        green: green.unwrap(),
+        of_points: green.unwrap(),
+    }
 }
 
 /// The settings of a method, without light from surface to surface, which is part of no method.
@@ -317,6 +325,178 @@ fn finite_at_every_end_of_every_parameter() {
             }
         }
     }
+}
+
+/// What the camera's mirrors show, to the bit, pixel by pixel: colour, position, albedo and normal.
+fn shown(stage: &Stage) -> Vec<[Vec<u32>; 4]> {
+    let images = [(Aov::Color, 3), (Aov::MirrorPosition, 4), (Aov::MirrorAlbedo, 3), (Aov::MirrorNormal, 3)];
+    let images = images.map(|(aov, channels)| {
+        let bits: Vec<u32> = read(stage, aov).iter().map(|value| value.to_bits()).collect();
+        bits.chunks(channels).map(<[u32]>::to_vec).collect::<Vec<_>>()
+    });
+    (0..images[0].len()).map(|pixel| images.each_ref().map(|image| image[pixel].clone())).collect()
+}
+
+/// The mirror of each pixel of the scene: flat, round, round of points; `None` without one, and within three pixels of
+/// another one, where gaps are closed from other pixels.
+fn mirror_numbers(stage: &Stage, scene: &Scene) -> Vec<Option<usize>> {
+    let position = read(stage, Aov::Position);
+    let spheres = [(scene.mirrors[1].position, 0.5), (DVec3::new(0.8, 0.3, 0.3), 0.4)];
+    let number = |(place, mirror): (&[f32; 3], &f32)| {
+        let place = DVec3::from(place.map(f64::from));
+        let on = |(center, radius): &(DVec3, f64)| (place.distance(*center) - radius).abs() < 0.1;
+        (*mirror > 0.0).then(|| spheres.iter().position(on).map_or(0, |sphere| sphere + 1))
+    };
+    let all: Vec<_> = position.as_chunks::<3>().0.iter().zip(&read(stage, Aov::Mirror)).map(number).collect();
+    let [width, height] = SIZE.map(|side| side as usize);
+    let is_apart = |pixel: usize| {
+        let (x, y) = (pixel % width, pixel / width);
+        let rows = y.saturating_sub(3)..(y + 4).min(height);
+        let mut near = rows.flat_map(|y| (x.saturating_sub(3)..(x + 4).min(width)).map(move |x| y * width + x));
+        near.all(|other| all[other].is_none() || all[other] == all[pixel])
+    };
+    (0..all.len()).map(|pixel| all[pixel].filter(|_| is_apart(pixel))).collect()
+}
+
+/// Gives the scene's mirrors, flat, round, round of points, methods of their own.
+fn give_methods(scene: &mut Scene, own: [Option<Method>; 3]) {
+    (scene.mirrors[0].method, scene.mirrors[1].method) = (own[0], own[1]);
+    scene.store.set_material(
+        scene.of_points,
+        Material { specular_intensity: 1.0, specular_power: 1000.0, method: own[2], ..Material::default() },
+    );
+}
+
+#[test]
+fn a_mirror_with_a_method_of_its_own_looks_as_in_the_picture_of_that_method() {
+    let mut stage = stage_or_skip!();
+    let mut scene = scene(&stage, DMat3::IDENTITY);
+    let methods: Vec<&MethodRow> = finding().collect();
+    // SSCR shares its points out among all mirrors of its pictures.
+    let is_shared = |method: &MethodRow| method.method == Method::Sscr;
+    for bounces in [1, 2] {
+        let with = |method: &MethodRow| {
+            let mut settings = by(method);
+            settings.reflection.bounces = bounces;
+            settings
+        };
+        give_methods(&mut scene, [None; 3]);
+        let alone: Vec<_> = methods
+            .iter()
+            .map(|method| {
+                scene.render_anew(&mut stage, &with(method), SIZE);
+                shown(&stage)
+            })
+            .collect();
+        let numbers = mirror_numbers(&stage, &scene);
+        for first in 0..methods.len() {
+            let own = [0, 1, 2].map(|mirror| (first + mirror * 2) % methods.len());
+            give_methods(&mut scene, own.map(|method| Some(methods[method].method)));
+            let stats = scene.render_anew(&mut stage, &with(methods[(first + 1) % methods.len()]), SIZE);
+            let mixed = shown(&stage);
+            let names = own.map(|method| methods[method].name);
+            let mut compared = [0; 3];
+            for (pixel, mirror) in numbers.iter().enumerate().filter_map(|(pixel, mirror)| Some((pixel, (*mirror)?))) {
+                let method = methods[own[mirror]];
+                if is_shared(method) {
+                    continue;
+                }
+                compared[mirror] += 1;
+                let at = [pixel as u32 % SIZE[0], pixel as u32 / SIZE[0]];
+                let what = format!("{names:?}, {bounces} bounces: mirror {mirror}, {at:?}");
+                assert!(mixed[pixel] == alone[own[mirror]][pixel], "{what} shows something else");
+            }
+            let is_compared = |mirror: usize| compared[mirror] > 30 || is_shared(methods[own[mirror]]);
+            assert!((0..3).all(is_compared), "{compared:?} pixels");
+            let reflection = stats.reflection.unwrap();
+            // Each mirror pixel is counted once.
+            let count = |values: &[f32], least: f32| values.iter().filter(|value| **value >= least).count() as u32;
+            let mirrors = count(&read(&stage, Aov::Mirror), 1e-6);
+            let coverage = read(&stage, Aov::MirrorPosition).iter().skip(3).step_by(4).copied().collect::<Vec<f32>>();
+            let found = (reflection.coverage * f64::from(mirrors)).round() as u32;
+            assert_eq!((reflection.mirror_pixels, found), (mirrors, count(&coverage, 0.75)), "{names:?}");
+            assert!(reflection.coverage > 0.1, "{names:?}: {}", reflection.coverage);
+            // Each method has passes in the list of times.
+            let passes: Vec<&str> = stats.passes.iter().map(|pass| pass.name).collect();
+            for name in names.iter().filter(|name| ["environment_map", "mirrored_viewpoint"].contains(name)) {
+                let is_last = bounces == 1 || *name != "mirrored_viewpoint";
+                assert!(passes.contains(name) || !is_last, "{names:?}: {passes:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn methods_of_mirrors_can_be_changed_turned_off_and_all_be_the_same() {
+    let mut stage = stage_or_skip!();
+    let mut scene = scene(&stage, DMat3::IDENTITY);
+    let row = |method: Method| method.row();
+    let (traced, mapped) = (by(row(Method::SurfelTrace)), by(row(Method::EnvironmentMap)));
+    let mut drawn = |scene: &Scene, settings: &Settings| {
+        scene.render(&mut stage, settings, SIZE);
+        bits(&stage)
+    };
+    let [all_traced, all_mapped] = [&traced, &mapped].map(|settings| drawn(&scene, settings));
+    assert!(all_traced != all_mapped);
+    give_methods(&mut scene, [None, Some(Method::EnvironmentMap), None]);
+    let mixed = drawn(&scene, &traced);
+    assert!(mixed != all_traced && mixed != all_mapped, "a new method draws no new picture");
+    let off = |settings: &Settings| {
+        let mut settings = settings.clone();
+        settings.reflection.own_methods = false;
+        settings
+    };
+    assert!(drawn(&scene, &off(&traced)) == all_traced && drawn(&scene, &traced) == mixed);
+    give_methods(&mut scene, [Some(Method::EnvironmentMap); 3]);
+    assert!(drawn(&scene, &traced) == all_mapped, "all mirrors have the same method");
+    let mut none = traced.clone();
+    none.reflection.method = Method::None;
+    let hidden = drawn(&scene, &none).0;
+    give_methods(&mut scene, [None; 3]);
+    assert!(drawn(&scene, &none).0 == hidden);
+}
+
+#[test]
+fn pictures_that_have_room_for_one_method_are_refused_with_the_reason() {
+    let mut stage = stage_or_skip!();
+    let mut scene = scene(&stage, DMat3::IDENTITY);
+    let refused = |stage: &mut Stage, scene: &Scene, settings: &Settings| {
+        let frame = Frame::new(&scene.camera, settings, scene.objects(), SIZE);
+        stage.renderer.render(&scene.store, &frame).unwrap_err().to_string()
+    };
+    let settings = by(Method::SurfelTrace.row());
+    let mut glossy = settings.clone();
+    glossy.gloss.samples = 2;
+    let mut several = settings.clone();
+    several.reflection.samples = 4;
+    let mut blended = settings.clone();
+    blended.light_field.rule = scene::SampleRule::Mean;
+    for (own, settings, reason) in [
+        (Method::Sscr, &glossy, "take one draw for all pixels"),
+        (Method::MirroredViewpoint, &glossy, "mirrored_viewpoint shows perfect mirrors only"),
+        (Method::MirroredViewpoint, &several, "one ray for each pixel"),
+        (Method::LightField, &blended, "blends several looks"),
+    ] {
+        give_methods(&mut scene, [None, Some(own), None]);
+        let error = refused(&mut stage, &scene, settings);
+        assert!(error.contains(reason), "{own:?}: {error}");
+        let mut off = settings.clone();
+        off.reflection.own_methods = false;
+        scene.render(&mut stage, &off, SIZE);
+    }
+    give_methods(&mut scene, [None, Some(Method::EnvironmentMap), None]);
+    // Other methods may have glossy mirrors and several rays.
+    for settings in [&glossy, &several, &blended] {
+        scene.render(&mut stage, settings, SIZE);
+        assert_finite(&stage, "glossy mirrors of two methods");
+    }
+    let mut clear = scene_of(&stage, DMat3::IDENTITY, Some(1.5));
+    clear.mirrors[0].method = Some(Method::EnvironmentMap);
+    let error = refused(&mut stage, &clear, &settings);
+    assert!(
+        error.contains("glass and water are drawn by one method, and mirrors have several: environment_map"),
+        "{error}"
+    );
 }
 
 /// Glass and water have images and rays of their own: the laws of numbers, of what is kept and of equal stores hold for

@@ -427,6 +427,7 @@ mod tests {
                 color: [0.1, 0.2, 0.3],
                 refraction: (shape == Shape::Sphere).then_some(1.5),
                 as_points: shape == Shape::Blob,
+                method: (shape == Shape::Torus { tube: 0.4 }).then_some(crate::Method::EnvironmentMap),
                 ..Mirror::standing(shape, DVec3::new(635_619.123_456_7, 0.1, 1.0 / 3.0), DVec3::X, DVec3::Z, 0.7)
             })
             .collect();
@@ -496,6 +497,7 @@ mod tests {
         assert_eq!(second("size = 0"), "not a scene: mirror 2 (`ball`): size is 0, expected more than 0");
         assert!(second("size = nan").contains("mirror 2 (`ball`): size is NaN"));
         assert!(second("size = 1\nrotation = [0, 0, 0, 2]").contains("mirror 2 (`ball`): rotation"));
+        assert!(second("size = 1\nmethod = \"mirror\"").contains("`mirror` is no method; expected one of auto, none,"));
         assert!(
             second("size = 1\nspecular_intensity = 1.01").contains("mirror 2 (`ball`): specular_intensity is 1.01")
         );

@@ -202,6 +202,7 @@ fn perfect(name: &str, shape: Shape, size: f64) -> Mirror {
         specular_power: 0.0,
         refraction: None,
         as_points: true,
+        method: None,
     }
 }
 

@@ -5,7 +5,9 @@ use cloud::sampling::{Placement, StarShape, Surface};
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{MirrorMesh, MirrorSurface, surface_points};
+use param::Choice as _;
+
+use crate::{Method, MirrorMesh, MirrorSurface, surface_points};
 
 /// The most mirrors of a scene. Each brings at least 20,000 points, and the reflection of each in each is searched for.
 pub const MOST_MIRRORS: usize = 64;
@@ -167,6 +169,27 @@ pub struct Mirror {
     /// built-in scenes.
     #[serde(default)]
     pub as_points: bool,
+    /// The method that finds what it shows to the camera, by name; `None` for `reflection.method`.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "method_name")]
+    pub method: Option<Method>,
+}
+
+/// A method as scene files name it.
+mod method_name {
+    use serde::{Deserialize as _, Deserializer, Serializer, de::Error};
+
+    use super::*;
+
+    pub fn serialize<S: Serializer>(method: &Option<Method>, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_some(method.map_or("", Method::name))
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Option<Method>, D::Error> {
+        let name = String::deserialize(deserializer)?;
+        let expected =
+            || D::Error::custom(format!("`{name}` is no method; expected one of {}", Method::NAMES.join(", ")));
+        Method::from_name(&name).map(Some).ok_or_else(expected)
+    }
 }
 
 /// The tolerance of the length of a written quaternion: the precision of eight printed digits.
@@ -204,6 +227,7 @@ impl Mirror {
             specular_power: 0.0,
             refraction: None,
             as_points: false,
+            method: None,
         }
     }
 
@@ -234,6 +258,15 @@ impl Mirror {
         }
         if let (Some(_), Shape::Mesh(_)) = (self.refraction, &self.shape) {
             return Some("refraction is for shapes with a formula, and a mesh has none".into());
+        }
+        match self.method {
+            Some(Method::None) => {
+                return Some("method is none, which is for all mirrors: set specular_intensity to 0 instead".into());
+            }
+            Some(Method::Auto) => {
+                return Some("method is auto, which is for all mirrors: leave it out instead".into());
+            }
+            _ => {}
         }
         out_of_range("specular_intensity", &[self.specular_intensity])
             .or_else(|| out_of_range("color", &self.color))
@@ -397,6 +430,8 @@ mod tests {
             .contains("a mesh has none")
         );
         assert!(problem(|mirror| mirror.size = f64::INFINITY).contains("size is inf"));
+        assert!(problem(|mirror| mirror.method = Some(Method::None)).contains("specular_intensity to 0"));
+        assert!(problem(|mirror| mirror.method = Some(Method::Auto)).contains("leave it out"));
         assert!(problem(|mirror| mirror.specular_intensity = 1.5).contains("specular_intensity is 1.5"));
         assert!(problem(|mirror| mirror.specular_intensity = f32::NAN).contains("NaN"));
         assert!(problem(|mirror| mirror.specular_power = -1.0).contains("specular_power"));

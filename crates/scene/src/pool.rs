@@ -111,6 +111,7 @@ fn mirror(name: &str, shape: Shape, size: f64) -> Mirror {
         specular_power: 0.0,
         refraction: None,
         as_points: false,
+        method: None,
     }
 }
 

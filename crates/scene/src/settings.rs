@@ -333,6 +333,8 @@ params! {
     pub struct Reflection = "reflection" in "Reflections" => affects(found) {
         /// What finds the reflected points; auto takes sscr_hierarchical, or what measuring chooses for --budget, --error or view.still_ms.
         method: Method = Method::Auto;
+        /// Whether mirrors that have a method of their own use it; else all mirrors use reflection.method.
+        own_methods: bool = true;
         /// Reflections that are followed, one after the other.
         bounces: u32 = 1, 0..=8, "bounces" => affects(found truth);
         /// Share of the picture below which a further reflection is not followed: the product of what the mirrors on its way reflect. The mirror that it would leave shows what mirror.last says. At 0 all are followed; the first one always is, and so are all of the truth.
@@ -580,6 +582,11 @@ impl Color {
 }
 
 impl Reflection {
+    /// The method of a mirror that may have its own.
+    pub fn method_of(&self, own: Option<Method>) -> Method {
+        own.filter(|_| self.own_methods).unwrap_or(self.method).chosen()
+    }
+
     /// The point of `reflection.point`; `None` if that is not three numbers.
     pub fn shown_point(&self) -> Option<DVec3> {
         let numbers: Vec<f64> = self

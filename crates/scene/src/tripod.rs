@@ -155,6 +155,7 @@ impl Tripod {
             specular_power: 0.0,
             refraction: None,
             as_points: false,
+            method: None,
         };
         // The mirror's z axis is turned to -y, and its y axis to z.
         let upright = DQuat::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);

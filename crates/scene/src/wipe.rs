@@ -64,7 +64,10 @@ impl WipeState {
         }
         match self.method.as_deref() {
             Some(RAY_TRACE) => settings.reflection.method = Method::None,
-            Some(method) => settings.set_text(METHOD_KEY, method)?,
+            Some(method) => {
+                settings.set_text(METHOD_KEY, method)?;
+                settings.reflection.own_methods = false;
+            }
             None => {}
         }
         Ok(())

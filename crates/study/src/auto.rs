@@ -400,10 +400,9 @@ impl Search<'_, '_, '_> {
             }
             let drawn = match is_change.then(|| self.drawn(&settings, still, size)) {
                 Some(Ok((drawn, _))) => drawn,
-                // A method that cannot show the scene's glossy mirrors is no choice.
-                Some(Err(error)) if matches!(error.downcast_ref(), Some(render::Error::PerfectMirrorsOnly { .. })) => {
-                    continue;
-                }
+                // A method that cannot show the scene's glossy mirrors, or not beside the own methods of mirrors, is no
+                // choice.
+                Some(Err(error)) if is_no_choice(&error) => continue,
                 Some(Err(error)) => return Err(error),
                 None => base.clone(),
             };
@@ -413,6 +412,12 @@ impl Search<'_, '_, '_> {
         }
         Ok(changes)
     }
+}
+
+/// Whether a picture was refused because of its method.
+fn is_no_choice(error: &anyhow::Error) -> bool {
+    use render::Error::{OneMethodOnly, PerfectMirrorsOnly};
+    matches!(error.downcast_ref(), Some(PerfectMirrorsOnly { .. } | OneMethodOnly { .. }))
 }
 
 /// The parameters of `to` that differ from `from`, and its method.

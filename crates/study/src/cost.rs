@@ -494,6 +494,7 @@ mod tests {
             exposure: None,
             glossy_hits: render::GlossCache::NoGloss,
             glossy_rays: [0; 2],
+            methods: Vec::new(),
             reflected: None,
             is_quick: false,
             flip: None,

@@ -366,6 +366,8 @@ impl Case {
         }
         let method = if self.method == RAY_TRACE { Method::None.name() } else { &self.method };
         settings.set_text("reflection.method", method)?;
+        // The case is about this method alone.
+        settings.reflection.own_methods = false;
         Ok(settings.drawn())
     }
 

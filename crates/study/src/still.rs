@@ -75,7 +75,7 @@ fn percentile_95(values: &mut [f64]) -> Option<f64> {
 /// The settings of the still picture, from those of a picture. All its reflections are followed.
 pub fn still_settings(settings: &Settings) -> Settings {
     let mut still = settings.clone();
-    still.reflection.method = Method::SurfelTrace;
+    (still.reflection.method, still.reflection.own_methods) = (Method::SurfelTrace, false);
     (still.view.resolution, still.splat.step, still.reflection.least_weight) = (1.0, 1, 0.0);
     let gi = &mut still.gi;
     (gi.vpls, gi.sky_lights) = (gi.vpls.max(STILL_LIGHTS), gi.sky_lights.max(STILL_LIGHTS));

@@ -375,7 +375,13 @@ mod tests {
             as_points: true,
             ..Mirror::standing(Shape::Torus { tube: 0.4 }, DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0)
         };
-        let after = Mirror { color: [0.9, 0.3, 0.1], specular_intensity: 0.8, specular_power: 300.0, ..before.clone() };
+        let after = Mirror {
+            color: [0.9, 0.3, 0.1],
+            specular_intensity: 0.8,
+            specular_power: 300.0,
+            method: Some(scene::Method::EnvironmentMap),
+            ..before.clone()
+        };
         let key = CloudKey(7);
         let put = |resident: &mut Resident, mirror: &Mirror| {
             let samples = mirror.sample(3000, 1);

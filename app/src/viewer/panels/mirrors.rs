@@ -2,10 +2,10 @@
 
 use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
-use scene::{Mirror, MirrorSurface, Object, REFRACTION, Shape};
+use scene::{METHODS, Method, Mirror, MirrorSurface, Object, REFRACTION, Shape};
 
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{name_label, slider, three};
+use crate::viewer::look::widgets::{choice, name_label, slider, three};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::panels::marking;
 use crate::viewer::requests::action::{Action, Filing};
@@ -186,6 +186,10 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
             .labelled_by(label.id)
             .on_hover_text("Drawn as points even where its formula could be");
     });
+    let methods = METHODS.iter().filter(|row| ![Method::Auto, Method::None].contains(&row.method));
+    let methods = methods.map(|row| (Some(row.method), row.name));
+    choice(ui, "Method", &mut mirror.method, std::iter::once((None, "as the scene")).chain(methods))
+        .on_hover_text("What finds that which it shows; else reflection.method (reflection.own_methods turns it off)");
     if mirror != before && mirror.problem().is_none() {
         actions.push(Action::ChangeObject(id, Box::new(Object::Mirror(mirror))));
     }
@@ -311,6 +315,23 @@ mod tests {
         assert!(harness.query_all_by_label("Refraction").next().is_some());
         harness.state_mut().act(Action::Undo);
         assert_eq!(refraction(&harness), None);
+    }
+
+    #[test]
+    fn a_mirror_gets_a_method_of_its_own_and_loses_it_by_undo() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Sphere");
+        let method = |harness: &Harness<'static, Session>| harness.state().scene.objects.mirrors[0].mirror.method;
+        assert_eq!(method(&harness), None);
+        harness.get_by_role_and_label(egui::accesskit::Role::ComboBox, "Method").click();
+        harness.run_ok();
+        assert!(harness.query_by_label("none").is_none() && harness.query_by_label("auto").is_none());
+        harness.get_by_label("environment_map").click();
+        harness.run_ok();
+        assert_eq!(method(&harness), Some(Method::EnvironmentMap));
+        harness.state_mut().act(Action::Undo);
+        assert_eq!(method(&harness), None);
     }
 
     #[test]

@@ -234,6 +234,7 @@ mod tests {
             dispatches: 0,
             waits: 0,
             reflection: None,
+            methods: Vec::new(),
             reflected: None,
             is_quick: false,
             flip: None,

@@ -1,8 +1,9 @@
 //! One bounce of a frame's reflections, and what the rays of all of them are searched in.
 
-use scene::{Mirror, Settings};
+use scene::{Method, Mirror, Settings};
 
 use super::task::{MirrorGBuffer, MirrorSurface, SurfaceImages};
+use crate::gpu::Gpu;
 use crate::inputs::Inputs;
 use crate::store::PointStore;
 use crate::targets::Image;
@@ -60,6 +61,30 @@ impl Bounce {
     }
 }
 
+/// One of several methods of a frame.
+pub(crate) struct Part {
+    /// The frame's, with this method.
+    pub settings: Settings,
+    /// The points in which the method searches.
+    pub supply: Inputs,
+}
+
+/// The methods of a frame that has several.
+pub(crate) struct Parts<'a> {
+    pub each: Vec<Part>,
+    /// The identity of the point that each pixel of the camera shows.
+    pub nearest: &'a wgpu::Buffer,
+}
+
+impl Parts<'_> {
+    /// The number of the part of a mirror that may have its own method.
+    pub fn number_of(&self, settings: &Settings, own: Option<Method>) -> u32 {
+        let method = settings.reflection.method_of(own);
+        // A mirror out of the picture may have a method that the frame does not have.
+        self.each.iter().position(|part| part.settings.reflection.method == method).unwrap_or(0) as u32
+    }
+}
+
 /// What a frame's mirror rays are searched in, and the surface that they leave.
 pub(crate) struct Search<'a> {
     /// All visible points, whether or not the camera sees them.
@@ -71,4 +96,16 @@ pub(crate) struct Search<'a> {
     /// The mirrors that are drawn by their formula.
     pub formulas: Option<wgpu::Buffer>,
     pub camera: SurfaceImages<'a>,
+    /// The methods of a frame that has several; else `settings` have its method.
+    pub parts: Option<Parts<'a>>,
+}
+
+impl Search<'_> {
+    /// Lets the passes that are recorded from now on work for a sample, given as in `Inputs::sample`.
+    pub fn set_sample(&mut self, gpu: &Gpu, sample: Option<[u32; 3]>) {
+        let parts = self.parts.iter_mut().flat_map(|parts| &mut parts.each);
+        std::iter::once(&mut self.supply).chain(parts.map(|part| &mut part.supply)).for_each(|supply| {
+            supply.set_sample(gpu, sample);
+        });
+    }
 }

@@ -13,7 +13,7 @@ use scene::{MirrorSurface, Settings, Splat};
 
 use super::cubemaps::{draw_list, grain_of_task};
 use super::gather::Gather;
-use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
+use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, own_places, upload};
 use super::task::{MirrorGBuffer, Task};
 use crate::frame::FrameCamera;
 use crate::gpu::Result;
@@ -79,7 +79,7 @@ impl EnvironmentMap {
         found: &MirrorGBuffer,
         only_rest: bool,
     ) -> Result<()> {
-        let places = mirror_places(task);
+        let places = own_places(task);
         let kept = self.drawn.as_ref().map(|drawn| (&drawn.splat, drawn.size));
         let (splat, size) = grain_of_task(task, task.settings.environment_map.size, kept);
         let face_bytes = map_bytes([size; 2]);

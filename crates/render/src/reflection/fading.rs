@@ -76,7 +76,7 @@ impl Fading {
     pub fn new(gpu: &Gpu, search: &Search<'_>) -> Option<Self> {
         let Search { supply, settings, store, mirrors, .. } = search;
         let boxes = fades(settings).then(|| mirror_boxes(store, settings, mirrors))?;
-        let place = |bounds| MirrorPlace { cloud: None, bounds, samples: Vec::new() };
+        let place = |bounds| MirrorPlace { cloud: None, own: None, bounds, samples: Vec::new() };
         let places: Vec<MirrorPlace> = boxes.into_iter().map(place).collect();
         let of_mirror =
             |index: usize| Some(MirrorMap { map: 0, view: Vec4::splat(places[index].bounds.radius() as f32) });

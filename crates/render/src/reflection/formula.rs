@@ -81,12 +81,12 @@ pub(crate) fn mirror_spheres(settings: &Settings, mirrors: &[Mirror]) -> impl It
 }
 
 /// The radius of a ball that contains the mirror: a little more, for rays that touch the rim.
-fn reach(mirror: &Mirror) -> f32 {
+pub(super) fn reach(mirror: &Mirror) -> f32 {
     (mirror.shape.reach() * mirror.size * 1.001) as f32
 }
 
 /// `None` for a mesh.
-fn formula(mirror: &Mirror, settings: &Settings, eye: DVec3) -> Option<FormulaMirror> {
+pub(super) fn formula(mirror: &Mirror, settings: &Settings, eye: DVec3) -> Option<FormulaMirror> {
     let (kind, parameter) = match mirror.shape {
         Shape::Plane { height } => (PLANE, height),
         Shape::Sphere => (SPHERE, 0.0),

@@ -58,12 +58,12 @@ impl RaySets {
     ///
     /// # Errors
     /// The method knows only perfect mirrors.
-    pub fn new(settings: &Settings, store: &PointStore, mirrors: &[Mirror]) -> Result<Self> {
+    pub fn new(settings: &Settings, methods: &[Method], store: &PointStore, mirrors: &[Mirror]) -> Result<Self> {
         let is_picture = settings.reflection.show == Show::Picture && settings.light.show == LightView::Picture;
-        let is_moved = is_picture && settings.reflection.method.row().method != Method::MirroredViewpoint;
+        let is_moved = is_picture && !methods.contains(&Method::MirroredViewpoint);
         let places = if is_moved { settings.reflection.samples.max(1) } else { 1 };
         let looks = if is_picture { light_field::looks(settings) } else { 1 };
-        Ok(Self { glossy: samples(settings, store, mirrors, is_picture)?, places, looks })
+        Ok(Self { glossy: samples(settings, methods, store, mirrors, is_picture)?, places, looks })
     }
 
     /// The number of sets that are summed; 0 where one set of perfect rays is all.
@@ -113,14 +113,19 @@ pub(crate) struct Gloss {
 ///
 /// # Errors
 /// The method knows only perfect mirrors.
-fn samples(settings: &Settings, store: &PointStore, mirrors: &[Mirror], is_picture: bool) -> Result<u32> {
+fn samples(
+    settings: &Settings,
+    methods: &[Method],
+    store: &PointStore,
+    mirrors: &[Mirror],
+    is_picture: bool,
+) -> Result<u32> {
     let is_glossy = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
     let has_gloss = || mirrors.iter().any(is_glossy) || store.has_glossy_mirrors();
     if settings.gloss.samples == 0 || !is_picture || !has_gloss() {
         return Ok(0);
     }
-    let method = settings.reflection.method;
-    if is_refused_by(method) {
+    if let Some(method) = methods.iter().find(|method| is_refused_by(**method)) {
         return Err(Error::PerfectMirrorsOnly { method: method.row().name });
     }
     Ok(settings.gloss.samples)

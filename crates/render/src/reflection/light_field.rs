@@ -23,7 +23,7 @@ use super::cubemap_trace::own_chunks;
 use super::cubemaps::{Layout, MapCount, Pen, renumber, splat_of_task};
 use super::environment_map::EnvironmentMap;
 use super::gather::{Gather, rest_list};
-use super::mirror_places::{MirrorMap, MirrorPlace, mirror_places, upload};
+use super::mirror_places::{MirrorMap, MirrorPlace, own_places, upload};
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace::{self, Rays};
 use super::task::Task;
@@ -159,7 +159,7 @@ impl LightField {
         gather: &Gather,
         task: &Task<'_>,
     ) -> Result<()> {
-        let mirrors = mirror_places(task);
+        let mirrors = own_places(task);
         let layout = Layout::new(task.settings.light_field.size);
         let [most, of_page] = most_maps(recorder.gpu, task.settings, &layout)?;
         self.search += 1;

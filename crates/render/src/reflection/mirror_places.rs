@@ -4,7 +4,7 @@
 use cloud::{Bounds, Chunk, ShownPoints, unpack_normal, unpack_radius};
 use glam::{DVec3, Vec4};
 
-use scene::{Mirror, Settings};
+use scene::{Method, Mirror, Settings};
 
 use super::task::Task;
 use crate::gpu::Gpu;
@@ -21,6 +21,8 @@ const MOST_SAMPLES: usize = 1024;
 pub(crate) struct MirrorPlace {
     /// The cloud of its points; `None` if it is drawn by its formula.
     pub cloud: Option<CloudId>,
+    /// The method that it has for itself.
+    pub own: Option<Method>,
     /// The bounds of its splats in world coordinates.
     pub bounds: Bounds,
     /// The places and unit normals of some of its points, spread over it.
@@ -37,7 +39,7 @@ pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
         let radius = placed.iter().map(|chunk| chunk.largest_radius).fold(0.0, f32::max);
         let chunks: Vec<_> = placed.iter().map(|chunk| (chunk.points, chunk.shown)).collect();
         let bounds = widened(bounds, f64::from(radius) * splat_size);
-        MirrorPlace { cloud: Some(cloud), bounds, samples: samples(&chunks) }
+        MirrorPlace { cloud: Some(cloud), own: task.store.own_method(cloud), bounds, samples: samples(&chunks) }
     };
     let mut places: Vec<MirrorPlace> = task.store.mirror_clouds(task.settings).into_iter().map(of_cloud).collect();
     let exact = task.mirrors.iter().filter(|mirror| mirror.is_exact(task.settings.mirror.surface));
@@ -46,8 +48,19 @@ pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
         let bounds = sampled.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
         let radii = sampled.iter().flat_map(|chunk| chunk.radii.iter().flat_map(|radii| radii.iter()));
         let radius = radii.filter_map(|radius| unpack_radius(*radius)).fold(0.0, f32::max);
-        MirrorPlace { cloud: None, bounds: widened(bounds, f64::from(radius)), samples: samples(&whole(&sampled)) }
+        let bounds = widened(bounds, f64::from(radius));
+        MirrorPlace { cloud: None, own: mirror.method, bounds, samples: samples(&whole(&sampled)) }
     }));
+    places
+}
+
+/// The mirrors that rays of a task's method may leave: after the first reflection, they may leave every mirror.
+pub(crate) fn own_places(task: &Task<'_>) -> Vec<MirrorPlace> {
+    let Task { settings, .. } = task;
+    let mut places = mirror_places(task);
+    if settings.reflection.bounces <= 1 {
+        places.retain(|place| settings.reflection.method_of(place.own) == settings.reflection.method.chosen());
+    }
     places
 }
 

@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use super::gather::Gather;
-use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
+use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, own_places, upload};
 use super::task::{MirrorGBuffer, Task};
 use crate::frame::{FrameCamera, Plane};
 use crate::gpu::Result;
@@ -44,7 +44,7 @@ impl MirroredViewpoint {
     /// A shader is refused, or there is no memory.
     pub fn run(&mut self, recorder: &mut Recorder<'_>, gather: &Gather, task: &Task<'_>) -> Result<()> {
         let camera = task.supply.camera;
-        let places = mirror_places(task);
+        let places = own_places(task);
         let view_bytes = map_bytes(camera.size);
         let most = (recorder.gpu.device.limits().max_storage_buffer_binding_size / view_bytes).min(MOST_VIEWS);
         let views: Vec<View> = if task.bounce > 0 {

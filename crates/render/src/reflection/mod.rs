@@ -28,6 +28,7 @@ pub(crate) mod light_field;
 mod lobe;
 mod mirror_places;
 pub(crate) mod mirrored_viewpoint;
+pub(crate) mod own_methods;
 pub(crate) mod sample_cameras;
 mod screen_box;
 pub(crate) mod screen_trace;
@@ -43,7 +44,7 @@ pub(crate) mod weight;
 
 use scene::{MapFill, Method, Settings, Supply};
 
-pub(crate) use bounce::{Bounce, Search};
+pub(crate) use bounce::{Bounce, Part, Parts, Search};
 use clear::Clear;
 pub use cubemaps::MapCount;
 use fading::Fading;
@@ -52,6 +53,7 @@ pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet, has_reflectance, is_weighed};
 use kept_hits::{GlossCache, KeptHits, KnownRays, Scenery};
 pub use light_field::{MapLimit, MapUse};
+use own_methods::OwnMethods;
 pub use sample_cameras::CameraCount;
 use step::Step;
 pub(crate) use task::{SurfaceImages, Task};
@@ -108,6 +110,10 @@ pub(crate) struct Reflections {
     /// The number of bounces of the last frame with reflections.
     pub count: usize,
     pub methods: Methods,
+    /// The methods of the last frame; more than one if mirrors have their own.
+    in_use: Vec<Method>,
+    /// What shares mirror pixels out among methods, from the first frame on that has several.
+    own: Option<OwnMethods>,
     pub counters: wgpu::Buffer,
     /// Bound where a method marks none.
     no_hits: wgpu::Buffer,
@@ -135,6 +141,29 @@ fn places_of(inputs: &Inputs) -> u64 {
     inputs.mirror_groups().iter().map(|groups| u64::from(*groups)).product::<u64>() * 64
 }
 
+/// Finds a bounce by several methods, each of which has some of the mirror pixels, and judges which are doubtful, in this
+/// image, if that is asked for.
+fn find_parts(
+    recorder: &mut Recorder<'_>,
+    methods: &mut Methods,
+    (parts, own): (&Parts<'_>, &OwnMethods),
+    task: &Task<'_>,
+    judged: Option<(&Step<'_>, &Image, &wgpu::Buffer)>,
+) -> Result<()> {
+    methods.begin_parts();
+    for (number, part) in parts.each.iter().enumerate() {
+        let mirror = &own.share(recorder, task.supply, task.mirror, number)?;
+        let task = &Task { supply: &part.supply, settings: &part.settings, mirror, ..*task };
+        methods.run_part(recorder, task)?;
+        if let Some((step, doubt, no_hits)) = judged {
+            let hits = (methods.marked_hits(), no_hits);
+            step.doubt(recorder, (mirror, task.normal), doubt, task.counters, hits, number > 0)?;
+        }
+    }
+    methods.end_parts();
+    Ok(())
+}
+
 impl Reflections {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
@@ -146,6 +175,8 @@ impl Reflections {
             bounces: Vec::new(),
             count: 0,
             methods,
+            in_use: Vec::new(),
+            own: None,
             counters,
             no_hits,
             doubt,
@@ -198,10 +229,11 @@ impl Reflections {
 
     /// Whether what was found last came from maps that lack the newest points, or by cameras of an earlier view.
     pub fn lacks_points(&self, settings: &Settings) -> bool {
-        let looks_up = settings.reflection.method == Method::LightField;
-        walks_maps(settings) && self.methods.cubemaps.lags()
-            || looks_up && self.methods.light_field.lags()
-            || has_cells(settings) && self.methods.cameras.lags()
+        self.in_use.iter().any(|method| {
+            walks_maps(settings, *method) && self.methods.cubemaps.lags()
+                || *method == Method::LightField && self.methods.light_field.lags()
+                || has_cells(settings, *method) && self.methods.cameras.lags()
+        })
     }
 
     /// Records that no mirror can be seen in the frame.
@@ -215,7 +247,7 @@ impl Reflections {
     /// A shader is refused, or there is no memory.
     pub fn find(&mut self, recorder: &mut Recorder<'_>, search: &mut Search<'_>, rays: RaySet) -> Result<()> {
         let gpu = recorder.gpu;
-        search.supply.set_sample(gpu, rays.sample);
+        search.set_sample(gpu, rays.sample);
         let search = &*search;
         let fading = Fading::new(gpu, search);
         self.provide(gpu, search.settings, rays, fading.is_some());
@@ -230,6 +262,9 @@ impl Reflections {
             recorder.copy_part(counters, &self.counters, OF_SEARCH);
         }
         let all_known = counters.is_some();
+        if let Some(parts) = &search.parts {
+            self.own.get_or_insert_with(|| OwnMethods::new(gpu, self.size)).find(recorder, search, parts)?;
+        }
         for index in 0..self.count {
             self.find_bounce(recorder, search, rays, index, fading.as_ref(), all_known)?;
         }
@@ -263,7 +298,7 @@ impl Reflections {
         fading: Option<&Fading>,
         all_known: bool,
     ) -> Result<()> {
-        let Search { supply, settings, store, mirrors, formulas, camera } = search;
+        let Search { supply, settings, store, mirrors, formulas, camera, parts } = search;
         let (before, rest) = self.bounces.split_at(index);
         let step = Step::new(search, index, before.last(), &rest[0]);
         let any_clear = self.clear.as_ref().filter(|_| self.has_clear);
@@ -314,7 +349,13 @@ impl Reflections {
             unknown: unknown.as_ref(),
             all: all_known,
         });
-        self.methods.run(recorder, settings.reflection.method.chosen(), &task, known.as_ref())?;
+        let judges = index == 0 && rays.is_perfect();
+        if let (Some(parts), Some(own)) = (parts, &self.own) {
+            let (methods, judged) = (&mut self.methods, judges.then_some((&step, &self.doubt, &self.no_hits)));
+            find_parts(recorder, methods, (parts, own), &task, judged)?;
+        } else {
+            self.methods.run(recorder, settings.reflection.method.chosen(), &task, known.as_ref())?;
+        }
         if index == 0 && rays.kept_as.is_some() && rays.is_perfect() {
             self.kept.keep_counters(recorder, &self.counters, OF_SEARCH);
         }
@@ -333,8 +374,9 @@ impl Reflections {
             Some(clear) => clear.learn_points(recorder, &self.methods, &task)?,
             None => false,
         };
-        if index == 0 && rays.is_perfect() {
-            step.doubt(recorder, normal, &self.doubt, task.counters, (self.methods.marked_hits(), &self.no_hits))?;
+        if judges && parts.is_none() {
+            let hits = (self.methods.marked_hits(), &self.no_hits);
+            step.doubt(recorder, (&step.bounce.mirror, normal), &self.doubt, task.counters, hits, false)?;
         }
         if let Some(clear) = &mut self.clear {
             clear.knows_points = learnt;
@@ -355,7 +397,11 @@ impl Reflections {
         recorder.clear(&self.counters);
         self.weights_are_new = is_first;
         let places = places_of(&search.supply);
-        let kept = KeptHits::can(search.settings, samples, places, self.has_clear, recorder.gpu);
+        let kept = match search.parts {
+            // The methods have hits of their own.
+            Some(_) if samples > 0 => GlossCache::NoHits,
+            _ => KeptHits::can(search.settings, samples, places, self.has_clear, recorder.gpu),
+        };
         match kept {
             GlossCache::Kept => self.kept.begin(scenery),
             _ => self.kept.forget(),
@@ -387,14 +433,16 @@ impl Reflections {
         clear.find(recorder, &mut self.methods, search, points)
     }
 
-    /// Records whether light goes through something in the frame. The images of methods that it does not use are given
-    /// up.
-    pub fn expect(&mut self, settings: &Settings, has_clear: bool) {
+    /// Records the methods of the frame, and whether light goes through something in it. The images of methods that it
+    /// does not use are given up.
+    pub fn expect(&mut self, settings: &Settings, methods: &[Method], has_clear: bool) {
         self.has_clear = has_clear;
+        self.in_use = methods.to_vec();
+        self.own = self.own.take().filter(|_| methods.len() > 1);
         let behind = if has_clear { behind_clear(settings) } else { Method::None };
         self.bounces.truncate(Self::asked(settings));
         self.count = self.count.min(self.bounces.len());
-        self.methods.keep_images_of([settings.reflection.method.chosen(), behind]);
+        self.methods.keep_images_of(&[methods, &[behind]].concat());
     }
 
     /// What is seen through clear surfaces, if there are any.
@@ -461,6 +509,11 @@ impl Reflections {
         &self.bounces[..self.count]
     }
 
+    /// Whether one of the last frame's methods is such.
+    fn uses(&self, is_such: impl Fn(Method) -> bool) -> bool {
+        self.in_use.iter().any(|method| is_such(*method))
+    }
+
     /// The statistics of the last frame, whose counters are these.
     pub fn stats(&self, settings: &Settings, counters: &[u32]) -> ReflectionStats {
         let bounces = Self::asked(settings) as u32;
@@ -471,7 +524,7 @@ impl Reflections {
         let pixels = counters[MIRROR_PIXELS];
         let tried = counters[POINTS_TRIED];
         let listed = share(counters[POINTS_LISTED], counters[POINTS_FOUND]) as f32;
-        let cameras = self.methods.cameras.count().filter(|_| has_cells(settings));
+        let cameras = self.methods.cameras.count().filter(|_| self.uses(|method| has_cells(settings, method)));
         let cameras = cameras.map(|cameras| CameraCount { listed, ..cameras });
         ReflectionStats {
             mirror_pixels: pixels,
@@ -489,16 +542,16 @@ impl Reflections {
             },
             cameras,
             unresolved: self.methods.leaves_rays().then(|| share(counters[RAYS_LEFT], pixels)),
-            maps: match settings.reflection.method {
-                Method::LightField => self.methods.light_field.count(),
-                _ => self.methods.cubemaps.count().filter(|_| walks_maps(settings)),
+            maps: match self.uses(|method| method == Method::LightField) {
+                true => self.methods.light_field.count(),
+                false => self.methods.cubemaps.count().filter(|_| self.uses(|method| walks_maps(settings, method))),
             },
-            map_use: match settings.reflection.method {
-                Method::LightField => self.methods.light_field.map_use().map(|map_use| {
+            map_use: match self.uses(|method| method == Method::LightField) {
+                true => self.methods.light_field.map_use().map(|map_use| {
                     let is_partial = settings.light_field.fill == MapFill::OnDemand;
                     MapUse { texels: is_partial.then_some(counters[TEXELS_TRACED]), ..map_use }
                 }),
-                _ => None,
+                false => None,
             },
             bounces,
         }
@@ -506,6 +559,7 @@ impl Reflections {
 
     pub fn bytes(&self) -> u64 {
         let gloss = self.gloss.as_ref().map_or(0, Gloss::bytes) + self.clear.as_ref().map_or(0, Clear::bytes);
+        let gloss = gloss + self.own.as_ref().map_or(0, OwnMethods::bytes);
         let gloss = gloss + self.footprint.as_ref().map_or(0, Footprint::bytes) + self.kept.bytes();
         self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes() + gloss
     }

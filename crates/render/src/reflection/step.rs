@@ -80,20 +80,21 @@ impl<'a> Step<'a> {
         recorder.over_mirrors(&switches, &self.search.supply, bindings)
     }
 
-    /// Judges which mirror pixels are doubtful; `hits` are those of rays of which a method leaves some, or a buffer
-    /// that stands for them.
+    /// Judges which pixels of these mirrors are doubtful; `hits` are those of rays of which a method leaves some, or a
+    /// buffer that stands for them. If `is_further`, the other pixels keep what they have.
     ///
     /// # Errors
     /// The shader is refused.
     pub fn doubt(
         &self,
         recorder: &mut Recorder<'_>,
-        normal: &Image,
+        (mirror, normal): (&MirrorSurface, &Image),
         doubt: &Image,
         counters: &wgpu::Buffer,
         (hits, no_hits): (Option<&wgpu::Buffer>, &wgpu::Buffer),
+        is_further: bool,
     ) -> Result<()> {
-        let Bounce { mirror, seen, .. } = self.bounce;
+        let Bounce { seen, .. } = self.bounce;
         let bindings = passes::mirror_doubt {
             point_in: mirror.point.bind(),
             normal_in: normal.bind(),
@@ -104,6 +105,8 @@ impl<'a> Step<'a> {
             counters: counters.as_entire_binding(),
             hits: hits.unwrap_or(no_hits).as_entire_binding(),
         };
-        recorder.over_mirrors(&[("knows_rest", u32::from(hits.is_some()))], &self.search.supply, bindings)
+        let switches = [("knows_rest", u32::from(hits.is_some())), ("is_further", u32::from(is_further))];
+        let switches = &switches[..1 + usize::from(is_further)];
+        recorder.over_mirrors(switches, &self.search.supply, bindings)
     }
 }

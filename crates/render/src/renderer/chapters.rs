@@ -1,6 +1,6 @@
 //! The chapters of a frame, in their order: surface, mirrors, light, shade, show.
 
-use scene::{Curve, LightView, Lighting, Show};
+use scene::{Curve, LightView, Lighting, Method, Settings, Show};
 
 use super::plan::{Plan, Summed};
 use crate::exposure::{self, ExposureMeter};
@@ -17,7 +17,7 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::reflection::gloss::RaySet;
 use crate::reflection::kept_hits::{GlossCache, Scenery};
-use crate::reflection::{Bounce, Reflections, Search, SurfaceImages};
+use crate::reflection::{Bounce, Part, Parts, Reflections, Search, SurfaceImages};
 use crate::shading::{FrameLight, Reflected};
 use crate::store::draw_list::Selection;
 use crate::surface::{lay_mirrors, see_clear_points, see_radii, splat_surface};
@@ -68,12 +68,25 @@ pub(super) fn search<'a>(
     gpu: &Gpu,
     plan: &'a Plan<'_>,
     formulas: Option<wgpu::Buffer>,
-    camera: SurfaceImages<'a>,
+    targets: &'a Targets,
 ) -> Search<'a> {
-    let mut everywhere = plan.store.draw_list(&plan.camera, plan.settings, method::supply(plan.settings));
-    everywhere.thin(plan.asked.reflected_step);
-    let supply = Inputs::new(gpu, plan.camera, plan.settings, &everywhere);
-    Search { supply, settings: plan.settings, store: plan.store, mirrors: plan.objects.mirrors, formulas, camera }
+    let Plan { store, settings, objects, methods, camera, .. } = plan;
+    let step = plan.asked.reflected_step;
+    let supply = |settings: &Settings| {
+        let mut everywhere = store.draw_list(camera, settings, method::supply(settings));
+        everywhere.thin(step);
+        Inputs::new(gpu, *camera, settings, &everywhere)
+    };
+    let part = |method: &Method| {
+        let mut settings = (*settings).clone();
+        settings.reflection.method = *method;
+        Part { supply: supply(&settings), settings }
+    };
+    let parts = (methods.len() > 1).then(|| methods.iter().map(part).collect());
+    let parts = parts.map(|each| Parts { each, nearest: &targets.nearest });
+    let supply = supply(settings);
+    let camera = SurfaceImages::of_camera(targets);
+    Search { supply, settings, store, mirrors: objects.mirrors, formulas, camera, parts }
 }
 
 /// Finds what is seen through clear surfaces, and what perfect mirrors show by one ray of each pixel. Several rays of a
@@ -89,7 +102,7 @@ pub(super) fn mirrors(
     reflections: &mut Reflections,
 ) -> Result<()> {
     let Plan { store, settings, .. } = plan;
-    reflections.expect(settings, plan.has_clear);
+    reflections.expect(settings, &plan.methods, plan.has_clear);
     if let Some(search) = search.as_deref().filter(|_| plan.has_clear && !plan.is_kept) {
         let points = targets.clear_points.as_ref().filter(|_| store.has_clear_points(settings));
         reflections.look_through(recorder, search, points)?;
@@ -160,7 +173,8 @@ pub(super) fn light_rays(
     let selection = if with_mirrors { Selection::EverywhereWithMirrors } else { Selection::Everywhere };
     let supply = Inputs::new(gpu, camera, settings, &store.draw_list(&camera, settings, selection));
     let surface = SurfaceImages::of_camera(targets);
-    let mut search = Search { supply, settings, store, mirrors: objects.mirrors, formulas, camera: surface };
+    let mirrors = objects.mirrors;
+    let mut search = Search { supply, settings, store, mirrors, formulas, camera: surface, parts: None };
     let shown = light_rays::settings_where_met(settings);
     let mut shading = plan.shading;
     // The lamp at the eye is no light of the scene.

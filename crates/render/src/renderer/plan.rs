@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{IndirectBy, Lighting, Mirror, MirrorSettings, Settings, Show, Tone};
+use scene::{IndirectBy, Lighting, Method, Mirror, MirrorSettings, Settings, Show, Tone};
 
 use super::request::{Effort, Frame};
 use crate::frame::{FrameCamera, Objects};
@@ -12,8 +12,10 @@ use crate::gi::{GlobalIllumination, LightReuse, Sky};
 use crate::gpu::Result;
 use crate::layout::BLOCK_POINTS;
 use crate::lighting::{Lights, MappedLight};
+use crate::method::check;
 use crate::reflection::fading::fades;
 use crate::reflection::gloss::RaySets;
+use crate::reflection::own_methods::methods_of;
 use crate::reflection::weight::weighing;
 use crate::reflection::{self, Reflections};
 use crate::shading::Shading;
@@ -67,7 +69,7 @@ impl SurfaceInputs {
     /// The method does not know glossy mirrors.
     fn new(
         camera: FrameCamera,
-        settings: &Settings,
+        (settings, methods): (&Settings, &[Method]),
         seen: &Settings,
         [step, reflected_step]: [u32; 2],
         store: &PointStore,
@@ -83,7 +85,7 @@ impl SurfaceInputs {
             settings: settings.only(|field| field.affects.found),
             counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
             shows_search: settings.reflection.show == Show::Search,
-            rays: RaySets::new(settings, store, objects.mirrors)?,
+            rays: RaySets::new(settings, methods, store, objects.mirrors)?,
             fades: fades(settings),
             weighing: weighing(settings).cloned(),
         })
@@ -134,6 +136,8 @@ pub(super) struct Before<'a> {
 pub(super) struct Plan<'a> {
     pub store: &'a PointStore,
     pub settings: &'a Settings,
+    /// The methods of its mirrors; more than one if mirrors have their own.
+    pub methods: Vec<Method>,
     pub objects: Objects<'a>,
     pub effort: Effort,
     /// The bounds of all points that are shown.
@@ -171,15 +175,21 @@ pub(super) struct Plan<'a> {
     pub rays: u32,
 }
 
-/// The settings of a frame. Colours of the data are shown as they are, whatever exposure and curve are for light.
-pub(super) fn settings_of<'a>(frame: &Frame<'a>) -> Cow<'a, Settings> {
+/// The settings of a frame. Colours of the data are shown as they are, whatever exposure and curve are for light. If all
+/// mirrors that may be seen have a method of their own, and the same one, it is the frame's.
+pub(super) fn settings_of<'a>(store: &PointStore, frame: &Frame<'a>) -> Cow<'a, Settings> {
     let Frame { settings, objects, .. } = *frame;
-    match Lights::chosen(settings, objects).by {
-        Lighting::Colors if settings.tone != Tone::default() => {
-            Cow::Owned(Settings { tone: Tone::default(), ..settings.clone() })
-        }
-        _ => Cow::Borrowed(settings),
+    let mut chosen = Cow::Borrowed(settings);
+    if Lights::chosen(settings, objects).by == Lighting::Colors && settings.tone != Tone::default() {
+        chosen.to_mut().tone = Tone::default();
     }
+    if settings.reflection.own_methods && store.has_own_methods(objects.mirrors) {
+        let [_, camera] = cameras(store, frame, settings);
+        if let [only] = methods_of(store, settings, objects.mirrors, &camera)[..] {
+            chosen.to_mut().reflection.method = only;
+        }
+    }
+    chosen
 }
 
 impl<'a> Plan<'a> {
@@ -194,7 +204,9 @@ impl<'a> Plan<'a> {
         let (seen, points, step) = seen_points(store, &camera_with_mirrors, settings, effort);
         let most_reflected = effort.most_reflected.unwrap_or(u64::MAX).max(1);
         let reflected_step = store.points().div_ceil(most_reflected).clamp(1, MOST_REFLECTED_STEP) as u32;
-        let asked = SurfaceInputs::new(without_mirrors, settings, &seen, [step, reflected_step], store, objects)?;
+        let methods = methods_of(store, settings, objects.mirrors, &camera_with_mirrors);
+        let steps = [step, reflected_step];
+        let asked = SurfaceInputs::new(without_mirrors, (settings, &methods), &seen, steps, store, objects)?;
 
         let made_from = before.made_from.filter(|_| settings.reflection.keep);
         let is_kept = made_from == Some(&asked) && !before.lacks_points;
@@ -209,9 +221,14 @@ impl<'a> Plan<'a> {
         let shading = Shading::new(settings, store, objects, lights.len());
         let sky = (shading.light.by == Lighting::Sun).then_some(Sky { up: camera.up, irradiance: settings.sun.sky });
         let has_indirect = GlobalIllumination::is_asked(settings, &lights, sky);
+        let has_clear = has_mirrors && reflection::clear::is_there(settings, store, objects.mirrors);
+        if has_mirrors {
+            check(settings, &methods, has_clear, asked.rays.glossy > 0)?;
+        }
         Ok(Self {
             store,
             settings,
+            methods,
             objects,
             effort,
             bounds,
@@ -224,7 +241,7 @@ impl<'a> Plan<'a> {
             points_are_kept,
             lacks_points: before.lacks_points,
             has_mirrors,
-            has_clear: has_mirrors && reflection::clear::is_there(settings, store, objects.mirrors),
+            has_clear,
             samples: if has_mirrors { asked.rays.summed() } else { 0 },
             fades: asked.fades && has_mirrors,
             has_indirect,

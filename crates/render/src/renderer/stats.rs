@@ -1,5 +1,7 @@
 //! The cost and the content of a frame.
 
+use scene::Method;
+
 use crate::exposure::Exposure;
 use crate::gpu::Clock;
 use crate::method::ReflectedShare;
@@ -43,6 +45,8 @@ pub struct FrameStats {
     /// If it is: the number of rays of glossy mirrors that the frame traced, and of those whose hits it knew from
     /// frames before.
     pub glossy_rays: [u64; 2],
+    /// The methods of the mirrors that may be seen, in the order of the menu: more than one if mirrors have their own.
+    pub methods: Vec<Method>,
     /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
     /// What mirrors of the frame reflect; `None` if it is all that they could.

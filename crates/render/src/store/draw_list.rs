@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use cloud::{Chunk, CloudLayout, ShownPoints};
 use glam::Vec3;
-use scene::{Ramp, Settings, Splat};
+use scene::{Method, Mirror, Ramp, Settings, Splat};
 
 use crate::coloring::{ColorSource, palette_start};
 use crate::frame::FrameCamera;
@@ -160,6 +160,17 @@ fn points_of_shared_block(largest: f64, size: [u32; 2], splat: &Splat) -> u32 {
 }
 
 impl PointStore {
+    /// Whether one of these mirrors, or of the clouds that are mirrors, has a method of its own.
+    pub(crate) fn has_own_methods(&self, mirrors: &[Mirror]) -> bool {
+        let clouds = self.clouds.values().map(|cloud| cloud.material.method);
+        mirrors.iter().map(|mirror| mirror.method).chain(clouds).any(|own| own.is_some())
+    }
+
+    /// The method that a cloud's mirror has for itself.
+    pub(crate) fn own_method(&self, cloud: CloudId) -> Option<Method> {
+        self.clouds.get(&cloud)?.material.method
+    }
+
     /// Selects what a frame draws of the visible clouds.
     pub(crate) fn draw_list(&self, camera: &FrameCamera, settings: &Settings, selection: Selection) -> DrawList {
         let splat = &settings.splat;

@@ -1,6 +1,6 @@
 //! How the points of a cloud reflect.
 
-use scene::Mirror;
+use scene::{Method, Mirror};
 
 /// How a cloud reflects: a specular intensity above 0 makes it a mirror, one below 0 makes it glossy.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -15,6 +15,8 @@ pub struct Material {
     pub has_formula: bool,
     /// Whether the mirror is drawn as these samples unless `mirror.surface` asks for the formula.
     pub as_points: bool,
+    /// The method that finds what the mirror shows to the camera; `None` for that of the frame.
+    pub method: Option<Method>,
 }
 
 impl Material {
@@ -26,6 +28,7 @@ impl Material {
             refraction: mirror.refraction.unwrap_or(0.0),
             has_formula: mirror.shape.has_formula(),
             as_points: mirror.as_points,
+            method: mirror.method,
         }
     }
 

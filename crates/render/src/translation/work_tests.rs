@@ -121,6 +121,10 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("mirror_at", &[5.0]),
     ("clear_surface", &[9.0]),
     ("surface_at", &[25.0, 5.0]),
+    // The points of five mirrors, in four chunks each.
+    ("mirror_methods", &[25.0]),
+    ("method_of_formula", &[5.0]),
+    ("method_of_point", &[20.0]),
     // Maps around a mirror: two of them in turn, two faces, forty cells of each.
     ("nearest_map", &[2.0]),
     ("through_each", &[2.0]),
