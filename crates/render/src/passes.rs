@@ -171,6 +171,10 @@ passes! {
         albedo_in: Texture, normal_in: Texture, depth_in: Texture, albedo_out: Write(Rgba16Float),
         normal_out: Write(Rgba32Float), depth_out: Write(R32Float),
     }
+    close_holes: Surface over Pixels {
+        albedo_in: Texture, normal_in: Texture, depth_in: Texture, radius_in: Texture, albedo_out: Write(Rgba16Float),
+        normal_out: Write(Rgba32Float), depth_out: Write(R32Float),
+    }
     mirror_exact: Surface over Pixels {
         depth_in: Texture, mirrors: Read, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
         depth_out: Write(R32Float),

@@ -8,7 +8,8 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, Targets};
 
-/// Splats the points as the camera sees them, and closes gaps.
+/// Splats the points as the camera sees them, and closes gaps and holes. `with_radii` asks for the radius of the point that
+/// the camera sees at each pixel, which holes are judged by, too.
 ///
 /// # Errors
 /// A shader is refused.
@@ -17,7 +18,7 @@ pub(crate) fn splat_surface(
     inputs: &Inputs,
     settings: &Settings,
     targets: &mut Targets,
-    atomics64: bool,
+    (atomics64, with_radii): (bool, bool),
 ) -> Result<()> {
     recorder.clear(&targets.nearest);
     let nearest = targets.nearest.as_entire_binding();
@@ -79,18 +80,31 @@ pub(crate) fn splat_surface(
         }
     }
     targets.splatted = 0;
+    if with_radii || settings.splat.close_gaps {
+        see_radii(recorder, inputs, targets)?;
+    }
     if settings.splat.close_gaps {
-        let [albedo_out, normal_out, depth_out] = targets.surfaces[1].bind();
-        let bindings = passes::close_gaps {
-            albedo_in: albedo,
-            normal_in: normal,
-            depth_in: depth,
-            albedo_out,
-            normal_out,
-            depth_out,
+        let [[albedo, normal, depth], [albedo_out, normal_out, depth_out]] =
+            targets.surfaces.each_ref().map(|surface| surface.bind());
+        let bindings = passes::close_holes {
+            albedo_in: albedo.clone(),
+            normal_in: normal.clone(),
+            depth_in: depth.clone(),
+            radius_in: targets.radii.as_ref().map_or_else(|| depth.clone(), Image::bind),
+            albedo_out: albedo_out.clone(),
+            normal_out: normal_out.clone(),
+            depth_out: depth_out.clone(),
         };
         recorder.over_pixels(&[], inputs, bindings)?;
-        targets.splatted = 1;
+        let bindings = passes::close_gaps {
+            albedo_in: albedo_out,
+            normal_in: normal_out,
+            depth_in: depth_out,
+            albedo_out: albedo,
+            normal_out: normal,
+            depth_out: depth,
+        };
+        recorder.over_pixels(&[], inputs, bindings)?;
     }
     Ok(())
 }
@@ -99,7 +113,7 @@ pub(crate) fn splat_surface(
 ///
 /// # Errors
 /// A shader is refused.
-pub(crate) fn see_radii(recorder: &mut Recorder<'_>, inputs: &Inputs, targets: &mut Targets) -> Result<()> {
+fn see_radii(recorder: &mut Recorder<'_>, inputs: &Inputs, targets: &mut Targets) -> Result<()> {
     let size = targets.size;
     let make = || Image::new(&recorder.gpu.device, size, "radii", wgpu::TextureFormat::R32Float);
     let image = targets.radii.get_or_insert_with(make);

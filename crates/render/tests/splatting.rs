@@ -564,6 +564,57 @@ fn gaps_between_splats_are_closed_and_outlines_stay() {
     assert!(red > 6330 && red + green == 6400 && empty == 160 * 120 - 6400, "{red} {green} {empty}");
 }
 
+/// The pixels that show a near wall of red discs, a far green one through its hole, and nothing. The wall is seen at an angle
+/// of 30 degrees; its discs are `spacing` apart and three quarters of that wide, and those within `half` of its middle are
+/// missing.
+fn seen_through_a_hole(stage: &mut Stage, spacing: f64, half: f64, close: &str) -> [Vec<usize>; 3] {
+    let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.5, -3_f64.sqrt() / 2.0, 0.0), 4.0, DVec3::Z);
+    let steps = (1.6 / spacing) as i32;
+    let grid = |spacing: f64, steps: i32, depth: f64, color| {
+        let along = (-steps..=steps).flat_map(move |x| (-steps..=steps).map(move |z| [x, z].map(f64::from)));
+        along.map(move |[x, z]| Point {
+            position: DVec3::new(x * spacing, depth, z * spacing),
+            normal: Vec3::NEG_Y,
+            color,
+            radius: (0.75 * spacing) as f32,
+        })
+    };
+    let is_left = |point: &Point| point.position.x.abs() > half || point.position.z.abs() > half;
+    let near = grid(spacing, steps, 0.0, [200, 0, 0]).filter(is_left);
+    let points: Vec<Point> = near.chain(grid(0.1, 60, 2.0, [0, 200, 0])).collect();
+    let pairs =
+        [("splat.close_gaps", close), ("light.headlight", "0"), ("edl.strength", "0"), ("view.field_of_view", "60")];
+    draw(stage, vec![chunk(&points, DVec3::ZERO)], &camera, &settings(&pairs));
+    let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
+    let of = |is_of: fn(&[f32]) -> bool| {
+        albedo.chunks_exact(3).enumerate().filter(|(_, rgb)| is_of(rgb)).map(|(pixel, _)| pixel).collect()
+    };
+    [of(|rgb| rgb[0] > 0.1 && rgb[1] < 0.05), of(|rgb| rgb[1] > 0.1 && rgb[0] < 0.05), of(|rgb| rgb[0].is_nan())]
+}
+
+#[test]
+fn holes_close_that_are_narrower_than_their_surface_is_sampled_and_windows_stay() {
+    let mut stage = stage_or_skip!();
+    // One disc of a wall is missing: what lies behind it shows through a hole of a third of a disc.
+    let [[before, hole, _], [wall, through, _]] =
+        ["false", "true"].map(|close| seen_through_a_hole(&mut stage, 0.2, 0.05, close));
+    let middle = 60 * 160 + 80;
+    assert!(hole.contains(&middle) && !through.contains(&middle) && wall.contains(&middle), "{hole:?}");
+    let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data[middle];
+    assert!((depth - 4.0).abs() < 0.02, "the wall's plane at the hole: {depth}");
+    assert!(before.iter().all(|pixel| wall.contains(pixel)), "nothing of the wall is lost");
+    // A window of the same wall is many discs wide, and one of a wall of denser points is as wide as that hole. Neither
+    // loses more than the gaps of single pixels along its outline.
+    for (spacing, half) in [(0.2, 0.7), (0.02, 0.05)] {
+        let [[_, hole, beside], [_, through, beside_after]] =
+            ["false", "true"].map(|close| seen_through_a_hole(&mut stage, spacing, half, close));
+        let lost = hole.iter().filter(|pixel| !through.contains(pixel)).count();
+        assert!(hole.len() > 4 && through.contains(&middle), "{spacing}: {} pixels of {}", lost, hole.len());
+        assert!(lost * 4 <= hole.len(), "{spacing}: {lost} pixels of {}", hole.len());
+        assert!(beside.len().abs_diff(beside_after.len()) < 20, "{spacing}: the outline of the wall");
+    }
+}
+
 #[test]
 fn a_pixel_takes_a_hundred_thousand_points_as_it_takes_one() {
     let mut stage = stage_or_skip!();

@@ -191,7 +191,7 @@ params! {
         rest_pixels: f32 = 512.0, 1.0..=4096.0, "pixels" => affects(surface);
         /// High quality: how far behind the front point others still count, in splat radii.
         depth_offset: f32 = 1.0, 0.01..=10.0, "radii";
-        /// Close pixels that see through a gap between splats: empty or far behind, with a nearer surface around them.
+        /// Close pixels that see through a gap between splats, empty or far behind, with a nearer surface around them; and holes in a plane that are narrower than one and a half radii of the splats around them.
         close_gaps: bool = true;
         /// Draw surfaces whose back is turned to the camera, too. Without them one looks into a room from outside, as into a doll's house; mirrors and light see all.
         back_faces: bool = true => affects(surface found) not(kept);

@@ -20,7 +20,7 @@ use crate::reflection::kept_hits::{GlossCache, Scenery};
 use crate::reflection::{Bounce, Part, Parts, Reflections, Search, SurfaceImages};
 use crate::shading::{FrameLight, Reflected};
 use crate::store::draw_list::Selection;
-use crate::surface::{lay_mirrors, see_clear_points, see_radii, splat_surface};
+use crate::surface::{lay_mirrors, see_clear_points, splat_surface};
 use crate::targets::{Image, Targets, uniform_buffer};
 
 /// The samples of mirrors that a frame has summed.
@@ -49,10 +49,7 @@ pub(super) fn surface(
     }
     if !plan.points_are_kept {
         let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
-        splat_surface(recorder, inputs, settings, targets, atomics64)?;
-        if plan.asked.points.with_radii {
-            see_radii(recorder, inputs, targets)?;
-        }
+        splat_surface(recorder, inputs, settings, targets, (atomics64, plan.asked.points.with_radii))?;
         if store.has_clear_points(settings) {
             see_clear_points(recorder, inputs, targets)?;
         }
