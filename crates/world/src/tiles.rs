@@ -350,12 +350,18 @@ impl Tiles {
         });
         let mut wished: Vec<usize> = ranked.into_iter().map(|(_, index)| index).collect();
         self.wished = wished.len();
-        wished.truncate(self.most_open);
-        if wished.len() < self.wished && !std::mem::replace(&mut self.is_limit_told, true) {
-            let (wish, most) = (self.wished, self.most_open);
-            let limit =
-                format!("the view shows {wish} tiles; the nearest {most} are open, which is the most at a time");
-            self.problems.push(format!("{}: {limit}", self.input));
+        if self.wished > self.most_open {
+            // Of a survey that is seen from afar one corner alone would be seen. The others are always the same ones.
+            let mut rest = wished.split_off(self.most_open / 2);
+            rest.sort_by_key(|index| cloud::hash(*index as u64));
+            wished.extend(rest.into_iter().take(self.most_open - self.most_open / 2));
+            if !std::mem::replace(&mut self.is_limit_told, true) {
+                let (wish, most) = (self.wished, self.most_open);
+                let limit = format!(
+                    "the view shows {wish} tiles; {most} are open, the nearest and some of all others, which is the most at a time"
+                );
+                self.problems.push(format!("{}: {limit}", self.input));
+            }
         }
         self.turn += 1;
         for index in &wished {
