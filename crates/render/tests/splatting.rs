@@ -603,15 +603,15 @@ fn holes_close_that_are_narrower_than_their_surface_is_sampled_and_windows_stay(
     let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data[middle];
     assert!((depth - 4.0).abs() < 0.02, "the wall's plane at the hole: {depth}");
     assert!(before.iter().all(|pixel| wall.contains(pixel)), "nothing of the wall is lost");
-    // A window of the same wall is many discs wide, and one of a wall of denser points is as wide as that hole. Neither
-    // loses more than the gaps of single pixels along its outline.
-    for (spacing, half) in [(0.2, 0.7), (0.02, 0.05)] {
+    // A window of the same wall is many discs wide, and so is a smaller one of a wall of denser points. Of both, notches
+    // between the discs of the outline, several hundred pixels long, are filled.
+    for (spacing, half) in [(0.2, 0.7), (0.02, 0.2)] {
         let [[_, hole, beside], [_, through, beside_after]] =
             ["false", "true"].map(|close| seen_through_a_hole(&mut stage, spacing, half, close));
+        assert!(hole.contains(&middle) && through.contains(&middle), "{spacing}: the middle of the window");
         let lost = hole.iter().filter(|pixel| !through.contains(pixel)).count();
-        assert!(hole.len() > 4 && through.contains(&middle), "{spacing}: {} pixels of {}", lost, hole.len());
-        assert!(lost * 4 <= hole.len(), "{spacing}: {lost} pixels of {}", hole.len());
-        assert!(beside.len().abs_diff(beside_after.len()) < 20, "{spacing}: the outline of the wall");
+        assert!(lost <= 40, "{spacing}: {lost} pixels that show what lies behind");
+        assert!(beside.len().abs_diff(beside_after.len()) <= 10, "{spacing}: the outline of the picture's surfaces");
     }
 }
 
