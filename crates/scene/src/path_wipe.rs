@@ -119,7 +119,9 @@ mod tests {
         assert_eq!(state.problem(), None);
         state.apply(&mut settings).unwrap();
         assert_eq!((settings.gi.vpls, settings.reflection.method), (16, Method::Sscr));
-        assert_eq!(settings.differing().len(), 3);
+        // A method is that of all mirrors, also of those that have their own.
+        assert!(!settings.reflection.own_methods);
+        assert_eq!(settings.differing().len(), 4);
         let traced = WipeState::of_method(RAY_TRACE);
         traced.apply(&mut settings).unwrap();
         assert!(traced.is_traced() && settings.reflection.method == Method::None);
