@@ -190,7 +190,7 @@ fn open_tile(path: &Path, settings: &Settings) -> Result<Arc<Source>, String> {
     }
 }
 
-/// The same, with how normals and radii are estimated.
+/// Opens a tile, and finds how its normals and radii are estimated.
 fn find_tile(path: &Path, settings: &Settings) -> Result<FoundTile, String> {
     let source = open_tile(path, settings)?;
     let pages = Pages::copc(&source, &BTreeSet::new()).ok_or("a file without a grid")?;
