@@ -89,6 +89,14 @@ position = [4.4, 3.9, 1.0]
 size = 0.4
 "#;
 
+const COLUMN: &str = r#"
+[[mirrors]]
+name = "column"
+shape = { cylinder = { height = 8.0 } }
+position = [4.4, 3.9, 1.2]
+size = 0.15
+"#;
+
 /// The lengths of the way from the station over a mirror to what it shows, in metres, row by row; NaN elsewhere.
 fn lengths(folder: &Folder, station: [f64; 3]) -> Vec<f64> {
     let images = ["position", "mirror_position"].map(|name| {
@@ -111,7 +119,7 @@ fn lengths(folder: &Folder, station: [f64; 3]) -> Vec<f64> {
 
 /// The differences in metres, in order, between the ranges of a made scan's ghosts, which are seen from the eye on the
 /// way to the pivot, and the lengths of the way in a picture of the scan's other points with the mirror.
-fn range_differences(mirror: &str, pivot: [f64; 3], noise: &str) -> Option<Vec<f64>> {
+fn range_differences(mirror: &str, pivot: [f64; 3], degrees: f64, noise: &str) -> Option<Vec<f64>> {
     const SIZE: usize = 400;
     let station = [2.9, 2.6, 1.55];
     let folder = Folder::new();
@@ -128,7 +136,7 @@ fn range_differences(mirror: &str, pivot: [f64; 3], noise: &str) -> Option<Vec<f
     let images = ["--aov", "position=position.exr", "--aov", "mirror_position=mirror_position.exr"];
     let size = format!("{SIZE}x{SIZE}");
     let render = ["render", "scene.toml", "-o", "a.png", "--method", "surfel_trace", "--size", &size];
-    let outcome = folder.glint(render.iter().chain(&images).chain(&["--set", "view.field_of_view=40"]));
+    let outcome = folder.glint(render.iter().chain(&images).chain(&["--set", &format!("view.field_of_view={degrees}")]));
     if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
         println!("skipped: no adapter: {}", outcome.messages.trim());
         return None;
@@ -144,7 +152,7 @@ fn range_differences(mirror: &str, pivot: [f64; 3], noise: &str) -> Option<Vec<f
     let forward = unit(minus(pivot, station));
     let right = unit(cross(forward, [0.0, 0.0, 1.0]));
     let down = cross(forward, right);
-    let scale = SIZE as f64 / 2.0 / 20f64.to_radians().tan();
+    let scale = SIZE as f64 / 2.0 / (degrees / 2.0).to_radians().tan();
     let (names, points) = table(&folder, "scan.csv");
     let at = |name: &str| names.iter().position(|other| other == name).expect("its column");
     let [x, y, z, is_ghost] = ["x", "y", "z", "true_ghost"].map(at);
@@ -170,12 +178,16 @@ fn range_differences(mirror: &str, pivot: [f64; 3], noise: &str) -> Option<Vec<f
     Some(differences)
 }
 
-/// The median and the 95th percentile of `range_differences` in millimetres, for a plane and a ball.
+/// The median and the 95th percentile of `range_differences` in millimetres, for a plane, a ball and a column.
 fn loop_errors(noise: &str) -> Option<Vec<[f64; 2]>> {
-    let cases = [("plane", MIRROR, [3.4, 5.96, 1.6]), ("ball", BALL, [4.4, 3.9, 1.0])];
-    let errors = cases.map(|(name, mirror, pivot)| {
-        let differences = range_differences(mirror, pivot, noise)?;
-        assert!(differences.len() > 500, "{name}");
+    let cases = [
+        ("plane", MIRROR, [3.4, 5.96, 1.6], 40.0),
+        ("ball", BALL, [4.4, 3.9, 1.0], 40.0),
+        ("column", COLUMN, [4.4, 3.9, 1.2], 10.0),
+    ];
+    let errors = cases.map(|(name, mirror, pivot, degrees)| {
+        let differences = range_differences(mirror, pivot, degrees, noise)?;
+        assert!(differences.len() > 300, "{name}");
         let errors = [0.5, 0.95].map(|share| 1000.0 * differences[(share * (differences.len() - 1) as f64) as usize]);
         println!("{name}, noise of {noise} m: {} ghosts, median and 95 %, mm: {errors:.2?}", differences.len());
         Some(errors)

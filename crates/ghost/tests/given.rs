@@ -2,7 +2,7 @@
 
 mod made;
 
-use made::{HEAD, Made, NOISES, column, facing, floor_mirror, pane, sphere, wall_mirror};
+use made::{HEAD, Made, NOISES, column, facing, floor_mirror, pane, sphere, wall_mirror, wavy_water};
 use scene::Mirror;
 
 type Case = (&'static str, Vec<Mirror>, f64);
@@ -12,6 +12,7 @@ fn cases() -> Vec<Case> {
     vec![
         ("plane", vec![wall_mirror()], 0.98),
         ("plane on the floor", vec![floor_mirror()], 0.98),
+        ("wavy water on the floor", vec![wavy_water()], 0.95),
         ("two facing planes", facing(), 0.98),
         ("sphere", vec![sphere()], 0.95),
         ("column", vec![column()], 0.95),

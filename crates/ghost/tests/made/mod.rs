@@ -1,11 +1,13 @@
 //! Made scans with mirrors, and how well their ghosts are judged.
 
-use cloud::Progress;
+use std::sync::Arc;
+
+use cloud::{Progress, TriangleMesh};
 use ghost::{Block, Extent, Kind, Mirrors, Points, Reflector, Verdicts, judge};
 use glam::{DQuat, DVec3};
 use scene::solid::Solid;
 use scene::tripod::Disturbance;
-use scene::{Mirror, Shape, Tripod};
+use scene::{Mirror, MirrorMesh, Shape, Tripod};
 use trace::Exact;
 use trace::scan::{self, Echo};
 
@@ -67,6 +69,26 @@ pub fn with_window() -> Vec<Solid> {
 pub fn facing() -> Vec<Mirror> {
     let other = mirror(Shape::Plane { height: 0.8 }, [3.0, 0.04, 1.6], DVec3::Y, 0.9);
     vec![wall_mirror(), other]
+}
+
+/// Water on the floor as `floor_mirror`, with waves of 4 mm that are half a metre long.
+#[allow(dead_code, reason = "not all programs of tests have all mirrors")]
+pub fn wavy_water() -> Mirror {
+    const CELLS: u32 = 100;
+    let place = |corner: u32| {
+        let [x, y] = [corner % (CELLS + 1), corner / (CELLS + 1)].map(|at| 2.0 * f64::from(at) / f64::from(CELLS) - 1.0);
+        let (wave, height) = (2.0 * std::f64::consts::TAU, 0.004);
+        let (sin, cos) = (wave * (x + 0.5 * y)).sin_cos();
+        let slope = height * wave * cos;
+        let normal = DVec3::new(-slope, -0.5 * slope, 1.0).normalize();
+        (DVec3::new(x, y, height * sin), normal.as_vec3())
+    };
+    let (positions, normals): (Vec<_>, Vec<_>) = (0..(CELLS + 1) * (CELLS + 1)).map(place).unzip();
+    let cells = (0..CELLS).flat_map(|y| (0..CELLS).map(move |x| y * (CELLS + 1) + x));
+    let halves = |at: u32| [[at, at + 1, at + CELLS + 1], [at + 1, at + CELLS + 2, at + CELLS + 1]];
+    let surface = TriangleMesh::new(&positions, &normals, &cells.flat_map(halves).collect::<Vec<_>>());
+    let mesh = MirrorMesh { name: "water".to_owned(), surface: Arc::new(surface) };
+    mirror(Shape::Mesh(mesh), [2.2, 1.4, 0.01], DVec3::Z, std::f64::consts::SQRT_2)
 }
 
 /// Water on the floor, which reflects a third of the beam and lets the rest through to a bottom that is too dark.
