@@ -19,6 +19,11 @@ const WAY: f32 = 0.65;
 /// Discs are made so much wider before: one that hides no point closes holes, and stands in free space nowhere that is
 /// known.
 const WIDER: f32 = 1.5;
+/// No disc is wider than so many usual ones as seen from the place, or, aslant, than one that is that wide where it is
+/// seen least: where points are farther apart than that, the place saw nothing between them.
+const WIDEST: f32 = 2.0;
+/// Discs whose normals have a smaller cosine to the sightline are taken for ones with this.
+const MOST_ASLANT: f32 = 0.25;
 /// The least share of a radius that is left.
 const LEAST_LEFT: f32 = 0.2;
 /// The most cells that a disc is searched in along an axis, to either side: larger discs are larger than any surface
@@ -173,7 +178,7 @@ pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, pro
         Some(unpack_radius(surfels.radii[index])? / (chunk.position(index) - place).as_vec3().length())
     };
     let mut angles: Vec<f32> = points()
-        .flat_map(|(chunk, surfels)| (0..chunk.len()).step_by(64).filter_map(move |at| angle(chunk, surfels, at)))
+        .flat_map(|(chunk, surfels)| (0..chunk.len()).filter_map(move |at| angle(chunk, surfels, at)))
         .filter(|angle| *angle > 0.0 && angle.is_finite())
         .collect();
     let middle = angles.len() / 2;
@@ -201,7 +206,9 @@ pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, pro
             }
             let sized = unpack_radius(radius).filter(|_| stray_kind(radius) == 0).zip(unpack_normal(normal));
             let carve = sized.map(|(radius, normal)| {
-                let radius = WIDER * radius;
+                let distance = seen.way.length();
+                let aslant = (seen.way.dot(normal).abs() / distance).max(MOST_ASLANT);
+                let radius = (WIDER * radius).min(WIDEST * usual * distance / aslant);
                 let nearest = nearest_hidden(&directions, lists, middle, seen.way, radius, normal);
                 let share = if nearest < radius { (WAY * nearest / radius).max(LEAST_LEFT) } else { 1.0 };
                 pack_radius(radius * share)
@@ -370,6 +377,26 @@ mod tests {
         let is_wider = |(full, carved): &(&f32, &f32)| (**carved / (WIDER * **full) - 1.0).abs() < 0.012;
         let wider = full.iter().zip(&carved).filter(is_wider).count();
         assert!(wider > full.len() * 95 / 100, "{wider} of {}", full.len());
+    }
+
+    /// A wall, and a row of points far apart before the open, of which nothing is behind.
+    #[test]
+    fn discs_of_points_with_nothing_between_them_are_no_wider_than_twice_usual_ones() {
+        let step = 0.02;
+        let mut positions: Vec<[f32; 3]> =
+            (0..2500).map(|index| [(index % 50) as f32 * 2.0 * step, (index / 50) as f32 * 2.0 * step, 2.0]).collect();
+        positions.extend((1..20).map(|index| [-0.3 * index as f32, 0.1 * (index % 3) as f32, 2.0]));
+        let chunks = [Chunk::new(0, DVec3::ZERO, positions)];
+        let (full, carved) = (radii(&chunks, None), radii(&chunks, Some(DVec3::ZERO)));
+        let angle = |index: usize, radii: &[f32]| radii[index] / chunks[0].position(index).length() as f32;
+        let mut usual: Vec<f32> = (0..2500).map(|index| angle(index, &full)).collect();
+        let usual = *usual.select_nth_unstable_by(1250, f32::total_cmp).1;
+        for index in 2500..2519 {
+            let [full, carved] = [&full, &carved].map(|radii| angle(index, radii) / usual);
+            // The normal of the row's points is that of the wall: they are seen aslant by the cosine of their angle.
+            let aslant = (2.0 / chunks[0].position(index).length() as f32).max(MOST_ASLANT);
+            assert!(full > 3.0 && carved <= 1.05 * WIDEST / aslant, "{index}: {full} {carved}");
+        }
     }
 
     #[test]

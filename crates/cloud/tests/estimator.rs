@@ -8,7 +8,7 @@ use cloud::{
 use glam::{DVec3, Vec3};
 
 /// The number of the estimator, and the checksum of its results on the clouds below.
-const RESULTS: (u32, u64) = (4, 0xf547_c936_3e1b_9432);
+const RESULTS: (u32, u64) = (5, 0x29d3_936d_d7e8_6759);
 
 /// A made-up place: a sheet that bends, its border, a wall upon it, a line, a pile at one place, and points far from all
 /// others. Coordinates follow from whole numbers without functions of the system, which differ between systems.

@@ -375,6 +375,12 @@ pub struct Part {
     pub fits: usize,
 }
 
+impl Part {
+    fn is_mirror(&self) -> bool {
+        self.fits >= FEWEST_FITS && self.share > LEAST_FIT
+    }
+}
+
 /// The directions in which columns and pipes may run.
 fn axes(walls: &[Plane]) -> Vec<DVec3> {
     let mut axes = vec![DVec3::Z];
@@ -384,6 +390,20 @@ fn axes(walls: &[Plane]) -> Vec<DVec3> {
         }
     }
     axes
+}
+
+/// Makes a column or pipe as long as another station sees it, and moves it to where the points of both fit best.
+pub fn extend(known: &mut Part, station: DVec3, places: &[DVec3], map: &SurfaceMap, near: f64) {
+    let column = Column::of(&known.mirror);
+    let Some(part) = column.part(station, places, map, near).filter(Part::is_mirror) else { return };
+    known.seen.extend(part.seen);
+    let ends = [&known.mirror, &part.mirror].map(|mirror| {
+        let middle = (mirror.position - column.on_axis).dot(column.axis);
+        let half = if let Shape::Cylinder { height } = mirror.shape { height * mirror.size } else { 0.0 };
+        [middle - half, middle + half]
+    });
+    let whole = column.between([ends[0][0].min(ends[1][0]), ends[0][1].max(ends[1][1])]);
+    known.mirror = fitted(&whole, &some_of(&known.seen), map);
 }
 
 /// Columns that mirror, of which no two are one, those with most points first. Unfolded points fit that are nearer to
@@ -399,7 +419,7 @@ pub fn columns(station: DVec3, samples: &[&Sample], walls: &[Plane], map: &Surfa
                 column = Column::of(&fitted(&part.mirror, &some_of(&part.seen), map));
             }
             let part = column.part(station, &places, map, near)?;
-            (part.fits >= FEWEST_FITS && part.share > LEAST_FIT).then_some(part)
+            part.is_mirror().then_some(part)
         };
         view.tried().par_iter().filter_map(part).collect::<Vec<_>>()
     };

@@ -15,7 +15,7 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use scene::{Mirror, Shape};
 
-use crate::columns::{Part, columns};
+use crate::columns::{Part, columns, extend};
 use crate::found::Found;
 use crate::gauge::{BEHIND, Gauge, Sample};
 use crate::planes::{Plane, planes};
@@ -384,9 +384,14 @@ impl Search<'_> {
         (5.0 * self.map.noise()).max(0.2 * self.map.edge())
     }
 
-    /// The columns that a station sees.
+    /// The columns that a station sees, as long as all stations see them.
     fn columns(&self, station: usize) -> Vec<Found> {
-        let found = |part: Part| {
+        let others: Vec<(DVec3, Vec<DVec3>)> = (0..self.stations.len())
+            .filter(|other| *other != station)
+            .map(|other| (self.stations[other], self.places_of(other).collect()))
+            .collect();
+        let found = |mut part: Part| {
+            others.iter().for_each(|(place, seen)| extend(&mut part, *place, seen, self.map, self.near()));
             let Part { mirror, share, residual, fits, .. } = part;
             let reason = format!(
                 "found: {:.0} % of the points between its straight outlines that can say so fit surfaces when unfolded, by \
@@ -403,11 +408,15 @@ impl Search<'_> {
         columns(self.stations[station], &own, &self.walls, self.map, self.near()).into_iter().map(found).collect()
     }
 
+    /// The places that a station may have seen and that no mirror explains.
+    fn places_of(&self, station: usize) -> impl Iterator<Item = DVec3> {
+        self.of_station(station).map(|(_, sample)| sample.place).filter(|place| place.is_finite())
+    }
+
     /// The balls that a station sees. A ball is a mirror if most points within its outline fit when they are unfolded.
     fn balls(&self, station: usize) -> Vec<Found> {
         let near = self.near();
-        let points: Vec<DVec3> =
-            self.of_station(station).map(|(_, sample)| sample.place).filter(|place| place.is_finite()).collect();
+        let points: Vec<DVec3> = self.places_of(station).collect();
         let refined = |(ball, seen): &(Mirror, Vec<Seen>)| {
             let mirror = moved(ball, &some_of(seen), self.map);
             let fits = distances(&mirror, seen, self.map).into_iter().flatten().map(f64::abs);

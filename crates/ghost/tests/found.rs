@@ -138,6 +138,18 @@ fn a_column_is_found_by_its_straight_outlines() {
     assert!(figures.f1() > 0.95 && figures.wrong * 1000 <= figures.real, "{figures:?}");
 }
 
+/// The second station stands below the pipe and sees a part of it that the first one does not.
+#[test]
+fn a_pipe_is_as_long_as_both_stations_see_it() {
+    let (.., exact) = cases().into_iter().find(|(name, ..)| *name == "pipe from wall to wall").expect("a case");
+    let made = Made::new(exact, 2, 0.002, 300_000.0);
+    let found = found(&made);
+    assert_eq!(found.len(), 1, "{found:?}");
+    let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
+    println!("{} {:?}", figures.row("pipe, found", 2), found[0].reflector.mirror);
+    assert!(figures.f1() > 0.9 && figures.wrong * 1000 <= figures.real, "{figures:?}");
+}
+
 /// A mirror that a person has placed by hand is measured, and put where it is.
 #[test]
 fn a_mirror_that_is_moved_is_measured_and_fitted() {

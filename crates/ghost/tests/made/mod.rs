@@ -76,7 +76,8 @@ pub fn facing() -> Vec<Mirror> {
 pub fn wavy_water() -> Mirror {
     const CELLS: u32 = 100;
     let place = |corner: u32| {
-        let [x, y] = [corner % (CELLS + 1), corner / (CELLS + 1)].map(|at| 2.0 * f64::from(at) / f64::from(CELLS) - 1.0);
+        let [x, y] =
+            [corner % (CELLS + 1), corner / (CELLS + 1)].map(|at| 2.0 * f64::from(at) / f64::from(CELLS) - 1.0);
         let (wave, height) = (2.0 * std::f64::consts::TAU, 0.004);
         let (sin, cos) = (wave * (x + 0.5 * y)).sin_cos();
         let slope = height * wave * cos;
