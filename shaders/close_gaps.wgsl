@@ -1,8 +1,8 @@
 // Closes pixels that see through a gap between splats: points are samples, and however large the discs, some pixels
 // between them stay open. A pixel counts as a gap if at least five of its eight neighbours form one surface nearer than
 // its own; it takes their mean, with the depths that their planes have at its place. Gaps of two by two pixels close.
-// Beside a straight outline three neighbours are nearer, so it stays; only an inner corner loses its pixel. One thread
-// a pixel.
+// Beside a straight outline three neighbours are nearer, so it stays; only an inner corner loses its pixel. The other
+// pixels are copies of what is read. One thread a pixel.
 #import frame_group
 #import splat
 
@@ -25,9 +25,6 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
     }
     let center = vec2i(id.xy);
     let own_depth = textureLoad(depth_in, center, 0).x;
-    var albedo = textureLoad(albedo_in, center, 0);
-    var normal = textureLoad(normal_in, center, 0);
-    var depth = own_depth;
     let last = vec2i(i32(frame.width), i32(frame.height)) - 1;
     var depths: array<f32, 8>;
     var front = 3e38;
@@ -63,14 +60,12 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
             depth_sum += depth_beside(depths[i], plane.z, 1.0 / pixels_per_unit(frame, depths[i]));
         }
     }
-    if is_gap {
-        albedo = albedo_sum / f32(count);
+    for (var i = 0; is_gap && i < 1; i++) {
         let direction = normal_sum.xyz;
-        let mean = select(normal.xyz, normalize(direction), dot(direction, direction) > 0.0);
-        normal = vec4f(mean, normal_sum.w / f32(count));
-        depth = depth_sum / f32(count);
+        let own = textureLoad(normal_in, center, 0).xyz;
+        let mean = select(own, normalize(direction), dot(direction, direction) > 0.0);
+        textureStore(albedo_out, center, albedo_sum / f32(count));
+        textureStore(normal_out, center, vec4f(mean, normal_sum.w / f32(count)));
+        textureStore(depth_out, center, vec4f(depth_sum / f32(count)));
     }
-    textureStore(albedo_out, center, albedo);
-    textureStore(normal_out, center, normal);
-    textureStore(depth_out, center, vec4f(depth));
 }

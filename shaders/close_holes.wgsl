@@ -2,7 +2,7 @@
 // pixels around it, at the same number of pixels from it, show one plane nearer than its own surface, by discs that reach
 // two thirds of the way to it at least. It takes their mean, with the depth of their planes at its place. Beside a straight
 // outline three of the eight are nearer, and in an inner corner five, so both stay; a window or a slit stays where the
-// points around it are closer together than it is wide. One thread a pixel.
+// points around it are closer together than it is wide. The other pixels are copies of what is read. One thread a pixel.
 #import frame_group
 #import splat
 
@@ -29,9 +29,6 @@ fn close_holes(@builtin(global_invocation_id) id: vec3u) {
     }
     let center = vec2i(id.xy);
     let own_depth = textureLoad(depth_in, center, 0).x;
-    var albedo = textureLoad(albedo_in, center, 0);
-    var normal = textureLoad(normal_in, center, 0);
-    var depth = own_depth;
     // Holes are rare: conditions are in the loops because software rasterisers run both sides of a branch. Seven of eight are
     // at least three of the four beside, above and below; most pixels look to both sides only.
     let across = vec3i(nearer_ones(center, vec2i(WAYS.x, 0), own_depth), nearer_ones(center, vec2i(WAYS.y, 0), own_depth),
@@ -73,16 +70,14 @@ fn close_holes(@builtin(global_invocation_id) id: vec3u) {
             depth_sum += planes[i];
         }
     }
-    if closes {
-        albedo = albedo_sum / f32(count);
+    for (var i = 0; closes && i < 1; i++) {
         let direction = normal_sum.xyz;
-        let mean = select(normal.xyz, normalize(direction), dot(direction, direction) > 0.0);
-        normal = vec4f(mean, normal_sum.w / f32(count));
-        depth = depth_sum / f32(count);
+        let own = textureLoad(normal_in, center, 0).xyz;
+        let mean = select(own, normalize(direction), dot(direction, direction) > 0.0);
+        textureStore(albedo_out, center, albedo_sum / f32(count));
+        textureStore(normal_out, center, vec4f(mean, normal_sum.w / f32(count)));
+        textureStore(depth_out, center, vec4f(depth_sum / f32(count)));
     }
-    textureStore(albedo_out, center, albedo);
-    textureStore(normal_out, center, normal);
-    textureStore(depth_out, center, vec4f(depth));
 }
 
 // The depth of a pixel; 0 if nothing is seen there, or beyond the edge of the picture.

@@ -17,12 +17,13 @@ fn present(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let depth = textureLoad(depth_in, id.xy, 0).x;
+    let dome = eye_dome(vec2i(id.xy), depth);
     if depth == 0.0 {
         // Colours of parameters are 0xrrggbbaa in screen colours: they are not light to be mapped.
         textureStore(picture_out, id.xy, vec4f(unpack4x8unorm(settings.view.background).wzy, 1.0));
         return;
     }
-    let color = textureLoad(color_in, id.xy, 0).rgb * eye_dome(vec2i(id.xy), depth);
+    let color = textureLoad(color_in, id.xy, 0).rgb * dome;
     textureStore(picture_out, id.xy, vec4f(screen_color(settings, color), 1.0));
 }
 
@@ -41,14 +42,13 @@ const LEAST_SINE: f32 = 0.02;
 // Neighbours in front of the pixel darken it, by the logarithm of the ratio of depths: the same step looks the same
 // near and far. Where splats are discs, the part of a step below their radius is that from disc to disc. Where normals
 // show a plane, so is what that plane rises toward the neighbour, and what discs that lie a radius off it, by noise,
-// differ in depth along the line of sight.
+// differ in depth along the line of sight. Where nothing is seen, the loops end at once: software rasterisers run both
+// sides of a branch.
 fn eye_dome(pixel: vec2i, depth: f32) -> f32 {
-    if settings.edl.strength == 0.0 {
-        return 1.0;
-    }
+    let darkens = settings.edl.strength > 0.0 && depth > 0.0;
     let size = vec2i(i32(frame.width), i32(frame.height));
     let is_parallel = frame.orthographic != 0u;
-    let normal = plane_about(pixel, size);
+    let normal = plane_about(pixel, size, darkens);
     let sight = sight_of(pixel);
     // 0: not known to be a plane.
     let sine = max(abs(dot(normal, normalize(sight))) - NORMAL_ERROR, LEAST_SINE);
@@ -60,7 +60,7 @@ fn eye_dome(pixel: vec2i, depth: f32) -> f32 {
         ignored = settings.edl.ignored * radius * (is_disc + select(0.0, 1.0 / sine - 1.0, is_plane));
     }
     var sum = 0.0;
-    for (var i = 0; i < 8; i++) {
+    for (var i = 0; darkens && i < 8; i++) {
         let angle = f32(i) * 0.78539816;
         let offset = vec2i(round(vec2f(cos(angle), sin(angle)) * settings.edl.radius));
         let neighbor = clamp(pixel + offset, vec2i(0), size - 1);
@@ -88,13 +88,13 @@ fn sight_of(pixel: vec2i) -> vec3f {
 // The unit normal, in view space, of the plane that a pixel lies on with its neighbours; 0 where normals show none, as
 // in leaves. Normals turn to the eye, so those of a plane that is seen along it point either way by noise, and cancel
 // out in the mean of a few pixels: such a pixel takes the plane of those around it, if these agree.
-fn plane_about(pixel: vec2i, size: vec2i) -> vec3f {
+fn plane_about(pixel: vec2i, size: vec2i, darkens: bool) -> vec3f {
     let own = textureLoad(normal_in, pixel, 0).xyz;
     var alike = own;
     var alike_count = 0.0;
     var all = vec3f(0.0);
     var count = 0.0;
-    for (var i = 0; i < 8; i++) {
+    for (var i = 0; darkens && i < 8; i++) {
         let other = textureLoad(normal_in, clamp(pixel + neighbor(i), vec2i(0), size - 1), 0).xyz;
         let cosine = dot(own, other);
         if abs(cosine) > SAME_PLANE {

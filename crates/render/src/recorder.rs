@@ -16,7 +16,7 @@ use crate::pass_times::{PassTime, Times, summed};
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
 use crate::pieces::{LONGEST_ON_GPU, MOST_AHEAD, TOO_LONG, UNKNOWN_TOGETHER, piece_of, pieces_of};
 use crate::store::draw_list::Cover;
-use crate::targets::{Image, uniform_buffer};
+use crate::targets::{GBuffer, Image, uniform_buffer};
 use crate::together::Together;
 
 /// The values of a shader's `override` constants.
@@ -218,6 +218,13 @@ impl<'a> Recorder<'a> {
             to.texture.as_image_copy(),
             from.texture.size(),
         );
+    }
+
+    /// Copies the images of the surface that the camera sees.
+    pub fn copy_surface(&mut self, from: &GBuffer, to: &GBuffer) {
+        for (from, to) in [(&from.albedo, &to.albedo), (&from.normal, &to.normal), (&from.depth, &to.depth)] {
+            self.copy(from, to);
+        }
     }
 
     /// Copies the same range of bytes of two buffers.

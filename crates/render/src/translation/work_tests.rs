@@ -87,9 +87,9 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("mirror_depth.splat_point", &[1.0]),
     ("mirror_visibility.splat_point", &[1.0]),
     // The neighbours of a pixel or a texel, the axes, the pixels of a thread.
-    ("close_gaps", &[8.0, 8.0, 8.0]),
+    ("close_gaps", &[8.0, 8.0, 8.0, 1.0]),
     // A tenth of the pixels look above and below, and one in fifty around.
-    ("close_holes", &[0.3, 0.16, 0.16, 0.16]),
+    ("close_holes", &[0.3, 0.16, 0.16, 0.16, 0.02]),
     ("gather_close", &[8.0, 8.0]),
     ("eye_dome", &[8.0]),
     ("plane_about", &[8.0]),
