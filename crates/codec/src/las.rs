@@ -13,6 +13,7 @@ mod compressed;
 mod copc;
 pub mod copc_writer;
 mod extra_layers;
+mod first_points;
 mod gps_times;
 mod header;
 mod items;

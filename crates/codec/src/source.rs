@@ -230,6 +230,15 @@ impl Source {
         Ok(Summary { bounds: (!bounds.is_empty()).then_some(bounds), ..summary })
     }
 
+    /// The first points of at most `most` compressed chunks of a LAZ file, which are read without decoding anything; `None` for
+    /// all other files, and for files that are moved. The points are in file order, but others lie between them.
+    pub fn first_points(&self, selection: &Selection, most: usize) -> Option<Chunk> {
+        match self {
+            Self::Las(source) if source.info.placement.is_none() => source.first_points(selection, most),
+            _ => None,
+        }
+    }
+
     fn read_own(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
         match self {
             Self::Las(source) => source.read(selection, progress, emit),

@@ -252,6 +252,23 @@ impl Compressed {
         (offset + length <= end).then_some(LayeredChunk { points, length, filled })
     }
 
+    /// Whether it is known where the chunks start, which nothing says where points are decoded in one go.
+    pub fn has_known_chunks(&self) -> bool {
+        self.restart_after.is_none()
+    }
+
+    /// Reads the first record of a chunk, which is not compressed. False if there is no such chunk: one whose head says that
+    /// it has fewer points is another one.
+    pub fn first_record(&self, file: &Bytes, chunk: &CompressedChunk, record: &mut [u8]) -> bool {
+        let end = chunk.offset.saturating_add(chunk.length).min(file.length());
+        let is_there = chunk.offset.checked_add(record.len() as u64).is_some_and(|record_end| record_end <= end);
+        let has_points =
+            || self.layered_chunk(file, chunk.offset, end).is_some_and(|found| found.points >= chunk.points);
+        is_there
+            && (self.layers.is_none() || has_points())
+            && file.read_at(chunk.offset, record).is_ok_and(|read| read == record.len())
+    }
+
     /// The number of points that the head of a layered chunk tells; `None` if it is no such chunk.
     pub fn told_points(&self, file: &Bytes, chunk: &CompressedChunk) -> Option<u64> {
         let end = chunk.offset.checked_add(chunk.length)?.min(file.length());
