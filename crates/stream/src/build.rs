@@ -16,7 +16,7 @@ use crate::entry::{self, BUILDING, RECORDS};
 use crate::lattice::Cell;
 use crate::pages::{self, Pages, Summary, Written};
 use crate::plan::{self, Extent, IndexPlan, Places};
-use crate::preview::Preview;
+use crate::preview::{Preview, Previewed};
 use crate::storage::Storage;
 use crate::tree::{BYTES_PER_POINT, Tree};
 use crate::{Error, Result};
@@ -59,8 +59,8 @@ impl Default for BuildOptions {
 
 /// The index of some files as one cloud: the one in the cache, or one made now. `progress` counts each point twice,
 /// when it is read and when it is put in a node; and once more where headers lack the bounds or state wrong ones.
-/// `preview` receives an even share of the points, from many threads at once; its `first_point` counts through all
-/// files.
+/// `preview` receives the first points of the compressed chunks of all files, and in their place an even share of the
+/// points, from many threads at once; its `first_point` counts through all files.
 ///
 /// A file that cannot be read to its end is left out from there on with a warning, if others can be read. An index that
 /// was found to be damaged is made again although somebody may still have it open.
@@ -73,7 +73,7 @@ pub fn build(
     cache: &Cache,
     options: &BuildOptions,
     progress: &Progress,
-    preview: &(dyn Fn(Chunk) + Sync),
+    preview: &(dyn Fn(Previewed) + Sync),
 ) -> Result<Pages> {
     build_on_disk(inputs, cache, options, progress, preview, u64::MAX)
 }
@@ -84,7 +84,7 @@ fn build_on_disk(
     cache: &Cache,
     options: &BuildOptions,
     progress: &Progress,
-    preview: &(dyn Fn(Chunk) + Sync),
+    preview: &(dyn Fn(Previewed) + Sync),
     disk: u64,
 ) -> Result<Pages> {
     let identity = cache.identity(inputs)?;
@@ -205,6 +205,7 @@ impl Build<'_> {
         let mut extent: Option<Extent> = None;
         let mut wide = false;
         let mut scene = None;
+        self.preview.show_first(&plan::layout(self.inputs, self.also, true), self.inputs, self.progress);
         loop {
             let Some(plan) = IndexPlan::new(self.inputs, self.also, extent.as_ref(), wide, scene) else {
                 if extent.is_some() {
@@ -541,7 +542,10 @@ mod tests {
         let cache = Cache::new(folder.path().join("cache"), u64::MAX);
         let progress = Progress::default();
         let shown = Mutex::new(Vec::new());
-        let show = |chunk: Chunk| shown.lock().unwrap().push((progress.done(), chunk.len()));
+        let show = |change: Previewed| match change {
+            Previewed::Share(chunk) => shown.lock().unwrap().push((progress.done(), chunk.len())),
+            Previewed::First(..) | Previewed::FirstGone(_) => panic!("only LAZ has first points"),
+        };
         build(&inputs, &cache, &BuildOptions::default(), &progress, &show).unwrap();
         assert_eq!(shown.into_inner().unwrap(), [(1000, 1000)], "before it is read again");
         assert_eq!((progress.done(), progress.total()), (3000, 3000));

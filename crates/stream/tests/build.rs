@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use cloud::{Chunk, Cloud, Progress};
 use codec::{Selection, Source};
 use glam::DVec3;
-use stream::{BATCHES, BuildOptions, Cache, NodeId, Pages, build, prefix};
+use stream::{BATCHES, BuildOptions, Cache, NodeId, Pages, Previewed, build, prefix};
 
 mod made_up;
 #[path = "../../../tests/src/real_data.rs"]
@@ -565,7 +565,11 @@ fn a_preview_is_thinned_and_progress_counts_all_points_twice() {
     let shown = Mutex::new(Vec::new());
     let progress = Progress::default();
     let options = BuildOptions { memory: 1 << 24, preview_points: 5_000 };
-    let pages = build(&inputs, &cache, &options, &progress, &|chunk| shown.lock().unwrap().push(chunk)).unwrap();
+    let show = |change: Previewed| match change {
+        Previewed::Share(chunk) => shown.lock().unwrap().push(chunk),
+        Previewed::First(..) | Previewed::FirstGone(_) => panic!("LAS has no compressed chunks"),
+    };
+    let pages = build(&inputs, &cache, &options, &progress, &show).unwrap();
     let shown = shown.into_inner().unwrap();
     let points: usize = shown.iter().map(Chunk::len).sum();
     assert!((4_990..=5_000).contains(&points), "{points}: no more than were asked for");

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use cloud::{Chunk, Orientation, Progress, SurfelOptions};
+use cloud::{Orientation, Progress, SurfelOptions};
 use codec::Source;
 use glam::Vec3;
-use stream::{BuildOptions, Cache, Error, NodeId, Pages, Result, build, estimate_surfels};
+use stream::{BuildOptions, Cache, Error, NodeId, Pages, Previewed, Result, build, estimate_surfels};
 
 mod made_up;
 use made_up::{Point, terrain, write_las};
@@ -146,7 +146,7 @@ fn a_killed_builder_is_cleared_up_after() {
 /// Runs a build during which `happens` is called once.
 fn disturbed(set: &Set, inputs: &[Arc<Source>], progress: &Progress, happens: impl Fn() + Sync) -> Result<Pages> {
     let calls = AtomicU64::new(0);
-    let once = |_: Chunk| {
+    let once = |_: Previewed| {
         if calls.fetch_add(1, Ordering::Relaxed) == 0 {
             happens();
         }
@@ -229,8 +229,10 @@ fn two_builders_make_one_index() {
     let set = Set::new(u64::MAX);
     let inputs = [set.cloud("a.las", 300_000)];
     let read = AtomicU64::new(0);
-    let count = |chunk: Chunk| {
-        read.fetch_add(chunk.len() as u64, Ordering::Relaxed);
+    let count = |change: Previewed| {
+        if let Previewed::Share(chunk) = change {
+            read.fetch_add(chunk.len() as u64, Ordering::Relaxed);
+        }
     };
     let options = BuildOptions { memory: 1 << 20, preview_points: u64::MAX };
     let run = || build(&inputs, &set.cache, &options, &Progress::default(), &count).unwrap();

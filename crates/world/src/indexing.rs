@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use cloud::{Attribute, Bounds, Chunk, SurfelOptions};
 use glam::DVec3;
-use stream::{BuildOptions, Pages};
+use stream::{BuildOptions, Pages, Previewed};
 
 use crate::budget::{half_of, most_preview_points};
 use crate::chunk_key::Part;
@@ -301,21 +301,40 @@ impl Loader {
         self.mailbox.keep_room(cloud, preview_points + shown);
         let old: Vec<Part> = if preview_points > 0 { previews().keys().copied().collect() } else { Vec::new() };
         let old = Mutex::new(old);
+        let old = || old.lock().unwrap_or_else(PoisonError::into_inner);
+        let drop_part = |part: Part| {
+            previews().remove(&part);
+            self.send(Event::Dropped { cloud, part })
+        };
         // The number of points of the new preview so far.
         let counted = AtomicU64::new(0);
-        let preview = |chunk: Chunk| {
+        let show = |chunk: Chunk| {
             self.mailbox.give_way();
             let points = chunk.len() as u64;
             let part = Part::Preview(streamed.previews_begun.fetch_add(1, Ordering::Relaxed));
             previews().insert(part, points);
             let is_as_large = counted.fetch_add(points, Ordering::Relaxed) + points >= shown;
-            let mut sent = self.send(Event::Chunk { cloud, part, chunk });
-            if is_as_large {
-                for part in std::mem::take(&mut *old.lock().unwrap_or_else(PoisonError::into_inner)) {
-                    previews().remove(&part);
-                    sent = sent.and_then(|()| self.send(Event::Dropped { cloud, part }));
+            self.send(Event::Chunk { cloud, part, chunk })?;
+            let gone = if is_as_large { std::mem::take(&mut *old()) } else { Vec::new() };
+            gone.into_iter().try_for_each(&drop_part)?;
+            Some(part)
+        };
+        // The parts of first points, by their groups.
+        let first: Mutex<HashMap<u32, Part>> = Mutex::default();
+        let first = || first.lock().unwrap_or_else(PoisonError::into_inner);
+        let preview = |change: Previewed| {
+            let sent = match change {
+                Previewed::Share(chunk) => show(chunk).map(drop),
+                // What is shown of an earlier preview has more points, some of them the same ones.
+                Previewed::First(_, chunk) if shown > 0 => {
+                    counted.fetch_add(chunk.len() as u64, Ordering::Relaxed);
+                    Some(())
                 }
-            }
+                Previewed::First(group, chunk) => show(chunk).map(|part| {
+                    first().insert(group, part);
+                }),
+                Previewed::FirstGone(group) => first().remove(&group).map_or(Some(()), drop_part),
+            };
             if sent.is_none() {
                 task.progress.cancel();
             }

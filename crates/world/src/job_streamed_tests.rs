@@ -137,6 +137,42 @@ fn previews_and_cuts_of_all_clouds_together_keep_the_budget() {
 }
 
 #[test]
+fn a_folder_of_laz_begins_with_the_first_points_of_its_chunks() {
+    const TILES: u8 = 3;
+    let folder = tempfile::tempdir().unwrap();
+    let tile = |index: u8| {
+        let input = hills(&folder.path().join("tile.ply"), 120_000, [f32::from(index), 0.0]);
+        let source = Arc::new(codec::open(&input.files()[0]).unwrap());
+        let path = folder.path().join(format!("{index}.laz"));
+        codec::export(&[source], &Default::default(), &[], &path, 256 << 20, &Progress::default()).unwrap().unwrap();
+        path
+    };
+    let files: Vec<_> = (0..TILES).map(tile).collect();
+    let input = Input::Tiles { folder: folder.path().to_owned(), files };
+    let settings = settings(scene::Paging::Auto, 60_000);
+    let cache = Ok(Cache::new(folder.path().join("cache"), u64::MAX));
+    let job = start_with(vec![input], &settings, BTreeSet::new(), true, cache);
+    let view_number = job.mailbox.set_view(viewpoint(&settings));
+    let mut received = Received::default();
+    let mut first = Vec::new();
+    while first.len() < usize::from(TILES) {
+        let event = job.events.recv_timeout(PATIENCE).expect("there are previews");
+        if let Event::Chunk { part, chunk, .. } = &event {
+            assert!(matches!(part, Part::Preview(_)) && chunk.radii.is_some() && chunk.colors.is_some());
+            // A chunk has 50,000 points.
+            assert_eq!(chunk.len(), 3, "one tile, before anything else");
+            first.push((chunk.bounds().center().x * 0.99).floor() as u8);
+        }
+        received.take(event);
+    }
+    assert_eq!(first, [0, 1, 2], "of each tile");
+    received.settle(&job, view_number);
+    assert!(received.chunks.keys().all(|(_, part)| matches!(part, Part::Node(_))), "first points stay");
+    assert!((55_000..=60_000).contains(&received.points()), "{}", received.points());
+    assert_eq!(received.failed, 0);
+}
+
+#[test]
 fn a_preview_keeps_what_the_gpu_may_hold() {
     let folder = tempfile::tempdir().unwrap();
     let input = hills(&folder.path().join("a.ply"), 150_000, [0.0; 2]);
