@@ -6,7 +6,7 @@ use std::time::Duration;
 use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, Ui};
 
 use scene::Show;
-use world::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
+use world::{CloudTask, IndexState, LEAST_TIME, TaskKind, TaskStatus};
 
 use crate::system::fetching::{self, Fetch};
 use crate::viewer::input::gizmo;
@@ -264,7 +264,8 @@ fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Actio
 /// Draws the progress of a job. Returns true if Cancel was clicked.
 fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
     if let Some((entry, stage)) = session.loaded.stage_of(job) {
-        stage_progress(ui, stage, &entry.cloud.name);
+        let is_preview = entry.points > 0 && matches!(entry.pages, Some(IndexState::Indexing));
+        stage_progress(ui, stage, &entry.cloud.name, is_preview);
     } else {
         let (done, total) = (job.progress.done(), job.progress.total());
         ui.label(format!("reading {}", job.name));
@@ -287,8 +288,9 @@ fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
 }
 
 /// Draws the progress of a task of a cloud.
-fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str) {
+fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str, is_preview: bool) {
     let (verb, noun) = match stage.kind {
+        TaskKind::Index if is_preview => ("a preview is shown, indexing", "index"),
         TaskKind::Index => ("indexing", "index"),
         TaskKind::Surfels => ("normals of", "normals"),
     };

@@ -297,6 +297,26 @@ mod tests {
     }
 
     #[test]
+    fn the_status_says_that_what_is_shown_is_a_preview() {
+        let text = |has_preview: bool| {
+            let (mut session, _) = indexing();
+            if has_preview {
+                let chunk = cloud::Chunk::new(0, glam::DVec3::ZERO, vec![[0.0; 3]]);
+                let event = Event::Chunk { cloud: 0, part: Part::Preview(0), chunk };
+                session.with_loaded(|loaded, beside| loaded.on_loading(0, event, beside));
+            }
+            let mut harness = Harness::builder().with_size([1100.0, 800.0]).build_ui_state(
+                |ui, session: &mut Session| drop(crate::viewer::interface::show(ui, session, None)),
+                session,
+            );
+            harness.run_ok();
+            ["indexing survey.laz: 43 %", "a preview is shown, indexing survey.laz: 43 %"]
+                .map(|text| harness.query_by_label(text).is_some())
+        };
+        assert_eq!([text(false), text(true)], [[true, false], [false, true]]);
+    }
+
+    #[test]
     fn what_was_stopped_is_resumed() {
         let (mut session, _) = indexing();
         session.with_loaded(Loaded::stop_loading);
