@@ -107,7 +107,11 @@ pub fn answers(_: &Path, bytes: &[u8]) -> Result<u64, String> {
 
 fn scan(source: Source) -> Result<u64, String> {
     let attributes = vec![true; source.info().attributes.len()];
-    let all = read(&source, &Selection { positions: true, colors: true, normals: true, attributes })?;
+    let everything = Selection { positions: true, colors: true, normals: true, attributes };
+    let all = read(&source, &everything)?;
+    if let Some(first) = source.first_points(&everything, CHUNK_POINTS) {
+        check_chunk(&first, CHUNK_POINTS)?;
+    }
     let positions = read(&source, &Selection { positions: true, ..Selection::default() })?;
     let mut decoded = all + positions;
     let points = source.info().points;
