@@ -126,6 +126,38 @@ fn a_study_writes_its_results_goes_on_where_it_was_cut_and_comes_in_shards() {
 }
 
 #[test]
+fn more_rays_bring_indirect_light_nearer_to_the_paths_of_the_truth() {
+    let folder = with_plan(
+        r#"
+title = "Light"
+size = "64x48"
+repeats = 1
+truths = ["exact"]
+truth_samples = 256
+light = true
+errors = []
+figures = ["exact_light_error", "exact_light_mean"]
+[set]
+"gi.by" = "rays"
+"scene.points" = 20000
+[[group]]
+name = "rays"
+scenes = ["five-mirrors/none"]
+methods = ["none"]
+sweep = { "gi.rays_per_pixel" = [1, 64] }
+"#,
+    );
+    let Some(outcome) = study(&folder, &["plan.toml", "-o", "out"]) else { return };
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let figure = |name: &str| -> Vec<f64> {
+        rows(&folder, "out").iter().map(|row| row[name].as_f64().expect("a measured figure")).collect()
+    };
+    let (errors, means) = (figure("exact_light_error"), figure("exact_light_mean"));
+    assert!(errors[0] > 1.5 * errors[1] && errors[1] < 0.2, "{errors:?}");
+    assert!(means.iter().all(|mean| (mean - 1.0).abs() < 0.1), "{means:?}");
+}
+
+#[test]
 fn plans_that_are_wrong_are_refused_before_anything_is_written() {
     let broken = PLAN.replace("[1, 1.5]", "[1, 99]");
     for (text, mentioned) in [

@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 25] = [
+const PLANS: [(&str, &str); 26] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
@@ -22,6 +22,7 @@ const PLANS: [(&str, &str); 25] = [
     ("cameras", include_str!("../../../assets/plans/cameras.toml")),
     ("gloss", include_str!("../../../assets/plans/gloss.toml")),
     ("light-field", include_str!("../../../assets/plans/light-field.toml")),
+    ("light", include_str!("../../../assets/plans/light.toml")),
     ("screen", include_str!("../../../assets/plans/screen.toml")),
     ("bounces", include_str!("../../../assets/plans/bounces.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),

@@ -12,7 +12,7 @@ use trace::{
 };
 
 use crate::flicker::{Flicker, Followed, FrameImages, Steps, flicker, follow};
-use crate::light::{LightError, light_error, p95_error};
+use crate::light::{LightError, is_same_surface, light_error, p95_error};
 use crate::metrics::{Accuracy, Truth};
 use crate::subject::Subject;
 use crate::truth::{TracedScene, Tracer, View};
@@ -46,11 +46,6 @@ pub struct IndirectTruth {
     /// The standard deviation of the truth's own noise relative to its mean.
     pub noise: f64,
 }
-
-/// The largest relative difference of an albedo from the truth's, and the least cosine between normals, at which a
-/// pixel counts as showing one surface and the right one: 8-bit colours and the normals of splats differ less.
-const SAME_ALBEDO: f64 = 0.03;
-const SAME_NORMAL: f64 = 0.999;
 
 /// The error of a picture's indirect light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -213,10 +208,7 @@ impl FiveMirrors {
         let image = image.as_chunks::<3>().0;
         let vector = |data: &[f32], pixel: usize| DVec3::from_slice(&[0, 1, 2].map(|i| f64::from(data[3 * pixel + i])));
         let is_same = |(pixel, seen): (usize, &Option<(Hit, DVec3)>)| {
-            seen.is_some_and(|(hit, _)| {
-                let albedo_is_off = (vector(&albedo, pixel) / hit.albedo - 1.0).abs().max_element() > SAME_ALBEDO;
-                vector(&normal, pixel).dot(hit.normal) > SAME_NORMAL && !albedo_is_off
-            })
+            seen.is_some_and(|(hit, _)| is_same_surface(vector(&normal, pixel), vector(&albedo, pixel), &hit))
         };
         let same: Vec<bool> = truth.seen.iter().enumerate().map(is_same).collect();
         let share = same.iter().filter(|is_same| **is_same).count() as f64 / truth.seen.iter().flatten().count() as f64;

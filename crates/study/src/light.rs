@@ -1,6 +1,13 @@
 //! Figures of light: how far an image of it differs from the truth.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use trace::Hit;
+
+/// The largest relative difference of an albedo from the truth's, and the least cosine between normals, at which a
+/// pixel counts as showing one surface and the right one: 8-bit colours and the normals of splats differ less.
+const SAME_ALBEDO: f64 = 0.03;
+const SAME_NORMAL: f64 = 0.999;
 
 /// The error of an image of light. NaN (`null` in JSON) where nothing could be measured.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -11,6 +18,12 @@ pub struct LightError {
     pub mean_ratio: f64,
     /// The largest luminance of the image relative to that of the truth: far above 1 if the image sparkles.
     pub brightest_ratio: f64,
+}
+
+/// Whether a pixel of this normal and albedo shows the surface of the truth, and no mean of two.
+pub(crate) fn is_same_surface(normal: DVec3, albedo: DVec3, truth: &Hit) -> bool {
+    let albedo_is_off = (albedo / truth.albedo - 1.0).abs().max_element() > SAME_ALBEDO;
+    normal.dot(truth.normal) > SAME_NORMAL && !albedo_is_off
 }
 
 /// Compares images of linear red, green and blue over the pixels that are marked in `mask` and finite in the truth.
@@ -58,6 +71,25 @@ pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pixel_that_shows_a_mean_of_two_surfaces_is_not_of_one() {
+        let truth = Hit {
+            distance: 1.0,
+            position: DVec3::ZERO,
+            normal: DVec3::Z,
+            albedo: DVec3::splat(0.5),
+            specular_intensity: 0.0,
+            specular_power: 0.0,
+            medium: None,
+            surface: 0,
+            point: 0,
+        };
+        let tilted = |degrees: f64| DVec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
+        assert!(is_same_surface(tilted(2.0), DVec3::new(0.5, 0.51, 0.49), &truth));
+        assert!(!is_same_surface(tilted(3.0), truth.albedo, &truth));
+        assert!(!is_same_surface(DVec3::Z, DVec3::new(0.5, 0.5, 0.48), &truth));
+    }
 
     #[test]
     fn ninety_five_of_a_hundred_pixels_are_no_farther_off_than_the_p95_says() {

@@ -6,11 +6,12 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 use cloud::Progress;
-use render::Renderer;
+use render::{Aov, Renderer};
 use scene::Settings;
 
 use crate::auto::{Choice, Explored, Hands};
 use crate::cost::CostModel;
+use crate::light::{LightError, is_same_surface, light_error};
 use crate::metrics::Truth;
 use crate::plan::{Case, Plan, PlannedTarget, RAY_TRACE};
 use crate::still::{Still, Target, drawn_size, judging_settings};
@@ -27,7 +28,7 @@ pub struct Loaded {
     pub points: u64,
     /// The scene for the ray tracer, with the `splat.size` that it was made for.
     pub traced: Option<(f32, TracedScene)>,
-    /// The traced colours of mirror pixels, by a hash of all their inputs.
+    /// The traced light of pixels, by a hash of all its inputs.
     pub references: HashMap<u64, Arc<Vec<[f32; 3]>>>,
     /// The still picture of the settings that were judged last.
     pub still: Option<(Settings, [u32; 2], Still)>,
@@ -103,8 +104,16 @@ pub fn drawn(loaded: &Loaded, case: &Case, settings: &Settings, renderer: &Rende
     Ok((drawn, milliseconds))
 }
 
-/// What the truth sees at each pixel, and its colours at the mirrors; the colours are kept, as several settings share
-/// them.
+/// Which light of the truth is compared with a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// All light that mirrors show.
+    Mirrors,
+    /// The indirect light that the surfaces themselves send out.
+    Indirect,
+}
+
+/// What the truth sees at each pixel, and its light there; the light is kept, as several settings share it.
 pub fn reference(
     loaded: &mut Loaded,
     plan: &Plan,
@@ -112,6 +121,7 @@ pub fn reference(
     settings: &Settings,
     truth: Truth,
     drawn: &Drawn,
+    wanted: Wanted,
 ) -> anyhow::Result<(crate::truth::Seen, Arc<Vec<[f32; 3]>>)> {
     let mut traced = settings.clone();
     traced.trace.samples = plan.truth_samples;
@@ -126,7 +136,9 @@ pub fn reference(
     let Settings { view, light, sun, gi, mirror, reflection, .. } = settings;
     let mut hasher = std::hash::DefaultHasher::new();
     let lit = (view, light, sun, gi.bounces, mirror, reflection.bounces, &traced.trace);
-    format!("{truth:?} {:?} {lit:?}", drawn_size(case.size, settings)).hash(&mut hasher);
+    // Where no method finds reflections, mirrors send on the light of a diffuse surface.
+    let method = (wanted == Wanted::Indirect).then_some(reflection.method);
+    format!("{wanted:?} {method:?} {truth:?} {:?} {lit:?}", drawn_size(case.size, settings)).hash(&mut hasher);
     if truth == Truth::SameInput {
         drawn
             .surface
@@ -138,10 +150,32 @@ pub fn reference(
     let reference = match references.get(&key) {
         Some(reference) => reference.clone(),
         None => {
-            let reference = Arc::new(tracer.colors(truth, &mirrors_of(&seen), &progress)?);
+            let reference = Arc::new(match wanted {
+                Wanted::Mirrors => tracer.colors(truth, &mirrors_of(&seen), &progress)?,
+                Wanted::Indirect => tracer.indirect(truth, &seen, &progress)?,
+            });
             references.insert(key, reference.clone());
             reference
         }
     };
     Ok((seen, reference))
+}
+
+/// The error of the indirect light of the frame that was rendered last, over the pixels that show the truth's surface.
+pub fn error_of_light(
+    loaded: &mut Loaded,
+    plan: &Plan,
+    case: &Case,
+    settings: &Settings,
+    truth: Truth,
+    (drawn, renderer): (&Drawn, &Renderer),
+) -> anyhow::Result<LightError> {
+    let (seen, light) = reference(loaded, plan, case, settings, truth, drawn, Wanted::Indirect)?;
+    let own = tracer(&loaded.traced, view(&loaded.subject, settings, drawn_size(case.size, settings)))?;
+    let own = own.seen(&drawn.surface);
+    let pairs = own.iter().zip(&seen).map(|(own, seen)| own.zip(*seen));
+    let is_same =
+        pairs.map(|pair| pair.is_some_and(|((own, _), (hit, _))| is_same_surface(own.normal, own.albedo, &hit)));
+    let same: Vec<bool> = is_same.collect();
+    Ok(light_error(&same, renderer.read_aov(Aov::Indirect)?.data.as_chunks::<3>().0, &light))
 }

@@ -212,6 +212,9 @@ pub struct Plan {
     /// Whether to measure how much mirrors flicker, too.
     #[serde(default)]
     pub flicker: bool,
+    /// Whether to measure the error of indirect light by each truth, too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub light: bool,
     /// Whether to measure how far the surface of each scene is from its points, by those that are held out, too.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub sightlines: bool,

@@ -72,6 +72,12 @@ impl Figure {
         SIGHTLINE_FIGURES.iter().any(|(name, ..)| *name == self.name)
     }
 
+    /// Whether it is measured only if `light` is asked for.
+    pub fn is_of_light(&self) -> bool {
+        let truth = self.truth().and_then(|(_, prefix)| self.name.strip_prefix(prefix));
+        truth.is_some_and(|name| name.starts_with("_light_"))
+    }
+
     /// Whether it is measured only if `flicker` is asked for.
     pub fn is_of_flicker(&self) -> bool {
         FLICKER_FIGURES.iter().any(|(name, ..)| *name == self.name)
@@ -196,7 +202,7 @@ const FRAME_FIGURES: [Reading<Measured>; 24] = [
     }),
 ];
 
-const TRUTH_FIGURES: [Reading<Accuracy>; 17] = [
+const TRUTH_FIGURES: [Reading<Accuracy>; 20] = [
     ("false_fill", "false fill", "share of mirror pixels", |accuracy| Some(accuracy.false_fill)),
     ("angle_error_median", "angle error, median", "degrees", |accuracy| Some(accuracy.angle_error.median)),
     ("angle_error_p95", "angle error, 95th percentile", "degrees", |accuracy| Some(accuracy.angle_error.p95)),
@@ -214,6 +220,11 @@ const TRUTH_FIGURES: [Reading<Accuracy>; 17] = [
     ("rmse_l", "RMSE of L*", "CIELAB", |accuracy| accuracy.image.map(|image| image.rmse_lab[0])),
     ("rmse_a", "RMSE of a*", "CIELAB", |accuracy| accuracy.image.map(|image| image.rmse_lab[1])),
     ("rmse_b", "RMSE of b*", "CIELAB", |accuracy| accuracy.image.map(|image| image.rmse_lab[2])),
+    ("light_error", "error of indirect light", "relative RMSE", |of| of.indirect.map(|light| light.relative_rmse)),
+    ("light_mean", "mean of indirect light", "share of the truth's", |of| of.indirect.map(|light| light.mean_ratio)),
+    ("light_brightest", "brightest indirect light", "share of the truth's", |of| {
+        of.indirect.map(|light| light.brightest_ratio)
+    }),
 ];
 
 /// The figures of the pictures, or of the ray tracer where there are no pictures.

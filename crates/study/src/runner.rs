@@ -18,7 +18,7 @@ use crate::estimate::{RAYS, estimate};
 use crate::file_name::file_name;
 use crate::flicker::{Followed, FrameImages, Steps, flicker, follow};
 use crate::journal::{Folder, FolderError};
-use crate::loaded::{Loaded, drawn, reference, tracer, view};
+use crate::loaded::{Loaded, Wanted, drawn, error_of_light, reference, tracer, view};
 use crate::metrics::Truth;
 use crate::picture;
 use crate::plan::{Case, Group, Pictures, Plan, PlanError, RAY_TRACE};
@@ -479,9 +479,13 @@ impl<'a> Runner<'a> {
             let view = view(&loaded.subject, &settings, size);
             let mut accuracy = tracer(&loaded.traced, view)?.judge(truth, &drawn, &Progress::default())?;
             if truth == Truth::SameInput || matches!(settings.color.by, ColorBy::Auto | ColorBy::Rgb) {
-                let (seen, reference) = reference(loaded, plan, case, &settings, truth, &drawn)?;
+                let (seen, reference) = reference(loaded, plan, case, &settings, truth, &drawn, Wanted::Mirrors)?;
                 let view = self::view(&loaded.subject, &settings, size);
                 accuracy.image = Some(tracer(&loaded.traced, view)?.image_error(&drawn, &seen, &reference));
+                if plan.light {
+                    let light = error_of_light(loaded, plan, case, &settings, truth, (&drawn, renderer))?;
+                    accuracy.indirect = Some(light);
+                }
             }
             judged.push(accuracy);
         }
@@ -566,7 +570,8 @@ impl<'a> Runner<'a> {
                 _ => {
                     loaded.traced(plan, settings.splat.size)?;
                     let drawn = drawn(loaded, case, &settings, renderer)?.0;
-                    let (_, reference) = reference(loaded, plan, case, &settings, Truth::SameInput, &drawn)?;
+                    let (_, reference) =
+                        reference(loaded, plan, case, &settings, Truth::SameInput, &drawn, Wanted::Mirrors)?;
                     picture::beside(size, &drawn.surface.mirror, &drawn.color, &reference)?
                 }
             };

@@ -54,6 +54,9 @@ impl Plan {
             let text = format!("truth_samples is {}, expected 1 to 65536 paths", self.truth_samples);
             return Err(problem(&["truth_samples"], text));
         }
+        if self.light && self.truths.is_empty() {
+            return Err(problem(&["light"], "light = true has no effect without `truths`"));
+        }
         self.check_parts()?;
         for (list, names) in [("errors", &self.errors), ("figures", &self.figures)] {
             // A group that measures flicker shows it in charts of all.
@@ -274,6 +277,9 @@ fn check_figure(name: &str, plan: &Plan, has_flicker: bool) -> Result<(), String
             }
             _ if figure.is_of_flicker() && !has_flicker => {
                 Err(format!("figure `{name}` is never measured, expected `flicker = true` in the plan or its group"))
+            }
+            _ if figure.is_of_light() && !plan.light => {
+                Err(format!("figure `{name}` is never measured, expected `light = true` in the plan"))
             }
             _ if figure.is_of_sightlines() && !plan.sightlines => {
                 Err(format!("figure `{name}` is never measured, expected `sightlines = true` in the plan"))

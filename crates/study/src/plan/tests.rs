@@ -328,6 +328,7 @@ fn targets_are_times_shares_and_errors_and_only_auto_keeps_to_them() {
         ("methods = [\"sscr\"]\nsweep = { target = [\"1x\"] }", "only `auto` keeps to a target"),
         ("figures = [\"still_delta_e\"]", "expected `still = true`"),
         ("figures = [\"in_front\"]", "expected `sightlines = true`"),
+        ("figures = [\"same_input_light_error\"]", "expected `light = true`"),
     ] {
         let error = plan(group).unwrap_err().to_string();
         assert!(error.contains(told), "{error}");

@@ -130,6 +130,7 @@ fn figures_know_their_direction_and_what_they_need() {
     assert_eq!(better, expected);
     assert_eq!(figure("exact_flip").unwrap().truth(), Some((Truth::Exact, "exact")));
     assert!(figure("in_front").unwrap().is_of_sightlines() && !figure("coverage").unwrap().is_of_sightlines());
+    assert!(figure("exact_light_mean").unwrap().is_of_light() && !figure("exact_rmse").unwrap().is_of_light());
     assert!(figure("flicker_still").unwrap().is_of_flicker() && !figure("coverage").unwrap().is_of_flicker());
 }
 
@@ -147,8 +148,8 @@ fn columns_of_csv_and_json_are_fixed() {
          frame_ms_high method_ms method_ms_low method_ms_high mirror_pixels coverage closed_coverage hit_rate \
          unconverged regions unresolved tests_per_ray maps_new maps_missed maps_bytes maps_off texels_traced listed ray_copies cameras_bytes cameras_ms uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
          estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim same_input_rmse_l \
-         same_input_rmse_a same_input_rmse_b {} exact_rmse \
-         exact_delta_e exact_flip exact_ssim exact_rmse_l exact_rmse_a exact_rmse_b within in_front behind open depth_error_median depth_error_p95 colour_error_median \
+         same_input_rmse_a same_input_rmse_b same_input_light_error same_input_light_mean same_input_light_brightest {} exact_rmse \
+         exact_delta_e exact_flip exact_ssim exact_rmse_l exact_rmse_a exact_rmse_b exact_light_error exact_light_mean exact_light_brightest within in_front behind open depth_error_median depth_error_p95 colour_error_median \
          traced_within traced_in_front still_delta_e still_worse_delta_e still_mirrors_delta_e still_mirrors_delta_e_p95 \
          still_rest_delta_e still_rest_delta_e_p95 still_pixel_error_p95 target_ms predicted_ms flicker_still flicker_moving adapter adapter_kind clock commit error",
         truth.split_whitespace().map(|name| format!("same_input_{name}")).collect::<Vec<_>>().join(" "),
