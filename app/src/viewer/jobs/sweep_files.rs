@@ -98,10 +98,11 @@ impl SweepResult {
 }
 
 /// Whether the table of a sweep contains a figure: times, how much of the mirrors is filled, and all comparisons with
-/// the traced truth.
+/// the traced truth but those of indirect light, which a sweep does not measure.
 fn is_listed(figure: &Figure) -> bool {
     const ALWAYS: [&str; 5] = [FRAME_MS, METHOD_MS, "mirror_pixels", "coverage", "closed_coverage"];
-    ALWAYS.contains(&figure.name.as_str()) || figure.truth().is_some_and(|(truth, _)| truth == Truth::SameInput)
+    let is_judged = figure.truth().is_some_and(|(truth, _)| truth == Truth::SameInput) && !figure.is_of_light();
+    ALWAYS.contains(&figure.name.as_str()) || is_judged
 }
 
 impl Outcome {
