@@ -86,7 +86,7 @@ pub(crate) fn splat_surface(
     if settings.splat.close_gaps {
         let [surface, closed] = &targets.surfaces;
         let [[albedo, normal, depth], [albedo_out, normal_out, depth_out]] = [surface.bind(), closed.bind()];
-        // Few pixels change. The others are copied, since that costs a tenth of what a pass takes to read and write them.
+        // Few pixels change. The others are copied, since a copy costs less than a pass that reads and writes all of them.
         recorder.copy_surface(surface, closed);
         let bindings = passes::close_holes {
             albedo_in: albedo.clone(),
