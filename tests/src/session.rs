@@ -221,6 +221,22 @@ impl Window<'_> {
         }
     }
 
+    /// Quits the program, gives up changes that are not saved, and waits until it has ended.
+    pub fn quit_and_discard(mut self) -> std::process::ExitStatus {
+        self.press("Escape Escape ctrl+q");
+        std::thread::sleep(Duration::from_secs(1));
+        if self.is_open() {
+            // "Save" has the keyboard, and "Discard" follows.
+            self.press("Tab Return");
+        }
+        self.ended()
+    }
+
+    /// The number of the program's process.
+    pub fn process(&self) -> u32 {
+        self.program.id()
+    }
+
     /// Whether the program still runs.
     pub fn is_open(&self) -> bool {
         std::fs::read_to_string(format!("/proc/{}/stat", self.program.id()))

@@ -1,6 +1,6 @@
 //! `cargo xtask run` and `cargo xtask test`: from a fresh clone to a window, and to a tested tree, in one command each.
 //! `cargo xtask baseline` writes the checksums that pictures are compared with. `cargo xtask fuzz` looks for inputs
-//! that break parsers. `cargo xtask package` makes packages for Linux, and `cargo xtask systems` checks the sources for
+//! that break parsers, `cargo xtask soak` uses the window at random. `cargo xtask package` makes packages for Linux, and `cargo xtask systems` checks the sources for
 //! other systems.
 //!
 //! Commands that run the program first look for what the system lacks (`needs`) and install it where that is allowed.
@@ -12,6 +12,7 @@ mod needs;
 mod notices;
 mod package;
 mod shell;
+mod soak;
 mod suite;
 mod swiftshader;
 mod systems;
@@ -25,6 +26,7 @@ use anyhow::Result;
 use fuzz::Fuzzing;
 use needs::Display;
 use shell::{cargo, exit_code, provide, root, status, target_folder};
+use soak::Soaking;
 use testing::Selection;
 
 const HELP: &str = "\
@@ -36,6 +38,10 @@ cargo xtask baseline         Write the checksums of pictures in tests/baseline a
 cargo xtask fuzz [TARGET] [--minutes N]
                              Try odd inputs on the parsers, led by their coverage: TARGET, or all of crates/fuzz/seeds, for
                              10 minutes or N in all. Needs a C++ compiler. What breaks something is kept in target/fuzz/found.
+cargo xtask soak [--minutes N] [--seed N]
+                             Use the window at random for an hour or N minutes, on a private virtual screen: keys, clicks, drags,
+                             files opened and closed. Fails where the program ends, panics, does not answer, or takes more and
+                             more memory or open files. The same seed does the same. Writes a table and a chart to target/soak.
 cargo xtask package          Build a .deb and a .tar.gz of the program in target/package: with menu entry, icon, file types,
                              thumbnailer and the licences of all crates in it. Needs dpkg-deb, tar and objdump; fails where the
                              program needs a newer glibc than 2.35.
@@ -88,6 +94,10 @@ fn main() -> ExitCode {
         ["package"] => package(false),
         ["package", "--try"] => package(true),
         ["systems"] => systems(),
+        ["soak", words @ ..] => match Soaking::parse(words) {
+            Some(soaking) => soak::soak(&soaking),
+            None => return misunderstood(),
+        },
         ["fuzz", words @ ..] => match Fuzzing::parse(words) {
             Some(fuzzing) => fuzz(&fuzzing),
             None => return misunderstood(),

@@ -247,7 +247,7 @@ pub fn baseline() -> Result<ExitCode> {
 
 /// A private folder for `XDG_RUNTIME_DIR` where the system gives none (containers, CI): without it Mesa and the Wayland
 /// libraries complain on standard error in every test. One per checkout, so nothing piles up.
-fn runtime_folder() -> Result<Option<PathBuf>> {
+pub fn runtime_folder() -> Result<Option<PathBuf>> {
     if std::env::var_os("XDG_RUNTIME_DIR").is_some() {
         return Ok(None);
     }
