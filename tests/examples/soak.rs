@@ -21,8 +21,9 @@ const HOME_SCENE: &str = "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"sc
 /// How many actions lie between two returns to that scene.
 const ACTIONS_BETWEEN: usize = 60;
 
-/// How long the window may take to come back to it.
+/// How long the window may take to show it again once it is opened, and how often the palette is asked for it.
 const PATIENCE: Duration = Duration::from_secs(120);
+const ATTEMPTS: usize = 3;
 
 /// What the program may take more at the end than a quarter of the time after its start: a share and MB of memory, and
 /// handles. Compiled passes and caches with limits of their own fill in between.
@@ -344,30 +345,35 @@ impl Action {
 /// Opens the first scene anew, and waits until it is shown. What a dialog asks on the way is answered as a person does who
 /// wants to be rid of it.
 fn go_home(session: &Session, window: &Window<'_>) {
-    let start = Instant::now();
-    let has = |name: &str| window.events().iter().any(|event| event["event"] == name);
-    loop {
+    for _ in 0..ATTEMPTS {
         session.folder.write(HOME, HOME_SCENE);
         window.press("Escape Escape Escape ctrl+p");
         // The row that closes what is open; a path that is typed would be opened beside it.
         window.type_text(&format!("open: {HOME}"));
         window.press("Return");
-        std::thread::sleep(Duration::from_secs(1));
-        if has("asked") {
-            // "Save" has the keyboard at first, and "Discard" follows.
-            window.press("Tab Return");
-        }
-        let is_asked_for = Instant::now();
-        while is_asked_for.elapsed() < PATIENCE / 6 {
+        let asked_for = Instant::now();
+        let (mut is_answered, mut is_opened) = (false, false);
+        while asked_for.elapsed() < if is_opened { PATIENCE } else { PATIENCE / 4 } {
             let events = window.events();
-            let opened = events.iter().position(|event| event["event"] == "opened");
+            let first = |name: &str| events.iter().position(|event| event["event"] == name);
+            if !is_answered && first("asked").is_some() {
+                // "Save" has the keyboard at first, and "Discard" follows.
+                std::thread::sleep(Duration::from_secs(1));
+                window.press("Tab Return");
+                is_answered = true;
+            }
+            let opened = first("opened");
+            is_opened = opened.is_some();
             if opened.is_some_and(|at| events[at..].iter().any(|event| event["event"] == "settled")) {
                 return;
             }
             std::thread::sleep(Duration::from_millis(200));
         }
-        assert!(start.elapsed() < PATIENCE, "the first scene does not come back: {}", window.messages());
     }
+    let picture = std::env::temp_dir().join("glint-soak.png");
+    let is_kept = window.screenshot().save(&picture).is_ok();
+    let kept = if is_kept { format!("; the window: {}", picture.display()) } else { String::new() };
+    panic!("the first scene does not come back: {}{kept}", window.messages());
 }
 
 /// Writes small files to open: sound ones of several formats, a damaged one and one that is missing. Real ones are added
