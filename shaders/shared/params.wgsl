@@ -176,6 +176,7 @@ const TONE_CURVE_SRGB: u32 = 2u;
 struct Trace {
     samples: u32,
     rays: u32,
+    photons: u32,
     seed: u32,
 }
 

@@ -325,7 +325,9 @@ params! {
         samples: u32 = 16, 1..=65_536, "paths";
         /// Rays through each pixel of the exact truth over which what its mirrors show is averaged.
         rays: u32 = 1, 1..=4096, "rays";
-        /// Seed of the paths; the same seed gives the same picture.
+        /// Photons that follow light of lamps and the sun over mirrors, to the surfaces that it shines on; with 0 mirrors throw none. What they bring is blurred over the scene's radius divided by the cube root of their number.
+        photons: u32 = 0, 0..=10_000_000, "photons";
+        /// Seed of the paths and photons; the same seed gives the same picture.
         seed: u32 = 1;
     }
 

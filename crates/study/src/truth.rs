@@ -5,6 +5,7 @@
 //! starts from the frame's own surface (positions, normals, colours of its pixels), with [`Truth::Exact`] from the rays
 //! through the pixels' centres.
 
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use cloud::{Bounds, Chunk, Progress};
@@ -13,8 +14,9 @@ use rayon::prelude::*;
 use render::{Aov, AovImage, Frame, MOST_LIGHTS, Objects, Renderer};
 use scene::{Camera, GlossLobe, Highlight, Lighting, Method, Settings, SpotLight};
 use trace::{
-    Exact, Fill, Geometry, Gloss, HalfLobe, Hit, Illuminant, Illumination, Indirect, Lobe, Medium, MirrorPoint,
-    PixelRays, Side, Sunlight, Surfels, indirect_picture, linear_from_srgb, primary, radiance, reflected,
+    Caustics, Exact, Fill, Geometry, Gloss, HalfLobe, Hit, Illuminant, Illumination, Indirect, Lobe, Medium,
+    MirrorPoint, Photons, PixelRays, Side, Sunlight, Surfels, indirect_picture, linear_from_srgb, primary, radiance,
+    reflected,
 };
 
 use crate::accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
@@ -226,6 +228,8 @@ pub struct Tracer<'a> {
     rays: PixelRays,
     lights: Vec<SpotLight>,
     view: View<'a>,
+    /// What mirrors throw in the points, and on exact surfaces, once it was traced.
+    caustics: [OnceLock<Caustics>; 2],
 }
 
 impl<'a> Tracer<'a> {
@@ -239,7 +243,8 @@ impl<'a> Tracer<'a> {
         });
         let seen = Camera { eye: camera.eye - origin, pivot: camera.pivot - origin, up: camera.up };
         let reach = if bounds.is_empty() { 0.0 } else { 2.0 * bounds.radius() + camera.eye.distance(bounds.center()) };
-        Self { scene, rays: PixelRays::new(&seen, &settings.view, size, reach), lights: lights.collect(), view }
+        let rays = PixelRays::new(&seen, &settings.view, size, reach);
+        Self { scene, rays, lights: lights.collect(), view, caustics: Default::default() }
     }
 
     /// The frame that was rendered last, with the view of this tracer.
@@ -364,12 +369,37 @@ impl<'a> Tracer<'a> {
         }
     }
 
+    /// The frame's lighting with what mirrors throw in a truth, if that is asked for.
+    ///
+    /// # Errors
+    /// No exact surfaces, or cancelled.
+    fn lit(&self, truth: Truth, progress: &Progress) -> Result<Illumination<'_>> {
+        let illumination = self.illumination();
+        let count = self.view.settings.trace.photons;
+        if count == 0 {
+            return Ok(illumination);
+        }
+        let kept = &self.caustics[truth as usize];
+        if kept.get().is_none() {
+            // With more photons both noise and blur vanish.
+            let radius = self.scene.bounds.radius() / f64::from(count).cbrt();
+            let photons = Photons { count, radius, seed: self.seed() };
+            let traced = match truth {
+                Truth::SameInput => Caustics::traced(&self.scene.surfels, &illumination, photons, progress),
+                Truth::Exact => Caustics::traced(self.exact()?, &illumination, photons, progress),
+            };
+            let traced = traced.ok_or(Error::Cancelled)?;
+            kept.get_or_init(|| traced);
+        }
+        Ok(Illumination { caustics: kept.get(), ..illumination })
+    }
+
     /// The radiance of what is seen, linear red, green and blue; NaN if nothing is seen.
     ///
     /// # Errors
     /// No exact surfaces, or cancelled.
     pub fn colors(&self, truth: Truth, seen: &[Option<(Hit, DVec3)>], progress: &Progress) -> Result<Vec<[f32; 3]>> {
-        let illumination = self.illumination();
+        let illumination = self.lit(truth, progress)?;
         match truth {
             Truth::SameInput => colors_in(&self.scene.surfels, seen, &illumination, progress),
             Truth::Exact if self.view.settings.trace.rays > 1 => {
@@ -411,7 +441,7 @@ impl<'a> Tracer<'a> {
             }
             Some((sum / f64::from(count)).as_vec3().to_array())
         };
-        progress.set_total(seen.len() as u64);
+        progress.set_total(progress.done() + seen.len() as u64);
         seen.par_iter().enumerate().map(color).collect::<Option<_>>().ok_or(Error::Cancelled)
     }
 
@@ -427,7 +457,7 @@ impl<'a> Tracer<'a> {
         seed: u32,
         progress: &Progress,
     ) -> Result<Vec<[f32; 3]>> {
-        let illumination = self.illumination();
+        let illumination = self.lit(Truth::SameInput, progress)?;
         let indirect = Indirect { samples, seed, ..illumination.indirect };
         colors_in(&self.scene.surfels, seen, &Illumination { indirect, ..illumination }, progress)
     }
@@ -460,7 +490,7 @@ impl<'a> Tracer<'a> {
     pub fn indirect(&self, truth: Truth, seen: &[Option<(Hit, DVec3)>], progress: &Progress) -> Result<Vec<[f32; 3]>> {
         // As in the renderer, a mirror is diffuse if reflections are not followed.
         let bounces = if has_reflections(self.view.settings) { self.view.settings.reflection.bounces } else { 0 };
-        let illumination = Illumination { bounces, ..self.illumination() };
+        let illumination = Illumination { bounces, ..self.lit(truth, progress)? };
         let light = match truth {
             Truth::SameInput => indirect_picture(&self.scene.surfels, seen, &illumination, progress),
             Truth::Exact => indirect_picture(self.exact()?, seen, &illumination, progress),
@@ -510,7 +540,7 @@ fn colors_in(
     illumination: &Illumination,
     progress: &Progress,
 ) -> Result<Vec<[f32; 3]>> {
-    progress.set_total(seen.len() as u64);
+    progress.set_total(progress.done() + seen.len() as u64);
     let color = |(pixel, seen): (usize, &Option<(Hit, DVec3)>)| {
         if progress.is_cancelled() {
             return None;
@@ -521,3 +551,6 @@ fn colors_in(
     };
     seen.par_iter().enumerate().map(color).collect::<Option<_>>().ok_or(Error::Cancelled)
 }
+
+#[cfg(test)]
+mod tests;

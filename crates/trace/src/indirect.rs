@@ -7,8 +7,8 @@
 //! spread by the R2 sequence (Roberts 2018), shifted at random from pixel to pixel (Cranley and Patterson 1976).
 //!
 //! Mirrors on the way are followed, with their share, as far as reflections are followed at all, and do not count as a
-//! reflection between surfaces. Their highlights are left out: light that a mirror throws from a lamp onto a surface (a
-//! caustic) is part neither of this light nor of the renderer's.
+//! reflection between surfaces. Their highlights are left out: light that a mirror throws from a lamp onto a surface is
+//! that surface's direct light, if photons have found it ([`crate::Caustics`]).
 //!
 //! Random numbers are hashes of seed, pixel, sample and dimension: they do not depend on the number of threads.
 
@@ -168,7 +168,7 @@ impl<G: Geometry> PathTracer<'_, G> {
 
 /// The ray that goes on after one that arrives in `direction` at a mirror or a clear surface which is not the first, and
 /// how much of its light is reflected; a glossy mirror draws it. `None` if the surface has no normal.
-fn onward(
+pub(crate) fn onward(
     geometry: &impl Geometry,
     hit: &Hit,
     direction: DVec3,
@@ -418,7 +418,7 @@ mod tests {
         let diffuse = with(0.0, 1, 1);
         assert_near(faded, diffuse, 0.02, "faded");
         assert!(diffuse > 0.0);
-        // A perfect mirror passes on none of the lamp's light: that would be a caustic. A half one sends half of it out
+        // A perfect mirror passes on none of the lamp's light, which photons would follow. A half one sends half of it out
         // diffusely.
         assert_eq!(with(1.0, 1, 1), 0.0);
         assert_near(with(0.5, 1, 1), 0.5 * diffuse, 0.02, "half a mirror");

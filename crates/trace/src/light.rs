@@ -1,5 +1,5 @@
-//! Direct light: spot lights with shadows, or a sun and a sky, or a lamp at the eye; blended with reflections in
-//! mirrors.
+//! Direct light: spot lights with shadows, or a sun and a sky, or a lamp at the eye, straight and over mirrors; blended
+//! with reflections in mirrors.
 //!
 //! The definition is the renderer's; reflectance.rs has that of surfaces. Light that was reflected before it reaches a
 //! surface, and that of the sky, comes from [`mod@crate::indirect`]. A mirror whose ray hits nothing shows the background.
@@ -10,6 +10,7 @@ use cloud::{Bounds, Progress};
 use glam::DVec3;
 use scene::{MirrorSettings, SpotLight, Sun};
 
+use crate::caustics::Caustics;
 use crate::half_lobe::Lobe;
 use crate::indirect::{Indirect, Random, glossy_direction, indirect_beside, spread};
 use crate::reflectance::{Gloss, Reflectance};
@@ -88,6 +89,8 @@ pub struct Illumination<'a> {
     /// The linear colour that mirrors show where their ray hits nothing.
     pub background: DVec3,
     pub indirect: Indirect,
+    /// What mirrors throw from lamps or sun, if that was traced; it shines where reflections are followed.
+    pub caustics: Option<&'a Caustics>,
 }
 
 impl<'a> Illumination<'a> {
@@ -107,6 +110,7 @@ impl<'a> Illumination<'a> {
             lobe,
             background,
             indirect,
+            caustics: None,
         }
     }
 
@@ -297,7 +301,7 @@ pub fn direct(
     }
 }
 
-/// The light of the lights or the sun that a surface at `hit` sends to the eye of `surface`.
+/// The light of the lights or the sun that a surface at `hit` sends to the eye of `surface`, straight and over mirrors.
 pub(crate) fn scattered(
     geometry: &impl Geometry,
     hit: &Hit,
@@ -317,7 +321,7 @@ pub(crate) fn scattered(
             DVec3::ZERO
         }
     };
-    match illumination.source {
+    let straight = match illumination.source {
         Illuminant::Lights(lights) => {
             let each = lights.iter().map(|light| {
                 let to_light = light.position - hit.position;
@@ -329,11 +333,15 @@ pub(crate) fn scattered(
         }
         Illuminant::Sun(sun) => shine(sun.direction, f64::INFINITY, DVec3::splat(sun.irradiance)),
         Illuminant::Headlight(_) => DVec3::ZERO,
-    }
+    };
+    let Some(caustics) = illumination.caustics.filter(|_| illumination.bounces > 0) else { return straight };
+    // A mirror that is followed shows what shines on it over other mirrors as its reflection.
+    let surface = surface.beside_reflection();
+    straight + caustics.sum(hit, |to_light| surface.scattering(to_light))
 }
 
 /// The radiant intensity of a spot light in a direction.
-fn intensity(light: &SpotLight, direction: DVec3) -> DVec3 {
+pub(crate) fn intensity(light: &SpotLight, direction: DVec3) -> DVec3 {
     let axis = (light.target - light.position).normalize_or_zero();
     let angle = axis.cross(direction).length().atan2(axis.dot(direction)).to_degrees();
     let [inner, outer] = [light.inner_degrees, light.outer_degrees].map(f64::from);

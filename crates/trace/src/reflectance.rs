@@ -192,7 +192,7 @@ pub(crate) fn lobe_direction(
 }
 
 /// The unit vector at an angle of this cosine to the unit vector `axis`, `turn` (0 to 1) around it.
-fn around(axis: DVec3, cosine: f64, turn: f64) -> DVec3 {
+pub(crate) fn around(axis: DVec3, cosine: f64, turn: f64) -> DVec3 {
     let (side, other) = axis.any_orthonormal_pair();
     let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
     let (sin, cos) = (turn * TAU).sin_cos();

@@ -86,7 +86,8 @@ pub(crate) fn in_parallel<T: Send>(
     progress: &Progress,
     work: impl Fn(usize) -> T + Sync,
 ) -> Option<Vec<T>> {
-    progress.set_total(count as u64);
+    // After other work that was counted.
+    progress.set_total(progress.done() + count as u64);
     let some = |first: usize| {
         let items: Range<usize> = first * batch..((first + 1) * batch).min(count);
         let results: Vec<T> = if progress.is_cancelled() { Vec::new() } else { items.clone().map(&work).collect() };
