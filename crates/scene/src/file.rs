@@ -497,7 +497,12 @@ mod tests {
         assert_eq!(second("size = 0"), "not a scene: mirror 2 (`ball`): size is 0, expected more than 0");
         assert!(second("size = nan").contains("mirror 2 (`ball`): size is NaN"));
         assert!(second("size = 1\nrotation = [0, 0, 0, 2]").contains("mirror 2 (`ball`): rotation"));
-        assert!(second("size = 1\nmethod = \"mirror\"").contains("`mirror` is no method; expected one of auto, none,"));
+        let unknown = second("size = 1\nmethod = \"mirror\"");
+        assert!(
+            unknown.contains("`mirror` is no method; expected one of environment_map, mirrored_viewpoint, "),
+            "{unknown}"
+        );
+        assert!(!unknown.contains("auto") && !unknown.contains("none"), "both are refused for one mirror: {unknown}");
         assert!(
             second("size = 1\nspecular_intensity = 1.01").contains("mirror 2 (`ball`): specular_intensity is 1.01")
         );

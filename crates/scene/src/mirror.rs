@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use param::Choice as _;
 
-use crate::{Method, MirrorMesh, MirrorSurface, surface_points};
+use crate::{METHODS, Method, MirrorMesh, MirrorSurface, surface_points};
 
 /// The most mirrors of a scene. Each brings at least 20,000 points, and the reflection of each in each is searched for.
 pub const MOST_MIRRORS: usize = 64;
@@ -186,8 +186,10 @@ mod method_name {
 
     pub fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Option<Method>, D::Error> {
         let name = String::deserialize(deserializer)?;
-        let expected =
-            || D::Error::custom(format!("`{name}` is no method; expected one of {}", Method::NAMES.join(", ")));
+        // `auto` and `none` are known names, which `Mirror::problem` refuses for one mirror.
+        let rows = METHODS.iter().filter(|row| !matches!(row.method, Method::Auto | Method::None));
+        let names = || rows.map(|row| row.name).collect::<Vec<_>>().join(", ");
+        let expected = || D::Error::custom(format!("`{name}` is no method; expected one of {}", names()));
         Method::from_name(&name).map(Some).ok_or_else(expected)
     }
 }
