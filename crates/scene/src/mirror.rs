@@ -300,6 +300,12 @@ impl Mirror {
         chunks
     }
 
+    /// Whether another mirror is represented by the same points: they differ in nothing but name, material and method.
+    pub fn has_points_of(&self, other: &Self) -> bool {
+        let form = |mirror: &Self| (mirror.position, mirror.rotation, mirror.size, mirror.color);
+        form(self) == form(other) && self.shape == other.shape
+    }
+
     /// The surface and its placement.
     pub fn surface(&self) -> (Surface, Placement) {
         let surface = match self.shape {
@@ -407,6 +413,38 @@ mod tests {
         assert_eq!(mirror.sample_count(1e9), 20_000);
         for too_dense in [1e-9, 0.0, f64::NAN] {
             assert_eq!(mirror.sample_count(too_dense), 200_000);
+        }
+    }
+
+    #[test]
+    fn mirrors_have_the_same_points_unless_form_place_or_colour_differ() {
+        let (mirror, ..) = standing(Shape::Sphere);
+        let kept: [fn(&mut Mirror); 6] = [
+            |mirror| mirror.name = "ball".into(),
+            |mirror| mirror.specular_intensity = 0.5,
+            |mirror| mirror.specular_power = 30.0,
+            |mirror| mirror.refraction = Some(WATER),
+            |mirror| mirror.as_points = true,
+            |mirror| mirror.method = Some(Method::EnvironmentMap),
+        ];
+        let other: [fn(&mut Mirror); 5] = [
+            |mirror| mirror.shape = Shape::Torus { tube: 0.4 },
+            |mirror| mirror.position.z += 0.1,
+            |mirror| mirror.rotation *= DQuat::from_rotation_x(0.1),
+            |mirror| mirror.size *= 1.1,
+            |mirror| mirror.color = [0.9, 0.5, 0.5],
+        ];
+        let points = |mirror: &Mirror| {
+            let chunks = mirror.sample(100, 1);
+            let places = |chunk: &Chunk| (0..chunk.len()).map(|at| chunk.position(at)).collect::<Vec<_>>();
+            chunks.iter().map(|chunk| (places(chunk), chunk.normals.clone(), chunk.colors.clone())).collect::<Vec<_>>()
+        };
+        for (number, change) in kept.iter().chain(&other).enumerate() {
+            let is_same = number < kept.len();
+            let mut changed = mirror.clone();
+            change(&mut changed);
+            assert_eq!(mirror.has_points_of(&changed), is_same, "change {number}");
+            assert_eq!(points(&mirror) == points(&changed), is_same, "change {number}");
         }
     }
 

@@ -105,11 +105,12 @@ impl Loaded {
                 let visible = clouds.iter().filter(|entry| entry.is_visible);
                 mirrors::area_per_point(visible.map(|entry| &entry.cloud), &test)
             });
+            let is_dense = |sample: &Sample, area_per_point: f64| {
+                sample.area_per_point.is_none_or(|area| area.to_bits() == area_per_point.to_bits())
+            };
             let is_current = |id: ObjectId, mirror: &Mirror| {
-                self.samples.of.get(&id).is_some_and(|sample| {
-                    let same_area = sample.area_per_point.is_none_or(|area| area.to_bits() == area_per_point.to_bits());
-                    same_area && unnamed(mirror) == unnamed(&sample.mirror)
-                })
+                let sample = self.samples.of.get(&id);
+                sample.is_some_and(|s| is_dense(s, area_per_point) && unnamed(mirror) == unnamed(&s.mirror))
             };
             // A moving mirror that is drawn by its formula needs its points only when it stands still.
             let is_held = |id: ObjectId, mirror: &Mirror| {
@@ -120,8 +121,18 @@ impl Loaded {
             };
             let stale = beside.mirrors().find(|(id, mirror)| !is_held(*id, mirror) && !is_current(*id, mirror));
             if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {
-                self.samples.under_way = Some(id);
-                beside.outside.work(Work::SampleMirror { id, mirror, area_per_point });
+                let has_points =
+                    |sample: &&Sample| is_dense(sample, area_per_point) && mirror.has_points_of(&sample.mirror);
+                match self.samples.of.get(&id).filter(has_points) {
+                    Some(Sample { area_per_point, chunks, .. }) => {
+                        let chunks = chunks.iter().map(|(chunk, _)| chunk.clone()).collect();
+                        self.put_samples(id, mirror, *area_per_point, chunks, beside);
+                    }
+                    None => {
+                        self.samples.under_way = Some(id);
+                        beside.outside.work(Work::SampleMirror { id, mirror, area_per_point });
+                    }
+                }
             }
         }
         for entry in &mut self.clouds {

@@ -250,9 +250,11 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use scene::MirrorMesh;
+    use world::Change;
 
     use super::*;
     use crate::viewer::loaded::Loaded;
+    use crate::viewer::picture::messages::Command;
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::work::{Found, Work};
 
@@ -375,6 +377,20 @@ mod tests {
         assert!(wanted(&mut harness).is_none(), "asked for again");
         harness.state_mut().scene.objects.mirrors[0].mirror.name = "ball".into();
         assert!(wanted(&mut harness).is_none(), "a name is no change");
+        harness.state_mut().scene.objects.mirrors[0].mirror.method = Some(Method::EnvironmentMap);
+        let session = harness.state_mut();
+        session.with_loaded(Loaded::sync_objects);
+        let effects = std::mem::take(&mut session.outside.effects);
+        let changed = |effect: &Effect| match effect {
+            Effect::Render(Command::Change(Change::Mirror { mirror, samples, .. })) => {
+                Some((mirror.method, samples.len()))
+            }
+            _ => None,
+        };
+        let changes: Vec<_> = effects.iter().filter_map(changed).collect();
+        assert!(matches!(changes[..], [(Some(Method::EnvironmentMap), 1..)]), "the new method is drawn");
+        assert!(!effects.iter().any(|effect| matches!(effect, Effect::Work(_))), "with the points that are known");
+        assert!(wanted(&mut harness).is_none(), "once");
         harness.state_mut().scene.objects.mirrors[0].mirror.size *= 2.0;
         assert!(wanted(&mut harness).is_some(), "a new size is one");
     }
