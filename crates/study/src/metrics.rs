@@ -244,6 +244,9 @@ pub struct ImageError {
     pub rmse: f64,
     /// The mean CIEDE2000 difference in CIELAB (D65, 2 degrees).
     pub delta_e: f64,
+    /// The CIEDE2000 difference that 95 of 100 of the pixels do not exceed.
+    #[serde(default = "unknown")]
+    pub delta_e_p95: f64,
     /// The mean of the FLIP differences, 0 to 1; see [`flip`](crate::flip).
     pub flip: f64,
     /// The mean structural similarity, -1 to 1, 1 for equal pictures; see [`ssim`](crate::ssim).
@@ -270,14 +273,15 @@ pub fn image_error(width: usize, mirror: &[bool], picture: &[[f32; 3]], referenc
     let (picture, reference) = (of_mirrors(picture), of_mirrors(reference));
     let flip = flip(width, &picture, &reference);
     let ssim = ssim(width, &picture, &reference);
-    let (mut count, mut squares, mut delta_e, mut flip_sum, mut ssim_sum) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let (mut count, mut squares, mut flip_sum, mut ssim_sum) = (0.0, 0.0, 0.0, 0.0);
+    let mut delta_e = Vec::new();
     let mut lab_squares = [0.0; 3];
     for index in (0..mirror.len()).filter(|&index| mirror[index]) {
         let (color, true_color) = (picture[index], reference[index]);
         count += 1.0;
         squares += (0..3).map(|channel| (color[channel] - true_color[channel]).powi(2)).sum::<f64>() / 3.0;
         let (shown, truth) = (lab(color), lab(true_color));
-        delta_e += shown.difference(truth);
+        delta_e.push(shown.difference(truth));
         for (sum, difference) in lab_squares.iter_mut().zip([shown.l - truth.l, shown.a - truth.a, shown.b - truth.b]) {
             *sum += difference * difference;
         }
@@ -286,7 +290,8 @@ pub fn image_error(width: usize, mirror: &[bool], picture: &[[f32; 3]], referenc
     }
     ImageError {
         rmse: (squares / count).sqrt(),
-        delta_e: delta_e / count,
+        delta_e: delta_e.iter().sum::<f64>() / count,
+        delta_e_p95: Percentiles::of(delta_e).p95,
         flip: flip_sum / count,
         ssim: ssim_sum / count,
         rmse_lab: lab_squares.map(|sum| (sum / count).sqrt()),
@@ -407,7 +412,8 @@ mod tests {
     #[test]
     fn figures_have_the_names_that_charts_rely_on() {
         let mut figures = accuracy(Truth::SameInput, 1, &[Some(pixel(0.0, 0.0))]);
-        figures.image = Some(ImageError { rmse: 0.5, delta_e: 2.0, flip: 0.25, ssim: 0.9, rmse_lab: [1.0; 3] });
+        let image = ImageError { rmse: 0.5, delta_e: 2.0, delta_e_p95: 4.0, flip: 0.25, ssim: 0.9, rmse_lab: [1.0; 3] };
+        figures.image = Some(image);
         figures.indirect = Some(LightError { relative_rmse: 0.1, mean_ratio: 0.9, brightest_ratio: 2.0 });
         let json = serde_json::to_value(&figures).unwrap();
         assert_eq!(json["truth"], "same_input");
@@ -430,6 +436,14 @@ mod tests {
         let found = image_error(8, &mirror, &picture, &reference);
         // The CIEDE2000 difference of the pair according to colour-science 0.4.
         assert!((found.delta_e - 7.34935).abs() < 1e-3, "{}", found.delta_e);
+        assert!((found.delta_e_p95 - found.delta_e).abs() < 1e-9, "{found:?}");
+        // Four of forty mirror pixels are off: more than the one in twenty that the percentile leaves out.
+        let mut few = reference.clone();
+        (3..7).for_each(|index| few[index] = [0.45, 0.25, 0.12]);
+        let of_few = image_error(8, &mirror, &few, &reference);
+        assert!((of_few.delta_e * 10.0 - found.delta_e).abs() < 1e-9 && of_few.delta_e_p95 == found.delta_e_p95);
+        few[4..7].fill(reference[0]);
+        assert_eq!(image_error(8, &mirror, &few, &reference).delta_e_p95, 0.0, "one of forty");
         let mean_square = (0.05_f64.powi(2) + 0.05_f64.powi(2) + 0.02_f64.powi(2)) / 3.0;
         assert!((found.rmse - mean_square.sqrt()).abs() < 1e-6 && found.flip > 0.05, "{found:?}");
         // Every pixel is off by the same.

@@ -202,7 +202,7 @@ const FRAME_FIGURES: [Reading<Measured>; 24] = [
     }),
 ];
 
-const TRUTH_FIGURES: [Reading<Accuracy>; 20] = [
+const TRUTH_FIGURES: [Reading<Accuracy>; 21] = [
     ("false_fill", "false fill", "share of mirror pixels", |accuracy| Some(accuracy.false_fill)),
     ("angle_error_median", "angle error, median", "degrees", |accuracy| Some(accuracy.angle_error.median)),
     ("angle_error_p95", "angle error, 95th percentile", "degrees", |accuracy| Some(accuracy.angle_error.p95)),
@@ -215,6 +215,9 @@ const TRUTH_FIGURES: [Reading<Accuracy>; 20] = [
     ("recall", "recall", "share of visible points", |accuracy| accuracy.recall),
     ("rmse", "colour RMSE", "linear", |accuracy| accuracy.image.map(|image| image.rmse)),
     ("delta_e", "colour difference", "CIEDE2000", |accuracy| accuracy.image.map(|image| image.delta_e)),
+    ("delta_e_p95", "colour difference, 95th percentile", "CIEDE2000", |accuracy| {
+        accuracy.image.map(|image| image.delta_e_p95)
+    }),
     ("flip", "FLIP", "0 to 1", |accuracy| accuracy.image.map(|image| image.flip)),
     ("ssim", "SSIM", "-1 to 1", |accuracy| accuracy.image.map(|image| image.ssim)),
     ("rmse_l", "RMSE of L*", "CIELAB", |accuracy| accuracy.image.map(|image| image.rmse_lab[0])),

@@ -179,8 +179,8 @@ pub fn lines(figures: &Accuracy) -> Vec<(&'static str, String, &'static str)> {
         lines.push(("Recall", percent(recall), "Share of the points truly seen in the mirrors that were found"));
     }
     if let Some(image) = figures.image {
-        let help = "Mean difference of the mirrors' colours (CIEDE2000)";
-        lines.push(("Colour error", format!("{} ΔE", number(image.delta_e)), help));
+        let help = "Difference of the mirrors' colours (CIEDE2000): the mean, and what 95 of 100 pixels are within";
+        lines.push(("Colour error", format!("{} · {} ΔE", number(image.delta_e), number(image.delta_e_p95)), help));
     }
     lines
 }

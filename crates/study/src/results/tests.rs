@@ -147,9 +147,9 @@ fn columns_of_csv_and_json_are_fixed() {
         "plan group scene method splat.size {{width}} set width height points repeats frame_ms frame_ms_low \
          frame_ms_high method_ms method_ms_low method_ms_high mirror_pixels coverage closed_coverage hit_rate \
          unconverged regions unresolved tests_per_ray maps_new maps_missed maps_bytes maps_off texels_traced listed ray_copies cameras_bytes cameras_ms uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
-         estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim same_input_rmse_l \
+         estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_delta_e_p95 same_input_flip same_input_ssim same_input_rmse_l \
          same_input_rmse_a same_input_rmse_b same_input_light_error same_input_light_mean same_input_light_brightest {} exact_rmse \
-         exact_delta_e exact_flip exact_ssim exact_rmse_l exact_rmse_a exact_rmse_b exact_light_error exact_light_mean exact_light_brightest within in_front behind open depth_error_median depth_error_p95 colour_error_median \
+         exact_delta_e exact_delta_e_p95 exact_flip exact_ssim exact_rmse_l exact_rmse_a exact_rmse_b exact_light_error exact_light_mean exact_light_brightest within in_front behind open depth_error_median depth_error_p95 colour_error_median \
          traced_within traced_in_front still_delta_e still_worse_delta_e still_mirrors_delta_e still_mirrors_delta_e_p95 \
          still_rest_delta_e still_rest_delta_e_p95 still_pixel_error_p95 target_ms predicted_ms flicker_still flicker_moving adapter adapter_kind clock commit error",
         truth.split_whitespace().map(|name| format!("same_input_{name}")).collect::<Vec<_>>().join(" "),
