@@ -288,7 +288,7 @@ mod tests {
         assert!(path.ends_with("sweep-sscr-pull_levels-1"), "{}", path.display());
         let table = std::fs::read_to_string(path.join("sweep.csv")).unwrap();
         let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
-        assert_eq!(rows.iter().map(Vec::len).collect::<Vec<_>>(), [24; 3], "{table}");
+        assert_eq!(rows.iter().map(Vec::len).collect::<Vec<_>>(), [25; 3], "{table}");
         let column = |name: &str| rows[0].iter().position(|known| *known == name).unwrap();
         let number = |row: usize, name: &str| rows[row][column(name)].parse::<f64>().unwrap();
         assert_eq!([rows[1][1], rows[2][1]], ["0", "2"]);
@@ -324,7 +324,7 @@ mod tests {
         result.unwrap();
         let table = std::fs::read_to_string(path.join("sweep.csv")).unwrap();
         let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
-        assert_eq!((rows.len(), rows[1].len(), &rows[1][..3]), (2, 24, &["splat.size", "1", ""][..]), "{table}");
+        assert_eq!((rows.len(), rows[1].len(), &rows[1][..3]), (2, 25, &["splat.size", "1", ""][..]), "{table}");
         assert!(image::open(path.join("sheet.png")).is_ok());
         std::fs::remove_dir_all(path).unwrap();
     }
