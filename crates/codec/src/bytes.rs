@@ -21,6 +21,7 @@ pub struct Bytes {
 enum Place {
     Disk(Disk),
     Remote(Box<Remote>),
+    Memory(Vec<u8>),
 }
 
 impl Bytes {
@@ -83,6 +84,11 @@ impl Bytes {
         Ok(Self { path: path.to_owned(), length, place: Place::Disk(Disk::new(file)) })
     }
 
+    /// What a file holds when it is decompressed; messages name it by the path of the file.
+    pub(crate) fn of_memory(path: &Path, bytes: Vec<u8>) -> Self {
+        Self { path: path.to_owned(), length: bytes.len() as u64, place: Place::Memory(bytes) }
+    }
+
     /// Where the source is: how messages name it, and how it is opened again.
     pub fn path(&self) -> &Path {
         &self.path
@@ -120,6 +126,12 @@ impl Bytes {
         match &self.place {
             Place::Disk(file) => file.read_some_at(offset, buffer),
             Place::Remote(remote) => remote.read_some_at(offset, buffer),
+            Place::Memory(bytes) => {
+                let rest = usize::try_from(offset).ok().and_then(|offset| bytes.get(offset..)).unwrap_or_default();
+                let count = rest.len().min(buffer.len());
+                buffer[..count].copy_from_slice(&rest[..count]);
+                Ok(count)
+            }
         }
     }
 
@@ -132,7 +144,7 @@ impl Bytes {
     /// sends nothing of the kind.
     pub fn remote_identity(&self) -> Option<String> {
         match &self.place {
-            Place::Disk(_) => None,
+            Place::Disk(_) | Place::Memory(_) => None,
             Place::Remote(remote) => remote.identity(),
         }
     }
@@ -140,7 +152,7 @@ impl Bytes {
     /// The stamp of a file at an address, if another file would have another one.
     pub(crate) fn stamp(&self) -> Option<&Stamp> {
         match &self.place {
-            Place::Disk(_) => None,
+            Place::Disk(_) | Place::Memory(_) => None,
             Place::Remote(remote) => remote.stamp(),
         }
     }
@@ -151,7 +163,7 @@ impl Bytes {
     /// If it cannot be fetched.
     pub(crate) fn fetch(&self, offset: u64, length: u64) -> io::Result<()> {
         match &self.place {
-            Place::Disk(_) => Ok(()),
+            Place::Disk(_) | Place::Memory(_) => Ok(()),
             Place::Remote(remote) => {
                 let end = offset.saturating_add(length).min(self.length);
                 remote.fetch(offset.min(end)..end)
@@ -165,7 +177,7 @@ impl Bytes {
     /// If it is longer than fetched files may be, or cannot be fetched.
     pub(crate) fn fetch_all(&self) -> Result<()> {
         match &self.place {
-            Place::Disk(_) => Ok(()),
+            Place::Disk(_) | Place::Memory(_) => Ok(()),
             Place::Remote(remote) => remote.fetch_all().map_err(|error| Error::io(&self.path, error)),
         }
     }

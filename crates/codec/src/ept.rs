@@ -1,5 +1,5 @@
 //! Reads Entwine Point Tiles (EPT 1, entwine.io): a folder with `ept.json`, pages of a hierarchy (`hierarchy`) and a file of
-//! points for each node of an octree (`tiles`): LAZ, or rows of numbers.
+//! points for each node of an octree (`tiles`): LAZ, or rows of numbers, which may be compressed (`zstandard`).
 //!
 //! `ept.json` and the hierarchy are claims: a tile with another number of points, other attributes or another grid than
 //! they and the first tile say is not read, and the others are. A hierarchy that is larger than the memory for it, or has
@@ -8,6 +8,7 @@
 
 pub(crate) mod hierarchy;
 mod tiles;
+mod zstandard;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -48,8 +49,10 @@ pub struct EptSource {
     whole: OnceLock<std::result::Result<Box<EptSource>, String>>,
     /// The bytes of a point in the tiles, about.
     bytes_each: f64,
-    /// How binary tiles are read; `None` for LAZ.
+    /// How tiles of rows are read; `None` for LAZ.
     rows: Option<TileRows>,
+    /// Whether the rows are compressed by Zstandard.
+    is_compressed: bool,
     /// The tile whose columns, colours and grid all others have; `None` for a cloud without points.
     model: Option<Tile>,
     memory: u64,
@@ -106,16 +109,13 @@ impl EptSource {
         let text = file.all(MOST_DESCRIPTION)?;
         let told: Description = serde_json::from_slice(&text)
             .map_err(|error| fail(format!("not one of EPT: {}", brief::message(&error))))?;
+        let is_compressed = told.data_type == "zstandard";
         let rows = match told.data_type.as_str() {
             "laszip" => None,
-            "binary" => Some(TileRows::new(&told.schema).map_err(fail)?),
-            "zstandard" => {
-                let problem = "its tiles are compressed by Zstandard, which is not read; write it with `laszip` tiles";
-                return Err(Error::unsuitable(&path, problem));
-            }
+            "binary" | "zstandard" => Some(TileRows::new(&told.schema).map_err(fail)?),
             other => {
                 let other = brief::brief(other);
-                return Err(fail(format!("tiles of type `{other}`, expected laszip or binary")));
+                return Err(fail(format!("tiles of type `{other}`, expected laszip, binary or zstandard")));
             }
         };
         if !matches!(told.hierarchy_type.as_str(), "" | "json") {
@@ -149,8 +149,19 @@ impl EptSource {
         let first_points = first_points.collect();
         info.grid = rows.as_ref().and_then(|_| TileRows::grid(&told.schema));
         let (whole, bytes_each, opened) = (OnceLock::new(), 0.0, Mutex::default());
-        let mut source =
-            Self { info, file, octree, first_points, whole, bytes_each, rows, model: None, memory, opened };
+        let mut source = Self {
+            info,
+            file,
+            octree,
+            first_points,
+            whole,
+            bytes_each,
+            rows,
+            is_compressed,
+            model: None,
+            memory,
+            opened,
+        };
         source.find_model()?;
         Ok(source)
     }
@@ -160,8 +171,8 @@ impl EptSource {
         let mut first_error = None;
         let filled: Vec<usize> = (0..self.octree.first).filter(|node| self.octree.nodes[*node].points > 0).collect();
         for node in filled.iter().take(TRIED) {
-            match self.tile(&self.octree.nodes[*node]) {
-                Ok(tile) => {
+            match self.open_tile(&self.octree.nodes[*node]) {
+                Ok((tile, length)) => {
                     let own = tile.info();
                     self.info.point_format = own.point_format;
                     self.info.properties = own.properties.clone();
@@ -172,7 +183,7 @@ impl EptSource {
                         (self.info.crs, self.info.units) = (own.crs.clone(), own.units);
                     }
                     // The lengths of other tiles are not known before they are opened.
-                    let bytes_each = tile.length() as f64 / own.points.max(1) as f64;
+                    let bytes_each = length as f64 / own.points.max(1) as f64;
                     self.bytes_each = bytes_each;
                     self.octree
                         .nodes
@@ -190,15 +201,24 @@ impl EptSource {
     /// The path of the file with the points of a node.
     fn tile_path(&self, node: &CopcNode) -> PathBuf {
         let CopcNode { level, cell, .. } = *node;
-        let ending = if self.rows.is_some() { "bin" } else { "laz" };
+        let ending = match &self.rows {
+            None => "laz",
+            Some(_) if self.is_compressed => "zst",
+            Some(_) => "bin",
+        };
         beside(self.file.path(), &format!("ept-data/{}.{ending}", name((level, cell))))
     }
 
-    /// Opens the file with the points of a node.
+    /// The points of a node.
     ///
     /// # Errors
-    /// If it is not there, or is not as the hierarchy and the first tile say.
+    /// If its file is not there, or is not as the hierarchy and the first tile say.
     fn tile(&self, node: &CopcNode) -> Result<Tile> {
+        self.open_tile(node).map(|(tile, _)| tile)
+    }
+
+    /// Opens the file with the points of a node. Returns the length of the file, too.
+    fn open_tile(&self, node: &CopcNode) -> Result<(Tile, u64)> {
         let path = self.tile_path(node);
         let key = (node.level, node.cell);
         let opened = || self.opened.lock().unwrap_or_else(PoisonError::into_inner);
@@ -207,10 +227,12 @@ impl EptSource {
         if let (None, Some(stamp)) = (before, file.stamp()) {
             opened().insert(key, stamp.clone());
         }
+        let length = file.length();
         let memory = self.memory / rayon::current_num_threads().max(1) as u64;
         let mut tile = match &self.rows {
             None => Tile::open_las(file, memory, self.model.as_ref())?,
             Some(rows) => {
+                let file = if self.is_compressed { rows.decompressed(&file, node.points, memory)? } else { file };
                 let info = Info { grid: self.info.grid, ..Info::of_rows(&path, Format::Ept, String::new()) };
                 Tile::open_rows(file, rows, info, self.model.as_ref())?
             }
@@ -226,7 +248,7 @@ impl EptSource {
         if let Some(placement) = self.info.placement {
             tile.info_mut().place(placement);
         }
-        Ok(tile)
+        Ok((tile, length))
     }
 
     pub fn bytes(&self) -> &Bytes {

@@ -17,6 +17,7 @@ mod ept;
 mod error;
 mod export;
 mod format;
+mod guarded;
 mod in_order;
 mod info;
 mod las;

@@ -11,6 +11,7 @@ use std::sync::Mutex;
 use cloud::{Chunk, PointTest, Progress};
 use codec::{Format, Selection, Source, Summary};
 use glam::DVec3;
+use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
 fn everything(source: &Source) -> Selection {
     let attributes = vec![true; source.info().attributes.len()];
@@ -194,6 +195,62 @@ fn binary_tiles_are_read() {
     assert!(record.contains(&("x".into(), "1004".into())), "{record:?}");
 }
 
+/// Compresses the tiles of a binary cloud, in place of which they stand.
+fn compress(path: &Path) {
+    let text = fs::read_to_string(path).unwrap();
+    fs::write(path, text.replace(r#""dataType":"binary""#, r#""dataType":"zstandard""#)).unwrap();
+    for entry in fs::read_dir(path.with_file_name("ept-data")).unwrap().flatten() {
+        let rows = fs::read(entry.path()).unwrap();
+        let compressed = compress_to_vec(rows.as_slice(), CompressionLevel::Fastest);
+        fs::write(entry.path().with_extension("zst"), compressed).unwrap();
+        fs::remove_file(entry.path()).unwrap();
+    }
+}
+
+#[test]
+fn compressed_tiles_are_those_of_plain_rows_to_the_bit() {
+    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let [plain, compressed] = folders.each_ref().map(|folder| binary(folder.path()));
+    compress(&compressed);
+    let sources = [plain, compressed].map(|path| codec::open(&path).unwrap());
+    let [plain, compressed] = sources.each_ref().map(|source| {
+        let (chunks, summary) = read(source);
+        assert_eq!((summary.points, summary.warnings.as_slice()), (5, &[][..]));
+        let (info, records) = (source.info(), [0, 2, 3, 4].map(|point| source.record(point).unwrap()));
+        let told = (info.attributes.clone(), info.grid, info.crs.clone(), info.bounds, info.warnings.clone());
+        (format!("{chunks:?}"), records, told)
+    });
+    assert_eq!(plain, compressed);
+    assert!(sources[1].info().version.contains("zstandard"), "{}", sources[1].info().version);
+}
+
+#[test]
+fn a_compressed_tile_that_is_not_as_told_is_missed_and_the_others_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = binary(folder.path());
+    compress(&path);
+    let tile = path.with_file_name("ept-data").join("1-0-0-0.zst");
+    let whole = fs::read(&tile).unwrap();
+    let rows = compress_to_vec([0_u8; 3 * 28].as_slice(), CompressionLevel::Uncompressed);
+    // A frame of 8 MiB of memory, and a block that repeats a byte 131,072 times.
+    let bomb = [0x28, 0xb5, 0x2f, 0xfd, 0, 13 << 3, 3, 0, 16, 7];
+    for (bytes, problem) in [
+        (&whole[..whole.len() / 2], "tile: not decompressed"),
+        (&rows, "tile: more than the 56 bytes"),
+        (&bomb, "tile: more than the 56 bytes"),
+        (&[7; 100_000], "100000 bytes, expected at most"),
+    ] {
+        fs::write(&tile, bytes).unwrap();
+        let source = codec::open(&path).unwrap();
+        let (_, summary) = read(&source);
+        let told = summary.warnings.join("\n");
+        assert!(summary.points == 3 && told.contains("2 points are missing") && told.contains(problem), "{told}");
+    }
+    write(folder.path(), "ept-hierarchy/0-0-0-0.json", r#"{"0-0-0-0":16000000}"#);
+    let told = codec::open_within(&path, 64 << 20).err().map(|error| error.to_string()).unwrap_or_default();
+    assert!(told.contains("448000000 bytes of points") && told.contains("fit in the memory for one tile"), "{told}");
+}
+
 #[test]
 fn a_hierarchy_that_lies_ends_with_a_clear_error() {
     let folder = tempfile::tempdir().unwrap();
@@ -276,8 +333,7 @@ fn what_is_not_read_says_so() {
     let path = binary(folder.path());
     let text = fs::read_to_string(&path).unwrap();
     for (from, to, problem) in [
-        (r#""dataType":"binary""#, r#""dataType":"zstandard""#, "compressed by Zstandard, which is not read"),
-        (r#""dataType":"binary""#, r#""dataType":"\u001b[31m""#, "expected laszip or binary"),
+        (r#""dataType":"binary""#, r#""dataType":"\u001b[31m""#, "expected laszip, binary or zstandard"),
         (r#""hierarchyType":"json""#, r#""hierarchyType":"gzip""#, "expected json"),
         ("1008,1008,1008", "1008,1008,1000", "no cube"),
         (r#""span":128"#, r#""span":0"#, "no cube"),

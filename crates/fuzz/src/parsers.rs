@@ -44,6 +44,7 @@ pub fn ept(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
         ("ept.json", description),
         ("ept-hierarchy/0-0-0-0.json", page),
         ("ept-data/0-0-0-0.bin", tile),
+        ("ept-data/0-0-0-0.zst", tile),
         ("ept-data/0-0-0-0.laz", tile),
     ] {
         let path = root.join(name);

@@ -11,6 +11,7 @@ use fuzz::{MOST_BYTES, TARGETS, Target, folder, join};
 use glam::{DVec3, Vec3};
 use laz::laszip::{ChunkTable, LazItemRecordBuilder};
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
+use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 use scene::{
     Bookmark, Camera, CameraPath, Caption, Clip, ClipShape, CloudSettings, Filter, Keep, Keyframe, Measurement,
     MeasurementKind, Mirror, MirrorNormals, MirrorPoints, Note, PointChoice, Preferences, Prism, SceneFile, Settings,
@@ -121,7 +122,7 @@ fn seeds() -> Vec<(&'static str, Seeds)> {
                 ("two.ptx", [ptx(2, 2), ptx(1, 3)].concat().into_bytes()),
             ]),
         ),
-        ("ept", named(vec![("binary", ept_of_rows()), ("laszip", ept_of_laz())])),
+        ("ept", named(vec![("binary", ept_of_rows()), ("laszip", ept_of_laz()), ("zstandard", ept_compressed())])),
         ("catalogue", named(vec![("two.vpc", catalogue())])),
         ("answers", named(vec![("whole", answer(false)), ("part", answer(true))])),
         ("index_nodes", named(index.clone())),
@@ -454,13 +455,19 @@ fn ept_description(kind: &str, points: usize) -> String {
     )
 }
 
+fn ept_rows(count: i32) -> Vec<u8> {
+    let row =
+        |row: i32| [row * 100, row * 200, row * 300].map(i32::to_le_bytes).concat().into_iter().chain([7, row as u8]);
+    (0..count).flat_map(row).collect()
+}
+
 fn ept_of_rows() -> Vec<u8> {
-    let rows: Vec<u8> = (0..8_i32)
-        .flat_map(|row| {
-            [row * 100, row * 200, row * 300].map(i32::to_le_bytes).concat().into_iter().chain([7, row as u8])
-        })
-        .collect();
-    join([ept_description("binary", 8).as_bytes(), b"{ \"0-0-0-0\": 8 }\n", &rows])
+    join([ept_description("binary", 8).as_bytes(), b"{ \"0-0-0-0\": 8 }\n", &ept_rows(8)])
+}
+
+fn ept_compressed() -> Vec<u8> {
+    let tile = compress_to_vec(ept_rows(30).as_slice(), CompressionLevel::Fastest);
+    join([ept_description("zstandard", 30).as_bytes(), b"{ \"0-0-0-0\": 30 }\n", &tile])
 }
 
 fn ept_of_laz() -> Vec<u8> {

@@ -8,6 +8,7 @@ use glam::DVec3;
 use serde::Deserialize;
 
 use crate::bytes::Bytes;
+use crate::ept::zstandard;
 use crate::export::columns::{Colors, Field, Piece, Reading};
 use crate::in_order::InOrder;
 use crate::las::LasSource;
@@ -128,13 +129,6 @@ impl Tile {
         }
     }
 
-    pub fn length(&self) -> u64 {
-        match self {
-            Self::Las(tile) => tile.bytes().length(),
-            Self::Rows(tile) => tile.bytes().length(),
-        }
-    }
-
     pub fn has_wide_colors(&self) -> bool {
         match self {
             Self::Las(tile) => tile.has_wide_colors(),
@@ -231,6 +225,21 @@ impl TileRows {
             properties.push(Property { name: dimension.own_name(), kind });
         }
         Ok(Self { element: Element { name: "point".into(), count: 0, properties }, stored, stride: stride.max(1) })
+    }
+
+    /// The rows of a compressed tile of so many points, which must fit in `memory` bytes.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or is not a compressed tile of so many points.
+    pub fn decompressed(&self, file: &Bytes, points: u32, memory: u64) -> Result<Bytes> {
+        let fail = |problem: String| Error::malformed(file.path(), "tile", problem);
+        let length = u64::from(points) * self.stride as u64;
+        if length > memory {
+            return Err(fail(format!("{length} bytes of points, and {memory} fit in the memory for one tile")));
+        }
+        let compressed = file.all(zstandard::most_compressed(length))?;
+        let rows = zstandard::decompressed(&compressed, length).map_err(fail)?;
+        Ok(Bytes::of_memory(file.path(), rows))
     }
 
     /// The grid of the coordinates, if they are whole steps of one.

@@ -5,10 +5,7 @@
 //! point-wise ones are decoded in one go from the start. `laz` does the decoding; it trusts its input, so sizes are
 //! checked before and panics are caught around it.
 
-use std::cell::Cell;
 use std::io::{BufReader, Read as _};
-use std::panic::{self, AssertUnwindSafe};
-use std::sync::Once;
 
 use laz::laszip::{ChunkTable, CompressorType};
 use laz::{DecompressionSelection, LazVlr};
@@ -16,6 +13,7 @@ use laz::{DecompressionSelection, LazVlr};
 use super::header::Header;
 use super::items;
 use crate::bytes::{Bytes, Section};
+use crate::guarded::guarded;
 use crate::{Error, Result};
 
 /// The number of bytes read ahead of the decoder.
@@ -396,29 +394,4 @@ fn read_table(file: &Bytes, header: &Header, vlr: &LazVlr) -> std::io::Result<Op
     }
     let end = (&table).into_iter().try_fold(points_start, |end, entry| end.checked_add(entry.byte_count));
     Ok(end.is_some_and(|end| end <= offset).then_some(table))
-}
-
-/// Runs a decoder on bytes that may be garbage. `laz` indexes and divides by what it decodes, so garbage can make it
-/// panic; that panic ends the decoding of one chunk and becomes a message. (It needs unwinding: `panic = "abort"` in a
-/// profile would end the program instead.)
-///
-/// The default panic hook would print to standard error before the unwinding starts. It is replaced, once, by one that
-/// prints nothing for panics of a thread inside this function and passes all others on.
-fn guarded<T>(decode: impl FnOnce() -> T) -> std::result::Result<T, String> {
-    thread_local! {
-        static GUARDED: Cell<bool> = const { Cell::new(false) };
-    }
-    static QUIET_HOOK: Once = Once::new();
-    QUIET_HOOK.call_once(|| {
-        let previous = panic::take_hook();
-        panic::set_hook(Box::new(move |info| {
-            if !GUARDED.get() {
-                previous(info);
-            }
-        }));
-    });
-    GUARDED.set(true);
-    let outcome = panic::catch_unwind(AssertUnwindSafe(decode));
-    GUARDED.set(false);
-    outcome.map_err(|_| "not valid compressed data".into())
 }
