@@ -69,6 +69,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
         actions.push(Action::ToggleShortcuts);
     }
     path_prompt(ui.ctx(), session, &mut actions);
+    panels::columns::show(ui.ctx(), session, &mut actions);
     panels::palette::show(ui.ctx(), session, &mut actions);
     panels::picture::show(ui.ctx(), session, &mut actions);
     panels::leaving::show(ui.ctx(), session, &mut actions);

@@ -278,7 +278,7 @@ impl ApplicationHandler<Wake> for Viewer {
                 self.session.outside.error(NO_MEMORY);
             }
             Wake::Chosen(Some(paths), _) => {
-                self.session.open(&paths);
+                self.session.open_by_hand(paths);
             }
             Wake::Placed(asked, chosen, took, proposed) => self.on_placed(asked, chosen, took, proposed),
             Wake::Chosen(None, took) => {

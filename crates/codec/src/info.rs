@@ -15,7 +15,8 @@ use crate::units::Units;
 pub struct Info {
     pub path: PathBuf,
     pub format: Format,
-    /// `1.2` for LAS; `ascii 1.0`, `binary_little_endian 1.0`, `binary_big_endian 1.0` for PLY.
+    /// `1.2` for LAS; `ascii 1.0`, `binary_little_endian 1.0`, `binary_big_endian 1.0` for PLY; the columns of a table, as
+    /// `--columns` gives them.
     pub version: String,
     /// The LAS point format, 0 to 10.
     pub point_format: Option<u8>,

@@ -5,11 +5,13 @@ mod rows;
 pub mod table;
 
 use std::io::Read as _;
+use std::path::Path;
 use std::sync::Arc;
 
 use cloud::ColumnType;
 use glam::{DAffine3, DMat3, DVec3};
 
+use crate::address::is_address;
 use crate::brief::brief;
 use crate::bytes::Bytes;
 use crate::format::Format;
@@ -19,7 +21,7 @@ use crate::ply::rows::{Block, Rows, locate_lines};
 use crate::ply::{Made, RowSource};
 use crate::{Error, Result};
 use rows::{Cells, TextRows};
-use table::{Style, Table};
+use table::{Style, Table, UnnamedTable};
 
 /// The length in bytes of the start of a file from which its format and columns are recognised.
 const START_BYTES: u64 = 64 << 10;
@@ -28,42 +30,91 @@ const MOST_SCANS: usize = 10_000;
 /// So many lines are counted by one thread, which reads no more than them.
 const FEW_LINES: u64 = 60_000;
 
+/// What a text is, by its first lines.
+enum Kind {
+    Ptx,
+    Pts,
+    Table,
+}
+
+/// The start of a text, from which its kind and its columns are recognised.
+struct Start {
+    bytes: Vec<u8>,
+    /// The length of the mark before it, which says that it is UTF-8.
+    mark: u64,
+    newline: u8,
+}
+
+impl Start {
+    /// `None` if the file is no text.
+    fn of(file: &Bytes) -> std::io::Result<Option<Self>> {
+        let mut bytes = Vec::new();
+        file.section(0, file.length().min(START_BYTES)).read_to_end(&mut bytes)?;
+        // Bytes of numbers, or a text of 16 bits.
+        if bytes.contains(&0) {
+            return Ok(None);
+        }
+        let mark = if bytes.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
+        bytes.drain(..mark);
+        let newline = if !bytes.contains(&b'\n') && bytes.contains(&b'\r') { b'\r' } else { b'\n' };
+        Ok(Some(Self { bytes, mark: mark as u64, newline }))
+    }
+
+    fn kind(&self) -> Kind {
+        let lines = || self.bytes.split(|byte| *byte == self.newline).filter(|line| !line.trim_ascii().is_empty());
+        let counts: Vec<usize> = lines().take(11).map(|line| count_of(line).unwrap_or(0)).collect();
+        let is_lone = |line: usize| counts.get(line) == Some(&1) && lines().nth(line).and_then(whole).is_some();
+        if is_lone(0) && is_lone(1) && counts.get(2..6) == Some(&[3; 4]) && counts.get(6..10) == Some(&[4; 4]) {
+            return Kind::Ptx;
+        }
+        let is_pts = is_lone(0) && counts.get(1).is_none_or(|count| (3..=7).contains(count)) && counts.len() > 1;
+        if is_pts { Kind::Pts } else { Kind::Table }
+    }
+}
+
 /// Opens the scans of a text of points; `None` if the file is none.
 ///
 /// # Errors
 /// If it is one that cannot be read.
 pub fn open(file: &Arc<Bytes>) -> Option<Result<Vec<RowSource>>> {
     let path = file.path();
-    let mut start = Vec::new();
-    if let Err(error) = file.section(0, file.length().min(START_BYTES)).read_to_end(&mut start) {
-        return Some(Err(Error::io(path, error)));
-    }
-    // Bytes of numbers, or a text of 16 bits.
-    if start.contains(&0) {
-        return None;
-    }
-    let mark = if start.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
-    start.drain(..mark);
-    let mark = mark as u64;
-    let newline = if !start.contains(&b'\n') && start.contains(&b'\r') { b'\r' } else { b'\n' };
-    let lines = || start.split(|byte| *byte == newline).filter(|line| !line.trim_ascii().is_empty());
-    let counts: Vec<usize> = lines().take(11).map(|line| count_of(line).unwrap_or(0)).collect();
-    let is_lone = |line: usize| counts.get(line) == Some(&1) && lines().nth(line).and_then(whole).is_some();
-    if is_lone(0) && is_lone(1) && counts.get(2..6) == Some(&[3; 4]) && counts.get(6..10) == Some(&[4; 4]) {
-        return Some(open_ptx(file, mark, newline));
-    }
-    if is_lone(0) && counts.get(1).is_none_or(|count| (3..=7).contains(count)) && counts.len() > 1 {
-        return Some(open_pts(file, mark, newline));
-    }
-    let table = Table::of(&start, newline)?;
+    let start = match Start::of(file) {
+        Ok(start) => start?,
+        Err(error) => return Some(Err(Error::io(path, error))),
+    };
+    let (mark, newline) = (start.mark, start.newline);
+    let table = match start.kind() {
+        Kind::Ptx => return Some(open_ptx(file, mark, newline)),
+        Kind::Pts => return Some(open_pts(file, mark, newline)),
+        Kind::Table => Table::of(&start.bytes, newline, table::named(path))?,
+    };
     Some(table.map_err(|problem| Error::malformed(path, "columns", problem)).and_then(|table| {
         let rows = lines_of(file, mark + table.start, newline, u64::MAX).map_err(|error| Error::io(path, error))?;
-        let mut info = Info::of_rows(path, Format::Xyz, String::new());
+        let mut info = Info::of_rows(path, Format::Xyz, table.names());
         info.warnings.extend(table.warning.clone());
         let maker = Box::new(TextRows::new(table.style, &table.columns, newline, None));
         let made = Made { maker, rows, is_text: true, newline, color_scale: None, info };
         Ok(vec![RowSource::made(file.clone(), made)?])
     }))
+}
+
+/// Finds out whether a file of the disk is a table whose columns nothing names: neither a person nor a line of the file. Reads
+/// its start only. What cannot be read is none.
+pub fn unnamed_table(path: &Path) -> Option<UnnamedTable> {
+    if is_address(path) || table::named(path).is_some() {
+        return None;
+    }
+    let start = Start::of(&Bytes::open(path).ok()?).ok()??;
+    match start.kind() {
+        _ if is_other(&start.bytes) => None,
+        Kind::Ptx | Kind::Pts => None,
+        Kind::Table => UnnamedTable::of(&start.bytes, start.newline),
+    }
+}
+
+/// Whether a text is one of another format.
+fn is_other(start: &[u8]) -> bool {
+    crate::ply::is_ply(start) || crate::pcd::is_pcd(start)
 }
 
 /// The number of numbers in a line, with blanks between them; `None` if something else is among them.

@@ -277,3 +277,69 @@ fn hostile_texts_end_in_an_error_that_says_what_is_wrong() {
     assert!(packed(1, [9, 18], &[255; 9]).contains("reaches to before the points"));
     assert!(packed(1, [9, 18], &[5, 1]).contains("compressed points"));
 }
+
+/// What is said of the columns of a text that nothing names.
+fn unnamed(text: &str) -> Option<codec::UnnamedTable> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cloud.txt");
+    std::fs::write(&path, text).unwrap();
+    codec::unnamed_table(&path)
+}
+
+#[test]
+fn tables_whose_columns_no_line_names_are_found_with_a_guess_and_its_reason() {
+    let long = "1.5 2 3 0.1 7 9 9\n".repeat(100_000);
+    let cases = [
+        ("1 2 3\n4 5 6\n", "x,y,z", "No line names the columns. Taken for a place by the order"),
+        ("1;2;3;0,5\n4;5;6;0,25\n", "x,y,z,intensity", "Taken for a place and an intensity"),
+        ("# a comment\n1 2 3 255 0 9\n4 5 6 1 2 3\n", "x,y,z,red,green,blue", "whole numbers from 0 to 255"),
+        ("1 2 3 0 0.6 0.8\n4 5 6 0 -1 0\n", "x,y,z,nx,ny,nz", "have the length 1"),
+        (&long, "x,y,z,intensity,red,green,blue", "an intensity beside it"),
+        ("1 2 3 4.5 7.5\n", "x,y,z,column_4,column_5", "the values of the others say nothing"),
+        // What cannot be opened without an answer.
+        ("one two three\n1 2 3 4\n", "x,y,z,intensity", "`one two three` does not name the 4 columns"),
+        ("id,a,b,c\n1,2,3,4\n", "id,a,blue,c", "the columns id, a, blue, c have no x"),
+        ("1 2 3 tree\n4 5 6 wall\n", "x,y,z,skip", "texts are left out"),
+    ];
+    for (text, names, by) in cases {
+        let table = unnamed(text).unwrap_or_else(|| panic!("{names}: nothing is asked"));
+        assert_eq!(table.names.join(","), names);
+        assert!(table.by.contains(by), "{names}: {}", table.by);
+        assert!(table.lines.len() <= 8 && table.lines.iter().all(|line| line.len() == table.names.len()));
+    }
+    assert_eq!(unnamed("1;2;3;0,5\n4;5;6;0,25\n").unwrap().lines, [["1", "2", "3", "0,5"], ["4", "5", "6", "0,25"]]);
+    let certain = [
+        "x y z\n1 2 3\n",
+        "Easting [m];Northing [m];Height [m];Class\n1,5;2;3;7\n",
+        // PTS, PTX, PLY and what is no table.
+        "2\n1 2 3\n4 5 6\n",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n",
+        "a text with 1, 2 and 3 in it\nand another line\n",
+        "",
+        "1 2 3\0",
+    ];
+    for text in certain {
+        assert_eq!(unnamed(text), None, "{text}");
+    }
+    let pose = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    assert_eq!(unnamed(&format!("1\n2\n{pose}1 2 3 0.5\n4 5 6 0.5\n")), None);
+    assert_eq!(codec::unnamed_table(&PathBuf::from("/nothing/is/here.xyz")), None);
+    assert_eq!(codec::unnamed_table(&PathBuf::from("https://127.0.0.1:1/a.xyz")), None);
+}
+
+#[test]
+fn columns_that_are_named_for_a_file_are_those_of_this_file_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let paths = ["a.xyz", "b.xyz"].map(|name| folder.path().join(name));
+    paths.iter().for_each(|path| std::fs::write(path, "1 2 3 4\n5 6 7 8\n").unwrap());
+    let words = |text: &str| text.split(',').map(str::to_owned).collect::<Vec<_>>();
+    codec::name_columns_of(&paths[0], &words("X,skip,z,y")).unwrap();
+    let [first, second] = paths.each_ref().map(|path| codec::open(path).unwrap());
+    assert_eq!((names(&first).as_str(), names(&second).as_str()), ("x z y", "x y z intensity"));
+    assert_eq!((first.info().version.as_str(), places(&first)[0]), ("x,skip,z,y", DVec3::new(1.0, 4.0, 3.0)));
+    assert_eq!(codec::unnamed_table(&paths[0]), None, "a person has named them");
+    assert!(codec::unnamed_table(&paths[1]).is_some());
+    for (text, problem) in [("x,y,q", "no column z"), ("x,y,z,i,i", "the column intensity is named twice")] {
+        assert!(codec::name_columns_of(&paths[1], &words(text)).unwrap_err().contains(problem), "{text}");
+    }
+}

@@ -28,6 +28,10 @@ const MOST_RECORDS: u64 = 1 << 16;
 pub fn cloud(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     let path = folder.join("cloud");
     put(&path, bytes)?;
+    let unnamed = codec::unnamed_table(&path);
+    if let Some(table) = unnamed.filter(|table| table.lines.is_empty() || table.names.len() < 3) {
+        return Err(format!("{} lines and {} columns of a table", table.lines.len(), table.names.len()));
+    }
     let Ok(scans) = codec::open_scans(&path, DECODER_MEMORY) else { return Ok(0) };
     let mut decoded = 0;
     for source in scans.into_iter().take(MOST_READ) {

@@ -80,9 +80,9 @@ impl Identity {
             if input.info().scan_number() > 0 {
                 hash.add(&input.info().scan_number().to_le_bytes());
             }
-            // A person may have named the columns of a table otherwise.
+            // A person may have named the columns of a table otherwise, or left out others.
             if input.info().format == codec::Format::Xyz {
-                input.info().properties.iter().for_each(|property| hash.add(format!("{}\0", property.name).as_bytes()));
+                hash.add(input.info().version.as_bytes());
             }
             let since = stamp.modified.and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
             hash.add(&since.map_or(0, |since| since.as_nanos()).to_le_bytes());

@@ -5,6 +5,7 @@ pub mod captions;
 pub mod clips;
 pub mod clouds;
 pub mod colors;
+pub mod columns;
 pub mod commands;
 pub mod comparing;
 pub mod ghosts;

@@ -18,6 +18,7 @@ use crate::viewer::look::tab::Tab;
 use crate::viewer::objects::inspection::Pose;
 use crate::viewer::objects::{Marking, ObjectId};
 use crate::viewer::picture::messages::PickedPoint;
+use crate::viewer::requests::columns::Naming;
 use crate::viewer::requests::draft::Draft;
 use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::requests::recording::Wanted;
@@ -362,6 +363,8 @@ pub enum Action {
     /// Opens a path or a built-in scene.
     Open(PathBuf),
     OpenDialog,
+    /// Names the columns of a table that waits for that.
+    Name(Naming),
     OpenPrompt,
     /// Asks for a file whose points will be a mirror.
     ChangePrompt(Box<PathPrompt>),

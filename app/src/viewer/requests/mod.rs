@@ -3,6 +3,7 @@
 pub mod action;
 pub mod autosave;
 pub mod bindings;
+pub mod columns;
 pub mod draft;
 pub mod file_names;
 pub mod messages;

@@ -168,6 +168,8 @@ pub enum Work {
         words: Vec<OsString>,
         leash: Leash,
     },
+    /// Finds out whether something names the columns of a table that is to be opened.
+    LookAtTable(PathBuf),
     /// Deletes an index that no cloud uses.
     DeleteIndex(IndexEntry),
     /// Measures the size of the cache of indexes.
@@ -269,6 +271,11 @@ pub enum Found {
     Recording(Stage),
     Recorded(Ended),
     Captured(Captured),
+    /// `unnamed` is there if nothing names the columns of the table.
+    Table {
+        path: PathBuf,
+        unnamed: Option<Box<codec::UnnamedTable>>,
+    },
     IndexDeleted {
         kept: IndexEntry,
         result: Result<(), String>,
@@ -306,6 +313,7 @@ impl Work {
             Self::Truth(_) => "truth",
             Self::AddToStudy { .. } => "study",
             Self::SaveSweep(_) => "sweep",
+            Self::LookAtTable(_) => "table",
             Self::DeleteIndex(_) => "index",
             Self::MeasureCache => "cache",
         }
@@ -411,6 +419,10 @@ impl Work {
             Self::Record { scene, words, leash } => {
                 let ended = process::run(&scene, &words, &leash, |stage| found(Found::Recording(stage)));
                 found(Found::Recorded(ended));
+            }
+            Self::LookAtTable(path) => {
+                let unnamed = codec::unnamed_table(&path).map(Box::new);
+                found(Found::Table { path, unnamed });
             }
             Self::DeleteIndex(kept) => {
                 let result = world::delete(stream, &kept).map_err(|error| error.to_string());

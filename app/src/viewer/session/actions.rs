@@ -6,6 +6,7 @@ use serde_json::json;
 use crate::viewer::filming;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::requests::action::{Action, KeptStep, Palette};
+use crate::viewer::requests::columns::Naming;
 use crate::viewer::requests::outside::Effect;
 use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::requests::work::Work;
@@ -38,7 +39,8 @@ impl Session {
                 let is_held = truth && (self.truth.is_held || !self.loaded.clouds.is_empty());
                 self.truth.hold(is_held, &mut self.outside);
             }
-            Action::Open(path) => drop(self.open(&[path])),
+            Action::Open(path) => drop(self.open_by_hand(vec![path])),
+            Action::Name(step) => self.name_columns(step),
             Action::OpenDialog => self.outside.push(Effect::OpenDialog),
             Action::OpenPrompt => self.path_prompt = Some(PathPrompt::default()),
             Action::ChangePrompt(prompt) => self.path_prompt = Some(*prompt),
@@ -186,7 +188,7 @@ impl Session {
         } else if purpose == Purpose::Mesh {
             self.path_prompt = None;
             self.outside.work(Work::ReadMesh(Shape::Mesh(path.into())));
-        } else if self.open(std::slice::from_ref(&path)) {
+        } else if self.open_by_hand(vec![path.clone().into()]) {
             self.path_prompt = None;
             if purpose == Purpose::MirrorPoints {
                 self.loaded.await_marking(MirrorPoints::whole(path));
@@ -200,6 +202,8 @@ impl Session {
             self.shortcuts_are_open = false;
         } else if self.path_prompt.is_some() {
             self.close_prompt();
+        } else if let Some(first) = self.unnamed.first() {
+            self.name_columns(Naming::Cancel(first.path.clone()));
         } else if self.sweeps.asked.take().is_some()
             || self.filming.recording.asked.take().is_some()
             || self.tools.end_one(&mut self.scene, &mut self.outside)

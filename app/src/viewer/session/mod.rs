@@ -20,6 +20,7 @@ use crate::viewer::frames::auto::Auto;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::look::reflection_figures::FigureHistory;
 use crate::viewer::requests::action::Palette;
+use crate::viewer::requests::columns::ColumnsDraft;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::path_prompt::PathPrompt;
 use crate::viewer::requests::preferences::Preferences;
@@ -43,6 +44,8 @@ pub struct Session {
     pub outside: Outside,
     pub preferences: Preferences,
     pub path_prompt: Option<PathPrompt>,
+    /// Tables that wait for the names of their columns, the first of which is asked about.
+    pub unnamed: Vec<ColumnsDraft>,
     pub palette: Option<Palette>,
     /// What is searched for among the parameters.
     pub search: String,

@@ -23,10 +23,11 @@ use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::{Command, Frame, Report};
 use crate::viewer::requests::action::{Action, Filing};
+use crate::viewer::requests::columns::{self, ColumnsDraft, Naming};
 use crate::viewer::requests::messages::{Level, Messages};
 use crate::viewer::requests::outside::{Effect, News, Outside};
 use crate::viewer::requests::preferences::Preferences;
-use crate::viewer::requests::work::Found;
+use crate::viewer::requests::work::{Found, Work};
 use crate::viewer::scene::Scene;
 use crate::viewer::scene::confines::Confines;
 use crate::viewer::session::Session;
@@ -58,6 +59,7 @@ impl Session {
             outside: Outside::new(messages),
             preferences,
             path_prompt: None,
+            unnamed: Vec::new(),
             palette: None,
             search: String::new(),
             shortcuts_are_open: false,
@@ -156,6 +158,43 @@ impl Session {
         true
     }
 
+    /// Opens files that a person has chosen by hand. Tables are opened when their columns are known. Returns false if nothing
+    /// has a name among them.
+    pub fn open_by_hand(&mut self, paths: Vec<PathBuf>) -> bool {
+        let (tables, others): (Vec<PathBuf>, Vec<PathBuf>) =
+            paths.into_iter().partition(|path| columns::is_of_table(path) && path.is_file());
+        let is_open = others.is_empty() || self.open(&others);
+        tables.into_iter().for_each(|path| self.outside.work(Work::LookAtTable(path)));
+        is_open
+    }
+
+    fn on_table(&mut self, path: PathBuf, unnamed: Option<Box<codec::UnnamedTable>>) {
+        match unnamed {
+            Some(table) => self.unnamed.push(ColumnsDraft::new(path, *table)),
+            None => drop(self.open(&[path])),
+        }
+    }
+
+    /// Carries out a step of naming the columns of the table that waits first.
+    pub fn name_columns(&mut self, step: Naming) {
+        let Some(first) = self.unnamed.first_mut() else { return };
+        match step {
+            Naming::Change(draft) => *first = *draft,
+            // Esc may come from the window and as the key that ends tools.
+            Naming::Cancel(path) => self.unnamed.retain(|draft| draft.path != path),
+            Naming::Open => {
+                let named = first.names().and_then(|_| codec::name_columns_of(&first.path, &first.entered()));
+                match named {
+                    Ok(()) => {
+                        let path = self.unnamed.remove(0).path;
+                        self.open(&[path]);
+                    }
+                    Err(problem) => self.outside.say(Level::Error, problem),
+                }
+            }
+        }
+    }
+
     pub fn open_request(&mut self, mut request: world::Request) {
         if !request.inputs.is_empty() {
             self.leave_first_look();
@@ -252,6 +291,7 @@ impl Session {
             Found::Recording(stage) => self.filming.recording.on_stage(stage, &self.outside),
             Found::Captured(captured) => self.filming.on_captured(captured, &mut self.outside),
             Found::Recorded(ended) => self.filming.recording.on_end(ended, &mut self.outside),
+            Found::Table { path, unnamed } => self.on_table(path, unnamed),
             Found::IndexDeleted { kept, result } => self.outside.index_deleted(&bytes(kept.bytes), result),
             Found::CacheSize(bytes) => self.loaded.cache_size = Some(bytes),
         }

@@ -1,6 +1,8 @@
 //! What the columns of a table of numbers are: what separates them, which sign stands before decimals, and what they mean,
 //! by a line of names or by the values of the first lines.
 
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::{PoisonError, RwLock};
 
 use cloud::ColumnType;
@@ -17,6 +19,8 @@ const LOOKED_AT: usize = 500;
 
 /// The names that a person has given to the columns of all tables, in order.
 static NAMED: RwLock<Option<Vec<String>>> = RwLock::new(None);
+/// Names for the columns of single files, by canonical paths; these come before the names for all.
+static NAMED_OF: RwLock<BTreeMap<PathBuf, Vec<String>>> = RwLock::new(BTreeMap::new());
 
 /// Takes these names for the columns of all tables that are opened from now on, in place of their own lines of names and of
 /// guesses. `skip` leaves a column out; columns beyond the names are left out, too.
@@ -24,6 +28,26 @@ static NAMED: RwLock<Option<Vec<String>>> = RwLock::new(None);
 /// # Errors
 /// In words, if x, y or z is missing or a name is given twice.
 pub fn name_columns(names: &[String]) -> Result<(), String> {
+    let names = column_names(names)?;
+    *NAMED.write().unwrap_or_else(PoisonError::into_inner) = Some(names);
+    Ok(())
+}
+
+/// Takes these names for the columns of one file, as `name_columns` does for all.
+///
+/// # Errors
+/// Those of `name_columns`.
+pub fn name_columns_of(path: &Path, names: &[String]) -> Result<(), String> {
+    let names = column_names(names)?;
+    NAMED_OF.write().unwrap_or_else(PoisonError::into_inner).insert(canonical(path), names);
+    Ok(())
+}
+
+/// The names that columns have here by names that a person gives.
+///
+/// # Errors
+/// In words, if x, y or z is missing or a name is given twice.
+pub fn column_names(names: &[String]) -> Result<Vec<String>, String> {
     let names: Vec<String> = names.iter().map(|name| meaning(name)).collect();
     let given = |name: &str| names.iter().filter(|own| *own == name).count();
     if let Some(axis) = ["x", "y", "z"].into_iter().find(|axis| given(axis) == 0) {
@@ -32,12 +56,18 @@ pub fn name_columns(names: &[String]) -> Result<(), String> {
     if let Some(twice) = names.iter().find(|name| *name != SKIP && given(name) > 1) {
         return Err(format!("the column {} is named twice; `{SKIP}` leaves a column out", brief(twice)));
     }
-    *NAMED.write().unwrap_or_else(PoisonError::into_inner) = Some(names);
-    Ok(())
+    Ok(names)
 }
 
-fn named() -> Option<Vec<String>> {
-    NAMED.read().unwrap_or_else(PoisonError::into_inner).clone()
+fn canonical(path: &Path) -> PathBuf {
+    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// The names that a person has given to the columns of a file.
+pub fn named(path: &Path) -> Option<Vec<String>> {
+    let of_files = NAMED_OF.read().unwrap_or_else(PoisonError::into_inner);
+    let of_file = if of_files.is_empty() { None } else { of_files.get(&canonical(path)).cloned() };
+    of_file.or_else(|| NAMED.read().unwrap_or_else(PoisonError::into_inner).clone())
 }
 
 /// How a line is divided into numbers.
@@ -131,10 +161,107 @@ pub struct Table {
     pub warning: Option<String>,
 }
 
+/// What is found at the start of a table: how its lines are divided, and what says the names of the columns.
+struct Head<'a> {
+    style: Style,
+    /// The offset of the first line of numbers, and the first lines.
+    start: usize,
+    numbers: Vec<&'a [u8]>,
+    /// The values of each column in these lines, as far as they are numbers.
+    samples: Vec<Vec<f64>>,
+    names: Names,
+}
+
+/// What says the names of the columns of a table.
+enum Names {
+    /// A line of the file.
+    Line(Vec<String>),
+    /// Nothing, and why a line before the numbers does not, if one is there.
+    Nothing(Option<String>),
+}
+
+/// A table whose columns no line names as they must be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnnamedTable {
+    /// The texts of the first lines, column by column of a line.
+    pub lines: Vec<Vec<String>>,
+    /// What the columns are taken for.
+    pub names: Vec<String>,
+    /// What that is by, or what is wrong with the line of names, in words.
+    pub by: String,
+}
+
+/// The number of lines that a person is shown.
+const SHOWN: usize = 8;
+
 impl Table {
-    /// The columns of a file that begins so. `None` if it is no table of numbers; the error says, in words, why the columns
-    /// are not known.
-    pub fn of(start: &[u8], newline: u8) -> Option<Result<Self, String>> {
+    /// The columns of a file that begins so; `named` are the names that a person gave them. `None` if it is no table of
+    /// numbers; the error says, in words, why the columns are not known.
+    pub fn of(start: &[u8], newline: u8, named: Option<Vec<String>>) -> Option<Result<Self, String>> {
+        let head = Head::of(start, newline, named.is_some())?;
+        let (names, warning) = match (named, head.names) {
+            (Some(named), _) => (named, None),
+            (None, Names::Line(names)) => match check_names(&names) {
+                Ok(()) => (names, None),
+                Err(problem) => return Some(Err(format!("{problem}; --columns names them"))),
+            },
+            (None, Names::Nothing(Some(problem))) => return Some(Err(format!("{problem}; --columns names them"))),
+            (None, Names::Nothing(None)) => {
+                let Guess { names, is_sure, .. } = guessed(&head.samples);
+                let taken = names.join(",");
+                let warning = format!("its columns are not named and are taken for {taken}; --columns names others");
+                (names, (!is_sure).then_some(warning))
+            }
+        };
+        // The channels of a colour have one type.
+        let mut channels = std::iter::zip(&names, &head.samples).filter(|(name, _)| is_color(name));
+        let are_whole = channels.all(|(_, values)| values.iter().all(|value| is_word(*value)));
+        let column = |name: &String| (name != SKIP).then(|| (name.clone(), column_type(name, are_whole)));
+        let columns = names.iter().take(head.samples.len()).map(column).collect();
+        Some(Ok(Self { style: head.style, columns, start: head.start as u64, warning }))
+    }
+
+    /// The names of its columns, as `--columns` gives them.
+    pub fn names(&self) -> String {
+        let name =
+            |column: &Option<(String, ColumnType)>| column.as_ref().map_or(SKIP.to_owned(), |(name, _)| name.clone());
+        self.columns.iter().map(name).collect::<Vec<_>>().join(",")
+    }
+}
+
+impl UnnamedTable {
+    /// The table of a file that begins so; `None` if it is none, or a line names its columns.
+    pub fn of(start: &[u8], newline: u8) -> Option<Self> {
+        let head = Head::of(start, newline, true)?;
+        // Lines with texts among their numbers are a table only where all have the same columns.
+        let has_texts = head.samples.iter().any(|values| values.len() < head.numbers.len());
+        if has_texts && head.numbers.iter().any(|line| head.style.tokens(line).count() != head.samples.len()) {
+            return None;
+        }
+        let Guess { names: mut taken, by, .. } = guessed(&head.samples);
+        let are_texts = |values: &Vec<f64>| values.is_empty();
+        let texts = std::iter::zip(&mut taken, &head.samples).filter(|(_, values)| are_texts(values));
+        texts.for_each(|(name, _)| SKIP.clone_into(name));
+        let left_out = if head.samples.iter().any(are_texts) { "; texts are left out" } else { "" };
+        let (names, by) = match head.names {
+            Names::Line(names) => match check_names(&names) {
+                Ok(()) => return None,
+                Err(problem) => (names, problem),
+            },
+            Names::Nothing(problem) => {
+                let problem = problem.unwrap_or_else(|| "No line names the columns".into());
+                (taken, format!("{problem}. Taken for {by}{left_out}"))
+            }
+        };
+        let text = |token: &[u8]| brief(&String::from_utf8_lossy(token));
+        let line = |line: &&[u8]| head.style.tokens(line).take(head.samples.len()).map(text).collect();
+        Some(Self { lines: head.numbers.iter().take(SHOWN).map(line).collect(), names, by })
+    }
+}
+
+impl<'a> Head<'a> {
+    /// `has_names` says whether a person gave the columns names, so that texts may stand among the numbers.
+    fn of(start: &'a [u8], newline: u8, has_names: bool) -> Option<Self> {
         let mut lines = Vec::new();
         let mut at = 0;
         for line in start.split_inclusive(|byte| *byte == newline) {
@@ -178,30 +305,20 @@ impl Table {
             })
             .collect();
         let names = lines[..first].iter().rev().find_map(|(_, line)| names_of(line, style, count));
-        if is_mixed && names.is_none() && named().is_none() {
+        if is_mixed && names.is_none() && !has_names {
             return None;
         }
         let is_lone_count = first == 1 && lines[0].1.trim_ascii().iter().all(u8::is_ascii_digit);
-        let (names, warning) = match (named(), names) {
-            (Some(named), _) => (named, None),
-            (None, Some(names)) => match check_names(&names) {
-                Ok(()) => (names, None),
-                Err(problem) => return Some(Err(problem)),
-            },
+        let names = match names {
+            Some(names) => Names::Line(names),
             // A line before the numbers that gives no names for the columns.
-            (None, None) if first > 0 && !is_lone_count && !is_comment(lines[first - 1].1) => {
+            None if first > 0 && !is_lone_count && !is_comment(lines[first - 1].1) => {
                 let line = brief(String::from_utf8_lossy(lines[first - 1].1.trim_ascii()).as_ref());
-                let problem = format!("`{line}` does not name the {count} columns of the lines below it");
-                return Some(Err(format!("{problem}; --columns names them")));
+                Names::Nothing(Some(format!("`{line}` does not name the {count} columns of the lines below it")))
             }
-            (None, None) => guessed(&samples),
+            None => Names::Nothing(None),
         };
-        // The channels of a colour have one type.
-        let mut channels = std::iter::zip(&names, &samples).filter(|(name, _)| is_color(name));
-        let are_whole = channels.all(|(_, values)| values.iter().all(|value| is_word(*value)));
-        let column = |name: &String| (name != SKIP).then(|| (name.clone(), column_type(name, are_whole)));
-        let columns = names.iter().take(count).map(column).collect();
-        Some(Ok(Self { style, columns, start: lines[first].0 as u64, warning }))
+        Some(Self { style, start: lines[first].0, numbers, samples, names })
     }
 }
 
@@ -260,15 +377,23 @@ fn check_names(names: &[String]) -> Result<(), String> {
     for axis in ["x", "y", "z"] {
         match names.iter().filter(|name| *name == axis).count() {
             1 => {}
-            0 => return Err(format!("the columns {} have no {axis}; --columns names them", shown())),
-            _ => return Err(format!("the columns {} have {axis} twice; --columns names them", shown())),
+            0 => return Err(format!("the columns {} have no {axis}", shown())),
+            _ => return Err(format!("the columns {} have {axis} twice", shown())),
         }
     }
     Ok(())
 }
 
-/// What columns without names mean, by the values of some lines, and a warning if that is not sure.
-fn guessed(samples: &[Vec<f64>]) -> (Vec<String>, Option<String>) {
+/// What columns without names are taken for.
+struct Guess {
+    names: Vec<String>,
+    /// What that is by, in words.
+    by: &'static str,
+    is_sure: bool,
+}
+
+/// What columns without names mean, by the values of some lines.
+fn guessed(samples: &[Vec<f64>]) -> Guess {
     let count = samples.len();
     let is_color = |columns: &[usize]| {
         let mut all = columns.iter().flat_map(|column| &samples[*column]).peekable();
@@ -293,54 +418,57 @@ fn guessed(samples: &[Vec<f64>]) -> (Vec<String>, Option<String>) {
     };
     const COLOR: [&str; 3] = ["red", "green", "blue"];
     const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
+    const INTENSITY: &str = "a place, a colour of whole numbers from 0 to 255, and an intensity beside it";
+    const COLOR_AND_NORMAL: &str = "a place, a colour of whole numbers from 0 to 255, and a normal of length 1";
     name(&mut names, &[0, 1, 2], &["x", "y", "z"]);
-    let is_sure = match count {
-        3 => true,
+    let (by, is_sure) = match count {
+        3 => ("a place by the order of its three columns", true),
         4 => {
             name(&mut names, &[3], &["intensity"]);
-            true
+            ("a place and an intensity, as most files of four columns have", true)
         }
         6 if is_color(&[3, 4, 5]) => {
             name(&mut names, &[3, 4, 5], &COLOR);
-            true
+            ("a place and a colour of whole numbers from 0 to 255", true)
         }
         6 if is_normal(&[3, 4, 5]) => {
             name(&mut names, &[3, 4, 5], &NORMAL);
-            true
+            ("a place and a normal, since the last three columns have the length 1", true)
         }
         6 if is_share(&[3, 4, 5]) || is_wide_color(&[3, 4, 5]) => {
             name(&mut names, &[3, 4, 5], &COLOR);
-            true
+            ("a place and a colour, of shares from 0 to 1 or whole numbers of 16 bits", true)
         }
         7 if is_color(&[4, 5, 6]) && !is_color(&[3]) => {
             name(&mut names, &[3, 4, 5, 6], &["intensity", COLOR[0], COLOR[1], COLOR[2]]);
-            true
+            (INTENSITY, true)
         }
         7 if is_color(&[3, 4, 5]) && !is_color(&[6]) => {
             name(&mut names, &[3, 4, 5, 6], &[COLOR[0], COLOR[1], COLOR[2], "intensity"]);
-            true
+            (INTENSITY, true)
         }
         7 if is_color(&[3, 4, 5, 6]) => {
             name(&mut names, &[3, 4, 5, 6], &["intensity", COLOR[0], COLOR[1], COLOR[2]]);
-            false
+            ("a place, an intensity and a colour; all four could be of a colour", false)
         }
         9 if is_color(&[3, 4, 5]) && is_normal(&[6, 7, 8]) => {
             name(&mut names, &[3, 4, 5, 6, 7, 8], &[COLOR[0], COLOR[1], COLOR[2], NORMAL[0], NORMAL[1], NORMAL[2]]);
-            true
+            (COLOR_AND_NORMAL, true)
         }
         9 if is_normal(&[3, 4, 5]) && is_color(&[6, 7, 8]) => {
             name(&mut names, &[3, 4, 5, 6, 7, 8], &[NORMAL[0], NORMAL[1], NORMAL[2], COLOR[0], COLOR[1], COLOR[2]]);
-            true
+            (COLOR_AND_NORMAL, true)
         }
         _ => {
             if let Some(first) = (3..count.saturating_sub(2)).find(|first| is_color(&[*first, first + 1, first + 2])) {
                 name(&mut names, &[first, first + 1, first + 2], &COLOR);
+                ("a place by the order, and a colour where three columns are whole numbers from 0 to 255", false)
+            } else {
+                ("a place by the order; the values of the others say nothing", false)
             }
-            false
         }
     };
-    let warning = format!("its columns are not named and are taken for {}; --columns names others", names.join(","));
-    (names, (!is_sure).then_some(warning))
+    Guess { names, by, is_sure }
 }
 
 fn is_color(name: &str) -> bool {
