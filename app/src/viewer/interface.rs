@@ -12,7 +12,7 @@ use crate::system::fetching::{self, Fetch};
 use crate::viewer::input::gizmo;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
-use crate::viewer::look::widgets::{progress_bar, progress_text};
+use crate::viewer::look::widgets::{focus_ring, progress_bar, progress_text};
 use crate::viewer::objects::clouds::JobEntry;
 use crate::viewer::panels::{overlay, welcome};
 use crate::viewer::picture::canvas::Picture;
@@ -76,6 +76,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     if let Some(problem) = &session.fatal {
         fatal_notice(ui.ctx(), problem, &mut actions);
     }
+    focus_ring(ui.ctx());
     actions
 }
 
@@ -172,7 +173,7 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         let is_open = session.preferences.panel_is_open;
         let text = if is_open { "<" } else { ">" };
         let help = if is_open { "Hide the panel" } else { "Show the panel" };
-        if ui.small_button(text).on_hover_text(help).clicked() {
+        if ui.small_button(text).on_hover_text(help).accessible_name(help).clicked() {
             actions.push(Action::TogglePanel);
         }
         if let Some(wait) = waiting(session) {
@@ -310,10 +311,11 @@ fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str, is_preview: bool) 
 
 fn messages_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let worst = session.outside.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
-    let color = worst.filter(|level| *level != Level::Note).map_or(theme::WEAK, Level::color);
+    let color = worst.filter(|level| *level != Level::Note).map(Level::color);
     let count = session.outside.messages.all.iter().filter(|message| message.level != Level::Note).count();
     let text = if count > 0 { format!("Messages ({count})") } else { "Messages".into() };
-    if ui.small_button(RichText::new(text).color(color)).clicked() {
+    let text = color.map_or(RichText::new(&text), |color| RichText::new(&text).color(color));
+    if ui.small_button(text).clicked() {
         actions.push(Action::ListMessages(!session.outside.messages.list_is_open));
     }
 }

@@ -7,6 +7,8 @@
 //! loop when they have results.
 
 #[cfg(test)]
+mod assistive_tests;
+#[cfg(test)]
 mod bench;
 mod filming;
 mod frames;
@@ -35,6 +37,7 @@ use std::time::{Duration, Instant};
 
 use ::scene::{CaptureFormat, Settings, StandardView, View};
 use anyhow::Context as _;
+use egui_winit::accesskit_winit;
 pub use headless::{Headless, PictureStats};
 use picture::capture::{self, Capture, Captured};
 use picture::event_log::EventLog;
@@ -78,6 +81,14 @@ enum Wake {
     Lost,
     /// The window's device has no memory left, and why it says so.
     NoMemory(String),
+    /// An assistive program, such as a screen reader, asks for something.
+    Assistive(accesskit_winit::WindowEvent),
+}
+
+impl From<accesskit_winit::Event> for Wake {
+    fn from(event: accesskit_winit::Event) -> Self {
+        Self::Assistive(event.window_event)
+    }
 }
 
 /// What the command line says of the first view, besides the inputs.
@@ -277,6 +288,11 @@ impl ApplicationHandler<Wake> for Viewer {
                 tracing::error!("window: {problem}");
                 self.session.outside.error(NO_MEMORY);
             }
+            Wake::Assistive(event) => {
+                if let Some(screen) = &mut self.screen {
+                    screen.assist(event);
+                }
+            }
             Wake::Chosen(Some(paths), _) => {
                 self.session.open_by_hand(paths);
             }
@@ -395,7 +411,8 @@ fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<b
 
 impl Viewer {
     fn open(&mut self, event_loop: &ActiveEventLoop) -> anyhow::Result<()> {
-        let screen = Screen::open(event_loop, self.session.preferences.window, self.wanted_gpu.as_deref())?;
+        let size = self.session.preferences.window;
+        let screen = Screen::open(event_loop, size, self.wanted_gpu.as_deref(), self.wake.clone())?;
         self.watch(&screen);
         let started = self.effects.draw_for(screen.gpu.clone(), self.wanted_gpu.clone());
         self.session.frames.shaders = started.context("no thread for the renderer")?;

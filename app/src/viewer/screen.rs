@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use egui::ViewportId;
+use egui_winit::accesskit_winit::{self, Adapter, WindowEvent};
 use render::Gpu;
-use winit::event_loop::ActiveEventLoop;
+use winit::event_loop::{ActiveEventLoop, EventLoopProxy};
 use winit::window::Window;
 
 use crate::viewer::picture::canvas::{Canvas, Picture};
@@ -21,6 +22,8 @@ pub struct Screen {
     picture: Option<Picture>,
     /// True if the window may show something else than the canvas.
     is_stale: bool,
+    /// Whether an assistive program listens.
+    is_assisted: bool,
 }
 
 /// The result of painting a frame of the window.
@@ -58,14 +61,21 @@ fn icon() -> Option<winit::window::Icon> {
 }
 
 impl Screen {
-    /// Opens the window.
+    /// Opens the window. `wake` gets what screen readers and other assistive programs ask for.
     ///
     /// # Errors
     /// No window can be opened, or no adapter can show something in it.
-    pub fn open(event_loop: &ActiveEventLoop, size: [u32; 2], wanted: Option<&str>) -> anyhow::Result<Self> {
+    pub fn open<Wake: From<accesskit_winit::Event> + Send>(
+        event_loop: &ActiveEventLoop,
+        size: [u32; 2],
+        wanted: Option<&str>,
+        wake: EventLoopProxy<Wake>,
+    ) -> anyhow::Result<Self> {
         let size = first_monitor(event_loop).map_or(size, |(monitor, scale)| fitted(size, monitor, scale));
         let attributes = Window::default_attributes()
             .with_title("glint")
+            // Assistive programs must know of a window before it is shown.
+            .with_visible(false)
             .with_inner_size(winit::dpi::LogicalSize::new(size[0], size[1]))
             .with_min_inner_size(winit::dpi::LogicalSize::new(LEAST_SIZE[0], LEAST_SIZE[1]));
         // By this name Wayland finds the icon, in the menu entry of a package.
@@ -74,7 +84,11 @@ impl Screen {
         let window = Arc::new(event_loop.create_window(attributes).map_err(|error| crate::viewer::no_screen(&error))?);
         // Not among the attributes, all of which GLINT_LOG=debug writes down.
         window.set_window_icon(icon());
-        Self::on(window, event_loop, wanted)
+        let assistive = Adapter::with_event_loop_proxy(event_loop, &window, wake);
+        window.set_visible(true);
+        let mut screen = Self::on(window, event_loop, wanted)?;
+        screen.input.accesskit = Some(assistive);
+        Ok(screen)
     }
 
     /// Opens a device anew for the same window, after the old one or its surface was lost. What egui remembers stays; the
@@ -83,7 +97,7 @@ impl Screen {
     /// # Errors
     /// No adapter can show something in the window any more.
     pub fn opened_again(self, event_loop: &ActiveEventLoop, wanted: Option<&str>) -> anyhow::Result<Self> {
-        let Self { window, context, surface, canvas, picture, .. } = self;
+        let Self { window, context, mut input, surface, canvas, picture, is_assisted, .. } = self;
         // A window has one surface at a time.
         drop((surface, canvas, picture));
         // A context sends its fonts to the device once. Another one knows all that this one does, and sends them again.
@@ -97,7 +111,13 @@ impl Screen {
             std::thread::sleep(BETWEEN_TRIES);
             tried = Self::on(window.clone(), event_loop, wanted);
         }
-        let screen = tried?;
+        let mut screen = tried?;
+        // A window is made known to assistive programs once.
+        screen.input.accesskit = input.accesskit.take();
+        screen.is_assisted = is_assisted;
+        if is_assisted {
+            screen.context.enable_accesskit();
+        }
         screen.context.memory_mut(|known| *known = memory);
         Ok(screen)
     }
@@ -124,7 +144,33 @@ impl Screen {
         let scale = Some(window.scale_factor() as f32);
         let input = egui_winit::State::new(context.clone(), ViewportId::ROOT, &window, scale, None, Some(side));
         let canvas = Canvas::new(gpu.clone(), configuration.format, [width, height])?;
-        Ok(Self { window, gpu, context, input, surface, configuration, canvas, picture: None, is_stale: true })
+        Ok(Self {
+            window,
+            gpu,
+            context,
+            input,
+            surface,
+            configuration,
+            canvas,
+            picture: None,
+            is_stale: true,
+            is_assisted: false,
+        })
+    }
+
+    /// Does what an assistive program asks for. The tree of controls is made only while one listens.
+    pub fn assist(&mut self, event: WindowEvent) {
+        match event {
+            WindowEvent::InitialTreeRequested => {
+                self.is_assisted = true;
+                self.context.enable_accesskit();
+            }
+            WindowEvent::ActionRequested(action) => self.input.on_accesskit_action_request(action),
+            WindowEvent::AccessibilityDeactivated => {
+                self.is_assisted = false;
+                self.context.disable_accesskit();
+            }
+        }
     }
 
     /// Takes the size that the window has now.

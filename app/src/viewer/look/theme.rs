@@ -6,16 +6,18 @@ pub use crate::shared::numbers::grouped;
 
 /// A warm amber for changed values, active tools and links.
 pub const ACCENT: Color32 = Color32::from_rgb(0xe6, 0xb2, 0x5c);
-pub const ERROR: Color32 = Color32::from_rgb(0xf0, 0x7a, 0x6a);
+pub const ERROR: Color32 = Color32::from_rgb(0xf6, 0x99, 0x8d);
 pub const WARNING: Color32 = Color32::from_rgb(0xe8, 0xc4, 0x68);
-/// The colour of less important text. Its contrast with the panel is 5 : 1.
+/// The colour of less important text, on panels and fields; on buttons its contrast is too low.
 pub const WEAK: Color32 = Color32::from_rgb(0x95, 0x9b, 0xa5);
 pub const PANEL: Color32 = Color32::from_rgb(0x1a, 0x1c, 0x20);
 const TEXT: Color32 = Color32::from_rgb(0xd6, 0xd9, 0xde);
 const FIELD: Color32 = Color32::from_rgb(0x10, 0x12, 0x15);
 const WIDGET: Color32 = Color32::from_rgb(0x2a, 0x2d, 0x33);
-const WIDGET_HOVERED: Color32 = Color32::from_rgb(0x35, 0x39, 0x41);
-const WIDGET_ACTIVE: Color32 = Color32::from_rgb(0x43, 0x48, 0x52);
+const WIDGET_HOVERED: Color32 = Color32::from_rgb(0x32, 0x36, 0x3d);
+const WIDGET_ACTIVE: Color32 = Color32::from_rgb(0x3b, 0x40, 0x49);
+const STRIPE: Color32 = Color32::from_rgb(0x1f, 0x22, 0x27);
+const SELECTION: Color32 = Color32::from_rgb(0x54, 0x44, 0x23);
 const LINE: Color32 = Color32::from_rgb(0x2c, 0x2f, 0x36);
 
 /// Sets the colours and sizes.
@@ -26,9 +28,10 @@ pub fn apply(context: &egui::Context) {
         visuals.panel_fill = PANEL;
         visuals.window_fill = PANEL;
         visuals.extreme_bg_color = FIELD;
-        visuals.faint_bg_color = Color32::from_rgb(0x1f, 0x22, 0x27);
+        visuals.faint_bg_color = STRIPE;
+        visuals.weak_text_color = Some(WEAK);
         visuals.window_stroke = Stroke::new(1.0, LINE);
-        visuals.selection.bg_fill = Color32::from_rgb(0x5c, 0x4a, 0x28);
+        visuals.selection.bg_fill = SELECTION;
         visuals.selection.stroke = Stroke::new(1.0, ACCENT);
         visuals.hyperlink_color = ACCENT;
         visuals.slider_trailing_fill = true;
@@ -75,6 +78,51 @@ pub fn bytes(count: u64) -> String {
 #[cfg(test)]
 mod tests {
     use std::path::{Path, PathBuf};
+
+    use super::*;
+
+    /// The contrast of two colours by WCAG 2.2, from 1 to 21.
+    fn contrast(one: Color32, other: Color32) -> f64 {
+        let linear = |byte: u8| {
+            let value = f64::from(byte) / 255.0;
+            if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+        };
+        let luminance = |color: Color32| {
+            0.2126 * linear(color.r()) + 0.7152 * linear(color.g()) + 0.0722 * linear(color.b()) + 0.05
+        };
+        let ratio = luminance(one) / luminance(other);
+        ratio.max(1.0 / ratio)
+    }
+
+    #[test]
+    fn texts_and_the_marks_of_controls_have_the_contrast_of_wcag_aa() {
+        assert!((contrast(Color32::BLACK, Color32::WHITE) - 21.0).abs() < 1e-9);
+        let gray = Color32::from_gray(0x77);
+        assert!((contrast(gray, Color32::WHITE) - 4.478).abs() < 1e-3, "as WebAIM's calculator has it");
+        let context = egui::Context::default();
+        apply(&context);
+        let style = context.style_of(egui::Theme::Dark);
+        let visuals = &style.visuals;
+        let areas = [visuals.panel_fill, visuals.window_fill, visuals.extreme_bg_color, visuals.faint_bg_color];
+        let widgets = &visuals.widgets;
+        let states = [&widgets.inactive, &widgets.hovered, &widgets.active, &widgets.open];
+        let fills = states.map(|state| state.weak_bg_fill);
+        let texts = [visuals.text_color(), Color32::WHITE, ACCENT, WARNING, ERROR, visuals.hyperlink_color];
+        for text in texts {
+            for area in areas.into_iter().chain(fills) {
+                assert!(contrast(text, area) >= 4.5, "{text:?} on {area:?}: {}", contrast(text, area));
+            }
+        }
+        for area in areas {
+            assert!(contrast(visuals.weak_text_color(), area) >= 4.5, "{area:?}");
+            assert!(contrast(ACCENT, area) >= 3.0, "the ring around what has the keyboard");
+        }
+        for state in states {
+            assert!(contrast(state.fg_stroke.color, state.weak_bg_fill) >= 4.5);
+        }
+        assert!(contrast(visuals.selection.stroke.color, visuals.selection.bg_fill) >= 4.5);
+        assert!(contrast(visuals.text_color(), visuals.selection.bg_fill) >= 4.5);
+    }
 
     fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
         for entry in std::fs::read_dir(folder).unwrap() {

@@ -126,6 +126,15 @@ pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
     response.on_hover_text(if open { "Hide" } else { "Show" })
 }
 
+/// Draws a ring around the control that has the keyboard, above all else: many controls show that by a shade alone.
+pub fn focus_ring(context: &egui::Context) {
+    let focused = context.memory(egui::Memory::focused).and_then(|id| context.read_response(id));
+    let Some(response) = focused else { return };
+    let stroke = egui::Stroke::new(1.5, theme::ACCENT);
+    let painter = context.layer_painter(response.layer_id);
+    painter.rect_stroke(response.interact_rect.expand(1.5), 4.0, stroke, egui::StrokeKind::Outside);
+}
+
 /// Draws a short bar that is filled up to `share`, from 0 to 1.
 pub fn progress_bar(ui: &mut Ui, share: f32) {
     let bar = egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0);

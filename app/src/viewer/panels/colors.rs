@@ -108,7 +108,8 @@ pub fn histogram(ui: &mut Ui, figures: &Figures, title: &str, ramp: Ramp, low: f
         });
     });
     ui.data_mut(|data| data.insert_temp(log, is_logarithmic));
-    let (outer, response) = ui.allocate_exact_size(vec2(ui.available_width(), 70.0), Sense::click_and_drag());
+    // Tab leads to the numbers of the range, and the histogram is for the mouse.
+    let (outer, response) = ui.allocate_exact_size(vec2(ui.available_width(), 70.0), Sense::CLICK | Sense::DRAG);
     // Leave room for the handles at the ends.
     let rect = outer.shrink2(vec2(6.0, 0.0));
     let (mut low, mut high) = (low, high);

@@ -164,7 +164,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, a
         let inner_drag = angle(&mut light.inner_degrees).range(0.0..=outer);
         ui.add(inner_drag).labelled_by(label.id).on_hover_text("From the axis: as bright as it gets up to here");
         let outer_drag = angle(&mut light.outer_degrees).range(inner.max(0.1)..=SpotLight::WIDEST_DEGREES);
-        ui.add(outer_drag).on_hover_text("From the axis: dark from here on");
+        ui.add(outer_drag).on_hover_text("From the axis: dark from here on").accessible_name("Angle of the outer cone");
     });
     ui.horizontal(|ui| {
         if ui.button("Move to camera").on_hover_text("It stands where you are and aims at the pivot").clicked() {

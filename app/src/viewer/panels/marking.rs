@@ -149,10 +149,10 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
                 (draft.low, draft.high) = (low, high);
             }
             ui.horizontal(|ui| {
-                name_label(ui, "From, to");
+                let label = name_label(ui, "From, to");
                 let speed = ((draft.high - draft.low).abs() * 0.005).max(1e-6);
-                ui.add(egui::DragValue::new(&mut draft.low).speed(speed));
-                ui.add(egui::DragValue::new(&mut draft.high).speed(speed));
+                ui.add(egui::DragValue::new(&mut draft.low).speed(speed)).labelled_by(label.id);
+                ui.add(egui::DragValue::new(&mut draft.high).speed(speed)).labelled_by(label.id);
             });
         }
     }

@@ -225,7 +225,7 @@ fn level(ui: &mut Ui, measurement: &mut Measurement, session: &Session) {
 /// A button for a colour.
 fn color(ui: &mut Ui, color: &mut [f32; 3]) {
     let mut bytes = color.map(|share| (share * 255.0).round() as u8);
-    if ui.color_edit_button_srgb(&mut bytes).changed() {
+    if ui.color_edit_button_srgb(&mut bytes).accessible_name("Colour").changed() {
         *color = bytes.map(|byte| f32::from(byte) / 255.0);
     }
 }
@@ -239,7 +239,7 @@ fn note_row(ui: &mut Ui, session: &Session, PlacedNote { id, note }: &PlacedNote
     }
     let mut changed = note.clone();
     let edit = egui::TextEdit::multiline(&mut changed.text).desired_rows(3).desired_width(f32::INFINITY);
-    let edit = ui.add(edit.hint_text("What is there to see?"));
+    let edit = ui.add(edit.hint_text("What is there to see?")).accessible_name("Text of the note");
     // A new note takes the keyboard once: one whose text was undone leaves it to the shortcuts.
     let place = egui::Id::unique("the note that took the keyboard last");
     let has_had = ui.data(|data| data.get_temp::<ObjectId>(place)) == Some(*id);

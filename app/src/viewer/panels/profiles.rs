@@ -83,7 +83,7 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actio
         let label = name_label(ui, "Name");
         ui.add(egui::TextEdit::singleline(&mut profile.name).desired_width(130.0)).labelled_by(label.id);
         let mut bytes = profile.color.map(|share| (share * 255.0).round() as u8);
-        if ui.color_edit_button_srgb(&mut bytes).changed() {
+        if ui.color_edit_button_srgb(&mut bytes).accessible_name("Colour of the profile").changed() {
             profile.color = bytes.map(|byte| f32::from(byte) / 255.0);
         }
     });

@@ -29,13 +29,12 @@ pub fn use_method(row: &MethodRow) -> Action {
 /// Says that the parameters of a group change nothing, and offers their method, where that is not in use.
 pub fn unused_notice(ui: &mut Ui, session: &Session, group: &Group, actions: &mut Vec<Action>) {
     let Some(row) = unused(session, group) else { return };
-    ui.horizontal_wrapped(|ui| {
-        let text = format!("{} is not in use: these change nothing.", row.name);
-        ui.label(RichText::new(text).small().color(theme::WARNING));
-        if ui.link(RichText::new(format!("Use {}", row.name)).small()).on_hover_text(row.help).clicked() {
-            actions.push(use_method(row));
-        }
-    });
+    let text = format!("{} is not in use: these change nothing.", row.name);
+    ui.label(RichText::new(text).small().color(theme::WARNING));
+    // A link that is wrapped within a line is two controls, one of them without a name.
+    if ui.link(RichText::new(format!("Use {}", row.name)).small()).on_hover_text(row.help).clicked() {
+        actions.push(use_method(row));
+    }
 }
 
 /// The groups of the section: the method, then its own parameters, then those of all methods. Of the methods that are not

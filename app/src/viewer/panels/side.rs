@@ -121,7 +121,8 @@ fn search_field(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if session.search.is_empty() {
             return;
         }
-        if ui.small_button("×").on_hover_text("Show the tab again").clicked() || is_left {
+        let help = "Show the tab again";
+        if ui.small_button("×").on_hover_text(help).accessible_name(help).clicked() || is_left {
             actions.push(Action::Search(String::new()));
         }
     });
@@ -289,7 +290,10 @@ fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Acti
     let is_listed = |binding: &&bindings::Binding| binding.action == action;
     let help = bindings::BINDINGS.iter().find(is_listed).map_or("", |binding| binding.text);
     let shortcut = bindings::shortcut(&action);
-    if ui.button(text).on_hover_text(format!("{help} ({shortcut})")).clicked() {
+    let button = ui.button(text).on_hover_text(format!("{help} ({shortcut})"));
+    let is_sign = !text.contains(char::is_alphabetic);
+    let button = if is_sign { button.accessible_name(help) } else { button };
+    if button.clicked() {
         actions.push(action);
     }
 }
@@ -411,7 +415,7 @@ mod tests {
             harness.run_ok();
             assert!(has(&harness, label) && !has(&harness, "Other methods"), "{words}");
         }
-        harness.get_by_label("×").click();
+        harness.get_by_label("Show the tab again").click();
         harness.run_ok();
         assert!(has(&harness, "Other methods") && harness.state().search.is_empty());
     }

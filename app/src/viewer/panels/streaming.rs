@@ -198,7 +198,7 @@ fn figures(ui: &mut Ui, stats: &StreamStats, points: u64, bytes: u64) {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use std::sync::Arc;
 
     use egui_kittest::Harness;
@@ -212,7 +212,7 @@ mod tests {
     use crate::viewer::requests::work::{Found, Work};
 
     /// Two clouds of job 0: the index of the first is being made, that of the second is next.
-    fn indexing() -> (Session, [Arc<CloudTask>; 2]) {
+    pub fn indexing() -> (Session, [Arc<CloudTask>; 2]) {
         let mut session = Session::new(Preferences::default());
         let mailbox = Arc::<Mailbox>::default();
         session.loaded.add_job(&[], Arc::default(), mailbox.clone(), session.outside.now);

@@ -111,7 +111,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.label(RichText::new("Tuning chart").strong().size(13.5));
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            if ui.small_button("×").on_hover_text("Close the chart").clicked() {
+            if ui.small_button("×").on_hover_text("Close the chart").accessible_name("Close the chart").clicked() {
                 actions.push(Action::ToggleChart);
             }
         });

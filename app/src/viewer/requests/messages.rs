@@ -80,7 +80,7 @@ impl Messages {
                     });
                 });
             });
-            if shown.response.interact(egui::Sense::click()).clicked() {
+            if shown.response.interact(egui::Sense::CLICK).clicked() {
                 actions.push(Action::DismissMessage(place));
             }
             top = shown.response.rect.bottom() + 6.0;
@@ -91,6 +91,7 @@ impl Messages {
         let mut list_is_open = self.list_is_open;
         egui::Window::new("Messages")
             .open(&mut list_is_open)
+            .collapsible(false)
             .default_size([460.0, 260.0])
             .anchor(Align2::RIGHT_BOTTOM, [-16.0, -40.0])
             .show(context, |ui| {
