@@ -119,6 +119,10 @@ mod tests {
     /// Opens files as a drop does, and looks at tables as the window does.
     fn open(harness: &mut Harness<'static, Session>, paths: &[PathBuf]) {
         paths.iter().for_each(|path| harness.state_mut().act(Action::Open(path.clone())));
+        look(harness);
+    }
+
+    fn look(harness: &mut Harness<'static, Session>) {
         let found = std::cell::RefCell::new(Vec::new());
         for effect in std::mem::take(&mut harness.state_mut().outside.effects) {
             match effect {
@@ -159,10 +163,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let named = write(folder.path(), "named.csv", "x,y,z,class\n1,2,3,4\n5,6,7,8\n");
         let scanner = write(folder.path(), "scan.txt", "2\n1 2 3\n4 5 6\n");
+        let plain = write(folder.path(), "plain.xyz", "1 2 3\n4 5 6\n");
         let unnamed = write(folder.path(), "unnamed.xyz", UNNAMED);
         let mut harness = harness();
-        open(&mut harness, &[named.clone(), scanner.clone(), unnamed.clone()]);
-        assert_eq!(opened(&harness), [named, scanner]);
+        open(&mut harness, &[named.clone(), scanner.clone(), plain.clone(), unnamed.clone()]);
+        assert_eq!(opened(&harness), [named, scanner, plain]);
         assert!(harness.query_by_label("Columns of unnamed.xyz").is_some());
         assert!(harness.query_by_label_contains("No line names the columns. Taken for a place by the order").is_some());
         for text in ["1", "0.25", "8.5"] {
@@ -170,7 +175,22 @@ mod tests {
         }
         harness.get_by_label("Cancel").click();
         harness.run_ok();
-        assert!(harness.state().unnamed.is_empty() && opened(&harness).len() == 2);
+        assert!(harness.state().unnamed.is_empty() && opened(&harness).len() == 3);
+    }
+
+    #[test]
+    fn a_table_that_is_given_up_becomes_no_mirror_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), "a.xyz", UNNAMED);
+        let mut harness = harness();
+        let prompt = crate::viewer::requests::path_prompt::PathPrompt::for_mirror_points();
+        harness.state_mut().act(Action::ChangePrompt(Box::new(prompt)));
+        harness.state_mut().act(Action::OpenPrompted(path.display().to_string()));
+        assert_eq!(harness.state().loaded.awaited_markings.len(), 1);
+        look(&mut harness);
+        harness.get_by_label("Cancel").click();
+        harness.run_ok();
+        assert!(harness.state().loaded.awaited_markings.is_empty());
     }
 
     #[test]

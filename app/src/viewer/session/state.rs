@@ -170,8 +170,9 @@ impl Session {
 
     fn on_table(&mut self, path: PathBuf, unnamed: Option<Box<codec::UnnamedTable>>) {
         match unnamed {
-            Some(table) => self.unnamed.push(ColumnsDraft::new(path, *table)),
-            None => drop(self.open(&[path])),
+            // Three columns can only be the place.
+            Some(table) if table.names != ["x", "y", "z"] => self.unnamed.push(ColumnsDraft::new(path, *table)),
+            _ => drop(self.open(&[path])),
         }
     }
 
@@ -181,7 +182,10 @@ impl Session {
         match step {
             Naming::Change(draft) => *first = *draft,
             // Esc may come from the window and as the key that ends tools.
-            Naming::Cancel(path) => self.unnamed.retain(|draft| draft.path != path),
+            Naming::Cancel(path) => {
+                self.unnamed.retain(|draft| draft.path != path);
+                self.loaded.awaited_markings.retain(|points| Path::new(&points.cloud) != path);
+            }
             Naming::Open => {
                 let named = first.names().and_then(|_| codec::name_columns_of(&first.path, &first.entered()));
                 match named {
