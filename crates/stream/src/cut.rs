@@ -323,6 +323,11 @@ impl ViewMeasure {
         self.eye.distance(nearest(bounds, self.eye))
     }
 
+    /// How soon a box is read among others, smallest first: those in the picture, then the nearest.
+    pub fn rank(&self, bounds: Bounds) -> (bool, f64) {
+        (!self.sees(bounds), self.distance(bounds))
+    }
+
     /// The length of `spacing` in pixels at the end of a way of this length, along which rays spread this many times as
     /// much as in front of the eye.
     fn pixels_after(&self, way: f64, spacing: f64, spread: f64) -> f64 {

@@ -35,7 +35,7 @@ mod test_trees;
 mod tree;
 
 pub use batches::{BATCHES, prefix, rank_of_batch};
-pub use build::{BuildOptions, build};
+pub use build::{BuildOptions, build, build_in_order};
 pub use cache::Cache;
 pub use cut::{Budget, Cut, MirrorBound, MirrorForm, Tree, ViewMeasure, Wanted, choose};
 pub use error::{Error, Result};

@@ -8,10 +8,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use cloud::{Chunk, Progress};
+use cloud::{Bounds, Chunk, Progress};
 use codec::Source;
 use las_files::{Chunks, compress, las_file, points};
-use stream::{BuildOptions, Cache, Previewed, build};
+use stream::{BuildOptions, Cache, Pages, Previewed, build, build_in_order};
 
 const TILES: usize = 4;
 const TILE_POINTS: usize = 30_000;
@@ -85,6 +85,14 @@ fn first_points_come_first_and_no_point_is_shown_twice() {
     }
 }
 
+fn assert_same_index(one: &Pages, other: &Pages) {
+    assert_eq!(one.octree(), other.octree());
+    for (id, _) in one.octree().ids() {
+        let [one, other] = [one, other].map(|pages| pages.read(id).unwrap());
+        assert_eq!((one.origin, one.positions, one.colors), (other.origin, other.positions, other.colors));
+    }
+}
+
 #[test]
 fn an_index_does_not_depend_on_its_preview() {
     let folder = tempfile::tempdir().unwrap();
@@ -95,9 +103,33 @@ fn an_index_does_not_depend_on_its_preview() {
         build(&inputs, &cache, &options, &Progress::default(), &|_| ()).unwrap()
     };
     let [with, without] = [made(60_000, "with"), made(0, "without")];
-    assert_eq!(with.octree(), without.octree());
-    for (id, _) in with.octree().ids() {
-        let [one, other] = [&with, &without].map(|pages| pages.read(id).unwrap());
-        assert_eq!((one.origin, one.positions, one.colors), (other.origin, other.positions, other.colors));
-    }
+    assert_same_index(&with, &without);
+}
+
+#[test]
+fn the_tile_that_is_asked_for_is_read_next_and_the_index_stays_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let inputs = tiles(folder.path());
+    let options = BuildOptions { memory: 1 << 24, preview_points: 60_000 };
+    let cache = |name: &str| Cache::new(folder.path().join(name), u64::MAX);
+    let usual = build(&inputs, &cache("usual"), &options, &Progress::default(), &|_| ()).unwrap();
+    // Somebody looks at the third tile, and turns to the last one while it is read.
+    let (gone, asked) = (Mutex::new(Vec::new()), Mutex::new(Vec::new()));
+    let show = |change: Previewed| {
+        if let Previewed::FirstGone(group) = change {
+            gone.lock().unwrap().push(group);
+        }
+    };
+    let next = |boxes: &[Bounds]| {
+        asked.lock().unwrap().push(boxes.to_vec());
+        if boxes.len() == TILES { 2 } else { boxes.len() - 1 }
+    };
+    let turned = build_in_order(&inputs, &cache("turned"), &options, &Progress::default(), &show, &next).unwrap();
+    assert_eq!(gone.into_inner().unwrap(), [2, 3, 1, 0]);
+    let bounds: Vec<Bounds> = inputs.iter().map(|input| input.info().bounds.unwrap()).collect();
+    let left =
+        [&[0, 1, 2, 3][..], &[0, 1, 3], &[0, 1], &[0]].map(|left| left.iter().map(|tile| bounds[*tile]).collect());
+    assert_eq!(asked.into_inner().unwrap(), left as [Vec<Bounds>; TILES]);
+    assert_same_index(&usual, &turned);
+    assert_eq!(usual.warnings(), turned.warnings());
 }

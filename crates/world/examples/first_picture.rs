@@ -1,5 +1,6 @@
 //! Measures how soon a folder of LAZ tiles is seen while its index is made: the time, and the bytes that were read, until the
-//! first points of compressed chunks show each tile, and until decoded points do.
+//! first points of compressed chunks show each tile, until the tile that is read last in the order of files shows decoded
+//! points while a view looks at it from then on, and until all of them do.
 //!
 //! ```
 //! cargo run --release -p stream --example make_scan -- 3000000 tile.laz
@@ -9,14 +10,15 @@
 //! FOLDER gets 20 x 20 tiles side by side, unless it has some: copies of the scan whose headers state other places. The bytes
 //! are those that the system counts (Linux). `docs/streaming.md` has the figures.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use glam::{DVec2, IVec2};
-use scene::Settings;
-use world::{Event, Input};
+use cloud::PointTest;
+use glam::{DVec2, DVec3, IVec2};
+use scene::{Camera, Settings};
+use world::{Event, Input, StreamView};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
@@ -66,6 +68,23 @@ fn bytes_read() -> Result<f64> {
     Ok(count.parse()?)
 }
 
+/// A view of a tile from above.
+fn above(settings: &Settings, middle: DVec2, width: f64) -> StreamView {
+    StreamView {
+        camera: Camera::looking(middle.extend(0.0), DVec3::Z, 2.0 * width, DVec3::Y),
+        size: [1400, 900],
+        view: settings.view.clone(),
+        stream: settings.stream.clone(),
+        mirrors: Vec::new(),
+        hidden: BTreeSet::new(),
+        placed: BTreeMap::new(),
+        test: PointTest::default(),
+        asked: BTreeSet::new(),
+        share: 1.0,
+        is_alone: false,
+    }
+}
+
 fn measure(scan: &[u8], side: usize, folder: &Path) -> Result<()> {
     let least = pair(scan, PLACES[2])?;
     // Whole metres keep all tiles on one grid.
@@ -78,7 +97,8 @@ fn measure(scan: &[u8], side: usize, folder: &Path) -> Result<()> {
         Ok(())
     };
     let input = Input::Tiles { folder: folder.to_owned(), files };
-    let job = world::start(vec![input], &Settings::default(), BTreeSet::new());
+    let settings = Settings::default();
+    let job = world::start(vec![input], &settings, BTreeSet::new());
     // The tiles that are seen, and the points: first those of compressed chunks, then decoded ones.
     let mut seen = [BTreeSet::new(), BTreeSet::new()];
     let mut points = [0, 0];
@@ -96,10 +116,21 @@ fn measure(scan: &[u8], side: usize, folder: &Path) -> Result<()> {
                 let place = |index| (chunk.position(index).truncate() - least) / width;
                 let tile = |index| place(index).as_ivec2().clamp(IVec2::ZERO, last).to_array();
                 let known = seen[is_decoded].len();
+                let is_new = is_decoded == 1 && !seen[1].contains(&last.to_array());
                 seen[is_decoded].extend((0..chunk.len()).map(tile));
+                if is_new && seen[1].contains(&last.to_array()) {
+                    say("the tile that is looked at has decoded points", points[1])?;
+                }
                 if known < side * side && seen[is_decoded].len() >= side * side {
                     let what = ["each tile has first points", "each tile has decoded points"][is_decoded];
                     say(what, points[is_decoded])?;
+                    if is_decoded == 0 {
+                        job.mailbox.set_view(above(
+                            &settings,
+                            least + width * DVec2::splat(side as f64 - 0.5),
+                            width.x,
+                        ));
+                    }
                     if is_decoded == 1 {
                         return Ok(());
                     }

@@ -7,8 +7,7 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use cloud::{Bounds, Chunk, Cover, Placement, PointTest};
-use glam::DVec2;
-use scene::{Projection, Settings};
+use scene::Settings;
 use stream::{
     Budget, Cut, Missing, Node, NodeChange, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose,
 };
@@ -394,7 +393,7 @@ impl Director {
         let detail = f64::from(stream.detail);
         let first_test = || self.mailbox.first_test();
         let test = self.viewpoint.as_ref().map_or_else(first_test, |viewpoint| viewpoint.test.clone());
-        let measure = self.viewpoint.as_ref().map(measure);
+        let measure = self.viewpoint.as_ref().map(StreamView::measure);
         self.need_tiles(measure.as_ref(), &test, detail)?;
         let is_shown = |cloud: usize| {
             let (owner, tile) = owner_of(cloud);
@@ -456,11 +455,10 @@ impl Director {
                     return None;
                 }
                 let Some(measure) = measure else { return Some((false, 0.0)) };
-                let is_seen = measure.sees(bounds);
                 // Tiles outside of the picture count as nodes there do.
                 let spacing = bounds.size().max_element() / SPACINGS;
-                let is_needed = is_seen || 2.0 * measure.pixels_of(bounds, spacing) > detail;
-                is_needed.then(|| (!is_seen, measure.distance(bounds)))
+                let is_needed = measure.sees(bounds) || 2.0 * measure.pixels_of(bounds, spacing) > detail;
+                is_needed.then(|| measure.rank(bounds))
             });
             closed.push((*cloud, tiles.open_needed(&self.mailbox)));
         }
@@ -601,21 +599,6 @@ fn shows_nothing(test: &PointTest, bounds: Bounds) -> bool {
     let rounding = bounds.size().max_element() * f64::from(f32::EPSILON);
     let bounds = Bounds { min: bounds.min - rounding, max: bounds.max + rounding };
     test.cover(bounds) == Cover::Outside
-}
-
-/// The measure of how large places appear in a view.
-fn measure(viewpoint: &StreamView) -> ViewMeasure {
-    let StreamView { camera, size: [width, height], view, stream, .. } = viewpoint;
-    let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
-    let (height, unseen) = (f64::from(*height), f64::from(stream.unseen));
-    let half = DVec2::new(tangent * f64::from(*width) / height.max(1.0), tangent);
-    let measure = match view.projection {
-        Projection::Perspective => ViewMeasure::perspective(camera.eye, camera.view_from_world(), half, height, unseen),
-        Projection::Orthographic => {
-            ViewMeasure::parallel(camera.eye, camera.view_from_world(), half * camera.distance(), height, unseen)
-        }
-    };
-    measure.with_mirrors(viewpoint.mirrors.iter().copied())
 }
 
 #[cfg(test)]

@@ -339,12 +339,13 @@ impl Loader {
                 task.progress.cancel();
             }
         };
+        let next = |boxes: &[Bounds]| self.mailbox.first_seen(cloud, boxes);
         let start = Instant::now();
         let options = BuildOptions { memory, preview_points };
         let built = match &self.index_cache() {
             Ok(_) if task.progress.is_cancelled() => Err(Stopped::Cancelled),
             Ok(cache) => task
-                .run(|progress| stream::build(&streamed.sources, cache, &options, progress, &preview))
+                .run(|progress| stream::build_in_order(&streamed.sources, cache, &options, progress, &preview, &next))
                 .map_err(Stopped::of),
             Err(error) => Err(Stopped::Failed((*error).to_owned(), false)),
         };

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::Duration;
 
-use cloud::Chunk;
-use glam::DVec3;
+use cloud::{Bounds, Chunk, Placement};
+use glam::{DQuat, DVec3};
 use scene::Camera;
 
 use super::*;
@@ -332,6 +332,26 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
     assert!(input.ends_with("a.ply") && error.contains("broken"), "{error}");
     let Ok(Event::Read { cloud: 7, summary }) = events.recv() else { panic!("there is no end to it") };
     assert_eq!((summary.points, summary.cancelled), (4, false));
+}
+
+#[test]
+fn the_file_that_is_looked_at_is_read_first() {
+    let mailbox = Mailbox::default();
+    let cube = |x: f64, z: f64| Bounds { min: DVec3::new(x, 0.0, z), max: DVec3::new(x + 1.0, 1.0, z + 1.0) };
+    // The eye is at (1, 0.5, 2) and looks down.
+    let [behind, far, near, aside] = [cube(0.5, 2.5), cube(0.5, -4.0), cube(0.5, -0.5), cube(9.0, -0.5)];
+    let boxes = [Bounds::EMPTY, behind, far, near, aside];
+    assert_eq!(mailbox.first_seen(0, &boxes), 0, "there is no view yet");
+    let mut view = viewpoint(&settings(scene::Paging::Always, 1_000));
+    mailbox.set_view(view.clone());
+    assert_eq!(mailbox.first_seen(0, &boxes), 3, "the nearest one in the picture");
+    assert_eq!(mailbox.first_seen(0, &boxes[..3]), 2, "in the picture, however near others are");
+    assert_eq!(mailbox.first_seen(0, &[Bounds::EMPTY, behind, aside]), 1, "the nearest one outside");
+    assert_eq!(mailbox.first_seen(0, &[Bounds::EMPTY]), 0);
+    view.placed.insert(0, Placement::new(DQuat::IDENTITY, DVec3::ZERO, DVec3::new(-8.5, 0.0, 0.0)));
+    mailbox.set_view(view);
+    assert_eq!(mailbox.first_seen(0, &boxes), 4, "the cloud was moved");
+    assert_eq!(mailbox.first_seen(1, &boxes), 3, "another one was not");
 }
 
 #[test]

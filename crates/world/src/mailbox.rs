@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use cloud::{Placement, PointTest, SurfelOptions};
+use cloud::{Bounds, Placement, PointTest, SurfelOptions};
 use codec::PageNodes;
-use scene::{Camera, CloudSettings, Stream, ViewSettings};
-use stream::{MirrorBound, NodeId, Pages};
+use glam::DVec2;
+use scene::{Camera, CloudSettings, Projection, Stream, ViewSettings};
+use stream::{MirrorBound, NodeId, Pages, ViewMeasure};
 
 use crate::chunk_key::Part;
 use crate::task::{CloudTask, CloudTasks};
@@ -41,6 +42,25 @@ pub struct StreamView {
     /// Whether it is shown as the first view would be: what only earlier views needed goes, so that the points that are
     /// there in the end depend on this view alone.
     pub is_alone: bool,
+}
+
+impl StreamView {
+    /// The measure of how large places appear in the view.
+    pub(crate) fn measure(&self) -> ViewMeasure {
+        let Self { camera, size: [width, height], view, stream, .. } = self;
+        let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
+        let (height, unseen) = (f64::from(*height), f64::from(stream.unseen));
+        let half = DVec2::new(tangent * f64::from(*width) / height.max(1.0), tangent);
+        let measure = match view.projection {
+            Projection::Perspective => {
+                ViewMeasure::perspective(camera.eye, camera.view_from_world(), half, height, unseen)
+            }
+            Projection::Orthographic => {
+                ViewMeasure::parallel(camera.eye, camera.view_from_world(), half * camera.distance(), height, unseen)
+            }
+        };
+        measure.with_mirrors(self.mirrors.iter().copied())
+    }
 }
 
 /// Passes the latest view of the streamed clouds, and requests in their order, to the threads of a job.
@@ -142,6 +162,23 @@ impl Mailbox {
         mail.view = Some((number, view));
         self.notify(&mut mail);
         number
+    }
+
+    /// The place among some boxes of a cloud's files of the one that the latest view asks for first; that of the first one
+    /// before any view. Empty boxes come last.
+    pub(crate) fn first_seen(&self, cloud: usize, boxes: &[Bounds]) -> usize {
+        let mail = self.mail();
+        let Some((_, view)) = &mail.view else { return 0 };
+        let (measure, placement) = (view.measure(), view.placed.get(&cloud));
+        let rank = |bounds: &Bounds| {
+            let placed = placement.map_or(*bounds, |placement| placement.bounds(*bounds));
+            if bounds.is_empty() { (true, f64::INFINITY) } else { measure.rank(placed) }
+        };
+        let ranked = boxes.iter().map(rank).enumerate();
+        let first = ranked.min_by(|(_, (unseen, far)), (_, (other_unseen, other_far))| {
+            unseen.cmp(other_unseen).then(far.total_cmp(other_far))
+        });
+        first.map_or(0, |(place, _)| place)
     }
 
     /// Sets which points are shown until the first view, and how clouds are moved, by their own settings.
