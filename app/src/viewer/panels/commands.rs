@@ -35,7 +35,7 @@ impl Entry {
 /// Words that people use for an action and that do not stand in its name.
 fn words(action: &Action) -> &'static str {
     match action {
-        Action::SavePicture(_) => "screenshot snapshot image png export picture",
+        Action::SavePicture(_) => "screenshot snapshot image png export picture 4k resolution large",
         Action::Film(Film::Capture) => "screencast video capture window",
         Action::Film(Film::Keep(_) | Film::FlyTo(_)) => "bookmark viewpoint camera position save view",
         Action::Film(Film::Toggle | Film::Add(_) | Film::AskRecording) => {
@@ -61,7 +61,7 @@ fn words(action: &Action) -> &'static str {
         Action::AddSpot => "lamp light night lighting",
         Action::LightBy(_) | Action::NextLight | Action::ToggleLight => "night day shading lamp lighting shadow",
         Action::ToggleEdl => "outline edges depth shading edl",
-        Action::AddMirror(_) => "reflection mirror object chrome",
+        Action::AddMirror(_) => "reflection mirror object chrome water glass lake",
         Action::Inspect => "dentist mirror hidden behind",
         Action::ToggleChart => "tune pareto compare settings speed quality",
         Action::PinTruth | Action::KeepTruthReady(_) => "reference ground truth ray traced compare",
@@ -76,6 +76,7 @@ fn words(action: &Action) -> &'static str {
         Action::Compare(_) => "distance difference change cloud deviation",
         Action::Ghosts(_) => "mirror reflection pane glass window",
         Action::ListMessages(_) => "log errors warnings history",
+        Action::OpenTab(Tab::Look) => "class classes classification hide filter ground vegetation",
         _ => "",
     }
 }

@@ -235,6 +235,9 @@ mod tests {
             ("section", "Add a clip box"),
             ("bookm", "Fly to North gate"),
             ("torus", "Add a mirror: torus"),
+            ("water", "Add a mirror"),
+            ("4k", "picture"),
+            ("class", "Tab: Look"),
             ("courtyard", "Open: courtyard/pool"),
         ] {
             let rows = all(text);

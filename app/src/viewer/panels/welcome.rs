@@ -33,12 +33,14 @@ pub fn caption(ui: &Ui, rect: Rect, foot: egui::Pos2, text: &str) {
     ui.painter().galley(area.min, galley, Color32::WHITE);
 }
 
-/// How many of the last scenes the page lists.
-const RECENT_SCENES: usize = 4;
+/// How many of the last scenes the page lists, and how many of the last files.
+const RECENT: [usize; 2] = [3, 4];
+/// The built-in scenes in a row of the page.
+const SCENES_IN_ROW: usize = 6;
 
 /// Draws the page that is left when everything is closed.
 pub fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec<Action>) {
-    let size = egui::vec2(420.0, 320.0).min(rect.size());
+    let size = egui::vec2(520.0, 480.0).min(rect.size());
     let area = Rect::from_center_size(rect.center(), size);
     ui.scope_builder(egui::UiBuilder::new().max_rect(area), |ui| {
         ui.vertical_centered(|ui| {
@@ -49,32 +51,79 @@ pub fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec
             if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
                 actions.push(Action::OpenDialog);
             }
-            for path in session.preferences.sessions.iter().take(RECENT_SCENES) {
+            let [scenes, files] = RECENT;
+            for path in session.preferences.sessions.iter().take(scenes) {
                 if ui.link(short_name(path)).on_hover_text(path).clicked() {
                     actions.push(Action::File(Filing::Open(path.into())));
                 }
             }
+            for path in session.preferences.recent.iter().take(files) {
+                if ui.link(short_name(path)).on_hover_text(path).clicked() {
+                    actions.push(Action::Open(path.into()));
+                }
+            }
             ui.add_space(14.0);
             ui.label(RichText::new("or look at a built-in scene").color(theme::WEAK));
-            ui.add_space(4.0);
         });
         let names = world::built_in_names();
-        for row in names.chunks(4) {
-            // The row is centred by hand, because a centred layout puts each button on a line of its own.
-            let wide = |name: &String| 7.2 * short_scene(name).len() as f32 + 24.0;
-            let width: f32 = row.iter().map(wide).sum();
-            ui.horizontal(|ui| {
-                ui.add_space(((ui.available_width() - width) * 0.5).max(0.0));
-                for name in row {
-                    if ui.button(short_scene(name)).on_hover_text(name).clicked() {
-                        actions.push(Action::Open(name.into()));
-                    }
-                }
+        for family in names.chunk_by(|one, next| family(one) == family(next)) {
+            ui.vertical_centered(|ui| {
+                ui.add_space(4.0);
+                ui.label(RichText::new(self::family(&family[0])).small().color(theme::WEAK));
             });
+            family.chunks(SCENES_IN_ROW).for_each(|row| scene_row(ui, row, actions));
         }
     });
 }
 
-fn short_scene(name: &str) -> &str {
-    name.rsplit('/').next().unwrap_or(name)
+/// The part of a built-in scene's name that it shares with others like it.
+fn family(name: &str) -> &str {
+    name.split_once('/').map_or(name, |(family, _)| family)
+}
+
+fn scene_row(ui: &mut Ui, names: &[String], actions: &mut Vec<Action>) {
+    let own = |name: &str| name.rsplit('/').next().unwrap_or(name).to_owned();
+    // The row is centred by hand, because a centred layout puts each button on a line of its own.
+    let width: f32 = names.iter().map(|name| 7.2 * own(name).len() as f32 + 24.0).sum();
+    ui.horizontal(|ui| {
+        ui.add_space(((ui.available_width() - width) * 0.5).max(0.0));
+        for name in names {
+            if ui.button(own(name)).on_hover_text(name).clicked() {
+                actions.push(Action::Open(name.into()));
+            }
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+    use crate::viewer::requests::preferences::Preferences;
+
+    #[test]
+    fn the_page_lists_what_was_open_and_each_built_in_scene_below_its_family() {
+        let preferences = Preferences {
+            sessions: vec!["/scans/hall.toml".into()],
+            recent: vec!["/scans/hall.laz".into()],
+            ..Preferences::default()
+        };
+        let show = |ui: &mut Ui, (session, actions): &mut (Session, Vec<Action>)| {
+            empty_state(ui, session, ui.max_rect(), actions);
+        };
+        let state = (Session::new(preferences), Vec::new());
+        let mut harness = Harness::builder().with_size([900.0, 700.0]).build_ui_state(show, state);
+        for family in ["five-mirrors", "courtyard", "tripod"] {
+            assert!(harness.query_by_label(family).is_some(), "{family}");
+        }
+        for name in ["hall.toml", "hall.laz", "hall-30"] {
+            harness.get_by_label(name).click();
+            harness.run();
+        }
+        let [scene, file] = ["/scans/hall.toml", "/scans/hall.laz"].map(std::path::PathBuf::from);
+        let wanted = [Action::File(Filing::Open(scene)), Action::Open(file), Action::Open("tripod/hall-30".into())];
+        assert_eq!(harness.state().1, wanted);
+    }
 }
