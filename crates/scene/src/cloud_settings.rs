@@ -33,6 +33,9 @@ pub struct CloudSettings {
     /// The point that the turn leaves where it is, in the file's coordinates.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub about: Option<DVec3>,
+    /// The names of the columns of a table, as `--columns` takes them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub columns: Option<String>,
     /// Parameters of the group `color`, by their names in the group.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub color: BTreeMap<String, toml::Value>,
@@ -69,13 +72,22 @@ impl CloudSettings {
 
     /// Settings that leave everything open.
     pub fn of(cloud: String) -> Self {
-        Self { cloud, on: true, size: 1.0, shift: DVec3::ZERO, turn: DVec3::ZERO, about: None, color: BTreeMap::new() }
+        Self {
+            cloud,
+            on: true,
+            size: 1.0,
+            shift: DVec3::ZERO,
+            turn: DVec3::ZERO,
+            about: None,
+            columns: None,
+            color: BTreeMap::new(),
+        }
     }
 
     /// Whether they leave everything open.
     pub fn say_nothing(&self) -> bool {
-        let Self { cloud: _, on, size, shift, turn, about: _, color } = self;
-        *on && *size == 1.0 && is_zero(shift) && is_zero(turn) && color.is_empty()
+        let Self { cloud: _, on, size, shift, turn, about: _, columns, color } = self;
+        *on && *size == 1.0 && is_zero(shift) && is_zero(turn) && columns.is_none() && color.is_empty()
     }
 
     /// How the cloud is turned and moved; `None` where it stays in its place.
@@ -147,7 +159,8 @@ mod tests {
 
     #[test]
     fn what_a_cloud_has_of_its_own_survives_the_text_and_the_rest_is_as_the_view_has_it() {
-        let mut own = CloudSettings { on: false, size: 1.5, ..CloudSettings::of("a.laz".into()) };
+        let columns = Some("x,y,z,skip".to_owned());
+        let mut own = CloudSettings { on: false, size: 1.5, columns, ..CloudSettings::of("a.laz".into()) };
         for (name, text) in [("by", "attribute"), ("attribute", "1"), ("ramp", "viridis"), ("low", "0.25")] {
             own.set_color(name, text);
         }
@@ -166,6 +179,7 @@ mod tests {
         };
         assert_eq!(color, wanted);
         assert!(!own.say_nothing() && CloudSettings::of("a.laz".into()).say_nothing());
+        assert!(!CloudSettings { columns: own.columns.clone(), ..CloudSettings::of("a.laz".into()) }.say_nothing());
         assert!(own.is_of("a.laz", "x") && own.is_of("y", "a.laz") && !own.is_of("b.laz", "b"));
     }
 

@@ -35,6 +35,7 @@
 //! cloud = "office.laz"
 //! on = true                            # whether it is shown
 //! size = 1.5                           # of its points, relative to others
+//! columns = "x,y,z,intensity"          # of a table, as `--columns` takes them
 //! color = { by = "height", ramp = "viridis" }
 //! [[measurements]]                     # of points on the clouds, for `glint measure`
 //! kind = "distance"                    # or "point", "polyline", "height", "angle", "area", "plane", ...

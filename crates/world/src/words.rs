@@ -230,6 +230,7 @@ impl Request {
         self.paths.extend(file.paths.iter().cloned());
         self.mirrors.extend(file.mirrors.iter().cloned());
         self.mirror_points.extend(file.mirror_points.iter().cloned());
+        self.name_columns(&file.cloud_settings);
         self.cloud_settings.retain(|known| !file.cloud_settings.iter().any(|own| own.cloud == known.cloud));
         self.cloud_settings.extend(file.cloud_settings.iter().cloned());
         self.lights.extend(file.lights.iter().copied());
@@ -240,6 +241,21 @@ impl Request {
         for input in &mut self.inputs {
             if let Input::BuiltIn { without, .. } = input {
                 without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));
+            }
+        }
+    }
+}
+
+impl Request {
+    /// Has tables read with the names that a scene gives to their columns, unless the command line names those of all tables.
+    fn name_columns(&mut self, own: &[CloudSettings]) {
+        for (own, columns) in own.iter().filter_map(|own| Some((own, own.columns.as_ref()?))) {
+            let names: Vec<String> = columns.split(',').map(|name| name.trim().to_owned()).collect();
+            if codec::are_columns_named() {
+                continue;
+            }
+            if let Err(problem) = codec::name_columns_of(Path::new(&own.cloud), &names) {
+                self.warnings.push(format!("{}: columns are not those of the scene: {problem}", own.cloud));
             }
         }
     }
@@ -535,6 +551,28 @@ mod tests {
         assert_eq!(unknown.collect::<Vec<_>>(), [true, true, false, true]);
         let both = resolve(&words(&["no_such.laz", "no_such.ply"])).check().unwrap_err().to_string();
         assert!(both.contains("no_such.laz") && both.contains("no_such.ply"), "{both}");
+    }
+
+    #[test]
+    fn the_columns_of_a_table_are_named_as_the_scene_says() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.xyz", "b.xyz", "c.xyz"] {
+            std::fs::write(folder.path().join(name), "1 2 3 4\n5 6 7 8\n").unwrap();
+        }
+        let scene = folder.path().join("scene.toml");
+        let own =
+            |name: &str, columns: &str| format!("[[cloud_settings]]\ncloud = \"{name}\"\ncolumns = \"{columns}\"\n");
+        let (a, b) = (own("a.xyz", "intensity, x,y,z"), own("b.xyz", "x,y,intensity"));
+        std::fs::write(&scene, format!("clouds = [\"a.xyz\", \"b.xyz\"]\n{a}{b}")).unwrap();
+        let request = resolve(&[&scene]);
+        let columns = |file: &str| {
+            let source = codec::open(&folder.path().join(file)).unwrap();
+            source.info().properties.iter().map(|property| property.name.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(columns("a.xyz"), ["intensity", "x", "y", "z"]);
+        assert_eq!(columns("b.xyz"), columns("c.xyz"), "names without a place are left out");
+        assert_eq!(request.warnings.len(), 1);
+        assert!(request.warnings[0].contains("b.xyz: columns are not those of the scene: no column z"));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use world::{Change, CloudKey, Moved, Request};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::OwnSettings;
 use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::requests::columns::ColumnsDraft;
 use crate::viewer::requests::work::Work;
 
 impl CloudEntry {
@@ -34,6 +35,14 @@ impl Loaded {
         let wanted = std::mem::take(&mut request.cloud_settings);
         self.awaited_settings.retain(|known| !wanted.iter().any(|own| own.cloud == known.cloud));
         self.awaited_settings.extend(wanted);
+    }
+
+    /// Remembers the names that a person gave to the columns of a table that is opened next, so that scene files keep them.
+    pub fn await_columns(&mut self, draft: &ColumnsDraft) {
+        let cloud = scene::shown(&draft.path);
+        self.awaited_settings.retain(|known| known.cloud != cloud);
+        let columns = Some(draft.entered().join(","));
+        self.awaited_settings.push(CloudSettings { columns, ..CloudSettings::of(cloud) });
     }
 
     /// Gives a cloud that was just opened what its scene file says of it. That is no step of undo.

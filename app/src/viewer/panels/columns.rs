@@ -215,6 +215,11 @@ mod tests {
         harness.run_ok();
         assert_eq!(opened(&harness), std::slice::from_ref(&first));
         assert_eq!(properties(&first), ["x", "z", "y", "intensity"]);
+        let session = harness.state();
+        let saved = session.scene.session_text(&[first.display().to_string()], &session.loaded, None).unwrap();
+        let saved = scene::SceneFile::parse(&saved).unwrap();
+        let columns: Vec<_> = saved.cloud_settings.iter().map(|own| (Path::new(&own.cloud), &own.columns)).collect();
+        assert_eq!(columns, [(first.as_path(), &Some("x,z,y,intensity,skip".to_owned()))]);
         assert_eq!(properties(&second), ["x", "y", "z", "column_4", "column_5"], "the other file has its own columns");
         assert!(harness.query_by_label("Columns of b.txt").is_some(), "the next file is asked about");
         // What cannot be is said, and is not opened.

@@ -190,8 +190,9 @@ impl Session {
                 let named = first.names().and_then(|_| codec::name_columns_of(&first.path, &first.entered()));
                 match named {
                     Ok(()) => {
-                        let path = self.unnamed.remove(0).path;
-                        self.open(&[path]);
+                        let draft = self.unnamed.remove(0);
+                        self.loaded.await_columns(&draft);
+                        self.open(&[draft.path]);
                     }
                     Err(problem) => self.outside.say(Level::Error, problem),
                 }

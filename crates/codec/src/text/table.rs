@@ -33,6 +33,11 @@ pub fn name_columns(names: &[String]) -> Result<(), String> {
     Ok(())
 }
 
+/// Whether `name_columns` was called.
+pub fn are_columns_named() -> bool {
+    NAMED.read().unwrap_or_else(PoisonError::into_inner).is_some()
+}
+
 /// Takes these names for the columns of one file, as `name_columns` does for all.
 ///
 /// # Errors
