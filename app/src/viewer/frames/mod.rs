@@ -85,6 +85,8 @@ pub struct Frames {
     values: u64,
     /// The changes of values that the picture on the screen does not show, the oldest first: their numbers and times.
     changes: VecDeque<(u64, Instant)>,
+    /// Since when colours are being made that the points do not have yet, and the revision at that time.
+    coloring: Option<(Instant, u64)>,
     /// A counter that grows with each change of the points and their colours.
     pub revision: u64,
     /// True once the picture on the screen is final and the event log says so.
@@ -246,12 +248,29 @@ impl Frames {
         }
     }
 
+    /// Must be called before each request. `comes` says that colours are being made: until a picture shows them, the one
+    /// on the screen has earlier ones, whatever other values it shows.
+    pub fn note_coloring(&mut self, comes: bool, now: Instant) {
+        match self.coloring {
+            None if comes => self.coloring = Some((now, self.revision)),
+            Some((since, revision)) if !comes => {
+                self.coloring = None;
+                if self.revision != revision {
+                    self.values += 1;
+                    self.changes.push_back((self.values, since));
+                }
+            }
+            _ => {}
+        }
+    }
+
     /// Returns the time until the panel must say that the picture is that of earlier values: zero if it must now,
     /// `None` if the picture is that of the current ones.
     pub fn time_to_late(&self, now: Instant) -> Option<Duration> {
         self.shown.as_ref()?;
-        let (_, since) = self.changes.front()?;
-        Some(LATE.saturating_sub(now.saturating_duration_since(*since)))
+        let changes = self.changes.iter().map(|(_, since)| *since);
+        let since = changes.chain(self.coloring.map(|(since, _)| since)).min()?;
+        Some(LATE.saturating_sub(now.saturating_duration_since(since)))
     }
 
     /// Decides what to do about the wanted frame, and records it if it is to be drawn. While points are loaded, or what
@@ -554,5 +573,24 @@ mod tests {
         assert_eq!(late(&bench, start + 2 * LATE), Some(Duration::ZERO));
         bench.settle();
         assert_eq!(late(&bench, start + 2 * LATE), None);
+    }
+    #[test]
+    fn a_picture_is_late_until_it_shows_colours_that_were_still_to_be_made() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let start = Instant::now();
+        let late = |bench: &Bench| bench.session.frames.time_to_late(start + 2 * LATE);
+        let frames = &mut bench.session.frames;
+        frames.note_coloring(true, start);
+        assert_eq!(frames.time_to_late(start), Some(LATE));
+        frames.note_coloring(false, start + LATE);
+        assert_eq!(late(&bench), None, "the points have the colours that they had");
+        let frames = &mut bench.session.frames;
+        frames.note_coloring(true, start);
+        frames.points_changed();
+        frames.note_coloring(false, start + LATE);
+        assert_eq!(late(&bench), Some(Duration::ZERO), "the picture does not show them yet");
+        bench.settle();
+        assert_eq!(late(&bench), None);
     }
 }

@@ -15,6 +15,7 @@ use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::figures::{Basis, Figures};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::work::Work;
+use crate::viewer::scene::Scene;
 
 impl Loaded {
     /// Requests colours, histograms, bounds and radii of clouds that have changed. Called every frame of the window.
@@ -24,13 +25,8 @@ impl Loaded {
         self.tell_lacking(beside);
         self.find_errors(beside);
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
-            let mut color = beside.scene.objects.color_of(entry.key, &beside.scene.settings.color);
-            // Until it is known how sure the surface is, the cloud has the colours that it would have by itself.
-            if color.by == ColorBy::Certainty && entry.streamed.is_none() && entry.error_column().is_none() {
-                color.by = ColorBy::Auto;
-            }
             let basis = Basis {
-                color,
+                color: color_now(entry, beside.scene),
                 test: beside.scene.objects.test(),
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
@@ -192,6 +188,19 @@ impl Loaded {
         }
     }
 
+    /// Whether clouds that are shown are about to have other colours than they have: their figures are to be found, or
+    /// what their points are coloured by is being read or computed.
+    pub fn colors_come(&self, scene: &Scene) -> bool {
+        let comes = |entry: &CloudEntry| {
+            let is_other =
+                |basis: &Basis| basis.color != color_now(entry, scene) || basis.late_columns != entry.late_columns();
+            entry.is_finding_errors
+                || entry.column_reads.values().any(Option::is_some)
+                || entry.figures_basis.as_ref().is_some_and(is_other)
+        };
+        self.clouds.iter().any(|entry| entry.is_visible && entry.is_read && comes(entry))
+    }
+
     /// The attributes whose columns are being read now, with the progress of each.
     pub fn columns_under_way(&self) -> impl Iterator<Item = (&str, &Progress)> {
         self.clouds.iter().flat_map(|entry| {
@@ -200,6 +209,16 @@ impl Loaded {
             reads.map(|(attribute, progress)| (entry.cloud.attributes[attribute].name.as_str(), progress))
         })
     }
+}
+
+/// What a cloud is coloured by now. Until it is known how sure its surface is, it has the colours that it would have by
+/// itself.
+fn color_now(entry: &CloudEntry, scene: &Scene) -> scene::Color {
+    let mut color = scene.objects.color_of(entry.key, &scene.settings.color);
+    if color.by == ColorBy::Certainty && entry.streamed.is_none() && entry.error_column().is_none() {
+        color.by = ColorBy::Auto;
+    }
+    color
 }
 
 #[cfg(test)]
@@ -252,6 +271,13 @@ mod tests {
         {
             session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
         }
+        let comes = |session: &Session| session.loaded.colors_come(&session.scene);
+        work(&mut session);
+        assert!(!comes(&session));
+        session.act(Action::ColorBy(ColorBy::Height));
+        assert!(comes(&session), "the figures are to be found");
+        work(&mut session);
+        assert!(!comes(&session));
         session.act(Action::ColorBy(ColorBy::Certainty));
         let label =
             |session: &Session| session.loaded.clouds[0].figures.as_ref().map(|figures| figures.plan.label.clone());
@@ -259,6 +285,7 @@ mod tests {
         session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Surfels { cloud: 0, surfels }, beside));
         assert_eq!((work(&mut session), label(&session).as_deref()), (1, Some(SURFACE_ERROR)));
         assert_eq!(session.loaded.clouds[0].figures.as_ref().and_then(|figures| figures.warning.clone()), None);
+        assert!(!comes(&session));
         session.act(Action::ColorBy(ColorBy::Height));
         session.act(Action::ColorBy(ColorBy::Certainty));
         assert_eq!((work(&mut session), label(&session).as_deref()), (0, Some(SURFACE_ERROR)), "it is known");

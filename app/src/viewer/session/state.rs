@@ -390,6 +390,7 @@ impl Session {
         }
         let situation = wanted::situation(&self.scene, &self.loaded, &self.tools, self.outside.now, self.is_recorded);
         let under_way = self.frames.under_way;
+        self.frames.note_coloring(self.loaded.colors_come(&self.scene), self.outside.now);
         let again = self.frames.request(self.auto.applied(self.picture()), &situation, &mut self.outside);
         if is_first && self.adapter.is_some() && self.frames.under_way > under_way {
             self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
