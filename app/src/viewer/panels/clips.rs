@@ -1,9 +1,11 @@
 //! The panel of clip volumes and filters: adds, selects, switches, names, copies and deletes them, and edits their
 //! numbers.
 
+use std::collections::BTreeSet;
+
 use cloud::STRAY;
 use egui::{RichText, Ui};
-use render::ColorSource;
+use render::{ColorSource, class_name};
 use scene::{Clip, ClipShape, Filter, Keep, Object};
 
 use crate::viewer::look::theme;
@@ -25,9 +27,11 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         filter_menu(ui, session, actions);
     });
     let clips = &session.scene.objects.clips;
-    if clips.is_empty() && session.scene.objects.visibility.filters.is_empty() {
+    let visibility = &session.scene.objects.visibility;
+    if clips.is_empty() && visibility.shows_all() {
         ui.label(RichText::new("Nothing is clipped or filtered.").color(theme::WEAK));
     }
+    hidden_classes(ui, &visibility.hidden_classes, actions);
     for placed in clips {
         ui.push_id(placed.id.0, |ui| row(ui, session, placed, actions));
     }
@@ -38,6 +42,24 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     filters(ui, session, actions);
     export(ui, session, actions);
+}
+
+/// Says which classes are hidden: they are as good as clipped, and the list of classes is in another tab.
+fn hidden_classes(ui: &mut Ui, hidden: &BTreeSet<u8>, actions: &mut Vec<Action>) {
+    if hidden.is_empty() {
+        return;
+    }
+    ui.horizontal(|ui| {
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let all = ui.small_button("Show all").on_hover_text("Shows the points of all classes");
+            actions.extend(all.clicked().then(|| Action::ShowClasses(hidden.iter().copied().collect(), true)));
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                let names: Vec<String> = hidden.iter().map(|class| format!("{class} {}", class_name(*class))).collect();
+                let text = format!("Hidden: {}", names.join(", ").trim_end());
+                ui.add(egui::Label::new(RichText::new(text).color(theme::ACCENT)).truncate());
+            });
+        });
+    });
 }
 
 /// Saves what is left of the points.
@@ -366,6 +388,21 @@ mod tests {
         harness.run_steps(2);
         let writing = harness.state().loaded.writing.as_ref().expect("a file that is written");
         assert!(writing.progress.is_cancelled());
+    }
+
+    #[test]
+    fn hidden_classes_are_named_among_clips_and_filters_and_shown_again() {
+        let mut harness = harness();
+        harness.run_ok();
+        assert!(harness.query_by_label("Nothing is clipped or filtered.").is_some());
+        harness.state_mut().act(Action::ShowClasses(vec![2, 6, 70], false));
+        harness.run_ok();
+        assert!(harness.query_by_label("Nothing is clipped or filtered.").is_none());
+        assert!(harness.query_by_label("Hidden: 2 ground, 6 building, 70").is_some());
+        harness.get_by_label("Show all").click();
+        harness.run_ok();
+        assert!(harness.state().scene.objects.visibility.shows_all());
+        assert!(harness.query_by_label("Nothing is clipped or filtered.").is_some());
     }
 
     #[test]
