@@ -173,11 +173,24 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
                     ui.end_row();
                 }
             });
+            if lacks_certainty(measurement.kind, figures) {
+                let text = "± unknown: the points shown around its corners are no surface";
+                ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(
+                    "How certain a value is follows from the points that are shown around its corners. Clips, filters \
+                     and hidden classes may hide them.",
+                );
+            }
         }
     }
     if is_selected {
         details(ui, session, *id, measurement, actions);
     }
+}
+
+/// Whether the values would say how certain they are, if the points around the corners did.
+fn lacks_certainty(kind: MeasurementKind, figures: &[Figure]) -> bool {
+    let is_of_corners = !kind.has_reach() && kind != MeasurementKind::Volume;
+    is_of_corners && figures.first().is_some_and(|figure| figure.deviation.is_none())
 }
 
 /// The name, the colour and the numbers of the selected measurement.
@@ -356,7 +369,8 @@ mod tests {
         work(session);
         harness.run_ok();
         assert_eq!(measurements(&harness)[0].points, [DVec3::ZERO, DVec3::new(10.0, 10.0, 0.0)]);
-        // A cloud of two points gives no uncertainty.
+        // A cloud of two points gives no uncertainty, and the panel says so.
+        assert!(harness.query_by_label_contains("± unknown").is_some());
         assert_eq!(harness.query_all_by_label("14.1421").count(), 2, "and its horizontal part");
         let session = harness.state_mut();
         session.act(Action::Measuring(Measuring::CopyAll));
