@@ -357,6 +357,8 @@ mod tests {
         harness.run_ok();
         choose(&mut harness, "distance (Alt+2)");
         let session = harness.state_mut();
+        let told = |session: &Session| session.outside.messages.all.last().map(|message| message.text.clone());
+        assert_eq!(told(session).as_deref(), Some("distance: click 2 points"));
         click(session, Some(0));
         click(session, None);
         let messages = &session.outside.messages.all;

@@ -114,6 +114,16 @@ impl Placing {
         self.asked > 0 || !self.corners.is_empty()
     }
 
+    /// What all its clicks do, and how to end: the message of its beginning stays while points are clicked.
+    fn opening(&self) -> String {
+        let (least, most) = self.wanted.counts().into_inner();
+        match (self.wanted.name(), least) {
+            (name, 1) if most == 1 => format!("{name}: click a point"),
+            (name, count) if most == count => format!("{name}: click {count} points"),
+            (name, _) => format!("{name}: click its points; Enter or a double-click ends"),
+        }
+    }
+
     /// What the next click does, and how to end.
     pub fn hint(&self) -> String {
         let (least, most) = self.wanted.counts().into_inner();
@@ -204,7 +214,7 @@ impl Measurements {
             self.last_kind = kind;
         }
         let placing = Placing::new(wanted);
-        outside.note(placing.hint());
+        outside.note(placing.opening());
         outside.log(json!({ "event": "placing", "kind": wanted.name() }));
         self.placing = Some(placing);
     }
