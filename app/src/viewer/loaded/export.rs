@@ -8,11 +8,12 @@ use cloud::Progress;
 use codec::Exported;
 use serde_json::json;
 
+use crate::shared::numbers::grouped;
 use crate::viewer::loaded::{Loaded, Writing};
 use crate::viewer::requests::action::Export;
 use crate::viewer::requests::file_names::free_path;
 use crate::viewer::requests::messages::Level;
-use crate::viewer::requests::outside::{Asked, Effect, Outside};
+use crate::viewer::requests::outside::{Asked, Effect, Outside, whole};
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
 
@@ -57,7 +58,7 @@ impl Loaded {
         match result {
             Ok(Some(Exported { points, changes, warnings, .. })) => {
                 outside.log(json!({ "event": "exported", "path": path, "points": points }));
-                outside.note(format!("{points} points saved: {}", path.display()));
+                outside.note(format!("{} points saved: {}", grouped(points), whole(path)));
                 let lines = changes.into_iter().chain(param::few(warnings, "warnings"));
                 lines.for_each(|warning| outside.warning(warning));
             }
