@@ -1,24 +1,15 @@
 //! The layout of the window: the panel on the left, the status bar at the bottom, and the picture with its overlays
 //! between them.
 
-use std::time::Duration;
+use egui::{Align2, CentralPanel, Color32, Frame, Panel, Rect, Sense, Ui};
 
-use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, Ui};
-
-use scene::Show;
-use world::{CloudTask, IndexState, LEAST_TIME, TaskKind, TaskStatus};
-
-use crate::system::fetching::{self, Fetch};
 use crate::viewer::input::gizmo;
 use crate::viewer::look::theme;
-use crate::viewer::look::theme::grouped;
-use crate::viewer::look::widgets::{focus_ring, progress_bar, progress_text};
-use crate::viewer::objects::clouds::JobEntry;
+use crate::viewer::look::widgets::focus_ring;
 use crate::viewer::panels::{overlay, welcome};
 use crate::viewer::picture::canvas::Picture;
 use crate::viewer::requests::action::Action;
 use crate::viewer::requests::bindings;
-use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::path_prompt::Outcome;
 use crate::viewer::session::Session;
 use crate::viewer::{input, panels};
@@ -32,7 +23,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
             .exact_size(28.0)
             .resizable(false)
             .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 3)))
-            .show(ui, |ui| status_bar(ui, session, &mut actions));
+            .show(ui, |ui| panels::status::show(ui, session, &mut actions));
         if session.filming.timeline.is_open {
             panels::timeline::dock(ui, session, &mut actions);
         }
@@ -112,8 +103,6 @@ fn open_dropped(ui: &Ui) -> Vec<Action> {
     dropped.iter().map(|file| Action::Open(file.path().to_path_buf())).collect()
 }
 
-// ---- picture ----
-
 fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect: Rect, actions: &mut Vec<Action>) {
     let scale = ui.ctx().pixels_per_point();
     let side = |length: f32| (length * scale).round().max(0.0) as u32;
@@ -128,7 +117,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
         // Until there is a picture, the place of the picture says what it waits for.
         let is_empty = session.loaded.clouds.is_empty() && !session.loaded.is_loading();
-        if let Some(wait) = waiting(session).filter(|_| !is_empty) {
+        if let Some(wait) = panels::status::waiting(session).filter(|_| !is_empty) {
             let is_compiling = session.frames.compiled().is_some();
             let more = if is_compiling { "; the first start takes longest" } else { "" };
             welcome::caption(ui, rect, rect.center(), &format!("{wait}{more}"));
@@ -154,182 +143,17 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     }
 }
 
-/// What the next picture waits for before it is drawn, and the first one while it is.
-fn waiting(session: &Session) -> Option<String> {
-    if session.fatal.is_some() {
-        return None;
-    }
-    match session.frames.compiled() {
-        Some(share) => Some(format!("compiling shaders: {:.0} %", share * 100.0)),
-        None if session.adapter.is_none() => Some("preparing the renderer".into()),
-        None => session.frames.first_is_drawn().then(|| "drawing the first picture".into()),
-    }
-}
-
-// ---- status bar ----
-
-fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    ui.horizontal_centered(|ui| {
-        let is_open = session.preferences.panel_is_open;
-        let text = if is_open { "<" } else { ">" };
-        let help = if is_open { "Hide the panel" } else { "Show the panel" };
-        if ui.small_button(text).on_hover_text(help).accessible_name(help).clicked() {
-            actions.push(Action::TogglePanel);
-        }
-        if let Some(wait) = waiting(session) {
-            ui.label(RichText::new(wait).color(theme::WEAK));
-            if let Some(share) = session.frames.compiled() {
-                progress_bar(ui, share);
-            }
-            ui.ctx().request_repaint_after(Duration::from_millis(100));
-        } else if let Some([summed, asked]) = session.frames.samples_under_way().filter(|_| session.fatal.is_none()) {
-            ui.label(RichText::new(format!("sample {summed} of {asked}")).color(theme::WEAK));
-            progress_bar(ui, summed as f32 / asked as f32);
-        }
-        if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {
-            if job_progress(ui, session, job) {
-                actions.push(Action::StopLoading);
-            }
-            ui.ctx().request_repaint_after(Duration::from_millis(100));
-        } else {
-            let (points, all) = (session.loaded.points(), session.loaded.all_points());
-            if let Some(shown) = shown_points(session).filter(|_| all == points) {
-                let help = "The others are hidden by clips, filters or classes, or with their cloud";
-                let text = format!("{} of {} points shown", grouped(shown), grouped(points));
-                ui.label(text).on_hover_text(help);
-            } else if all > points {
-                ui.label(format!("{} of {} points", grouped(points), grouped(all)));
-            } else if points > 0 {
-                ui.label(format!("{} points", grouped(points)));
-            }
-        }
-        panels::truth::progress(ui, session, actions);
-        panels::recording::progress(ui, session, actions);
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            messages_button(ui, session, actions);
-            if let Some(shown) = &session.frames.shown {
-                ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
-            }
-            let [turning, help] = session.scene.turning();
-            let color = if turning == "orbit" { theme::WEAK } else { theme::ACCENT };
-            ui.label(RichText::new(turning).color(color)).on_hover_text(help);
-            if session.is_unlit() {
-                ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
-            }
-            uncertain_reflections(ui, session, actions);
-            if let Some(placing) = &session.tools.measurements.placing {
-                ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
-            }
-            if let Some((_, Some(world))) = session.scene.navigation.hovered {
-                ui.add_space(6.0);
-                // Three decimals are enough for the status bar. A pick shows the others.
-                let text = format!("{:.3}  {:.3}  {:.3}", world.x, world.y, world.z);
-                let font = egui::FontId::monospace(11.5);
-                let text = ui.painter().layout_no_wrap(text, font, theme::WEAK);
-                // In a narrow window they would lie over the number of points.
-                if text.size().x < ui.available_width() {
-                    ui.label(text);
-                }
-            }
-        });
-    });
-}
-
-/// How many points are shown, where something hides points and their number is known.
-fn shown_points(session: &Session) -> Option<u64> {
-    if session.scene.objects.test().shows_all() {
-        return None;
-    }
-    let visible = session.loaded.clouds.iter().filter(|entry| entry.is_visible);
-    visible.map(|entry| entry.figures.as_ref().map(|figures| figures.shown)).sum()
-}
-
-/// The status bar warns if a larger share of a frame's reflections than this is uncertain.
-const MOSTLY_CERTAIN: f64 = 0.1;
-
-/// Draws a warning if many reflections are uncertain. A click on it shows where they are.
-fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    let share =
-        session.frames.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
-    if share <= MOSTLY_CERTAIN {
-        return;
-    }
-    let text = format!("{:.0} % of reflections uncertain", share * 100.0);
-    let help = "Closed from neighbours, more than a pixel off, or alone among neighbours; click to see where";
-    if ui.small_button(RichText::new(text).color(theme::ACCENT)).on_hover_text(help).clicked() {
-        let is_shown = session.scene.settings.reflection.show == Show::Uncertain;
-        let show = if is_shown { Show::Picture } else { Show::Uncertain };
-        actions.push(Action::set("reflection", "show", param::Value::Choice(show as u32)));
-    }
-}
-
-/// Draws the progress of a job. Returns true if Cancel was clicked.
-fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
-    if let Some((entry, stage)) = session.loaded.stage_of(job) {
-        let is_preview = entry.points > 0 && matches!(entry.pages, Some(IndexState::Indexing));
-        stage_progress(ui, stage, &entry.cloud.name, is_preview);
-    } else {
-        let (done, total) = (job.progress.done(), job.progress.total());
-        ui.label(format!("reading {}", job.name));
-        if let Some((Fetch { address, done, total, .. }, count)) = fetching::first() {
-            let others = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
-            ui.label(format!("fetching {}{others}", codec::last_part(&address)));
-            progress_bar(ui, (done as f32 / total.max(1) as f32).min(1.0));
-            let text = format!("{} of {}", theme::bytes(done), theme::bytes(total));
-            ui.label(RichText::new(text).small().color(theme::WEAK));
-        }
-        // For a streamed cloud the number of points that a view needs is not known.
-        if total > 0 {
-            progress_bar(ui, (done as f32 / total as f32).min(1.0));
-            let elapsed = job.started.elapsed();
-            let pace = (done > 0 && elapsed > LEAST_TIME).then(|| done as f64 / elapsed.as_secs_f64());
-            ui.label(RichText::new(progress_text(done, total, pace)).small().color(theme::WEAK));
-        }
-    }
-    ui.small_button("Cancel").on_hover_text("Stop all that is loaded and made; what is there stays").clicked()
-}
-
-/// Draws the progress of a task of a cloud.
-fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str, is_preview: bool) {
-    let (verb, noun) = match stage.kind {
-        TaskKind::Index if is_preview => ("a preview is shown, indexing", "index"),
-        TaskKind::Index => ("indexing", "index"),
-        TaskKind::Surfels => ("normals of", "normals"),
-    };
-    match stage.status() {
-        TaskStatus::Queued => drop(ui.label(format!("{name}: its {noun} will be made next"))),
-        TaskStatus::Elsewhere => drop(ui.label(format!("{name}: another program is making its {noun}"))),
-        TaskStatus::UnderWay | TaskStatus::Stopped | TaskStatus::Over => {
-            let share = stage.share() as f32;
-            ui.label(format!("{verb} {name}: {:.0} %", share * 100.0));
-            progress_bar(ui, share);
-            let text = progress_text(stage.done(), stage.points(), stage.pace());
-            ui.label(RichText::new(text).small().color(theme::WEAK));
-        }
-    }
-}
-
-fn messages_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    let worst = session.outside.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
-    let color = worst.filter(|level| *level != Level::Note).map(Level::color);
-    let count = session.outside.messages.all.iter().filter(|message| message.level != Level::Note).count();
-    let text = if count > 0 { format!("Messages ({count})") } else { "Messages".into() };
-    let text = color.map_or(RichText::new(&text), |color| RichText::new(&text).color(color));
-    if ui.small_button(text).clicked() {
-        actions.push(Action::ListMessages(!session.outside.messages.list_is_open));
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
+    use std::time::Duration;
 
     use cloud::Progress;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use param::Params;
     use scene::{Measurement, MeasurementKind, Note, Object, Profile};
-    use world::Mailbox;
+    use world::{CloudTask, Mailbox, TaskKind};
 
     use super::*;
     use crate::overlays::lens::Lens;

@@ -26,6 +26,7 @@ pub mod profiles;
 pub mod recording;
 pub mod reflections;
 pub mod side;
+pub mod status;
 pub mod streaming;
 pub mod sweep;
 pub mod timeline;

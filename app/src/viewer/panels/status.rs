@@ -1,0 +1,226 @@
+//! The status bar: what is under way and how many points are shown on its left, the state of the picture on its right.
+
+use std::time::Duration;
+
+use egui::{Align, Layout, RichText, Ui};
+use scene::Show;
+use world::{CloudTask, IndexState, LEAST_TIME, TaskKind, TaskStatus};
+
+use crate::system::fetching::{self, Fetch};
+use crate::viewer::look::theme;
+use crate::viewer::look::theme::grouped;
+use crate::viewer::look::widgets::{progress_bar, progress_text};
+use crate::viewer::objects::clouds::JobEntry;
+use crate::viewer::panels;
+use crate::viewer::requests::action::Action;
+use crate::viewer::requests::messages::Level;
+use crate::viewer::session::Session;
+
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    // The right end comes first: in a narrow window it stays whole, and what is under way on the left is cut.
+    ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+        state_of_picture(ui, session, actions);
+        ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
+            ui.style_mut().wrap_mode = Some(egui::TextWrapMode::Truncate);
+            under_way(ui, session, actions);
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| place_under_cursor(ui, session));
+        });
+    });
+}
+
+/// What the next picture waits for before it is drawn, and the first one while it is.
+pub fn waiting(session: &Session) -> Option<String> {
+    if session.fatal.is_some() {
+        return None;
+    }
+    match session.frames.compiled() {
+        Some(share) => Some(format!("compiling shaders: {:.0} %", share * 100.0)),
+        None if session.adapter.is_none() => Some("preparing the renderer".into()),
+        None => session.frames.first_is_drawn().then(|| "drawing the first picture".into()),
+    }
+}
+
+/// The switch of the panel, the work that is under way, and the number of points.
+fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let is_open = session.preferences.panel_is_open;
+    let text = if is_open { "<" } else { ">" };
+    let help = if is_open { "Hide the panel" } else { "Show the panel" };
+    if ui.small_button(text).on_hover_text(help).accessible_name(help).clicked() {
+        actions.push(Action::TogglePanel);
+    }
+    if let Some(wait) = waiting(session) {
+        ui.label(RichText::new(wait).color(theme::WEAK));
+        if let Some(share) = session.frames.compiled() {
+            progress_bar(ui, share);
+        }
+        ui.ctx().request_repaint_after(Duration::from_millis(100));
+    } else if let Some([summed, asked]) = session.frames.samples_under_way().filter(|_| session.fatal.is_none()) {
+        ui.label(RichText::new(format!("sample {summed} of {asked}")).color(theme::WEAK));
+        progress_bar(ui, summed as f32 / asked as f32);
+    }
+    if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {
+        if job_progress(ui, session, job) {
+            actions.push(Action::StopLoading);
+        }
+        ui.ctx().request_repaint_after(Duration::from_millis(100));
+    } else {
+        let (points, all) = (session.loaded.points(), session.loaded.all_points());
+        if let Some(shown) = shown_points(session).filter(|_| all == points) {
+            let help = "The others are hidden by clips, filters or classes, or with their cloud";
+            let text = format!("{} of {} points shown", grouped(shown), grouped(points));
+            ui.label(text).on_hover_text(help);
+        } else if all > points {
+            ui.label(format!("{} of {} points", grouped(points), grouped(all)));
+        } else if points > 0 {
+            ui.label(format!("{} points", grouped(points)));
+        }
+    }
+    panels::truth::progress(ui, session, actions);
+    panels::recording::progress(ui, session, actions);
+}
+
+/// What the picture shows and took, from the right end on.
+fn state_of_picture(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    messages_button(ui, session, actions);
+    if let Some(shown) = &session.frames.shown {
+        ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
+    }
+    let [turning, help] = session.scene.turning();
+    let color = if turning == "orbit" { theme::WEAK } else { theme::ACCENT };
+    ui.label(RichText::new(turning).color(color)).on_hover_text(help);
+    if session.is_unlit() {
+        ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
+    }
+    uncertain_reflections(ui, session, actions);
+    if let Some(placing) = &session.tools.measurements.placing {
+        ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
+    }
+}
+
+/// The place under the cursor, where there is room for it.
+fn place_under_cursor(ui: &mut Ui, session: &Session) {
+    if let Some((_, Some(world))) = session.scene.navigation.hovered {
+        ui.add_space(6.0);
+        // Three decimals are enough for the status bar. A pick shows the others.
+        let text = format!("{:.3}  {:.3}  {:.3}", world.x, world.y, world.z);
+        let font = egui::FontId::monospace(11.5);
+        let text = ui.painter().layout_no_wrap(text, font, theme::WEAK);
+        // In a narrow window they would lie over the number of points.
+        if text.size().x < ui.available_width() {
+            ui.label(text);
+        }
+    }
+}
+
+/// How many points are shown, where something hides points and their number is known.
+fn shown_points(session: &Session) -> Option<u64> {
+    if session.scene.objects.test().shows_all() {
+        return None;
+    }
+    let visible = session.loaded.clouds.iter().filter(|entry| entry.is_visible);
+    visible.map(|entry| entry.figures.as_ref().map(|figures| figures.shown)).sum()
+}
+
+/// The status bar warns if a larger share of a frame's reflections than this is uncertain.
+const MOSTLY_CERTAIN: f64 = 0.1;
+
+/// Draws a warning if many reflections are uncertain. A click on it shows where they are.
+fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let share =
+        session.frames.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
+    if share <= MOSTLY_CERTAIN {
+        return;
+    }
+    let text = format!("{:.0} % of reflections uncertain", share * 100.0);
+    let help = "Closed from neighbours, more than a pixel off, or alone among neighbours; click to see where";
+    if ui.small_button(RichText::new(text).color(theme::ACCENT)).on_hover_text(help).clicked() {
+        let is_shown = session.scene.settings.reflection.show == Show::Uncertain;
+        let show = if is_shown { Show::Picture } else { Show::Uncertain };
+        actions.push(Action::set("reflection", "show", param::Value::Choice(show as u32)));
+    }
+}
+
+/// Draws the progress of a job. Returns true if Cancel was clicked.
+fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
+    if let Some((entry, stage)) = session.loaded.stage_of(job) {
+        let is_preview = entry.points > 0 && matches!(entry.pages, Some(IndexState::Indexing));
+        stage_progress(ui, stage, &entry.cloud.name, is_preview);
+    } else {
+        let (done, total) = (job.progress.done(), job.progress.total());
+        ui.label(format!("reading {}", job.name));
+        if let Some((Fetch { address, done, total, .. }, count)) = fetching::first() {
+            let others = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
+            ui.label(format!("fetching {}{others}", codec::last_part(&address)));
+            progress_bar(ui, (done as f32 / total.max(1) as f32).min(1.0));
+            let text = format!("{} of {}", theme::bytes(done), theme::bytes(total));
+            ui.label(RichText::new(text).small().color(theme::WEAK));
+        }
+        // For a streamed cloud the number of points that a view needs is not known.
+        if total > 0 {
+            progress_bar(ui, (done as f32 / total as f32).min(1.0));
+            let elapsed = job.started.elapsed();
+            let pace = (done > 0 && elapsed > LEAST_TIME).then(|| done as f64 / elapsed.as_secs_f64());
+            ui.label(RichText::new(progress_text(done, total, pace)).small().color(theme::WEAK));
+        }
+    }
+    ui.small_button("Cancel").on_hover_text("Stop all that is loaded and made; what is there stays").clicked()
+}
+
+/// Draws the progress of a task of a cloud.
+fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str, is_preview: bool) {
+    let (verb, noun) = match stage.kind {
+        TaskKind::Index if is_preview => ("a preview is shown, indexing", "index"),
+        TaskKind::Index => ("indexing", "index"),
+        TaskKind::Surfels => ("normals of", "normals"),
+    };
+    match stage.status() {
+        TaskStatus::Queued => drop(ui.label(format!("{name}: its {noun} will be made next"))),
+        TaskStatus::Elsewhere => drop(ui.label(format!("{name}: another program is making its {noun}"))),
+        TaskStatus::UnderWay | TaskStatus::Stopped | TaskStatus::Over => {
+            let share = stage.share() as f32;
+            ui.label(format!("{verb} {name}: {:.0} %", share * 100.0));
+            progress_bar(ui, share);
+            let text = progress_text(stage.done(), stage.points(), stage.pace());
+            ui.label(RichText::new(text).small().color(theme::WEAK));
+        }
+    }
+}
+
+fn messages_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let worst = session.outside.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
+    let color = worst.filter(|level| *level != Level::Note).map(Level::color);
+    let count = session.outside.messages.all.iter().filter(|message| message.level != Level::Note).count();
+    let text = if count > 0 { format!("Messages ({count})") } else { "Messages".into() };
+    let text = color.map_or(RichText::new(&text), |color| RichText::new(&text).color(color));
+    if ui.small_button(text).clicked() {
+        actions.push(Action::ListMessages(!session.outside.messages.list_is_open));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use scene::MeasurementKind;
+
+    use super::*;
+    use crate::viewer::requests::action::Measuring;
+
+    #[test]
+    fn in_a_narrow_window_the_left_end_is_cut_and_nothing_lies_over_another() {
+        for (width, is_whole) in [(700.0, true), (370.0, false)] {
+            let mut session = Session::with_two_points();
+            session.act(Action::Measuring(Measuring::Begin(MeasurementKind::Distance)));
+            let mut harness = Harness::builder().with_size([width, 28.0]).build_ui_state(
+                |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+                session,
+            );
+            harness.run_ok();
+            let points = harness.get_by_label("2 points").rect();
+            let hint = harness.get_by_label("distance: click point 1 of 2").rect();
+            assert!(points.right() <= hint.left(), "{width}: {points:?}, {hint:?}");
+            assert!(hint.right() < harness.get_by_label("Messages").rect().left());
+            assert_eq!(points.width() > 40.0, is_whole, "{width}: {points:?}");
+        }
+    }
+}
