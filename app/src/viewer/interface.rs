@@ -286,6 +286,30 @@ mod tests {
     }
 
     #[test]
+    fn keys_of_an_open_menu_neither_turn_the_camera_nor_end_tools() {
+        let mut harness = harness();
+        *harness.state_mut() = Session::with_two_points();
+        harness.state_mut().act(Action::Measuring(Measuring::Begin(MeasurementKind::Distance)));
+        harness.run_ok();
+        harness.get_by_label("Recent").click();
+        harness.run_ok();
+        assert!(egui::Popup::is_any_open(&harness.ctx));
+        let camera = harness.state().scene.camera;
+        harness.key_down(egui::Key::ArrowDown);
+        harness.run_steps(3);
+        harness.key_up(egui::Key::ArrowDown);
+        harness.run_ok();
+        assert_eq!(harness.state().scene.camera, camera);
+        harness.key_press(egui::Key::Escape);
+        harness.run_ok();
+        assert!(!egui::Popup::is_any_open(&harness.ctx), "it closes the menu");
+        assert!(harness.state().tools.measurements.placing.is_some(), "and nothing else");
+        harness.key_press(egui::Key::Escape);
+        harness.run_ok();
+        assert!(harness.state().tools.measurements.placing.is_none());
+    }
+
+    #[test]
     fn coordinates_of_the_cursor_are_shown_only_where_they_lie_over_nothing() {
         for (width, is_shown) in [(1400.0, true), (420.0, false)] {
             let mut session = Session::with_two_points();

@@ -36,7 +36,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let scale = f64::from(ui.ctx().pixels_per_point());
     // Once a note has its place, keys are its text, which must not act before its field is there.
     let awaits_text = |placing: &Placing| placing.wanted == Wanted::Note && placing.has_begun();
-    if is_typing || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
+    if is_typing || list_has_keys(ui) || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
         hold(session, [false; 3], actions);
         if session.palette.is_none() && session.path_prompt.is_none() && session.document.asked.is_none() {
             actions.extend(ui.input(|input| input.events.iter().find_map(|event| saving(event, session))));
@@ -131,6 +131,16 @@ fn saving(event: &Event, session: &Session) -> Option<Action> {
 /// Where egui keeps whether a text was being typed in the last frame of the window.
 fn typing() -> egui::Id {
     egui::Id::unique("a text was being typed")
+}
+
+/// Whether a list or a menu is open, or was in the last frame of the window: arrows choose in it, and the Esc that has
+/// closed it does nothing else.
+fn list_has_keys(ui: &Ui) -> bool {
+    let place = egui::Id::unique("a list was open");
+    let is_open = egui::Popup::is_any_open(ui.ctx());
+    let was_open = ui.data(|data| data.get_temp(place)).unwrap_or(false);
+    ui.data_mut(|data| data.insert_temp(place, is_open));
+    is_open || was_open
 }
 
 /// `was_typing` says that a text was being typed until now: the Esc that has ended that does nothing else.
