@@ -110,11 +110,11 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     actions.extend((size != session.scene.view_size).then_some(Action::Resize(size)));
     // Tab leads through the widgets, and the picture is none: its keys are those of the whole window.
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::CLICK | Sense::DRAG);
-    if let (Some(picture), Some(_)) = (picture, &session.frames.shown) {
-        ui.painter().add(picture.within(rect));
+    let [red, green, blue, _] = session.scene.settings.view.background.bytes();
+    ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
+    if let (Some(picture), Some(shown)) = (picture, &session.frames.shown) {
+        ui.painter().add(picture.within(shaped(rect, size, shown.request.size)));
     } else {
-        let [red, green, blue, _] = session.scene.settings.view.background.bytes();
-        ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
         // Until there is a picture, the place of the picture says what it waits for.
         let is_empty = session.loaded.clouds.is_empty() && !session.loaded.is_loading();
         if let Some(wait) = panels::status::waiting(session).filter(|_| !is_empty) {
@@ -141,6 +141,16 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         let font = egui::FontId::proportional(22.0);
         ui.painter().text(rect.center(), Align2::CENTER_CENTER, "Drop to open", font, theme::ACCENT);
     }
+}
+
+/// Where a picture of some size is drawn in an area of another: until one of the area's size comes, it keeps its shape.
+fn shaped(area: Rect, size: [u32; 2], picture: [u32; 2]) -> Rect {
+    if size == picture || size.contains(&0) || picture.contains(&0) {
+        return area;
+    }
+    let [across, down] = [0, 1].map(|axis| size[axis] as f32 / picture[axis] as f32);
+    let share = egui::vec2(across.min(down) / across, across.min(down) / down);
+    Rect::from_center_size(area.center(), area.size() * share)
 }
 
 #[cfg(test)]
@@ -307,6 +317,17 @@ mod tests {
         harness.key_press(egui::Key::Escape);
         harness.run_ok();
         assert!(harness.state().tools.measurements.placing.is_none());
+    }
+
+    #[test]
+    fn a_picture_of_another_size_keeps_its_shape_until_one_of_the_area_comes() {
+        let area = Rect::from_min_size(egui::pos2(310.0, 0.0), egui::vec2(400.0, 300.0));
+        assert_eq!(shaped(area, [800, 600], [800, 600]), area);
+        assert_eq!(shaped(area, [800, 600], [400, 300]), area, "a coarse one of the same shape fills it");
+        let low = shaped(area, [800, 600], [800, 300]);
+        assert_eq!((low.center(), low.size()), (area.center(), egui::vec2(400.0, 150.0)));
+        let narrow = shaped(area, [800, 600], [100, 300]);
+        assert_eq!((narrow.center(), narrow.size()), (area.center(), egui::vec2(100.0, 300.0)));
     }
 
     #[test]
