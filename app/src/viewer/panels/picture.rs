@@ -70,6 +70,14 @@ fn size_line(ui: &mut egui::Ui, shown: [u32; 2], draft: &mut PictureDraft) {
     });
 }
 
+/// Says which picture is being saved: a large one takes a while, and the window shows another.
+pub fn progress(ui: &mut egui::Ui, session: &Session) {
+    let Some(path) = session.outside.saving().next() else { return };
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    ui.spinner();
+    ui.label(RichText::new(format!("saving {name}")).color(theme::WEAK)).on_hover_text(path.display().to_string());
+}
+
 /// Draws the field of the path. Returns whether Enter was pressed in it.
 fn path_line(ui: &mut egui::Ui, draft: &mut PictureDraft, actions: &mut Vec<Action>) -> bool {
     ui.horizontal(|ui| {

@@ -77,6 +77,7 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     panels::truth::progress(ui, session, actions);
     panels::recording::progress(ui, session, actions);
+    panels::picture::progress(ui, session);
 }
 
 /// What the picture shows and took, from the right end on.

@@ -39,7 +39,7 @@ pub enum Command {
     /// Writes a picture as a PNG file. The frame is drawn first unless it is the last one that was drawn.
     Save {
         request: Box<FrameRequest>,
-        path: PathBuf,
+        path: Arc<PathBuf>,
         /// What the overlays that are drawn over it say.
         facts: Box<Facts>,
     },

@@ -343,7 +343,7 @@ impl Worker {
                 overlays::draw(&mut pixels, request.size, &request.camera, &request.settings, &facts);
                 let adapter = picture_file::adapter(&self.gpu);
                 report(match picture_file::write_png(&path, request.size, &pixels, Some(&adapter)) {
-                    Ok(()) => Report::Saved(path),
+                    Ok(()) => Report::Saved(path.to_path_buf()),
                     Err(error) => Report::Problem(format!("{error:#}")),
                 });
             }

@@ -70,12 +70,12 @@ fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("picture.png");
-    thread.send(Command::Save { request: request([20, 10]), path: path.clone(), facts: Box::default() });
+    thread.send(Command::Save { request: request([20, 10]), path: path.clone().into(), facts: Box::default() });
     assert!(matches!(report(), Report::Saved(saved) if saved == path));
     assert_eq!(image::open(&path).unwrap().to_rgb8().dimensions(), (20, 10));
     thread.send(Command::Save {
         request: request([20, 10]),
-        path: folder.path().join("missing/picture.png"),
+        path: folder.path().join("missing/picture.png").into(),
         facts: Box::default(),
     });
     assert!(matches!(report(), Report::Problem(problem) if problem.contains("missing")));

@@ -2,14 +2,16 @@
 //! function that needs it gets it as a parameter.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Weak};
 use std::time::Instant;
 
 use scene::CaptureFormat;
 use serde_json::json;
 use world::{Change, Event, Input};
 
+use crate::overlays::Facts;
+use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::{Command, Report};
 use crate::viewer::picture::under_way::Pass;
 use crate::viewer::requests::messages::{Level, Messages};
@@ -62,11 +64,27 @@ pub struct Outside {
     /// The effects that nobody has carried out yet, the oldest first.
     pub effects: Vec<Effect>,
     pub messages: Messages,
+    /// The pictures that are being saved. The commands own the paths, and are dropped when they are carried out, however
+    /// that ends.
+    saving: Vec<Weak<PathBuf>>,
 }
 
 impl Outside {
     pub fn new(messages: Messages) -> Self {
-        Self { now: Instant::now(), input_at: None, effects: Vec::new(), messages }
+        Self { now: Instant::now(), input_at: None, effects: Vec::new(), messages, saving: Vec::new() }
+    }
+
+    /// Saves a picture on the render thread.
+    pub fn save_picture(&mut self, request: FrameRequest, path: PathBuf, facts: Facts) {
+        let path = Arc::new(path);
+        self.saving.retain(|saved| saved.strong_count() > 0);
+        self.saving.push(Arc::downgrade(&path));
+        self.render(Command::Save { request: Box::new(request), path, facts: Box::new(facts) });
+    }
+
+    /// The pictures that are being saved, the oldest first.
+    pub fn saving(&self) -> impl Iterator<Item = Arc<PathBuf>> {
+        self.saving.iter().filter_map(Weak::upgrade)
     }
 
     pub fn push(&mut self, effect: Effect) {

@@ -13,7 +13,6 @@ use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{OwnSettings, Placed, PlacedClip};
 use crate::viewer::picture::frame_request::FrameRequest;
-use crate::viewer::picture::messages::Command;
 use crate::viewer::requests::action::PictureDraft;
 use crate::viewer::requests::file_names::{free_path, picture_name};
 use crate::viewer::requests::outside::{Effect, Outside};
@@ -226,7 +225,7 @@ impl Scene {
         let request = FrameRequest { camera: self.camera, size, ..shown.request.clone() };
         let request = request.unhurried(&self.settings);
         let path = draft.map_or_else(|| free_picture(loaded), |draft| draft.place().into());
-        outside.render(Command::Save { request: Box::new(request), path, facts: Box::new(facts) });
+        outside.save_picture(request, path, facts);
     }
 }
 
@@ -270,6 +269,17 @@ mod tests {
         assert!(other.scene.camera.eye.distance(one.scene.camera.eye) < 1e-9);
         other.act(Action::Undo);
         assert_eq!(other.scene.settings, Settings::default());
+    }
+
+    #[test]
+    fn a_picture_is_being_saved_until_its_command_is_carried_out() {
+        let mut session = Session::with_two_points();
+        let request = session.picture();
+        session.outside.save_picture(request, "folder/a.png".into(), Facts::default());
+        let saving = |session: &Session| session.outside.saving().map(|path| path.to_path_buf()).collect::<Vec<_>>();
+        assert_eq!(saving(&session), [PathBuf::from("folder/a.png")]);
+        session.outside.effects.clear();
+        assert!(saving(&session).is_empty());
     }
 
     #[test]
