@@ -85,9 +85,10 @@ take() {
     esac
 }
 
-# The window, with the sphere selected by a click.
+# The window, with the sphere selected by a click, and its numbers in the tab Mirrors. On a larger screen the window has
+# the size that it opens with.
 window() {
-    Xvfb :87 -screen 0 1280x800x24 2> /dev/null &
+    Xvfb :87 -screen 0 1400x900x24 2> /dev/null &
     screen=$!
     until DISPLAY=:87 xdotool getmouselocation > /dev/null 2>&1; do sleep 1; done
     GLINT_EVENT_LOG="$work/log" XDG_CONFIG_HOME="$work" DISPLAY=:87 "$glint" "$work/window.toml" &
@@ -95,9 +96,10 @@ window() {
     await settled
     DISPLAY=:87 xdotool mousemove 745 400 click 1
     await selected
-    # The selection is painted at once.
+    DISPLAY=:87 xdotool mousemove 119 45 click 1
+    # The selection and the tab are painted at once.
     sleep 2
-    DISPLAY=:87 import -window root "$work/window.png"
+    DISPLAY=:87 import -window root -crop 1280x800+0+0 +repage "$work/window.png"
     kill "$viewer" && wait "$viewer" || true
     kill "$screen"
     convert "$work/window.png" -quality 88 "$pictures/window.jpg"
