@@ -22,6 +22,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         state_of_picture(ui, session, actions);
         ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
             ui.style_mut().wrap_mode = Some(egui::TextWrapMode::Truncate);
+            ui.set_clip_rect(ui.max_rect().intersect(ui.clip_rect()));
             under_way(ui, session, actions);
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| place_under_cursor(ui, session));
         });
@@ -143,6 +144,9 @@ fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Actio
 
 /// Draws the progress of a job. Returns true if Cancel was clicked.
 fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
+    // What follows may be cut.
+    let cancel = ui.small_button("Cancel").on_hover_text("Stop all that is loaded and made; what is there stays");
+    let is_cancelled = cancel.clicked();
     if let Some((entry, stage)) = session.loaded.stage_of(job) {
         let is_preview = entry.points > 0 && matches!(entry.pages, Some(IndexState::Indexing));
         stage_progress(ui, stage, &entry.cloud.name, is_preview);
@@ -164,7 +168,7 @@ fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
             ui.label(RichText::new(progress_text(done, total, pace)).small().color(theme::WEAK));
         }
     }
-    ui.small_button("Cancel").on_hover_text("Stop all that is loaded and made; what is there stays").clicked()
+    is_cancelled
 }
 
 /// Draws the progress of a task of a cloud.
@@ -209,8 +213,9 @@ mod tests {
 
     #[test]
     fn in_a_narrow_window_the_left_end_is_cut_and_nothing_lies_over_another() {
-        for (width, is_whole) in [(700.0, true), (370.0, false)] {
+        for (width, is_whole) in [(700.0, true), (340.0, false)] {
             let mut session = Session::with_two_points();
+            session.adapter = Some("any".into());
             session.act(Action::Measuring(Measuring::Begin(MeasurementKind::Distance)));
             let mut harness = Harness::builder().with_size([width, 28.0]).build_ui_state(
                 |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
