@@ -93,9 +93,13 @@ impl Trial {
         self.figures.as_ref().is_some_and(|figures| figures.closed_coverage < LEAST_FILLED)
     }
 
-    /// The setting as text: the parameters that differ from their defaults.
+    /// The setting as text: the parameters that differ from their defaults, those of reflections first.
     pub fn text(&self) -> String {
-        let differing = self.settings.differing();
+        let mut differing = self.settings.differing();
+        let section = scene::Reflection::table().section;
+        let groups = self.settings.groups().into_iter().map(|params| params.group());
+        let tuned: Vec<&str> = groups.filter(|group| group.section == section).map(|group| group.name).collect();
+        differing.sort_by_key(|(key, _)| !tuned.iter().any(|name| key.split('.').next() == Some(name)));
         let lines: Vec<String> = differing.into_iter().map(|(key, text)| format!("{key} = {text}")).collect();
         if lines.is_empty() { "all parameters as by default".into() } else { lines.join("\n") }
     }
@@ -218,6 +222,18 @@ mod tests {
         ];
         assert!(same.into_iter().all(|change| with(change) == series(&request)));
         assert!(others.into_iter().all(|change| with(change) != series(&request)));
+    }
+
+    #[test]
+    fn the_text_of_a_setting_begins_with_what_is_tuned() {
+        let mut settings = Settings::default();
+        (settings.view.field_of_view, settings.splat.size) = (20.0, 2.0);
+        (settings.reflection.bounces, settings.sscr.seed_attempts) = (2, 8);
+        let request = FrameRequest::any();
+        let trial = Trial { series: series(&request), request, settings, times: Vec::new(), figures: None };
+        let text = trial.text();
+        let keys: Vec<&str> = text.lines().filter_map(|line| line.split(" = ").next()).collect();
+        assert_eq!(keys, ["reflection.bounces", "sscr.seed_attempts", "view.field_of_view", "splat.size"]);
     }
 
     #[test]
