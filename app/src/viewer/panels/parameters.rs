@@ -133,6 +133,12 @@ fn menu(response: &egui::Response, group: &str, field: &Field, actions: &mut Vec
     });
 }
 
+/// What an entry of a list means, where that is known: of the methods it is.
+fn help_of_choice(field: &Field, name: &str) -> Option<&'static str> {
+    let is_method = field.name == "method";
+    scene::METHODS.iter().find(|row| is_method && row.name == name).map(|row| row.help)
+}
+
 /// Draws the widget of a value. Returns the new value if it was edited.
 fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<Value> {
     match (&field.kind, value) {
@@ -164,7 +170,10 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             combo
                 .show_ui(ui, |ui| {
                     for (index, name) in names.iter().enumerate() {
-                        ui.selectable_value(&mut chosen, index, *name);
+                        let entry = ui.selectable_value(&mut chosen, index, *name);
+                        if let Some(help) = help_of_choice(field, name) {
+                            entry.on_hover_text(help);
+                        }
                     }
                 })
                 .response
@@ -340,5 +349,13 @@ mod tests {
         harness.get_by_label("nearest").click();
         harness.run();
         assert_eq!(harness.state().0.splat.quality, scene::Quality::Nearest);
+    }
+
+    #[test]
+    fn each_method_says_in_the_list_what_it_does() {
+        let field = |name: &str| scene::Reflection::table().fields.iter().find(|field| field.name == name).unwrap();
+        let Kind::Choice { names, .. } = field("method").kind else { panic!("methods are chosen") };
+        assert!(names.iter().all(|name| help_of_choice(field("method"), name).is_some_and(|help| !help.is_empty())));
+        assert_eq!(help_of_choice(field("show"), "none"), None, "another list");
     }
 }
