@@ -1,10 +1,12 @@
 //! What a newcomer sees over the picture: the hint of the first scene, and the page that is left when everything is closed.
 
 use egui::{Color32, Rect, RichText, Ui};
+use glam::{DVec2, DVec3};
 
 use crate::viewer::look::theme;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::requests::action::{Action, Filing};
+use crate::viewer::requests::bindings;
 use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::session::Session;
 
@@ -19,6 +21,35 @@ pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
     if is_untouched && is_free && session.frames.shown.is_some() {
         caption(ui, rect, rect.center_bottom() - egui::vec2(0.0, 24.0), &format!("{FIRST_LOOK} {COMMAND}+O."));
     }
+}
+
+/// Says how to come back where the picture at rest shows none of what is there.
+pub fn lost(ui: &Ui, rect: Rect, session: &Session) {
+    if !session.interface_is_hidden && session.frames.final_one().is_some() && is_out_of_view(session) {
+        let back = bindings::shortcut(&Action::FrameAll);
+        caption(ui, rect, rect.center(), &format!("Nothing is in view. {back} frames everything."));
+    }
+}
+
+/// Whether the box of everything that is shown lies beside the picture or behind the eye.
+fn is_out_of_view(session: &Session) -> bool {
+    let (bounds, lens, size) = (session.bounds(), session.scene.lens(), session.scene.view_size);
+    if bounds.is_empty() {
+        return false;
+    }
+    let ray = |[x, y]: [u32; 2]| lens.ray(DVec2::new(f64::from(x * size[0]), f64::from(y * size[1])));
+    let (eye, ahead) = lens.ray(DVec2::from(size.map(f64::from)) * 0.5);
+    let is_behind = |corner: DVec3| (corner - eye).dot(ahead) < 0.0;
+    // The planes through the edges of the picture; what is ahead lies on their inner sides.
+    let is_beyond = |[one, other]: [[u32; 2]; 2], corner: DVec3| {
+        let ((from, along), (to, beside)) = (ray(one), ray(other));
+        let normal = along.cross(to + beside - from);
+        (corner - from).dot(normal) * (eye + ahead - from).dot(normal) < 0.0
+    };
+    let edges = [[[0, 0], [0, 1]], [[1, 0], [1, 1]], [[0, 0], [1, 0]], [[0, 1], [1, 1]]];
+    let corners = bounds.corners();
+    corners.into_iter().all(is_behind)
+        || edges.into_iter().any(|edge| corners.into_iter().all(|corner| is_beyond(edge, corner)))
 }
 
 /// Writes a text over the picture that can be read whatever is behind it, in lines that fit into the picture. It stands
@@ -99,6 +130,7 @@ fn scene_row(ui: &mut Ui, names: &[String], actions: &mut Vec<Action>) {
 mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use scene::Camera;
 
     use super::*;
     use crate::viewer::requests::preferences::Preferences;
@@ -125,5 +157,25 @@ mod tests {
         let [scene, file] = ["/scans/hall.toml", "/scans/hall.laz"].map(std::path::PathBuf::from);
         let wanted = [Action::File(Filing::Open(scene)), Action::Open(file), Action::Open("tripod/hall-30".into())];
         assert_eq!(harness.state().1, wanted);
+    }
+
+    #[test]
+    fn what_lies_beside_the_picture_or_behind_the_eye_is_out_of_view() {
+        let mut session = Session::with_points(vec![[-1.0; 3], [1.0; 3]]);
+        session.scene.view_size = [400, 300];
+        let middle = |at: [f64; 3]| Camera::from_eye(DVec3::new(0.0, -10.0, 0.0), DVec3::from(at), DVec3::Z);
+        let mut is_lost = |at: [f64; 3]| {
+            session.scene.camera = middle(at);
+            [scene::Projection::Perspective, scene::Projection::Orthographic].map(|projection| {
+                session.scene.settings.view.projection = projection;
+                is_out_of_view(&session)
+            })
+        };
+        assert_eq!(is_lost([0.0, 0.0, 0.0]), [false; 2]);
+        assert_eq!(is_lost([0.0, -20.0, 0.0]), [true; 2], "behind the eye");
+        for beside in [[30.0, -5.0, 0.0], [-30.0, -5.0, 0.0], [0.5, -9.0, 30.0], [0.5, -9.0, -30.0]] {
+            assert!(is_lost(beside)[0], "{beside:?}");
+        }
+        assert!(!is_lost([5.0, 0.0, 0.0])[0], "at the edge");
     }
 }
