@@ -6,6 +6,7 @@
 #import light
 #import brdf
 #import gloss
+#import thrown
 
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
@@ -22,6 +23,9 @@
 @group(1) @binding(7) var left_in: texture_2d<f32>;
 // w: 0 where no ray is followed from a mirror.
 @group(1) @binding(8) var rays_in: texture_2d<f32>;
+// See thrown.wgsl.
+@group(1) @binding(9) var<storage, read> photons: array<vec4f>;
+@group(1) @binding(10) var<storage, read> cells: array<u32>;
 
 override from_camera: bool = true;
 // LIGHT_BY_*, never auto.
@@ -36,6 +40,8 @@ override stops: bool = false;
 override has_fill: bool = false;
 // Set if some surface shows highlights of lights.
 override has_highlights: bool = false;
+// Set if mirrors throw light onto surfaces.
+override has_photons: bool = false;
 // Set if the share that mirrors reflect is the published one of the angle.
 override is_published: bool = false;
 // Set if reflections fade by distance, and if `left_in` has the mean of several rays.
@@ -103,6 +109,9 @@ fn shade(@builtin(global_invocation_id) invocation: vec3u) {
                 let shape = highlight(settings.light.highlight, normal.xyz, arriving.direction, to_eye, gloss.power);
                 specular += arriving.irradiance * (gloss.share * shape);
             }
+        }
+        if has_photons {
+            diffuse += thrown_light(position.xyz, normal.xyz);
         }
         let tint = mirror_tint(settings, albedo.rgb, 0.0);
         radiance = albedo.rgb * diffuse * (share * 0.31830989) + tint * specular;

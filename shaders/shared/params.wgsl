@@ -102,6 +102,7 @@ struct Light {
     gloss: f32,
     gloss_power: f32,
     highlight: u32,
+    photons: u32,
     show: u32,
 }
 const LIGHT_BY_AUTO: u32 = 0u;

@@ -81,6 +81,20 @@ structs! {
     }
     /// A lamp or the sun, from which virtual lights come, of shaders/vpl_place.wgsl.
     Emitter { position: Vec4, axis_focal: Vec4, right: Vec4, up: Vec4, flux: Vec4, strength: Vec4, angles: Vec4 }
+    /// Light that may meet one mirror, of shaders/photon_start.wgsl.
+    PhotonBeam {
+        axis_extent: Vec4, position_inner: Vec4, axis_outer: Vec4, strength: Vec4,
+        first: u32, count: u32, unused_0: u32, unused_1: u32,
+    }
+    /// Which photons a pass works on, of shaders/photon_start.wgsl.
+    PhotonRun { first: u32, each: u32, total: u32, unused: u32 }
+    /// A photon where it has landed, of shaders/shared/photons.wgsl.
+    Landed { position: Vec4, normal: Vec4, albedo: Vec4, power: Vec4, incoming: Vec4 }
+    /// A photon for which a virtual light stands, of shaders/vpl_photons.wgsl.
+    PhotonLight {
+        position: Vec4, normal: Vec4, albedo: Vec4, flux: Vec4, toward: Vec4,
+        number: u32, unused_0: u32, unused_1: u32, unused_2: u32,
+    }
     /// A mirror that is drawn by its formula, of shaders/shared/mirror_formula.wgsl.
     FormulaMirror {
         x_kind: Vec4, y_parameter: Vec4, z_size: Vec4, position_reach: Vec4, color_intensity: Vec4,
@@ -207,6 +221,7 @@ elements! {
     label_start.parents: PARENT_BYTES = 4;
     label_start.sizes: LABEL_BYTES = 4;
     region_scan.runs: RUN_BYTES = 8;
+    photon_land.powers: POWER_BYTES = 16;
     gloss_sum.sums: GLOSS_SUM_BYTES = 16;
     gloss_sum.distances: GLOSS_DISTANCE_BYTES = 8;
     gloss_sum.shares_left: GLOSS_SHARE_BYTES = 4;

@@ -4,6 +4,7 @@
 //! The window calls it from a thread of its own, so that the window never waits; the command line calls it directly.
 
 mod allocation;
+mod caustics;
 mod coloring;
 mod exposure;
 mod frame;

@@ -17,7 +17,7 @@ use crate::recorder::Recorder;
 use crate::reflection::fading::is_published;
 use crate::reflection::gather::Gather;
 use crate::reflection::surfel_index::SurfelIndex;
-use crate::reflection::surfel_trace::{self, Rays};
+use crate::reflection::surfel_trace;
 use crate::reflection::{Bounce, Search, Task};
 use crate::shading::{FrameLight, LIGHT_RAYS};
 use crate::targets::{Image, storage};
@@ -170,15 +170,7 @@ impl LightRays {
             formulas: formulas.as_ref(),
             counters: share.counters,
         };
-        surfel_trace::search(recorder, index, &self.gather, &task, &supply.chunks, Rays::FromSurfaces)?;
-        let task = Task { normal: &self.straight, ..task };
-        match task.formulas {
-            None => self.gather.resolve_points(recorder, &task, this.seen.bind())?,
-            Some(formulas) => {
-                self.gather.resolve_points(recorder, &task, self.gather.found.bind())?;
-                self.gather.found.show_formulas(recorder, &task, formulas)?;
-            }
-        }
+        surfel_trace::meet(recorder, index, &self.gather, task, &supply.chunks, &self.straight)?;
 
         let is_lit = settings.gi.bounces > 0;
         let ray_bounces = Self::bounces_of(&settings.gi);

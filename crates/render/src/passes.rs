@@ -415,9 +415,17 @@ passes! {
         direct_in: Texture, indirect_in: Texture, paths: ReadWrite, diffuse_out: Write(Rgba16Float),
         glossy_out: Write(Rgba16Float),
     }
+    photon_start: Light over Pixels {
+        beams: Read, run: Uniform, powers: ReadWrite, point_out: Write(Rgba32Float), eye_out: Write(Rgba32Float),
+    }
+    photon_land: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, point_in: Texture, eye_in: Texture,
+        powers: ReadWrite, landed: ReadWrite, point_out: Write(Rgba32Float), eye_out: Write(Rgba32Float),
+    }
+    vpl_photons: Light over Pixels { lights: Uniform, thrown: Read, vpls: ReadWrite }
     shade: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Read, shadows: Read,
-        radiance_out: Write(Rgba16Float), left_in: Texture, rays_in: Texture,
+        radiance_out: Write(Rgba16Float), left_in: Texture, rays_in: Texture, photons: Read, cells: Read,
     }
     blend: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, radiance_in: Texture,

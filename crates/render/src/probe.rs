@@ -291,7 +291,8 @@ impl Renderer {
         let many: &mut GlobalIllumination = &mut self.many_lights;
         let mut recorder = Recorder::new(gpu, pipelines, settings);
         recorder.give_up_when(given_up.as_deref(), *longest_piece);
-        many.place(&mut recorder, camera, store, settings, lights, *sky, &self.lights.shadows)?;
+        let thrown = self.caustics.thrown();
+        many.place(&mut recorder, camera, store, settings, (lights, thrown, *sky), &self.lights.shadows)?;
         many.surfaces_changed(0);
         let receiver = Receiver {
             index: 0,

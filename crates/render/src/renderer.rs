@@ -11,6 +11,7 @@ use std::sync::Arc;
 use cloud::Progress;
 use scene::{Quality, Settings, Tone};
 
+use crate::caustics::Caustics;
 use crate::exposure::{Exposure, ExposureMeter};
 use crate::frame::FrameCamera;
 use crate::gi::GlobalIllumination;
@@ -54,6 +55,7 @@ pub struct Renderer {
     /// What the last frame has summed of its samples of mirrors.
     pub(crate) summed: Option<Summed>,
     pub(crate) gi: GlobalIllumination,
+    pub(crate) caustics: Caustics,
     /// The rays of light of the last frame, and how many of each pixel they sum; `None` if there were none.
     light_rays: Option<LightRays>,
     summed_rays: Option<Summed>,
@@ -122,6 +124,7 @@ impl Renderer {
             kept_shadows: Vec::new(),
             summed: None,
             gi: GlobalIllumination::default(),
+            caustics: Caustics::default(),
             light_rays: None,
             summed_rays: None,
             lit: None,
@@ -145,6 +148,7 @@ impl Renderer {
             reflections.forget_hits();
         }
         self.gi.forget();
+        self.caustics.forget();
         self.exposure.is_used = false;
     }
 
@@ -198,6 +202,7 @@ impl Renderer {
         let was_unfinished = std::mem::replace(&mut self.is_unfinished, true);
         let Effort { light_may_lag, light_reuse, .. } = plan.effort;
         (self.gi.may_lag, self.gi.keeper.reuse) = (light_may_lag, light_reuse);
+        self.caustics.may_lag = light_may_lag;
         if let Some(reflections) = &mut self.reflections {
             reflections.begin(was_unfinished, plan.lacks_points, light_may_lag);
         }
@@ -214,6 +219,7 @@ impl Renderer {
             return Err(nothing_rendered());
         };
         let (lights, gi, exposure, before) = (&mut self.lights, &mut self.gi, &mut self.exposure, self.summed.take());
+        let caustics = &mut self.caustics;
         let mut recorder = Recorder::new(gpu, pipelines, plan.settings);
         recorder.time_into(&self.handed);
         if !plan.effort.times_passes && rehearsal.is_none() {
@@ -235,7 +241,8 @@ impl Renderer {
         let mut search = plan.searches().then(search);
         chapters::mirrors(&mut recorder, plan, search.as_mut(), targets, reflections)?;
         let at_hand = std::mem::take(&mut self.kept_shadows);
-        let shadows = chapters::light(&mut recorder, plan, lights, gi, at_hand)?;
+        let shadows = chapters::light(&mut recorder, plan, lights, (gi, caustics), reflections, at_hand)?;
+        let thrown = caustics.thrown();
         let (kept, rays_before) = (&mut self.light_rays, self.summed_rays.take());
         let rays = chapters::light_rays(
             &mut recorder,
@@ -243,13 +250,22 @@ impl Renderer {
             formulas.clone(),
             targets,
             reflections,
-            (lights, gi),
+            (lights, thrown, gi),
             kept,
             rays_before,
         )?;
         let brought = kept.as_ref().map(|rays| rays.brought(&plan.settings.gi));
-        let (search, lit) = (search.as_mut(), (&*lights, &mut *gi, brought));
-        let samples = chapters::shade(&mut recorder, plan, &mut inputs, search, targets, reflections, lit, before)?;
+        let samples = chapters::shade(
+            &mut recorder,
+            plan,
+            &mut inputs,
+            search.as_mut(),
+            targets,
+            reflections,
+            (&*lights, thrown),
+            (&mut *gi, brought),
+            before,
+        )?;
         chapters::show(&mut recorder, plan, &inputs, targets, reflections, (lights, gi), exposure)?;
 
         let times =
@@ -309,6 +325,7 @@ impl Renderer {
             + self.reflections.as_ref().map_or(0, Reflections::bytes)
             + self.lights.shadows.size()
             + self.gi.bytes()
+            + self.caustics.bytes()
             + self.light_rays.as_ref().map_or(0, LightRays::bytes)
             + self.many_lights.bytes()
             + self.handed.bytes()

@@ -2,6 +2,7 @@
 
 use scene::{LastMirror, Lighting, Mirror, ResolvedLight, Settings};
 
+use crate::caustics::Thrown;
 use crate::frame::Objects;
 use crate::gi::{Brought, GlobalIllumination, Receiver};
 use crate::gpu::Result;
@@ -46,6 +47,8 @@ impl Shading {
 pub(crate) struct FrameLight<'a> {
     pub settings: &'a Settings,
     pub lights: &'a Lights,
+    /// The light that mirrors throw from them.
+    pub thrown: Option<&'a Thrown>,
     pub gi: Option<&'a mut GlobalIllumination>,
     pub shading: Shading,
     pub camera: SurfaceImages<'a>,
@@ -107,10 +110,13 @@ impl FrameLight<'_> {
             ("stops", u32::from(followed.is_some())),
             ("has_highlights", u32::from(shading.has_highlights)),
             ("has_fill", u32::from(shading.light.fill > 0.0)),
+            ("has_photons", u32::from(self.thrown.is_some())),
             ("is_published", u32::from(is_published(self.settings))),
             ("fades", u32::from(fading.image().is_some())),
             ("is_mean_left", u32::from(fading.is_mean())),
         ];
+        let nothing = &self.lights.lights;
+        let [photons, cells] = self.thrown.map_or([nothing; 2], |thrown| [&thrown.photons, &thrown.cells]);
         let bindings = passes::shade {
             albedo_in: surface.albedo.bind(),
             normal_in: surface.normal.bind(),
@@ -121,6 +127,8 @@ impl FrameLight<'_> {
             radiance_out: radiance.bind(),
             left_in: fading.image().unwrap_or(surface.normal).bind(),
             rays_in: followed.unwrap_or(surface.normal).bind(),
+            photons: photons.as_entire_binding(),
+            cells: cells.as_entire_binding(),
         };
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.by_rows(&switches, inputs, bindings, groups)?;

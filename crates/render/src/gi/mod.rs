@@ -17,10 +17,11 @@ use bytemuck::Zeroable as _;
 use glam::Vec3;
 use scene::{Gi, Highlight, Light, Occluder, Settings, Splat, VirtualLight};
 
+use crate::caustics::Thrown;
 use crate::frame::FrameCamera;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
-use crate::layout::{VIRTUAL_TEXEL_BYTES, Virtual, Vpl};
+use crate::layout::{PhotonLight, VIRTUAL_TEXEL_BYTES, Virtual, Vpl};
 use crate::lighting::MappedLight;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -38,6 +39,10 @@ use work::{Ground, Work};
 /// The number of doublings of distance that a shadow map distinguishes, below four scene radii.
 const DOUBLINGS: f32 = 18.0;
 
+/// The most of the scene's squared radius that the squared radius of a virtual light is, as in shaders/vpl_place.wgsl: where
+/// photons are sparse, it would represent a larger surface than exists.
+const MOST_SQUARED: f32 = 0.01;
+
 /// The least number of lights of each bounce that light a pixel in a glossy sample: fewer save little beside what the
 /// sample costs otherwise.
 const LEAST_LIGHTS: u32 = 4;
@@ -51,6 +56,8 @@ struct Places {
     /// The positions, directions and cones of the lights; `plan` has the virtual lights of each.
     cameras: Vec<(FrameCamera, f32, f32)>,
     plan: LightPlan,
+    /// The bits of where virtual lights stand because photons have landed there.
+    landed: Vec<[u32; 4]>,
     shadow_size: u32,
     shadow_points: u32,
     pull_levels: u32,
@@ -67,13 +74,21 @@ struct Asked {
     gi: Gi,
     lights: Vec<MappedLight>,
     sky: Option<Sky>,
+    /// The generation of the photons.
+    thrown: Option<u64>,
     scattering: [f32; 3],
     tint: f32,
     follows_mirrors: bool,
 }
 
 impl Asked {
-    fn new(store: &PointStore, settings: &Settings, lights: &[MappedLight], sky: Option<Sky>) -> Self {
+    fn new(
+        store: &PointStore,
+        settings: &Settings,
+        lights: &[MappedLight],
+        sky: Option<Sky>,
+        thrown: Option<&Thrown>,
+    ) -> Self {
         // Parameters that only shading reads are set to their defaults, so that they do not matter here.
         let defaults = Gi::default();
         let gi = Gi {
@@ -96,6 +111,7 @@ impl Asked {
             gi,
             lights: lights.to_vec(),
             sky,
+            thrown: thrown.map(|thrown| thrown.generation),
             scattering: scattering(settings),
             tint: settings.mirror.tint,
             follows_mirrors: Reflections::asked(settings) > 0,
@@ -104,13 +120,14 @@ impl Asked {
 }
 
 impl Places {
-    fn new(store: &PointStore, gi: &Gi, asked: &Asked, ground: &Ground) -> Self {
-        let Asked { splat, lights, sky, .. } = asked;
+    fn new(store: &PointStore, gi: &Gi, asked: &Asked, plan: LightPlan, landed: &[PhotonLight]) -> Self {
+        let Asked { splat, lights, .. } = asked;
         Self {
             geometry_revision: store.geometry_revision(),
             splat: splat.clone(),
             cameras: lights.iter().map(|light| (light.camera, light.inner, light.outer)).collect(),
-            plan: LightPlan::new(gi, lights, *sky, ground.origin, ground.radius, store.bounds()),
+            plan,
+            landed: landed.iter().map(|light| light.position.to_array().map(f32::to_bits)).collect(),
             shadow_size: gi.shadow_size,
             shadow_points: gi.shadow_points,
             pull_levels: gi.pull_levels,
@@ -289,14 +306,13 @@ impl GlobalIllumination {
         camera: FrameCamera,
         store: &PointStore,
         settings: &Settings,
-        lights: &[MappedLight],
-        sky: Option<Sky>,
+        (lights, thrown, sky): (&[MappedLight], Option<&Thrown>, Option<Sky>),
         shadow_maps: &wgpu::Buffer,
     ) -> Result<()> {
         // The sun's finer map, which moves with the view, is for direct light.
         let is_sun = lights.first().is_some_and(|light| light.camera.orthographic);
         let lights = if is_sun { &lights[..1] } else { lights };
-        let asked = Asked::new(store, settings, lights, sky);
+        let asked = Asked::new(store, settings, lights, sky, thrown);
         let is_same = |lights: &LightBuffers| {
             let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
             Asked { revision, ..asked.clone() } == lights.asked
@@ -316,7 +332,11 @@ impl GlobalIllumination {
         };
         let ground = &*self.ground.insert(ground);
         let kept = self.lights.take();
-        let places = Places::new(store, gi, &asked, ground);
+        let flux = thrown.map_or(0.0, Thrown::flux);
+        let plan = LightPlan::new(gi, lights, (flux, sky), ground.origin, ground.radius, store.bounds());
+        let most = MOST_SQUARED * (ground.radius * ground.radius) as f32;
+        let landed = thrown.map(|thrown| thrown.lights(&plan.thrown, ground.origin, most));
+        let places = Places::new(store, gi, &asked, plan, landed.as_deref().unwrap_or_default());
         let everywhere_list = store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
         let everywhere = &Inputs::new(recorder.gpu, camera, settings, &everywhere_list);
         let kept = kept.filter(|lights| lights.places == places);
@@ -336,7 +356,7 @@ impl GlobalIllumination {
         }
         recorder.gpu.queue.write_buffer(&vpls, 0, bytemuck::cast_slice(&start));
         let work = Work { constants: &constants, vpls: &vpls, maps: &maps, ground, levels: &levels, uniform: &uniform };
-        work.run(recorder, everywhere, gi, plan, (lights, shadow_maps), needs_maps && !maps_stand)?;
+        work.run(recorder, everywhere, gi, (plan, landed), (lights, shadow_maps), needs_maps && !maps_stand)?;
         self.generations += 1;
         let generation = self.generations;
         self.lights = Some(LightBuffers { asked, places, uniform, constants, vpls, maps, generation });

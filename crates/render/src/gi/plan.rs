@@ -59,10 +59,20 @@ pub(super) struct LightPlan {
     pub births: Vec<[u32; 4]>,
     /// Whether a light of the first bounce comes from the sky.
     pub has_sky_births: bool,
+    /// The numbers of the lights of the first bounce that stand where photons have landed.
+    pub thrown: Vec<u32>,
 }
 
 impl LightPlan {
-    pub fn new(gi: &Gi, lights: &[MappedLight], sky: Option<Sky>, origin: DVec3, radius: f64, bounds: Bounds) -> Self {
+    /// `thrown` is the flux of what mirrors throw from lights onto surfaces.
+    pub fn new(
+        gi: &Gi,
+        lights: &[MappedLight],
+        (thrown, sky): (f64, Option<Sky>),
+        origin: DVec3,
+        radius: f64,
+        bounds: Bounds,
+    ) -> Self {
         // The finer map of a sun is for direct light.
         let sun = lights.first().filter(|light| light.camera.orthographic);
         let lamps = if sun.is_some() { &lights[..1] } else { lights };
@@ -86,6 +96,9 @@ impl LightPlan {
         let mut weights: Vec<f64> =
             lamps.iter().zip(&fluxes).map(|(light, flux)| flux.total() * brightness(light)).collect();
         weights.push(sky_flux);
+        if thrown > 0.0 {
+            weights.push(thrown);
+        }
         let total: f64 = weights.iter().sum();
         if !(total > 0.0 && total.is_finite()) {
             plan.bounces = 0;
@@ -131,6 +144,9 @@ impl LightPlan {
                 // All carry the same flux, which is expressed as an area of the parent's map.
                 let share = sky_total / f64::from(counts[sky_source]) / plan.sky[parent].share;
                 birth = [parent as u32, (map.x as f32).to_bits(), (map.y as f32).to_bits(), (share as f32).to_bits()];
+            }
+            if source > sky_source {
+                plan.thrown.push(plan.births.len() as u32);
             }
             plan.births.push(birth);
         }

@@ -7,7 +7,9 @@ use super::occluders::Occluders;
 use super::plan::LightPlan;
 use crate::gpu::{Gpu, Result};
 use crate::inputs::Inputs;
-use crate::layout::{AIM_COUNTS, AIM_HIT_BYTES, Emitter, OCCLUDER_VECTORS, Step, VPL_TRIES, Virtual};
+use crate::layout::{
+    AIM_COUNTS, AIM_HIT_BYTES, Emitter, OCCLUDER_VECTORS, PARENT_NONE, PhotonLight, Step, VPL_TRIES, Virtual,
+};
 use crate::lighting::MappedLight;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -62,7 +64,7 @@ impl Work<'_> {
         recorder: &mut Recorder<'_>,
         everywhere: &Inputs,
         gi: &Gi,
-        plan: &LightPlan,
+        (plan, landed): (&LightPlan, Option<Vec<PhotonLight>>),
         (lights, shadow_maps): (&[MappedLight], &wgpu::Buffer),
         draws_maps: bool,
     ) -> Result<()> {
@@ -78,6 +80,9 @@ impl Work<'_> {
             return Ok(());
         }
         self.first_bounce(recorder, everywhere, lights, plan, shadow_maps)?;
+        if let Some(landed) = landed {
+            self.photons(recorder, everywhere, landed)?;
+        }
         let births = upload(recorder.gpu, "births", bytemuck::cast_slice(&plan.births));
         for bounce in 1..=plan.bounces {
             if bounce > 1 || plan.has_sky_births {
@@ -139,6 +144,20 @@ impl Work<'_> {
             vpls: self.vpls.as_entire_binding(),
         };
         recorder.over_page_pixels(everywhere, bindings, groups)
+    }
+
+    /// Places the lights that stand where photons have landed.
+    fn photons(&self, recorder: &mut Recorder<'_>, everywhere: &Inputs, mut landed: Vec<PhotonLight>) -> Result<()> {
+        if landed.is_empty() {
+            landed.push(PhotonLight { number: PARENT_NONE, ..PhotonLight::default() });
+        }
+        let thrown = upload(recorder.gpu, "landed photons", bytemuck::cast_slice(&landed));
+        let bindings = passes::vpl_photons {
+            lights: self.constants.as_entire_binding(),
+            thrown: thrown.as_entire_binding(),
+            vpls: self.vpls.as_entire_binding(),
+        };
+        recorder.over(&[], everywhere, bindings, [(landed.len() as u32).div_ceil(64), 1, 1])
     }
 
     fn bounce(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, births: &wgpu::Buffer, bounce: u32) -> Result<()> {

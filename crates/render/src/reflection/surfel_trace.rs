@@ -12,6 +12,7 @@ use crate::gpu::Result;
 use crate::identities::ChunkId;
 use crate::passes;
 use crate::recorder::Recorder;
+use crate::targets::Image;
 
 /// The rays that are traced, and where they start in the trees.
 #[derive(Clone, Copy)]
@@ -43,6 +44,31 @@ pub(crate) fn search(
 ) -> Result<()> {
     recorder.clear(&gather.hits);
     trace(recorder, index, gather, task, chunks, rays)
+}
+
+/// Finds what rays that leave surfaces meet, discs of `chunks` and mirrors with a formula, and fills the Mirror G-Buffer with
+/// it. `straight` is an image of zeros.
+///
+/// # Errors
+/// A shader is refused, or there is no memory for the index.
+pub(crate) fn meet(
+    recorder: &mut Recorder<'_>,
+    index: &mut SurfelIndex,
+    gather: &Gather,
+    task: Task<'_>,
+    chunks: &[ChunkId],
+    straight: &Image,
+) -> Result<()> {
+    search(recorder, index, gather, &task, chunks, Rays::FromSurfaces)?;
+    // No normal reflects these rays: they go straight on from their eyes.
+    let task = Task { normal: straight, ..task };
+    match task.formulas {
+        None => gather.resolve_points(recorder, &task, task.seen.bind()),
+        Some(formulas) => {
+            gather.resolve_points(recorder, &task, gather.found.bind())?;
+            gather.found.show_formulas(recorder, &task, formulas)
+        }
+    }
 }
 
 /// Finds the nearest hits on the discs of `chunks`, nearer than those in `gather.hits`.

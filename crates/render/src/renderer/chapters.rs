@@ -3,6 +3,7 @@
 use scene::{Curve, LightView, Lighting, Method, Settings, Show};
 
 use super::plan::{Plan, Summed};
+use crate::caustics::{Caustics, PhotonScene, Thrown};
 use crate::exposure::{self, ExposureMeter};
 use crate::frame::{FrameCamera, Tiles};
 use crate::gi::{Brought, GlobalIllumination};
@@ -112,7 +113,8 @@ pub(super) fn mirrors(
     Ok(())
 }
 
-/// Draws the shadow maps of lights, except for those in `at_hand`, and places virtual lights. Returns the maps.
+/// Draws the shadow maps of lights, except for those in `at_hand`, finds what mirrors throw from them, and places virtual
+/// lights. Returns the maps.
 ///
 /// # Errors
 /// A shader is refused, or there is no memory.
@@ -120,15 +122,18 @@ pub(super) fn light(
     recorder: &mut Recorder<'_>,
     plan: &Plan<'_>,
     lights: &mut Lights,
-    gi: &mut GlobalIllumination,
+    (gi, caustics): (&mut GlobalIllumination, &mut Caustics),
+    reflections: &mut Reflections,
     at_hand: Vec<DrawnMap>,
 ) -> Result<Vec<DrawnMap>> {
-    let Plan { store, settings, lights: mapped, camera, sky, .. } = plan;
+    let Plan { store, settings, objects, lights: mapped, camera, sky, .. } = plan;
     lights.upload(recorder.gpu, mapped, camera.eye);
     let (may_lag, atomics64) = (plan.effort.light_may_lag, recorder.gpu.has_wide_atomics(&settings.splat));
     let maps = lights.draw_shadows(recorder, store, settings, mapped, at_hand, may_lag, atomics64)?;
+    let scene = PhotonScene { store, settings, mirrors: objects.mirrors, lights: mapped, eye: camera.eye };
+    caustics.trace(recorder, &scene, reflections)?;
     if plan.has_indirect {
-        gi.place(recorder, *camera, store, settings, mapped, *sky, &lights.shadows)?;
+        gi.place(recorder, *camera, store, settings, (mapped, caustics.thrown(), *sky), &lights.shadows)?;
     }
     Ok(maps)
 }
@@ -144,7 +149,7 @@ pub(super) fn light_rays(
     formulas: Option<wgpu::Buffer>,
     targets: &Targets,
     reflections: &mut Reflections,
-    (lights, gi): (&Lights, &mut GlobalIllumination),
+    (lights, thrown, gi): (&Lights, Option<&Thrown>, &mut GlobalIllumination),
     kept: &mut Option<LightRays>,
     before: Option<Summed>,
 ) -> Result<Option<Summed>> {
@@ -159,7 +164,7 @@ pub(super) fn light_rays(
         None => (LightRays::new(gpu, targets.size)?, None),
     };
     let rays = kept.insert(rays);
-    let mut sums = plan.sums(before, gi.generation());
+    let mut sums = plan.sums(before, [gi.generation(), thrown.map(|thrown| thrown.generation)]);
     let numbers = sums.samples..plan.end_of_samples(sums.samples, plan.rays);
     if numbers.is_empty() {
         return Ok(Some(sums));
@@ -179,6 +184,7 @@ pub(super) fn light_rays(
     let mut light = FrameLight {
         settings: &shown,
         lights,
+        thrown,
         gi: Some(gi),
         shading,
         camera: surface,
@@ -215,14 +221,17 @@ pub(super) fn shade(
     search: Option<&mut Search<'_>>,
     targets: &Targets,
     reflections: &mut Reflections,
-    (lights, gi, brought): (&Lights, &mut GlobalIllumination, Option<Brought<'_>>),
+    (lights, thrown): (&Lights, Option<&Thrown>),
+    (gi, brought): (&mut GlobalIllumination, Option<Brought<'_>>),
     before: Option<Summed>,
 ) -> Result<Samples> {
     let settings = plan.settings;
-    let sums = plan.sums(before, gi.generation().filter(|_| plan.has_indirect));
+    let generation = gi.generation().filter(|_| plan.has_indirect);
+    let sums = plan.sums(before, [generation, thrown.map(|thrown| thrown.generation)]);
     let mut light = FrameLight {
         settings,
         lights,
+        thrown,
         gi: plan.has_indirect.then_some(gi),
         shading: plan.shading,
         camera: SurfaceImages::of_camera(targets),

@@ -103,8 +103,8 @@ struct SummedLight {
     settings: Settings,
     lights: Vec<MappedLight>,
     sky: Option<Sky>,
-    /// The generation of the virtual lights, if there are any.
-    virtual_lights: Option<u64>,
+    /// The generations of the virtual lights and of the photons, if there are any.
+    generations: [Option<u64>; 2],
     reuse: LightReuse,
 }
 
@@ -274,21 +274,21 @@ impl<'a> Plan<'a> {
         self.is_sampled() && self.fades
     }
 
-    /// The light of the frame's samples, lit by virtual lights of a generation.
-    fn light(&self, virtual_lights: Option<u64>) -> SummedLight {
+    /// The light of the frame's samples, lit by virtual lights and photons of these generations.
+    fn light(&self, generations: [Option<u64>; 2]) -> SummedLight {
         SummedLight {
             settings: self.settings.only(|field| field.affects.shading),
             lights: self.lights.clone(),
             sky: self.sky,
-            virtual_lights,
+            generations,
             reuse: self.effort.light_reuse,
         }
     }
 
-    /// What the samples of the frame add to, where `before` is what the frame before has summed and `virtual_lights` is
-    /// the generation of the virtual lights. A change of the light needs all samples anew, by their hits.
-    pub fn sums(&self, before: Option<Summed>, virtual_lights: Option<u64>) -> Summed {
-        let light = self.light(virtual_lights);
+    /// What the samples of the frame add to, where `before` is what the frame before has summed, with the generations of the
+    /// virtual lights and of the photons. A change of the light needs all samples anew, by their hits.
+    pub fn sums(&self, before: Option<Summed>, generations: [Option<u64>; 2]) -> Summed {
+        let light = self.light(generations);
         let known = before.filter(|summed| self.is_kept && summed.light == light);
         Summed { samples: known.map_or(0, |summed| summed.samples), light }
     }

@@ -66,6 +66,9 @@ const THREADS: &[(&str, f64, &str)] = &[
     ("vpl_aim", LIGHTS, "virtual lights"),
     ("vpl_place", LIGHTS, "virtual lights"),
     ("vpl_bounce", LIGHTS, "virtual lights"),
+    ("vpl_photons", LIGHTS, "virtual lights"),
+    ("photon_start", 256.0 * 256.0, "photons at a time"),
+    ("photon_land", 256.0 * 256.0, "photons at a time"),
     ("vpl_shadow_splat", (1 << 19) as f64, "points in shadow maps at a time"),
     ("vpl_shadow_pull", LIGHTS * MAP_TEXELS / 4.0, "texels of shadow maps, by four"),
     ("vpl_shadow_push", LIGHTS * MAP_TEXELS, "texels of shadow maps"),
@@ -203,6 +206,10 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("indirect_reuse", &[2.0, 2.0]),
     ("light_of", &[20.0]),
     ("shade", &[4.0]),
+    // The rows of cells about a place, and the merged photons of three cells: four by four a cell where a surface goes
+    // through it, as through a third of them. The beams of a lamp toward five mirrors.
+    ("thrown_light", &[3.0, 3.0, 16.0]),
+    ("photon_start", &[5.0]),
     ("show_virtual_lights", &[64.0, 1.0]),
     ("vpl_aim", &[8.0, 9.0]),
     ("vpl_shadow_splat", &[4.0, 4.0]),
