@@ -8,7 +8,7 @@ mod walls;
 use std::f64::consts::{FRAC_1_PI, PI};
 use std::sync::Arc;
 
-use cloud::{Chunk, pack_normal, pack_radius};
+use cloud::{Chunk, STRAY_RADIUS, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
 use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
@@ -174,6 +174,39 @@ fn no_sky_shines_into_a_closed_room_through_the_gaps_between_its_discs() {
     println!("{closed} of the sky, {open} where gaps stay open");
     // Discs leave 1.5 % of the walls open, and about half of the rays go up.
     assert!(open > 0.004 && closed < 0.0002, "{closed} of the sky, {open} where gaps stay open");
+}
+
+#[test]
+fn a_point_a_hundred_sizes_away_in_the_chunk_of_a_wall_changes_no_light_by_rays() {
+    let mut stage = stage_or_skip!();
+    // A wall stands in the sky of the floor before it.
+    let camera = Camera::from_eye(DVec3::new(-1.0, -1.6, 1.5), DVec3::new(0.0, 1.0, 0.0), DVec3::Z);
+    let mut settings = sky(32);
+    settings.gi.filtered = false;
+    let mut light = |sizes: Option<f64>| {
+        let wall = wall(DVec3::new(-2.0, 2.0, 0.0), [DVec3::X * 4.0, DVec3::Z * 2.0]);
+        // Leaves of the tree are full but for one, and the stray is to share that with others.
+        let mut wall = wall.select(&(4..wall.len() as u32).collect::<Vec<_>>());
+        if let Some(sizes) = sizes {
+            let stray = wall.select(&[0]);
+            let place = Vec3::new(0.6, -0.5, 0.62) * 4.0 * sizes as f32;
+            Arc::make_mut(&mut wall.positions).push(place.to_array());
+            wall.normals = wall.normals.zip(stray.normals).map(|(all, one)| [&all[..], &one[..]].concat().into());
+            wall.colors = wall.colors.zip(stray.colors).map(|(all, one)| [&all[..], &one[..]].concat().into());
+            wall.radii = wall.radii.map(|all| [&all[..], &[STRAY_RADIUS]].concat().into());
+        }
+        let store = store_of(&stage, vec![floor(), wall], Material::default());
+        render(&mut stage, &store, &camera, &settings, &[]);
+        read(&stage, Aov::Indirect)
+    };
+    let without = light(None);
+    let mean = without.iter().filter(|light| light.is_finite()).map(|light| light.x).sum::<f64>() / 3072.0;
+    for sizes in [10.0, 100.0, 1000.0] {
+        let pairs: Vec<f64> = light(Some(sizes)).iter().zip(&without).map(|(a, b)| (*a - *b).length()).collect();
+        let squares: Vec<f64> = pairs.into_iter().filter(|d| d.is_finite()).map(|d| d * d).collect();
+        let rmse = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt() / mean;
+        assert!(squares.len() > 500 && rmse < 0.01, "{sizes} sizes: {rmse} of {mean}");
+    }
 }
 
 #[test]

@@ -122,9 +122,10 @@ fn near_one_another<'a>(order: &'a mut [u32], discs: &[Disc]) -> &'a [u32] {
     &order[..kept]
 }
 
-/// How many times as far as the largest disc of a leaf is wide another one may be: beyond this, the steps of positions
-/// in the leaf would be 32 times as wide as its discs, and all of these hundreds of times too large.
-const APART: f32 = 32.0 * STEPS;
+/// How many times as far as the largest disc of a leaf is wide another one may be: beyond this, the diagonal of the leaf
+/// would be more than 250 times as long as its discs are wide, the smallest radius that is packed, and all of these would
+/// be too large.
+const APART: f32 = 128.0;
 /// The number of steps of a position along each axis of its leaf's box.
 const STEPS: f32 = 1023.0;
 /// Radius = diagonal of the leaf's box x 2^(-k / 32): k is a byte, a step 2 %.
