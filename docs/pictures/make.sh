@@ -80,9 +80,23 @@ take() {
         ;;
     bunny) render bunny 640x400 "$data/ply/stanford_bunny_full_ascii_mesh.ply" ;;
     courtyard) render courtyard 1280x640 courtyard/pool --set reflection.samples=9 ;;
+    surfaces_ends) surfaces_ends ;;
     window) window ;;
     *) echo "no picture $1" >&2 && exit 2 ;;
     esac
+}
+
+# A made street near its floor, and the far end of the office: left full radii, right the defaults.
+surfaces_ends() {
+    view "tripod/street" "31.0, 6.0, 0.35" "38.0, 6.6, 0.5" > "$work/street.toml"
+    view "$office" "13.0, 3.0, 1.7" "5.5, 4.4, 1.7" > "$work/end.toml"
+    for name in street end; do
+        "$glint" render "$work/$name.toml" -o "$work/$name.full.png" --size 640x360 --set surface.radii=full \
+            --set surface.carve=false --set edl.ignored=0 --set splat.rest_pixels=1 --set color.blank=black
+        "$glint" render "$work/$name.toml" -o "$work/$name.png" --size 640x360
+        convert "$work/$name.full.png" "$work/$name.png" +append "$work/$name.pair.png"
+    done
+    convert "$work/street.pair.png" "$work/end.pair.png" -append -quality 80 "$pictures/surfaces_ends.jpg"
 }
 
 # The window, with the sphere selected by a click, and its numbers in the tab Mirrors. On a larger screen the window has
@@ -110,7 +124,7 @@ await() {
     while kill -0 "$viewer" && ! grep -q "\"event\":\"$1\"" "$work/log" 2> /dev/null; do sleep 1; done
 }
 
-[ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake overlays bunny courtyard window
+[ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake overlays bunny courtyard surfaces_ends window
 for name; do
     take "$name"
 done
