@@ -81,9 +81,19 @@ take() {
     bunny) render bunny 640x400 "$data/ply/stanford_bunny_full_ascii_mesh.ply" ;;
     courtyard) render courtyard 1280x640 courtyard/pool --set reflection.samples=9 ;;
     surfaces_ends) surfaces_ends ;;
+    thrown) thrown ;;
     window) window ;;
     *) echo "no picture $1" >&2 && exit 2 ;;
     esac
+}
+
+# The box with a mirror ball: left without the light that the ball throws, right with it.
+thrown() {
+    for photons in 0 65536; do
+        "$glint" render five-mirrors/sphere -o "$work/thrown.$photons.png" --size 560x420 --bounces 3 \
+            --set "light.photons=$photons" --set tone.exposure=1
+    done
+    convert "$work/thrown.0.png" "$work/thrown.65536.png" +append -quality 84 "$pictures/thrown.jpg"
 }
 
 # A made street near its floor, and the far end of the office: left full radii, right the defaults.
@@ -124,7 +134,7 @@ await() {
     while kill -0 "$viewer" && ! grep -q "\"event\":\"$1\"" "$work/log" 2> /dev/null; do sleep 1; done
 }
 
-[ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake overlays bunny courtyard surfaces_ends window
+[ $# -gt 0 ] || set -- office office_colors office_lit avebury_colors avebury_lit lake overlays bunny courtyard surfaces_ends thrown window
 for name; do
     take "$name"
 done
