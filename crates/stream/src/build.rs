@@ -225,7 +225,8 @@ impl Build<'_> {
         let mut extent: Option<Extent> = None;
         let mut wide = false;
         let mut scene = None;
-        self.preview.show_first(&plan::layout(self.inputs, self.also, true), self.inputs, self.progress);
+        let layout = plan::layout(self.inputs, self.also, true);
+        self.preview.show_first(&layout, self.inputs, &self.first_points(), self.progress);
         loop {
             let Some(plan) = IndexPlan::new(self.inputs, self.also, extent.as_ref(), wide, scene) else {
                 if extent.is_some() {

@@ -84,22 +84,17 @@ impl<'a> Preview<'a> {
     }
 
     /// Shows the first points of the compressed chunks of all files, which need no decoding. They go group by group as soon as
-    /// as many others are there.
-    pub fn show_first(&self, layout: &Layout, inputs: &[Arc<Source>], progress: &Progress) {
+    /// as many others are there. `starts` are the numbers of the files' first points among the points of all files.
+    pub fn show_first(&self, layout: &Layout, inputs: &[Arc<Source>], starts: &[u64], progress: &Progress) {
         if !self.is_wanted() {
             return;
         }
         let files = inputs.len().div_ceil(MOST_GROUPS).max(1);
         let share = (self.most / FIRST_SHARE) as f64 / self.total.max(1) as f64;
         let before = |point: u64| (point as f64 * share.min(1.0)) as u64;
-        let starts = inputs.iter().scan(0_u64, |next, input| {
-            let start = *next;
-            *next = next.saturating_add(input.info().points);
-            Some((start, *next))
-        });
-        let starts: Vec<(u64, u64)> = starts.collect();
-        let read = |(input, (start, end)): (&Arc<Source>, &(u64, u64))| {
-            let most = ((before(*end) - before(*start)) as usize).min(cloud::CHUNK_POINTS / files);
+        let read = |(input, start): (&Arc<Source>, &u64)| {
+            let end = start.saturating_add(input.info().points);
+            let most = ((before(end) - before(*start)) as usize).min(cloud::CHUNK_POINTS / files);
             let (selection, columns) = selection(input, layout);
             let mut chunk = input.first_points(&selection, most).filter(|_| !progress.is_cancelled())?;
             chunk.first_point = *start;
@@ -109,13 +104,13 @@ impl<'a> Preview<'a> {
             chunk.radii = Some(Arc::new(vec![radius; chunk.len()]));
             Some(chunk)
         };
-        let read: Vec<Option<Chunk>> = inputs.par_iter().zip(&starts).map(read).collect();
+        let read: Vec<Option<Chunk>> = inputs.par_iter().zip(starts).map(read).collect();
         for (group, (read, starts)) in (0..).zip(read.chunks(files).zip(starts.chunks(files))) {
             let chunks: Vec<Chunk> = read.iter().flatten().cloned().collect();
             let first_points = chunks.iter().map(Chunk::len).sum();
             let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
             taken.first_points += first_points as u64;
-            taken.groups.push(Group { start: starts[0].0, first_points });
+            taken.groups.push(Group { start: starts[0], first_points });
             drop(taken);
             if !chunks.is_empty() {
                 (self.show)(Previewed::First(group, one_of(layout, &chunks)));
