@@ -1,18 +1,19 @@
 //! Light that mirrors throw from lamps and the sun onto surfaces, against closed forms.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod hollow;
 #[macro_use]
 mod stage;
 mod walls;
 
 use std::f64::consts::{FRAC_1_PI, PI};
-use std::sync::Arc;
 
-use cloud::{Chunk, pack_normal, pack_radius};
+use cloud::Chunk;
 use glam::{DVec3, Vec3};
 use render::{Aov, Frame, Material, Objects, PointStore};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
+use hollow::hollow_sphere;
 use stage::Stage;
 use walls::{ALBEDO, settings, store_of, wall};
 
@@ -201,24 +202,6 @@ fn a_hollow_mirror_throws_the_beam_of_the_lamp_in_its_focus_where_it_belongs_and
     let (off, mean) = ((off / f64::from(places)).sqrt(), sum / expected_sum);
     println!("{places} places: relative RMSE {off}, mean {mean}");
     assert!(places > 1000 && off < 0.05 && (mean - 1.0).abs() < 0.01, "{places} {off} {mean}");
-}
-
-/// The inside of a sphere about the origin, of `points` discs.
-fn hollow_sphere(radius: f64, points: u32) -> Chunk {
-    let place = |index: u32| {
-        // A spiral of even density (Vogel 1979).
-        let z = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(points);
-        let turn = f64::from(index) * PI * (3.0 - 5_f64.sqrt());
-        DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z)
-    };
-    let directions: Vec<DVec3> = (0..points).map(place).collect();
-    let at = |direction: &DVec3| (*direction * radius).as_vec3().to_array();
-    let mut chunk = Chunk::new(0, DVec3::ZERO, directions.iter().map(at).collect());
-    chunk.normals = Some(Arc::new(directions.iter().map(|direction| pack_normal(-direction.as_vec3())).collect()));
-    chunk.colors = Some(Arc::new(vec![[188, 188, 188, 255]; chunk.len()]));
-    let disc = 1.5 * radius * (4.0 / f64::from(points)).sqrt();
-    chunk.radii = Some(Arc::new(vec![pack_radius(disc as f32); chunk.len()]));
-    chunk
 }
 
 /// The mean irradiance of the wall of a hollow sphere of radius 2, by light that the camera sees in six directions from its

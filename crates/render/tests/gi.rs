@@ -1,6 +1,7 @@
 //! Indirect light on the GPU against closed forms, and against changes that must not affect it.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod hollow;
 #[macro_use]
 mod stage;
 mod walls;
@@ -15,6 +16,7 @@ use render::{Aov, ColorPlan, Frame, FrameStats, LightReuse, Material, Objects, P
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Gi, Settings, SpotLight};
 
+use hollow::hollow_sphere;
 use stage::Stage;
 use walls::{ALBEDO, settings, store_of, wall};
 
@@ -56,24 +58,6 @@ fn five_mirrors_store(stage: &Stage, variant: Variant, points: u64) -> PointStor
         chunks.extend(part.chunks);
     }
     store_of(stage, chunks, Material::default())
-}
-
-/// The inside of a sphere about the origin, of `points` discs.
-fn hollow_sphere(radius: f64, points: u32) -> Chunk {
-    let place = |index: u32| {
-        // A spiral of even density (Vogel 1979).
-        let z = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(points);
-        let turn = f64::from(index) * PI * (3.0 - 5_f64.sqrt());
-        DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z)
-    };
-    let directions: Vec<DVec3> = (0..points).map(place).collect();
-    let at = |direction: &DVec3| (*direction * radius).as_vec3().to_array();
-    let mut chunk = Chunk::new(0, DVec3::ZERO, directions.iter().map(at).collect());
-    chunk.normals = Some(Arc::new(directions.iter().map(|direction| pack_normal(-direction.as_vec3())).collect()));
-    chunk.colors = Some(Arc::new(vec![[188, 188, 188, 255]; chunk.len()]));
-    let disc = 1.5 * radius * (4.0 / f64::from(points)).sqrt();
-    chunk.radii = Some(Arc::new(vec![pack_radius(disc as f32); chunk.len()]));
-    chunk
 }
 
 #[test]

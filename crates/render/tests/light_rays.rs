@@ -1,6 +1,7 @@
 //! Indirect light by rays against closed forms, and the sums of rays over frames.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod hollow;
 #[macro_use]
 mod stage;
 mod walls;
@@ -8,12 +9,13 @@ mod walls;
 use std::f64::consts::{FRAC_1_PI, PI};
 use std::sync::Arc;
 
-use cloud::{Chunk, STRAY_RADIUS, pack_normal, pack_radius};
+use cloud::{Chunk, STRAY_RADIUS};
 use glam::{DVec3, Vec3};
 use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
+use hollow::hollow_sphere;
 use stage::Stage;
 use walls::{ALBEDO, DISC, settings, store_of, wall};
 
@@ -238,24 +240,6 @@ fn light_is_averaged_over_a_face_and_none_runs_around_its_edge() {
     let noises = [side, shares(&alone)[1].clone()].map(|shares| noise(&shares));
     println!("{noises:?} with and without the mean of neighbours");
     assert!(noises[0] < 0.5 * noises[1], "{noises:?} with and without the mean of neighbours");
-}
-
-/// The inside of a sphere about the origin, of `points` discs.
-fn hollow_sphere(radius: f64, points: u32) -> Chunk {
-    let place = |index: u32| {
-        // A spiral of even density (Vogel 1979).
-        let z = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(points);
-        let turn = f64::from(index) * PI * (3.0 - 5_f64.sqrt());
-        DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z)
-    };
-    let directions: Vec<DVec3> = (0..points).map(place).collect();
-    let at = |direction: &DVec3| (*direction * radius).as_vec3().to_array();
-    let mut chunk = Chunk::new(0, DVec3::ZERO, directions.iter().map(at).collect());
-    chunk.normals = Some(Arc::new(directions.iter().map(|direction| pack_normal(-direction.as_vec3())).collect()));
-    chunk.colors = Some(Arc::new(vec![[188, 188, 188, 255]; chunk.len()]));
-    let disc = 1.5 * radius * (4.0 / f64::from(points)).sqrt();
-    chunk.radii = Some(Arc::new(vec![pack_radius(disc as f32); chunk.len()]));
-    chunk
 }
 
 #[test]

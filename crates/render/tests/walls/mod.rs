@@ -10,7 +10,7 @@ use scene::Settings;
 use crate::stage::Stage;
 
 /// The sRGB colour of the walls, and its linear value.
-const GREY: u8 = 188;
+pub const GREY: u8 = 188;
 pub const ALBEDO: f64 = 0.502_886_5;
 /// The radius of the walls' splats.
 pub const DISC: f64 = 0.02;
