@@ -31,7 +31,7 @@ pub(crate) struct Occluders {
     /// The radius of a disc in world units, such that the discs of one subset overlap as the points' own discs do at
     /// splat.size 1.
     pub radius: f32,
-    /// The area of all surfaces, splat overlap included, in square world units.
+    /// The area of all surfaces in square world units; discs are taken to overlap as those of scans do.
     pub area: f64,
 }
 
@@ -110,7 +110,7 @@ impl Occluders {
             points: (0..slots * subsets).map(at).collect(),
             subsets: subsets as u32,
             radius: (area / in_each).sqrt() as f32,
-            area: area * PI,
+            area: area * PI / f64::from(SPLAT_OVERLAP).powi(2),
         }
     }
 }
@@ -435,7 +435,7 @@ mod tests {
         chunk.radii = Some(Arc::new(vec![pack_radius(1.0); 4]));
         let chosen = choose(&[chunk.clone()], 10);
         assert_eq!((identities(&chosen), chosen.subsets, chosen.radius), (vec![0, 2], 1, 1.0));
-        assert!((chosen.area / (2.0 * PI) - 1.0).abs() < 1e-6);
+        assert!((chosen.area / (2.0 * PI / f64::from(SPLAT_OVERLAP).powi(2)) - 1.0).abs() < 1e-6);
         assert!(choose(&[], 10).points.is_empty());
         chunk.radii = Some(Arc::new(vec![0; 4]));
         assert!(choose(&[chunk], 10).points.is_empty());
