@@ -123,11 +123,13 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
             continue;
         }
         let area_over_pi = light.position.w;
-        // A disc that faces a surface lights it by A / (d^2 + A / pi) exactly; a point light's square would be
-        // unbounded.
-        var transfer = cosine * cosine_there / select(max(squared, 1e-12), squared + area_over_pi, is_spherical);
-        if is_spherical && !is_sky && squared < NEAR * area_over_pi {
-            transfer = transfer_of_square(light, offset, normal);
+        var transfer = cosine * cosine_there / max(squared, 1e-12);
+        if is_spherical && !is_sky {
+            if squared < NEAR * area_over_pi {
+                transfer = transfer_of_square(light, offset, normal);
+            } else {
+                transfer *= mean_over_disc(light, normal, cosine, cosine_there, area_over_pi / squared);
+            }
         }
         if settings.gi.clamp > 0.0 {
             // The form factor is transfer times area over pi.
@@ -166,6 +168,16 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
         sum.glossy *= share;
     }
     return sum;
+}
+
+// The mean over a light's disc of the cosines over squared distance, as a multiple of those of its middle, to the second
+// order in the disc's radius (the Laplacian in its plane): 1 / (1 + r^2 / d^2), which is exact, where disc and surface
+// face each other, and more than 1 at a slant. `share` is r^2 / d^2. Over a surface that many lights cover evenly, discs send
+// what the surface sends.
+fn mean_over_disc(light: Vpl, normal: vec3f, cosine: f32, cosine_there: f32, share: f32) -> f32 {
+    let facing = dot(normal, light.normal.xyz) * cosine_there / cosine;
+    let bend = share * min(1.0 - 3.0 * cosine_there * cosine_there - facing, 2.0);
+    return select(1.0 + bend, 1.0 / (1.0 - bend), bend < 0.0);
 }
 
 // A light counts as near within this many squares of its radius.

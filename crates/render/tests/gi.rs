@@ -86,8 +86,49 @@ fn each_bounce_in_a_white_ball_adds_what_the_integrating_sphere_says() {
         let albedo = ALBEDO * factor;
         render(&mut stage, &store, &camera, &settings, &[lamp]);
         let expected: f64 = (1..=bounces).map(|k| albedo.powi(k as i32) * irradiance).sum::<f64>() * albedo * FRAC_1_PI;
-        let found = mean(&read(&stage, Aov::Indirect));
-        assert!((found / expected - 1.0).abs() < 0.07, "{bounces} bounces, {factor}: {found} instead of {expected}");
+        let ratio = mean(&read(&stage, Aov::Indirect)) / expected;
+        println!("{bounces} bounces, {factor}: {ratio} of the closed form");
+        assert!((ratio - 1.0).abs() < 0.015, "{bounces} bounces, {factor}: {ratio} of the closed form");
+    }
+}
+
+#[test]
+fn the_walls_of_a_closed_box_get_together_what_they_reflected_before() {
+    let mut stage = stage_or_skip!();
+    let sides = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
+    let walls = sides.clone().map(|side| {
+        let (u, v) = side.any_orthonormal_pair();
+        wall(side * 2.0 - (u + v) * 2.0, [u * 4.0, v * 4.0])
+    });
+    let store = store_of(&stage, walls.collect(), Material::default());
+    let lamp = SpotLight {
+        position: DVec3::new(0.3, -0.2, 0.1),
+        target: DVec3::new(0.3, 2.0, 0.5),
+        intensity: [10.0; 3],
+        inner_degrees: 40.0,
+        outer_degrees: 40.0,
+    };
+    let flux = 10.0 * 2.0 * PI * (1.0 - 40_f64.to_radians().cos());
+    let objects = Objects { lights: &[lamp], ..Objects::default() };
+    let mut before = 0.0;
+    for (bounces, most) in [(1, 0.015), (2, 0.025)] {
+        let settings = settings(&[
+            ("gi.bounces", &bounces.to_string()),
+            ("gi.interleave", "1"),
+            ("gi.vpls", "1024"),
+            ("view.field_of_view", "90"),
+        ]);
+        let mut sum = 0.0;
+        for side in sides.clone() {
+            // A picture of a whole wall: its pixels are equal parts of the wall.
+            let camera = Camera::from_eye(DVec3::ZERO, side, side.any_orthonormal_vector());
+            stage.renderer.render(&store, &Frame::new(&camera, &settings, objects, [32; 2])).unwrap();
+            sum += mean(&read(&stage, Aov::Indirect)) / 6.0;
+        }
+        let ratio = (sum - before) / (ALBEDO.powi(bounces + 1) * flux / 96.0 * FRAC_1_PI);
+        println!("bounce {bounces}: {ratio} of the closed form");
+        assert!((ratio - 1.0).abs() < most, "bounce {bounces}: {ratio} of the closed form");
+        before = sum;
     }
 }
 

@@ -102,6 +102,18 @@ fn a_thousand_lights_are_as_accurate_as_claimed_and_fewer_less_so() {
 }
 
 #[test]
+fn two_bounces_of_a_thousand_lights_bring_what_the_truth_has() {
+    let Some(mut studio) = studio() else { return };
+    let traced = TracedLight { stride: 7, paths: 512, ..TRACED };
+    let truth = studio.open.indirect_truth(&settings("gi.bounces=2"), SIZE, traced).unwrap();
+    let Studio { renderer, open, .. } = &mut *studio;
+    let text = "gi.bounces=2 gi.interleave=1 gi.vpls=1024";
+    open.render(renderer, &settings(text), SIZE).unwrap();
+    let error = told(text, open.judge_indirect(renderer, &truth).unwrap(), truth.noise);
+    assert!(error.relative_rmse < 0.1 && (error.mean_ratio - 1.0).abs() < 0.015, "{error:?}");
+}
+
+#[test]
 fn light_by_rays_is_within_a_hundredth_of_the_truth_and_the_more_rays_the_nearer() {
     let Some(mut studio) = studio() else { return };
     let few = studio.judge("gi.by=rays gi.rays_per_pixel=1");

@@ -83,7 +83,11 @@ fn irradiance(lights: &Virtual, vpls: &[Vpl], maps: &[u32], at: Vec3, normal: Ve
         } else if offset.length_squared() < 25.0 * light.position.w {
             transfer_of_square(light, offset, normal)
         } else {
-            cosine * there / (offset.length_squared() + light.position.w)
+            // The mean over the light's disc to the second order in its radius.
+            let facing = normal.dot(light.normal.xyz()) * there / cosine;
+            let bend = light.position.w / offset.length_squared() * (1.0 - 3.0 * there * there - facing).min(2.0);
+            let mean = if bend < 0.0 { 1.0 / (1.0 - bend) } else { 1.0 + bend };
+            cosine * there / offset.length_squared() * mean
         };
         let seen = is_seen(lights, maps, index, light, at, normal, bias);
         light.intensity.xyz() * transfer * f32::from(u8::from(seen))

@@ -3,12 +3,12 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use cloud::{Chunk, pack_normal, pack_radius};
+use cloud::{Chunk, SPLAT_OVERLAP, pack_normal, pack_radius};
 use glam::DVec3;
 
 use crate::walls::GREY;
 
-/// The inside of a sphere about the origin, of `points` discs.
+/// The inside of a sphere about the origin, of `points` discs as large as those that are estimated for scans.
 pub fn hollow_sphere(radius: f64, points: u32) -> Chunk {
     let place = |index: u32| {
         // A spiral of even density (Vogel 1979).
@@ -21,7 +21,7 @@ pub fn hollow_sphere(radius: f64, points: u32) -> Chunk {
     let mut chunk = Chunk::new(0, DVec3::ZERO, directions.iter().map(at).collect());
     chunk.normals = Some(Arc::new(directions.iter().map(|direction| pack_normal(-direction.as_vec3())).collect()));
     chunk.colors = Some(Arc::new(vec![[GREY, GREY, GREY, 255]; chunk.len()]));
-    let disc = 1.5 * radius * (4.0 / f64::from(points)).sqrt();
+    let disc = f64::from(SPLAT_OVERLAP) * radius * (4.0 / f64::from(points)).sqrt();
     chunk.radii = Some(Arc::new(vec![pack_radius(disc as f32); chunk.len()]));
     chunk
 }
