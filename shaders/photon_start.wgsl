@@ -42,11 +42,11 @@ struct PhotonRun {
     unused: u32,
 }
 
-// Photon `index` of a beam: two numbers in [0, 1) of the R2 sequence (Roberts 2018), whose steps are powers of the inverse
-// of the plastic number.
+// Photon `index` of a beam: its share of the beam's extent and of a turn, in [0, 1), on a spiral of even density whose steps
+// are the golden section of a turn (Vogel 1979). Wherever smooth mirrors throw them, such photons lie as evenly as on a
+// raster.
 fn spread(index: u32) -> vec2f {
-    let bits = vec2u(0x80000000u) + index * vec2u(3242174889u, 2447445414u);
-    return vec2f(bits >> vec2u(8u)) / 16777216.0;
+    return vec2f((f32(index) + 0.5) / f32(run.each), f32((index * 2654435769u) >> 8u) / 16777216.0);
 }
 
 // How many rays of a beam there are per steradian or per area at a ray, if the beam has one.

@@ -4,12 +4,13 @@
 //! as direct light, and virtual lights stand where some of them have landed.
 
 mod grid;
+mod near;
 #[cfg(test)]
 mod tests;
 
 use bytemuck::Zeroable as _;
 use cloud::Bounds;
-use glam::{DVec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 use scene::{Mirror, MirrorSettings, Settings};
 
 use self::grid::Grid;
@@ -35,6 +36,9 @@ const EDGE: u32 = 256;
 /// surface's edge.
 const AROUND_POINTS: f64 = 1.02;
 
+/// No photon spreads its light over a radius beyond this share of half the diagonal of all points.
+const LARGEST: f64 = 0.125;
+
 /// The inputs of the photons.
 #[derive(Clone, PartialEq)]
 struct Asked {
@@ -57,7 +61,7 @@ pub(crate) struct Thrown {
     /// The world position to which all others are relative.
     origin: DVec3,
     grid: Grid,
-    /// The photons in the order of their cells.
+    /// The photons in an order in which those that lie close together follow each other.
     landed: Vec<Landed>,
     /// In the layout of shaders/shared/thrown.wgsl.
     pub photons: wgpu::Buffer,
@@ -143,8 +147,7 @@ impl Caustics {
             self.thrown = Some(Thrown::new(recorder.gpu, asked, self.generations, bounds, landed.unwrap_or_default()));
         }
         if let Some(thrown) = &self.thrown {
-            let low = (thrown.origin - eye).as_vec3() + thrown.grid.low;
-            let header = thrown.grid.header(low);
+            let header = thrown.grid.header((thrown.origin - eye).as_vec3());
             recorder.gpu.queue.write_buffer(&thrown.photons, 0, bytemuck::cast_slice(&header));
         }
         Ok(())
@@ -154,12 +157,9 @@ impl Caustics {
 impl Thrown {
     fn new(gpu: &Gpu, asked: Option<Asked>, generation: u64, bounds: Bounds, mut landed: Vec<Landed>) -> Self {
         let origin = bounds.center();
-        // As many photons as were asked for, of which some have missed.
-        let count = asked.as_ref().map_or(1, |asked| asked.photons);
-        let radius = bounds.radius().max(1e-9) / f64::from(count).cbrt();
-        let low = (bounds.min - origin).as_vec3();
-        let grid = Grid::new(low, (bounds.max - bounds.min).as_vec3(), radius as f32, &mut landed);
-        let words: Vec<Vec4> = grid.header(low).into_iter().chain(grid.vectors()).collect();
+        let most = bounds.radius().max(1e-9) * LARGEST;
+        let grid = Grid::new(most as f32, &mut landed);
+        let words: Vec<Vec4> = grid.header(Vec3::ZERO).into_iter().chain(grid.vectors()).collect();
         let upload = |label, bytes: &[u8]| {
             let buffer = storage(&gpu.device, label, bytes.len() as u64);
             gpu.queue.write_buffer(&buffer, 0, bytes);
@@ -171,7 +171,7 @@ impl Thrown {
     }
 
     #[cfg(test)]
-    fn irradiance(&self, place: DVec3, normal: glam::Vec3) -> glam::Vec3 {
+    fn irradiance(&self, place: DVec3, normal: Vec3) -> Vec3 {
         self.grid.irradiance((place - self.origin).as_vec3(), normal)
     }
 

@@ -1,106 +1,170 @@
-//! Photons in a grid of cells, as shading reads them (shaders/shared/thrown.wgsl, whose twin is `Grid::irradiance`).
+//! Photons in grids of cells, as shading reads them (shaders/shared/thrown.wgsl, whose twin is `Grid::irradiance`).
 //!
-//! Photons whose distance is small beside the radius within which they are averaged are merged: so a place reads about as
-//! many of them whatever their number, and bright spots are no longer loops than others.
+//! Each photon spreads its light over a radius of its own, in which its nearest neighbours lie (Breiman, Meisel and Purcell
+//! 1977): so light is smooth where it is thin and sharp where it is focused, and a place reads about as many photons
+//! everywhere. Where a surface ends at another one, the part of a photon's light beyond is folded back (Silverman 1986,
+//! 2.10). There is a grid for each range of radii, and a photon is listed in all cells that it reaches: so a place reads
+//! one cell of each grid.
 
-use glam::{DVec3, UVec3, Vec3, Vec4};
+use glam::{DVec3, IVec3, Vec3, Vec4};
 
+use super::near::{SAME_SIDE, Spread, Tree};
 use crate::layout::Landed;
 
-/// The least cosine between the normals of a place and of where a photon has landed that counts there.
-const SAME_SIDE: f32 = 0.5;
-/// Photons of a cube of this share of the radius that have landed on the same side of it are merged.
+/// The number of grids; each has cells half as wide as the one before.
+const LEVELS: usize = 8;
+/// Discs of points go on beyond the line where their surface ends: up to this share of its radius a photon shines there.
+const OVER_END: f32 = 0.2;
+/// Photons of the least radius in a cube of this share of it that have landed on the same side are merged: so the brightest
+/// spot is no longer loop than others.
 const MERGED: f32 = 0.25;
+/// The most photons: the buffers of so many are bound by every GPU.
+const MOST: usize = 1 << 20;
+/// The balls of photons are listed as if they were larger by this factor, since a GPU rounds the cell of a place otherwise.
+const LISTED: f32 = 1.002;
 
-/// The photons of a scene, merged.
+/// The photons of a scene.
 pub(super) struct Grid {
-    /// The lower corner of the cells, relative to the photons' origin.
-    pub low: Vec3,
-    /// The radius within which photons count, and the edge of a cell.
-    radius: f32,
-    size: UVec3,
+    /// The edge of the cells of the first grid, and the largest radius.
+    edge: f32,
     photons: Vec<Photon>,
-    /// The number of photons before each cell, and of all.
+    /// The number of lists of a grid, a power of two.
+    lists: u32,
+    /// For each list of each grid where it begins, the end of the last one, and then all lists: indices of photons.
     pub cells: Vec<u32>,
 }
 
-/// A photon, or several: relative to the lower corner of the grid.
+/// A photon, or several, relative to the photons' origin.
 #[derive(Clone, Copy)]
 struct Photon {
     position: Vec3,
     normal: Vec3,
     power: Vec3,
+    spread: Spread,
+}
+
+/// The cell of a place in a grid; saturated far outside.
+fn cell_of(place: Vec3, edge: f32) -> IVec3 {
+    (place / edge).floor().clamp(Vec3::splat(-1e9), Vec3::splat(1e9)).as_ivec3()
 }
 
 impl Grid {
-    /// Sorts photons by their cells, and merges them. A box of `extent` has all of their surfaces; photons beyond lie in
-    /// the cells at its edge.
-    pub fn new(low: Vec3, extent: Vec3, radius: f32, landed: &mut [Landed]) -> Self {
-        let size = (extent / radius).ceil().max(Vec3::ONE).as_uvec3();
-        let cell = |photon: &Landed| {
-            let place = ((photon.position.truncate() - low) / radius).max(Vec3::ZERO);
-            let cell = place.as_uvec3().min(size - 1);
-            (cell.z * size.y + cell.y) * size.x + cell.x
-        };
-        let key = |photon: &Landed| {
-            let part = (photon.position.truncate() - low) / (radius * MERGED);
-            let normal = photon.normal.truncate();
-            let axis = normal.abs().max_position();
-            (cell(photon), part.floor().as_ivec3().to_array(), axis, normal[axis] > 0.0)
-        };
-        landed.sort_by_cached_key(key);
-        let mut cells = vec![0; size.element_product() as usize + 1];
-        let mut photons = Vec::new();
-        for run in landed.chunk_by(|one, other| key(one) == key(other)) {
-            photons.push(Photon::merged(run, low));
-            cells[cell(&run[0]) as usize + 1] += 1;
-        }
-        for index in 1..cells.len() {
-            cells[index] += cells[index - 1];
-        }
-        Self { low, radius, size, photons, cells }
+    /// Sorts photons so that those that lie close together follow each other, and lists them by cells. No radius is larger
+    /// than `most`.
+    pub fn new(most: f32, landed: &mut Vec<Landed>) -> Self {
+        thin(landed, MOST);
+        let least = most / (1 << LEVELS) as f32;
+        let spreads = Tree::new(landed).spreads([least, most]);
+        let photons = merged(landed, &spreads, least);
+        let lists = (photons.len() / 4).next_power_of_two() as u32;
+        let mut grid = Self { edge: most, photons, lists, cells: Vec::new() };
+        grid.list();
+        grid
     }
 
-    /// The first elements of the photons' buffer; `low` is the lower corner relative to the eye.
-    pub fn header(&self, low: Vec3) -> [Vec4; 2] {
-        let [columns, rows, layers] = self.size.to_array().map(f32::from_bits);
-        [low.extend(self.radius), Vec4::new(columns, rows, layers, 0.0)]
+    /// Fills the lists.
+    fn list(&mut self) {
+        let all = LEVELS * self.lists as usize;
+        let mut cells = vec![0_u32; all + 1];
+        let mut reached = Vec::new();
+        for photon in &self.photons {
+            self.reached(photon, &mut reached);
+            reached.iter().for_each(|list| cells[list + 1] += 1);
+        }
+        cells[0] = all as u32 + 1;
+        for index in 0..all {
+            cells[index + 1] += cells[index];
+        }
+        let mut next = cells.clone();
+        cells.resize(cells[all] as usize, 0);
+        for (index, photon) in self.photons.iter().enumerate() {
+            self.reached(photon, &mut reached);
+            for list in &reached {
+                cells[next[*list] as usize] = index as u32;
+                next[*list] += 1;
+            }
+        }
+        self.cells = cells;
+    }
+
+    /// The lists of the cells that the ball of a photon reaches, each once.
+    fn reached(&self, photon: &Photon, lists: &mut Vec<usize>) {
+        let radius = photon.spread.radius * LISTED;
+        let level = (0..LEVELS).rev().find(|level| self.edge_of(*level) >= photon.spread.radius).unwrap_or(0);
+        let edge = self.edge_of(level);
+        let [low, high] = [-radius, radius].map(|reach| cell_of(photon.position + reach, edge));
+        lists.clear();
+        for (z, y) in (low.z..=high.z).flat_map(|z| (low.y..=high.y).map(move |y| (z, y))) {
+            for cell in (low.x..=high.x).map(|x| IVec3::new(x, y, z)) {
+                let corner = cell.as_vec3() * edge;
+                let nearest = photon.position.clamp(corner, corner + edge);
+                if nearest.distance_squared(photon.position) <= radius * radius {
+                    lists.push(self.list_of(level, cell));
+                }
+            }
+        }
+        // Several cells may share a list.
+        lists.sort_unstable();
+        lists.dedup();
+    }
+
+    fn edge_of(&self, level: usize) -> f32 {
+        self.edge / (1 << level) as f32
+    }
+
+    /// The list of a cell: a hash (Teschner and others 2003).
+    fn list_of(&self, level: usize, cell: IVec3) -> usize {
+        let [x, y, z] = cell.as_uvec3().to_array();
+        let hash = x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791);
+        level * self.lists as usize + (hash & (self.lists - 1)) as usize
+    }
+
+    /// The first elements of the photons' buffer; `origin` is that of the photons relative to the eye.
+    pub fn header(&self, origin: Vec3) -> [Vec4; 2] {
+        [origin.extend(self.edge), Vec4::new(self.lists as f32, 0.0, 0.0, 0.0)]
     }
 
     /// The other elements.
     pub fn vectors(&self) -> impl Iterator<Item = Vec4> {
-        self.photons
-            .iter()
-            .flat_map(|photon| [photon.position, photon.normal, photon.power].map(|part| part.extend(0.0)))
+        self.photons.iter().flat_map(|photon| {
+            let (squared, peak) = photon.squared_and_peak();
+            [photon.position.extend(squared), photon.normal.extend(0.0), peak.extend(0.0), photon.spread.end]
+        })
     }
 
     /// The irradiance at a place relative to the photons' origin.
-    pub fn irradiance(&self, position: Vec3, normal: Vec3) -> Vec3 {
-        let place = position - self.low;
-        let last = self.size.as_ivec3() - 1;
-        let cell = (place / self.radius).floor().clamp(Vec3::splat(-2.0), last.as_vec3() + 2.0).as_ivec3();
-        let [low, high] = [-1, 1].map(|step| (cell + step).clamp(glam::IVec3::ZERO, last));
-        let squared = self.radius * self.radius;
+    pub fn irradiance(&self, place: Vec3, normal: Vec3) -> Vec3 {
         let mut sum = Vec3::ZERO;
-        for (z, y) in (low.z..=high.z).flat_map(|z| (low.y..=high.y).map(move |y| (z, y))) {
-            let row = (z * self.size.y as i32 + y) * self.size.x as i32;
-            let [first, end] = [row + low.x, row + high.x + 1].map(|cell| self.cells[cell as usize] as usize);
-            for photon in &self.photons[first..end] {
-                let weight = 1.0 - photon.position.distance_squared(place) / squared;
-                if weight > 0.0 && photon.normal.dot(normal) > SAME_SIDE {
-                    sum += photon.power * weight;
+        for level in 0..LEVELS {
+            let list = self.list_of(level, cell_of(place, self.edge_of(level)));
+            for index in self.cells[list]..self.cells[list + 1] {
+                let photon = &self.photons[self.cells[index as usize] as usize];
+                let ((squared, peak), end) = (photon.squared_and_peak(), photon.spread.end);
+                let offset = place - photon.position;
+                let weight = 1.0 - offset.length_squared() / squared;
+                let before = end.w - offset.dot(end.truncate());
+                let is_before = before >= 0.0 || before * before < OVER_END * OVER_END * squared;
+                if weight > 0.0 && is_before && photon.normal.dot(normal) > SAME_SIDE {
+                    let folded = (weight - 4.0 * end.w * before.max(0.0) / squared).max(0.0);
+                    sum += peak * (weight * weight + folded * folded);
                 }
             }
         }
-        sum * (2.0 / (std::f32::consts::PI * squared))
+        sum
     }
 }
 
 impl Photon {
+    /// The squared radius, and the irradiance amid the light that is spread.
+    fn squared_and_peak(&self) -> (f32, Vec3) {
+        let squared = self.spread.radius * self.spread.radius;
+        (squared, self.power * (3.0 / (std::f32::consts::PI * squared)))
+    }
+
     /// All power of photons that lie close together, at the mean of their places by their power.
-    fn merged(run: &[Landed], low: Vec3) -> Self {
+    fn merged(run: &[(&Landed, &Spread)]) -> Self {
         let (mut position, mut normal, mut power, mut weights) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, 0.0);
-        for photon in run {
+        for (photon, _) in run {
             let own = photon.power.truncate().as_dvec3();
             // Photons without power count a little, so that there is a mean.
             let weight = own.element_sum() + f64::MIN_POSITIVE;
@@ -110,9 +174,35 @@ impl Photon {
             weights += weight;
         }
         Self {
-            position: (position / weights - low.as_dvec3()).as_vec3(),
+            position: (position / weights).as_vec3(),
             normal: normal.normalize_or(DVec3::Z).as_vec3(),
             power: power.as_vec3(),
+            spread: *run[0].1,
         }
+    }
+}
+
+/// The photons, of which those of the least radius are merged.
+fn merged(landed: &[Landed], spreads: &[Spread], least: f32) -> Vec<Photon> {
+    let key = |(photon, _): &(&Landed, &Spread)| {
+        let normal = photon.normal.truncate();
+        let axis = normal.abs().max_position();
+        ((photon.position.truncate() / (least * MERGED)).floor().as_i64vec3().to_array(), axis, normal[axis] > 0.0)
+    };
+    let (mut close, wide): (Vec<_>, Vec<_>) =
+        landed.iter().zip(spreads).partition(|(_, spread)| spread.radius <= least);
+    close.sort_by_cached_key(key);
+    let close = close.chunk_by(|one, other| key(one) == key(other)).map(Photon::merged);
+    wide.iter().map(|photon| Photon::merged(std::slice::from_ref(photon))).chain(close).collect()
+}
+
+/// Leaves no more photons than `most`, which carry the power of the others.
+pub(super) fn thin(landed: &mut Vec<Landed>, most: usize) {
+    let (all, each) = (landed.len(), landed.len().div_ceil(most));
+    if each > 1 {
+        let mut numbers = 0..all;
+        landed.retain(|_| numbers.next().is_some_and(|number| number.is_multiple_of(each)));
+        let factor = all as f32 / landed.len() as f32;
+        landed.iter_mut().for_each(|photon| photon.power *= factor);
     }
 }
