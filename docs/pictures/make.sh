@@ -89,11 +89,11 @@ take() {
 
 # The box with a mirror ball: left without the light that the ball throws, right with it.
 thrown() {
-    for photons in 0 65536; do
+    for photons in 0 16384; do
         "$glint" render five-mirrors/sphere -o "$work/thrown.$photons.png" --size 560x420 --bounces 3 \
             --set "light.photons=$photons" --set tone.exposure=1
     done
-    convert "$work/thrown.0.png" "$work/thrown.65536.png" +append -quality 84 "$pictures/thrown.jpg"
+    convert "$work/thrown.0.png" "$work/thrown.16384.png" +append -quality 84 "$pictures/thrown.jpg"
 }
 
 # A made street near its floor, and the far end of the office: left full radii, right the defaults.
