@@ -99,6 +99,24 @@ impl Refinement {
         self.wanted
     }
 
+    /// How many estimates are taken, how many the next step adds, and how many are wanted in all, of mirrors alone or of the
+    /// whole picture.
+    pub fn work(&self, mirrors_alone: bool) -> [u64; 3] {
+        let next = self.next(mirrors_alone);
+        let mut work = [0; 3];
+        for pixel in (0..self.seen.len()).filter(|pixel| self.seen[*pixel].is_some()) {
+            let taken = self.taken[pixel];
+            if !mirrors_alone || self.is_mirror[pixel] {
+                work[0] += u64::from(taken);
+                work[2] += u64::from(self.wanted);
+            }
+            if let Some((_, until)) = next.filter(|(pixels, until)| self.lacks(*pixels, *until, pixel)) {
+                work[1] += u64::from(until - taken);
+            }
+        }
+        work
+    }
+
     /// Whether all estimates are done, of the mirrors or of the picture.
     pub fn is_done(&self, mirrors_alone: bool) -> bool {
         self.next(mirrors_alone).is_none()
@@ -176,7 +194,12 @@ mod tests {
         assert!(refinement.is_mirror.iter().any(|mirror| *mirror));
         let mut pixels_traced = Vec::new();
         let mut mirrors_were_done = false;
+        let mut expected_work = refinement.work(false);
+        assert_eq!((expected_work[0], refinement.work(true)[2] > 0), (0, true));
         while refinement.step(&tracer, false, &progress).unwrap() {
+            let work = refinement.work(false);
+            assert_eq!((work[0], work[2]), (expected_work[0] + expected_work[1], expected_work[2]), "as announced");
+            expected_work = work;
             pixels_traced.push(refinement.taken.iter().filter(|taken| **taken > 0).count());
             mirrors_were_done |= refinement.is_done(true) && !refinement.is_done(false);
             let picture = refinement.picture();
@@ -184,6 +207,7 @@ mod tests {
             assert!(!(0..picture.len()).any(is_hole));
         }
         assert_eq!((refinement.samples(), mirrors_were_done), ([5, 5], true));
+        assert_eq!((expected_work[0], expected_work[1]), (expected_work[2], 0));
         assert!(pixels_traced[0] <= 9 * 6 && pixels_traced.is_sorted(), "{pixels_traced:?}");
         // Computed by hand: paths 1, 1, 2 and 1, each step with a seed of its own.
         let mut expected = vec![[0.0_f64; 3]; surface.len()];

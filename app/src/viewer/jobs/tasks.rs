@@ -123,17 +123,21 @@ pub struct Pass {
     /// The number of paths for every mirror pixel and for every pixel.
     pub samples: [u32; 2],
     pub wanted_samples: u32,
+    /// The estimates that are taken, those of the next step, and those that are wanted in all, as `Refinement::work` has
+    /// them of what was traced: mirrors alone, or the picture.
+    pub work: [u64; 3],
     /// True if all pixels were traced, not only mirrors.
     pub is_whole: bool,
 }
 
 impl Pass {
-    pub fn of(basis: FrameRequest, refinement: &Refinement) -> Self {
+    pub fn of(basis: FrameRequest, refinement: &Refinement, mirrors_alone: bool) -> Self {
         Self {
             basis,
             colors: Arc::new(refinement.picture()),
             samples: refinement.samples(),
             wanted_samples: refinement.wanted(),
+            work: refinement.work(mirrors_alone),
             is_whole: refinement.is_whole(),
         }
     }
@@ -363,7 +367,7 @@ impl Trace {
             if !matches!(is_traced, Ok(true)) {
                 break;
             }
-            answer(Answer::Pass(Pass::of(basis.clone(), &refinement)));
+            answer(Answer::Pass(Pass::of(basis.clone(), &refinement, alone)));
         }
         let is_done = [refinement.is_done(true), refinement.is_done(false)];
         answer(Answer::TraceEnded { basis, refinement, is_done });

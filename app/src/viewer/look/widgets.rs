@@ -148,16 +148,19 @@ pub fn progress_text(done: u64, total: u64, pace: Option<f64>) -> String {
     if let Some(pace) = pace {
         text += &format!(" · {:.2} M/s", pace / 1e6);
         if total > done {
-            let seconds = ((total - done) as f64 / pace).ceil();
-            let minutes = (seconds / 60.0).ceil();
-            text += &if seconds < 120.0 {
-                format!(" · {seconds:.0} s left")
-            } else {
-                format!(" · {minutes:.0} min left")
-            };
+            text += &format!(" · {}", time_left((total - done) as f64 / pace));
         }
     }
     text
+}
+
+/// Formats a time in seconds that something still takes: `3 s left`, `5 min left`.
+pub fn time_left(seconds: f64) -> String {
+    if seconds < 120.0 {
+        format!("{:.0} s left", seconds.ceil())
+    } else {
+        format!("{:.0} min left", (seconds / 60.0).ceil())
+    }
 }
 
 #[cfg(test)]

@@ -214,7 +214,7 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
             &painter,
             rect.left_top() + vec2(10.0, 10.0),
             Align2::LEFT_TOP,
-            session.truth.awaited(session.sweeps.under_way.is_some()),
+            &session.truth.awaited(session.sweeps.under_way.is_some(), session.outside.now),
         );
         return;
     };
@@ -237,8 +237,12 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
         Look::Truth => {}
     }
     let paths = session.truth.samples(&request).map_or(String::new(), |(samples, wanted)| paths(samples, wanted));
+    let more = match session.truth.activity(session.outside.now) {
+        Some(Activity::Tracing { progress, .. }) => format!(" · {progress}"),
+        _ => String::new(),
+    };
     let corner = pos2(part.left() + 10.0, part.top() + 10.0);
-    tag(&painter, corner, Align2::LEFT_TOP, &format!("ray-traced truth{paths}"));
+    tag(&painter, corner, Align2::LEFT_TOP, &format!("ray-traced truth{paths}{more}"));
 }
 
 /// Reports how many paths have been traced: ` · 2 of 16 paths a pixel, mirrors 16`.
@@ -319,11 +323,13 @@ fn legend(painter: &egui::Painter, rect: Rect, measure: Measure) {
 /// Shows what the ray tracer is doing, with a button to end it.
 pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     panels::sweep::progress(ui, session, actions);
-    let Some(activity) = session.truth.activity() else { return };
+    let Some(activity) = session.truth.activity(session.outside.now) else { return };
     let text = match activity {
         Activity::Building => "making the points ready for tracing".into(),
-        Activity::Tracing { wanted: 0, .. } => "tracing the truth".into(),
-        Activity::Tracing { samples, wanted } => format!("tracing the truth{}", paths(samples, wanted)),
+        Activity::Tracing { wanted: 0, progress, .. } => format!("tracing the truth: {progress}"),
+        Activity::Tracing { samples, wanted, progress } => {
+            format!("tracing the truth{} · {progress}", paths(samples, wanted))
+        }
     };
     ui.spinner();
     ui.label(RichText::new(text).small().color(theme::WEAK));

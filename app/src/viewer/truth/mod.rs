@@ -7,12 +7,13 @@
 
 pub mod live;
 pub mod sweep;
+pub mod tracing;
 pub mod tuning;
 pub mod view;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use cloud::{PointTest, Progress};
 use scene::Settings;
@@ -28,8 +29,9 @@ use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::work::Work;
 use crate::viewer::truth::live::REST;
+use crate::viewer::truth::tracing::Tracing;
 use crate::viewer::truth::tuning::Tuning;
-use crate::viewer::truth::view::{Label, MOST_POINTS, Picture, Taken, Traced, Tracing, TruthView, too_many_points};
+use crate::viewer::truth::view::{Activity, Label, MOST_POINTS, Picture, Taken, Traced, TruthView, too_many_points};
 
 /// What the truth reads from the session.
 pub struct Around<'a> {
@@ -72,12 +74,14 @@ impl TruthView {
     }
 
     /// The reason why nothing is shown yet.
-    pub fn awaited(&self, is_swept: bool) -> &'static str {
-        match () {
-            () if self.is_too_large => "too many points to trace the truth",
-            () if is_swept => "the truth waits for the sweep",
-            () if self.still.is_none() => "the truth waits for the picture to stand still",
-            () => "the truth is being traced",
+    pub fn awaited(&self, is_swept: bool, now: Instant) -> String {
+        match self.activity(now) {
+            _ if self.is_too_large => "too many points to trace the truth".into(),
+            _ if is_swept => "the truth waits for the sweep".into(),
+            _ if self.still.is_none() => "the truth waits for the picture to stand still".into(),
+            Some(Activity::Building) => "the points are made ready for tracing the truth".into(),
+            Some(Activity::Tracing { progress, .. }) => format!("the truth is being traced: {progress}"),
+            None => "the truth is being traced".into(),
         }
     }
 
@@ -189,10 +193,11 @@ impl TruthView {
         if traced.as_ref().is_some_and(|traced| traced.is_done[usize::from(!alone)]) {
             return;
         }
+        let work = traced.as_ref().map(|traced| traced.pass.work);
         let refinement = traced.and_then(|traced| traced.refinement.take());
-        let (progress, mirrors_alone) = (Arc::<Progress>::default(), Arc::new(AtomicBool::new(alone)));
-        let tracing =
-            Tracing { basis: basis.clone(), progress: progress.clone(), mirrors_alone: mirrors_alone.clone() };
+        let mirrors_alone = Arc::new(AtomicBool::new(alone));
+        let tracing = Tracing::new(basis.clone(), mirrors_alone.clone(), work, outside.now);
+        let progress = tracing.progress.clone();
         self.tracing = Some(tracing);
         let (scene, drawn) = (judge.scene.clone(), judge.drawn.clone());
         let trace = Trace { basis, scene, drawn, refinement, mirrors_alone, progress };
@@ -396,7 +401,9 @@ mod tests {
         keys.into_iter().for_each(|key| session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside)));
         harness.state_mut().settle();
         let Bench { session, .. } = harness.state_mut();
-        assert!(!is_shown(session) && session.truth.scene.is_none() && session.truth.activity().is_none());
+        assert!(
+            !is_shown(session) && session.truth.scene.is_none() && session.truth.activity(Instant::now()).is_none()
+        );
     }
 
     #[test]
@@ -454,8 +461,8 @@ mod tests {
         let mut session = Session::with_two_points();
         let basis = FrameRequest::any().truth_basis();
         session.frames.requested = Some(basis.clone());
-        let progress = Arc::<Progress>::default();
-        let tracing = Tracing { basis, progress: progress.clone(), mirrors_alone: Arc::default() };
+        let tracing = Tracing::new(basis, Arc::default(), None, Instant::now());
+        let progress = tracing.progress.clone();
         (session.truth.is_pinned, session.truth.tracing) = (true, Some(tracing));
         session.sync_truth();
         assert!(!progress.is_cancelled());

@@ -3,7 +3,6 @@
 
 use std::cell::RefCell;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use cloud::Progress;
@@ -18,6 +17,7 @@ use crate::viewer::look::theme::grouped;
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::requests::action::Look;
 use crate::viewer::truth::live::LiveEstimate;
+use crate::viewer::truth::tracing::Tracing;
 
 /// The most points that are traced. Building the tree takes 300 bytes for each point, which is 9 GB for this many.
 pub const MOST_POINTS: u64 = 30_000_000;
@@ -64,13 +64,6 @@ pub struct Label {
     pub pass: u32,
     /// The measure of a heat map.
     pub measure: Option<Measure>,
-}
-
-/// Tracing that is under way.
-pub struct Tracing {
-    pub basis: FrameRequest,
-    pub progress: Arc<Progress>,
-    pub mirrors_alone: Arc<AtomicBool>,
 }
 
 /// What was traced last.
@@ -134,10 +127,12 @@ pub fn too_many_points() -> String {
 /// The work that is under way.
 pub enum Activity {
     Building,
-    /// The paths of the mirrors, the paths of all pixels, and the number that is wanted.
+    /// The paths of the mirrors, the paths of all pixels, the number that is wanted, and how far it is:
+    /// `34 %, 50 s left`.
     Tracing {
         samples: [u32; 2],
         wanted: u32,
+        progress: String,
     },
 }
 
@@ -190,14 +185,14 @@ impl TruthView {
         self.verdict.as_ref().filter(|verdict| verdict.request == *request).map(|verdict| &verdict.figures)
     }
 
-    pub fn activity(&self) -> Option<Activity> {
+    pub fn activity(&self, now: Instant) -> Option<Activity> {
         if self.building.is_some() {
             return Some(Activity::Building);
         }
         let tracing = self.tracing.as_ref()?;
         let pass = self.traced.as_ref().map(|traced| &traced.pass).filter(|pass| pass.basis == tracing.basis);
         let (samples, wanted) = pass.map_or(([0, 0], 0), |pass| (pass.samples, pass.wanted_samples));
-        Some(Activity::Tracing { samples, wanted })
+        Some(Activity::Tracing { samples, wanted, progress: tracing.text(pass.map(|pass| pass.work), now) })
     }
 
     /// The bytes of all that is kept, beside the points: the scene, images and pictures.
@@ -307,7 +302,7 @@ impl TruthView {
                     (traced.refinement, traced.is_done) = (Some(refinement), is_done);
                 } else if is_done.contains(&true) {
                     // There was nothing to trace.
-                    let pass = Pass::of(basis, &refinement);
+                    let pass = Pass::of(basis, &refinement, false);
                     let number = self.traced.as_ref().map_or(0, |traced| traced.number) + 1;
                     self.traced = Some(Traced { pass, number, is_done, refinement: Some(refinement) });
                 }
