@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Progress;
 use render::FrameStats;
+use scene::Method;
 use serde_json::{Value, json};
 
 use crate::viewer::picture::frame_request::{FrameRequest, hurried};
@@ -30,6 +31,16 @@ const FIRST: Spared = Spared { divisor: 2, ..Spared::NOTHING };
 /// How long a picture may be that of earlier values before the panel says so: shorter waits would make the notice
 /// flicker.
 const LATE: Duration = Duration::from_millis(300);
+
+/// A picture in full quality that takes more seconds is announced.
+const LONG: f64 = 1.5;
+
+/// How fast the time that is expected of a frame falls where frames take less.
+const EXPECTED_DECAY: f64 = 0.8;
+
+fn method_of(request: &FrameRequest) -> Method {
+    request.settings.reflection.method
+}
 
 /// The picture on the screen: its request, its statistics and the time that it took.
 pub struct Shown {
@@ -69,6 +80,8 @@ pub struct Frames {
     pub under_way: u32,
     /// The time that the last frame in full quality took.
     careful_milliseconds: f64,
+    /// The milliseconds that a frame in full quality is likely to take, with this method and in this size.
+    expected: Option<(Method, [u32; 2], f64)>,
     /// The time that the last hurried frame took.
     hurried_milliseconds: f64,
     /// Chooses the quality of frames while something moves.
@@ -150,6 +163,21 @@ impl Frames {
     /// Returns true while a picture is drawn and there is none to show meanwhile.
     pub fn first_is_drawn(&self) -> bool {
         self.shown.is_none() && self.under_way > 0
+    }
+
+    /// Returns the seconds for which a frame in full quality has been drawn, and those that it is likely to take in all,
+    /// if that is known. `None` if none is drawn, or it comes soon.
+    pub fn full_quality_under_way(&self, now: Instant) -> Option<(f64, Option<f64>)> {
+        let is_drawn = |request: &&FrameRequest| {
+            let is_shown = self.shown.as_ref().is_some_and(|shown| shown.request == **request);
+            !request.hurried && self.under_way > 0 && !is_shown
+        };
+        let request = self.requested.as_ref().filter(is_drawn)?;
+        let so_far = now.saturating_duration_since(self.requested_at?).as_secs_f64();
+        let is_alike =
+            |(method, size, _): &(Method, [u32; 2], f64)| *method == method_of(request) && *size == request.size;
+        let all = self.expected.filter(is_alike).map(|(.., milliseconds)| milliseconds * 1e-3);
+        (so_far.max(all.unwrap_or(0.0)) > LONG).then_some((so_far, all))
     }
 
     /// Returns true if frames in full quality take too long to steer the camera by. Where there are quick pictures they
@@ -328,6 +356,11 @@ impl Frames {
             self.hurried_milliseconds = total_milliseconds;
         } else {
             self.careful_milliseconds = total_milliseconds;
+            // A frame that keeps what the one before found takes less than others will.
+            let alike =
+                self.expected.filter(|(method, size, _)| (*method, *size) == (method_of(&request), request.size));
+            let least = alike.map_or(0.0, |(.., known)| known * EXPECTED_DECAY);
+            self.expected = Some((method_of(&request), request.size, total_milliseconds.max(least)));
         }
         match stats.is_quick {
             true => self.quick_pace.learn(&stats, &request, milliseconds),
@@ -534,6 +567,33 @@ mod tests {
         assert!(drawn(&situation, 1000.0).hurried);
         situation.rest = None;
         assert!(!drawn(&situation, 300.0).hurried);
+    }
+
+    #[test]
+    fn a_picture_that_takes_long_is_announced_by_the_time_that_those_before_took() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let frames = &mut bench.session.frames;
+        let (wanted, stats) = (frames.requested.clone().unwrap(), frames.shown.as_ref().unwrap().stats.clone());
+        frames.expected = None;
+        let start = Instant::now();
+        let mut told = |milliseconds: f64, method: Method, seconds: f64| {
+            frames.show(wanted.clone(), stats.clone(), milliseconds, 40.0);
+            let mut next = wanted.clone();
+            (next.settings.reflection.method, next.settings.splat.size) = (method, 1.5);
+            (frames.requested, frames.requested_at, frames.under_way) = (Some(next), Some(start), 1);
+            frames.full_quality_under_way(start + Duration::from_secs_f64(seconds))
+        };
+        let method = method_of(&wanted);
+        assert_eq!(told(20.0, method, 0.5), None, "it comes soon");
+        assert_eq!(told(8000.0, method, 0.5), Some((0.5, Some(8.0))));
+        // One that keeps what was found says little about the next.
+        assert_eq!(told(20.0, method, 0.5), Some((0.5, Some(6.4))));
+        let other = if method == Method::Sscr { Method::None } else { Method::Sscr };
+        assert_eq!(told(8000.0, other, 0.5), None);
+        assert_eq!(told(8000.0, other, 3.0), Some((3.0, None)), "of another method nothing is known");
+        frames.requested.as_mut().unwrap().hurried = true;
+        assert_eq!(frames.full_quality_under_way(start + Duration::from_secs(9)), None);
     }
 
     #[test]

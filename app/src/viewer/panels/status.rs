@@ -2,31 +2,47 @@
 
 use std::time::Duration;
 
-use egui::{Align, Layout, RichText, Ui};
+use egui::{Align, Layout, RichText, Ui, UiBuilder};
 use scene::Show;
 use world::{CloudTask, IndexState, LEAST_TIME, TaskKind, TaskStatus};
 
 use crate::system::fetching::{self, Fetch};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
-use crate::viewer::look::widgets::{progress_bar, progress_text};
+use crate::viewer::look::widgets::{progress_bar, progress_text, time_left};
 use crate::viewer::objects::clouds::JobEntry;
 use crate::viewer::panels;
 use crate::viewer::requests::action::Action;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::session::Session;
 
+/// The room between what is under way and the state of the picture, in points of the window.
+const GAP: f32 = 10.0;
+
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    // The right end comes first: in a narrow window it stays whole, and what is under way on the left is cut.
-    ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-        state_of_picture(ui, session, actions);
-        ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
-            ui.style_mut().wrap_mode = Some(egui::TextWrapMode::Truncate);
-            ui.set_clip_rect(ui.max_rect().intersect(ui.clip_rect()));
-            under_way(ui, session, actions);
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| place_under_cursor(ui, session));
-        });
-    });
+    // Tab leads from left to right, so the left end is drawn first. In a narrow window the right end stays whole, and what
+    // is under way on the left is cut: the left end leaves as much room as the right end has taken before.
+    let (area, place) = (ui.available_rect_before_wrap(), ui.scope_id().with("right end"));
+    let taken = ui.data(|data| data.get_temp::<f32>(place)).unwrap_or_default();
+    let (left, right) = area.split_left_right_at_x((area.right() - taken).max(area.left()));
+    let row = Layout::left_to_right(Align::Center);
+    let mut ui_left = ui.new_child(UiBuilder::new().max_rect(left).layout(row));
+    ui_left.style_mut().wrap_mode = Some(egui::TextWrapMode::Truncate);
+    ui_left.set_clip_rect(left.intersect(ui.clip_rect()));
+    under_way(&mut ui_left, session, actions);
+    ui_left.with_layout(Layout::right_to_left(Align::Center), |ui| place_under_cursor(ui, session));
+    let mut ui_right = ui.new_child(UiBuilder::new().max_rect(right).layout(row));
+    ui_right.style_mut().wrap_mode = Some(egui::TextWrapMode::Extend);
+    ui_right.add_space(GAP);
+    state_of_picture(&mut ui_right, session, actions);
+    let needed = ui_right.min_rect().width();
+    if needed != taken {
+        ui.data_mut(|data| data.insert_temp(place, needed));
+        if needed > taken {
+            ui.ctx().request_discard("the right end of the status bar is wider than before");
+        }
+    }
+    ui.advance_cursor_after_rect(area);
 }
 
 /// What the next picture waits for before it is drawn, and the first one while it is.
@@ -58,6 +74,14 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     } else if let Some([summed, asked]) = session.frames.samples_under_way().filter(|_| session.fatal.is_none()) {
         ui.label(RichText::new(format!("sample {summed} of {asked}")).color(theme::WEAK));
         progress_bar(ui, summed as f32 / asked as f32);
+    } else if let Some((so_far, all)) = session.frames.full_quality_under_way(session.outside.now) {
+        let left = all.map(|all| all - so_far).filter(|left| *left > 0.0);
+        let more = left.map_or_else(|| format!("{so_far:.0} s so far"), time_left);
+        ui.label(RichText::new(format!("drawing the full picture: {more}")).color(theme::WEAK));
+        if let Some(all) = all.filter(|_| left.is_some()) {
+            progress_bar(ui, (so_far / all) as f32);
+        }
+        ui.ctx().request_repaint_after(Duration::from_millis(250));
     }
     if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {
         if job_progress(ui, session, job) {
@@ -81,22 +105,22 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     panels::picture::progress(ui, session);
 }
 
-/// What the picture shows and took, from the right end on.
+/// What the picture shows and took.
 fn state_of_picture(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    messages_button(ui, session, actions);
-    if let Some(shown) = &session.frames.shown {
-        ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
+    if let Some(placing) = &session.tools.measurements.placing {
+        ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
+    }
+    uncertain_reflections(ui, session, actions);
+    if session.is_unlit() {
+        ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
     }
     let [turning, help] = session.scene.turning();
     let color = if turning == "orbit" { theme::WEAK } else { theme::ACCENT };
     ui.label(RichText::new(turning).color(color)).on_hover_text(help);
-    if session.is_unlit() {
-        ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
+    if let Some(shown) = &session.frames.shown {
+        ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
     }
-    uncertain_reflections(ui, session, actions);
-    if let Some(placing) = &session.tools.measurements.placing {
-        ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
-    }
+    messages_button(ui, session, actions);
 }
 
 /// The place under the cursor, where there is room for it.
@@ -228,5 +252,24 @@ mod tests {
             assert!(hint.right() < harness.get_by_label("Messages").rect().left());
             assert_eq!(points.width() > 40.0, is_whole, "{width}: {points:?}");
         }
+    }
+
+    #[test]
+    fn tab_leads_through_the_bar_from_left_to_right() {
+        let mut session = Session::with_two_points();
+        session.adapter = Some("any".into());
+        let mut harness = Harness::builder().with_size([700.0, 28.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_ok();
+        let mut places = Vec::new();
+        for _ in 0..2 {
+            harness.key_press(egui::Key::Tab);
+            harness.run_ok();
+            let focused = harness.ctx.memory(egui::Memory::focused).and_then(|id| harness.ctx.read_response(id));
+            places.push(focused.unwrap().rect.left());
+        }
+        assert!(places[0] < 20.0 && places[1] > 600.0, "{places:?}");
     }
 }
