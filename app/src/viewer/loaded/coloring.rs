@@ -8,6 +8,7 @@ use std::sync::Arc;
 use cloud::{Column, Progress};
 use scene::ColorBy;
 use serde_json::json;
+use stream::COMPARED;
 use world::{Change, CloudKey};
 
 use crate::viewer::loaded::{Beside, Loaded};
@@ -99,7 +100,25 @@ impl Loaded {
             let columns = entry.figures_basis.as_ref().map_or(0, |basis| basis.columns);
             !entry.is_indexed() || entry.awaited.is_empty() && columns == entry.cloud.attributes.len()
         };
-        let is_told = |entry: &&CloudEntry| entry.is_visible && entry.is_read && knows_all(entry);
+        // Whoever colours by what a comparison has found knows that the other clouds do not have it.
+        let is_of_another = |entry: &CloudEntry| {
+            let color = beside.scene.objects.color_of(entry.key, &beside.scene.settings.color);
+            let is_added = |other: &CloudEntry| {
+                let is_new =
+                    COMPARED.contains(&color.attribute.as_str()) && other.cloud.column_of(&color.attribute).is_some();
+                is_new || other.added.iter().any(|(name, _)| *name == color.attribute)
+            };
+            color.by == ColorBy::Attribute
+                && entry.cloud.column_of(&color.attribute).is_none()
+                && self.clouds.iter().any(is_added)
+        };
+        // Figures of earlier colours say nothing of those that are wanted now.
+        let is_new = |entry: &CloudEntry| {
+            entry.figures_basis.as_ref().is_some_and(|basis| basis.color == color_now(entry, beside.scene))
+        };
+        let is_told = |entry: &&CloudEntry| {
+            entry.is_visible && entry.is_read && knows_all(entry) && is_new(entry) && !is_of_another(entry)
+        };
         let read = self.clouds.iter().filter(is_told);
         let of_strays = world::stray_warning(&beside.scene.settings);
         for warning in read.filter_map(|entry| entry.figures.as_ref()?.warning.as_ref()).chain(&of_strays) {

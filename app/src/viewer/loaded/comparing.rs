@@ -325,6 +325,33 @@ mod tests {
     }
 
     #[test]
+    fn a_comparison_says_nothing_of_the_clouds_that_it_did_not_compare() {
+        let mut session = session();
+        session.set_view_size([64, 48]);
+        let second = session.loaded.clouds[1].key;
+        let comparing = start(&mut session, |draft| draft.second = Second::Cloud(second)).unwrap();
+        finish(&mut session, comparing);
+        let said = |session: &mut Session| {
+            session.step(std::time::Instant::now(), false);
+            for effect in std::mem::take(&mut session.outside.effects) {
+                let Effect::Work(work) = effect else { continue };
+                let found = std::cell::RefCell::new(Vec::new());
+                work.run(&Default::default(), |news| found.borrow_mut().push(news));
+                found.into_inner().into_iter().for_each(|news| session.on_found(news));
+            }
+            session.outside.messages.all.iter().map(|message| message.text.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(said(&mut session), ["Compared: 0.ply to 1.ply, nearest points"]);
+        let lacks = |session: &Session, index: usize| {
+            session.loaded.clouds[index].figures.as_ref().is_some_and(|figures| figures.warning.is_some())
+        };
+        assert_eq!([0, 1].map(|index| lacks(&session, index)), [false, true]);
+        // What neither of them has is another matter.
+        session.scene.settings.color.attribute = "amplitude".into();
+        assert_eq!(said(&mut session).len(), 3);
+    }
+
+    #[test]
     fn the_distances_of_a_streamed_cloud_go_to_a_new_file_that_is_opened_in_its_place() {
         let folder = tempfile::tempdir().unwrap();
         let place = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
