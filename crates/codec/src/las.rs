@@ -503,9 +503,7 @@ impl LasSource {
         match *reading {
             Reading::Coordinate { axis } => {
                 let raw = i32::from_le_bytes(bytes(record, axis * 4));
-                let (scale, offset) = (self.grid.scale[axis], self.grid.offset[axis]);
-                let decimals = coordinate_decimals(&self.grid)[axis];
-                format!("{:.decimals$}", f64::from(raw) * scale + offset)
+                coordinate_text(raw, self.grid.scale[axis], self.grid.offset[axis])
             }
             Reading::Opaque { at, length } => {
                 let hexadecimal = record[at..at + length].iter().map(|byte| format!("{byte:02x}"));
@@ -624,6 +622,15 @@ pub fn coordinate_decimals(grid: &Grid) -> [usize; 3] {
     [0, 1, 2].map(|axis| decimals(grid.scale[axis]).max(decimals(grid.offset[axis])))
 }
 
+/// A coordinate with all decimals that the scale and the offset give it. Zeros beyond those of the scale come from the
+/// offset, and say nothing.
+fn coordinate_text(raw: i32, scale: f64, offset: f64) -> String {
+    let (own, all) = (decimals(scale), decimals(scale).max(decimals(offset)));
+    let text = format!("{:.all$}", f64::from(raw) * scale + offset);
+    let zeros = text.len() - text.trim_end_matches('0').len();
+    text[..text.len() - zeros.min(all - own)].trim_end_matches('.').to_owned()
+}
+
 /// The number of decimals that write `step` in full, up to 12 (a coordinate of seven digits has no more).
 fn decimals(step: f64) -> usize {
     format!("{step}").split_once('.').map_or(0, |(_, decimals)| decimals.len()).min(12)
@@ -646,6 +653,16 @@ mod tests {
             order.sort_unstable();
             assert!(order.into_iter().eq(0..count), "{count}");
         }
+    }
+
+    #[test]
+    fn zeros_that_only_the_offset_asks_for_are_not_written() {
+        assert_eq!(coordinate_text(564_201, 0.0001, 0.0), "56.4201");
+        assert_eq!(coordinate_text(5000, 0.01, 6.420_100_000_000_4), "56.4201");
+        assert_eq!(coordinate_text(5000, 0.01, 0.123_456_789), "50.123456789");
+        assert_eq!(coordinate_text(5000, 0.01, 0.0), "50.00", "those of the scale are");
+        assert_eq!(coordinate_text(5, 10.0, 0.5), "50.5");
+        assert_eq!(coordinate_text(5, 10.0, 0.000_000_000_000_4), "50");
     }
 
     #[test]

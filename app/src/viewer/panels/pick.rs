@@ -5,7 +5,6 @@ use egui::{Align2, RichText, Ui};
 use crate::shared::measuring::{PointError, decimals};
 use crate::viewer::look::theme;
 use crate::viewer::requests::action::Action;
-use crate::viewer::requests::pick::coordinates;
 use crate::viewer::session::Session;
 use crate::viewer::tools::measurements::units;
 
@@ -39,7 +38,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.label(RichText::new(format!("point {}", pick.number)).color(theme::WEAK));
         }
     });
-    ui.label(RichText::new(coordinates(pick.world)).monospace());
+    ui.label(RichText::new(pick.coordinates()).monospace());
     if let Some(error) = pick.error {
         let unit = units(&session.loaded).length().map_or(String::new(), |unit| format!(" {unit}"));
         let PointError { across, sight, is_thinned, .. } = error;
@@ -95,7 +94,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use glam::DVec3;
@@ -108,7 +107,7 @@ mod tests {
     use crate::viewer::requests::pick::Pick;
     use crate::viewer::requests::preferences::Preferences;
 
-    fn pick(world: DVec3) -> Pick {
+    pub fn pick(world: DVec3) -> Pick {
         // The coordinates of the file, and a column of another thing that has the name of one.
         let record = [("X", "3"), ("y", "0.0"), ("returns", "0"), ("Z", "-400"), ("intensity", "1234")];
         let places = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::ONE];
@@ -131,6 +130,16 @@ mod tests {
             error: Some(error),
             is_streamed: false,
         }
+    }
+
+    #[test]
+    fn the_coordinates_have_the_digits_of_the_record_unless_the_cloud_was_moved() {
+        let mut single = pick(DVec3::new(f64::from(15.108_f32), f64::from(1.62_f32), 3.0));
+        let record = [("x", "15.108"), ("y", "1.62"), ("z", "3.5"), ("red", "192")];
+        single.record = Some(Ok(record.map(|(name, value)| (name.into(), value.into())).to_vec()));
+        assert_eq!(single.coordinates(), "15.108  1.62  3", "its z is another");
+        let names: Vec<&str> = single.attributes().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["z", "red", "distance"]);
     }
 
     #[test]

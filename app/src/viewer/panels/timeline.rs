@@ -141,7 +141,8 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
         }
         ui.separator();
         ui.horizontal(|ui| {
-            let label = name_label(ui, "Height above a measurement");
+            let label = name_label(ui, "Height above");
+            let label = label.on_hover_text("How high a path along a measurement leads above its points");
             let units = units(&session.loaded);
             let unit = units.rise().map_or(String::new(), |unit| format!(" {unit}"));
             let before = session.filming.height(&units);

@@ -158,12 +158,14 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if ui.button("Forget all").on_hover_text("Forget what was tried").clicked() {
             actions.push(Action::ForgetTrials);
         }
-        let figures = session.truth.figures(&view);
-        if figures.is_none_or(|figures| figures.image.is_none()) || session.tuning.times(&view).is_none() {
+    });
+    let figures = session.truth.figures(&view);
+    if figures.is_none_or(|figures| figures.image.is_none()) || session.tuning.times(&view).is_none() {
+        ui.horizontal(|ui| {
             ui.spinner();
             ui.label(RichText::new("judging this setting").small().color(theme::WEAK));
-        }
-    });
+        });
+    }
 }
 
 /// Draws the dots. Returns the trial that was clicked.

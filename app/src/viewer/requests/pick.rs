@@ -56,13 +56,41 @@ fn shortest(value: f64) -> String {
     (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
 }
 
+/// By how much of itself a coordinate on the GPU may differ from that of the file.
+const ROUNDING: f64 = 1e-6;
+
+/// The axis whose coordinate an attribute of this name is.
+fn axis_of(name: &str) -> Option<usize> {
+    ["x", "y", "z"].iter().position(|axis| name.eq_ignore_ascii_case(axis))
+}
+
 impl Pick {
+    /// The coordinates: those of the file's record, where they are the same but for rounding. Single precision and the way
+    /// through a chunk would add digits.
+    fn place(&self) -> DVec3 {
+        let mut place = self.world;
+        for (name, value) in self.record.iter().flatten().flatten() {
+            let axis = axis_of(name);
+            let known: Option<(usize, f64)> = axis.and_then(|axis| Some((axis, value.parse().ok()?)));
+            if let Some((axis, value)) = known
+                && (value - self.world[axis]).abs() <= ROUNDING * self.world[axis].abs().max(1.0)
+            {
+                place[axis] = value;
+            }
+        }
+        place
+    }
+
+    /// The coordinates as a person reads them.
+    pub fn coordinates(&self) -> String {
+        coordinates(self.place())
+    }
+
     /// What the file says of it and comparisons have added, without the coordinates, which stand for themselves.
     pub fn attributes(&self) -> impl Iterator<Item = &(String, String)> {
-        let is_place = |(name, value): &&(String, String)| {
-            let place = ["x", "y", "z"].iter().position(|axis| name.eq_ignore_ascii_case(axis));
-            place.is_some_and(|axis| *value == shortest(self.world[axis]) || value.parse() == Ok(self.world[axis]))
-        };
+        let place = self.place();
+        let is_place =
+            move |(name, value): &&(String, String)| axis_of(name).is_some_and(|axis| value.parse() == Ok(place[axis]));
         self.record.iter().flatten().flatten().filter(move |entry| !is_place(entry)).chain(&self.added)
     }
 
@@ -70,7 +98,7 @@ impl Pick {
     pub fn as_text(&self) -> String {
         // The number of a streamed point means nothing outside of its index.
         let number = if self.is_streamed { String::new() } else { format!("\tpoint {}", self.number) };
-        let mut text = format!("{}{number}\t{}\n", self.cloud, coordinates(self.world).replace("  ", "\t"));
+        let mut text = format!("{}{number}\t{}\n", self.cloud, self.coordinates().replace("  ", "\t"));
         for (name, value) in self.attributes() {
             text += &format!("{name}\t{value}\n");
         }
