@@ -44,13 +44,18 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     if lights_are_shown != session.tools.light_panel_is_open {
         actions.push(Action::ShowLights(lights_are_shown));
     }
-    CentralPanel::default().frame(Frame::new()).show(ui, |ui| {
-        let rect = panels::comparing::beside(ui, ui.available_rect_before_wrap(), session, &mut actions);
+    let area = CentralPanel::default().frame(Frame::new()).show(ui, |ui| {
+        let area = ui.available_rect_before_wrap();
+        let rect = panels::comparing::beside(ui, area, session, &mut actions);
         picture_area(ui, session, picture, rect, &mut actions);
+        area
     });
-    session.outside.messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
-    let above_status = ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0));
-    panels::pick::show(ui.ctx(), above_status, session, &mut actions);
+    let area = area.inner;
+    // The toasts and the card leave the timeline free, and the palette while it is open.
+    let palette = session.palette.as_ref().and_then(|_| panels::palette::area(ui.ctx()));
+    let free = palette.map_or(area, |palette| area.with_min_y(palette.bottom().clamp(area.top(), area.bottom())));
+    session.outside.messages.show(ui.ctx(), free, &mut actions);
+    panels::pick::show(ui.ctx(), area, session, &mut actions);
     panels::sweep::show(ui.ctx(), session, &mut actions);
     panels::recording::show(ui.ctx(), session, &mut actions);
     panels::profiles::window(ui.ctx(), session, &mut actions);
@@ -172,7 +177,7 @@ mod tests {
     use crate::viewer::look::tab::Tab;
     use crate::viewer::panels::side::OWN_PANELS;
     use crate::viewer::picture::messages::Report;
-    use crate::viewer::requests::action::Measuring;
+    use crate::viewer::requests::action::{Film, Measuring};
     use crate::viewer::requests::outside::{Asked, Effect};
     use crate::viewer::requests::preferences::Preferences;
 
@@ -223,6 +228,30 @@ mod tests {
         harness.event(egui::Event::Text("3".into()));
         harness.run_ok();
         assert_eq!(harness.state().scene.settings.color.by, scene::ColorBy::Height);
+    }
+
+    #[test]
+    fn toasts_and_the_card_of_a_point_lie_neither_over_the_timeline_nor_over_the_palette() {
+        let mut harness = harness();
+        let session = harness.state_mut();
+        session.act(Action::Film(Film::Toggle));
+        (0..9).for_each(|number| {
+            session.outside.messages.warning(format!("warning {number} {}", "of many words ".repeat(20)))
+        });
+        session.tools.pick = Some(panels::pick::tests::pick(glam::DVec3::ZERO));
+        harness.run_ok();
+        let rect = |harness: &Harness<'_, Session>, label: &str| harness.get_by_label_contains(label).rect();
+        let timeline = rect(&harness, "Close the timeline");
+        assert!(rect(&harness, "warning 8").left() > 310.0);
+        for label in ["warning 8", "warning 7", "Forgets"] {
+            let bottom = harness.query_by_label_contains(label).map(|node| node.rect().bottom());
+            assert!(bottom.is_none_or(|bottom| bottom < timeline.top()), "{label} {bottom:?}");
+        }
+        assert!(rect(&harness, "Copy").bottom() < timeline.top());
+        harness.state_mut().act(Action::TogglePalette);
+        harness.run_ok();
+        let palette = rect(&harness, "Up and Down choose");
+        assert!(rect(&harness, "warning 8").top() > palette.bottom());
     }
 
     #[test]

@@ -8,6 +8,15 @@ use crate::viewer::panels::side;
 use crate::viewer::requests::action::Action;
 use crate::viewer::session::Session;
 
+fn id() -> egui::Id {
+    egui::Id::unique("command palette")
+}
+
+/// The part of the window that the palette takes, if it has been drawn.
+pub fn area(context: &egui::Context) -> Option<egui::Rect> {
+    context.memory(|memory| memory.area_rect(id()))
+}
+
 /// Draws the palette if it is open.
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(before) = &session.palette else { return };
@@ -16,6 +25,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     palette.chosen = palette.chosen.min(rows.len().saturating_sub(1));
     let (mut run, mut is_open) = (None, true);
     egui::Window::new("Command palette")
+        .id(id())
         .title_bar(false)
         .resizable(false)
         .anchor(egui::Align2::CENTER_TOP, [0.0, 70.0])

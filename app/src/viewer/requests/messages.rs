@@ -30,6 +30,8 @@ pub struct Messages {
     pub list_is_open: bool,
 }
 
+/// The height of a toast of one line, in points of the window.
+const LINE: f32 = 38.0;
 /// The largest number of toasts at a time. The list has the older ones.
 const TOASTS: usize = 4;
 
@@ -62,6 +64,10 @@ impl Messages {
         let mut soonest: Option<Duration> = None;
         let mut top = rect.top() + 12.0;
         for (index, (place, message)) in toasts.enumerate() {
+            // One line more would not fit.
+            if index > 0 && top + LINE > rect.bottom() {
+                break;
+            }
             let left = message.level.duration().saturating_sub(message.since.elapsed());
             soonest = Some(soonest.map_or(left, |soonest| soonest.min(left)));
             let area = egui::Area::new(egui::Id::unique(("toast", index)))
