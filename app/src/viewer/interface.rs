@@ -142,6 +142,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     }
     welcome::hint(ui, rect, session);
     welcome::lost(ui, rect, session);
+    welcome::first_reflection(ui, rect, session);
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
         ui.painter().rect_filled(rect, 0.0, Color32::from_black_alpha(150));
         let font = egui::FontId::proportional(22.0);

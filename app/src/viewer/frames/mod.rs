@@ -72,6 +72,8 @@ pub struct Frames {
     /// to light on the way.
     told_shaders: Cell<(u64, f32)>,
     pub shown: Option<Shown>,
+    /// Whether that picture shows its background alone.
+    pub is_blank: bool,
     /// The last request that was sent to the render thread.
     pub requested: Option<FrameRequest>,
     requested_at: Option<Instant>,

@@ -1,14 +1,12 @@
 //! What a newcomer sees over the picture: the hint of the first scene, and the page that is left when everything is closed.
 
-use egui::{Color32, Rect, RichText, Ui};
-use glam::{DVec2, DVec3};
-
 use crate::viewer::look::theme;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::requests::action::{Action, Filing};
 use crate::viewer::requests::bindings;
 use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::session::Session;
+use egui::{Color32, Rect, RichText, Ui};
 
 /// What a newcomer can do.
 const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a file of points here, or press";
@@ -25,31 +23,32 @@ pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
 
 /// Says how to come back where the picture at rest shows none of what is there.
 pub fn lost(ui: &Ui, rect: Rect, session: &Session) {
-    if !session.interface_is_hidden && session.frames.final_one().is_some() && is_out_of_view(session) {
-        let back = bindings::shortcut(&Action::FrameAll);
-        caption(ui, rect, rect.center(), &format!("Nothing is in view. {back} frames everything."));
+    if let Some(text) = lost_text(session).filter(|_| !session.interface_is_hidden) {
+        caption(ui, rect, rect.center(), &text);
     }
 }
 
-/// Whether the box of everything that is shown lies beside the picture or behind the eye.
-fn is_out_of_view(session: &Session) -> bool {
-    let (bounds, lens, size) = (session.bounds(), session.scene.lens(), session.scene.view_size);
-    if bounds.is_empty() {
-        return false;
+fn lost_text(session: &Session) -> Option<String> {
+    let is_lost = session.frames.final_one().is_some() && session.frames.is_blank && !session.bounds().is_empty();
+    let back = bindings::shortcut(&Action::FrameAll);
+    let shows_all = session.scene.objects.test().shows_all();
+    let more = if shows_all { "" } else { " Clips and filters hide points, too." };
+    is_lost.then(|| format!("Nothing is in view. {back} frames everything.{more}"))
+}
+
+/// Says what the inspection mirror waits for until a picture shows it.
+pub fn first_reflection(ui: &Ui, rect: Rect, session: &Session) {
+    let Some(held) = session.tools.inspection.as_ref().and_then(|held| held.mirror.as_ref()) else { return };
+    let shown = session.frames.shown.as_ref().map(|shown| &shown.request.mirrors);
+    if shown.is_some_and(|mirrors| mirrors.iter().any(|mirror| mirror.name == held.name)) {
+        return;
     }
-    let ray = |[x, y]: [u32; 2]| lens.ray(DVec2::new(f64::from(x * size[0]), f64::from(y * size[1])));
-    let (eye, ahead) = lens.ray(DVec2::from(size.map(f64::from)) * 0.5);
-    let is_behind = |corner: DVec3| (corner - eye).dot(ahead) < 0.0;
-    // The planes through the edges of the picture; what is ahead lies on their inner sides.
-    let is_beyond = |[one, other]: [[u32; 2]; 2], corner: DVec3| {
-        let ((from, along), (to, beside)) = (ray(one), ray(other));
-        let normal = along.cross(to + beside - from);
-        (corner - from).dot(normal) * (eye + ahead - from).dot(normal) < 0.0
+    let wait = match session.frames.compiled() {
+        Some(share) => format!("shaders are compiled, {:.0} %", share * 100.0),
+        None => "it is being drawn".into(),
     };
-    let edges = [[[0, 0], [0, 1]], [[1, 0], [1, 1]], [[0, 0], [1, 0]], [[0, 1], [1, 1]]];
-    let corners = bounds.corners();
-    corners.into_iter().all(is_behind)
-        || edges.into_iter().any(|edge| corners.into_iter().all(|corner| is_beyond(edge, corner)))
+    caption(ui, rect, rect.center_bottom() - egui::vec2(0.0, 24.0), &format!("First picture in the mirror: {wait}"));
+    ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
 }
 
 /// Writes a text over the picture that can be read whatever is behind it, in lines that fit into the picture. It stands
@@ -130,9 +129,11 @@ fn scene_row(ui: &mut Ui, names: &[String], actions: &mut Vec<Action>) {
 mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use glam::DVec3;
     use scene::Camera;
 
     use super::*;
+    use crate::viewer::bench::Bench;
     use crate::viewer::requests::preferences::Preferences;
 
     #[test]
@@ -160,22 +161,20 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_beside_the_picture_or_behind_the_eye_is_out_of_view() {
-        let mut session = Session::with_points(vec![[-1.0; 3], [1.0; 3]]);
-        session.scene.view_size = [400, 300];
-        let middle = |at: [f64; 3]| Camera::from_eye(DVec3::new(0.0, -10.0, 0.0), DVec3::from(at), DVec3::Z);
-        let mut is_lost = |at: [f64; 3]| {
-            session.scene.camera = middle(at);
-            [scene::Projection::Perspective, scene::Projection::Orthographic].map(|projection| {
-                session.scene.settings.view.projection = projection;
-                is_out_of_view(&session)
-            })
-        };
-        assert_eq!(is_lost([0.0, 0.0, 0.0]), [false; 2]);
-        assert_eq!(is_lost([0.0, -20.0, 0.0]), [true; 2], "behind the eye");
-        for beside in [[30.0, -5.0, 0.0], [-30.0, -5.0, 0.0], [0.5, -9.0, 30.0], [0.5, -9.0, -30.0]] {
-            assert!(is_lost(beside)[0], "{beside:?}");
-        }
-        assert!(!is_lost([5.0, 0.0, 0.0])[0], "at the edge");
+    fn a_view_of_nothing_says_how_to_come_back_wherever_the_eye_stands() {
+        let Some(mut bench) = Bench::with_scene("courtyard/pool") else { return };
+        bench.settle();
+        assert_eq!(lost_text(&bench.session), None);
+        // The eye stands within the box of everything, below the open sky, and looks up.
+        let (bounds, up) = (bench.session.bounds(), bench.session.up());
+        let height = (bounds.max - bounds.center()).dot(up);
+        let eye = bounds.center() + up * (0.99 * height);
+        bench.session.scene.camera = Camera::from_eye(eye, eye + up * 10.0 + DVec3::X, up);
+        bench.settle();
+        let told = "Nothing is in view. Home frames everything.";
+        assert_eq!(lost_text(&bench.session).as_deref(), Some(told));
+        bench.session.act(Action::FrameAll);
+        bench.settle();
+        assert_eq!(lost_text(&bench.session), None);
     }
 }

@@ -97,6 +97,8 @@ pub struct Captured {
 pub struct Frame {
     pub request: FrameRequest,
     pub stats: FrameStats,
+    /// Whether every pixel is of the colour of the background: nothing is in view.
+    pub is_blank: bool,
     /// Milliseconds from the start of drawing until the picture is in the window's texture.
     pub total_milliseconds: f64,
     /// The device of the window that has the texture.

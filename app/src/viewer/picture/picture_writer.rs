@@ -60,6 +60,13 @@ fn write_all(finished: &Receiver<Finished>, report: &impl Fn(Report)) {
     }
 }
 
+/// Whether every pixel is of the colour of the background. A picture of something says so within its first rows.
+fn is_blank(rows: &PictureRows, width: u32, background: param::Color) -> bool {
+    let [red, green, blue, _] = background.bytes();
+    let mut rows = rows.bytes().chunks(rows.stride as usize).map(|row| row.get(..width as usize * 4).unwrap_or(row));
+    rows.all(|row| row.as_chunks::<4>().0.iter().all(|pixel| pixel[..3] == [red, green, blue]))
+}
+
 /// The textures of the picture in the window and of the one before it, which the next one takes: the window may still
 /// show the picture before.
 #[derive(Default)]
@@ -76,6 +83,7 @@ impl Textures {
     fn write(&mut self, drawn: DrawnFrame) -> render::Result<Frame> {
         let DrawnFrame { request, stats, rows, started, window_gpu } = drawn;
         let [width, height] = request.drawn_size();
+        let is_blank = is_blank(&rows, width, request.settings.view.background);
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
         let texture = match self.free.take() {
             Some((gpu, texture)) if Arc::ptr_eq(&gpu, &window_gpu) && texture.size() == size => texture,
@@ -87,6 +95,6 @@ impl Textures {
         window_gpu.queue.submit([]);
         self.free = self.shown.replace((window_gpu.clone(), texture.clone()));
         let total_milliseconds = started.elapsed().as_secs_f64() * 1e3;
-        Ok(Frame { request, stats, total_milliseconds, window_gpu, texture })
+        Ok(Frame { request, stats, is_blank, total_milliseconds, window_gpu, texture })
     }
 }

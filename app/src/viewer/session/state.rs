@@ -432,9 +432,10 @@ impl Session {
                     self.figure_history.push(&frame.stats);
                     self.auto.learn(&frame.request, &frame.stats);
                 }
-                let Frame { request, stats, total_milliseconds, .. } = *frame;
+                let Frame { request, stats, is_blank, total_milliseconds, .. } = *frame;
                 self.scene.navigation.on_picture(request.spared.is_some());
                 self.frames.show(request, stats, total_milliseconds, f64::from(self.scene.settings.view.frame_ms));
+                self.frames.is_blank = is_blank;
             }
             Report::Picked { pixel, purpose, point } => {
                 self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);
