@@ -9,6 +9,7 @@ use render::Gpu;
 
 use crate::viewer::interface;
 use crate::viewer::jobs::sweep_files::SweepResult;
+use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::{Command, Report};
 use crate::viewer::picture::render_thread::RenderThread;
 use crate::viewer::requests::action::Action;
@@ -105,8 +106,12 @@ impl Bench {
 
     /// The picture of the frame on the screen.
     pub fn read(&mut self) -> Vec<u8> {
-        let request = Box::new(self.session.frames.shown.as_ref().expect("a frame").request.clone());
-        self.thread.send(Command::Read { request, images: Vec::new() });
+        self.read_of(self.session.frames.shown.as_ref().expect("a frame").request.clone())
+    }
+
+    /// The picture of any frame of the points that are there.
+    pub fn read_of(&mut self, request: FrameRequest) -> Vec<u8> {
+        self.thread.send(Command::Read { request: Box::new(request), images: Vec::new() });
         match self.report() {
             Report::Read(picture) => picture.rgba,
             _ => panic!("no picture"),

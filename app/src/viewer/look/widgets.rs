@@ -10,7 +10,7 @@ use crate::viewer::look::theme::grouped;
 pub const NAME_WIDTH: f32 = 96.0;
 
 /// The smallest size of a letter that is still read, in points.
-const SMALLEST: f32 = 9.5;
+pub const SMALLEST: f32 = 9.5;
 
 /// Draws the name of a line, in smaller letters where it is long. All names have the same width and can be clicked.
 pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Response {

@@ -8,12 +8,27 @@ use param::{Field, Group, Kind, Params, Value};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::name_label;
 use crate::viewer::requests::action::Action;
+use crate::viewer::scene::idle;
 
 /// Draws the parameters of a group, except those named in `skip`.
 pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut Vec<Action>) {
     let group = params.group();
+    let mut told = None;
     for field in group.fields.iter().filter(|field| !skip.contains(&field.name)) {
-        parameter(ui, params, field.name, actions);
+        let reason = idle::reason(params, field.name);
+        // Those that follow each other for one reason share a line.
+        if reason != told {
+            idle_notice(ui, reason.as_deref());
+        }
+        told = reason;
+        value_row(ui, params, field.name, actions);
+    }
+}
+
+/// Says why what follows changes nothing.
+fn idle_notice(ui: &mut Ui, reason: Option<&str>) {
+    if let Some(reason) = reason {
+        ui.add(egui::Label::new(RichText::new(reason).small().color(theme::WARNING)).wrap());
     }
 }
 
@@ -67,6 +82,11 @@ pub fn words(key: &str) -> &'static str {
 
 /// Draws one parameter.
 pub fn parameter(ui: &mut Ui, params: &dyn Params, name: &str, actions: &mut Vec<Action>) {
+    idle_notice(ui, idle::reason(params, name).as_deref());
+    value_row(ui, params, name, actions);
+}
+
+fn value_row(ui: &mut Ui, params: &dyn Params, name: &str, actions: &mut Vec<Action>) {
     let group = params.group();
     let Some(index) = group.fields.iter().position(|field| field.name == name) else { return };
     let field = &group.fields[index];
@@ -217,6 +237,8 @@ pub fn title(name: &str) -> String {
         "across" => "Power across",
         "carve" => "End at edges",
         "keep" => "Keep reflections",
+        "planar_normal_threshold" => "Planar normals",
+        "depth_step_threshold" => "Depth step",
         "point" => "Error of point",
         "reading" => "Interleaved as in",
         _ => "",
@@ -248,6 +270,7 @@ mod tests {
     use scene::Settings;
 
     use super::*;
+    use crate::viewer::look::widgets::{NAME_WIDTH, SMALLEST};
 
     /// The parameters, and the other actions that were asked for.
     type Shown = (Settings, Vec<Action>);
@@ -291,6 +314,33 @@ mod tests {
                 assert!(harness.query_all_by_label(&title(field.name)).next().is_some(), "{}", field.name);
             }
         }
+    }
+
+    #[test]
+    fn what_changes_nothing_says_so_once_and_why() {
+        let told = |harness: &Harness<'_, Shown>, text: &str| harness.query_all_by_label(text).count();
+        let mut harness = harness(Settings::default());
+        harness.run();
+        assert_eq!(told(&harness, "gloss.samples is 0: these change nothing."), 1);
+        harness.state_mut().0.gloss.samples = 4;
+        harness.run();
+        assert_eq!(told(&harness, "gloss.samples is 0: these change nothing."), 0);
+        assert_eq!(told(&harness, "gloss.cache_power is 0: these change nothing."), 1);
+    }
+
+    #[test]
+    fn the_names_of_all_parameters_fit_into_their_lines() {
+        let context = egui::Context::default();
+        let mut wide = Vec::new();
+        drop(context.run_ui(egui::RawInput::default(), |ui| {
+            for field in Settings::default().groups().into_iter().flat_map(|params| &params.group().fields) {
+                let font = egui::FontId::proportional(SMALLEST);
+                let name = egui::WidgetText::from(title(field.name));
+                let galley = name.into_galley(ui, Some(egui::TextWrapMode::Extend), f32::INFINITY, font);
+                wide.extend((galley.size().x > NAME_WIDTH).then(|| (field.name, galley.size().x)));
+            }
+        }));
+        assert_eq!(wide, []);
     }
 
     #[test]

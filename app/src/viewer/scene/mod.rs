@@ -4,6 +4,7 @@ pub mod approach;
 pub mod confines;
 pub mod flight;
 pub mod furnishing;
+pub mod idle;
 pub mod light_search;
 pub mod navigation;
 pub mod orbit;

@@ -7,7 +7,7 @@ use scene::{Lighting, Show};
 use crate::viewer::frames::Situation;
 use crate::viewer::loaded::{Loaded, all_mirrors};
 use crate::viewer::picture::frame_request::FrameRequest;
-use crate::viewer::scene::Scene;
+use crate::viewer::scene::{Scene, idle};
 use crate::viewer::tools::Tools;
 
 /// The request for the current view in full quality. `revision` is the number of the present points.
@@ -22,7 +22,7 @@ pub fn picture(scene: &Scene, loaded: &Loaded, tools: &Tools, revision: u64, raw
     }
     FrameRequest {
         camera: scene.camera,
-        settings: settings.drawn(),
+        settings: idle::drawn(&settings),
         mirrors: all_mirrors(&scene.objects, tools.inspection.as_ref()).map(|(_, mirror)| mirror.clone()).collect(),
         lights: loaded.lights(scene),
         clues: loaded.clues(scene),

@@ -17,6 +17,7 @@ use crate::viewer::picture::messages::{Captured, Command};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::requests::work::Work;
+use crate::viewer::scene::idle;
 use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::truth::view::{MOST_POINTS, Swept, TruthView, too_many_points};
 use crate::viewer::truth::{Around, tuning};
@@ -52,7 +53,7 @@ impl Sweep {
     /// The frame for the current value.
     fn request(&self) -> Option<FrameRequest> {
         let (_, settings) = self.values.get(self.result.rows.len())?;
-        Some(FrameRequest { settings: settings.drawn(), ..self.view.clone() })
+        Some(FrameRequest { settings: idle::drawn(settings), ..self.view.clone() })
     }
 }
 
