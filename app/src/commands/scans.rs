@@ -77,7 +77,7 @@ fn of_source(source: &codec::Source, test: &PointTest, settings: &Settings) -> a
         return Err(usage(format!("{}: no points in it", shown(path))));
     }
     let up: DVec3 = world::up_of(info, settings);
-    let places = info.scan.iter().filter_map(|scan| scan.position).collect();
+    let places = info.scanner().into_iter().collect();
     Ok(Scan { cloud: cloud.shown(test), up, places })
 }
 

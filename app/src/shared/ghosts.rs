@@ -76,7 +76,7 @@ fn stations(sources: &[Arc<Source>], named: &[DVec3]) -> anyhow::Result<(Vec<DVe
     }
     let (mut stations, mut of_file) = (Vec::new(), Vec::new());
     for source in sources {
-        let place = source.info().scan.as_ref().and_then(|scan| scan.position);
+        let place = source.info().scanner();
         of_file.push(place.map(|place| {
             stations.iter().position(|known| *known == place).unwrap_or_else(|| {
                 stations.push(place);

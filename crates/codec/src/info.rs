@@ -75,6 +75,11 @@ pub struct Image {
 }
 
 impl Info {
+    /// Where the scanner stood, if the file says so.
+    pub fn scanner(&self) -> Option<DVec3> {
+        self.scan.as_ref().and_then(|scan| scan.position)
+    }
+
     /// What is known of a cloud of this format before its rows are looked at.
     pub(crate) fn of_rows(path: &std::path::Path, format: Format, version: String) -> Self {
         Self {

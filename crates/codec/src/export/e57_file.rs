@@ -165,7 +165,7 @@ impl Job<'_> {
         writer.set_coordinate_metadata(crs);
         for (number, own) in own.iter().enumerate() {
             let info = self.sources[number].info();
-            let position = info.scan.as_ref().and_then(|scan| scan.position);
+            let position = info.scanner();
             // Colours that are zero everywhere are none: other programs would show black points.
             let has_place = |field: &Field| field.meaning != Meaning::Color || info.has_colors;
             let fields: Vec<Field> = own.fields.iter().filter(|field| has_place(field)).cloned().collect();
