@@ -221,7 +221,7 @@ impl Scenes for Inputs {
         match (scans.pop(), scans.is_empty()) {
             (Some((_, scan)), true) => {
                 let (scan, progress) = (scan?, Progress::default());
-                let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, settings);
+                let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, scan.scanner(), settings);
                 Ruler::new(&scan, HoldOut::default(), &[], options, settings, gpu, &progress)
             }
             _ => Err(anyhow!("{scene}: sightlines judge the surface of one cloud, not of several")),

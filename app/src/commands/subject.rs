@@ -278,7 +278,7 @@ fn fit_radii(loaded: &mut Assembly, settings: &Settings, test: &PointTest) -> an
     }
     let progress = Progress::default();
     let own = loaded.with_full_radii();
-    let fit = || world::radii_of_shown(&own, loaded.up, settings, &test, &progress);
+    let fit = || world::radii_of_shown(&own, loaded.up, loaded.scanner, settings, &test, &progress);
     let radii = progress_bar::watch("radii", &progress, fit);
     interrupt::check()?;
     drop(loaded.put_radii(radii));

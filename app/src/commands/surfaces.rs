@@ -174,7 +174,7 @@ fn ruler(
 ) -> anyhow::Result<Ruler> {
     let hold_out = HoldOut { share: arguments.holdout, seed: arguments.seed };
     let progress = Progress::default();
-    let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, settings);
+    let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, scan.scanner(), settings);
     let ruler = || Ruler::new(scan, hold_out, places, options, settings, gpu, &progress);
     let ruler = progress_bar::watch("normals", &progress, ruler)?;
     interrupt::check()?;

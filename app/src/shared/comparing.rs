@@ -401,7 +401,7 @@ fn m3c2(scales: Scales, first: &Side, tree: &PointTree) -> measure::Result<M3c2>
     let step = tree.len().div_ceil(ORIENTING_POINTS).max(1);
     let origin = tree.points().first().copied().unwrap_or_default().round();
     let some = tree.points().iter().step_by(step).map(|point| (*point - origin).as_vec3().to_array()).collect();
-    let orientation = world::options_for(&[Chunk::new(0, origin, some)], first.up, &first.settings).orientation;
+    let orientation = world::options_for(&[Chunk::new(0, origin, some)], first.up, None, &first.settings).orientation;
     M3c2::new(tree, scales.normal, scales.cylinder, scales.reach, scales.registration, orientation)
 }
 

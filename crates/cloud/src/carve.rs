@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use crate::shape::smallest_eigenvector;
 use crate::{
-    Chunk, NO_NORMAL, Progress, Surfels, hash, pack_normal, pack_radius, spread_sample, stray_kind, unpack_normal,
-    unpack_radius,
+    Chunk, NO_NORMAL, Progress, Stretch, Surfels, hash, pack_ellipse, pack_normal, spread_sample, stray_kind,
+    stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
 };
 
 /// A point is behind a disc if it is further away than where its sightline meets the disc's plane, by this share of the
@@ -24,7 +24,9 @@ const WIDER: f32 = 1.5;
 const WIDEST: f32 = 2.0;
 /// Discs whose normals have a smaller cosine to the sightline are taken for ones with this.
 const MOST_ASLANT: f32 = 0.25;
-/// The least share of a radius that is left.
+/// The ratio of an ellipse that a longer one may become.
+const ROUNDER: f32 = 3.0;
+/// The least share of a radius, or of a short half axis, that is left.
 const LEAST_LEFT: f32 = 0.2;
 /// The most cells that a disc is searched in along an axis, to either side: larger discs are larger than any surface
 /// that is sampled around them.
@@ -47,20 +49,35 @@ const LEAST_FITTED: f32 = 5.0;
 const FINEST: i32 = 19;
 /// The number of points that decide a depth image, some of each cell of directions.
 const PER_CELL: usize = 4;
-/// In a depth image, this share of the points that are neighbours as seen from the origin are near to one another ...
+/// In a depth image, this share of the points that are neighbours as seen from its place are near to one another ...
 const SAME_SURFACE: f64 = 0.9;
 /// ... which is: their distances differ by less than this share of what those of any two points differ by.
 const NEAR: f64 = 0.25;
-/// Distances that differ by less say nothing: the origin is far from the scan.
+/// Distances that differ by less say nothing: the place is far from the scan.
 const LEAST_DEPTH: f64 = 0.02;
 /// In a depth image, pixels are evenly spread: this share of the points is in cells with at most three times as many
 /// points as the middle one.
 const EVEN: f64 = 0.9;
+/// Of a grid of azimuth and elevation, whose columns draw together at the zenith, 0.88 are; of points that are spread
+/// evenly over the walls of a room 0.77, and of the scans of two stations together 0.65. Less than `EVEN` is enough only
+/// where the place is known.
+const EVEN_OF_KNOWN: f64 = 0.83;
 
 /// Whether a cloud is a depth image: each direction from the origin meets one surface, and the points are spread evenly
 /// over the directions.
 pub fn is_depth_image(chunks: &[Chunk]) -> bool {
-    let sample: Vec<DVec3> = spread_sample(chunks).filter(|point| point.length_squared() > 0.0).collect();
+    is_evenly_seen(chunks, DVec3::ZERO, EVEN)
+}
+
+/// Whether all points of a cloud are what the scanner saw whose place its file names: one of several scans of a file, and
+/// not a cloud that was put together of them or thinned out.
+pub fn is_seen_from(chunks: &[Chunk], place: DVec3) -> bool {
+    is_evenly_seen(chunks, place, EVEN_OF_KNOWN)
+}
+
+fn is_evenly_seen(chunks: &[Chunk], place: DVec3, least: f64) -> bool {
+    let sample = spread_sample(chunks).map(|point| point - place);
+    let sample: Vec<DVec3> = sample.filter(|point| point.length_squared() > 0.0).collect();
     if sample.len() < 100 {
         return false;
     }
@@ -99,7 +116,7 @@ pub fn is_depth_image(chunks: &[Chunk]) -> bool {
     counts.sort_unstable();
     let most = 3 * counts[counts.len() / 2];
     let even: usize = counts.iter().filter(|count| **count <= most).sum();
-    usual > LEAST_DEPTH && same as f64 >= SAME_SURFACE * near.len() as f64 && even as f64 >= EVEN * placed.len() as f64
+    usual > LEAST_DEPTH && same as f64 >= SAME_SURFACE * near.len() as f64 && even as f64 >= least * placed.len() as f64
 }
 
 /// A point as seen from a place.
@@ -198,20 +215,24 @@ pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, pro
             let (chunk, index) = (seen.chunk as usize, seen.index as usize);
             let (mut normal, radius) = (known[chunk].normals[index], known[chunk].radii[index]);
             let is_own = chunks[chunk].normals.as_ref().is_some_and(|normals| normals[index] != NO_NORMAL);
-            if !is_own
+            // An ellipse lies in the plane of the rows beside its point, which are farther apart than the pixels around.
+            let is_ellipse = stretch_ratio(radius) > 1.0;
+            if !(is_own || is_ellipse)
                 && let Some(fitted) = fitted_normal(&lists[0].filled(&directions, middle, 1).points, seen.way, limit)
             {
                 let towards = unpack_normal(normal).unwrap_or(-seen.way);
                 normal = pack_normal(if fitted.dot(towards) < 0.0 { -fitted } else { fitted });
             }
             let sized = unpack_radius(radius).filter(|_| stray_kind(radius) == 0).zip(unpack_normal(normal));
-            let carve = sized.map(|(radius, normal)| {
+            let carve = sized.map(|(long, normal)| {
+                let stretch = unpack_stretch(radius, normal);
                 let distance = seen.way.length();
-                let aslant = (seen.way.dot(normal).abs() / distance).max(MOST_ASLANT);
-                let radius = (WIDER * radius).min(WIDEST * usual * distance / aslant);
-                let nearest = nearest_hidden(&directions, lists, middle, seen.way, radius, normal);
-                let share = if nearest < radius { (WAY * nearest / radius).max(LEAST_LEFT) } else { 1.0 };
-                pack_radius(radius * share)
+                let cosine = seen.way.dot(normal).abs() / distance;
+                // Rows that graze a surface were measured, however far apart they are.
+                let aslant = if stretch.is_some() { cosine } else { cosine.max(MOST_ASLANT) };
+                let long = (WIDER * long).min(WIDEST * usual * distance / aslant);
+                let splat = Splat { way: seen.way, normal, long, stretch };
+                splat.carved(&directions, lists, middle)
             });
             carved.push((normal, carve.unwrap_or(radius)));
         }
@@ -300,35 +321,70 @@ fn fitted_normal(around: &[Beside], way: Vec3, limit: f32) -> Option<Vec3> {
     smallest_eigenvector(covariance).map(|normal| normal.as_vec3())
 }
 
-/// How far from its middle a disc is met by the nearest of the sightlines that it hides; its radius if it hides none.
-/// `middle` is a direction in the point's cell, about which the lists are.
-fn nearest_hidden(
-    directions: &Directions,
-    lists: &mut Lists,
-    middle: Vec3,
+/// A splat and the way to its middle from the place.
+struct Splat {
     way: Vec3,
-    radius: f32,
     normal: Vec3,
-) -> f32 {
-    let distance = way.length();
-    let steps = (radius / (distance - radius).max(0.0) * directions.fineness).ceil();
-    if !(steps >= 1.0 && distance.is_finite()) {
-        return radius;
+    /// The radius of a disc, or the long half axis of an ellipse.
+    long: f32,
+    stretch: Option<Stretch>,
+}
+
+impl Splat {
+    /// The packed radius of the largest splat that ends before each sightline that this one hides. Where that has to be
+    /// much shorter it is a rounder one, but never wider. `middle` is a direction in the point's cell, about which the
+    /// lists are.
+    fn carved(&self, directions: &Directions, lists: &mut Lists, middle: Vec3) -> u16 {
+        let Stretch { axis, ratio } = self.stretch.unwrap_or(Stretch { axis: Vec3::ZERO, ratio: 1.0 });
+        let short = self.long / ratio;
+        let ratios = [ratio, ratio.min(ROUNDER), 1.0];
+        // For each ratio the square of the long half axis of the ellipse through the nearest sightline.
+        let mut ends = [f32::INFINITY; 3];
+        self.visit_hidden(directions, lists, middle, |offset| {
+            let along = offset.dot(axis).powi(2);
+            let across = offset.length_squared() - along;
+            for (end, ratio) in ends.iter_mut().zip(ratios) {
+                *end = end.min(along + ratio * ratio * across);
+            }
+        });
+        let carved = ends.into_iter().zip(ratios).map(|(end, ratio)| {
+            let (end, longest) = (end.sqrt(), short * ratio);
+            let long = if end < longest { (WAY * end).max(LEAST_LEFT * short) } else { longest };
+            (long, ratio)
+        });
+        let area = |(long, ratio): (f32, f32)| long * long / ratio;
+        let (long, ratio) = carved.fold((0.0, 1.0), |most, own| if area(own) > area(most) { own } else { most });
+        pack_ellipse(long, Stretch { axis, ratio }, self.normal)
     }
-    let steps = (steps as usize).min(MOST_CELLS);
-    let around = lists[steps - 1].filled(directions, middle, steps);
-    // All of the disc is at least this far away, so that it hides nothing that is nearer.
-    if around.farthest * (1.0 - BEHIND) < distance - radius {
-        return radius;
+
+    /// Visits the places, as seen from the middle of the splat, where its plane is met by the sightlines that it may
+    /// hide.
+    fn visit_hidden(&self, directions: &Directions, lists: &mut Lists, middle: Vec3, mut visit: impl FnMut(Vec3)) {
+        let distance = self.way.length();
+        // Half of how wide the splat is at most as seen from the place: a floor that is grazed is long in space alone.
+        let half = self.stretch.map_or(self.long, |Stretch { axis, ratio }| {
+            let across = 1.0 - (axis.dot(self.way) / distance).powi(2);
+            self.long * (across + ratio.powi(-2)).max(0.0).sqrt()
+        });
+        let steps = (half / (distance - self.long).max(0.0) * directions.fineness).ceil();
+        if !(steps >= 1.0 && distance.is_finite()) {
+            return;
+        }
+        let steps = (steps as usize).min(MOST_CELLS);
+        let around = lists[steps - 1].filled(directions, middle, steps);
+        // All of the splat is at least this far away, so that it hides nothing that is nearer.
+        if around.farthest * (1.0 - BEHIND) < distance - self.long {
+            return;
+        }
+        let along = self.way.dot(self.normal);
+        for other in &around.points {
+            // The sightline is in units of itself: 1 is the other point.
+            let share = along / other.way.dot(self.normal);
+            if share > 0.0 && share < 1.0 - BEHIND {
+                visit(other.way * share - self.way);
+            }
+        }
     }
-    let along = way.dot(normal);
-    let behind = |other: &Beside| {
-        // The sightline is in units of itself: 1 is the other point.
-        let share = along / other.way.dot(normal);
-        let is_behind = share > 0.0 && share < 1.0 - BEHIND;
-        if is_behind { (other.way * share - way).length_squared() } else { f32::INFINITY }
-    };
-    around.points.iter().map(behind).fold(f32::INFINITY, f32::min).sqrt().min(radius)
 }
 
 #[cfg(test)]

@@ -33,7 +33,7 @@ mod volume;
 
 pub use blank::{ColorCount, is_black};
 pub use bounds::Bounds;
-pub use carve::is_depth_image;
+pub use carve::{is_depth_image, is_seen_from};
 pub use certainty::{HalfWidths, STATED, SURFACE_ERROR, error_along, half_widths, surface_errors};
 pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};

@@ -3,7 +3,7 @@
 
 use cloud::{
     Chunk, Orientation, Progress, RadiusRule, Random, SurfelOptions, Surfels, estimate, hash, neighbourhoods,
-    stray_kind, stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
+    resized_radius, stray_kind, stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
 };
 use glam::{DVec3, Vec3};
 
@@ -201,4 +201,61 @@ fn the_order_of_points_changes_no_surfel() {
         let differing = one.iter().zip(&other).filter(|(one, other)| one != other).count();
         assert_eq!(differing, 0, "of {} with {neighbours} neighbours", points.len());
     }
+}
+
+/// What a scanner 1.5 m above a floor sees of it up to an edge aslant, and of another floor 2 m below: the points of the
+/// upper one, and of the lower one.
+fn floors() -> [Vec<Vec3>; 2] {
+    let step = 0.2_f32.to_radians();
+    let way = |row: i32, column: i32| {
+        let ((sine, cosine), (across, along)) = ((-row as f32 * step).sin_cos(), (column as f32 * step).sin_cos());
+        Vec3::new(cosine * along, cosine * across, sine)
+    };
+    let ways = (25..70).flat_map(|row| (-60..=60).map(move |column| way(row, column)));
+    let met = |way: Vec3, below: f32| Vec3::Z * 1.5 - way * (below / way.z);
+    let (upper, lower): (Vec<Vec3>, Vec<Vec3>) = ways.partition(|way| {
+        let met = met(*way, 1.5);
+        met.x + 0.8 * met.y < 11.0
+    });
+    [(upper, 1.5), (lower, 3.5)].map(|(ways, below)| ways.into_iter().map(|way| met(way, below)).collect())
+}
+
+#[test]
+fn ellipses_end_before_they_hide_a_point_from_their_scanner_and_stay_ellipses() {
+    let ([upper, lower], scanner) = (floors(), DVec3::Z * 1.5);
+    let chunk = Chunk::new(0, DVec3::ZERO, upper.iter().chain(&lower).map(|point| point.to_array()).collect());
+    let surfels = |seen_from| {
+        let options = SurfelOptions::new(Orientation::Toward(scanner));
+        let options = SurfelOptions { radii: RadiusRule::Spread, seen_from, ..options };
+        estimate(std::slice::from_ref(&chunk), &options, &Progress::default()).unwrap().swap_remove(0)
+    };
+    // Where the sightlines to the points of the lower floor pass the upper one.
+    let passed: Vec<Vec3> = lower.iter().map(|own| scanner.as_vec3().lerp(*own, 1.5 / 3.5)).collect();
+    let hides = |middle: Vec3, packed: u16, normal: u32| {
+        let radius = unpack_radius(packed).unwrap();
+        let axis = unpack_stretch(packed, unpack_normal(normal).unwrap()).map_or(Vec3::ZERO, |stretch| stretch.axis);
+        passed.iter().any(|passed| {
+            let offset = *passed - middle;
+            let along = offset.dot(axis).powi(2);
+            let across = offset.length_squared() - along;
+            along + across * stretch_ratio(packed).powi(2) <= radius * radius
+        })
+    };
+    let (before, after) = (surfels(None), surfels(Some(scanner)));
+    let (mut hiding, mut ellipses, mut longer) = (0, 0, 0);
+    for (index, &middle) in upper.iter().enumerate() {
+        let (own, carved) = (before.radii[index], after.radii[index]);
+        // Half as long again, which closes holes.
+        let long = resized_radius(own, 1.5);
+        hiding += usize::from(hides(middle, long, before.normals[index]));
+        assert!(!hides(middle, carved, after.normals[index]), "{middle} hides a point from the scanner");
+        if stretch_ratio(own) > 1.0 {
+            assert!(stretch_ratio(carved) > 1.0, "the ellipse at {middle} is no longer one");
+            assert_eq!(after.normals[index], before.normals[index]);
+            ellipses += 1;
+            longer += usize::from(carved.abs_diff(long) <= 32);
+        }
+    }
+    assert!(hiding > 20 && ellipses > 1000, "{hiding} would hide points, {ellipses} ellipses");
+    assert!(longer > ellipses * 9 / 10, "{longer} of {ellipses} ellipses became longer");
 }

@@ -169,6 +169,12 @@ impl Variant {
         }
     }
 
+    /// The place of the scanner, if all points were measured from one.
+    pub fn scanner(self) -> Option<DVec3> {
+        let Self::Tripod(scan) = self else { return None };
+        <[DVec3; 1]>::try_from(scan.stations()).ok().map(|[station]| station)
+    }
+
     /// The scene's only light; none under the sun, and none of a made scan, which brings its colours.
     pub fn light(self) -> Option<SpotLight> {
         (!matches!(self, Self::Pool | Self::Tripod(_))).then(light)

@@ -17,6 +17,19 @@ fn each_scan_has_the_rays_that_were_asked_for_and_the_same_seed_gives_the_same_p
     }
 }
 
+#[test]
+fn only_the_scan_of_one_station_is_seen_from_it() {
+    for (tripod, is_scan) in
+        [(Tripod::Room, true), (Tripod::Hall30, true), (Tripod::Even, false), (Tripod::Mixed, false)]
+    {
+        for seed in 1..4 {
+            let station = tripod.stations()[0];
+            assert_eq!(cloud::is_seen_from(&scan(tripod, 60_000, seed), station), is_scan, "{tripod:?}, seed {seed}");
+            assert!(!cloud::is_seen_from(&scan(tripod, 60_000, seed), station + DVec3::new(1.5, 1.0, 0.4)));
+        }
+    }
+}
+
 /// The points of one station in a closed hall: one for each ray.
 fn hall_points(survey: Survey, rays: f64) -> (Vec<DVec3>, DVec3) {
     let (solids, station) = (Tripod::Hall.solids(), Tripod::Hall.stations()[0]);

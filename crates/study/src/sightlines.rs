@@ -84,6 +84,14 @@ pub struct Scan {
     pub places: Vec<DVec3>,
 }
 
+impl Scan {
+    /// The place of the scanner, if it is named and the only one.
+    pub fn scanner(&self) -> Option<DVec3> {
+        let [place] = self.places[..] else { return None };
+        Some(place)
+    }
+}
+
 /// A point that was held out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldPoint {

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let up = world::up_of(source.info(), &settings);
     let (mut cloud, warnings) = world::read_cloud(&source, &[], &settings, &Progress::default())?;
     warnings.iter().for_each(|warning| eprintln!("{warning}"));
-    let options = world::options_for(&cloud.chunks, up, &settings);
+    let options = world::options_for(&cloud.chunks, up, source.info().scanner(), &settings);
     let surfels = cloud::estimate(&cloud.chunks, &options, &Progress::default()).ok_or("cancelled")?;
     for (chunk, surfels) in cloud.chunks.iter_mut().zip(surfels) {
         chunk.normals.get_or_insert(surfels.normals.into());

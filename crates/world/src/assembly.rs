@@ -41,6 +41,8 @@ pub struct Assembly {
     pub units: codec::Units,
     /// The up direction, a unit vector.
     pub up: DVec3,
+    /// Where the scanner stood, in the coordinates of the file, if one place is known.
+    pub scanner: Option<DVec3>,
     /// The radius of points whose own is not known yet, in world units.
     pub provisional_radius: f32,
     /// The number of points that a full read should yield.
@@ -77,6 +79,7 @@ impl Assembly {
             units,
             expected_points,
             up,
+            scanner,
             provisional_radius,
             warnings,
         } = opened;
@@ -93,6 +96,7 @@ impl Assembly {
             crs,
             units,
             up,
+            scanner,
             provisional_radius,
             expected_points,
             points: 0,

@@ -31,6 +31,8 @@ pub struct Opened {
     pub expected_points: u64,
     /// The up direction, a unit vector.
     pub up: DVec3,
+    /// Where the scanner stood, in the coordinates of the file, if one place is known.
+    pub scanner: Option<DVec3>,
     /// The radius of points whose own is not known yet, in world units; 0 if not even the extent is known.
     pub provisional_radius: f32,
     pub warnings: Vec<String>,

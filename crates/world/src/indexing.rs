@@ -239,6 +239,7 @@ impl Loader {
             units,
             expected_points: points,
             up,
+            scanner: None,
             provisional_radius: if bounds.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) },
             warnings,
         };

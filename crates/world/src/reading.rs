@@ -13,7 +13,7 @@ use crate::budget::half_of;
 use crate::chunk_key::Part;
 use crate::event::{Event, Opened};
 use crate::loader::Loader;
-use crate::source::{estimate_description, is_one_file, open_file, options_for, options_of_scan, selection, up, up_of};
+use crate::source::{estimate_description, is_one_file, open_file, options_for, selection, up, up_of};
 use crate::task::{CloudTask, TaskKind};
 use crate::words::{Input, built_in_name};
 
@@ -133,6 +133,7 @@ impl Loader {
             units: info.units,
             expected_points: info.points,
             up,
+            scanner: info.scanner(),
             provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),
             warnings: info.warnings.clone(),
         };
@@ -163,8 +164,8 @@ impl Loader {
             let lacking: Vec<Chunk> = lacking.cloned().collect();
             let bounds = lacking.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
             let provisional_radius = if lacking.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) };
-            let (input, expected_points) = (input.clone(), points);
-            let opened = Opened { name, input, expected_points, up, provisional_radius, ..Opened::default() };
+            let (input, expected_points, scanner) = (input.clone(), points, variant.scanner());
+            let opened = Opened { name, input, expected_points, up, scanner, provisional_radius, ..Opened::default() };
             self.send(Event::Opened { cloud, opened })?;
             for chunk in part.chunks {
                 self.progress.add(chunk.len() as u64);
@@ -177,7 +178,7 @@ impl Loader {
         // The mirrors are there by now.
         if let Some((cloud, points, chunks)) = made {
             let task = self.plan(cloud, TaskKind::Surfels, points)?;
-            let options = options_for(&chunks, up, &self.settings);
+            let options = options_for(&chunks, up, variant.scanner(), &self.settings);
             if let Some(surfels) = task.run(|progress| cloud::estimate(&chunks, &options, progress)) {
                 self.send(Event::Surfels { cloud, surfels })?;
             }
@@ -291,7 +292,7 @@ impl Loader {
                 chunk.normals = Some(Arc::new(normals));
             }
         }
-        let options = options_of_scan(source.info(), &chunks, up, &self.settings);
+        let options = options_for(&chunks, up, source.info().scanner(), &self.settings);
         let start = Instant::now();
         let estimated = task.run(|progress| cloud::estimate(&chunks, &options, progress));
         tracing::debug!(cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");

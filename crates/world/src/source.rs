@@ -189,32 +189,29 @@ pub fn up_of(info: &codec::Info, settings: &Settings) -> DVec3 {
     up(if is_mesh { DVec3::Y } else { DVec3::Z }, settings)
 }
 
-/// The options for estimating the normals of these points.
-pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
+/// The options for estimating the normals and radii of these points, which a scanner at `scanner` measured if that is
+/// known: then surfaces face it, and discs end before they hide a point from it. Of other points, those of a depth image
+/// are seen from the origin.
+pub fn options_for(chunks: &[Chunk], up: DVec3, scanner: Option<DVec3>, settings: &Settings) -> SurfelOptions {
     let center = || cloud::robust_bounds(chunks).center();
-    let orientation = match settings.surface.orientation {
-        SurfaceOrientation::Auto => cloud::guess_orientation(chunks, up.as_vec3()),
-        SurfaceOrientation::Up => Orientation::Up(up.as_vec3()),
-        SurfaceOrientation::Inward => Orientation::Toward(center()),
-        SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
+    let orientation = match (settings.surface.orientation, scanner) {
+        (SurfaceOrientation::Auto, Some(place)) => Orientation::Toward(place),
+        (SurfaceOrientation::Auto, None) => cloud::guess_orientation(chunks, up.as_vec3()),
+        (SurfaceOrientation::Up, _) => Orientation::Up(up.as_vec3()),
+        (SurfaceOrientation::Inward, _) => Orientation::Toward(center()),
+        (SurfaceOrientation::Outward, _) => Orientation::AwayFrom(center()),
     };
     let radii = match settings.surface.radii {
         SurfaceRadii::Full => RadiusRule::Full,
         SurfaceRadii::Narrow => RadiusRule::Narrow,
         SurfaceRadii::Spread => RadiusRule::Spread,
     };
-    let seen_from = (settings.surface.carve && cloud::is_depth_image(chunks)).then_some(DVec3::ZERO);
+    let seen_from = match scanner {
+        Some(place) => cloud::is_seen_from(chunks, place).then_some(place),
+        None => cloud::is_depth_image(chunks).then_some(DVec3::ZERO),
+    };
+    let seen_from = seen_from.filter(|_| settings.surface.carve);
     SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, radii, seen_from }
-}
-
-/// The options of `options_for` for the points of a scan: surfaces face its scanner where the file gives its place.
-pub(crate) fn options_of_scan(info: &codec::Info, chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
-    let mut options = options_for(chunks, up, settings);
-    let scanner = info.scan.as_ref().and_then(|scan| scan.position);
-    if let (SurfaceOrientation::Auto, Some(place)) = (settings.surface.orientation, scanner) {
-        options.orientation = Orientation::Toward(place);
-    }
-    options
 }
 
 /// The radii of a cloud's points, one list for each chunk, for those that `test` shows as if there were no others.
@@ -222,11 +219,12 @@ pub(crate) fn options_of_scan(info: &codec::Info, chunks: &[Chunk], up: DVec3, s
 pub fn radii_of_shown(
     cloud: &Cloud,
     up: DVec3,
+    scanner: Option<DVec3>,
     settings: &Settings,
     test: &PointTest,
     progress: &Progress,
 ) -> Option<Vec<Arc<Vec<u16>>>> {
-    cloud::radii_among(cloud, test, &options_for(&cloud.chunks, up, settings), progress)
+    cloud::radii_among(cloud, test, &options_for(&cloud.chunks, up, scanner, settings), progress)
 }
 
 /// Everything beside a file that decides its normals and radii, in words that differ where one of them does.
@@ -245,7 +243,7 @@ pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
 /// If they cannot be read.
 pub fn surfel_options(pages: &Pages, up: DVec3, settings: &Settings) -> stream::Result<SurfelOptions> {
     let points = if pages.is_copc() { NATIVE_KIND_POINTS } else { KIND_POINTS };
-    Ok(options_for(&stream::coarsest(pages, points)?, up, settings))
+    Ok(options_for(&stream::coarsest(pages, points)?, up, None, settings))
 }
 
 /// The last part of a path, which is a cloud's name.
@@ -259,4 +257,26 @@ pub(crate) fn selection(info: &codec::Info, settings: &Settings) -> codec::Selec
     let wanted = ["intensity", "classification", "return_number"].into_iter().chain(settings.color.asked_attribute());
     let attributes = attributes_named(&info.attributes, wanted);
     codec::Selection { positions: true, colors: true, normals: true, attributes }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scan_whose_file_names_the_place_of_the_scanner_is_carved_from_there() {
+        let room = scene::tripod::Tripod::Room;
+        let (chunks, station) = (scene::tripod::scan(room, 60_000, 1), room.stations()[0]);
+        let options = |scanner, carve| {
+            let mut settings = Settings::default();
+            settings.surface.carve = carve;
+            options_for(&chunks, DVec3::Z, scanner, &settings)
+        };
+        let told = options(Some(station), true);
+        assert_eq!((told.seen_from, told.orientation), (Some(station), Orientation::Toward(station)));
+        assert_eq!(options(Some(station), false).seen_from, None);
+        assert_eq!(options(None, true).seen_from, None);
+        // A place from which these points cannot all have been seen.
+        assert_eq!(options(Some(station + DVec3::new(1.5, 1.0, 0.4)), true).seen_from, None);
+    }
 }

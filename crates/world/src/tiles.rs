@@ -267,6 +267,7 @@ impl Tiles {
             units: info.units,
             expected_points: self.points(),
             up: up_of(info, &self.settings),
+            scanner: None,
             provisional_radius: cloud::provisional_radius(self.bounds(), self.points()),
             warnings: Vec::new(),
         }

@@ -37,9 +37,9 @@ impl Loaded {
             }
             let progress = Arc::<Progress>::default();
             entry.fitting = Some((test.clone(), progress.clone()));
-            let (key, cloud, up) = (entry.key, entry.with_full_radii(), entry.up);
+            let (key, cloud, up, scanner) = (entry.key, entry.with_full_radii(), entry.up, entry.scanner);
             let settings = Box::new(beside.scene.settings.clone());
-            beside.outside.work(Work::FitRadii { key, cloud, up, settings, test: test.clone(), progress });
+            beside.outside.work(Work::FitRadii { key, cloud, up, scanner, settings, test: test.clone(), progress });
         }
     }
 
@@ -96,7 +96,7 @@ mod tests {
         std::fs::write(&path, text).unwrap();
         let source = Arc::new(codec::open(&path).unwrap());
         let (cloud, _) = world::read_cloud(&source, &[], &Settings::default(), &Progress::default()).unwrap();
-        let options = world::options_for(&cloud.chunks, glam::DVec3::Z, &Settings::default());
+        let options = world::options_for(&cloud.chunks, glam::DVec3::Z, None, &Settings::default());
         let surfels = cloud::estimate(&cloud.chunks, &options, &Progress::default()).unwrap();
         let mut session = Session::new(Preferences::default());
         let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);

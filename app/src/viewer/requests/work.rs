@@ -52,6 +52,7 @@ pub enum Work {
         key: CloudKey,
         cloud: Cloud,
         up: DVec3,
+        scanner: Option<DVec3>,
         settings: Box<Settings>,
         test: PointTest,
         progress: Arc<Progress>,
@@ -334,8 +335,8 @@ impl Work {
                 let noise = cloud::neighbourhoods(&cloud.chunks, &Progress::default()).and_then(|found| found.noise);
                 found(Found::Noise { key, noise });
             }
-            Self::FitRadii { key, cloud, up, settings, test, progress } => {
-                let radii = world::radii_of_shown(&cloud, up, &settings, &test, &progress);
+            Self::FitRadii { key, cloud, up, scanner, settings, test, progress } => {
+                let radii = world::radii_of_shown(&cloud, up, scanner, &settings, &test, &progress);
                 found(Found::Radii { key, test, radii });
             }
             Self::FindErrors { key, cloud } => {
