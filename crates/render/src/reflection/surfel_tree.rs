@@ -233,8 +233,8 @@ mod tests {
         leaves.map(|node| (*node, (node.leaf >> COUNT_BITS) as usize, (node.leaf & 255) as usize))
     }
 
-    /// Checks that each finite point is in one leaf, that each node's parts follow it and lie in its box, and that
-    /// skips lead past them.
+    /// Checks that each finite point is in one leaf, if no other one lies too far away from it, that each node's parts
+    /// follow it and lie in its box, and that skips lead past them.
     fn check_layout(tree: &SurfelTree, chunk: &Chunk) -> Result<(), TestCaseError> {
         let mut next = 0;
         for (_, first, count) in leaves(tree) {
@@ -244,9 +244,17 @@ mod tests {
         prop_assert_eq!((tree.surfels.len(), tree.order.len()), (next, next));
         let mut order = tree.order.clone();
         order.sort_unstable();
-        let finite: Vec<u32> =
-            (0..chunk.len() as u32).filter(|i| Vec3::from(chunk.positions[*i as usize]).is_finite()).collect();
-        prop_assert_eq!(order, finite);
+        let place = |index: &u32| Vec3::from(chunk.positions[*index as usize]);
+        let finite: Vec<u32> = (0..chunk.len() as u32).filter(|index| place(index).is_finite()).collect();
+        let is_apart = |index: &u32| {
+            let radius = chunk.radii.as_ref().and_then(|radii| unpack_radius(radii[*index as usize])).unwrap_or(0.0);
+            let reach =
+                finite.iter().map(|other| (place(index) - place(other)).abs().max_element()).fold(0.0, f32::max);
+            reach > APART * radius
+        };
+        let left_out: Vec<u32> = finite.iter().copied().filter(|index| order.binary_search(index).is_err()).collect();
+        prop_assert!(left_out.iter().all(is_apart), "{:?} are left out", left_out);
+        prop_assert!(order.len() + left_out.len() == finite.len() && order.is_sorted_by(|one, other| one < other));
         prop_assert!(tree.nodes.len() <= room(chunk.len()), "{} nodes of {}", tree.nodes.len(), chunk.len());
         // A preorder: a leaf skips to the next node, an inner node's first part follows it and its second ends where it
         // does.
