@@ -1,5 +1,5 @@
-//! Clouds whose points were all seen from one place. Between that place and a point there is nothing, so a disc that
-//! hides a point behind it is too large.
+//! Clouds whose points were all seen from one place. Between that place and a point there is nothing, so a disc or an
+//! ellipse that hides a point behind it is too large.
 
 use glam::{DMat3, DVec3, IVec3, Vec3};
 use rayon::prelude::*;
@@ -26,7 +26,7 @@ const WIDEST: f32 = 2.0;
 const MOST_ASLANT: f32 = 0.25;
 /// The ratio of an ellipse that a longer one may become.
 const ROUNDER: f32 = 3.0;
-/// The least share of a radius, or of a short half axis, that is left.
+/// What is left of a radius, or of the long half axis of an ellipse as a share of the short one, at least.
 const LEAST_LEFT: f32 = 0.2;
 /// The most cells that a disc is searched in along an axis, to either side: larger discs are larger than any surface
 /// that is sampled around them.

@@ -92,8 +92,8 @@ pub struct SurfelOptions {
     pub neighbours: usize,
     pub orientation: Orientation,
     pub radii: RadiusRule,
-    /// The place that all points were seen from, if that is known: then discs end before they hide other points from
-    /// it (`estimate` alone).
+    /// The place that all points were seen from, if that is known: then discs and ellipses end before they hide other
+    /// points from it. `estimate_part`, by which clouds are streamed, knows nothing of it.
     pub seen_from: Option<DVec3>,
 }
 
