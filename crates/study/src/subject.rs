@@ -45,7 +45,7 @@ pub struct SubjectPart {
 
 impl Subject {
     /// One of the five mirrors; `settings.scene` gives the number of points. Normals and radii of a made scan are
-    /// estimated with the default parameters.
+    /// estimated with the default parameters, but for `surface.carve`.
     ///
     /// # Errors
     /// No memory on the GPU.
@@ -54,7 +54,8 @@ impl Subject {
         for part in parts.iter_mut().filter(|part| part.chunks.iter().any(|chunk| chunk.radii.is_none())) {
             let guessed = || guess_orientation(&part.chunks, variant.camera().up.as_vec3());
             let orientation = variant.scanner().map_or_else(guessed, Orientation::Toward);
-            let seen_from = variant.scanner().filter(|place| is_seen_from(&part.chunks, *place));
+            let is_carved = |place: &DVec3| settings.surface.carve && is_seen_from(&part.chunks, *place);
+            let seen_from = variant.scanner().filter(is_carved);
             let options = SurfelOptions { radii: RadiusRule::Spread, seen_from, ..SurfelOptions::new(orientation) };
             let estimated = cloud::estimate(&part.chunks, &options, &Progress::default()).unwrap_or_default();
             for (chunk, surfels) in part.chunks.iter_mut().zip(estimated) {

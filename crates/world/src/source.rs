@@ -206,10 +206,8 @@ pub fn options_for(chunks: &[Chunk], up: DVec3, scanner: Option<DVec3>, settings
         SurfaceRadii::Narrow => RadiusRule::Narrow,
         SurfaceRadii::Spread => RadiusRule::Spread,
     };
-    let seen_from = match scanner {
-        Some(place) => cloud::is_seen_from(chunks, place).then_some(place),
-        None => cloud::is_depth_image(chunks).then_some(DVec3::ZERO),
-    };
+    let from_scanner = scanner.filter(|place| cloud::is_seen_from(chunks, *place));
+    let seen_from = from_scanner.or_else(|| cloud::is_depth_image(chunks).then_some(DVec3::ZERO));
     let seen_from = seen_from.filter(|_| settings.surface.carve);
     SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, radii, seen_from }
 }
