@@ -6,7 +6,7 @@
 //! 2.10). There is a grid for each range of radii, and a photon is listed in all cells that it reaches: so a place reads
 //! one cell of each grid.
 
-use glam::{DVec3, IVec3, Vec3, Vec4};
+use glam::{DVec3, DVec4, IVec3, Vec3, Vec4};
 
 use super::near::{SAME_SIDE, Spread, Tree};
 use crate::layout::Landed;
@@ -196,13 +196,17 @@ fn merged(landed: &[Landed], spreads: &[Spread], least: f32) -> Vec<Photon> {
     wide.iter().map(|photon| Photon::merged(std::slice::from_ref(photon))).chain(close).collect()
 }
 
-/// Leaves no more photons than `most`, which carry the power of the others.
+/// Leaves no more photons than `most`, which carry the power of all: one of so many that follow each other, drawn by a hash,
+/// since every n-th one of a spiral can lie on its arms.
 pub(super) fn thin(landed: &mut Vec<Landed>, most: usize) {
-    let (all, each) = (landed.len(), landed.len().div_ceil(most));
+    let each = landed.len().div_ceil(most);
     if each > 1 {
-        let mut numbers = 0..all;
-        landed.retain(|_| numbers.next().is_some_and(|number| number.is_multiple_of(each)));
-        let factor = all as f32 / landed.len() as f32;
-        landed.iter_mut().for_each(|photon| photon.power *= factor);
+        let power = |photons: &[Landed]| photons.iter().map(|photon| photon.power.as_dvec4()).sum::<DVec4>();
+        let before = power(landed);
+        let drawn = |(number, run): (usize, &[Landed])| run[cloud::hash(number as u64) as usize % run.len()];
+        *landed = landed.chunks(each).enumerate().map(drawn).collect();
+        let after = power(landed);
+        let factor = DVec4::select(after.cmpgt(DVec4::ZERO), before / after, DVec4::ONE);
+        landed.iter_mut().for_each(|photon| photon.power *= factor.as_vec4());
     }
 }
