@@ -129,6 +129,7 @@ pub mod tests {
             added: vec![("distance".into(), "0.25".into())],
             error: Some(error),
             is_streamed: false,
+            is_moved: false,
         }
     }
 
@@ -140,6 +141,15 @@ pub mod tests {
         assert_eq!(single.coordinates(), "15.108  1.62  3", "its z is another");
         let names: Vec<&str> = single.attributes().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["z", "red", "distance"]);
+        // Beside a northing, two metres are less than a millionth.
+        let record = [("x", "500012.25"), ("y", "4500002.5"), ("z", "3")];
+        let mut northing = pick(DVec3::new(500_012.25, 4_500_004.5, 3.0));
+        northing.record = Some(Ok(record.map(|(name, value)| (name.into(), value.into())).to_vec()));
+        assert_eq!(northing.coordinates(), "500012.25  4500004.5  3");
+        // A cloud that was moved by less than rounding is elsewhere all the same.
+        let moved = Pick { is_moved: true, ..pick(DVec3::new(3.000_000_1, 0.0, -4.0)) };
+        assert_eq!(moved.coordinates(), "3.0000001  0  -4");
+        assert!(moved.attributes().any(|(name, _)| name == "X"));
     }
 
     #[test]

@@ -23,6 +23,8 @@ pub struct Pick {
     pub error: Option<PointError>,
     /// Whether the point comes from an index, which keeps neither its number in the file nor its other attributes.
     pub is_streamed: bool,
+    /// Whether the cloud is shown elsewhere than where the file has it.
+    pub is_moved: bool,
 }
 
 /// The attributes of a point that are known without reading its file.
@@ -56,8 +58,10 @@ fn shortest(value: f64) -> String {
     (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
 }
 
-/// By how much of itself a coordinate on the GPU may differ from that of the file.
+/// By how much of itself a coordinate in single precision may differ from that of the file.
 const ROUNDING: f64 = 1e-6;
+/// By how much it may differ at most: farther from the origin, rounding would hide that another point is meant.
+const MOST_ROUNDING: f64 = 1e-3;
 
 /// The axis whose coordinate an attribute of this name is.
 fn axis_of(name: &str) -> Option<usize> {
@@ -69,11 +73,14 @@ impl Pick {
     /// through a chunk would add digits.
     fn place(&self) -> DVec3 {
         let mut place = self.world;
+        if self.is_moved {
+            return place;
+        }
         for (name, value) in self.record.iter().flatten().flatten() {
             let axis = axis_of(name);
             let known: Option<(usize, f64)> = axis.and_then(|axis| Some((axis, value.parse().ok()?)));
             if let Some((axis, value)) = known
-                && (value - self.world[axis]).abs() <= ROUNDING * self.world[axis].abs().max(1.0)
+                && (value - self.world[axis]).abs() <= (ROUNDING * self.world[axis].abs().max(1.0)).min(MOST_ROUNDING)
             {
                 place[axis] = value;
             }

@@ -265,9 +265,9 @@ impl Tools {
         let Some(entry) = loaded.cloud(point.chunk.cloud) else { return };
         // A place on a mesh stands for the vertex beside it.
         let Some((part, index)) = entry.point_in_file(point.chunk.part, point.index) else { return };
-        let is_moved = (part, index) != (point.chunk.part, point.index);
+        let is_beside = (part, index) != (point.chunk.part, point.index);
         let point = PickedPoint { chunk: point.chunk.cloud.chunk(part), index };
-        let world = loaded.world_position(point).filter(|_| is_moved).unwrap_or(world);
+        let world = loaded.world_position(point).filter(|_| is_beside).unwrap_or(world);
         let Some(chunk) = entry.chunk(part) else { return };
         let number = chunk.first_point + index as u64;
         let is_streamed = entry.streamed.is_some();
@@ -283,7 +283,8 @@ impl Tools {
         let added = entry.added.iter().filter(|_| record.is_none());
         let added = added.filter_map(|(name, list)| Some((name.clone(), value(list)?))).collect();
         outside.log(json!({ "event": "picked", "cloud": cloud, "point": number, "world": world.to_array() }));
-        self.pick = Some(Pick { point, number, cloud, world, record, added, error: None, is_streamed });
+        let is_moved = entry.placement().is_some();
+        self.pick = Some(Pick { point, number, cloud, world, record, added, error: None, is_streamed, is_moved });
         if let Some(source) = source {
             outside.work(Work::ReadRecord { picked: point, record: number, source });
         }
