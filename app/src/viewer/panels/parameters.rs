@@ -10,6 +10,9 @@ use crate::viewer::look::widgets::name_label;
 use crate::viewer::requests::action::Action;
 use crate::viewer::scene::idle;
 
+/// How strongly rows of parameters are drawn that change nothing.
+const IDLE_OPACITY: f32 = 0.6;
+
 /// Draws the parameters of a group, except those named in `skip`.
 pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut Vec<Action>) {
     let group = params.group();
@@ -20,8 +23,12 @@ pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut
         if reason != told {
             idle_notice(ui, reason.as_deref());
         }
+        ui.scope(|ui| {
+            // What the notice means ends where rows are as strong as before.
+            ui.set_opacity(if reason.is_some() { IDLE_OPACITY } else { 1.0 });
+            value_row(ui, params, field.name, actions);
+        });
         told = reason;
-        value_row(ui, params, field.name, actions);
     }
 }
 
