@@ -84,6 +84,8 @@ pub struct Frames {
     careful_milliseconds: f64,
     /// The milliseconds that a frame in full quality is likely to take, with this method and in this size.
     expected: Option<(Method, [u32; 2], f64)>,
+    /// The number of shaders that were compiled when the last frame in full quality was shown.
+    compiled_before: u64,
     /// The time that the last hurried frame took.
     hurried_milliseconds: f64,
     /// Chooses the quality of frames while something moves.
@@ -358,11 +360,15 @@ impl Frames {
             self.hurried_milliseconds = total_milliseconds;
         } else {
             self.careful_milliseconds = total_milliseconds;
-            // A frame that keeps what the one before found takes less than others will.
+            // A frame that keeps what the one before found takes less than others will, and one during which shaders are
+            // compiled says nothing of them.
             let alike =
                 self.expected.filter(|(method, size, _)| (*method, *size) == (method_of(&request), request.size));
             let least = alike.map_or(0.0, |(.., known)| known * EXPECTED_DECAY);
-            self.expected = Some((method_of(&request), request.size, total_milliseconds.max(least)));
+            let compiled = self.shaders.done();
+            if std::mem::replace(&mut self.compiled_before, compiled) == compiled {
+                self.expected = Some((method_of(&request), request.size, total_milliseconds.max(least)));
+            }
         }
         match stats.is_quick {
             true => self.quick_pace.learn(&stats, &request, milliseconds),

@@ -1,12 +1,13 @@
 //! What a newcomer sees over the picture: the hint of the first scene, and the page that is left when everything is closed.
 
+use egui::{Color32, Rect, RichText, Ui};
+
 use crate::viewer::look::theme;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::requests::action::{Action, Filing};
 use crate::viewer::requests::bindings;
 use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::session::Session;
-use egui::{Color32, Rect, RichText, Ui};
 
 /// What a newcomer can do.
 const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a file of points here, or press";
@@ -15,7 +16,8 @@ const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a file of points her
 pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
     let Some(first) = &session.first_look else { return };
     let is_untouched = session.scene.camera == first.camera && session.scene.history.steps() == 0;
-    let is_free = !session.interface_is_hidden && !session.filming.timeline.is_open;
+    let is_free =
+        !session.interface_is_hidden && !session.filming.timeline.is_open && session.tools.inspection.is_none();
     if is_untouched && is_free && session.frames.shown.is_some() {
         caption(ui, rect, rect.center_bottom() - egui::vec2(0.0, 24.0), &format!("{FIRST_LOOK} {COMMAND}+O."));
     }
@@ -39,6 +41,9 @@ fn lost_text(session: &Session) -> Option<String> {
 /// Says what the inspection mirror waits for until a picture shows it.
 pub fn first_reflection(ui: &Ui, rect: Rect, session: &Session) {
     let Some(held) = session.tools.inspection.as_ref().and_then(|held| held.mirror.as_ref()) else { return };
+    if session.interface_is_hidden || session.fatal.is_some() {
+        return;
+    }
     let shown = session.frames.shown.as_ref().map(|shown| &shown.request.mirrors);
     if shown.is_some_and(|mirrors| mirrors.iter().any(|mirror| mirror.name == held.name)) {
         return;
