@@ -1,6 +1,7 @@
 //! A private X session without a window manager: Xvfb, the program in it, xdotool for its input and ImageMagick for
 //! screenshots.
 
+use std::cell::RefCell;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
@@ -275,6 +276,31 @@ impl Window<'_> {
             let events = window.events().into_iter().skip(skipped);
             events.skip_while(|event| event["event"] != name).find(|event| event["event"] == "painted").map(drop)
         });
+    }
+
+    /// The picture once everything is loaded, drawn in full and on the screen, later than the first `skipped` events.
+    pub fn settled(&self, skipped: usize) -> RgbaImage {
+        self.wait_until_painted("settled", skipped);
+        // The X server takes a moment to show what was painted: two screenshots in a row are the same once it has.
+        let last = RefCell::new(None);
+        self.wait_for_picture("a picture that stays", |picture| {
+            let right_of_the_panel = image::imageops::crop_imm(picture, 320, 60, 940, 640).to_image();
+            last.replace(Some(right_of_the_panel.clone())) == Some(right_of_the_panel)
+        })
+    }
+
+    /// The first event of this name after the first `skipped` ones that fulfils `condition`, and the picture that settles
+    /// after it. One that settles before it belongs to what was done earlier.
+    pub fn settled_after(
+        &self,
+        name: &str,
+        skipped: usize,
+        condition: impl Fn(&serde_json::Value) -> bool,
+    ) -> (serde_json::Value, RgbaImage) {
+        let event = self.wait_for_event(name, skipped, &condition);
+        let is_it = |event: &serde_json::Value| event["event"] == name && condition(event);
+        let before = self.events().iter().skip(skipped).position(is_it).expect("just seen");
+        (event, self.settled(skipped + before))
     }
 
     fn hands(&self, action: &[&str], on: &[&str]) {

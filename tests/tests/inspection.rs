@@ -12,28 +12,13 @@ const DATA: [i32; 2] = [23, 45];
 const LOOK: [i32; 2] = [53, 45];
 const MEASURE: [i32; 2] = [166, 45];
 
-/// Waits until the picture after the first `seen` events is final and on the screen.
-fn settled(window: &Window, seen: usize) -> RgbaImage {
-    window.wait_for_event("settled", seen, |_| true);
-    window.wait_until_painted("settled", seen);
-    window.screenshot()
-}
-
-/// The picture that settles after the first event of this name that fulfils a condition, and that event.
-fn settled_after(window: &Window, name: &str, seen: usize, condition: impl Fn(&Value) -> bool) -> (Value, RgbaImage) {
-    let event = window.wait_for_event(name, seen, &condition);
-    let is_it = |event: &Value| event["event"] == name && condition(event);
-    let before = window.events().iter().skip(seen).position(is_it).expect("just seen");
-    (event, settled(window, seen + before))
-}
-
 /// Waits until the picture is final after the last event of this name, of which there are several in a row.
 fn rest_after(window: &Window, name: &str, seen: usize) {
     window.wait_for_event(name, seen, |_| true);
     loop {
         let events = window.events();
         let last = |name: &str| events.iter().rposition(|event| event["event"] == name);
-        settled(window, last(name).expect("just seen"));
+        window.settled(last(name).expect("just seen"));
         std::thread::sleep(std::time::Duration::from_secs(1));
         if window.events()[events.len()..].iter().all(|event| event["event"] != name) {
             return;
@@ -127,7 +112,7 @@ fn a_scan_is_fitted_cut_filtered_and_clipped_by_handles_in_one_window() {
     let session = Session::start();
     let scan = scan.to_str().expect("text");
     let window = session.open(["view", scan, "--camera", "top", "--set", "light.by=headlight"]);
-    settled(&window, 0);
+    window.settled(0);
 
     // A cylinder through the points along the bridge.
     let seen = window.events().len();
@@ -171,14 +156,14 @@ fn a_scan_is_fitted_cut_filtered_and_clipped_by_handles_in_one_window() {
     window.move_to(ASIDE);
     let seen = window.events().len();
     window.press("3");
-    let (_, all) = settled_after(&window, "colored", seen, |event| event["by"] == "intensity");
+    let (_, all) = window.settled_after("colored", seen, |event| event["by"] == "intensity");
     let seen = window.events().len();
     window.drag(1, [17, 225], [150, 225]);
     rest_after(&window, "colored", seen);
     let seen = window.events().len();
     window.click(1, [78, 277]);
     window.move_to(ASIDE);
-    let filtered = settled(&window, seen);
+    let filtered = window.settled(seen);
     assert!(covered(&filtered) < covered(&all), "{} of {} pixels", covered(&filtered), covered(&all));
     let (scene, text) = scene_text(&session, &window);
     let file: toml::Table = text.parse().expect("a scene file");
@@ -190,13 +175,13 @@ fn a_scan_is_fitted_cut_filtered_and_clipped_by_handles_in_one_window() {
     assert!(points > 1000 && report["left_out"] == 110_000 - points, "{report}");
     let seen = window.events().len();
     window.press("ctrl+z");
-    settled_after(&window, "history", seen, |_| true);
+    window.settled_after("history", seen, |_| true);
 
     // A sphere about everything, and a box about what is picked, dragged by its arrow.
     let whole = covered(&window.screenshot());
     let seen = window.events().len();
     command(&window, "clips: sphere");
-    let (_, sphere) = settled_after(&window, "clip", seen, |event| event["name"] == "sphere");
+    let (_, sphere) = window.settled_after("clip", seen, |event| event["name"] == "sphere");
     assert!(covered(&sphere) < whole, "the sphere hides nothing");
     undo_clip(&window);
     let picked = window.events().len();
@@ -204,13 +189,13 @@ fn a_scan_is_fitted_cut_filtered_and_clipped_by_handles_in_one_window() {
     window.wait_for_event("picked", picked, |_| true);
     let seen = window.events().len();
     window.press("j");
-    let (added, boxed) = settled_after(&window, "clip", seen, |event| event["name"] == "box");
+    let (added, boxed) = window.settled_after("clip", seen, |event| event["name"] == "box");
     let before = place(&added);
     assert!(covered(&boxed) * 2 < whole, "the box shows what is outside: {} of {whole} pixels", covered(&boxed));
     let seen = window.events().len();
     let after = drag_arrow(&window, RED, false, "clip");
     assert!(after[0] > before[0] + 1.0 && after[1..] == before[1..], "along its arrow: {before:?}, {after:?}");
-    let (_, dragged) = settled_after(&window, "clip_moved", seen, |_| true);
+    let (_, dragged) = window.settled_after("clip_moved", seen, |_| true);
     assert!(view(&dragged) != view(&boxed), "the box shows what it did before");
     let (_, text) = scene_text(&session, &window);
     let file: toml::Table = text.parse().expect("a scene file");
@@ -220,15 +205,15 @@ fn a_scan_is_fitted_cut_filtered_and_clipped_by_handles_in_one_window() {
     // From the front, a slab that is dragged upward leaves the lower points out.
     let seen = window.events().len();
     window.press("ctrl+1");
-    let front = covered(&settled(&window, seen));
+    let front = covered(&window.settled(seen));
     let seen = window.events().len();
     command(&window, "clips: slab");
-    let (added, _) = settled_after(&window, "clip", seen, |event| event["name"] == "slab");
+    let (added, _) = window.settled_after("clip", seen, |event| event["name"] == "slab");
     let before = place(&added);
     let seen = window.events().len();
     let after = drag_arrow(&window, BLUE, true, "clip");
     assert!(after[2] > before[2] + 1.0 && after[..2] == before[..2], "upward: {before:?}, {after:?}");
-    let slab = covered(&settled_after(&window, "clip_moved", seen, |_| true).1);
+    let slab = covered(&window.settled_after("clip_moved", seen, |_| true).1);
     assert!(slab < front, "the slab hides nothing: {slab} of {front} pixels");
     assert!(window.is_open(), "{}", window.messages());
 }
@@ -238,7 +223,7 @@ fn undo_clip(window: &Window) {
     loop {
         let seen = window.events().len();
         window.press("ctrl+z");
-        let (history, _) = settled_after(window, "history", seen, |_| true);
+        let (history, _) = window.settled_after("history", seen, |_| true);
         if history["clips"] == 0 {
             return;
         }
@@ -256,7 +241,7 @@ fn a_scan_is_moved_compared_and_shown_beside_its_kept_state() {
     let made = session.folder.glint(["export", "later.toml", "-o", "later.laz"]);
     assert_eq!(made.status, Some(0), "{made}");
     let window = session.open(["view", scan, "--camera", "top", "--set", "light.by=headlight"]);
-    let first = settled(&window, 0);
+    let first = window.settled(0);
 
     // The place of the cloud, typed in the panel: it is turned about the axis that points to the eye.
     window.click(1, DATA);
@@ -268,7 +253,7 @@ fn a_scan_is_moved_compared_and_shown_beside_its_kept_state() {
     window.type_text("30");
     window.press("Return");
     window.move_to(ASIDE);
-    let (_, turned) = settled_after(&window, "placed", seen, |_| true);
+    let (_, turned) = window.settled_after("placed", seen, |_| true);
     assert!(view(&turned) != view(&first), "the cloud stands where it stood");
     let (scene, text) = scene_text(&session, &window);
     let file: toml::Table = text.parse().expect("a scene file");
@@ -288,7 +273,7 @@ fn a_scan_is_moved_compared_and_shown_beside_its_kept_state() {
     }
     assert!(compared["p95"].as_f64().is_some_and(|p95| p95 > 1.0), "{compared}");
     window.move_to(ASIDE);
-    let (_, distances) = settled_after(&window, "colored", seen, |event| event["by"] == "distance");
+    let (_, distances) = window.settled_after("colored", seen, |event| event["by"] == "distance");
     assert!(view(&distances) != view(&turned), "the points have the colours that they had");
     let (left, right) = (|picture: &RgbaImage| part(picture, 330, 760), |picture: &RgbaImage| part(picture, 830, 1270));
     window.press("ctrl+F3");

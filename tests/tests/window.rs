@@ -1,8 +1,6 @@
 //! The window, driven as a person drives it: by mouse and keyboard, in an X session of its own. Judged by its picture and by
 //! its event log.
 
-use std::cell::RefCell;
-
 use image::RgbaImage;
 use serde_json::Value;
 use tests::{Session, Window, colors};
@@ -58,17 +56,6 @@ fn hills(points: u32) -> Vec<u8> {
     file
 }
 
-/// Waits until everything is loaded and the final picture is on the screen, later than the first `skipped` events.
-fn settled(window: &Window, skipped: usize) -> RgbaImage {
-    window.wait_until_painted("settled", skipped);
-    // The X server takes a moment to show what was painted: two screenshots in a row are the same once it has.
-    let last = RefCell::new(None);
-    window.wait_for_picture("a picture that stays", |picture| {
-        let now = view(picture);
-        last.replace(Some(now.clone())) == Some(now)
-    })
-}
-
 /// The part of the window that shows the points.
 fn view(picture: &RgbaImage) -> RgbaImage {
     image::imageops::crop_imm(picture, 320, 60, 940, 640).to_image()
@@ -85,14 +72,14 @@ fn a_scene_named_as_argument_is_shown_and_turns_with_the_mouse() {
     let window = session.open(["small.toml"]);
     let loaded = window.wait_for_event("loaded", 0, |_| true);
     assert_eq!(number(&loaded, "/points"), 20_000.0);
-    let before = view(&settled(&window, 0));
+    let before = view(&window.settled(0));
     assert!(colors(&before) > 50, "{} colours", colors(&before));
     window.drag(1, MIDDLE, [MIDDLE[0] + 120, MIDDLE[1] + 40]);
     window.wait_for_picture("the scene turned", |picture| view(picture) != before);
     let seen = window.events().len();
     window.press("ctrl+z Home 6");
-    window.wait_for_event("colored", seen, |event| event["by"] == "normal");
-    let colored = view(&settled(&window, seen));
+    let (_, colored) = window.settled_after("colored", seen, |event| event["by"] == "normal");
+    let colored = view(&colored);
     window.hide_and_show();
     window.wait_for_picture("the picture of a window that was hidden", |picture| view(picture) == colored);
     assert!(window.is_open(), "{}", window.messages());
@@ -104,7 +91,7 @@ fn a_window_whose_device_is_lost_has_another_one_with_the_same_picture_and_all_t
     session.folder.write("small.toml", SMALL_SCENE);
     let expected = {
         let window = session.open(["small.toml"]);
-        view(&settled(&window, 0))
+        view(&window.settled(0))
     };
     let seen = std::fs::read_to_string(session.folder.path("events.jsonl")).expect("the log").lines().count();
     let window = session.open_acting_like("lost-window", ["small.toml"]);
@@ -137,7 +124,7 @@ fn a_path_that_is_typed_is_opened_where_no_dialog_answers() {
     let is_lattice = |event: &Value| event["event"] == "loaded" && number(event, "/points") == 1681.0;
     window.wait_for_event("loaded", 0, is_lattice);
     let loaded = window.events().iter().position(is_lattice).expect("the event");
-    assert!(colors(&view(&settled(&window, loaded))) > 20);
+    assert!(colors(&view(&window.settled(loaded))) > 20);
 }
 
 #[test]
@@ -145,11 +132,11 @@ fn clicks_give_full_coordinates_attributes_and_the_distance() {
     let session = Session::start();
     session.folder.write("lattice.ply", lattice());
     let window = session.open(["lattice.ply"]);
-    settled(&window, 0);
+    window.settled(0);
     // From above, so that the middle of the picture is the middle of the lattice.
     let seen = window.events().len();
     window.press("KP_7");
-    settled(&window, seen);
+    window.settled(seen);
     window.click(1, MIDDLE);
     let first = window.wait_for_event("picked", 0, |_| true);
     let record = window.wait_for_event("record", 0, |_| true);
@@ -189,7 +176,7 @@ fn the_number_row_changes_the_colours() {
     let session = Session::start();
     session.folder.write("lattice.ply", lattice());
     let window = session.open(["lattice.ply"]);
-    let intensity = view(&settled(&window, 0));
+    let intensity = view(&window.settled(0));
     let seen = window.events().len();
     window.press("2");
     window.wait_for_event("colored", seen, |event| event["by"] == "height");
@@ -221,7 +208,7 @@ fn a_bad_file_shows_its_message_and_the_rest_keeps_working() {
     let window = session.open(["broken.laz", "lattice.ply"]);
     let message = window.wait_for_event("message", 0, |event| event["level"] == "error");
     assert!(message["text"].as_str().is_some_and(|text| text.contains("broken.laz")), "{message}");
-    let picture = settled(&window, 0);
+    let picture = window.settled(0);
     assert!(colors(&view(&picture)) > 20);
     let seen = window.events().len();
     window.press("2");
@@ -233,10 +220,10 @@ fn the_saved_picture_is_what_the_command_line_renders() {
     let session = Session::start();
     session.folder.write("small.toml", SMALL_SCENE);
     let window = session.open(["small.toml"]);
-    settled(&window, 0);
+    window.settled(0);
     let seen = window.events().len();
     window.drag(1, MIDDLE, [MIDDLE[0] - 70, MIDDLE[1] + 30]);
-    settled(&window, seen);
+    window.settled(seen);
     window.press("F12 ctrl+c");
     let saved = window.wait_for_event("saved", 0, |_| true);
     let copied = window.wait_for_event("copied", 0, |_| true);
@@ -273,11 +260,10 @@ fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
     let session = Session::start();
     session.folder.write("box.toml", SMALL_SCENE.replace("sphere", "none"));
     let window = session.open(["box.toml"]);
-    settled(&window, 0);
+    window.settled(0);
     let seen = window.events().len();
     window.press("b");
-    let added = window.wait_for_event("mirror", seen, |event| event["name"] == "sphere");
-    settled(&window, seen);
+    let (added, _) = window.settled_after("mirror", seen, |event| event["name"] == "sphere");
     let with_handles = window.wait_for_picture("the handles", |picture| red_arrow(picture).is_some());
     let [x, y] = red_arrow(&with_handles).expect("just seen");
     let seen = window.events().len();
@@ -295,8 +281,7 @@ fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
     for keys in ["ctrl+z", "ctrl+shift+z"] {
         let seen = window.events().len();
         window.press(keys);
-        window.wait_for_event("history", seen, |_| true);
-        settled(&window, seen);
+        window.settled_after("history", seen, |_| true);
         files.push(window.save_scene_as());
     }
     let position = |file: &String| {
@@ -327,19 +312,19 @@ fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
     let window = session.open(["lattice.ply"]);
     let surroundings = window.wait_for_event("surroundings", 0, |_| true);
     assert_eq!((&surroundings["sky_is_open"], &surroundings["lights"]), (&true.into(), &0.into()));
-    let by_sun = view(&settled(&window, 0));
+    let by_sun = view(&window.settled(0));
     let seen = window.events().len();
     window.press("k");
-    window.wait_for_event("light", seen, |_| true);
-    window.wait_for_picture("the spot's light", |picture| view(picture) != by_sun);
+    let (_, by_spot) = window.settled_after("light", seen, |_| true);
+    assert!(view(&by_spot) != by_sun, "the spot's light");
     // Data colours, and lit again.
     let seen = window.events().len();
     window.press("u");
-    let unlit = view(&settled(&window, seen));
+    let unlit = view(&window.settled(seen));
     window.wait_for_event("step", seen, |_| true);
     let seen = window.events().len();
     window.press("u");
-    assert!(view(&settled(&window, seen)) != unlit, "the light came back");
+    assert!(view(&window.settled(seen)) != unlit, "the light came back");
     window.wait_for_event("step", seen, |_| true);
     let text = std::fs::read_to_string(window.save_scene_as()).expect("the scene");
     assert_eq!(text.matches("[[lights]]").count(), 1, "{text}");
@@ -398,7 +383,7 @@ fn the_truth_is_in_the_picture_while_its_key_is_down() {
     let session = Session::start();
     session.folder.write("small.toml", SMALL_SCENE);
     let window = session.open(["small.toml"]);
-    let drawn = view(&settled(&window, 0));
+    let drawn = view(&window.settled(0));
     window.hold("x");
     // Not the note that it is being traced.
     window.wait_for_event("truth", 0, |_| true);
@@ -434,12 +419,12 @@ fn a_streamed_cloud_is_shown_and_stays_in_the_picture_while_the_camera_flies() {
     let window = session.open(["hills.toml"]);
     let pages = window.wait_for_event("pages", 0, |_| true);
     assert_eq!(number(&pages, "/points"), 600_000.0);
-    let first = view(&settled(&window, 0));
+    let first = view(&window.settled(0));
     assert!(colors(&first) > 100, "{} colours", colors(&first));
     // From above, so that the middle of the picture is the middle of the hills.
     let before = window.events().len();
     window.press("KP_7");
-    settled(&window, before);
+    window.settled(before);
     let is_frame = |event: &&Value| event["event"] == "frame" && number(event, "/points") > 0.0;
     let shown = window.events().iter().position(|event| is_frame(&event)).expect("a frame");
     let seen = window.events().len();
@@ -449,7 +434,7 @@ fn a_streamed_cloud_is_shown_and_stays_in_the_picture_while_the_camera_flies() {
         window.drag(1, MIDDLE, [MIDDLE[0] + way, MIDDLE[1]]);
         assert!(colors(&view(&window.screenshot())) > 50, "nothing is left in the picture");
     }
-    settled(&window, seen);
+    window.settled(seen);
     let events = window.events();
     let frames: Vec<&Value> = events[shown..].iter().filter(|event| event["event"] == "frame").collect();
     assert!(frames.len() > 10, "{}", frames.len());
