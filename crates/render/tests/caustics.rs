@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 use render::{Aov, Frame, Material, Objects, PointStore};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
-use hollow::hollow_sphere;
+use hollow::{cone, hollow_sphere};
 use stage::Stage;
 use walls::{ALBEDO, settings, store_of, wall};
 
@@ -240,14 +240,9 @@ fn a_mirror_ball_throws_all_light_of_a_lamp_onto_the_closed_wall_about_it_and_th
         store.add_chunk(cloud, &chunk, None).unwrap();
     }
     // The cone lies within the ball, so that nothing is lit but by it.
-    let lights = [SpotLight {
-        position: DVec3::new(0.0, 0.3, -0.3),
-        target: ball.position,
-        intensity: [10.0; 3],
-        inner_degrees: 10.0,
-        outer_degrees: 10.0,
-    }];
-    let irradiance = 10.0 * 2.0 * PI * (1.0 - 10_f64.to_radians().cos()) / (4.0 * PI * 4.0);
+    let (lamp, flux) = cone(DVec3::new(0.0, 0.3, -0.3), ball.position, 10.0);
+    let lights = [lamp];
+    let irradiance = flux / (4.0 * PI * 4.0);
     let mirrors = [ball];
     let objects = Objects { mirrors: &mirrors, lights: &lights, ..Objects::default() };
     // Virtual lights lose what falls on the ball, and some of the rest.

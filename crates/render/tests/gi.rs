@@ -16,7 +16,7 @@ use render::{Aov, ColorPlan, Frame, FrameStats, LightReuse, Material, Objects, P
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Gi, Settings, SpotLight};
 
-use hollow::hollow_sphere;
+use hollow::{cone, hollow_sphere};
 use stage::Stage;
 use walls::{ALBEDO, settings, store_of, wall};
 
@@ -66,14 +66,7 @@ fn each_bounce_in_a_white_ball_adds_what_the_integrating_sphere_says() {
     // The light that a ball reflects inside is the same everywhere: for a flux F the k-th reflection gives albedo^k F /
     // area.
     let store = store_of(&stage, vec![hollow_sphere(2.0, 40_000)], Material::default());
-    let lamp = SpotLight {
-        position: DVec3::new(0.3, -0.2, 0.1),
-        target: DVec3::new(0.3, 2.0, 0.5),
-        intensity: [10.0; 3],
-        inner_degrees: 40.0,
-        outer_degrees: 40.0,
-    };
-    let flux = 10.0 * 2.0 * PI * (1.0 - 40_f64.to_radians().cos());
+    let (lamp, flux) = cone(DVec3::new(0.3, -0.2, 0.1), DVec3::new(0.3, 2.0, 0.5), 40.0);
     let camera = Camera::looking(DVec3::new(0.0, 0.5, 0.0), -DVec3::Y, 1.0, DVec3::Z);
     let irradiance = flux / (4.0 * PI * 4.0);
     for (bounces, factor) in [(1_u32, 1.0), (2, 1.0), (3, 1.0), (3, 0.5)] {
@@ -101,14 +94,7 @@ fn the_walls_of_a_closed_box_get_together_what_they_reflected_before() {
         wall(side * 2.0 - (u + v) * 2.0, [u * 4.0, v * 4.0])
     });
     let store = store_of(&stage, walls.collect(), Material::default());
-    let lamp = SpotLight {
-        position: DVec3::new(0.3, -0.2, 0.1),
-        target: DVec3::new(0.3, 2.0, 0.5),
-        intensity: [10.0; 3],
-        inner_degrees: 40.0,
-        outer_degrees: 40.0,
-    };
-    let flux = 10.0 * 2.0 * PI * (1.0 - 40_f64.to_radians().cos());
+    let (lamp, flux) = cone(DVec3::new(0.3, -0.2, 0.1), DVec3::new(0.3, 2.0, 0.5), 40.0);
     let objects = Objects { lights: &[lamp], ..Objects::default() };
     let mut before = 0.0;
     for (bounces, most) in [(1, 0.015), (2, 0.025)] {

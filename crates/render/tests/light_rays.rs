@@ -15,7 +15,7 @@ use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
-use hollow::hollow_sphere;
+use hollow::{cone, hollow_sphere};
 use stage::Stage;
 use walls::{ALBEDO, DISC, settings, store_of, wall};
 
@@ -248,14 +248,7 @@ fn rays_and_virtual_lights_behind_them_keep_the_energy_that_the_integrating_sphe
     // The light that a ball reflects inside is the same everywhere: for a flux F the k-th reflection gives albedo^k F /
     // area. With a factor of 1.6 four fifths of the light come back.
     let store = store_of(&stage, vec![hollow_sphere(2.0, 40_000)], Material::default());
-    let lamp = SpotLight {
-        position: DVec3::new(0.3, -0.2, 0.1),
-        target: DVec3::new(0.3, 2.0, 0.5),
-        intensity: [10.0; 3],
-        inner_degrees: 40.0,
-        outer_degrees: 40.0,
-    };
-    let flux = 10.0 * 2.0 * PI * (1.0 - 40_f64.to_radians().cos());
+    let (lamp, flux) = cone(DVec3::new(0.3, -0.2, 0.1), DVec3::new(0.3, 2.0, 0.5), 40.0);
     let camera = Camera::looking(DVec3::new(0.0, 0.5, 0.0), -DVec3::Y, 1.0, DVec3::Z);
     let irradiance = flux / (4.0 * PI * 4.0);
     for (bounces, ray_bounces, factor, most) in

@@ -1,10 +1,11 @@
-//! A closed room for tests to light, whose walls get the same light everywhere.
+//! A closed room whose walls get the same light everywhere, and a lamp of a known flux in it.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
 
 use cloud::{Chunk, SPLAT_OVERLAP, pack_normal, pack_radius};
 use glam::DVec3;
+use scene::SpotLight;
 
 use crate::walls::GREY;
 
@@ -24,4 +25,10 @@ pub fn hollow_sphere(radius: f64, points: u32) -> Chunk {
     let disc = f64::from(SPLAT_OVERLAP) * radius * (4.0 / f64::from(points)).sqrt();
     chunk.radii = Some(Arc::new(vec![pack_radius(disc as f32); chunk.len()]));
     chunk
+}
+
+/// A lamp whose cone of light ends sharply at an angle from its axis, and its flux.
+pub fn cone(position: DVec3, target: DVec3, degrees: f32) -> (SpotLight, f64) {
+    let lamp = SpotLight { position, target, intensity: [10.0; 3], inner_degrees: degrees, outer_degrees: degrees };
+    (lamp, 10.0 * 2.0 * PI * (1.0 - f64::from(degrees).to_radians().cos()))
 }
