@@ -60,34 +60,34 @@ fn share_of([taken, next, wanted]: [u64; 3], step: f64) -> f64 {
     (taken as f64 + next as f64 * step) / wanted.max(1) as f64
 }
 
-/// The pace of work, by which the time that is left is told. Neither the share nor the time runs backwards.
+/// The pace of work, which gives the time that is left. Neither the share nor the time runs backwards.
 struct Pace {
     began: Instant,
     /// The share that was done when it began.
     before: f64,
-    /// The largest share and the fewest seconds that were told.
-    told: Cell<(f64, f64)>,
+    /// The largest share and the fewest seconds that were shown.
+    shown: Cell<(f64, f64)>,
 }
 
 impl Pace {
     fn new(before: f64, began: Instant) -> Self {
-        Self { began, before, told: Cell::new((before, f64::INFINITY)) }
+        Self { began, before, shown: Cell::new((before, f64::INFINITY)) }
     }
 
     fn text(&self, share: f64, now: Instant) -> String {
-        let (most, least) = self.told.get();
+        let (most, least) = self.shown.get();
         let share = share.max(most).min(1.0);
         let passed = now.saturating_duration_since(self.began);
         let text = format!("{:.0} %", (share * 100.0).floor());
         if passed < LEAST_TIME || share - self.before < 0.01 {
-            self.told.set((share, least));
+            self.shown.set((share, least));
             return text;
         }
         let left = (1.0 - share) * passed.as_secs_f64() / (share - self.before);
-        let told = left.min(least);
-        self.told.set((share, told));
-        // A time that has turned out to be far too short is told no more.
-        if left > 1.5 * told + 5.0 { text } else { format!("{text}, {}", time_left(told)) }
+        let shown = left.min(least);
+        self.shown.set((share, shown));
+        // A time that has turned out to be far too short is shown no more.
+        if left > 1.5 * shown + 5.0 { text } else { format!("{text}, {}", time_left(shown)) }
     }
 }
 
