@@ -585,6 +585,8 @@ mod tests {
         let (wanted, stats) = (frames.requested.clone().unwrap(), frames.shown.as_ref().unwrap().stats.clone());
         frames.expected = None;
         let start = Instant::now();
+        let shaders = frames.shaders.clone();
+        frames.compiled_before = shaders.done();
         let mut told = |milliseconds: f64, method: Method, seconds: f64| {
             frames.show(wanted.clone(), stats.clone(), milliseconds, 40.0);
             let mut next = wanted.clone();
@@ -597,6 +599,9 @@ mod tests {
         assert_eq!(told(8000.0, method, 0.5), Some((0.5, Some(8.0))));
         // One that keeps what was found says little about the next.
         assert_eq!(told(20.0, method, 0.5), Some((0.5, Some(6.4))));
+        // While shaders are compiled, a frame takes far longer than the next one will.
+        shaders.add(1);
+        assert_eq!(told(60_000.0, method, 0.5), Some((0.5, Some(6.4))));
         let other = if method == Method::Sscr { Method::None } else { Method::Sscr };
         assert_eq!(told(8000.0, other, 0.5), None);
         assert_eq!(told(8000.0, other, 3.0), Some((3.0, None)), "of another method nothing is known");

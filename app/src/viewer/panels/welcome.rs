@@ -40,20 +40,23 @@ fn lost_text(session: &Session) -> Option<String> {
 
 /// Says what the inspection mirror waits for until a picture shows it.
 pub fn first_reflection(ui: &Ui, rect: Rect, session: &Session) {
-    let Some(held) = session.tools.inspection.as_ref().and_then(|held| held.mirror.as_ref()) else { return };
-    if session.interface_is_hidden || session.fatal.is_some() {
-        return;
+    if let Some(text) = first_reflection_text(session).filter(|_| !session.interface_is_hidden) {
+        caption(ui, rect, rect.center_bottom() - egui::vec2(0.0, 24.0), &text);
+        ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
+}
+
+fn first_reflection_text(session: &Session) -> Option<String> {
+    let held = session.tools.inspection.as_ref()?.mirror.as_ref().filter(|_| session.fatal.is_none())?;
     let shown = session.frames.shown.as_ref().map(|shown| &shown.request.mirrors);
     if shown.is_some_and(|mirrors| mirrors.iter().any(|mirror| mirror.name == held.name)) {
-        return;
+        return None;
     }
     let wait = match session.frames.compiled() {
         Some(share) => format!("shaders are compiled, {:.0} %", share * 100.0),
         None => "it is being drawn".into(),
     };
-    caption(ui, rect, rect.center_bottom() - egui::vec2(0.0, 24.0), &format!("First picture in the mirror: {wait}"));
-    ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
+    Some(format!("First picture in the mirror: {wait}"))
 }
 
 /// Writes a text over the picture that can be read whatever is behind it, in lines that fit into the picture. It stands
@@ -139,6 +142,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::bench::Bench;
+    use crate::viewer::objects::inspection::Surface;
     use crate::viewer::requests::preferences::Preferences;
 
     #[test]
@@ -181,5 +185,26 @@ mod tests {
         bench.session.act(Action::FrameAll);
         bench.settle();
         assert_eq!(lost_text(&bench.session), None);
+    }
+
+    #[test]
+    fn the_inspection_mirror_says_what_it_waits_for_until_a_picture_shows_it() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        bench.session.act(Action::Inspect);
+        assert_eq!(first_reflection_text(&bench.session), None, "it is over no surface");
+        let held = bench.session.tools.inspection.as_mut().unwrap();
+        let eye = bench.session.scene.camera.eye;
+        held.update(Some(Surface { position: DVec3::ZERO, normal: DVec3::Z }), eye, DVec3::Z);
+        let told = "First picture in the mirror: it is being drawn";
+        assert_eq!(first_reflection_text(&bench.session).as_deref(), Some(told));
+        let shaders = bench.session.frames.shaders.clone();
+        shaders.set_total(shaders.done() + 10);
+        shaders.add(5);
+        let told = "First picture in the mirror: shaders are compiled, 50 %";
+        assert_eq!(first_reflection_text(&bench.session).as_deref(), Some(told));
+        shaders.add(5);
+        bench.settle();
+        assert_eq!(first_reflection_text(&bench.session), None);
     }
 }
