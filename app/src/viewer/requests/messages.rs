@@ -60,10 +60,15 @@ impl Messages {
 
     /// Draws the toasts in the upper right corner of `rect`, and the list if it is open.
     pub fn show(&self, context: &egui::Context, rect: egui::Rect, actions: &mut Vec<Action>) {
-        let toasts = self.all.iter().enumerate().rev().filter(|(_, message)| message.is_fresh()).take(TOASTS);
+        let mut toasts: Vec<_> = self.all.iter().enumerate().rev().filter(|(_, message)| message.is_fresh()).collect();
+        // The last message is the answer to what was just done. Of the others, warnings and notes hide no error.
+        if let Some((_, others)) = toasts.split_first_mut() {
+            others.sort_by_key(|(_, message)| message.level != Level::Error);
+        }
+        toasts.truncate(TOASTS);
         let mut soonest: Option<Duration> = None;
         let mut top = rect.top() + 12.0;
-        for (index, (place, message)) in toasts.enumerate() {
+        for (index, (place, message)) in toasts.into_iter().enumerate() {
             // One line more would not fit.
             if index > 0 && top + LINE > rect.bottom() {
                 break;
@@ -230,5 +235,18 @@ mod tests {
         harness.state_mut().list_is_open = true;
         harness.run_ok();
         assert_eq!(["one", "two", "five"].map(|text| shown(&harness, text)), [2, 2, 1]);
+    }
+
+    #[test]
+    fn warnings_hide_no_error_and_the_last_message_is_shown() {
+        let mut messages = Messages::default();
+        messages.push(Level::Error, "not read");
+        ["one", "two", "three", "four"].into_iter().for_each(|text| messages.warning(text));
+        messages.push(Level::Note, "saved");
+        let mut harness = harness(messages);
+        harness.run_ok();
+        let top = |text: &str| harness.query_by_label(text).map(|node| node.rect().top());
+        assert!(top("saved") < top("not read") && top("not read") < top("four") && top("four") < top("three"));
+        assert!(top("saved").is_some() && top("two").is_none());
     }
 }
