@@ -6,7 +6,6 @@
 #import light
 #import brdf
 #import gloss
-#import thrown
 
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
@@ -23,9 +22,8 @@
 @group(1) @binding(7) var left_in: texture_2d<f32>;
 // w: 0 where no ray is followed from a mirror.
 @group(1) @binding(8) var rays_in: texture_2d<f32>;
-// See thrown.wgsl.
-@group(1) @binding(9) var<storage, read> photons: array<vec4f>;
-@group(1) @binding(10) var<storage, read> cells: array<u32>;
+// rgb: the irradiance of light that mirrors throw.
+@group(1) @binding(9) var thrown_in: texture_2d<f32>;
 
 override from_camera: bool = true;
 // LIGHT_BY_*, never auto.
@@ -111,7 +109,7 @@ fn shade(@builtin(global_invocation_id) invocation: vec3u) {
             }
         }
         if has_photons {
-            diffuse += thrown_light(position.xyz, normal.xyz);
+            diffuse += textureLoad(thrown_in, id, 0).rgb;
         }
         let tint = mirror_tint(settings, albedo.rgb, 0.0);
         radiance = albedo.rgb * diffuse * (share * 0.31830989) + tint * specular;

@@ -43,7 +43,7 @@ const LARGEST: f64 = 0.125;
 #[derive(Clone, PartialEq)]
 struct Asked {
     revision: u64,
-    /// The settings that affect what rays meet; the others are at their defaults.
+    /// The settings that affect what photons meet; the others are at their defaults.
     settings: Settings,
     /// How mirrors reflect.
     mirror: MirrorSettings,
@@ -63,9 +63,11 @@ pub(crate) struct Thrown {
     grid: Grid,
     /// The photons in an order in which those that lie close together follow each other.
     landed: Vec<Landed>,
-    /// In the layout of shaders/shared/thrown.wgsl.
+    /// In the layout of shaders/photon_light.wgsl.
     pub photons: wgpu::Buffer,
     pub cells: wgpu::Buffer,
+    /// The irradiance that the surface has which is shaded.
+    pub irradiance: Image,
 }
 
 #[derive(Default)]
@@ -82,7 +84,7 @@ pub(crate) struct PhotonScene<'a> {
     pub settings: &'a Settings,
     pub mirrors: &'a [Mirror],
     pub lights: &'a [MappedLight],
-    pub eye: DVec3,
+    pub camera: &'a FrameCamera,
 }
 
 impl Caustics {
@@ -96,7 +98,7 @@ impl Caustics {
     }
 
     pub fn bytes(&self) -> u64 {
-        self.thrown.as_ref().map_or(0, |thrown| thrown.photons.size() + thrown.cells.size())
+        self.thrown.as_ref().map_or(0, |thrown| thrown.photons.size() + thrown.cells.size() + thrown.irradiance.bytes())
     }
 
     /// Traces the photons, if their inputs have changed.
@@ -109,7 +111,7 @@ impl Caustics {
         scene: &PhotonScene<'_>,
         reflections: &mut Reflections,
     ) -> Result<()> {
-        let PhotonScene { store, settings, mirrors, lights, eye } = *scene;
+        let PhotonScene { store, settings, mirrors, lights, camera } = *scene;
         let bounces = Reflections::asked(settings) as u32;
         // The sun's finer map, which moves with the view, shines no other light.
         let is_sun = lights.first().is_some_and(|light| light.camera.orthographic);
@@ -120,7 +122,7 @@ impl Caustics {
         }
         let asked = Asked {
             revision: store.revision(),
-            settings: settings.only(|field| field.affects.found),
+            settings: met_by(settings),
             mirror: settings.mirror.clone(),
             photons: settings.light.photons,
             lights: lights.to_vec(),
@@ -146,8 +148,11 @@ impl Caustics {
             let asked = landed.is_some().then_some(asked);
             self.thrown = Some(Thrown::new(recorder.gpu, asked, self.generations, bounds, landed.unwrap_or_default()));
         }
-        if let Some(thrown) = &self.thrown {
-            let header = thrown.grid.header((thrown.origin - eye).as_vec3());
+        if let Some(thrown) = &mut self.thrown {
+            if thrown.irradiance.size() != camera.size {
+                thrown.irradiance = irradiance_image(recorder.gpu, camera.size);
+            }
+            let header = thrown.grid.header((thrown.origin - camera.eye).as_vec3());
             recorder.gpu.queue.write_buffer(&thrown.photons, 0, bytemuck::cast_slice(&header));
         }
         Ok(())
@@ -167,7 +172,8 @@ impl Thrown {
         };
         let photons = upload("photons", bytemuck::cast_slice(&words));
         let cells = upload("cells of photons", bytemuck::cast_slice(&grid.cells));
-        Self { asked, generation, origin, grid, landed, photons, cells }
+        let irradiance = irradiance_image(gpu, [1, 1]);
+        Self { asked, generation, origin, grid, landed, photons, cells, irradiance }
     }
 
     #[cfg(test)]
@@ -210,6 +216,20 @@ impl Thrown {
         }
         lights
     }
+}
+
+/// The settings that may change what photons meet. Frames in motion differ from others in settings that do not, so that
+/// they keep the photons.
+fn met_by(settings: &Settings) -> Settings {
+    let mut met = settings.only(|field| field.affects.found);
+    let usual = Settings::default();
+    (met.sscr, met.gloss) = (usual.sscr, usual.gloss);
+    (met.splat.quality, met.reflection.samples) = (usual.splat.quality, usual.reflection.samples);
+    met
+}
+
+fn irradiance_image(gpu: &Gpu, size: [u32; 2]) -> Image {
+    Image::new(&gpu.device, size, "irradiance by photons", wgpu::TextureFormat::Rgba16Float)
 }
 
 fn brightness(color: Vec4) -> f32 {

@@ -423,9 +423,13 @@ passes! {
         powers: ReadWrite, landed: ReadWrite, point_out: Write(Rgba32Float), eye_out: Write(Rgba32Float),
     }
     vpl_photons: Light over Pixels { lights: Uniform, thrown: Read, vpls: ReadWrite }
+    photon_light: Light over Pixels {
+        position_in: Texture, normal_in: Texture, from_in: Texture, photons: Read, cells: Read,
+        irradiance_out: Write(Rgba16Float),
+    }
     shade: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Read, shadows: Read,
-        radiance_out: Write(Rgba16Float), left_in: Texture, rays_in: Texture, photons: Read, cells: Read,
+        radiance_out: Write(Rgba16Float), left_in: Texture, rays_in: Texture, thrown_in: Texture,
     }
     blend: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, radiance_in: Texture,

@@ -115,8 +115,18 @@ impl FrameLight<'_> {
             ("fades", u32::from(fading.image().is_some())),
             ("is_mean_left", u32::from(fading.is_mean())),
         ];
-        let nothing = &self.lights.lights;
-        let [photons, cells] = self.thrown.map_or([nothing; 2], |thrown| [&thrown.photons, &thrown.cells]);
+        let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
+        if let Some(thrown) = self.thrown {
+            let bindings = passes::photon_light {
+                position_in: surface.position.bind(),
+                normal_in: surface.normal.bind(),
+                from_in: from.bind(),
+                photons: thrown.photons.as_entire_binding(),
+                cells: thrown.cells.as_entire_binding(),
+                irradiance_out: thrown.irradiance.bind(),
+            };
+            recorder.by_rows(&[("from_camera", u32::from(index == 0))], inputs, bindings, groups)?;
+        }
         let bindings = passes::shade {
             albedo_in: surface.albedo.bind(),
             normal_in: surface.normal.bind(),
@@ -127,10 +137,8 @@ impl FrameLight<'_> {
             radiance_out: radiance.bind(),
             left_in: fading.image().unwrap_or(surface.normal).bind(),
             rays_in: followed.unwrap_or(surface.normal).bind(),
-            photons: photons.as_entire_binding(),
-            cells: cells.as_entire_binding(),
+            thrown_in: self.thrown.map_or(surface.normal, |thrown| &thrown.irradiance).bind(),
         };
-        let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.by_rows(&switches, inputs, bindings, groups)?;
         if let Some(gi) = &mut self.gi {
             let receiver = Receiver {

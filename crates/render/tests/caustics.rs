@@ -11,7 +11,7 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use cloud::Chunk;
 use glam::{DVec3, Vec3};
 use render::{Aov, Frame, Material, Objects, PointStore};
-use scene::{Camera, Mirror, Settings, Shape, SpotLight};
+use scene::{Camera, Mirror, Quality, Settings, Shape, SpotLight};
 
 use hollow::{cone, hollow_sphere};
 use stage::Stage;
@@ -323,6 +323,9 @@ fn photons_are_the_same_to_the_bit_kept_while_all_stands_and_none_where_nothing_
     let mut brighter = settings.clone();
     brighter.light.diffuse = 2.0;
     assert!(!has_traced(&mut stage, &brighter, &camera, objects), "other matt surfaces trace them anew");
+    let mut hurried = settings.clone();
+    (hurried.splat.quality, hurried.sscr.solve_once) = (Quality::Nearest, true);
+    assert!(!has_traced(&mut stage, &hurried, &camera, objects), "a hurried frame traces them anew");
     // Each of these changes what is thrown.
     let lower = [Mirror { position: DVec3::new(2.0, 0.0, 0.9), ..pane() }];
     let dimmer = [SpotLight { intensity: [1.0; 3], ..lamp() }];

@@ -1,4 +1,4 @@
-//! Photons in grids of cells, as shading reads them (shaders/shared/thrown.wgsl, whose twin is `Grid::irradiance`).
+//! Photons in grids of cells, as shading reads them (shaders/photon_light.wgsl, whose twin is `Grid::irradiance`).
 //!
 //! Each photon spreads its light over a radius of its own, in which its nearest neighbours lie (Breiman, Meisel and Purcell
 //! 1977): so light is smooth where it is thin and sharp where it is focused, and a place reads about as many photons
@@ -27,6 +27,8 @@ const LISTED: f32 = 1.002;
 pub(super) struct Grid {
     /// The edge of the cells of the first grid, and the largest radius.
     edge: f32,
+    /// The number of grids up to the finest that lists photons.
+    levels: usize,
     photons: Vec<Photon>,
     /// The number of lists of a grid, a power of two.
     lists: u32,
@@ -56,8 +58,9 @@ impl Grid {
         let least = most / (1 << LEVELS) as f32;
         let spreads = Tree::new(landed).spreads([least, most]);
         let photons = merged(landed, &spreads, least);
-        let lists = (photons.len() / 4).next_power_of_two() as u32;
-        let mut grid = Self { edge: most, photons, lists, cells: Vec::new() };
+        let lists = photons.len().next_power_of_two() as u32;
+        let mut grid = Self { edge: most, levels: 0, photons, lists, cells: Vec::new() };
+        grid.levels = grid.photons.iter().map(|photon| grid.level_of(photon) + 1).max().unwrap_or(0);
         grid.list();
         grid
     }
@@ -90,7 +93,7 @@ impl Grid {
     /// The lists of the cells that the ball of a photon reaches, each once.
     fn reached(&self, photon: &Photon, lists: &mut Vec<usize>) {
         let radius = photon.spread.radius * LISTED;
-        let level = (0..LEVELS).rev().find(|level| self.edge_of(*level) >= photon.spread.radius).unwrap_or(0);
+        let level = self.level_of(photon);
         let edge = self.edge_of(level);
         let [low, high] = [-radius, radius].map(|reach| cell_of(photon.position + reach, edge));
         lists.clear();
@@ -108,6 +111,11 @@ impl Grid {
         lists.dedup();
     }
 
+    /// The finest grid that a photon fits in.
+    fn level_of(&self, photon: &Photon) -> usize {
+        (0..LEVELS).rev().find(|level| self.edge_of(*level) >= photon.spread.radius).unwrap_or(0)
+    }
+
     fn edge_of(&self, level: usize) -> f32 {
         self.edge / (1 << level) as f32
     }
@@ -121,21 +129,22 @@ impl Grid {
 
     /// The first elements of the photons' buffer; `origin` is that of the photons relative to the eye.
     pub fn header(&self, origin: Vec3) -> [Vec4; 2] {
-        [origin.extend(self.edge), Vec4::new(self.lists as f32, 0.0, 0.0, 0.0)]
+        [origin.extend(self.edge), Vec4::new(self.lists as f32, self.levels as f32, 0.0, 0.0)]
     }
 
     /// The other elements.
     pub fn vectors(&self) -> impl Iterator<Item = Vec4> {
         self.photons.iter().flat_map(|photon| {
             let (squared, peak) = photon.squared_and_peak();
-            [photon.position.extend(squared), photon.normal.extend(0.0), peak.extend(0.0), photon.spread.end]
+            let end = photon.spread.end;
+            [photon.position.extend(squared), photon.normal.extend(end.w), peak.extend(0.0), end]
         })
     }
 
     /// The irradiance at a place relative to the photons' origin.
     pub fn irradiance(&self, place: Vec3, normal: Vec3) -> Vec3 {
         let mut sum = Vec3::ZERO;
-        for level in 0..LEVELS {
+        for level in 0..self.levels {
             let list = self.list_of(level, cell_of(place, self.edge_of(level)));
             for index in self.cells[list]..self.cells[list + 1] {
                 let photon = &self.photons[self.cells[index as usize] as usize];

@@ -29,28 +29,36 @@ fn a_surface_gets_the_light_that_the_twin_says() {
     let mut settings = Settings::default();
     settings.gi.bounces = 0;
     settings.mirror.surface = MirrorSurface::Exact;
-    let mut direct = [0, 20_000].map(|photons| {
-        settings.light.photons = photons;
-        renderer.render(&store, &Frame::new(&five_mirrors::camera(), &settings, objects, [64, 48])).unwrap();
-        renderer.read_aov(Aov::Direct).unwrap().data
-    });
-    let [positions, normals, albedos, mirrors] =
-        [Aov::Position, Aov::Normal, Aov::Albedo, Aov::Mirror].map(|aov| renderer.read_aov(aov).unwrap().data);
-    let thrown = renderer.caustics.thrown().unwrap();
-    let vector = |data: &[f32], pixel: usize| Vec3::from_slice(&data[3 * pixel..]);
-    let (mut lit, mut compared) = (0, 0);
-    for pixel in (0..mirrors.len()).filter(|pixel| mirrors[*pixel] == 0.0) {
-        let expected = thrown.irradiance(vector(&positions, pixel).as_dvec3(), vector(&normals, pixel))
-            * vector(&albedos, pixel)
-            * std::f32::consts::FRAC_1_PI;
-        let [without, with] = direct.each_mut().map(|light| vector(light, pixel));
-        // Colours and light are halves.
-        let most = 0.002 * (with.max_element() + expected.max_element()) + 1e-5;
-        assert!(((with - without) - expected).abs().max_element() < most, "{pixel}: {with} {without} {expected}");
-        lit += usize::from(expected.max_element() > 1e-3);
-        compared += 1;
+    // In the small picture each pixel walks all photons, in the large one many take light from the nodes about them.
+    for (size, most_off) in [([64, 48], 0.004), ([400, 300], 0.01)] {
+        let mut direct = [0, 20_000].map(|photons| {
+            settings.light.photons = photons;
+            renderer.render(&store, &Frame::new(&five_mirrors::camera(), &settings, objects, size)).unwrap();
+            renderer.read_aov(Aov::Direct).unwrap().data
+        });
+        let [positions, normals, albedos, mirrors] =
+            [Aov::Position, Aov::Normal, Aov::Albedo, Aov::Mirror].map(|aov| renderer.read_aov(aov).unwrap().data);
+        let thrown = renderer.caustics.thrown().unwrap();
+        let vector = |data: &[f32], pixel: usize| Vec3::from_slice(&data[3 * pixel..]);
+        let (mut lit, mut compared, mut squares, mut sum) = (0, 0, 0.0, 0.0);
+        for pixel in (0..mirrors.len()).filter(|pixel| mirrors[*pixel] == 0.0) {
+            let expected = thrown.irradiance(vector(&positions, pixel).as_dvec3(), vector(&normals, pixel))
+                * vector(&albedos, pixel)
+                * std::f32::consts::FRAC_1_PI;
+            let [without, with] = direct.each_mut().map(|light| vector(light, pixel));
+            let off = ((with - without) - expected).abs().max_element();
+            // Colours and light are halves.
+            let most = 0.002 * (with.max_element() + expected.max_element()) + 1e-5;
+            assert!(size[0] > 64 || off < most, "{pixel}: {with} {without} {expected}");
+            (squares, sum) = (squares + f64::from(off).powi(2), sum + f64::from(expected.max_element()));
+            lit += usize::from(expected.max_element() > 1e-3);
+            compared += 1;
+        }
+        let off = (squares * f64::from(compared)).sqrt() / sum;
+        println!("{size:?}: {compared} pixels, {lit} lit, relative RMSE {off}");
+        assert!(compared as usize > mirrors.len() / 2 && lit > mirrors.len() / 6, "{lit} of {compared} pixels are lit");
+        assert!(off < most_off, "{off} at {size:?}");
     }
-    assert!(compared > 2000 && lit > 500, "{lit} of {compared} pixels are lit");
 }
 
 /// Photons of equal power on a square whose corner is the origin, one in each cell of a raster; together they have `power`.

@@ -130,7 +130,7 @@ pub(super) fn light(
     lights.upload(recorder.gpu, mapped, camera.eye);
     let (may_lag, atomics64) = (plan.effort.light_may_lag, recorder.gpu.has_wide_atomics(&settings.splat));
     let maps = lights.draw_shadows(recorder, store, settings, mapped, at_hand, may_lag, atomics64)?;
-    let scene = PhotonScene { store, settings, mirrors: objects.mirrors, lights: mapped, eye: camera.eye };
+    let scene = PhotonScene { store, settings, mirrors: objects.mirrors, lights: mapped, camera };
     caustics.trace(recorder, &scene, reflections)?;
     if plan.has_indirect {
         gi.place(recorder, *camera, store, settings, (mapped, caustics.thrown(), *sky), &lights.shadows)?;
