@@ -16,6 +16,8 @@
 
 // Set where splat_accumulate_pairs made the sums.
 override pairs: bool = false;
+// Set where some clouds are mirrors or glossy; else the sums of highlights hold nothing.
+override has_materials: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn splat_average(@builtin(global_invocation_id) id: vec3u) {
@@ -30,11 +32,14 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
     // At least one point's weight wherever anything was splatted.
     let weight = max(color_sum.x, 1.0);
     let is_empty = nearest[pixel].y == 0u;
-    let specular_carry = specular_sums[pixel * SPECULAR_WORDS + 2u];
-    let specular_sum = vec2f(vec2u(specular_sums[pixel * SPECULAR_WORDS], specular_sums[pixel * SPECULAR_WORDS + 1u]))
-        + vec2f(vec2u(specular_carry & 0xffffu, specular_carry >> 16u)) * 4294967296.0;
-    let specular = specular_sum / weight;
-    let gloss = f32(specular_sums[pixel * SPECULAR_WORDS + 3u]) / (weight * 255.0);
+    var specular = vec2f(0.0);
+    var gloss = 0.0;
+    if has_materials {
+        let at = pixel * SPECULAR_WORDS;
+        let high = vec2u(specular_sums[at + 2u] & 0xffffu, specular_sums[at + 2u] >> 16u);
+        specular = (vec2f(vec2u(specular_sums[at], specular_sums[at + 1u])) + vec2f(high) * 4294967296.0) / weight;
+        gloss = f32(specular_sums[at + 3u]) / (weight * 255.0);
+    }
     let is_glossy = specular.x == 0.0 && gloss > 0.0;
     let front = depth_from_nearness(nearest[pixel].y);
     let depth = front * (1.0 + LEAST_BEHIND + BEHIND_RANGE * (surface_sum.w / weight / 65535.0));

@@ -4,6 +4,9 @@
 #import large_discs
 #import color
 
+// Set where some clouds are mirrors or glossy.
+override has_materials: bool = false;
+
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
     if !is_shown(index) {
@@ -123,7 +126,7 @@ fn add(pixel: u32, item: Item, surface: PointSurface, fragment: Fragment, front:
     let shape = vec4u(vec3u(surface.normal + NORMAL_BIAS), behind) * weight;
     add_sums(pixel, color, shape);
     // Most points are no mirrors and skip this.
-    if item.specular_intensity != 0.0 {
+    if has_materials && item.specular_intensity != 0.0 {
         let is_mirror = item.specular_intensity > 0.0;
         // The sum of gloss is too small to wrap: that takes a quarter of a million points in a pixel.
         let steps = abs(item.specular_intensity) * select(255.0, 1023.0, is_mirror);

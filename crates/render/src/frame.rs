@@ -1,5 +1,6 @@
 //! The objects that a frame shows, and the camera as the shaders get it.
 
+use cloud::Bounds;
 use glam::{DMat3, DVec3, Vec4};
 use scene::{Camera, LightClues, Mirror, Projection, SpotLight, ViewSettings};
 
@@ -214,20 +215,29 @@ impl FrameCamera {
 
     /// Whether a sphere, widened by `margin` pixels, may be in the picture.
     pub fn sees(&self, center: DVec3, radius: f64, margin: f64) -> bool {
+        self.sees_box(Bounds { min: center, max: center }, radius, margin)
+    }
+
+    /// Whether a box may be in the picture that is widened by `reach` world units to all sides, and by `margin` pixels.
+    pub fn sees_box(&self, bounds: Bounds, reach: f64, margin: f64) -> bool {
+        let (center, half_size) = (bounds.center(), bounds.size() * 0.5);
         let view = self.view_from_world * (center - self.eye);
-        let is_behind = |plane: Plane| plane.normal.dot(center) < plane.offset - radius;
-        let is_too_near = self.near >= 0.0 && view.z < self.near - radius;
+        let [right, up, forward] = [0, 1, 2].map(|row| self.view_from_world.row(row));
+        // How far it reaches from its middle along a normal.
+        let reaches = |normal: DVec3| half_size.dot(normal.abs()) + reach * normal.length();
+        let is_behind = |plane: Plane| plane.normal.dot(center) < plane.offset - reaches(plane.normal);
+        let is_too_near = self.near >= 0.0 && view.z < self.near - reaches(forward);
         if is_too_near || self.clip.is_some_and(is_behind) {
             return false;
         }
         let half = [f64::from(self.size[0]) * 0.5, f64::from(self.size[1]) * 0.5]
             .map(|half| (half + margin) / self.focal_pixels);
-        [(view.x, half[0]), (view.y, half[1])].into_iter().all(|(offset, half)| {
+        [(view.x, right, half[0]), (view.y, up, half[1])].into_iter().all(|(offset, axis, half)| {
             if self.orthographic {
-                offset.abs() <= half + radius
+                offset.abs() <= half + reaches(axis)
             } else {
-                // The distance to the side plane through the eye.
-                (offset.abs() - half * view.z) / (1.0 + half * half).sqrt() <= radius
+                // The side plane through the eye on whose side the middle lies.
+                offset.abs() - half * view.z <= reaches(axis * offset.signum() - forward * half)
             }
         })
     }
@@ -287,6 +297,28 @@ mod tests {
             }
             assert!(!camera.sees(DVec3::new(10.0, 500.0, 0.0), 1.0, 0.0));
             assert!(camera.sees(DVec3::new(10.0, 500.0, 0.0), 499.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn culling_drops_no_box_with_a_place_in_the_picture_and_drops_a_wall_beside_it() {
+        for projection in [Projection::Perspective, Projection::Orthographic] {
+            let camera = camera(projection);
+            let mut dropped = 0;
+            for i in 0..4000 {
+                let spread = |k: u32| f64::from((i * 7919 + k * 104_729) % 1000) / 500.0 - 1.0;
+                let center = DVec3::new(spread(1) * 12.0, spread(2) * 12.0, spread(3) * 12.0);
+                let half = DVec3::new(spread(4), spread(5), spread(6)).abs() * 3.0;
+                let bounds = Bounds { min: center - half, max: center + half };
+                let places = (0..27)
+                    .map(|n| center + half * (DVec3::new((n % 3).into(), (n / 3 % 3).into(), (n / 9).into()) - 1.0));
+                let is_inside = places.into_iter().any(|place| camera.sees(place, 0.0, 0.0));
+                assert!(!is_inside || camera.sees_box(bounds, 0.0, 0.0), "{center} {half}");
+                dropped += u32::from(!camera.sees_box(bounds, 0.0, 0.0));
+            }
+            assert!(dropped > 400, "{dropped}");
+            let wall = Bounds { min: DVec3::new(-9.0, 9.0, -9.0), max: DVec3::new(9.0, 9.1, 9.0) };
+            assert!(camera.sees(wall.center(), wall.radius(), 0.0) && !camera.sees_box(wall, 0.0, 0.0));
         }
     }
 

@@ -28,6 +28,8 @@ pub(crate) struct Inputs {
     tables: wgpu::Buffer,
     /// Whether some points are hidden.
     pub hides_points: bool,
+    /// Whether some of the points are mirrors or glossy.
+    pub has_materials: bool,
     /// One point in so many of each block is drawn.
     pub step: u32,
     pub pages: Vec<PageInputs>,
@@ -203,6 +205,7 @@ impl Inputs {
             settings: upload("settings", uniform, bytemuck::cast_slice(&words)),
             tables: upload("tables", storage, bytemuck::cast_slice(&tables.words)),
             hides_points: list.hides_points,
+            has_materials: list.items.iter().any(|item| item.specular_intensity != 0.0),
             step,
             pages,
         }

@@ -17,7 +17,7 @@ use glam::DVec3;
 pub use material::Material;
 use pages::{PageBuffers, room_of};
 use rayon::prelude::*;
-use scene::{Ramp, Settings, Splat};
+use scene::{Ramp, Settings};
 use shown::{Shown, scene_bounds, shown_of};
 
 use crate::coloring::{ColorPlan, ColorSource, up_axis};
@@ -70,12 +70,6 @@ impl StoredChunk {
     /// The range of the page that it takes.
     fn room(&self) -> std::ops::Range<u32> {
         self.range.start..self.range.start + room_of(self.range.len() as u32)
-    }
-
-    /// The radius of its largest splat in world units.
-    fn largest_radius(&self, cloud: &StoredCloud, splat: &Splat) -> f64 {
-        let provisional = if self.shown.lacks_radii { cloud.provisional_radius } else { 0.0 };
-        f64::from(self.shown.largest_radius.max(provisional)) * f64::from(splat.size)
     }
 }
 
@@ -516,8 +510,8 @@ impl PointStore {
         self.chunks.values().filter_map(|chunk| {
             let cloud = self.clouds.get(&chunk.cloud)?;
             let reflects = cloud.material.specular_intensity > 0.0;
-            let reach = chunk.largest_radius(cloud, &settings.splat);
-            let bounds = chunk.shown.bounds;
+            let reach = chunk.shown.whole.largest_splat(cloud.provisional_radius, &settings.splat);
+            let bounds = chunk.shown.whole.bounds;
             (cloud.visible && reflects && !bounds.is_empty()).then(|| (bounds.center(), bounds.radius() + reach))
         })
     }
@@ -528,7 +522,7 @@ impl PointStore {
         for (id, chunk) in &self.chunks {
             let Some(cloud) = self.clouds.get(&chunk.cloud) else { continue };
             let by_formula = cloud.material.has_formula && settings.mirror.surface.is_exact(cloud.material.as_points);
-            let is_seen = cloud.visible && !chunk.shown.bounds.is_empty();
+            let is_seen = cloud.visible && !chunk.shown.whole.bounds.is_empty();
             if is_seen && cloud.material.specular_intensity > 0.0 && !by_formula {
                 mirrors.entry(chunk.cloud).or_default().push(*id);
             }
@@ -567,15 +561,15 @@ impl PointStore {
         Some(PlacedChunk {
             points: &chunk.points,
             revision: chunk.revision,
-            bounds: chunk.shown.bounds,
+            bounds: chunk.shown.whole.bounds,
             page: chunk.page,
             first: chunk.range.start,
             first_identity: self.identities().first_of(id),
             provisional_radius: cloud.provisional_radius,
-            largest_radius: if chunk.shown.lacks_radii {
-                chunk.shown.largest_radius.max(cloud.provisional_radius)
+            largest_radius: if chunk.shown.whole.lacks_radii {
+                chunk.shown.whole.largest_radius.max(cloud.provisional_radius)
             } else {
-                chunk.shown.largest_radius
+                chunk.shown.whole.largest_radius
             },
             shown: &chunk.shown.which,
         })
@@ -620,7 +614,7 @@ impl PointStore {
                 points: &chunk.points,
                 first_identity,
                 provisional_radius: cloud.provisional_radius,
-                shown_points: chunk.shown.points as usize,
+                shown_points: chunk.shown.whole.points as usize,
                 shown: &chunk.shown.which,
             })
         });
@@ -667,7 +661,8 @@ impl PointStore {
     pub(crate) fn reach(&self) -> Bounds {
         let scene = self.bounds();
         let is_visible = |chunk: &&StoredChunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible);
-        let shown = self.chunks.values().filter(is_visible).map(|chunk| chunk.shown.bounds).fold(scene, Bounds::union);
+        let shown =
+            self.chunks.values().filter(is_visible).map(|chunk| chunk.shown.whole.bounds).fold(scene, Bounds::union);
         let [width, own] = [shown, scene].map(|bounds| bounds.size().max_element());
         if own > 0.0 && width > f64::from(shown::FAR) * own { scene } else { shown }
     }

@@ -38,6 +38,8 @@ pub(crate) fn splat_surface(
             let (nearest_in, color, surface) = (nearest.clone(), color_sums.clone(), surface_sums.clone());
             let (specular, carried) = (specular_sums.clone(), carries.clone());
             let pairs = recorder.gpu.sums_pairs(&settings.splat);
+            let has_materials = ("has_materials", u32::from(inputs.has_materials));
+            let switches = [&switches[..], &[has_materials]].concat();
             if pairs {
                 let bindings = passes::splat_accumulate_pairs {
                     nearest: nearest_in,
@@ -67,7 +69,7 @@ pub(crate) fn splat_surface(
                 normal_out: normal.clone(),
                 depth_out: depth.clone(),
             };
-            recorder.over_pixels(&[("pairs", u32::from(pairs))], inputs, bindings)?;
+            recorder.over_pixels(&[("pairs", u32::from(pairs)), has_materials], inputs, bindings)?;
         }
         _ => {
             let bindings = passes::splat_resolve {

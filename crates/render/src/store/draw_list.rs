@@ -1,4 +1,5 @@
-//! Selects what a frame draws of the store: the chunks that may be in the picture, as blocks of points.
+//! Selects what a frame draws of the store: the chunks that may be in the picture, and of these the runs of points that
+//! may be, as blocks.
 
 use std::ops::Range;
 
@@ -11,6 +12,7 @@ use crate::frame::FrameCamera;
 use crate::identities::{ChunkId, CloudId};
 use crate::layout::{BLOCK_POINTS, Block, Item};
 use crate::store::pages::PageBuffers;
+use crate::store::shown::Extent;
 use crate::store::{PointStore, StoredChunk, StoredCloud};
 
 /// The chunks that a frame selects.
@@ -65,7 +67,8 @@ pub(crate) struct PageDraw {
     /// The blocks of each kind: different kernels draw them.
     pub blocks: [Vec<Block>; 3],
     /// The item of each run of `BLOCK_POINTS` points of the page; then, for each run of as many identities of the
-    /// store, the run of the page that has them. `u32::MAX` where none is drawn.
+    /// store, the run of the page that has them. `u32::MAX` where
+    /// no chunk of the list has them.
     pub items_of_runs: Vec<u32>,
 }
 
@@ -128,19 +131,19 @@ impl StoredCloud {
     }
 }
 
-impl StoredChunk {
-    /// Whether its splats may be in the picture, those that are shown.
+impl Extent {
+    /// Whether the splats may be in the picture.
     fn is_seen(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> bool {
-        // Splats reach beyond their points.
-        let reach = self.largest_radius(cloud, splat);
-        let bounds = self.shown.bounds;
-        camera.sees(bounds.center(), bounds.radius() + reach, f64::from(splat.min_pixels) * 0.5)
+        // Splats reach beyond their points. To the sides, the further pixel is far more than what a GPU rounds places by.
+        let margin = f64::from(splat.min_pixels) * 0.5 + 1.0;
+        !self.bounds.is_empty()
+            && camera.sees_box(self.bounds, self.largest_splat(cloud.provisional_radius, splat), margin)
     }
 
-    /// The radius in pixels of the largest disc of the chunk: at most this.
+    /// The radius in pixels of the largest disc: at most this.
     fn largest_disc(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> f64 {
-        let scale = camera.most_pixels_per_unit(self.shown.bounds.center(), self.shown.bounds.radius());
-        let pixels = self.largest_radius(cloud, splat) * scale;
+        let scale = camera.most_pixels_per_unit(self.bounds.center(), self.bounds.radius());
+        let pixels = self.largest_splat(cloud.provisional_radius, splat) * scale;
         // The limits are those of disc_of_point in splat.wgsl.
         let (least, most) =
             (f64::from(splat.min_pixels) * 0.5, f64::from(splat.max_pixels.max(splat.min_pixels)) * 0.5);
@@ -198,31 +201,40 @@ impl PointStore {
             let is_left_out = selection == Selection::SeenBesides(chunk.cloud)
                 || (cloud.is_by_formula(settings) && !with_mirrors)
                 || (selection == Selection::Casting && cloud.material.is_clear());
-            let is_seen = !asks_where_seen || chunk.is_seen(cloud, camera, splat);
-            if !cloud.visible || chunk.shown.bounds.is_empty() || !is_seen || is_left_out {
+            let is_seen = if asks_where_seen {
+                chunk.shown.whole.is_seen(cloud, camera, splat)
+            } else {
+                !chunk.shown.whole.bounds.is_empty()
+            };
+            if !cloud.visible || !is_seen || is_left_out {
                 continue;
             }
             let item = items.len() as u32;
             items.push(self.item(chunk, cloud, camera));
             chunk_ids.push(*id);
-            points += u64::from(chunk.shown.points);
-            let largest = if asks_where_seen { chunk.largest_disc(cloud, camera, splat) } else { LARGEST_ALONE };
-            let (cover, points_of_block) = match largest {
-                ..=0.5 => (Cover::Pixels, BLOCK_POINTS),
-                ..=LARGEST_ALONE => (Cover::Discs, BLOCK_POINTS),
-                _ => (Cover::LargeDiscs, points_of_shared_block(largest, camera.size, splat)),
-            };
             let page = &mut pages[chunk.page];
             let first_identity = |first: u32| identities.first_of(*id) + first - chunk.range.start;
-            for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
+            for (first, run) in chunk.range.clone().step_by(BLOCK_POINTS as usize).zip(&chunk.shown.runs) {
                 page.items_of_runs[runs_of(first)] = item;
                 page.items_of_runs[runs_of(page.capacity) + runs_of(first_identity(first))] = first / BLOCK_POINTS;
+                if asks_where_seen && !run.is_seen(cloud, camera, splat) {
+                    continue;
+                }
+                points += u64::from(run.points);
+                let largest = if asks_where_seen { run.largest_disc(cloud, camera, splat) } else { LARGEST_ALONE };
+                let (cover, most) = match largest {
+                    ..=0.5 => (Cover::Pixels, BLOCK_POINTS),
+                    ..=LARGEST_ALONE => (Cover::Discs, BLOCK_POINTS),
+                    _ => (Cover::LargeDiscs, points_of_shared_block(largest, camera.size, splat)),
+                };
+                let end = chunk.range.end.min(first + BLOCK_POINTS);
+                let size = (end - first).div_ceil((end - first).div_ceil(most));
+                let blocks = (first..end).step_by(size as usize).map(|first| {
+                    let count = size.min(end - first);
+                    Block { item, first, count, first_identity: first_identity(first) }
+                });
+                page.blocks[cover as usize].extend(blocks);
             }
-            let blocks = chunk.range.clone().step_by(points_of_block as usize).map(|first| {
-                let count = points_of_block.min(chunk.range.end - first);
-                Block { item, first, count, first_identity: first_identity(first) }
-            });
-            page.blocks[cover as usize].extend(blocks);
         }
         pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
         DrawList { pages, items, chunks: chunk_ids, hides_points: self.hides_points(), points, step: 1 }
@@ -234,8 +246,7 @@ impl PointStore {
         let identities = self.identities();
         let seen = self.chunks.iter().filter_map(|(id, chunk)| {
             let cloud = self.clouds.get(&chunk.cloud)?;
-            let is_seen =
-                cloud.visible && !chunk.shown.bounds.is_empty() && chunk.is_seen(cloud, camera, &settings.splat);
+            let is_seen = cloud.visible && chunk.shown.whole.is_seen(cloud, camera, &settings.splat);
             is_seen.then(|| SeenChunk {
                 points: &chunk.points,
                 shown: &chunk.shown.which,
@@ -284,7 +295,32 @@ impl PointStore {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+    use scene::{Camera, ViewSettings};
+
     use super::*;
+    use crate::gpu::Gpu;
+    use crate::store::Material;
+
+    #[test]
+    fn runs_of_a_chunk_beside_the_picture_are_left_out() {
+        let Some(gpu) = Gpu::shared() else { return };
+        let mut store = PointStore::new(gpu);
+        let cloud = store.add_cloud(Material::default());
+        // Five heaps from left to right, a run each; the camera sees the third.
+        let place = |i: u32| [-3.0, f32::from((i / BLOCK_POINTS) as u8) * 10.0 - 20.0, (i % 7) as f32 * 0.01];
+        let chunk = Chunk::new(0, DVec3::ZERO, (0..BLOCK_POINTS * 5).map(place).collect());
+        store.add_chunk(cloud, &chunk, None).unwrap();
+        let camera = Camera::looking(DVec3::ZERO, -DVec3::X, 4.0, DVec3::Z);
+        let camera = FrameCamera::new(&camera, &ViewSettings::default(), [64, 64], DVec3::ZERO, 25.0);
+        let drawn = |selection| {
+            let list = store.draw_list(&camera, &Settings::default(), selection);
+            let firsts: Vec<u32> = list.pages[0].blocks.iter().flatten().map(|block| block.first).collect();
+            (list.points, firsts)
+        };
+        assert_eq!(drawn(Selection::Seen), (BLOCK_POINTS.into(), vec![2 * BLOCK_POINTS]));
+        assert_eq!(drawn(Selection::Everywhere).0, u64::from(BLOCK_POINTS) * 5);
+    }
 
     #[test]
     fn workgroups_that_share_discs_have_few_turns() {

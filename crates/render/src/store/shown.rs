@@ -1,31 +1,46 @@
 //! Which points of a chunk of the store are shown, and figures of these.
 
+use std::ops::Range;
+
 use cloud::{Bounds, Chunk, CloudLayout, NO_RADIUS, PointTest, ShownPoints, unpack_radius};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use scene::Splat;
 
-/// Figures of the shown points of a chunk.
-pub(super) struct Shown {
-    pub which: ShownPoints,
+use crate::layout::BLOCK_POINTS;
+
+/// Figures of the shown points of a chunk, or of a run of `BLOCK_POINTS` of its points.
+pub(super) struct Extent {
     pub points: u32,
     pub bounds: Bounds,
-    /// The bounds without the points that are far away from most of the chunk.
-    pub core: Bounds,
-    /// Some of the points of the core, as offsets from the chunk's origin.
-    pub sample: Vec<Vec3>,
     /// The largest known splat radius in world units.
     pub largest_radius: f32,
     pub lacks_radii: bool,
 }
 
-impl Shown {
-    pub fn of(points: &Chunk, which: ShownPoints) -> Self {
-        let (bounds, core) = (Bounds::EMPTY, Bounds::EMPTY);
-        let sample = Vec::new();
-        let mut shown = Self { which, points: 0, bounds, core, sample, largest_radius: 0.0, lacks_radii: true };
+/// Figures of the shown points of a chunk.
+pub(super) struct Shown {
+    pub which: ShownPoints,
+    pub whole: Extent,
+    /// Those of each run of the chunk. Points that follow one another in a file mostly lie beside one another, too.
+    pub runs: Vec<Extent>,
+    /// The bounds without the points that are far away from most of the chunk.
+    pub core: Bounds,
+    /// Some of the points of the core, as offsets from the chunk's origin.
+    pub sample: Vec<Vec3>,
+}
+
+impl Extent {
+    /// The radius of the largest splat in world units; `provisional` is that of points whose own is not known yet.
+    pub fn largest_splat(&self, provisional: f32, splat: &Splat) -> f64 {
+        let provisional = if self.lacks_radii { provisional } else { 0.0 };
+        f64::from(self.largest_radius.max(provisional)) * f64::from(splat.size)
+    }
+
+    fn of(points: &Chunk, which: &ShownPoints, range: Range<usize>) -> Self {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let (mut count, mut largest, mut lacks_radii) = (0, None, points.radii.is_none());
-        for index in shown.which.indices(points.len()) {
+        for index in range.filter(|index| which.has(*index)) {
             let position = Vec3::from(points.positions[index]);
             if position.is_finite() {
                 (low, high) = (low.min(position), high.max(position));
@@ -37,22 +52,47 @@ impl Shown {
             }
             count += 1;
         }
-        if low.cmple(high).all() {
-            shown.bounds = Bounds { min: points.origin + low.as_dvec3(), max: points.origin + high.as_dvec3() };
+        let bounds = match low.cmple(high).all() {
+            true => Bounds { min: points.origin + low.as_dvec3(), max: points.origin + high.as_dvec3() },
+            false => Bounds::EMPTY,
+        };
+        let largest_radius = largest.and_then(unpack_radius).unwrap_or(0.0);
+        Self { points: count, bounds, largest_radius, lacks_radii }
+    }
+
+    fn union(self, other: &Self) -> Self {
+        Self {
+            points: self.points + other.points,
+            bounds: self.bounds.union(other.bounds),
+            largest_radius: self.largest_radius.max(other.largest_radius),
+            lacks_radii: self.lacks_radii | other.lacks_radii,
+        }
+    }
+}
+
+impl Shown {
+    pub fn of(points: &Chunk, which: ShownPoints) -> Self {
+        let firsts = (0..points.len()).step_by(BLOCK_POINTS as usize);
+        let run = |first: usize| Extent::of(points, &which, first..points.len().min(first + BLOCK_POINTS as usize));
+        let runs: Vec<Extent> = firsts.map(run).collect();
+        let whole = runs.iter().fold(Extent::of(points, &which, 0..0), Extent::union);
+        let (core, sample) = (whole.bounds, Vec::new());
+        let mut shown = Self { which, whole, runs, core, sample };
+        let Bounds { min, max } = shown.whole.bounds;
+        if !shown.whole.bounds.is_empty() {
+            let [low, high] = [min, max].map(|corner| (corner - points.origin).as_vec3());
             let far = low.abs().max(high.abs()).max_element();
             let reach = reach_of_most(points, &shown.which).filter(|reach| FAR * reach < far);
             let reach = reach.map_or(f32::INFINITY, |reach| FAR * reach);
             let is_near = |position: &Vec3| position.abs().max_element() <= reach;
             shown.core = match reach.is_finite() {
-                false => shown.bounds,
+                false => shown.whole.bounds,
                 true => shown.bounds_where(points, |position| is_near(&(position - points.origin).as_vec3())),
             };
             let indices = (0..points.len()).step_by(points.len().div_ceil(SCENE_SAMPLE).max(1));
             let some = indices.filter(|index| shown.which.has(*index)).map(|index| Vec3::from(points.positions[index]));
             shown.sample = some.filter(is_near).collect();
         }
-        shown.largest_radius = largest.and_then(unpack_radius).unwrap_or(0.0);
-        (shown.points, shown.lacks_radii) = (count, lacks_radii);
         shown
     }
 
@@ -97,7 +137,7 @@ fn reach_of_most(points: &Chunk, which: &ShownPoints) -> Option<f32> {
 pub(super) fn scene_bounds(chunks: &[(&Chunk, &Shown)]) -> Bounds {
     let all = chunks.iter().map(|(_, shown)| shown.core).fold(Bounds::EMPTY, Bounds::union);
     let sample = chunks.iter().flat_map(|(points, shown)| {
-        let weight = f64::from(shown.points) / shown.sample.len().max(1) as f64;
+        let weight = f64::from(shown.whole.points) / shown.sample.len().max(1) as f64;
         shown.sample.iter().map(move |offset| (points.origin + offset.as_dvec3(), weight))
     });
     let Some(fence) = cloud::scene_fence(sample.collect()) else { return all };
