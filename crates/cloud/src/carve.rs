@@ -1,13 +1,17 @@
-//! Clouds whose points were all seen from one place. Between that place and a point there is nothing, so a disc or an
-//! ellipse that hides a point behind it is too large.
+//! Clouds whose points were seen from known places. Between a point and the place that it was seen from there is nothing,
+//! so a disc or an ellipse that hides a point behind it is too large.
 
-use glam::{DMat3, DVec3, IVec3, Vec3};
+use std::sync::atomic::{AtomicU16, AtomicU32, Ordering};
+
+use glam::{DVec3, IVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::shape::smallest_eigenvector;
+use crate::neighbours::Points;
+use crate::picture::{Picture, REACH, Seen, Side};
+use crate::surfels::{SeenFrom, Stored};
 use crate::{
-    Chunk, NO_NORMAL, Progress, Stretch, Surfels, hash, pack_ellipse, pack_normal, spread_sample, stray_kind,
-    stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
+    Chunk, NO_NORMAL, Progress, Stretch, hash, pack_ellipse, pack_normal, spread_sample, stray_kind, stretch_ratio,
+    unpack_normal, unpack_radius, unpack_stretch,
 };
 
 /// A point is behind a disc if it is further away than where its sightline meets the disc's plane, by this share of the
@@ -28,14 +32,6 @@ const MOST_ASLANT: f32 = 0.25;
 const ROUNDER: f32 = 3.0;
 /// What is left of a radius, or of the long half axis of an ellipse as a share of the short one, at least.
 const LEAST_LEFT: f32 = 0.2;
-/// The most cells that a disc is searched in along an axis, to either side: larger discs are larger than any surface
-/// that is sampled around them.
-const MOST_CELLS: usize = 4;
-/// The most points that a disc is searched for: several times as many as there are in so many cells of a depth image.
-/// In any other cloud a direction may have any number of points.
-const MOST_SEARCHED: usize = 1 << 14;
-/// The number of cells that a thread works on without a pause.
-const CELLS_AT_ONCE: usize = 256;
 
 /// A plane is fitted to the points whose directions differ by less than so many usual discs' radii, some 25: in a depth
 /// image these are evenly spread, while the nearest in space are those that the noise of the depths brings together.
@@ -67,6 +63,23 @@ const EVEN_OF_KNOWN: f64 = 0.83;
 /// over the directions.
 pub fn is_depth_image(chunks: &[Chunk]) -> bool {
     is_evenly_seen(chunks, DVec3::ZERO, EVEN)
+}
+
+/// Whether the points of each chunk are what the scanner saw from the chunk's station.
+pub fn are_seen_from_stations(chunks: &[Chunk]) -> bool {
+    let mut stations: Vec<DVec3> = Vec::new();
+    for chunk in chunks {
+        match chunk.station {
+            Some(station) if !stations.contains(&station) => stations.push(station),
+            Some(_) => {}
+            None => return false,
+        }
+    }
+    let is_seen = |station: &DVec3| {
+        let own: Vec<Chunk> = chunks.iter().filter(|chunk| chunk.station == Some(*station)).cloned().collect();
+        is_seen_from(&own, *station)
+    };
+    !stations.is_empty() && stations.iter().all(is_seen)
 }
 
 /// Whether all points of a cloud are what the scanner saw whose place its file names: one of several scans of a file, and
@@ -119,64 +132,6 @@ fn is_evenly_seen(chunks: &[Chunk], place: DVec3, least: f64) -> bool {
     usual > LEAST_DEPTH && same as f64 >= SAME_SURFACE * near.len() as f64 && even as f64 >= least * placed.len() as f64
 }
 
-/// A point as seen from a place.
-#[derive(Clone, Copy)]
-struct Seen {
-    /// The cell of its direction.
-    cell: u64,
-    way: Vec3,
-    /// Where the point is: its chunk, and its index there.
-    chunk: u32,
-    index: u32,
-}
-
-/// The points by their direction from a place.
-struct Directions {
-    /// In the order of their cells.
-    points: Vec<Seen>,
-    /// The cells that have points, in order, and the first point of each.
-    cells: Vec<(u64, u32)>,
-    /// The number of cells in a length of 1.
-    fineness: f32,
-}
-
-impl Directions {
-    fn new(chunks: &[Chunk], place: DVec3, fineness: f32) -> Self {
-        let located = chunks.par_iter().enumerate().flat_map_iter(|(number, chunk)| {
-            (0..chunk.len()).filter_map(move |index| {
-                let way = (chunk.position(index) - place).as_vec3();
-                let cell = cell(way.try_normalize()?, fineness);
-                Some(Seen { cell: key(cell), way, chunk: number as u32, index: index as u32 })
-            })
-        });
-        let mut points: Vec<Seen> = located.collect();
-        // The place breaks ties, so that the order does not depend on that of the chunks.
-        let bits = |seen: &Seen| seen.way.to_array().map(f32::to_bits);
-        points.par_sort_unstable_by(|a, b| a.cell.cmp(&b.cell).then_with(|| bits(a).cmp(&bits(b))));
-        let mut cells: Vec<(u64, u32)> = Vec::new();
-        for (seen, first) in points.iter().zip(0..) {
-            if cells.last().is_none_or(|(cell, _)| *cell != seen.cell) {
-                cells.push((seen.cell, first));
-            }
-        }
-        Self { points, cells, fineness }
-    }
-
-    /// The points whose directions are in cells up to `steps` cells beside that of a direction, but no more than
-    /// `MOST_SEARCHED`.
-    fn near(&self, direction: Vec3, steps: i32) -> impl Iterator<Item = Vec3> {
-        let middle = cell(direction, self.fineness);
-        let rows = (-steps..=steps).flat_map(move |x| (-steps..=steps).map(move |y| middle + IVec3::new(x, y, -steps)));
-        let ways = rows.flat_map(move |first| {
-            let (start, last) = (key(first), key(first + IVec3::Z * (2 * steps)));
-            let found = self.cells.partition_point(|(cell, _)| *cell < start);
-            let start = self.cells.get(found).map_or(self.points.len(), |(_, start)| *start as usize);
-            self.points[start..].iter().take_while(move |seen| seen.cell <= last).map(|seen| seen.way)
-        });
-        ways.take(MOST_SEARCHED)
-    }
-}
-
 fn cell(direction: Vec3, fineness: f32) -> IVec3 {
     (direction * fineness).floor().as_ivec3()
 }
@@ -187,143 +142,154 @@ fn key(cell: IVec3) -> u64 {
     part(cell.x) << 42 | part(cell.y) << 21 | part(cell.z)
 }
 
-/// Fits normals, where the file has none, to the points around in the picture, makes discs smaller that would hide
-/// other points from the place that all of them were seen from, and the others wider. `None` when cancelled.
-pub(crate) fn carve(chunks: &[Chunk], surfels: &mut [Surfels], place: DVec3, progress: &Progress) -> Option<()> {
-    let points = || chunks.iter().zip(surfels.iter());
-    let angle = |chunk: &Chunk, surfels: &Surfels, index: usize| {
-        Some(unpack_radius(surfels.radii[index])? / (chunk.position(index) - place).as_vec3().length())
-    };
-    let mut angles: Vec<f32> = points()
-        .flat_map(|(chunk, surfels)| (0..chunk.len()).filter_map(move |at| angle(chunk, surfels, at)))
-        .filter(|angle| *angle > 0.0 && angle.is_finite())
-        .collect();
-    let middle = angles.len() / 2;
-    if angles.is_empty() {
-        return Some(());
-    }
-    let usual = *angles.select_nth_unstable_by(middle, f32::total_cmp).1;
-    // A usual disc reaches into the cells beside its own.
-    let directions = Directions::new(chunks, place, (0.5 / usual).clamp(1.0, 1e6));
-    let limit = (FITTED * usual).powi(2);
-    let cells: Vec<&[Seen]> = directions.points.chunk_by(|a, b| a.cell == b.cell).collect();
-    let known: &[Surfels] = surfels;
-    let carve_cell = |cell: &[Seen], lists: &mut Lists, carved: &mut Vec<(u32, u16)>| {
-        lists.iter_mut().for_each(|list| list.points.clear());
-        let middle = cell[0].way.normalize();
-        for seen in cell {
-            let (chunk, index) = (seen.chunk as usize, seen.index as usize);
-            let (mut normal, radius) = (known[chunk].normals[index], known[chunk].radii[index]);
-            let is_own = chunks[chunk].normals.as_ref().is_some_and(|normals| normals[index] != NO_NORMAL);
-            // An ellipse lies in the plane of the rows beside its point, which are farther apart than the pixels around.
-            let is_ellipse = stretch_ratio(radius) > 1.0;
-            if !(is_own || is_ellipse)
-                && let Some(fitted) = fitted_normal(&lists[0].filled(&directions, middle, 1).points, seen.way, limit)
-            {
-                let towards = unpack_normal(normal).unwrap_or(-seen.way);
-                normal = pack_normal(if fitted.dot(towards) < 0.0 { -fitted } else { fitted });
-            }
-            let sized = unpack_radius(radius).filter(|_| stray_kind(radius) == 0).zip(unpack_normal(normal));
-            let carve = sized.map(|(long, normal)| {
-                let stretch = unpack_stretch(radius, normal);
-                let distance = seen.way.length();
-                let cosine = seen.way.dot(normal).abs() / distance;
-                // Rows that graze a surface were measured, however far apart they are.
-                let aslant = if stretch.is_some() { cosine } else { cosine.max(MOST_ASLANT) };
-                let long = (WIDER * long).min(WIDEST * usual * distance / aslant);
-                let splat = Splat { way: seen.way, normal, long, stretch };
-                splat.carved(&directions, lists, middle)
-            });
-            carved.push((normal, carve.unwrap_or(radius)));
+/// What was seen from a place, and the median radius of its discs, as seen from there: an angle in radians.
+struct View {
+    picture: Picture,
+    usual: f32,
+}
+
+impl View {
+    /// `None` if no point of the chunks that `is_seen` names has a radius, strays aside.
+    fn new(points: &Points, stored: &[Stored], place: DVec3, is_seen: impl Fn(usize) -> bool + Sync) -> Option<Self> {
+        let seen = points.chunks().par_iter().zip(stored).enumerate().filter(|(number, _)| is_seen(*number));
+        let angles = seen.flat_map_iter(|(_, (chunk, (_, radii)))| {
+            let angle = move |(index, radius): (usize, &AtomicU16)| {
+                let packed = radius.load(Ordering::Relaxed);
+                let radius = unpack_radius(packed).filter(|_| stray_kind(packed) == 0)?;
+                Some(radius / (chunk.position(index) - place).as_vec3().length())
+            };
+            radii.iter().enumerate().filter_map(angle).filter(|angle| *angle > 0.0 && angle.is_finite())
+        });
+        let mut angles: Vec<f32> = angles.collect();
+        if angles.is_empty() {
+            return None;
         }
+        let middle = angles.len() / 2;
+        let usual = *angles.select_nth_unstable_by(middle, f32::total_cmp).1;
+        Some(Self { picture: Picture::new(points, place, usual, is_seen), usual })
+    }
+}
+
+/// Fits normals, where the file has none and the neighbours are `rough`, to the points around in the picture, makes discs
+/// smaller that would hide points from the place that these were seen from, and the others wider. `None` when cancelled.
+pub(crate) fn carve(
+    points: &Points,
+    stored: &[Stored],
+    rough: &[AtomicU32],
+    seen_from: SeenFrom,
+    progress: &Progress,
+) -> Option<()> {
+    let place_of = |chunk: &Chunk| match seen_from {
+        SeenFrom::Place(place) => Some(place),
+        SeenFrom::Stations => chunk.station,
     };
-    let carved: Vec<Vec<(u32, u16)>> = cells
-        .par_chunks(CELLS_AT_ONCE)
-        .map(|cells| {
-            let (mut lists, mut carved) = (Lists::default(), Vec::new());
-            for cell in cells.iter().filter(|_| !progress.is_cancelled()) {
-                carve_cell(cell, &mut lists, &mut carved);
-            }
-            carved
-        })
-        .collect();
-    if progress.is_cancelled() {
-        return None;
-    }
-    for (seen, (normal, radius)) in directions.points.iter().zip(carved.into_iter().flatten()) {
-        let surfels = &mut surfels[seen.chunk as usize];
-        surfels.normals[seen.index as usize] = normal;
-        surfels.radii[seen.index as usize] = radius;
-    }
-    Some(())
-}
-
-/// The points of the cells around a cell, by how many cells away they are at most; empty until they are asked for.
-type Lists = [Around; MOST_CELLS];
-
-/// The points of some cells.
-#[derive(Default)]
-struct Around {
-    points: Vec<Beside>,
-    /// The distance of the most distant one.
-    farthest: f32,
-}
-
-/// A point as seen from the place, its direction, and its distance.
-struct Beside {
-    way: Vec3,
-    direction: Vec3,
-    distance: f32,
-}
-
-impl Around {
-    /// Adds the points of the cells up to `steps` cells beside that of a direction, in which there are some.
-    fn filled(&mut self, directions: &Directions, middle: Vec3, steps: usize) -> &Self {
-        if self.points.is_empty() {
-            self.points.extend(directions.near(middle, steps as i32).map(|way| {
-                let distance = way.length();
-                Beside { way, direction: way / distance, distance }
-            }));
-            self.farthest = self.points.iter().map(|point| point.distance).fold(0.0, f32::max);
+    let mut places: Vec<DVec3> = Vec::new();
+    for place in points.chunks().iter().filter_map(place_of) {
+        if !places.contains(&place) {
+            places.push(place);
         }
-        self
+    }
+    let view =
+        |place: &DVec3| View::new(points, stored, *place, |chunk| place_of(&points.chunks()[chunk]) == Some(*place));
+    let views: Vec<View> = places.iter().filter(|_| !progress.is_cancelled()).filter_map(view).collect();
+    let carving = Carving { points, stored, rough, views: &views };
+    for view in &views {
+        for side in &view.picture.sides {
+            let own = side.points.par_iter().filter(|seen| seen.is_own && !progress.is_cancelled());
+            own.for_each(|seen| carving.carve(view, side, seen));
+        }
+    }
+    (!progress.is_cancelled()).then_some(())
+}
+
+/// The carving of a part of a cloud.
+struct Carving<'a> {
+    points: &'a Points<'a>,
+    stored: &'a [Stored],
+    /// A bit for each point, in words of 32: whether its neighbours are rough.
+    rough: &'a [AtomicU32],
+    views: &'a [View],
+}
+
+impl Carving<'_> {
+    /// Carves a point that was seen on a side of a view.
+    fn carve(&self, view: &View, side: &Side, seen: &Seen) {
+        let (chunk, index) = self.points.locate(seen.index);
+        let chunk_points = &self.points.chunks()[chunk];
+        let (normals, radii) = &self.stored[chunk];
+        let radius = radii[index].load(Ordering::Relaxed);
+        let mut normal = unpack_normal(normals[index].load(Ordering::Relaxed));
+        let way = side.turned_back(seen.tangent.extend(1.0) / seen.inverse);
+        let is_own = chunk_points.normals.as_ref().is_some_and(|normals| normals[index] != NO_NORMAL);
+        // An ellipse lies in the plane of the rows beside its point, which are farther apart than the pixels around.
+        let is_ellipse = stretch_ratio(radius) > 1.0;
+        let is_rough = self.rough[seen.index as usize / 32].load(Ordering::Relaxed) >> (seen.index % 32) & 1 == 1;
+        if is_rough
+            && !(is_own || is_ellipse)
+            && let Some(fitted) = fitted_normal(side, seen, FITTED * view.usual)
+        {
+            let fitted = side.turned_back(fitted);
+            let towards = normal.unwrap_or(-way);
+            let packed = pack_normal(if fitted.dot(towards) < 0.0 { -fitted } else { fitted });
+            normals[index].store(packed, Ordering::Relaxed);
+            normal = unpack_normal(packed);
+        }
+        let sized = unpack_radius(radius).filter(|_| stray_kind(radius) == 0).zip(normal);
+        let Some((long, normal)) = sized else { return };
+        let stretch = unpack_stretch(radius, normal);
+        let distance = way.length();
+        let cosine = way.dot(normal).abs() / distance;
+        // Rows that graze a surface were measured, however far apart they are.
+        let aslant = if stretch.is_some() { cosine } else { cosine.max(MOST_ASLANT) };
+        let long = (WIDER * long).min(WIDEST * view.usual * distance / aslant);
+        let splat = Splat { normal, long, stretch };
+        let way_from = |of: &View| {
+            if std::ptr::eq(of, view) { way } else { (chunk_points.position(index) - of.picture.place).as_vec3() }
+        };
+        let views = self.views.iter().map(|of| (of, way_from(of)));
+        radii[index].store(splat.carved(views), Ordering::Relaxed);
     }
 }
 
-/// The normal of the plane through the points of one surface that are near the direction of a point: their directions
-/// differ by less than the root of `limit`. Its sign is arbitrary.
-fn fitted_normal(around: &[Beside], way: Vec3, limit: f32) -> Option<Vec3> {
-    let distance = way.length();
-    let direction = way / distance;
-    let (mut count, mut sum, mut diagonal, mut mixed) = (0.0_f32, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-    for other in around {
-        let is_near = (other.direction - direction).length_squared() < limit;
-        if is_near && (other.distance - distance).abs() < SAME_DEPTH * distance {
-            // In units of the distance, so that nothing under- or overflows.
-            let offset = (other.way - way) / distance;
+/// The normal of the plane through the points of one surface that are within an angle of a point, in the coordinates of
+/// the side. On a plane one over the distance along the axis is linear in the tangents, and the noise of a scanner is
+/// along its rays. Its sign is arbitrary.
+fn fitted_normal(side: &Side, seen: &Seen, angle: f32) -> Option<Vec3> {
+    let (mut count, mut sum, mut squares) = (0.0_f32, Vec3::ZERO, Vec3::ZERO);
+    let (mut mixed, limit) = (Vec2::ZERO, (angle * angle) * (1.0 + seen.tangent.length_squared()));
+    let (towards, scale) = (seen.tangent / (1.0 + seen.tangent.length_squared()), seen.inverse.recip());
+    side.around(seen.tangent, angle).flatten().for_each(|other| {
+        let aside = other.tangent - seen.tangent;
+        // In units of the inverse, so that nothing under- or overflows.
+        let nearer = other.inverse * scale - 1.0;
+        // By how much the way to it is longer than that to the point, where both are 1 along the axis.
+        let longer = aside.dot(towards);
+        let is_near = aside.length_squared() - longer * longer * (1.0 + seen.tangent.length_squared()) < limit;
+        if is_near && (nearer - longer).abs() < SAME_DEPTH {
             count += 1.0;
-            sum += offset;
-            diagonal += offset * offset;
-            mixed += Vec3::new(offset.y * offset.z, offset.z * offset.x, offset.x * offset.y);
+            sum += aside.extend(nearer);
+            squares += Vec3::new(aside.x * aside.x, aside.y * aside.y, aside.x * aside.y);
+            mixed += aside * nearer;
         }
-    }
+    });
     if count < LEAST_FITTED {
         return None;
     }
     let mean = sum / count;
-    let diagonal = (diagonal / count - mean * mean).as_dvec3();
-    let mixed = (mixed / count - Vec3::new(mean.y * mean.z, mean.z * mean.x, mean.x * mean.y)).as_dvec3();
-    let covariance = DMat3::from_cols(
-        DVec3::new(diagonal.x, mixed.z, mixed.y),
-        DVec3::new(mixed.z, diagonal.y, mixed.x),
-        DVec3::new(mixed.y, mixed.x, diagonal.z),
-    );
-    smallest_eigenvector(covariance).map(|normal| normal.as_vec3())
+    let squares = squares / count - Vec3::new(mean.x * mean.x, mean.y * mean.y, mean.x * mean.y);
+    let mixed = mixed / count - mean.truncate() * mean.z;
+    let determinant = squares.x * squares.y - squares.z * squares.z;
+    if determinant.is_nan() || determinant <= 1e-3 * squares.x.max(squares.y).powi(2) {
+        return None;
+    }
+    let slope =
+        Vec2::new(squares.y * mixed.x - squares.z * mixed.y, squares.x * mixed.y - squares.z * mixed.x) / determinant;
+    let at_point = 1.0 + mean.z - slope.dot(mean.truncate());
+    slope.extend(at_point - slope.dot(seen.tangent)).try_normalize()
 }
 
-/// A splat and the way to its middle from the place.
+/// A splat.
 struct Splat {
-    way: Vec3,
     normal: Vec3,
     /// The radius of a disc, or the long half axis of an ellipse.
     long: f32,
@@ -331,22 +297,23 @@ struct Splat {
 }
 
 impl Splat {
-    /// The packed radius of the largest splat that ends before each sightline that this one hides. Where that has to be
-    /// much shorter it is a rounder one, but never wider. `middle` is a direction in the point's cell, about which the
-    /// lists are.
-    fn carved(&self, directions: &Directions, lists: &mut Lists, middle: Vec3) -> u16 {
+    /// The packed radius of the largest splat that ends before each sightline that this one hides in views, each with the
+    /// way to its middle from there. Where that has to be much shorter it is a rounder one, but never wider.
+    fn carved<'a>(&self, views: impl Iterator<Item = (&'a View, Vec3)>) -> u16 {
         let Stretch { axis, ratio } = self.stretch.unwrap_or(Stretch { axis: Vec3::ZERO, ratio: 1.0 });
         let short = self.long / ratio;
         let ratios = [ratio, ratio.min(ROUNDER), 1.0];
         // For each ratio the square of the long half axis of the ellipse through the nearest sightline.
         let mut ends = [f32::INFINITY; 3];
-        self.visit_hidden(directions, lists, middle, |offset| {
-            let along = offset.dot(axis).powi(2);
-            let across = offset.length_squared() - along;
-            for (end, ratio) in ends.iter_mut().zip(ratios) {
-                *end = end.min(along + ratio * ratio * across);
-            }
-        });
+        for (view, way) in views {
+            self.visit_hidden(view, way, |offset| {
+                let along = offset.dot(axis).powi(2);
+                let across = offset.length_squared() - along;
+                for (end, ratio) in ends.iter_mut().zip(ratios) {
+                    *end = end.min(along + ratio * ratio * across);
+                }
+            });
+        }
         let carved = ends.into_iter().zip(ratios).map(|(end, ratio)| {
             let (end, longest) = (end.sqrt(), short * ratio);
             let long = if end < longest { (WAY * end).max(LEAST_LEFT * short) } else { longest };
@@ -357,33 +324,30 @@ impl Splat {
         pack_ellipse(long, Stretch { axis, ratio }, self.normal)
     }
 
-    /// Visits the places, as seen from the middle of the splat, where its plane is met by the sightlines that it may
-    /// hide.
-    fn visit_hidden(&self, directions: &Directions, lists: &mut Lists, middle: Vec3, mut visit: impl FnMut(Vec3)) {
-        let distance = self.way.length();
+    /// Visits the places, as seen from the middle of the splat, where its plane is met by the sightlines of a view that it
+    /// may hide.
+    fn visit_hidden(&self, view: &View, way: Vec3, mut visit: impl FnMut(Vec3)) {
+        let distance = way.length();
         // Half of how wide the splat is at most as seen from the place: a floor that is grazed is long in space alone.
         let half = self.stretch.map_or(self.long, |Stretch { axis, ratio }| {
-            let across = 1.0 - (axis.dot(self.way) / distance).powi(2);
+            let across = 1.0 - (axis.dot(way) / distance).powi(2);
             self.long * (across + ratio.powi(-2)).max(0.0).sqrt()
         });
-        let steps = (half / (distance - self.long).max(0.0) * directions.fineness).ceil();
-        if !(steps >= 1.0 && distance.is_finite()) {
+        let angle = (half / (distance - self.long).max(0.0)).min(REACH * view.usual);
+        let along = way.dot(self.normal);
+        if !(angle > 0.0 && distance.is_finite() && along != 0.0) {
             return;
         }
-        let steps = (steps as usize).min(MOST_CELLS);
-        let around = lists[steps - 1].filled(directions, middle, steps);
-        // All of the splat is at least this far away, so that it hides nothing that is nearer.
-        if around.farthest * (1.0 - BEHIND) < distance - self.long {
-            return;
-        }
-        let along = self.way.dot(self.normal);
-        for other in &around.points {
-            // The sightline is in units of itself: 1 is the other point.
-            let share = along / other.way.dot(self.normal);
-            if share > 0.0 && share < 1.0 - BEHIND {
-                visit(other.way * share - self.way);
+        let side = view.picture.side(way);
+        let (along, normal) = (along.abs(), side.turned(self.normal * along.signum()));
+        let way = side.turned(way);
+        side.around(way.truncate() / way.z, angle).flatten().for_each(|other| {
+            // How far along the sightline it meets the plane, times this, is `along`.
+            let slope = other.tangent.dot(normal.truncate()) + normal.z;
+            if slope * (1.0 - BEHIND) > along * other.inverse {
+                visit(side.turned_back(other.tangent.extend(1.0) * (along / slope) - way));
             }
-        }
+        });
     }
 }
 
@@ -409,7 +373,7 @@ mod tests {
     fn radii(chunks: &[Chunk], seen_from: Option<DVec3>) -> Vec<f32> {
         let options = SurfelOptions {
             radii: RadiusRule::Full,
-            seen_from,
+            seen_from: seen_from.map(SeenFrom::Place),
             ..SurfelOptions::new(Orientation::Toward(DVec3::ZERO))
         };
         let surfels = estimate(chunks, &options, &Progress::default()).unwrap();
@@ -469,6 +433,7 @@ mod tests {
         let mut chunks = vec![Chunk::new(0, DVec3::ZERO, (0..120 * 120).map(pixel).collect())];
         let facing = Vec3::new(0.4, 0.0, -1.0).normalize();
         let normals = |chunks: &[Chunk], seen_from: Option<DVec3>| {
+            let seen_from = seen_from.map(SeenFrom::Place);
             let options = SurfelOptions { seen_from, ..SurfelOptions::new(Orientation::Toward(DVec3::ZERO)) };
             estimate(chunks, &options, &Progress::default()).unwrap().swap_remove(0).normals
         };
@@ -492,17 +457,10 @@ mod tests {
         let whole = [Chunk::new(0, DVec3::ZERO, whole)];
         assert_eq!(radii(&whole, Some(DVec3::ZERO)), radii(&chunks, Some(DVec3::ZERO)));
         let progress = Progress::default();
-        let mut surfels = estimate(&chunks, &SurfelOptions::new(Orientation::Up(Vec3::Z)), &progress).unwrap();
+        let (points, seen_from) = (Points::new(&chunks), SeenFrom::Place(DVec3::ZERO));
         progress.cancel();
-        assert!(carve(&chunks, &mut surfels, DVec3::ZERO, &progress).is_none());
-    }
-
-    #[test]
-    fn a_disc_is_searched_for_few_of_the_points_that_lie_in_one_direction() {
-        let line = (0..MOST_SEARCHED * 3).map(|index| [0.0, 0.0, 1.0 + index as f32 * 1e-4]).collect();
-        let directions = Directions::new(&[Chunk::new(0, DVec3::ZERO, line)], DVec3::ZERO, 100.0);
-        assert_eq!(directions.near(Vec3::Z, 4).count(), MOST_SEARCHED);
-        assert_eq!(directions.near(Vec3::X, 4).count(), 0);
+        let stored: Vec<Stored> = chunks.iter().map(|_| Stored::default()).collect();
+        assert!(carve(&points, &stored, &[], seen_from, &progress).is_none());
     }
 
     #[test]

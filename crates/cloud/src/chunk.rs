@@ -32,6 +32,9 @@ pub struct Chunk {
     /// For points that are spread over a mesh, which the file does not have: the index in the file of the corner that
     /// each is nearest to.
     pub corners: Option<Arc<Vec<u32>>>,
+    /// The place of the scanner that all of its points were measured from, if that is known, in the coordinates of its
+    /// points.
+    pub station: Option<DVec3>,
     /// One column for each attribute of the cloud, in its order; `None` until it is read.
     pub columns: Vec<Option<Arc<Column>>>,
 }
@@ -48,6 +51,7 @@ impl Chunk {
             normals: None,
             radii: None,
             corners: None,
+            station: None,
             columns: Vec::new(),
         }
     }
@@ -110,6 +114,7 @@ impl Chunk {
             normals: self.normals.as_ref().map(|values| of(values, indices)),
             radii: self.radii.as_ref().map(|values| of(values, indices)),
             corners: self.corners.as_ref().map(|values| of(values, indices)),
+            station: self.station,
             columns: self.columns.iter().map(|column| Some(Arc::new(column.as_ref()?.select(indices)))).collect(),
         }
     }

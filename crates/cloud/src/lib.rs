@@ -16,6 +16,7 @@ mod neighbours;
 mod noise;
 mod origin;
 mod packing;
+mod picture;
 mod placement;
 mod progress;
 mod random;
@@ -33,7 +34,7 @@ mod volume;
 
 pub use blank::{ColorCount, is_black};
 pub use bounds::Bounds;
-pub use carve::{is_depth_image, is_seen_from};
+pub use carve::{are_seen_from_stations, is_depth_image, is_seen_from};
 pub use certainty::{HalfWidths, STATED, SURFACE_ERROR, error_along, half_widths, surface_errors};
 pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
@@ -56,8 +57,8 @@ pub use shape::smallest_eigenvector;
 pub use shown_radii::radii_among;
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
-    ESTIMATOR, MeshNormals, Orientation, RadiusRule, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
-    guess_orientation, normals_from_triangles, provisional_radius,
+    ESTIMATOR, MeshNormals, Orientation, RadiusRule, SPLAT_OVERLAP, SeenFrom, SurfelOptions, Surfels, estimate,
+    estimate_part, guess_orientation, normals_from_triangles, provisional_radius,
 };
 pub use triangle_mesh::TriangleMesh;
 pub use visibility::{ChunkTest, ClipVolume, CloudLayout, Filter, PointTest, STRAY, ShownPoints};

@@ -56,6 +56,15 @@ impl<'a> Points<'a> {
         self.starts.last().map_or(0, |&total| total as usize)
     }
 
+    pub(crate) fn chunks(&self) -> &'a [Chunk] {
+        self.chunks
+    }
+
+    /// The running index of the first point of a chunk.
+    pub(crate) fn first_of(&self, chunk: usize) -> u32 {
+        self.starts[chunk]
+    }
+
     /// The chunk of point `index`, and its index there.
     pub fn locate(&self, index: u32) -> (usize, usize) {
         let chunk = self.starts.partition_point(|&start| start <= index) - 1;

@@ -69,7 +69,7 @@ impl Placement {
 }
 
 impl Chunk {
-    /// The same points turned and moved, with their normals; it shares everything else. `grid` is that of the file, so
+    /// The same points turned and moved, with their normals and their station; it shares everything else. `grid` is that of the file, so
     /// that coordinates are as exact as in the file before they are rounded to offsets.
     pub fn placed(&self, placement: &Placement, grid: Option<Grid>) -> Self {
         let grid = grid.map(Grid::of_file);
@@ -88,6 +88,7 @@ impl Chunk {
             positions,
             exact_positions: self.exact_positions.as_ref().map(exact),
             normals: self.normals.as_ref().map(|normals| placement.normals(normals)),
+            station: self.station.map(|station| placement.point(station)),
             ..self.clone()
         }
     }
@@ -112,6 +113,8 @@ mod tests {
         let placed = quarter().point(own);
         assert!((placed - (ABOUT + DVec3::new(-0.95, 1.0, 7.5))).abs().max_element() < 1e-9, "{placed}");
         assert!((quarter().own_point(placed) - own).abs().max_element() < 1e-9);
+        let chunk = Chunk { station: Some(own), ..Chunk::new(0, ABOUT, vec![[0.0; 3]]) };
+        assert_eq!(chunk.placed(&quarter(), None).station, Some(placed), "the place of its scanner");
         assert!((quarter().direction(DVec3::X) - DVec3::Y).length() < 1e-15);
         let moved = Placement::new(DQuat::IDENTITY, ABOUT, DVec3::X);
         assert_eq!((moved.point(own), moved.own_point(own)), (own + DVec3::X, own - DVec3::X));

@@ -25,8 +25,8 @@ pub fn radii_among(
         shown.indices(chunk.len()).map(|index| index as u32).collect()
     };
     let select = |(chunk, shown): (&Chunk, &ShownPoints)| {
-        let bare = Chunk { normals: chunk.normals.clone(), ..Chunk::new(0, chunk.origin, Vec::new()) };
-        Chunk { positions: chunk.positions.clone(), ..bare }.select(&indices(shown, chunk))
+        let (positions, normals, station) = (chunk.positions.clone(), chunk.normals.clone(), chunk.station);
+        Chunk { positions, normals, station, ..Chunk::new(0, chunk.origin, Vec::new()) }.select(&indices(shown, chunk))
     };
     let selected: Vec<Chunk> = cloud.chunks.par_iter().zip(&shown).map(select).collect();
     let estimated = estimate(&selected, options, progress)?;

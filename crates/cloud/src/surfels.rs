@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::carve::carve;
+use crate::carve::{are_seen_from_stations, carve, is_depth_image, is_seen_from};
 use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles};
 use crate::robust::{bounds_of_sampled, spread_sample};
 use crate::rows::{Line, RowSplat};
@@ -30,7 +30,7 @@ use crate::{
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 6;
+pub const ESTIMATOR: u32 = 7;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
@@ -51,6 +51,8 @@ const WIDER: f32 = 1.1;
 const FLAT: f32 = 0.3;
 /// ... and this share of the radius is taken off for each unit more.
 const ROUGH: f32 = 1.0;
+/// Neighbours as thick as this share of their width turn a normal by a degree and more.
+const PLANE: f32 = 0.1;
 /// The largest radius of a splat relative to the median one of the points around it: a point between two surfaces is
 /// far from both, whose points are close together. A bound from the whole cloud would be too small far from a scanner.
 const LARGEST_RADIUS: f32 = 2.0;
@@ -92,15 +94,36 @@ pub struct SurfelOptions {
     pub neighbours: usize,
     pub orientation: Orientation,
     pub radii: RadiusRule,
-    /// The place that all points were seen from, if that is known: then discs and ellipses end before they hide other
-    /// points from it. `estimate_part`, by which clouds are streamed, knows nothing of it.
-    pub seen_from: Option<DVec3>,
+    /// Where the points were seen from, if that is known: then discs and ellipses end before they hide other points from
+    /// there. `estimate_part`, by which clouds are streamed, does not carve.
+    pub seen_from: Option<SeenFrom>,
+}
+
+/// Where points were seen from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SeenFrom {
+    /// All from this place.
+    Place(DVec3),
+    /// Those of each chunk from its own station.
+    Stations,
 }
 
 impl SurfelOptions {
     /// 16 neighbours: about the two rings around a point of an even grid.
     pub fn new(orientation: Orientation) -> Self {
         Self { neighbours: 16, orientation, radii: RadiusRule::Full, seen_from: None }
+    }
+
+    /// The options for these points, which a scanner at `scanner` measured if that is known: then surfaces face it, and
+    /// discs end before they hide a point from it. Where each chunk names its station, its points are seen from there, and
+    /// those of a depth image from the origin. `up` is the vertical axis, by which the side that was scanned is guessed.
+    pub fn of_scan(chunks: &[Chunk], up: Vec3, scanner: Option<DVec3>) -> Self {
+        let guessed = || guess_orientation(chunks, up);
+        let from_scanner = || scanner.filter(|place| is_seen_from(chunks, *place)).map(SeenFrom::Place);
+        let from_origin = || is_depth_image(chunks).then_some(SeenFrom::Place(DVec3::ZERO));
+        let stations = are_seen_from_stations(chunks).then_some(SeenFrom::Stations);
+        let seen_from = stations.or_else(from_scanner).or_else(from_origin);
+        Self { seen_from, ..Self::new(scanner.map_or_else(guessed, Orientation::Toward)) }
     }
 }
 
@@ -124,11 +147,12 @@ pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) 
     progress.set_total(chunks.iter().map(|chunk| chunk.len() as u64).sum());
     let mut surfels = Vec::with_capacity(chunks.len());
     for part in parts(chunks, u32::MAX as usize) {
-        let mut estimated = estimate_part(part, options, progress)?;
-        if let Some(place) = options.seen_from {
-            carve(part, &mut estimated, place, progress)?;
+        let points = Points::new(part);
+        let estimate = Estimate::of(part, &points, options, progress)?;
+        if let Some(seen_from) = options.seen_from {
+            carve(&points, &estimate.results, &estimate.rough, seen_from, progress)?;
         }
-        surfels.extend(estimated);
+        surfels.extend(estimate.surfels());
     }
     Some(surfels)
 }
@@ -152,26 +176,7 @@ pub(crate) fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
 /// `progress` is not set. For less than 2^32 points.
 pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     let points = Points::new(chunks);
-    let tiles = Tiles::new(&points, progress)?;
-    let estimate = Estimate::new(chunks, &points, options);
-    let found: Vec<OfTile> =
-        (0..tiles.len()).into_par_iter().map(|tile| estimate.search(&tiles, tile, progress)).collect();
-    let searched: usize = (0..tiles.len()).map(|tile| tiles.points_of(tile)).sum();
-    drop(tiles);
-    let strays: Vec<&Stray> = found.iter().flat_map(|of_tile| &of_tile.strays).collect();
-    let kinds = kinds_of(&points, &strays, progress)?;
-    let mut radii: Vec<(u32, u16)> = Vec::new();
-    radii.par_extend(
-        found
-            .par_iter()
-            .flat_map_iter(|of_tile| &of_tile.at_border)
-            .map(|crowded| (crowded.index, estimate.bounded(crowded.index, &crowded.neighbours))),
-    );
-    let decided = found.iter().flat_map(|of_tile| &of_tile.radii).chain(&radii);
-    decided.for_each(|(index, radius)| estimate.set_radius(*index, *radius));
-    strays.iter().zip(kinds).for_each(|(stray, kind)| estimate.set_radius(stray.index, kind));
-    progress.add((points.len() - searched) as u64);
-    Some(estimate.surfels())
+    Some(Estimate::of(chunks, &points, options, progress)?.surfels())
 }
 
 /// What is found in a tile beside the radii and normals that follow from each point's own neighbours.
@@ -194,6 +199,9 @@ struct Crowded {
     neighbours: Vec<u32>,
 }
 
+/// The packed normals and radii of a chunk, while they are made.
+pub(crate) type Stored = (Vec<AtomicU32>, Vec<AtomicU16>);
+
 /// The estimate of a part of a cloud, while it is made.
 struct Estimate<'a> {
     chunks: &'a [Chunk],
@@ -201,7 +209,10 @@ struct Estimate<'a> {
     options: &'a SurfelOptions,
     /// For each chunk the packed normals and radii. A tile's points are scattered over the chunks: atomics let the tiles
     /// write them without unsafe code.
-    results: Vec<(Vec<AtomicU32>, Vec<AtomicU16>)>,
+    results: Vec<Stored>,
+    /// A bit for each point, in words of 32, if radii are carved: whether its neighbours are rough, so that their plane says
+    /// little of the surface's.
+    rough: Vec<AtomicU32>,
 }
 
 impl<'a> Estimate<'a> {
@@ -213,7 +224,38 @@ impl<'a> Estimate<'a> {
             };
             (normals, chunk.positions.iter().map(|_| AtomicU16::new(NO_RADIUS)).collect())
         };
-        Self { chunks, points, options, results: chunks.par_iter().map(empty).collect() }
+        let words = options.seen_from.map_or(0, |_| points.len().div_ceil(32));
+        let rough = (0..words).map(|_| AtomicU32::new(0)).collect();
+        Self { chunks, points, options, results: chunks.par_iter().map(empty).collect(), rough }
+    }
+
+    /// Estimates all points. `None` when cancelled.
+    fn of(
+        chunks: &'a [Chunk],
+        points: &'a Points<'a>,
+        options: &'a SurfelOptions,
+        progress: &Progress,
+    ) -> Option<Self> {
+        let tiles = Tiles::new(points, progress)?;
+        let estimate = Self::new(chunks, points, options);
+        let found: Vec<OfTile> =
+            (0..tiles.len()).into_par_iter().map(|tile| estimate.search(&tiles, tile, progress)).collect();
+        let searched: usize = (0..tiles.len()).map(|tile| tiles.points_of(tile)).sum();
+        drop(tiles);
+        let strays: Vec<&Stray> = found.iter().flat_map(|of_tile| &of_tile.strays).collect();
+        let kinds = kinds_of(points, &strays, progress)?;
+        let mut radii: Vec<(u32, u16)> = Vec::new();
+        radii.par_extend(
+            found
+                .par_iter()
+                .flat_map_iter(|of_tile| &of_tile.at_border)
+                .map(|crowded| (crowded.index, estimate.bounded(crowded.index, &crowded.neighbours))),
+        );
+        let decided = found.iter().flat_map(|of_tile| &of_tile.radii).chain(&radii);
+        decided.for_each(|(index, radius)| estimate.set_radius(*index, *radius));
+        strays.iter().zip(kinds).for_each(|(stray, kind)| estimate.set_radius(stray.index, kind));
+        progress.add((points.len() - searched) as u64);
+        Some(estimate)
     }
 
     /// Estimates each point of a tile from its own neighbours.
@@ -251,6 +293,11 @@ impl<'a> Estimate<'a> {
                 normals[local].store(pack_normal(normal), Ordering::Relaxed);
             }
             looks.push(look);
+            if let Some(word) = self.rough.get(index as usize / 32)
+                && shape.as_ref().is_none_or(|shape| shape.roughness() > PLANE)
+            {
+                word.fetch_or(1 << (index % 32), Ordering::Relaxed);
+            }
             let Some(shape) = shape.filter(|_| !is_stray) else {
                 return;
             };

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
 
 use cloud::{
-    Chunk, Orientation, Progress, RadiusRule, Random, SurfelOptions, Surfels, estimate, hash, neighbourhoods,
+    Chunk, Orientation, Progress, RadiusRule, Random, SeenFrom, SurfelOptions, Surfels, estimate, hash, neighbourhoods,
     resized_radius, stray_kind, stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
 };
 use glam::{DVec3, Vec3};
@@ -241,7 +241,7 @@ fn ellipses_end_before_they_hide_a_point_from_their_scanner_and_stay_ellipses() 
             along + across * stretch_ratio(packed).powi(2) <= radius * radius
         })
     };
-    let (before, after) = (surfels(None), surfels(Some(scanner)));
+    let (before, after) = (surfels(None), surfels(Some(SeenFrom::Place(scanner))));
     let (mut hiding, mut ellipses, mut longer) = (0, 0, 0);
     for (index, &middle) in upper.iter().enumerate() {
         let (own, carved) = (before.radii[index], after.radii[index]);
@@ -258,4 +258,42 @@ fn ellipses_end_before_they_hide_a_point_from_their_scanner_and_stay_ellipses() 
     }
     assert!(hiding > 20 && ellipses > 1000, "{hiding} would hide points, {ellipses} ellipses");
     assert!(longer > ellipses * 9 / 10, "{longer} of {ellipses} ellipses became longer");
+}
+
+#[test]
+fn discs_end_before_they_hide_a_point_from_another_station_that_saw_it() {
+    // Of a wall at z = 2 the one station sees the half left of x = 0, and of a wall at z = 3 the other one sees what is
+    // past the edge of the first.
+    let stations = [DVec3::ZERO, DVec3::new(1.51, 0.0, 0.0)];
+    let step = 0.02;
+    let pixels = (-40..40).flat_map(|i| (-40..40).map(move |j| Vec3::new(i as f32 + 0.5, j as f32 + 0.5, 1.0 / step)));
+    let near: Vec<Vec3> = pixels.clone().filter(|way| way.x < 0.0).map(|way| way * step * 2.0).collect();
+    let far: Vec<Vec3> = pixels.map(|way| stations[1].as_vec3() + way * step * 3.0).collect();
+    // The other station sees the wall behind past the edge of the one before it, and not through it.
+    let passed = |far: &Vec3| stations[1].as_vec3().lerp(*far, 2.0 / 3.0);
+    let far: Vec<Vec3> = far.into_iter().filter(|far| passed(far).x > 0.0).collect();
+    let chunk = |(points, station): (&Vec<Vec3>, DVec3)| {
+        let positions = points.iter().map(|point| point.to_array()).collect();
+        Chunk { station: Some(station), ..Chunk::new(0, DVec3::ZERO, positions) }
+    };
+    let chunks: Vec<Chunk> = [&near, &far].into_iter().zip(stations).map(chunk).collect();
+    let radii = |chunks: &[Chunk], seen_from| {
+        let options = SurfelOptions { seen_from, ..SurfelOptions::new(Orientation::Toward(DVec3::ZERO)) };
+        estimate(chunks, &options, &Progress::default()).unwrap().swap_remove(0).radii
+    };
+    let hiding = |radii: &[u16]| {
+        let hides = |(middle, radius): &(&Vec3, &u16)| {
+            far.iter().any(|far| passed(far).distance(**middle) < unpack_radius(**radius).unwrap())
+        };
+        near.iter().zip(radii).filter(hides).count()
+    };
+    let (before, after) = (radii(&chunks, None), radii(&chunks, Some(SeenFrom::Stations)));
+    assert!(hiding(&before) > 30, "{} discs hid a point before", hiding(&before));
+    assert_eq!(hiding(&after), 0);
+    // As seen from the first station alone nothing is behind the rim.
+    let unknown = Chunk { station: None, ..chunks[1].clone() };
+    let alone = radii(&[chunks[0].clone(), unknown], Some(SeenFrom::Stations));
+    assert!(hiding(&alone) > 30, "{} discs hide a point from the other station", hiding(&alone));
+    let wider = before.iter().zip(&after).filter(|(before, after)| after > before).count();
+    assert!(wider > near.len() * 9 / 10, "{wider} of {} discs are wider", near.len());
 }

@@ -235,19 +235,26 @@ type Point = (DVec3, [f64; 3]);
 /// together. The same seed gives the same points.
 pub fn scan(tripod: Tripod, rays: u64, seed: u64) -> Vec<Chunk> {
     let (survey, solids, stations) = (tripod.survey(), tripod.solids(), tripod.stations());
-    let points: Vec<Point> = if survey.is_even {
-        evenly(&solids, &stations, rays as usize, seed)
+    let scans: Vec<(Option<DVec3>, Vec<Point>)> = if survey.is_even {
+        vec![(None, evenly(&solids, &stations, rays as usize, seed))]
     } else {
         let share = rays as f64 / stations.len() as f64;
-        let of_station = |(index, station): (usize, &DVec3)| swept(&survey, &solids, *station, share, seed, index);
-        stations.iter().enumerate().flat_map(of_station).collect()
+        let of_station =
+            |(index, station): (usize, &DVec3)| (Some(*station), swept(&survey, &solids, *station, share, seed, index));
+        stations.iter().enumerate().map(of_station).collect()
     };
-    let chunk = |(index, points): (usize, &[Point])| {
-        let places: Vec<DVec3> = points.iter().map(|(place, _)| *place).collect();
-        let colors = points.iter().map(|(_, albedo)| srgb(*albedo)).collect();
-        Chunk { colors: Some(Arc::new(colors)), ..Chunk::of_places((index * CHUNK_POINTS) as u64, &places) }
-    };
-    points.par_chunks(CHUNK_POINTS).enumerate().map(chunk).collect()
+    let mut chunks = Vec::new();
+    let mut first_point = 0;
+    for (station, points) in scans {
+        let chunk = |(index, points): (usize, &[Point])| {
+            let places: Vec<DVec3> = points.iter().map(|(place, _)| *place).collect();
+            let colors = Some(Arc::new(points.iter().map(|(_, albedo)| srgb(*albedo)).collect()));
+            Chunk { colors, station, ..Chunk::of_places(first_point + (index * CHUNK_POINTS) as u64, &places) }
+        };
+        chunks.par_extend(points.par_chunks(CHUNK_POINTS).enumerate().map(chunk));
+        first_point += points.len() as u64;
+    }
+    chunks
 }
 
 /// The numbers of directions and of elevations of a station with so many rays, as far apart each way.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, Orientation, Progress, RadiusRule, SurfelOptions, guess_orientation, is_seen_from};
+use cloud::{Chunk, Cloud, Progress, RadiusRule, SurfelOptions};
 use glam::{DVec3, Vec3};
 use render::{ColorPlan, ColorSource, Frame, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
@@ -52,11 +52,9 @@ impl Subject {
     pub fn five_mirrors(gpu: &Arc<Gpu>, variant: Variant, settings: &Settings) -> anyhow::Result<Self> {
         let mut parts = five_mirrors::sample(variant, settings.scene.points.into(), settings.scene.seed.into());
         for part in parts.iter_mut().filter(|part| part.chunks.iter().any(|chunk| chunk.radii.is_none())) {
-            let guessed = || guess_orientation(&part.chunks, variant.camera().up.as_vec3());
-            let orientation = variant.scanner().map_or_else(guessed, Orientation::Toward);
-            let is_carved = |place: &DVec3| settings.surface.carve && is_seen_from(&part.chunks, *place);
-            let seen_from = variant.scanner().filter(is_carved);
-            let options = SurfelOptions { radii: RadiusRule::Spread, seen_from, ..SurfelOptions::new(orientation) };
+            let of_scan = SurfelOptions::of_scan(&part.chunks, variant.camera().up.as_vec3(), variant.scanner());
+            let seen_from = of_scan.seen_from.filter(|_| settings.surface.carve);
+            let options = SurfelOptions { radii: RadiusRule::Spread, seen_from, ..of_scan };
             let estimated = cloud::estimate(&part.chunks, &options, &Progress::default()).unwrap_or_default();
             for (chunk, surfels) in part.chunks.iter_mut().zip(estimated) {
                 (chunk.normals, chunk.radii) = (Some(surfels.normals.into()), Some(surfels.radii.into()));

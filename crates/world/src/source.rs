@@ -190,25 +190,22 @@ pub fn up_of(info: &codec::Info, settings: &Settings) -> DVec3 {
 }
 
 /// The options for estimating the normals and radii of these points, which a scanner at `scanner` measured if that is
-/// known: then surfaces face it, and discs end before they hide a point from it. Of other points, those of a depth image
-/// are seen from the origin.
+/// known; what is known of the places that they were seen from decides `SurfelOptions::of_scan`.
 pub fn options_for(chunks: &[Chunk], up: DVec3, scanner: Option<DVec3>, settings: &Settings) -> SurfelOptions {
+    let of_scan = SurfelOptions::of_scan(chunks, up.as_vec3(), scanner);
     let center = || cloud::robust_bounds(chunks).center();
-    let orientation = match (settings.surface.orientation, scanner) {
-        (SurfaceOrientation::Auto, Some(place)) => Orientation::Toward(place),
-        (SurfaceOrientation::Auto, None) => cloud::guess_orientation(chunks, up.as_vec3()),
-        (SurfaceOrientation::Up, _) => Orientation::Up(up.as_vec3()),
-        (SurfaceOrientation::Inward, _) => Orientation::Toward(center()),
-        (SurfaceOrientation::Outward, _) => Orientation::AwayFrom(center()),
+    let orientation = match settings.surface.orientation {
+        SurfaceOrientation::Auto => of_scan.orientation,
+        SurfaceOrientation::Up => Orientation::Up(up.as_vec3()),
+        SurfaceOrientation::Inward => Orientation::Toward(center()),
+        SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
     };
     let radii = match settings.surface.radii {
         SurfaceRadii::Full => RadiusRule::Full,
         SurfaceRadii::Narrow => RadiusRule::Narrow,
         SurfaceRadii::Spread => RadiusRule::Spread,
     };
-    let from_scanner = scanner.filter(|place| cloud::is_seen_from(chunks, *place));
-    let seen_from = from_scanner.or_else(|| cloud::is_depth_image(chunks).then_some(DVec3::ZERO));
-    let seen_from = seen_from.filter(|_| settings.surface.carve);
+    let seen_from = of_scan.seen_from.filter(|_| settings.surface.carve);
     SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, radii, seen_from }
 }
 
@@ -259,22 +256,39 @@ pub(crate) fn selection(info: &codec::Info, settings: &Settings) -> codec::Selec
 
 #[cfg(test)]
 mod tests {
+    use cloud::SeenFrom;
+
     use super::*;
+
+    /// The options for points that a scanner at `scanner` measured.
+    fn options(chunks: &[Chunk], scanner: Option<DVec3>, carve: bool) -> SurfelOptions {
+        let mut settings = Settings::default();
+        settings.surface.carve = carve;
+        options_for(chunks, DVec3::Z, scanner, &settings)
+    }
 
     #[test]
     fn a_scan_whose_file_names_the_place_of_the_scanner_is_carved_from_there() {
         let room = scene::tripod::Tripod::Room;
-        let (chunks, station) = (scene::tripod::scan(room, 60_000, 1), room.stations()[0]);
-        let options = |scanner, carve| {
-            let mut settings = Settings::default();
-            settings.surface.carve = carve;
-            options_for(&chunks, DVec3::Z, scanner, &settings)
-        };
-        let told = options(Some(station), true);
-        assert_eq!((told.seen_from, told.orientation), (Some(station), Orientation::Toward(station)));
-        assert_eq!(options(Some(station), false).seen_from, None);
-        assert_eq!(options(None, true).seen_from, None);
+        let (mut chunks, station) = (scene::tripod::scan(room, 60_000, 1), room.stations()[0]);
+        chunks.iter_mut().for_each(|chunk| chunk.station = None);
+        let told = options(&chunks, Some(station), true);
+        assert_eq!((told.seen_from, told.orientation), (Some(SeenFrom::Place(station)), Orientation::Toward(station)));
+        assert_eq!(options(&chunks, Some(station), false).seen_from, None);
+        assert_eq!(options(&chunks, None, true).seen_from, None);
         // A place from which these points cannot all have been seen.
-        assert_eq!(options(Some(station + DVec3::new(1.5, 1.0, 0.4)), true).seen_from, None);
+        assert_eq!(options(&chunks, Some(station + DVec3::new(1.5, 1.0, 0.4)), true).seen_from, None);
+    }
+
+    #[test]
+    fn points_of_several_stations_are_carved_if_each_chunk_has_its_own() {
+        let mut chunks = scene::tripod::scan(scene::tripod::Tripod::Mixed, 120_000, 1);
+        assert_eq!(options(&chunks, None, true).seen_from, Some(SeenFrom::Stations));
+        assert_eq!(options(&chunks, None, false).seen_from, None);
+        let last = chunks.len() - 1;
+        let other = chunks[last].station.take();
+        assert_eq!(options(&chunks, None, true).seen_from, None, "it is not known where these points were seen from");
+        chunks.iter_mut().for_each(|chunk| chunk.station = other);
+        assert_eq!(options(&chunks, None, true).seen_from, None, "not all were seen from there");
     }
 }

@@ -1,0 +1,280 @@
+//! What a scanner saw from its place: points by their directions, in the cells of six pictures that are the sides of a
+//! cube about it.
+
+use glam::{DVec3, IVec2, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::Chunk;
+use crate::neighbours::Points;
+
+/// How far around a direction one may look, in the width that cells were asked to have.
+pub(crate) const REACH: f32 = 8.0;
+/// The most cells along half a side of the cube.
+const MOST_ALONG: f32 = 65_536.0;
+/// So many cells for each point and more are mostly empty: then they become wider.
+const MOST_CELLS: usize = 4;
+/// The most that sides go on beyond the edges of the cube, as a share of half a side. They have what belongs to the next
+/// side there, so that what is around a direction is all on the side that it belongs to.
+const WIDEST_RIM: f32 = 0.25;
+/// The most points that are looked at around a direction, in which there may be any number.
+const MOST_SEEN: usize = 1 << 14;
+/// A tangent t is at t (a - b |t|) of half a side: about its angle's share of an eighth of a turn, so that cells are as
+/// wide all over a side as seen from the place.
+const BENT: [f32; 2] = [1.273, 0.273];
+/// The most that an angle in radians is stretched by that, and towards the corners of a cube.
+const MOST_STRETCHED: f32 = 1.85;
+
+/// A point as seen from a place, in the coordinates of a side of the cube (`Side::turned`).
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seen {
+    /// The way to it is this and 1 along the side's axis, divided by `inverse`.
+    pub tangent: Vec2,
+    /// One over the distance along the axis.
+    pub inverse: f32,
+    /// The running index of the point.
+    pub index: u32,
+    /// Whether the point belongs to this side, and not beyond an edge.
+    pub is_own: bool,
+}
+
+/// A side of the cube.
+pub(crate) struct Side {
+    axis: usize,
+    sign: f32,
+    /// The first column and row in which there are points, and the numbers of both.
+    low: IVec2,
+    size: IVec2,
+    /// The number of cells along half a side.
+    half: f32,
+    rim: f32,
+    /// By their cells.
+    pub points: Vec<Seen>,
+    /// For each cell its first point, row by row, and then their number.
+    starts: Vec<u32>,
+}
+
+/// The points that were seen from a place, on the sides of a cube.
+pub(crate) struct Picture {
+    pub place: DVec3,
+    pub sides: Vec<Side>,
+}
+
+impl Picture {
+    /// What was seen from a place of the chunks that `is_seen` names, with cells about `width` wide, in radians.
+    pub(crate) fn new(points: &Points, place: DVec3, width: f32, is_seen: impl Fn(usize) -> bool + Sync) -> Self {
+        let side = |side: usize| {
+            let mut side = Side::new(side, width);
+            side.fill(points, place, &is_seen);
+            side
+        };
+        Self { place, sides: (0..6).into_par_iter().map(side).collect() }
+    }
+
+    /// The side that a direction goes through.
+    pub(crate) fn side(&self, way: Vec3) -> &Side {
+        &self.sides[side_of(way)]
+    }
+}
+
+fn side_of(way: Vec3) -> usize {
+    let axis = way.abs().max_position();
+    2 * axis + usize::from(way[axis] < 0.0)
+}
+
+fn bent(tangent: Vec2) -> Vec2 {
+    tangent * (BENT[0] - BENT[1] * tangent.abs())
+}
+
+impl Side {
+    fn new(side: usize, width: f32) -> Self {
+        Self {
+            axis: side / 2,
+            sign: if side.is_multiple_of(2) { 1.0 } else { -1.0 },
+            low: IVec2::ZERO,
+            size: IVec2::ZERO,
+            half: (std::f32::consts::FRAC_PI_4 / width).clamp(1.0, MOST_ALONG),
+            rim: (REACH * width * MOST_STRETCHED).min(WIDEST_RIM),
+            points: Vec::new(),
+            starts: Vec::new(),
+        }
+    }
+
+    /// A vector of the world in the coordinates of this side: its axis comes last.
+    pub(crate) fn turned(&self, way: Vec3) -> Vec3 {
+        let [x, y, z] = way.to_array();
+        match self.axis {
+            0 => Vec3::new(y, z, self.sign * x),
+            1 => Vec3::new(z, x, self.sign * y),
+            _ => Vec3::new(x, y, self.sign * z),
+        }
+    }
+
+    /// A vector in the coordinates of this side as one of the world.
+    pub(crate) fn turned_back(&self, way: Vec3) -> Vec3 {
+        let Vec3 { x, y, z } = way;
+        match self.axis {
+            0 => Vec3::new(self.sign * z, x, y),
+            1 => Vec3::new(y, self.sign * z, x),
+            _ => Vec3::new(x, y, self.sign * z),
+        }
+    }
+
+    fn fill(&mut self, points: &Points, place: DVec3, is_seen: &(impl Fn(usize) -> bool + Sync)) {
+        let number = 2 * self.axis + usize::from(self.sign < 0.0);
+        let seen = |first: u32, chunk: &Chunk, local: usize| {
+            let way = (chunk.position(local) - place).as_vec3();
+            let turned = self.turned(way);
+            if !(way.is_finite() && turned.z > 0.0 && turned.x.abs().max(turned.y.abs()) < 1.5 * turned.z) {
+                return None;
+            }
+            let inverse = turned.z.recip();
+            let tangent = turned.truncate() * inverse;
+            let is_within = bent(tangent).abs().max_element() < 1.0 + self.rim && inverse.is_finite();
+            is_within.then(|| Seen { tangent, inverse, index: first + local as u32, is_own: side_of(way) == number })
+        };
+        let chunks = points.chunks().par_iter().enumerate().filter(|(number, _)| is_seen(*number));
+        let seen: Vec<Seen> = chunks
+            .flat_map_iter(|(number, chunk)| {
+                (0..chunk.len()).filter_map(move |local| seen(points.first_of(number), chunk, local))
+            })
+            .collect();
+        if seen.is_empty() {
+            return;
+        }
+        let cells = self.frame(&seen);
+        // Sorted by counting. Points of a cell follow by their places, so that the order does not depend on that of the chunks.
+        let mut starts = vec![0; cells + 1];
+        seen.iter().for_each(|seen| starts[self.cell(seen.tangent) + 1] += 1);
+        for cell in 0..cells {
+            starts[cell + 1] += starts[cell];
+        }
+        let mut next = starts.clone();
+        self.starts = starts;
+        self.points = vec![seen[0]; seen.len()];
+        for seen in seen {
+            let place = &mut next[self.cell(seen.tangent)];
+            self.points[*place as usize] = seen;
+            *place += 1;
+        }
+        let bits = |seen: &Seen| (seen.inverse.to_bits(), seen.tangent.to_array().map(f32::to_bits));
+        let mut rest = &mut self.points[..];
+        for ends in self.starts.windows(2) {
+            let (own, others) = std::mem::take(&mut rest).split_at_mut((ends[1] - ends[0]) as usize);
+            if own.len() > 1 {
+                own.sort_unstable_by_key(bits);
+            }
+            rest = others;
+        }
+    }
+
+    /// Finds the rectangle of cells in which there are points, and the number of its cells. Cells become twice as wide as
+    /// often as it takes until there are not many more of them than points.
+    fn frame(&mut self, seen: &[Seen]) -> usize {
+        loop {
+            let places = seen.iter().map(|seen| self.place(seen.tangent));
+            let (low, high) =
+                places.fold((IVec2::MAX, IVec2::MIN), |(low, high), place| (low.min(place), high.max(place)));
+            (self.low, self.size) = (low, high - low + 1);
+            let cells = self.size.x as usize * self.size.y as usize;
+            if cells <= MOST_CELLS * seen.len() + (1 << 16) {
+                return cells;
+            }
+            self.half /= 2.0;
+        }
+    }
+
+    fn place(&self, tangent: Vec2) -> IVec2 {
+        (bent(tangent) * self.half).floor().as_ivec2()
+    }
+
+    fn cell(&self, tangent: Vec2) -> usize {
+        let [x, y] = (self.place(tangent) - self.low).to_array().map(|along| along as usize);
+        y * self.size.x as usize + x
+    }
+
+    /// The points whose directions differ from that of a tangent by less than an angle in radians, which is at most
+    /// `REACH` cells and the rim, and some around them, row by row. No more than `MOST_SEEN`: the last rows are left out.
+    pub(crate) fn around(&self, tangent: Vec2, angle: f32) -> impl Iterator<Item = &[Seen]> {
+        let slope = BENT[0] - 2.0 * BENT[1] * tangent.abs();
+        let squares = tangent * tangent;
+        let stretch = slope * ((squares + 1.0) * (1.0 + squares.element_sum())).map(f32::sqrt);
+        let reach = (stretch * angle * (1.0 + angle)).min(Vec2::splat(self.rim)) * self.half;
+        let middle = bent(tangent) * self.half;
+        let from = ((middle - reach).floor().as_ivec2() - self.low).max(IVec2::ZERO);
+        let to = ((middle + reach).floor().as_ivec2() - self.low).min(self.size - 1);
+        let rows = if from.x <= to.x { from.y..to.y + 1 } else { 0..0 };
+        let mut left = MOST_SEEN;
+        rows.map(move |row| {
+            let first = row as usize * self.size.x as usize;
+            let [start, end] = [from.x, to.x + 1].map(|column| self.starts[first + column as usize] as usize);
+            let end = end.min(start + left);
+            left -= end - start;
+            &self.points[start..end]
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is seen of places from the origin, in cells about `width` wide.
+    fn picture(places: &[Vec3], width: f32) -> Picture {
+        let chunk = Chunk::new(0, DVec3::ZERO, places.iter().map(|place| place.to_array()).collect());
+        Picture::new(&Points::new(&[chunk]), DVec3::ZERO, width, |_| true)
+    }
+
+    fn around(picture: &Picture, way: Vec3, angle: f32) -> Vec<u32> {
+        let side = picture.side(way);
+        let turned = side.turned(way);
+        let seen = side.around(turned.truncate() / turned.z, angle);
+        let mut found: Vec<u32> = seen.flatten().map(|seen| seen.index).collect();
+        found.sort_unstable();
+        found
+    }
+
+    #[test]
+    fn all_points_within_an_angle_are_around_a_direction_wherever_it_is_on_the_cube() {
+        let mut random = crate::Random(4);
+        let mut any = || random.below(2001) as f32 / 1000.0 - 1.0;
+        let places: Vec<Vec3> =
+            (0..40_000).map(|_| Vec3::new(any(), any(), any()).normalize_or(Vec3::X) * (2.0 + any())).collect();
+        let width = 0.01;
+        let picture = picture(&places, width);
+        let own: usize = picture.sides.iter().map(|side| side.points.iter().filter(|seen| seen.is_own).count()).sum();
+        assert_eq!(own, places.len(), "each point belongs to one side");
+        let corner = Vec3::new(1.0, -1.0, 0.999);
+        for way in [Vec3::X, Vec3::new(0.3, -0.2, -1.0), Vec3::new(1.0, 0.01, 0.999), corner, -corner] {
+            for angle in [0.5 * width, 3.0 * width, REACH * width] {
+                let found = around(&picture, way, angle);
+                let is_near = |index: &u32| places[*index as usize].angle_between(way) < angle;
+                let expected: Vec<u32> = (0..places.len() as u32).filter(is_near).collect();
+                assert!(expected.iter().all(|index| found.binary_search(index).is_ok()), "{way} {angle}");
+                let most = 3 * expected.len() + 20;
+                assert!(found.len() <= most, "{way} {angle}: {} for {}", found.len(), expected.len());
+            }
+        }
+    }
+
+    #[test]
+    fn a_side_turns_ways_there_and_back() {
+        let way = Vec3::new(0.5, -2.0, 3.0);
+        for side in picture(&[Vec3::X], 0.1).sides {
+            assert_eq!(side.turned_back(side.turned(way)), way);
+            assert_eq!(side.turned(side.sign * Vec3::AXES[side.axis]), Vec3::Z);
+        }
+    }
+
+    #[test]
+    fn few_points_are_looked_at_where_many_lie_in_one_direction_and_empty_cells_are_few() {
+        let line: Vec<Vec3> = (0..MOST_SEEN * 3).map(|index| Vec3::Z * (1.0 + index as f32 * 1e-4)).collect();
+        let picture_of_line = picture(&line, 0.01);
+        assert_eq!(around(&picture_of_line, Vec3::Z, 0.04).len(), MOST_SEEN);
+        assert_eq!(around(&picture_of_line, Vec3::X, 0.04).len(), 0);
+        let none = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].map(|none| Vec3::new(none, 0.0, 1.0));
+        let none = [none, none.map(|place| Vec3::new(0.0, 1.0, place.x))].concat();
+        assert!(picture(&none, 0.01).sides.iter().all(|side| side.points.is_empty()), "places that are no numbers");
+        let apart = picture(&[Vec3::new(-0.9, -0.9, 1.0), Vec3::new(0.9, 0.9, 1.0)], 1e-5);
+        assert!(apart.sides.iter().all(|side| side.starts.len() < 1 << 17));
+    }
+}
