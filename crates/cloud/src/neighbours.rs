@@ -107,6 +107,7 @@ impl Box3 {
 
     /// The squared distance to a point. It is never more than that to a point inside the box as `Nearest::scan`
     /// computes it in f32: the same differences are rounded the same way.
+    #[inline]
     fn distance_squared(&self, point: Vec3) -> f32 {
         let outside = (self.min - point).max(point - self.max).max(Vec3::ZERO);
         outside.x * outside.x + outside.y * outside.y + outside.z * outside.z

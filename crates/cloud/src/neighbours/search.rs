@@ -65,6 +65,7 @@ impl Neighbourhood {
 }
 
 /// Whether an offset leads aside from a line, by more than 30 degrees; `axis` is the unit direction of the line.
+#[inline]
 pub fn is_aside(offset: Vec3, axis: Vec3) -> bool {
     let along = offset.dot(axis);
     along * along < 0.75 * offset.length_squared()
@@ -79,6 +80,7 @@ pub(super) struct Aside {
 }
 
 impl Aside {
+    #[inline]
     fn holds(&self, offset: Vec3) -> bool {
         is_aside(offset, self.axis) && offset.dot(self.side) >= 0.0
     }
