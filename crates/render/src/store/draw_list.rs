@@ -67,8 +67,7 @@ pub(crate) struct PageDraw {
     /// The blocks of each kind: different kernels draw them.
     pub blocks: [Vec<Block>; 3],
     /// The item of each run of `BLOCK_POINTS` points of the page; then, for each run of as many identities of the
-    /// store, the run of the page that has them. `u32::MAX` where
-    /// no chunk of the list has them.
+    /// store, the run of the page that has them. `u32::MAX` where no chunk of the list has them.
     pub items_of_runs: Vec<u32>,
 }
 
