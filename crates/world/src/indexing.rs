@@ -171,12 +171,12 @@ impl Loader {
         Some(())
     }
 
-    /// Opens files that are streamed as one cloud.
+    /// Opens files that are streamed as one cloud. `is_all` says that they are all files of the input.
     pub(crate) fn begin_streamed(
         &self,
         input: &Input,
-        sources: Vec<Arc<codec::Source>>,
-        native: Option<Pages>,
+        (sources, native): (Vec<Arc<codec::Source>>, Option<Pages>),
+        is_all: bool,
         cloud: usize,
     ) -> Option<StreamedInput> {
         let infos = || sources.iter().map(|source| source.info());
@@ -213,6 +213,9 @@ impl Loader {
         };
         let name = match sources.as_slice() {
             [one] => one.info().name(),
+            [first, more @ ..] if !is_all => {
+                format!("{}: {} and {} more", file_name(&path), file_name(&first.info().path), more.len())
+            }
             _ => file_name(&path),
         };
         if let Some(other) = infos().find(|info| info.crs.is_some() && crs.is_some() && info.crs != crs) {

@@ -117,8 +117,10 @@ impl Loader {
                 Input::File(_) | Input::Tiles { .. } => {
                     let sources = self.open(input)?;
                     if self.is_streamed(&sources, &mut held) {
-                        for (sources, native) in parts(sources, &self.also()) {
-                            streamed.push(self.begin_streamed(input, sources, native, clouds)?);
+                        let parts = parts(sources, &self.also());
+                        let is_all = parts.len() == 1;
+                        for part in parts {
+                            streamed.push(self.begin_streamed(input, part, is_all, clouds)?);
                             clouds += 1;
                         }
                     } else {

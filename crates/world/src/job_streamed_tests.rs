@@ -173,6 +173,42 @@ fn a_folder_of_laz_begins_with_the_first_points_of_its_chunks() {
 }
 
 #[test]
+fn clouds_of_one_folder_are_named_by_their_first_files() {
+    let settings = settings(scene::Paging::Always, 60_000);
+    let above = tempfile::tempdir().unwrap();
+    let names = |places: &[f32]| {
+        let folder = tempfile::Builder::new().prefix("survey").rand_bytes(0).tempdir_in(&above).unwrap();
+        let tile = |(index, place): (usize, &f32)| {
+            let input = hills(&folder.path().join("tile.ply"), 1000, [*place, 0.0]);
+            let source = Arc::new(codec::open(&input.files()[0]).unwrap());
+            let path = folder.path().join(format!("{index}.laz"));
+            let progress = Progress::default();
+            codec::export(&[source], &Default::default(), &[], &path, 256 << 20, &progress).unwrap().unwrap();
+            path
+        };
+        let files = places.iter().enumerate().map(tile).collect();
+        let input = Input::Tiles { folder: folder.path().to_owned(), files };
+        let cache = Ok(Cache::new(folder.path().join("cache"), u64::MAX));
+        let job = start_with(vec![input], &settings, BTreeSet::new(), true, cache);
+        let view_number = job.mailbox.set_view(viewpoint(&settings));
+        let mut received = Received::default();
+        let mut names = Vec::new();
+        while received.read.len() < names.len().max(1) {
+            let event = job.events.recv_timeout(PATIENCE).expect("the clouds are read");
+            if let Event::Opened { opened, .. } = &event {
+                names.push(opened.name.clone());
+            }
+            received.take(event);
+        }
+        received.settle(&job, view_number);
+        names
+    };
+    assert_eq!(names(&[0.0, 1.0]), ["survey"]);
+    let far = [0.0, 1.0, 2.0, 9000.0, 9001.0, 1e6];
+    assert_eq!(names(&far), ["survey: 0.laz and 2 more", "survey: 3.laz and 1 more", "5.laz"]);
+}
+
+#[test]
 fn a_preview_keeps_what_the_gpu_may_hold() {
     let folder = tempfile::tempdir().unwrap();
     let input = hills(&folder.path().join("a.ply"), 150_000, [0.0; 2]);
