@@ -9,6 +9,7 @@ use render::Gpu;
 use winit::event_loop::{ActiveEventLoop, EventLoopProxy};
 use winit::window::Window;
 
+use crate::viewer::input::typed_ahead::TypedAhead;
 use crate::viewer::picture::canvas::{Canvas, Picture};
 
 pub struct Screen {
@@ -16,6 +17,7 @@ pub struct Screen {
     pub gpu: Arc<Gpu>,
     pub context: egui::Context,
     pub input: egui_winit::State,
+    typed_ahead: TypedAhead,
     surface: wgpu::Surface<'static>,
     configuration: wgpu::SurfaceConfiguration,
     canvas: Canvas,
@@ -151,6 +153,7 @@ impl Screen {
             input,
             surface,
             configuration,
+            typed_ahead: TypedAhead::default(),
             canvas,
             picture: None,
             is_stale: true,
@@ -220,6 +223,10 @@ impl Screen {
     /// Runs `contents` and shows the result.
     pub fn paint(&mut self, event_loop: &ActiveEventLoop, mut contents: impl FnMut(&mut egui::Ui)) -> Painted {
         let mut input = self.input.take_egui_input(&self.window);
+        self.typed_ahead.delay(&mut input, self.context.text_edit_focused());
+        if self.typed_ahead.is_waiting() {
+            self.context.request_repaint();
+        }
         if self.canvas.resize(self.pixel_size()).is_err() {
             let scale = egui_winit::pixels_per_point(&self.context, &self.window);
             let [width, height] = self.canvas.size().map(|side| side as f32 / scale);

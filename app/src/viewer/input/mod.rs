@@ -2,6 +2,7 @@
 
 pub mod gizmo;
 pub mod outlines;
+pub mod typed_ahead;
 
 use std::collections::HashSet;
 use std::path::Path;
