@@ -10,6 +10,7 @@ mod cells;
 mod certainty;
 mod chunk;
 mod column;
+mod leaves;
 mod mesh_points;
 mod names;
 mod neighbours;

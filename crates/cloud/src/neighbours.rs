@@ -368,6 +368,11 @@ impl<const LANES: usize> Surroundings<'_, '_, LANES> {
         &self.search.neighbourhood
     }
 
+    /// The brick of the point in its tile.
+    pub fn brick(&self) -> usize {
+        self.brick
+    }
+
     /// The number of places no further than `radius` that are more than `layer` beside the plane with this unit normal
     /// through the point, to about a brick's; no more are counted than `most` and a node's.
     pub fn count_beside(&mut self, radius: f32, normal: Vec3, layer: f32, most: usize) -> usize {

@@ -88,7 +88,7 @@ fn look(chunks: &[Chunk], progress: &Progress) -> Option<Looks> {
             let around = surroundings.neighbourhood();
             let shape = Shape::of(around);
             let normal = shape.as_ref().and_then(Shape::normal);
-            points.push(surfels::look(index, around, shape.as_ref(), normal, RadiusRule::Spread));
+            points.push(surfels::look([index, 0], around, shape.as_ref(), normal, RadiusRule::Spread));
             let Some(shape) = shape.filter(|_| around.count == NEIGHBOURS) else { return };
             own.roughness.push(f64::from(shape.roughness()));
             let squares = shape.thinnest() * f64::from(around.distance_squared) * (NEIGHBOURS + 1) as f64;

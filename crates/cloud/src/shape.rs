@@ -86,10 +86,13 @@ impl Shape {
 
     /// How thick the points are relative to their width: 0 for a surface, 1 for a ball.
     pub(crate) fn roughness(&self) -> f32 {
-        let thickness =
-            |values: &Eigenvalues| (2.0 * values.smallest.max(0.0) / (values.middle + values.largest)).sqrt();
-        self.eigenvalues.as_ref().map_or(1.0, |values| thickness(values) as f32)
+        self.eigenvalues.as_ref().map_or(1.0, Eigenvalues::roughness)
     }
+}
+
+/// How thick points with this covariance are relative to their width: 0 for a surface, 1 for a ball.
+pub(crate) fn thickness(covariance: DMat3) -> f32 {
+    Eigenvalues::of(covariance).map_or(1.0, |values| values.roughness())
 }
 
 /// The eigenvalues of a covariance. They have a closed form (Smith 1961); it is in f64 because two nearly equal ones
@@ -115,6 +118,11 @@ impl Eigenvalues {
         let largest = mean + 2.0 * spread * angle.cos();
         let smallest = mean + 2.0 * spread * (angle + std::f64::consts::TAU / 3.0).cos();
         Some(Self { smallest, middle: 3.0 * mean - largest - smallest, largest })
+    }
+
+    /// How thick the points are relative to their width.
+    fn roughness(&self) -> f32 {
+        (2.0 * self.smallest.max(0.0) / (self.middle + self.largest)).sqrt() as f32
     }
 
     /// The unit eigenvector of the smallest one, if the two smaller ones differ and the points are not on a line.

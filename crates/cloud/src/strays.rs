@@ -36,6 +36,10 @@ pub(crate) struct Look {
     pub normal: u32,
     /// The distance of its last neighbour.
     pub reach: f32,
+    /// The number of its brick in the tile.
+    pub brick: u32,
+    /// The distance of its fourth neighbour where its neighbours are rough.
+    pub near: Option<f32>,
 }
 
 /// A point that is on no surface.

@@ -18,6 +18,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::carve::{are_seen_from_stations, carve, is_depth_image, is_seen_from};
+use crate::leaves::{self, leaves_of};
 use crate::neighbours::{Neighbourhood, Points, Surroundings, Tiles};
 use crate::robust::{bounds_of_sampled, spread_sample};
 use crate::rows::{Line, RowSplat};
@@ -30,7 +31,7 @@ use crate::{
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 7;
+pub const ESTIMATOR: u32 = 8;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
@@ -274,7 +275,7 @@ impl<'a> Estimate<'a> {
 
     fn search_in<const LANES: usize>(&self, tiles: &Tiles, tile: usize, count: usize, progress: &Progress) -> OfTile {
         let (mut found, mut looks) = (OfTile::default(), Vec::with_capacity(tiles.points_of(tile)));
-        let mut ways = Vec::new();
+        let (mut ways, mut leaves) = (Vec::new(), Vec::new());
         // Crowded points whose neighbours are all in the tile, with the ends of their neighbours in one list.
         let (mut crowded, mut neighbours): (Vec<(u32, usize)>, Vec<u32>) = (Vec::new(), Vec::new());
         let visit = |index: u32, surroundings: &mut Surroundings<'_, '_, LANES>| {
@@ -283,7 +284,8 @@ impl<'a> Estimate<'a> {
             let around = surroundings.neighbourhood();
             let shape = Shape::of(around);
             let normal = shape.as_ref().and_then(Shape::normal);
-            let look = look(index, around, shape.as_ref(), normal, self.options.radii);
+            let brick = surroundings.brick() as u32;
+            let look = look([index, brick], around, shape.as_ref(), normal, self.options.radii);
             let is_stray = stray_kind(look.radius) != 0;
             radii[local].store(look.radius, Ordering::Relaxed);
             if normals[local].load(Ordering::Relaxed) == NO_NORMAL
@@ -318,6 +320,9 @@ impl<'a> Estimate<'a> {
         };
         tiles.search::<LANES>(tile, count, visit, progress);
         if self.options.radii == RadiusRule::Spread {
+            // Whatever is crowded beside leaves is bounded by their radii, too.
+            leaves = leaves_of(self.points, &looks);
+            leaves.iter().for_each(|(leaf, radius)| self.set_leaf(leaf, *radius));
             found.strays = strays_of(tiles, tile, count, &looks, progress);
             found.strays.iter().for_each(|stray| self.set_radius(stray.index, STRAY_RADIUS));
         }
@@ -329,6 +334,8 @@ impl<'a> Estimate<'a> {
             }
             first = end;
         }
+        // Neighbours in a row are chance among leaves.
+        found.radii.extend(leaves.iter().map(|(leaf, radius)| (leaf.index, *radius)));
         found.radii.shrink_to_fit();
         found
     }
@@ -375,6 +382,16 @@ impl<'a> Estimate<'a> {
         self.results[chunk].1[local].store(radius, Ordering::Relaxed);
     }
 
+    /// Sets the radius of a point among leaves, and the normal of the plane of its neighbours, unless the file has one.
+    fn set_leaf(&self, leaf: &Look, radius: u16) {
+        self.set_radius(leaf.index, radius);
+        if let (None, Some(normal)) = (self.own_normal(leaf.index), unpack_normal(leaf.normal)) {
+            let (chunk, local) = self.points.locate(leaf.index);
+            let normal = orient(normal, self.chunks[chunk].position(local), self.options.orientation);
+            self.results[chunk].0[local].store(pack_normal(normal), Ordering::Relaxed);
+        }
+    }
+
     /// Sets the normal of a point in a row, unless the file has one; its packed radius.
     fn set_row(&self, index: u32, RowSplat { normal, stretch, long }: &RowSplat) -> u16 {
         let (chunk, local) = self.points.locate(index);
@@ -396,9 +413,10 @@ impl<'a> Estimate<'a> {
     }
 }
 
-/// What decides whether a point is on a surface: its neighbours, their shape and their normal.
+/// What decides whether a point is on a surface: its neighbours, their shape and their normal. The first argument has
+/// the running index of the point and the number of its brick.
 pub(crate) fn look(
-    index: u32,
+    [index, brick]: [u32; 2],
     around: &Neighbourhood,
     shape: Option<&Shape>,
     normal: Option<Vec3>,
@@ -407,7 +425,9 @@ pub(crate) fn look(
     let is_far = rule == RadiusRule::Spread && shape.is_some_and(Shape::is_stray);
     let radius = if is_far { STRAY_RADIUS } else { pack_radius(splat_radius(around, shape, rule)) };
     let normal = normal.map_or(NO_NORMAL, pack_normal);
-    Look { index, radius, normal, reach: around.distance_squared.sqrt() }
+    let is_rough = shape.is_some_and(|shape| shape.roughness() > leaves::ROUGH);
+    let near = is_rough.then(|| around.fourth_squared.sqrt());
+    Look { index, brick, radius, normal, reach: around.distance_squared.sqrt(), near }
 }
 
 fn splat_radius(neighbourhood: &Neighbourhood, shape: Option<&Shape>, rule: RadiusRule) -> f32 {

@@ -573,3 +573,33 @@ fn radii_by_spread_make_dots_of_stray_points_and_of_what_is_no_surface() {
     let share = spread.iter().zip(&full).map(|(spread, full)| spread / full).sum::<f32>() / tree.len() as f32;
     assert!(share > 0.5 && share < 0.8, "{share}");
 }
+
+#[test]
+fn leaves_are_small_and_noisy_walls_stay_closed() {
+    const EACH: u64 = 12_000;
+    let of = |at: u64, axis: u64| random(7 * at + axis) as f32;
+    let about = |at: u64, axis: u64| of(at, axis) - 0.5;
+    // A tree: leaves in a cube of one unit, with six points on each.
+    let leaf = |at: u64| [0, 1, 2].map(|axis| of(90_000 + at / 6, axis) + 0.08 * about(at, axis));
+    // The corner of a room: a wall, and a floor whose noise is larger than the distance between its points.
+    let wall = |at: u64| [5.0, of(at, 0), of(at, 1)];
+    let floor = |at: u64| [5.0 + of(at, 0), of(at, 1), 0.03 * (about(at, 2) + about(at, 3) + about(at, 4))];
+    let mut points: Vec<[f32; 3]> = (0..EACH).map(leaf).collect();
+    points.extend((EACH..2 * EACH).map(wall).chain((2 * EACH..3 * EACH).map(floor)));
+    let radii = radii_by(RadiusRule::Spread, &points);
+    let [tree, room] = [0, EACH as usize].map(|first| first..if first == 0 { EACH as usize } else { points.len() });
+    // Discs among leaves end before the fourth neighbour.
+    let fourth = |at: usize| {
+        let place = Vec3::from(points[at]);
+        let mut distances: Vec<f32> =
+            points[tree.clone()].iter().map(|other| place.distance((*other).into())).collect();
+        *distances.select_nth_unstable_by(4, f32::total_cmp).1
+    };
+    let sample: Vec<usize> = tree.clone().step_by(29).collect();
+    let small = sample.iter().filter(|at| radii[**at] <= 0.65 * fourth(**at)).count() as f32 / sample.len() as f32;
+    assert!(small > 0.9, "{small} of the points among leaves are small");
+    // A point of a wall or floor has an area of 1 / EACH; discs of 1.2 times that leave no holes between even points.
+    let closing = 1.2 / (std::f32::consts::PI * EACH as f32).sqrt();
+    let closed = radii[room.clone()].iter().filter(|radius| **radius > closing).count() as f32 / room.len() as f32;
+    assert!(closed > 0.95, "{closed} of the points of a room are large enough");
+}

@@ -14,6 +14,8 @@ pub struct Neighbourhood {
     neighbours: Vec<Candidate>,
     /// The squared distance of the last neighbour asked for.
     pub distance_squared: f32,
+    /// That of the fourth one, or of the last one if there are fewer.
+    pub fourth_squared: f32,
     /// Whether all neighbours are points of the tile that is searched.
     pub is_in_tile: bool,
     /// The number of neighbours asked for, or of all there are.
@@ -31,7 +33,7 @@ struct Candidate {
 
 impl Neighbourhood {
     fn new(distance_squared: f32) -> Self {
-        Self { neighbours: Vec::new(), distance_squared, is_in_tile: true, count: 0 }
+        Self { neighbours: Vec::new(), distance_squared, fourth_squared: distance_squared, is_in_tile: true, count: 0 }
     }
 
     pub fn offsets(&self) -> impl Iterator<Item = Vec3> + Clone {
@@ -368,12 +370,13 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             }
         }
         let found = nearest.distances[..self.count].iter().filter(|distance| distance.is_finite()).count();
-        let distance_squared = if found > 0 { nearest.distances[found - 1] } else { 0.0 };
+        let squared_of = |rank: usize| if rank > 0 { nearest.distances[rank - 1] } else { 0.0 };
+        let (distance_squared, fourth_squared) = (squared_of(found), squared_of(found.min(4)));
         let Neighbourhood { neighbours, .. } = &mut self.neighbourhood;
         let is_in_tile = neighbours[in_tile..].iter().all(|other| other.distance_squared > distance_squared);
         neighbours.retain(|candidate| candidate.distance_squared <= distance_squared);
-        self.neighbourhood =
-            Neighbourhood { neighbours: std::mem::take(neighbours), distance_squared, is_in_tile, count: found };
+        let neighbours = std::mem::take(neighbours);
+        self.neighbourhood = Neighbourhood { neighbours, distance_squared, fourth_squared, is_in_tile, count: found };
     }
 
     pub(super) fn count_beside(&mut self, ball: &Ball, most: usize) -> usize {
