@@ -511,7 +511,7 @@ params! {
         orientation: SurfaceOrientation = SurfaceOrientation::Auto;
         /// What the radii of points follow when a cloud is read: how far their neighbours reach (full), the same but smaller at the border of a surface (narrow), or how far their neighbours are spread among themselves (spread), which stray points and vegetation do not make larger.
         radii: SurfaceRadii = SurfaceRadii::Spread;
-        /// Of scans whose file names the place of the scanner, and of depth images, which are seen from the origin, end splats before they hide the points behind them.
+        /// End splats before they hide points that the scanner saw: in depth images, which are seen from the origin, scans whose file names the place of the scanner, and made scans, whose points name their stations.
         carve: bool = true;
     }
 
