@@ -9,6 +9,7 @@ use scene::Ramp;
 use stream::COMPARED;
 
 use super::ground;
+use crate::shared::language::text;
 use crate::shared::steps;
 
 /// The most numbers beside a ramp.
@@ -37,7 +38,7 @@ impl Legend {
         match plan.source {
             ColorSource::Class => {
                 let classes: Vec<u8> = classes.collect();
-                (!classes.is_empty()).then(|| Self { title: "class".into(), scale: Scale::Classes(classes) })
+                (!classes.is_empty()).then(|| Self { title: text!("class").into(), scale: Scale::Classes(classes) })
             }
             ColorSource::Stray => Some(Self { title: plan.label.clone(), scale: Scale::Strays }),
             ColorSource::Height | ColorSource::Column(_) => {
@@ -127,7 +128,7 @@ fn class_rows(classes: &[u8]) -> Vec<(String, Color32)> {
     };
     let mut rows: Vec<(String, Color32)> = classes[..shown].iter().map(row).collect();
     if shown < classes.len() {
-        rows.push((format!("and {} more", classes.len() - shown), Color32::TRANSPARENT));
+        rows.push((text!("and {count} more", count = classes.len() - shown), Color32::TRANSPARENT));
     }
     rows
 }

@@ -19,6 +19,7 @@ use render::ColorPlan;
 use scene::{Camera, Caption, Overlay, Projection, Settings, WipeMarks};
 
 use crate::overlays::lens::Lens;
+use crate::shared::language::text;
 use directions::{axes, north, north_arrow};
 use labels::Mark;
 use legend::Legend;
@@ -126,7 +127,7 @@ fn bar(
     facts: &Facts,
 ) -> (Option<ScaleBar>, String) {
     if facts.units.are_mixed() {
-        return (None, "no scale: the coordinates have no unit of length in common".into());
+        return (None, text!("no scale: the coordinates have no unit of length in common").into());
     }
     let lens = Lens::new(camera, &settings.view, pixels);
     let pixels_per_point = f64::from(pixels[0]) / f64::from(rect.width().max(1.0));
@@ -134,7 +135,7 @@ fn bar(
     let most = (rect.width() * LONGEST_BAR[0]).min(settings.overlay.text * LONGEST_BAR[1]);
     let bar = scale.and_then(|scale| ScaleBar::fitting(scale, f64::from(most)));
     let is_parallel = settings.view.projection == Projection::Orthographic;
-    (bar, bar.map_or("no scale".into(), |bar| bar.text(&facts.units, is_parallel)))
+    (bar, bar.map_or(text!("no scale").into(), |bar| bar.text(&facts.units, is_parallel)))
 }
 
 #[cfg(test)]

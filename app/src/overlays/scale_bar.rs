@@ -4,6 +4,7 @@ use codec::Units;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
 
 use super::ground;
+use crate::shared::language::text;
 use crate::shared::steps;
 
 /// A length and how long it is in the picture.
@@ -25,8 +26,8 @@ impl ScaleBar {
 
     /// The length with its unit. In perspective it says where it holds.
     pub fn text(&self, units: &Units, is_parallel: bool) -> String {
-        let unit = units.length().map_or(" units".into(), |unit| format!(" {unit}"));
-        let place = if is_parallel { "" } else { " at the pivot" };
+        let unit = units.length().map_or(text!(" units").into(), |unit| format!(" {unit}"));
+        let place = if is_parallel { "" } else { text!(" at the pivot") };
         format!("{:.*}{unit}{place}", steps::decimals(self.length), self.length)
     }
 }

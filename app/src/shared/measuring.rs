@@ -6,6 +6,7 @@ use glam::{DMat3, DVec3};
 use measure::{Nearest, Scatter, VolumeGrid};
 use scene::{Measurement, MeasurementKind};
 
+use crate::shared::language::english;
 use crate::shared::numbers::grouped;
 
 /// Made scans for the tests of other modules.
@@ -237,38 +238,38 @@ fn with_scatter(kind: MeasurementKind, corners: &[DVec3], up: DVec3, scatter: &[
                 figure("z", Quantity::Rise, &|corners| corners[0].z),
             ];
             if let Some(Some(Scatter { spacing, noise, half_widths, .. })) = scatter.first() {
-                figures.push(Figure::new("spacing", Quantity::Length, *spacing, None));
-                figures.push(Figure::new("noise", Quantity::Length, *noise, None));
-                figures.push(Figure::new("across surface", Quantity::Length, half_widths.point, None));
-                figures.push(Figure::new("measured again", Quantity::Length, half_widths.further, None));
+                figures.push(Figure::new(english!("spacing"), Quantity::Length, *spacing, None));
+                figures.push(Figure::new(english!("noise"), Quantity::Length, *noise, None));
+                figures.push(Figure::new(english!("across surface"), Quantity::Length, half_widths.point, None));
+                figures.push(Figure::new(english!("measured again"), Quantity::Length, half_widths.further, None));
             }
             figures
         }
         MeasurementKind::Distance => vec![
-            length("distance", &measure::length),
-            figure("horizontal", level_length, &|corners| measure::length(&level(corners))),
-            figure("vertical", rise_length, &rise),
+            length(english!("distance"), &measure::length),
+            figure(english!("horizontal"), level_length, &|corners| measure::length(&level(corners))),
+            figure(english!("vertical"), rise_length, &rise),
         ],
         MeasurementKind::Polyline => {
-            let horizontal = figure("horizontal", level_length, &|corners| measure::length(&level(corners)));
-            vec![length("length", &measure::length), horizontal]
+            let horizontal = figure(english!("horizontal"), level_length, &|corners| measure::length(&level(corners)));
+            vec![length(english!("length"), &measure::length), horizontal]
         }
         MeasurementKind::Height => {
-            let horizontal = figure("horizontal", level_length, &|corners| measure::length(&level(corners)));
-            vec![figure("height", rise_length, &rise), horizontal]
+            let horizontal = figure(english!("horizontal"), level_length, &|corners| measure::length(&level(corners)));
+            vec![figure(english!("height"), rise_length, &rise), horizontal]
         }
         MeasurementKind::Angle => {
             let angle = |corners: &[DVec3]| measure::angle(corners[0], corners[1], corners[2]).to_degrees();
-            vec![figure("angle", Quantity::Angle, &angle)]
+            vec![figure(english!("angle"), Quantity::Angle, &angle)]
         }
         MeasurementKind::Area => {
             let mut figures = vec![
-                figure("area", Quantity::Area, &measure::area),
-                figure("level area", level_area, &|corners| measure::area(&level(corners))),
-                length("perimeter", &|corners| measure::length(&closed(corners))),
+                figure(english!("area"), Quantity::Area, &measure::area),
+                figure(english!("level area"), level_area, &|corners| measure::area(&level(corners))),
+                length(english!("perimeter"), &|corners| measure::length(&closed(corners))),
             ];
             if let Ok(plane) = measure::plane(corners) {
-                figures.push(Figure::new("off its plane", Quantity::Length, plane.rms, None));
+                figures.push(Figure::new(english!("off its plane"), Quantity::Length, plane.rms, None));
             }
             figures
         }
@@ -284,9 +285,14 @@ fn circle(corners: &[DVec3], covariances: Option<&[DMat3]>) -> Vec<Figure> {
     // Corners beside the circle show more than the points around them. NaN loses against a number.
     let deviation = by_scatter.map(|scatter| scatter.max(round.radius_deviation));
     vec![
-        Figure::new("radius", Quantity::Length, round.radius, deviation),
-        Figure::new("diameter", Quantity::Length, 2.0 * round.radius, deviation.map(|deviation| 2.0 * deviation)),
-        Figure::new("rms", Quantity::Length, round.rms, None),
+        Figure::new(english!("radius"), Quantity::Length, round.radius, deviation),
+        Figure::new(
+            english!("diameter"),
+            Quantity::Length,
+            2.0 * round.radius,
+            deviation.map(|deviation| 2.0 * deviation),
+        ),
+        Figure::new(english!("rms"), Quantity::Length, round.rms, None),
     ]
 }
 
@@ -394,25 +400,30 @@ fn plane(plane: &measure::Plane, up: DVec3) -> Vec<Figure> {
     let fall = fall.unwrap_or_else(|| plane.normal.any_orthonormal_vector());
     let dip = tilt(plane.normal, up);
     let mut figures = vec![
-        Figure::new("dip", Quantity::Angle, dip, Some(plane.tilt_deviation(fall).to_degrees())),
-        Figure::new("rms", Quantity::Length, plane.rms, None),
-        Figure::new("points", Quantity::Count, plane.points as f64, None),
+        Figure::new(english!("dip"), Quantity::Angle, dip, Some(plane.tilt_deviation(fall).to_degrees())),
+        Figure::new(english!("rms"), Quantity::Length, plane.rms, None),
+        Figure::new(english!("points"), Quantity::Count, plane.points as f64, None),
     ];
-    figures.extend(components(["normal x", "normal y", "normal z"], plane.normal, up));
+    figures.extend(components([english!("normal x"), english!("normal y"), english!("normal z")], plane.normal, up));
     figures
 }
 
 fn cylinder(round: &measure::Round, up: DVec3) -> Vec<Figure> {
     let deviation = Some(round.radius_deviation);
     let mut figures = vec![
-        Figure::new("radius", Quantity::Length, round.radius, deviation),
-        Figure::new("diameter", Quantity::Length, 2.0 * round.radius, deviation.map(|deviation| 2.0 * deviation)),
-        Figure::new("length", Quantity::Length, round.length, None),
-        Figure::new("rms", Quantity::Length, round.rms, None),
-        Figure::new("tilt", Quantity::Angle, tilt(round.axis, up), None),
-        Figure::new("points", Quantity::Count, round.points as f64, None),
+        Figure::new(english!("radius"), Quantity::Length, round.radius, deviation),
+        Figure::new(
+            english!("diameter"),
+            Quantity::Length,
+            2.0 * round.radius,
+            deviation.map(|deviation| 2.0 * deviation),
+        ),
+        Figure::new(english!("length"), Quantity::Length, round.length, None),
+        Figure::new(english!("rms"), Quantity::Length, round.rms, None),
+        Figure::new(english!("tilt"), Quantity::Angle, tilt(round.axis, up), None),
+        Figure::new(english!("points"), Quantity::Count, round.points as f64, None),
     ];
-    figures.extend(components(["axis x", "axis y", "axis z"], round.axis, up));
+    figures.extend(components([english!("axis x"), english!("axis y"), english!("axis z")], round.axis, up));
     figures
 }
 
@@ -424,13 +435,13 @@ fn volume(grid: Option<Result<VolumeGrid, String>>, up: DVec3) -> Outcome {
     }
     let (level_length, _, level_area) = directions(up);
     Ok(vec![
-        Figure::new("volume", Quantity::Volume, volume.above - volume.below, Some(volume.deviation)),
-        Figure::new("above", Quantity::Volume, volume.above, None),
-        Figure::new("below", Quantity::Volume, volume.below, None),
-        Figure::new("level area", level_area, volume.area, None),
-        Figure::new("area without points", level_area, volume.empty_area, None),
-        Figure::new("cell", level_length, volume.cell, None),
-        Figure::new("points", Quantity::Count, volume.points as f64, None),
+        Figure::new(english!("volume"), Quantity::Volume, volume.above - volume.below, Some(volume.deviation)),
+        Figure::new(english!("above"), Quantity::Volume, volume.above, None),
+        Figure::new(english!("below"), Quantity::Volume, volume.below, None),
+        Figure::new(english!("level area"), level_area, volume.area, None),
+        Figure::new(english!("area without points"), level_area, volume.empty_area, None),
+        Figure::new(english!("cell"), level_length, volume.cell, None),
+        Figure::new(english!("points"), Quantity::Count, volume.points as f64, None),
     ])
 }
 

@@ -5,6 +5,7 @@ pub mod comparing;
 pub mod export;
 pub mod ghost_arguments;
 pub mod ghosts;
+pub mod language;
 pub mod measuring;
 pub mod moved_points;
 pub mod numbers;

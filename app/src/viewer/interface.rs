@@ -3,6 +3,7 @@
 
 use egui::{Align2, CentralPanel, Color32, Frame, Panel, Rect, Sense, Ui};
 
+use crate::shared::language::text;
 use crate::viewer::input::gizmo;
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::focus_ring;
@@ -93,10 +94,10 @@ fn path_prompt(context: &egui::Context, session: &Session, actions: &mut Vec<Act
 fn fatal_notice(context: &egui::Context, problem: &str, actions: &mut Vec<Action>) {
     egui::Modal::new(egui::Id::unique("fatal")).show(context, |ui| {
         ui.set_max_width(420.0);
-        ui.heading("The points cannot be drawn any more");
+        ui.heading(text!("The points cannot be drawn any more"));
         ui.label(problem);
         ui.add_space(8.0);
-        if ui.button("Quit").clicked() {
+        if ui.button(text!("Quit")).clicked() {
             actions.push(Action::Quit);
         }
     });
@@ -124,7 +125,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         let is_empty = session.loaded.clouds.is_empty() && !session.loaded.is_loading();
         if let Some(wait) = panels::status::waiting(session).filter(|_| !is_empty) {
             let is_compiling = session.frames.compiled().is_some();
-            let more = if is_compiling { "; the first start takes longest" } else { "" };
+            let more = if is_compiling { text!("; the first start takes longest") } else { "" };
             welcome::caption(ui, rect, rect.center(), &format!("{wait}{more}"));
         }
     }
@@ -146,7 +147,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
         ui.painter().rect_filled(rect, 0.0, Color32::from_black_alpha(150));
         let font = egui::FontId::proportional(22.0);
-        ui.painter().text(rect.center(), Align2::CENTER_CENTER, "Drop to open", font, theme::ACCENT);
+        ui.painter().text(rect.center(), Align2::CENTER_CENTER, text!("Drop to open"), font, theme::ACCENT);
     }
 }
 

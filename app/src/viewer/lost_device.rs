@@ -10,6 +10,8 @@ use winit::event_loop::ActiveEventLoop;
 use super::screen::Screen;
 use super::{Viewer, Wake};
 
+use crate::shared::language::text;
+
 /// A device that is lost twice within this time would be lost again.
 const LOST_AGAIN: Duration = Duration::from_secs(60);
 
@@ -50,7 +52,7 @@ impl Viewer {
         self.effects.show_on(screen.gpu.clone());
         self.screen = Some(screen);
         self.log.write(&json!({ "event": "window" }));
-        self.session.outside.warning("The graphics device of the window was lost; it is opened again.");
+        self.session.outside.warning(text!("The graphics device of the window was lost; it is opened again."));
         self.request_paint();
         Ok(())
     }

@@ -16,6 +16,8 @@ mod headless;
 mod input;
 mod interface;
 mod jobs;
+#[cfg(test)]
+mod language_tests;
 mod loaded;
 mod look;
 mod lost_device;
@@ -63,6 +65,7 @@ use winit::window::WindowId;
 use world::Request;
 
 use crate::shared::command_line::ViewArguments;
+use crate::shared::language::{self, text};
 use crate::shared::viewpoint::Viewpoint;
 use crate::system::failure::{Interrupted, NoScreen, usage};
 use crate::system::interrupt;
@@ -151,6 +154,7 @@ pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Resul
     let wake = event_loop.create_proxy();
     interrupt::catch(move || drop(wake.send_event(Wake::Interrupted)));
     let (preferences, problem) = preferences::load();
+    language::speak(preferences.language);
     let mut session = Session::new(preferences);
     session.auto.is_kept = true;
     if let Some(folder) = preferences::unsaved_folder() {
@@ -300,7 +304,7 @@ impl ApplicationHandler<Wake> for Viewer {
             Wake::Chosen(None, took) => {
                 if took < QUICKEST_HAND {
                     self.session.outside.log(json!({ "event": "prompt" }));
-                    let reason = "No file dialog answers on this desktop: type the path.";
+                    let reason = text!("No file dialog answers on this desktop: type the path.");
                     self.session.path_prompt = Some(PathPrompt::because(reason));
                 }
             }
@@ -461,6 +465,7 @@ impl Viewer {
     fn paint(&mut self, event_loop: &ActiveEventLoop) {
         let Some(screen) = &mut self.screen else { return };
         let (session, mut actions) = (&mut self.session, Vec::new());
+        language::speak(session.preferences.language);
         let picture = screen.picture();
         let painted = screen.paint(event_loop, |ui| actions.extend(interface::show(ui, session, picture.as_ref())));
         if let Painted::Next { is_shown: true, .. } = painted
@@ -528,14 +533,14 @@ impl Viewer {
             (Asked::Points, Some(path)) => session.act(Action::Export(Export::To(path))),
             (Asked::Points, None) if has_no_dialog => {
                 session.outside.log(json!({ "event": "prompt" }));
-                let reason = "No file dialog answers on this desktop: type the path.";
+                let reason = text!("No file dialog answers on this desktop: type the path.");
                 session.path_prompt = Some(PathPrompt::to_save_points(&proposed, reason));
             }
             (Asked::Points, None) => {}
             (Asked::Scene, Some(path)) => session.act(Action::File(Filing::SaveTo(path))),
             (Asked::Scene, None) if has_no_dialog => {
                 session.outside.log(json!({ "event": "prompt" }));
-                let reason = "No file dialog answers on this desktop: type the path.";
+                let reason = text!("No file dialog answers on this desktop: type the path.");
                 session.path_prompt = Some(PathPrompt::to_save_scene(&proposed, reason));
             }
             (Asked::Scene, None) => session.act(Action::File(Filing::NoPlace)),
@@ -545,7 +550,7 @@ impl Viewer {
                 session.act(Action::SavePicture(SavePicture::Change(draft)));
             }
             (Asked::Picture, None) if has_no_dialog => {
-                session.outside.note("No file dialog answers on this desktop: type the path.");
+                session.outside.note(text!("No file dialog answers on this desktop: type the path."));
             }
             (Asked::Picture, None) => {}
         }
@@ -575,10 +580,10 @@ impl Viewer {
         let settings = self.before_set.with_changes(&self.after_set, &settings);
         self.session.preferences.remember_settings(&settings);
         if let Err(error) = preferences::save(&self.session.preferences) {
-            self.session.outside.warning(format!("settings are not kept: {error:#}"));
+            self.session.outside.warning(text!("settings are not kept: {error}", error = format_args!("{error:#}")));
         }
         if let Err(error) = self.session.auto.save() {
-            self.session.outside.warning(format!("times are not kept: {error:#}"));
+            self.session.outside.warning(text!("times are not kept: {error}", error = format_args!("{error:#}")));
         }
     }
 
@@ -588,7 +593,7 @@ impl Viewer {
         let tell = move |captured| drop(wake.send_event(Wake::News(Box::new(News::Found(Found::Captured(captured))))));
         match Capture::new(name, format, screen.pixel_size(), dropped, tell) {
             Ok(capture) => {
-                self.session.outside.note(format!("Recording the window: {}", name.display()));
+                self.session.outside.note(text!("Recording the window: {file}", file = name.display()));
                 self.captures.push(capture);
             }
             Err(error) => {
@@ -617,13 +622,13 @@ impl Viewer {
             match self.effects.run(&mut self.session, effect) {
                 Some(Effect::OpenDialog) => {
                     let wake = self.wake.clone();
+                    let [title, known, all] =
+                        [text!("Open point clouds"), text!("Point clouds and scenes"), text!("All files")];
                     let choose = move || {
                         let asked = Instant::now();
                         let endings: Vec<&str> = codec::Format::all_endings().chain(["toml"]).collect();
-                        let dialog = rfd::FileDialog::new()
-                            .set_title("Open point clouds")
-                            .add_filter("Point clouds and scenes", &endings)
-                            .add_filter("All files", &["*"]);
+                        let dialog =
+                            rfd::FileDialog::new().set_title(title).add_filter(known, &endings).add_filter(all, &["*"]);
                         let chosen = dialog.pick_files();
                         let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));
                     };
@@ -631,17 +636,19 @@ impl Viewer {
                 }
                 Some(Effect::AskPlace(asked, proposed)) => {
                     let wake = self.wake.clone();
+                    let (title, ending): (_, (&str, &[&str])) = match asked {
+                        Asked::Points => (
+                            text!("Save the points that are shown"),
+                            ("LAZ, LAS, COPC, E57, PLY, CSV", &["laz", "las", "e57", "ply", "csv"]),
+                        ),
+                        Asked::Picture => (text!("Save the picture"), ("PNG", &["png"])),
+                        Asked::Scene => (text!("Save the scene"), (text!("Scene"), &["toml"])),
+                    };
                     let choose = move || {
                         let opened = Instant::now();
                         let name = proposed.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                        let dialog = rfd::FileDialog::new().set_file_name(name);
-                        let dialog = match asked {
-                            Asked::Points => dialog
-                                .set_title("Save the points that are shown")
-                                .add_filter("LAZ, LAS, COPC, E57, PLY, CSV", &["laz", "las", "e57", "ply", "csv"]),
-                            Asked::Picture => dialog.set_title("Save the picture").add_filter("PNG", &["png"]),
-                            Asked::Scene => dialog.set_title("Save the scene").add_filter("Scene", &["toml"]),
-                        };
+                        let dialog = rfd::FileDialog::new().set_file_name(name).set_title(title);
+                        let dialog = dialog.add_filter(ending.0, ending.1);
                         let folder = proposed.parent().filter(|folder| folder.is_absolute());
                         let dialog = folder.map_or(dialog.clone(), |folder| dialog.set_directory(folder));
                         let chosen = dialog.save_file();

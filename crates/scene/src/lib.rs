@@ -58,7 +58,7 @@ pub use object::{Object, ObjectKind};
 pub use param::shown;
 pub use path_edit::LEAST_GAP;
 pub use path_wipe::line_value;
-pub use preferences::{CaptureFormat, Preferences};
+pub use preferences::{CaptureFormat, Language, Preferences};
 pub use preset::{PRESETS, Preset};
 pub use profile::{MOST_PROFILES, Profile};
 pub use settings::{

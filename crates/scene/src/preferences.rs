@@ -21,6 +21,17 @@ pub enum CaptureFormat {
     Pictures,
 }
 
+/// The language of the window's texts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Language {
+    /// The system's, or English where the program does not speak that.
+    #[default]
+    System,
+    English,
+    German,
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Preferences {
@@ -36,6 +47,7 @@ pub struct Preferences {
     /// Whether the window opens the last of them where nothing is named.
     pub reopens: bool,
     pub capture: CaptureFormat,
+    pub language: Language,
     /// The parameters that differ from their defaults.
     pub parameters: BTreeMap<String, String>,
 }
@@ -50,6 +62,7 @@ impl Default for Preferences {
             sessions: Vec::new(),
             reopens: false,
             capture: CaptureFormat::default(),
+            language: Language::default(),
             parameters: BTreeMap::new(),
         }
     }
@@ -114,7 +127,8 @@ mod tests {
         settings.set_text("splat.size", "2.5").unwrap();
         settings.set_text("color.by", "class").unwrap();
         settings.set_text("light.by", "colors").unwrap();
-        let mut preferences = Preferences { capture: CaptureFormat::Gif, ..Preferences::default() };
+        let mut preferences =
+            Preferences { capture: CaptureFormat::Gif, language: Language::German, ..Preferences::default() };
         preferences.remember_settings(&settings);
         let (back, warnings) = preferences.settings();
         assert!(warnings.is_empty(), "{warnings:?}");

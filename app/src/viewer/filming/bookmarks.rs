@@ -3,6 +3,7 @@
 use scene::{Bookmark, Camera};
 use serde_json::json;
 
+use crate::shared::language::text;
 use crate::viewer::objects::numbered;
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::{Command, Picture};
@@ -28,7 +29,7 @@ pub fn keep(digit: Option<u8>, scene: &mut Scene, outside: &mut Outside) {
         None => numbered("view", names),
     };
     if known.is_none() && scene.objects.bookmarks.len() >= scene::MOST_BOOKMARKS {
-        return outside.note(format!("There are {} bookmarks, and no room for more", scene::MOST_BOOKMARKS));
+        return outside.note(text!("There are {most} bookmarks, and no room for more", most = scene::MOST_BOOKMARKS));
     }
     outside.log(json!({ "event": "bookmark", "name": name, "digit": digit }));
     outside.note(match digit {

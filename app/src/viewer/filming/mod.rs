@@ -19,6 +19,7 @@ use serde_json::json;
 pub use timeline::Timeline;
 pub use wiping::Wiping;
 
+use crate::shared::language::text;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::picture::capture::{self, Captured};
@@ -120,6 +121,7 @@ impl Filming {
             | Action::TogglePalette
             | Action::ChangePalette(_)
             | Action::OpenTab(_)
+            | Action::Speak(_)
             | Action::Search(_)
             | Action::ListMessages(_)
             | Action::DismissMessage(_)
@@ -152,7 +154,9 @@ impl Filming {
             Film::FlyToDigit(digit) => {
                 match scene.objects.bookmarks.iter().position(|bookmark| bookmark.digit == Some(digit)) {
                     Some(index) => self.fly(index, scene, outside),
-                    None => outside.note(format!("No view is kept: {COMMAND}+Shift+{digit} keeps this one")),
+                    None => {
+                        outside.note(text!("No view is kept: {COMMAND}+Shift+{digit} keeps this one", COMMAND, digit))
+                    }
                 }
             }
             Film::FlyTo(index) => self.fly(index, scene, outside),
@@ -198,7 +202,7 @@ impl Filming {
                 outside.push(Effect::Capture(Some((name.clone(), format, dropped.clone()))));
                 self.live = Some(Live { name, since: outside.now, dropped, is_ending: false });
             }
-            Some(live) if live.is_ending => outside.note("The film of the window is still being made"),
+            Some(live) if live.is_ending => outside.note(text!("The film of the window is still being made")),
             Some(live) => {
                 live.is_ending = true;
                 outside.push(Effect::Capture(None));
@@ -220,9 +224,17 @@ impl Filming {
             Ok(frames) => {
                 let seconds = f64::from(frames) / f64::from(capture::FPS);
                 let level = if dropped > 0 { Level::Warning } else { Level::Note };
-                outside.say(level, format!("Window recorded: {name}, {seconds:.1} s{told}"));
+                outside.say(
+                    level,
+                    text!(
+                        "Window recorded: {name}, {seconds} s{told}",
+                        name,
+                        seconds = format_args!("{seconds:.1}"),
+                        told
+                    ),
+                );
             }
-            Err(problem) => outside.say(Level::Error, format!("Recording of the window: {problem}{told}")),
+            Err(problem) => outside.say(Level::Error, text!("Recording of the window: {problem}{told}", problem, told)),
         }
     }
 

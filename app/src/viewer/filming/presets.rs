@@ -7,6 +7,7 @@ use scene::{
     Settings, Track, WIPE, WipeState,
 };
 
+use crate::shared::language::text;
 use crate::viewer::filming::Around;
 use crate::viewer::objects::numbered;
 use crate::viewer::requests::action::PathPreset;
@@ -53,7 +54,7 @@ pub fn path(preset: PathPreset, height: f64, scene: &Scene, around: &Around<'_>)
         PathPreset::Turntable => BuiltInPath::Turntable.path(&place(scene.camera)),
         PathPreset::Orbit => {
             let middle = selected.and_then(|(_, object)| object.places().first().copied());
-            let middle = middle.ok_or("Select a mirror, a light or a clip to orbit")?;
+            let middle = middle.ok_or(text!("Select a mirror, a light or a clip to orbit"))?;
             let view = Camera::from_eye(scene.camera.eye, middle, scene.camera.up);
             BuiltInPath::Orbit.path(&place(view))
         }
@@ -62,19 +63,20 @@ pub fn path(preset: PathPreset, height: f64, scene: &Scene, around: &Around<'_>)
                 Some((_, Object::Measurement(measurement))) => measurement.points.as_slice(),
                 _ => &[],
             };
-            along(points, scene.up(clouds), height).ok_or("Select a measurement of two points or more to fly along")?
+            along(points, scene.up(clouds), height)
+                .ok_or(text!("Select a measurement of two points or more to fly along"))?
         }
         PathPreset::MirrorSweep => {
             let name = match &selected {
                 Some((name, Object::Mirror(_))) => Some((*name).to_owned()),
                 _ => scene.objects.mirrors.first().map(|placed| placed.mirror.name.clone()),
             };
-            let name = name.ok_or("Add a mirror to sweep")?;
+            let name = name.ok_or(text!("Add a mirror to sweep"))?;
             let (_, mirror) = scene.objects.named("mirror", &name)?;
             let middle = mirror.places()[0];
             let way = scene.camera.right() * scene.camera.eye.distance(middle) * SWEEP;
             let mut path = still("mirror sweep", scene.camera);
-            let key = Track::key_of("mirror", &name, "position").ok_or("A mirror has a position")?;
+            let key = Track::key_of("mirror", &name, "position").ok_or(text!("A mirror has a position"))?;
             let values = [middle - way, middle + way, middle - way].map(|place| value(&place.to_array()));
             let times = [0.0, 0.5, 1.0].map(|share| share * SWEEP_SECONDS);
             path.tracks = vec![Track { key, times: times.to_vec(), values: values.to_vec(), ease: Ease::InOut }];
@@ -83,8 +85,12 @@ pub fn path(preset: PathPreset, height: f64, scene: &Scene, around: &Around<'_>)
         PathPreset::MethodTour => method_tour(scene, around),
         PathPreset::WipeToTruth => wiped("wipe to the truth", scene, to_truth(scene)),
         PathPreset::WipeFromKept => {
-            let kept = around.kept.ok_or("Keep a state of the picture first")?;
-            wiped("wipe", scene, between(kept, &scene.settings).ok_or("The kept state has the present parameters")?)
+            let kept = around.kept.ok_or(text!("Keep a state of the picture first"))?;
+            wiped(
+                "wipe",
+                scene,
+                between(kept, &scene.settings).ok_or(text!("The kept state has the present parameters"))?,
+            )
         }
     };
     path.name = numbered(&path.name, scene.objects.paths.iter().map(|known| known.name.as_str()));

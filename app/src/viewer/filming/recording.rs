@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use serde_json::json;
 
+use crate::shared::language::text;
 use crate::system::progress_bar::Stage;
 use crate::viewer::jobs::process::{Ended, Leash};
 use crate::viewer::loaded::Loaded;
@@ -72,12 +73,12 @@ impl Recording {
     /// Begins what the dialog asks for.
     pub fn start(&mut self, scene: &Scene, loaded: &Loaded, adapter: Option<&str>, outside: &mut Outside) {
         if self.under_way.is_some() {
-            return outside.note("A recording is under way");
+            return outside.note(text!("A recording is under way"));
         }
         let Some(wanted) = self.asked.take() else { return };
         let file = scene.whole_file(loaded);
         if file.clouds.is_empty() {
-            return outside.note("There is no scene to record yet");
+            return outside.note(text!("There is no scene to record yet"));
         }
         let leash = Leash::default();
         let words = wanted.words(adapter);
@@ -112,13 +113,13 @@ impl Recording {
                 let told = told
                     .strip_prefix(&under_way.output)
                     .map_or(told.clone(), |rest| format!("{}{rest}", whole(under_way.output.as_ref())));
-                outside.note(format!("Recorded: {told}"));
+                outside.note(text!("Recorded: {told}", told));
             }
-            Ended::Stopped => outside.note(format!(
-                "Recording stopped; what is done of {} stays, and the same recording goes on from there",
-                under_way.output
+            Ended::Stopped => outside.note(text!(
+                "Recording stopped; what is done of {output} stays, and the same recording goes on from there",
+                output = under_way.output
             )),
-            Ended::Failed(problem) => outside.say(Level::Error, format!("Recording: {problem}")),
+            Ended::Failed(problem) => outside.say(Level::Error, text!("Recording: {problem}", problem)),
         }
     }
 }

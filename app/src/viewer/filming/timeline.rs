@@ -6,6 +6,7 @@ use std::time::Instant;
 use scene::{CameraPath, Motion, WIPE, WipeState, line_value};
 use serde_json::json;
 
+use crate::shared::language::text;
 use crate::viewer::filming::wiping::{View, Wiping};
 use crate::viewer::objects::numbered;
 use crate::viewer::requests::action::Film;
@@ -68,7 +69,7 @@ impl Timeline {
     /// Adds a path, and shows it.
     pub fn add(&mut self, path: CameraPath, scene: &mut Scene, outside: &mut Outside) {
         if scene.objects.paths.len() >= MOST_PATHS {
-            return outside.note(format!("There are {MOST_PATHS} paths, and no room for more"));
+            return outside.note(text!("There are {MOST_PATHS} paths, and no room for more", MOST_PATHS));
         }
         outside.log(json!({ "event": "path", "name": path.name }));
         self.leave();
@@ -125,7 +126,7 @@ impl Timeline {
             }
             Film::Play if !self.is_open => {}
             Film::Play => {
-                let Some(path) = self.path(scene) else { return outside.note("There is no path to play") };
+                let Some(path) = self.path(scene) else { return outside.note(text!("There is no path to play")) };
                 let start = if self.time < path.duration() { self.time } else { 0.0 };
                 self.playing = if self.playing.is_some() { None } else { Some((outside.now, start)) };
                 self.is_followed = true;
@@ -186,7 +187,10 @@ impl Timeline {
         if !is_shown {
             let before = View::of(scene, &WipeState::default());
             if let Err((track, problem)) = scene.pose(&path, self.time) {
-                outside.say(Level::Error, format!("path `{}`, track {}: {problem}", path.name, track + 1));
+                outside.say(
+                    Level::Error,
+                    text!("path `{path}`, track {track}: {problem}", path = path.name, track = track + 1, problem),
+                );
                 self.leave();
                 return false;
             }
@@ -198,7 +202,10 @@ impl Timeline {
                 scene.camera_moved_by_hand(outside.now);
             }
             if let Some(Err(problem)) = path.states.get(turn).map(|state| scene.show_state(state)) {
-                outside.say(Level::Error, format!("path `{}`, state {}: {problem}", path.name, turn + 1));
+                outside.say(
+                    Level::Error,
+                    text!("path `{path}`, state {turn}: {problem}", path = path.name, turn = turn + 1, problem),
+                );
             }
             self.posed = Some((path, self.time, turn));
         }

@@ -10,6 +10,7 @@ use serde_json::json;
 use study::cost::{Costs, Slowest};
 use study::{Choice, CostModel, Target};
 
+use crate::shared::language::text;
 use crate::system::costs;
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::Command;
@@ -117,10 +118,10 @@ impl Auto {
         let target = target_of(request)?;
         let chosen = self.chosen.as_ref().filter(|chosen| chosen.target == target);
         Some(match chosen.map(|chosen| &chosen.choice) {
-            None if self.is_asked => "auto is choosing".to_owned(),
-            None => "auto chooses once the picture stands still".to_owned(),
+            None if self.is_asked => text!("auto is choosing").to_owned(),
+            None => text!("auto chooses once the picture stands still").to_owned(),
             Some(Ok(choice)) => told(choice),
-            Some(Err(problem)) => format!("auto: {problem}"),
+            Some(Err(problem)) => text!("auto: {problem}", problem),
         })
     }
 
@@ -174,7 +175,7 @@ impl Auto {
                 outside.log(json!({ "event": "auto", "set": choice.set, "why": choice.why }));
                 outside.note(told(choice));
             }
-            Err(problem) => outside.warning(format!("auto: {problem}")),
+            Err(problem) => outside.warning(text!("auto: {problem}", problem)),
         }
         self.chosen = Some(Chosen { request, target, choice });
     }
@@ -182,16 +183,18 @@ impl Auto {
 
 fn told(choice: &Choice) -> String {
     let set: Vec<String> = choice.set.iter().map(|(key, value)| format!("{key}={value}")).collect();
-    format!("auto: {}: {}", set.join(" "), choice.why)
+    text!("auto: {set}: {why}", set = set.join(" "), why = choice.why)
 }
 
 /// What makes a frame slow, for people.
 pub fn slowest_text(slowest: &Slowest) -> String {
     let Slowest { pass, share, driver, lever, .. } = slowest;
-    let share = format!("{pass} takes {:.0} % of the frame", share * 100.0);
+    let share = text!("{pass} takes {share} % of the frame", pass, share = format_args!("{:.0}", share * 100.0));
     match (driver, lever) {
-        (Some(driver), Some(lever)) => format!("{share}, mostly for each {}; {lever} shortens it", driver.name()),
-        (Some(driver), None) => format!("{share}, mostly for each {}", driver.name()),
+        (Some(driver), Some(lever)) => {
+            text!("{share}, mostly for each {driver}; {lever} shortens it", share, driver = driver.name(), lever)
+        }
+        (Some(driver), None) => text!("{share}, mostly for each {driver}", share, driver = driver.name()),
         (None, _) => share,
     }
 }

@@ -3,6 +3,8 @@
 use param::{Field, Kind, Value};
 use scene::Settings;
 
+use crate::shared::language::text;
+
 /// The most values of a sweep: more do not fit a sheet and take longer than a person waits.
 pub const MOST_VALUES: u32 = 64;
 
@@ -57,7 +59,7 @@ impl SweepRange {
             Kind::Bool { .. } => vec![Value::Bool(false), Value::Bool(true)],
             Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),
             _ if self.is_logarithmic && !(self.from > 0.0 && self.to > 0.0) => {
-                return Err("a logarithmic sweep needs ends above 0".into());
+                return Err(text!("a logarithmic sweep needs ends above 0").into());
             }
             Kind::U32 { .. } => shares.map(|share| Value::U32(number(share).round() as u32)).collect(),
             Kind::F32 { min, max, .. } => {

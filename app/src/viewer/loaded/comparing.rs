@@ -13,6 +13,7 @@ use world::CloudKey;
 
 use crate::shared::comparing::{Measured, Method};
 use crate::shared::export::Place;
+use crate::shared::language::text;
 use crate::viewer::jobs::comparisons::{CompareDraft, Compared, Comparing, Comparison, Ends, Outcome, Second, Written};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::clouds::CloudEntry;
@@ -28,7 +29,7 @@ impl Loaded {
             Compare::Change(draft) => self.comparisons.draft = *draft,
             Compare::Stop => self.comparisons.under_way.iter().for_each(|progress| progress.cancel()),
             Compare::Start if self.comparisons.under_way.is_some() => {
-                beside.outside.note("Clouds are being compared already");
+                beside.outside.note(text!("Clouds are being compared already"));
             }
             Compare::Start => match self.comparing(beside) {
                 Ok(comparing) => {
@@ -58,18 +59,22 @@ impl Loaded {
 
     fn comparing(&self, beside: &Beside<'_>) -> Result<Comparing, String> {
         let CompareDraft { is_m3c2, scales, core, output, .. } = &self.comparisons.draft;
-        let first = self.compared_first().ok_or("There is no cloud to compare yet")?;
+        let first = self.compared_first().ok_or(text!("There is no cloud to compare yet"))?;
         let (second, to) = match &self.compared_second() {
             Second::Cloud(key) => {
-                let entry = self.cloud(*key).ok_or("Choose a second cloud, or a file, to measure the distances to")?;
+                let entry =
+                    self.cloud(*key).ok_or(text!("Choose a second cloud, or a file, to measure the distances to"))?;
                 if entry.key == first.key {
-                    return Err(format!("{}: a cloud has no distance to itself; choose another", first.cloud.name));
+                    return Err(text!(
+                        "{cloud}: a cloud has no distance to itself; choose another",
+                        cloud = first.cloud.name
+                    ));
                 }
                 (ends(entry)?, entry.cloud.name.clone())
             }
-            Second::Other => return Err("Choose a second cloud, or a file, to measure the distances to".into()),
+            Second::Other => return Err(text!("Choose a second cloud, or a file, to measure the distances to").into()),
             Second::File(path) if path.trim().is_empty() => {
-                return Err("Choose a second cloud, or a file, to measure the distances to".into());
+                return Err(text!("Choose a second cloud, or a file, to measure the distances to").into());
             }
             Second::File(path) => (Ends::Files(vec![path.trim().to_owned()]), shown(path.trim()).to_string()),
         };
@@ -80,10 +85,10 @@ impl Loaded {
         if let Some(path) = &output {
             if ExportFormat::of(path).is_none() {
                 let name = shown(path);
-                return Err(format!("{name}: the new file's name must end in .copc.laz, .laz, .las or .ply"));
+                return Err(text!("{name}: the new file's name must end in .copc.laz, .laz, .las or .ply", name));
             }
             if path.symlink_metadata().is_ok() {
-                return Err(format!("{}: a file of this name is there; it is not replaced", shown(path)));
+                return Err(text!("{path}: a file of this name is there; it is not replaced", path = shown(path)));
             }
         }
         let settings = Box::new(beside.scene.settings.clone());
@@ -109,7 +114,7 @@ impl Loaded {
         let Comparison { key, what, result } = comparison;
         let Outcome { measured, output, warnings } = match result {
             Ok(Some(outcome)) => outcome,
-            Ok(None) => return beside.outside.note(format!("Not compared: {what}")),
+            Ok(None) => return beside.outside.note(text!("Not compared: {what}", what)),
             Err(error) => return beside.outside.say(Level::Error, error),
         };
         param::few(warnings, "warnings").into_iter().for_each(|warning| beside.outside.warning(warning));
@@ -118,7 +123,7 @@ impl Loaded {
             "event": "compared", "what": what, "points": figures.points, "mean": figures.mean, "p95": figures.p95,
             "significant": significant, "interval": interval,
         }));
-        beside.outside.note(format!("Compared: {what}"));
+        beside.outside.note(text!("Compared: {what}", what));
         self.comparisons.last = Some(Compared { what, figures, significant, interval });
         match output {
             Some(Written { path, attribute }) => self.open_compared(key, &path, &attribute, beside),
@@ -142,7 +147,7 @@ impl Loaded {
         if let Err(error) = request.check() {
             return beside.outside.say(Level::Error, error.to_string());
         }
-        beside.outside.note(format!("Distances written: {}", whole(path)));
+        beside.outside.note(text!("Distances written: {path}", path = whole(path)));
         beside.outside.push(Effect::Load { inputs: request.inputs });
         self.set_visible(key, false, beside);
         color_by(attribute, beside);
@@ -203,7 +208,7 @@ fn ends(entry: &CloudEntry) -> Result<Ends, String> {
         return Ok(Ends::Files(vec![entry.input.clone()]));
     }
     if !entry.is_read {
-        return Err(format!("{}: wait until it is loaded", entry.cloud.name));
+        return Err(text!("{cloud}: wait until it is loaded", cloud = entry.cloud.name));
     }
     Ok(Ends::Memory { cloud: entry.cloud.clone(), up: entry.up, units: entry.units })
 }

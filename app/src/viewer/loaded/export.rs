@@ -8,6 +8,7 @@ use cloud::Progress;
 use codec::Exported;
 use serde_json::json;
 
+use crate::shared::language::text;
 use crate::shared::numbers::grouped;
 use crate::viewer::loaded::{Loaded, Writing};
 use crate::viewer::requests::action::Export;
@@ -22,17 +23,19 @@ impl Loaded {
         if let (Export::Ask | Export::To(_), Some(input)) = (&step, self.shown_in_part()) {
             // Files are read again by the words that opened them.
             let what = "some of its clouds are switched off; show all of them or none, and clip or filter the rest";
-            return outside.error(format!("{input}: not saved: {what}"));
+            return outside.error(text!("{input}: not saved: {what}", input, what));
         }
         match step {
             Export::Stop => self.writing.iter().for_each(|writing| writing.progress.cancel()),
-            Export::Ask | Export::To(_) if self.writing.is_some() => outside.note("A file is being written already"),
+            Export::Ask | Export::To(_) if self.writing.is_some() => {
+                outside.note(text!("A file is being written already"))
+            }
             Export::Ask => match self.inputs().first() {
                 Some(input) => {
                     let name = Path::new(input).file_stem().unwrap_or_default().to_string_lossy().into_owned();
                     outside.push(Effect::AskPlace(Asked::Points, free_path(Path::new(""), &name, "laz")));
                 }
-                None => outside.note("There are no points to save yet"),
+                None => outside.note(text!("There are no points to save yet")),
             },
             Export::To(path) => {
                 let progress = Arc::new(Progress::default());
@@ -58,11 +61,11 @@ impl Loaded {
         match result {
             Ok(Some(Exported { points, changes, warnings, .. })) => {
                 outside.log(json!({ "event": "exported", "path": path, "points": points }));
-                outside.note(format!("{} points saved: {}", grouped(points), whole(path)));
+                outside.note(text!("{points} points saved: {path}", points = grouped(points), path = whole(path)));
                 let lines = changes.into_iter().chain(param::few(warnings, "warnings"));
                 lines.for_each(|warning| outside.warning(warning));
             }
-            Ok(None) => outside.note(format!("Not saved: {}", path.display())),
+            Ok(None) => outside.note(text!("Not saved: {path}", path = path.display())),
             Err(error) => outside.say(Level::Error, error),
         }
     }

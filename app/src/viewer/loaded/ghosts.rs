@@ -10,6 +10,7 @@ use scene::{Filter, Mirror, Object, shown};
 use serde_json::json;
 
 use crate::shared::ghosts::{KIND, MIRROR, PROBABILITY, run_ends, runs};
+use crate::shared::language::text;
 use crate::shared::numbers::{grouped, parse_place};
 use crate::viewer::jobs::ghosts::{Decision, GaugeWork, Gauged, GhostOutcome, GhostTask, GhostWork, Seen};
 use crate::viewer::loaded::comparing::color_by;
@@ -43,7 +44,7 @@ impl Loaded {
             Ghosting::Hide(hides) => return hide(hides, beside),
             Ghosting::Fit(id) => return self.fit(id, beside),
             Ghosting::Look | Ghosting::PutBack if self.ghosts.under_way.is_some() => {
-                return beside.outside.note("Ghosts are being looked for or put back already");
+                return beside.outside.note(text!("Ghosts are being looked for or put back already"));
             }
             Ghosting::Look => self.looking(beside),
             Ghosting::PutBack => self.putting_back(beside),
@@ -63,14 +64,14 @@ impl Loaded {
         let mut inputs: Vec<String> = Vec::new();
         for entry in self.clouds.iter().filter(|entry| entry.is_visible) {
             if entry.is_built_in() {
-                return Err(format!("{}: not a file; ghosts are looked for in files", entry.cloud.name));
+                return Err(text!("{cloud}: not a file; ghosts are looked for in files", cloud = entry.cloud.name));
             }
             if !inputs.contains(&entry.input) {
                 inputs.push(entry.input.clone());
             }
         }
         if inputs.is_empty() {
-            return Err("There are no points to look for ghosts in yet".into());
+            return Err(text!("There are no points to look for ghosts in yet").into());
         }
         let draft = &self.ghosts.draft;
         let station = match draft.station.trim() {
@@ -93,7 +94,7 @@ impl Loaded {
         });
         let (given, finds): (Vec<_>, _) = (given.collect(), draft.finds);
         if given.is_empty() && !finds {
-            return Err("The scene has no mirrors; add one, or look for planes, balls and columns".into());
+            return Err(text!("The scene has no mirrors; add one, or look for planes, balls and columns").into());
         }
         Ok(GhostTask::Look { inputs, own: objects.all_own(), station, given, finds })
     }
@@ -119,10 +120,10 @@ impl Loaded {
     }
 
     fn putting_back(&self, beside: &Beside<'_>) -> Result<GhostTask, String> {
-        let seen = self.ghosts.seen.as_ref().ok_or("Look for ghosts first")?;
+        let seen = self.ghosts.seen.as_ref().ok_or(text!("Look for ghosts first"))?;
         let verdicts = seen.looked.verdicts.of_mirrors(|mirror| is_accepted(seen, mirror, &beside.scene.objects));
         if verdicts.count(Kind::Ghost) == 0 {
-            return Err("There are no ghosts of accepted mirrors to put back; accept a mirror first".into());
+            return Err(text!("There are no ghosts of accepted mirrors to put back; accept a mirror first").into());
         }
         let is_streamed = self.clouds.iter().any(|entry| entry.is_visible && entry.streamed.is_some());
         let output = match self.ghosts.draft.output.trim() {
@@ -133,10 +134,13 @@ impl Loaded {
             path => PathBuf::from(path),
         };
         if ExportFormat::of(&output).is_none() {
-            return Err(format!("{}: the new file's name must end in .copc.laz, .laz, .las or .ply", shown(&output)));
+            return Err(text!(
+                "{output}: the new file's name must end in .copc.laz, .laz, .las or .ply",
+                output = shown(&output)
+            ));
         }
         if output.symlink_metadata().is_ok() {
-            return Err(format!("{}: a file of this name is there; it is not replaced", shown(&output)));
+            return Err(text!("{output}: a file of this name is there; it is not replaced", output = shown(&output)));
         }
         Ok(GhostTask::PutBack { sources: seen.sources.clone(), verdicts, output })
     }
@@ -155,13 +159,13 @@ impl Loaded {
                 beside.outside.log(json!({
                     "event": "ghosts", "mirrors": mirrors, "ghosts": ghosts, "undecided": undecided,
                 }));
-                beside.outside.note(format!("{mirrors} mirrors, {} ghosts", grouped(ghosts)));
+                beside.outside.note(text!("{mirrors} mirrors, {ghosts} ghosts", mirrors, ghosts = grouped(ghosts)));
                 self.ghosts.seen = Some(*seen);
                 self.ghosts.live = Default::default();
                 self.put_verdicts(beside);
             }
             GhostOutcome::Gauged(gauged) => self.on_gauged(*gauged, beside),
-            GhostOutcome::Looked(Ok(None)) => beside.outside.note("Ghosts are not looked for any more"),
+            GhostOutcome::Looked(Ok(None)) => beside.outside.note(text!("Ghosts are not looked for any more")),
             GhostOutcome::PutBack { output, result: Ok(Some(warnings)) } => {
                 warnings.into_iter().for_each(|warning| beside.outside.warning(warning));
                 let request = world::resolve(&[&output]);
@@ -169,7 +173,7 @@ impl Loaded {
                     return beside.outside.say(Level::Error, error.to_string());
                 }
                 beside.outside.log(json!({ "event": "put_back", "path": output }));
-                beside.outside.note(format!("Ghosts put back: {}", whole(&output)));
+                beside.outside.note(text!("Ghosts put back: {output}", output = whole(&output)));
                 beside.outside.push(Effect::Load { inputs: request.inputs });
                 let shown: Vec<_> =
                     self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.key).collect();
@@ -178,7 +182,7 @@ impl Loaded {
                 hide(true, beside);
             }
             GhostOutcome::PutBack { output, result: Ok(None), .. } => {
-                beside.outside.note(format!("Not put back: {}", shown(&output)));
+                beside.outside.note(text!("Not put back: {output}", output = shown(&output)));
             }
             GhostOutcome::Looked(Err(error)) | GhostOutcome::PutBack { result: Err(error), .. } => {
                 beside.outside.say(Level::Error, error);
@@ -204,7 +208,7 @@ impl Loaded {
     }
 
     fn fit(&mut self, id: ObjectId, beside: &mut Beside<'_>) {
-        let Some(seen) = &self.ghosts.seen else { return beside.outside.note("Look for ghosts first") };
+        let Some(seen) = &self.ghosts.seen else { return beside.outside.note(text!("Look for ghosts first")) };
         let Some(mirror) = beside.scene.objects.mirror(id).filter(|_| self.ghosts.live.fitting.is_none()) else {
             return;
         };
@@ -229,9 +233,9 @@ impl Loaded {
         let Some(now) = beside.scene.objects.mirror(id) else { return };
         let name = now.name.clone();
         match fitted {
-            None => beside.outside.note(format!("{name}: too few points were seen in it to say where it is")),
+            None => beside.outside.note(text!("{name}: too few points were seen in it to say where it is", name)),
             Some(_) if unnamed(now) != unnamed(&before) => {
-                beside.outside.note(format!("{name} was moved while it was fitted; it stays where it is now"));
+                beside.outside.note(text!("{name} was moved while it was fitted; it stays where it is now", name));
             }
             Some(mirror) => {
                 let mirror = Mirror { name: name.clone(), ..mirror };
@@ -239,7 +243,7 @@ impl Loaded {
                 let object = Object::Mirror(mirror.clone());
                 beside.scene.edit_objects(beside.outside.now, |objects| objects.set(id, object));
                 live.measured.insert(id, (mirror, residual));
-                beside.outside.note(format!("{name} fitted: moved by {moved:.4}"));
+                beside.outside.note(text!("{name} fitted: moved by {moved}", name, moved = format_args!("{moved:.4}")));
             }
         }
     }

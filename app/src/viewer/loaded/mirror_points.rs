@@ -8,6 +8,7 @@ use serde_json::json;
 use world::mirrors::{self, Marked};
 use world::{Change, CloudKey};
 
+use crate::shared::language::text;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::clouds::Sample;
 use crate::viewer::objects::{Marking, ObjectId, unnamed};
@@ -53,7 +54,7 @@ impl Loaded {
             }
             Err(error) => {
                 beside.scene.rewrite_objects(|objects| objects.remove(id));
-                beside.outside.say(Level::Error, format!("mirror `{}`: {error}", mirror.name));
+                beside.outside.say(Level::Error, text!("mirror `{mirror}`: {error}", mirror = mirror.name, error));
             }
         }
     }
@@ -203,9 +204,9 @@ impl Loaded {
                         .scene
                         .rewrite_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
                 }
-                None => {
-                    beside.outside.say(Level::Warning, format!("mirror points: no cloud is called `{}`", points.cloud))
-                }
+                None => beside
+                    .outside
+                    .say(Level::Warning, text!("mirror points: no cloud is called `{cloud}`", cloud = points.cloud)),
             }
         }
     }

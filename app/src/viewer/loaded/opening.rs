@@ -8,6 +8,7 @@ use scene::{Strays, Visibility};
 use serde_json::json;
 use world::{Assembly, Change, CloudKey, CloudTask, Event, Opened, Part, TaskStatus};
 
+use crate::shared::language::text;
 use crate::system::fetching;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::look::theme::grouped;
@@ -126,7 +127,7 @@ impl Loaded {
         if summary.cancelled {
             let rest =
                 if points > 0 { format!("; the {} points read so far stay", grouped(points)) } else { String::new() };
-            beside.outside.say(Level::Note, format!("{name}: stopped{rest}"));
+            beside.outside.say(Level::Note, text!("{name}: stopped{rest}", name, rest));
         }
         beside.outside.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
         // The index could not be made, which has been reported.
@@ -181,7 +182,7 @@ impl Loaded {
         for (key, name) in empty {
             self.remove_cloud(key, beside);
             if !job.progress.is_cancelled() {
-                beside.outside.say(Level::Warning, format!("{name}: has no points"));
+                beside.outside.say(Level::Warning, text!("{name}: has no points", name));
             }
         }
         if !job.is_loaded {

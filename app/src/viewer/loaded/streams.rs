@@ -9,6 +9,7 @@ use scene::Settings;
 use serde_json::json;
 use world::{Change, CloudKey, IndexState, Part, StreamStats, StreamView, most_points};
 
+use crate::shared::language::text;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::clouds::{CloudEntry, JobEntry, Streamed};
 use crate::viewer::picture::pace::shares;
@@ -160,7 +161,9 @@ impl Loaded {
             let is_more = awaited.iter().any(|name| !entry.awaited.contains(name));
             if is_more && entry.pages.as_ref().is_some_and(|pages| pages.entry().is_some()) {
                 let (name, awaited) = (&entry.cloud.name, awaited.join(", "));
-                beside.outside.say(Level::Note, format!("{name}: its index is made again, with {awaited}"));
+                beside
+                    .outside
+                    .say(Level::Note, text!("{name}: its index is made again, with {awaited}", name, awaited));
             }
             entry.awaited = awaited;
         }

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use render::{FrameStats, ReflectedShare, ReflectionStats};
 
+use crate::shared::language::{english, text};
 use crate::viewer::look::theme::{bytes, grouped};
 
 /// How many frames the plots show.
@@ -13,20 +14,20 @@ pub const REMEMBERED: usize = 120;
 pub type Figure = (&'static str, fn(f64) -> String, fn(&ReflectionStats) -> Option<f64>);
 
 pub const FIGURES: [Figure; 14] = [
-    ("Mirror pixels", |pixels| grouped(pixels as u64), |stats| Some(f64::from(stats.mirror_pixels))),
-    ("Coverage", percent, |stats| Some(stats.coverage)),
-    ("Closed coverage", percent, |stats| Some(stats.closed_coverage)),
-    ("Uncertain", percent, |stats| Some(stats.uncertain)),
-    ("Hit rate", percent, |stats| stats.hit_rate),
-    ("Unconverged", percent, |stats| stats.unconverged),
-    ("Regions", |regions| grouped(regions as u64), |stats| stats.regions.map(f64::from)),
-    ("Unresolved rays", percent, |stats| stats.unresolved),
-    ("Maps needed", |maps| grouped(maps as u64), |stats| Some(f64::from(stats.maps?.asked))),
-    ("Maps drawn anew", |maps| grouped(maps as u64), |stats| Some(f64::from(stats.map_use?.new))),
-    ("Maps missed", percent, |stats| Some(stats.map_use?.missed)),
-    ("Predicted to be off", percent, |stats| stats.map_use?.off),
-    ("Texels traced", |texels| grouped(texels as u64), |stats| stats.map_use?.texels.map(f64::from)),
-    ("Memory of maps", |size| bytes(size as u64), |stats| Some(stats.map_use?.bytes as f64)),
+    (english!("Mirror pixels"), |pixels| grouped(pixels as u64), |stats| Some(f64::from(stats.mirror_pixels))),
+    (english!("Coverage"), percent, |stats| Some(stats.coverage)),
+    (english!("Closed coverage"), percent, |stats| Some(stats.closed_coverage)),
+    (english!("Uncertain"), percent, |stats| Some(stats.uncertain)),
+    (english!("Hit rate"), percent, |stats| stats.hit_rate),
+    (english!("Unconverged"), percent, |stats| stats.unconverged),
+    (english!("Regions"), |regions| grouped(regions as u64), |stats| stats.regions.map(f64::from)),
+    (english!("Unresolved rays"), percent, |stats| stats.unresolved),
+    (english!("Maps needed"), |maps| grouped(maps as u64), |stats| Some(f64::from(stats.maps?.asked))),
+    (english!("Maps drawn anew"), |maps| grouped(maps as u64), |stats| Some(f64::from(stats.map_use?.new))),
+    (english!("Maps missed"), percent, |stats| Some(stats.map_use?.missed)),
+    (english!("Predicted to be off"), percent, |stats| stats.map_use?.off),
+    (english!("Texels traced"), |texels| grouped(texels as u64), |stats| stats.map_use?.texels.map(f64::from)),
+    (english!("Memory of maps"), |size| bytes(size as u64), |stats| Some(stats.map_use?.bytes as f64)),
 ];
 
 fn percent(share: f64) -> String {
@@ -36,12 +37,12 @@ fn percent(share: f64) -> String {
 /// What mirrors of a hurried frame reflect of all that they could, for people.
 pub fn reflected_text(share: &ReflectedShare) -> String {
     let points = match share.points * 100.0 {
-        percent if percent < 10.0 => format!("{percent:.1} % of points"),
-        percent => format!("{percent:.0} % of points"),
+        percent if percent < 10.0 => text!("{percent} % of points", percent = format_args!("{percent:.1}")),
+        percent => text!("{percent} % of points", percent = format_args!("{percent:.0}")),
     };
-    let part = |share: f64, of: &str| format!("1/{:.0} of {of}", share.recip());
-    let texels = part(share.texels, "texels");
-    let pixels = part(share.pixels, "mirror pixels");
+    let part = |share: f64, of: &str| text!("1/{share} of {of}", share = format_args!("{:.0}", share.recip()), of);
+    let texels = part(share.texels, text!("texels"));
+    let pixels = part(share.pixels, text!("mirror pixels"));
     let parts = [(share.points, points), (share.texels, texels), (share.pixels, pixels)];
     let parts: Vec<String> = parts.into_iter().filter(|(share, _)| *share < 1.0).map(|(_, text)| text).collect();
     parts.join(", ")

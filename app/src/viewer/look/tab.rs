@@ -1,5 +1,7 @@
 //! The tabs of the side panel. A section of the parameter tables belongs to one of them.
 
+use crate::shared::language::{english, text};
+
 /// A tab of the side panel, in the order of the row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tab {
@@ -20,26 +22,28 @@ impl Tab {
     /// The name that people read, and by which the preferences remember the tab.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Data => "Data",
-            Self::Look => "Look",
-            Self::Light => "Light",
-            Self::Mirrors => "Mirrors",
-            Self::Measure => "Measure",
-            Self::Tuning => "Tuning",
-            Self::Streaming => "Streaming",
+            Self::Data => english!("Data"),
+            Self::Look => english!("Look"),
+            Self::Light => english!("Light"),
+            Self::Mirrors => english!("Mirrors"),
+            Self::Measure => english!("Measure"),
+            Self::Tuning => english!("Tuning"),
+            Self::Streaming => english!("Streaming"),
         }
     }
 
     /// What is found in the tab, in a line.
     pub fn help(self) -> &'static str {
         match self {
-            Self::Data => "Clouds, clip volumes and filters, how files are read",
-            Self::Look => "Colours, splats, the view and its overlays",
-            Self::Light => "Lamps, sun and sky, indirect light, tones",
-            Self::Mirrors => "Mirrors: their places, shapes and surfaces, and points that reflect",
-            Self::Measure => "Measurements, notes and profiles",
-            Self::Tuning => "How reflections are found: method, presets, parameters, sweeps, chart, truth and times",
-            Self::Streaming => "Clouds larger than memory: indexes and budgets",
+            Self::Data => text!("Clouds, clip volumes and filters, how files are read"),
+            Self::Look => text!("Colours, splats, the view and its overlays"),
+            Self::Light => text!("Lamps, sun and sky, indirect light, tones"),
+            Self::Mirrors => text!("Mirrors: their places, shapes and surfaces, and points that reflect"),
+            Self::Measure => text!("Measurements, notes and profiles"),
+            Self::Tuning => {
+                text!("How reflections are found: method, presets, parameters, sweeps, chart, truth and times")
+            }
+            Self::Streaming => text!("Clouds larger than memory: indexes and budgets"),
         }
     }
 

@@ -3,6 +3,7 @@
 use egui::{Sense, Ui};
 use glam::DVec3;
 
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 
@@ -39,7 +40,7 @@ pub fn choice<'a, T: PartialEq + Copy>(
     options: impl Iterator<Item = (T, &'a str)>,
 ) -> egui::Response {
     let options: Vec<(T, &str)> = options.collect();
-    let shown = options.iter().find(|(option, _)| option == chosen).map_or("none", |(_, text)| *text);
+    let shown = options.iter().find(|(option, _)| option == chosen).map_or(text!("none"), |(_, text)| *text);
     ui.horizontal(|ui| {
         let label = name_label(ui, name);
         let combo = egui::ComboBox::from_id_salt(name).width(150.0).truncate().selected_text(shown);
@@ -100,7 +101,7 @@ pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) ->
 /// Draws an open or closed eye that can be clicked. Screen readers read `of` aloud.
 pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(20.0, 16.0), Sense::click());
-    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, format!("Show {of}")));
+    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, text!("Show {of}", of)));
     let color = match (open, response.hovered()) {
         (_, true) => egui::Color32::WHITE,
         (true, false) => ui.visuals().text_color(),
@@ -123,7 +124,7 @@ pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
     } else {
         painter.line_segment([center + egui::vec2(0.0, 4.5), center + egui::vec2(0.0, 7.0)], stroke);
     }
-    response.on_hover_text(if open { "Hide" } else { "Show" })
+    response.on_hover_text(if open { text!("Hide") } else { text!("Show") })
 }
 
 /// Draws a ring around the control that has the keyboard, above all else: many controls show that by a shade alone.
@@ -144,7 +145,11 @@ pub fn progress_bar(ui: &mut Ui, share: f32) {
 /// Formats progress: `1,203,400 of 3,214,786 · 1.20 M/s · 3 s left`. `pace` is in points a second; without it the text
 /// has no speed and no time.
 pub fn progress_text(done: u64, total: u64, pace: Option<f64>) -> String {
-    let mut text = if total > 0 { format!("{} of {}", grouped(done), grouped(total)) } else { grouped(done) };
+    let mut text = if total > 0 {
+        text!("{done} of {total}", done = grouped(done), total = grouped(total))
+    } else {
+        grouped(done)
+    };
     if let Some(pace) = pace {
         text += &format!(" · {:.2} M/s", pace / 1e6);
         if total > done {
@@ -157,9 +162,9 @@ pub fn progress_text(done: u64, total: u64, pace: Option<f64>) -> String {
 /// Formats a time in seconds that something still takes: `3 s left`, `5 min left`.
 pub fn time_left(seconds: f64) -> String {
     if seconds < 120.0 {
-        format!("{:.0} s left", seconds.ceil())
+        text!("{seconds} s left", seconds = format_args!("{:.0}", seconds.ceil()))
     } else {
-        format!("{:.0} min left", (seconds / 60.0).ceil())
+        text!("{minutes} min left", minutes = format_args!("{:.0}", (seconds / 60.0).ceil()))
     }
 }
 

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use scene::{Camera, CloudSettings, Object, Settings};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::objects::{ObjectId, Objects};
 
@@ -218,35 +219,36 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
         // A note that is not written yet has no name.
         let all = [&before, &after].into_iter().filter_map(|objects| objects.get(&id));
         let named = all.max_by_key(|(name, _)| !name.is_empty());
-        named.into_iter().for_each(|(name, object)| tell(quoted(object.kind().name, name)));
+        named.into_iter().for_each(|(name, object)| tell(quoted(translated(object.kind().name), name)));
     }
     for own in differing_of(&from.objects.own_settings, &objects.own_settings) {
         let placement = |objects: &Objects| objects.settings_of(own.key).and_then(CloudSettings::placement);
-        let what = if placement(&from.objects) == placement(objects) { "cloud" } else { "the place of cloud" };
+        let what =
+            if placement(&from.objects) == placement(objects) { text!("cloud") } else { text!("the place of cloud") };
         tell(quoted(what, short_name(&own.settings.cloud)));
     }
     if from.objects.markings != objects.markings {
-        tell("points that reflect".into());
+        tell(text!("points that reflect").into());
     }
     if from.objects.visibility != objects.visibility {
-        tell("which points are shown".into());
+        tell(text!("which points are shown").into());
     }
     for path in differing_of(&from.objects.paths, &objects.paths) {
-        tell(quoted("path", &path.name));
+        tell(quoted(text!("path"), &path.name));
     }
     for bookmark in differing_of(&from.objects.bookmarks, &objects.bookmarks) {
-        tell(quoted("bookmark", &bookmark.name));
+        tell(quoted(text!("bookmark"), &bookmark.name));
     }
     let (before, after): (BTreeSet<_>, BTreeSet<_>) =
         (from.settings.differing().into_iter().collect(), settings.differing().into_iter().collect());
     before.symmetric_difference(&after).for_each(|(key, _)| tell(key.clone()));
     if from.camera.is_some() {
-        tell("the view".into());
+        tell(text!("the view").into());
     }
     let rest = told.len().saturating_sub(MOST_TOLD);
     told.truncate(MOST_TOLD);
     if rest > 0 {
-        told.push(format!("{rest} more"));
+        told.push(text!("{rest} more", rest));
     }
     told.join(", ")
 }

@@ -3,6 +3,7 @@
 use egui::{RichText, Ui};
 use scene::{Bookmark, CaptureFormat};
 
+use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::requests::action::{Action, Film};
 use crate::viewer::requests::bindings;
@@ -12,31 +13,34 @@ use crate::viewer::session::Session;
 const PICTURE: egui::Vec2 = egui::vec2(80.0, 50.0);
 
 const CAPTURES: [(CaptureFormat, &str, &str); 5] = [
-    (CaptureFormat::Mp4, "MP4", "A film by H.264 where ffmpeg is there, else by AV1"),
-    (CaptureFormat::Av1, "MP4, AV1", "A film that browsers and recent phones play; making it takes long"),
-    (CaptureFormat::H264, "MP4, H.264", "A film for slides and old phones; needs ffmpeg"),
-    (CaptureFormat::Gif, "GIF", "A film of 256 colours a picture, for pages that show no others"),
-    (CaptureFormat::Pictures, "Pictures", "A folder with a PNG file for each frame"),
+    (CaptureFormat::Mp4, "MP4", english!("A film by H.264 where ffmpeg is there, else by AV1")),
+    (CaptureFormat::Av1, "MP4, AV1", english!("A film that browsers and recent phones play; making it takes long")),
+    (CaptureFormat::H264, "MP4, H.264", english!("A film for slides and old phones; needs ffmpeg")),
+    (CaptureFormat::Gif, "GIF", english!("A film of 256 colours a picture, for pages that show no others")),
+    (CaptureFormat::Pictures, english!("Pictures"), english!("A folder with a PNG file for each frame")),
 ];
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut push = |film: Film| actions.push(Action::Film(film));
     let shortcut = |film: Film| bindings::shortcut(&Action::Film(film));
     ui.horizontal(|ui| {
-        let help = format!("{} keeps it for a key", shortcut(Film::Keep(None)));
-        if ui.button("Keep the view").on_hover_text(help).clicked() {
+        let help = text!("{shortcut} keeps it for a key", shortcut = shortcut(Film::Keep(None)));
+        if ui.button(text!("Keep the view")).on_hover_text(help).clicked() {
             push(Film::Keep(None));
         }
         let is_open = session.filming.timeline.is_open;
-        let timeline = ui.selectable_label(is_open, "Timeline");
-        if timeline.on_hover_text(format!("Paths of the camera ({})", shortcut(Film::Toggle))).clicked() {
+        let timeline = ui.selectable_label(is_open, text!("Timeline"));
+        if timeline
+            .on_hover_text(text!("Paths of the camera ({shortcut})", shortcut = shortcut(Film::Toggle)))
+            .clicked()
+        {
             push(Film::Toggle);
         }
     });
     ui.horizontal(|ui| capture(ui, session, &mut push));
     let bookmarks = &session.scene.objects.bookmarks;
     if bookmarks.is_empty() {
-        ui.label(RichText::new("No view is kept.").color(theme::WEAK));
+        ui.label(RichText::new(text!("No view is kept.")).color(theme::WEAK));
     }
     for (index, bookmark) in bookmarks.iter().enumerate() {
         ui.push_id(index, |ui| ui.horizontal(|ui| row(ui, session, index, bookmark, &mut push)));
@@ -47,19 +51,19 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 fn capture(ui: &mut Ui, session: &Session, push: &mut impl FnMut(Film)) {
     ui.add_enabled_ui(session.filming.live.is_none(), |ui| {
         let shortcut = bindings::shortcut(&Action::Film(Film::Capture));
-        let help = format!("All that the window shows, until {shortcut} is pressed again");
-        if ui.button("Record the window").on_hover_text(help).clicked() {
+        let help = text!("All that the window shows, until {shortcut} is pressed again", shortcut);
+        if ui.button(text!("Record the window")).on_hover_text(help).clicked() {
             push(Film::Capture);
         }
         let mut format = session.preferences.capture;
-        let name = CAPTURES.iter().find(|(known, ..)| *known == format).map_or("", |(_, name, _)| *name);
+        let name = CAPTURES.iter().find(|(known, ..)| *known == format).map_or("", |(_, name, _)| translated(name));
         let combo = egui::ComboBox::from_id_salt("capture").width(90.0).selected_text(name);
         let list = combo.show_ui(ui, |ui| {
             for (known, name, help) in CAPTURES {
-                ui.selectable_value(&mut format, known, name).on_hover_text(help);
+                ui.selectable_value(&mut format, known, translated(name)).on_hover_text(translated(help));
             }
         });
-        list.response.accessible_name("Record the window as");
+        list.response.accessible_name(text!("Record the window as"));
         if format != session.preferences.capture {
             push(Film::CaptureAs(format));
         }
@@ -67,13 +71,13 @@ fn capture(ui: &mut Ui, session: &Session, push: &mut impl FnMut(Film)) {
 }
 
 fn row(ui: &mut Ui, session: &Session, index: usize, bookmark: &Bookmark, push: &mut impl FnMut(Film)) {
-    let name = format!("Fly to {}", bookmark.name);
+    let name = text!("Fly to {bookmark}", bookmark = bookmark.name);
     let flies = match session.filming.thumbnails.of(bookmark) {
         Some(picture) => {
             let texture = egui::load::SizedTexture::new(picture.texture(ui.ctx()), PICTURE);
             ui.add(egui::Button::image(texture).frame(false))
         }
-        None => ui.add_sized(PICTURE, egui::Button::new("Go")),
+        None => ui.add_sized(PICTURE, egui::Button::new(text!("Go"))),
     };
     if flies.on_hover_text(&name).accessible_name(name).clicked() {
         push(Film::FlyTo(index));
@@ -82,21 +86,21 @@ fn row(ui: &mut Ui, session: &Session, index: usize, bookmark: &Bookmark, push: 
     ui.vertical(|ui| {
         ui.horizontal(|ui| {
             if let Some(digit) = bookmark.digit {
-                ui.label(RichText::new(format!("Shift+{digit}")).small().color(theme::WEAK));
+                ui.label(RichText::new(text!("Shift+{digit}", digit)).small().color(theme::WEAK));
             }
-            let delete = format!("Delete {}", bookmark.name);
+            let delete = text!("Delete {bookmark}", bookmark = bookmark.name);
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                 if ui.small_button("×").on_hover_text(&delete).accessible_name(delete).clicked() {
                     push(Film::RemoveBookmark(index));
                 }
                 let width = ui.available_width();
                 let edit = egui::TextEdit::singleline(&mut changed.name).desired_width(width);
-                ui.add(edit).accessible_name(format!("Name of bookmark {}", index + 1));
+                ui.add(edit).accessible_name(text!("Name of bookmark {index}", index = index + 1));
             });
         });
         let width = ui.available_width();
-        let edit = egui::TextEdit::singleline(&mut changed.note).hint_text("note").desired_width(width);
-        ui.add(edit).accessible_name(format!("Note of bookmark {}", index + 1));
+        let edit = egui::TextEdit::singleline(&mut changed.note).hint_text(text!("note")).desired_width(width);
+        ui.add(edit).accessible_name(text!("Note of bookmark {index}", index = index + 1));
     });
     if changed != *bookmark {
         push(Film::ChangeBookmark(index, Box::new(changed)));

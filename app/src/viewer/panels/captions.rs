@@ -3,35 +3,41 @@
 use egui::{ComboBox, DragValue, TextEdit, Ui};
 use scene::{Caption, Place};
 
-const PLACES: [(Place, &str); 3] = [(Place::Top, "top"), (Place::Middle, "middle"), (Place::Bottom, "bottom")];
+use crate::shared::language::{english, text, translated};
+
+const PLACES: [(Place, &str); 3] =
+    [(Place::Top, english!("top")), (Place::Middle, english!("middle")), (Place::Bottom, english!("bottom"))];
 
 /// Draws the fields of a caption of a path that lasts until `end`, in seconds.
 pub fn row(ui: &mut Ui, caption: &mut Caption, end: f64) {
     ui.horizontal(|ui| {
         let field = TextEdit::multiline(&mut caption.text).desired_rows(1).desired_width(320.0);
-        let help = "Enter begins a line. The key of a parameter in braces stands for its value: {reflection.method}";
-        ui.add(field).on_hover_text(help).accessible_name("Text of the caption");
+        let help = text!(
+            "Enter begins a line. The key of a parameter in braces stands for its value: {key}",
+            key = "{reflection.method}",
+        );
+        ui.add(field).on_hover_text(help).accessible_name(text!("Text of the caption"));
         let mut stays = caption.end.is_none();
-        if ui.checkbox(&mut stays, "Stays").on_hover_text("Until the end of the path").changed() {
+        if ui.checkbox(&mut stays, text!("Stays")).on_hover_text(text!("Until the end of the path")).changed() {
             caption.end = (!stays).then_some(end.max(caption.start + 1.0));
         }
         if let Some(end) = &mut caption.end {
-            ui.label("until");
+            ui.label(text!("until"));
             let drag = DragValue::new(end).speed(0.02).range(caption.start + 0.01..=f64::MAX).suffix(" s");
-            ui.add(drag.fixed_decimals(2)).accessible_name("End of the caption");
+            ui.add(drag.fixed_decimals(2)).accessible_name(text!("End of the caption"));
         }
-        let shown = PLACES.iter().find(|(place, _)| *place == caption.place).map_or("", |(_, name)| name);
+        let shown = PLACES.iter().find(|(place, _)| *place == caption.place).map_or("", |(_, name)| translated(name));
         let list = ComboBox::from_id_salt("place of the caption").width(70.0).selected_text(shown);
         let list = list.show_ui(ui, |ui| {
             for (place, name) in PLACES {
-                ui.selectable_value(&mut caption.place, place, name);
+                ui.selectable_value(&mut caption.place, place, translated(name));
             }
         });
-        list.response.accessible_name("Place of the caption");
+        list.response.accessible_name(text!("Place of the caption"));
         let mut percent = caption.size * 100.0;
         let drag = DragValue::new(&mut percent).speed(0.05).range(1.0..=10.0).suffix(" %").max_decimals(1);
-        let drag = ui.add(drag).on_hover_text("Height of the text, of that of the picture");
-        if drag.accessible_name("Size of the caption").changed() {
+        let drag = ui.add(drag).on_hover_text(text!("Height of the text, of that of the picture"));
+        if drag.accessible_name(text!("Size of the caption")).changed() {
             caption.size = percent / 100.0;
         }
     });

@@ -8,6 +8,7 @@ use egui::{RichText, Ui};
 use render::{ColorSource, class_name};
 use scene::{Clip, ClipShape, Filter, Keep, Object};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{choice, eye, name_label, three};
 use crate::viewer::objects::clouds::CloudEntry;
@@ -21,7 +22,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         add_menu(ui, actions);
         if session.tools.prism.is_some() {
-            let end = ui.button("Close the polygon").on_hover_text("Makes a prism of the corners");
+            let end = ui.button(text!("Close the polygon")).on_hover_text(text!("Makes a prism of the corners"));
             actions.extend(end.clicked().then_some(Action::Clip(Clipping::EndPrism)));
         }
         filter_menu(ui, session, actions);
@@ -29,7 +30,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let clips = &session.scene.objects.clips;
     let visibility = &session.scene.objects.visibility;
     if clips.is_empty() && visibility.shows_all() {
-        ui.label(RichText::new("Nothing is clipped or filtered.").color(theme::WEAK));
+        ui.label(RichText::new(text!("Nothing is clipped or filtered.")).color(theme::WEAK));
     }
     hidden_classes(ui, &visibility.hidden_classes, actions);
     for placed in clips {
@@ -51,11 +52,11 @@ fn hidden_classes(ui: &mut Ui, hidden: &BTreeSet<u8>, actions: &mut Vec<Action>)
     }
     ui.horizontal(|ui| {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let all = ui.small_button("Show all").on_hover_text("Shows the points of all classes");
+            let all = ui.small_button(text!("Show all")).on_hover_text(text!("Shows the points of all classes"));
             actions.extend(all.clicked().then(|| Action::ShowClasses(hidden.iter().copied().collect(), true)));
             ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
                 let names: Vec<String> = hidden.iter().map(|class| format!("{class} {}", class_name(*class))).collect();
-                let text = format!("Hidden: {}", names.join(", ").trim_end());
+                let text = text!("Hidden: {names}", names = names.join(", ").trim_end());
                 ui.add(egui::Label::new(RichText::new(text).color(theme::ACCENT)).truncate());
             });
         });
@@ -66,35 +67,36 @@ fn hidden_classes(ui: &mut Ui, hidden: &BTreeSet<u8>, actions: &mut Vec<Action>)
 fn export(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(writing) = &session.loaded.writing else {
         let ask = Action::Export(Export::Ask);
-        let text = format!("Save what is shown ({})", bindings::shortcut(&ask));
+        let text = text!("Save what is shown ({ask})", ask = bindings::shortcut(&ask));
         let button = ui.add_enabled(!session.loaded.clouds.is_empty(), egui::Button::new(text));
-        let button = button.on_hover_text("Writes the points that are shown to a new file: LAZ, LAS, COPC, PLY or CSV");
+        let button =
+            button.on_hover_text(text!("Writes the points that are shown to a new file: LAZ, LAS, COPC, PLY or CSV"));
         actions.extend(button.clicked().then_some(ask));
         return;
     };
     ui.horizontal(|ui| {
         let share = writing.progress.done() as f32 / writing.progress.total().max(1) as f32;
-        let bar = egui::ProgressBar::new(share).text("saving").desired_width(150.0).desired_height(14.0);
+        let bar = egui::ProgressBar::new(share).text(text!("saving")).desired_width(150.0).desired_height(14.0);
         ui.add(bar).on_hover_text(writing.path.display().to_string());
-        actions.extend(ui.small_button("Stop").clicked().then_some(Action::Export(Export::Stop)));
+        actions.extend(ui.small_button(text!("Stop")).clicked().then_some(Action::Export(Export::Stop)));
     });
     ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
 }
 
 fn add_menu(ui: &mut Ui, actions: &mut Vec<Action>) {
-    ui.menu_button("Add clip", |ui| {
+    ui.menu_button(text!("Add clip"), |ui| {
         let mut add = |ui: &mut Ui, text: &str, clipping: Clipping| {
             let action = Action::Clip(clipping);
             let shortcut = bindings::shortcut(&action);
             let text = if shortcut.is_empty() { text.to_owned() } else { format!("{text} ({shortcut})") };
             actions.extend(ui.button(text).clicked().then_some(action));
         };
-        add(ui, "Box about everything", Clipping::AroundAll(ClipShape::Box));
-        add(ui, "Box about the last pick", Clipping::AroundPick);
-        add(ui, "Box about what I see", Clipping::AroundView);
-        add(ui, "Sphere", Clipping::AroundAll(ClipShape::Sphere));
-        add(ui, "Slab", Clipping::AroundAll(ClipShape::Slab));
-        add(ui, "Prism drawn on the picture", Clipping::DrawPrism);
+        add(ui, text!("Box about everything"), Clipping::AroundAll(ClipShape::Box));
+        add(ui, text!("Box about the last pick"), Clipping::AroundPick);
+        add(ui, text!("Box about what I see"), Clipping::AroundView);
+        add(ui, text!("Sphere"), Clipping::AroundAll(ClipShape::Sphere));
+        add(ui, text!("Slab"), Clipping::AroundAll(ClipShape::Slab));
+        add(ui, text!("Prism drawn on the picture"), Clipping::DrawPrism);
     });
 }
 
@@ -106,21 +108,21 @@ fn row(ui: &mut Ui, session: &Session, PlacedClip { id, clip }: &PlacedClip, act
             actions.push(change(Clip { on: !clip.on, ..clip.clone() }));
         }
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let delete = ui.small_button("×").on_hover_text("Delete");
-            if delete.accessible_name(format!("Delete {}", clip.name)).clicked() {
+            let delete = ui.small_button("×").on_hover_text(text!("Delete"));
+            if delete.accessible_name(text!("Delete {clip}", clip = clip.name)).clicked() {
                 actions.extend([Action::Select(Some(*id)), Action::Delete]);
             }
-            if ui.small_button("Copy").accessible_name(format!("Copy {}", clip.name)).clicked() {
+            if ui.small_button(text!("Copy")).accessible_name(text!("Copy {clip}", clip = clip.name)).clicked() {
                 actions.extend([Action::Select(Some(*id)), Action::Duplicate]);
             }
             let (word, other) = match clip.keep {
-                Keep::Inside => ("inside", Keep::Outside),
-                Keep::Outside => ("outside", Keep::Inside),
+                Keep::Inside => (text!("inside"), Keep::Outside),
+                Keep::Outside => (text!("outside"), Keep::Inside),
             };
-            let keep = ui.small_button(word).on_hover_text(
-                "Which points are shown: those inside of the volume, or those outside. A click changes it",
-            );
-            if keep.accessible_name(format!("{} shows its {word}", clip.name)).clicked() {
+            let keep = ui.small_button(word).on_hover_text(text!(
+                "Which points are shown: those inside of the volume, or those outside. A click changes it"
+            ));
+            if keep.accessible_name(text!("{clip} shows its {word}", clip = clip.name, word)).clicked() {
                 actions.push(change(Clip { keep: other, ..clip.clone() }));
             }
             ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
@@ -138,24 +140,29 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut clip: Clip, actions
     let before = clip.clone();
     let step = clip.size.max_element() * 0.005;
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Name");
+        let label = name_label(ui, text!("Name"));
         ui.add(egui::TextEdit::singleline(&mut clip.name).desired_width(150.0)).labelled_by(label.id);
     });
     if !matches!(clip.shape, ClipShape::Prism(_)) {
         let shapes = [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab];
         let mut chosen = shapes.iter().position(|shape| *shape == clip.shape).unwrap_or(0);
-        choice(ui, "Shape", &mut chosen, shapes.iter().map(ClipShape::name).enumerate());
+        choice(ui, text!("Shape"), &mut chosen, shapes.iter().map(|shape| translated(shape.name())).enumerate());
         clip.shape = shapes[chosen].clone();
     }
-    choice(ui, "Shows", &mut clip.keep, [(Keep::Inside, "inside"), (Keep::Outside, "outside")].into_iter());
-    if let Some(position) = three(ui, "Position", clip.position, step, "") {
+    choice(
+        ui,
+        text!("Shows"),
+        &mut clip.keep,
+        [(Keep::Inside, text!("inside")), (Keep::Outside, text!("outside"))].into_iter(),
+    );
+    if let Some(position) = three(ui, text!("Position"), clip.position, step, "") {
         clip.position = position;
     }
-    if let Some(size) = three(ui, "Size", clip.size, step, "") {
+    if let Some(size) = three(ui, text!("Size"), clip.size, step, "") {
         clip.size = size;
     }
     let angles = remembered_angles(ui, clip.rotation, session.up());
-    if let Some(angles) = three(ui, "Yaw pitch roll", angles, 0.5, "°") {
+    if let Some(angles) = three(ui, text!("Yaw pitch roll"), angles, 0.5, "°") {
         clip.rotation = from_angles(angles, session.up());
         remember_angles(ui, clip.rotation, angles);
     }
@@ -179,9 +186,9 @@ fn filter_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if tells_strays && !names.contains(&STRAY) && known.iter().all(|filter| filter.attribute != STRAY) {
         names.push(STRAY);
     }
-    ui.menu_button("Add filter", |ui| {
+    ui.menu_button(text!("Add filter"), |ui| {
         if names.is_empty() {
-            ui.label("no attributes");
+            ui.label(text!("no attributes"));
         }
         for name in names {
             if ui.button(name).clicked() {
@@ -217,17 +224,19 @@ pub fn range_button(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions:
     let mut filters = session.scene.objects.visibility.filters.clone();
     let known = filters.iter().position(|filter| filter.attribute == attribute);
     let wanted = ui.horizontal(|ui| {
-        let help = format!(
-            "Hides the points of all clouds whose {attribute} is outside of the handles, as a filter of the tab Data"
+        let help = text!(
+            "Hides the points of all clouds whose {attribute} is outside of the handles, as a filter of the tab Data",
+            attribute
         );
-        if ui.small_button("Show this range only").on_hover_text(help).clicked() {
+        if ui.small_button(text!("Show this range only")).on_hover_text(help).clicked() {
             known.map(|index| filters.remove(index));
             filters.push(Filter { attribute: attribute.clone(), low, high });
             // The handles are shares of the points that are shown, which are fewer then.
             return Some((filters, [0.0, 1.0]));
         }
         let index = known?;
-        let all = ui.small_button("Show all").on_hover_text(format!("Deletes the filter of {attribute}"));
+        let all =
+            ui.small_button(text!("Show all")).on_hover_text(text!("Deletes the filter of {attribute}", attribute));
         filters.remove(index);
         let usual = scene::Color::default();
         all.clicked().then_some((filters, [usual.low, usual.high]))
@@ -250,21 +259,27 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 let drag = |value| {
                     let drag = egui::DragValue::new(value).speed((high - low).abs().min(1e3) * 0.005 + 1e-3);
                     drag.custom_formatter(|value, decimals| match value {
-                        f64::NEG_INFINITY => "lowest".into(),
-                        f64::INFINITY => "highest".into(),
+                        f64::NEG_INFINITY => text!("lowest").into(),
+                        f64::INFINITY => text!("highest").into(),
                         value => egui::emath::format_with_decimals_in_range(value, decimals),
                     })
                 };
                 ui.add(drag(&mut filter.low).range(f64::NEG_INFINITY..=high)).labelled_by(label.id);
-                ui.label("to");
+                ui.label(text!("to"));
                 ui.add(drag(&mut filter.high).range(low..=f64::INFINITY)).labelled_by(label.id);
-                let delete = ui.small_button("×").on_hover_text("Delete");
-                if delete.accessible_name(format!("Delete the filter of {}", filter.attribute)).clicked() {
+                let delete = ui.small_button("×").on_hover_text(text!("Delete"));
+                if delete
+                    .accessible_name(text!("Delete the filter of {attribute}", attribute = filter.attribute))
+                    .clicked()
+                {
                     gone = Some(index);
                 }
                 if let Some((low, high)) = handles_of(session, &filter.attribute) {
-                    let take = ui.small_button("<>").on_hover_text("Takes the range of the histogram's handles");
-                    if take.accessible_name(format!("Range of {} from the histogram", filter.attribute)).clicked() {
+                    let take = ui.small_button("<>").on_hover_text(text!("Takes the range of the histogram's handles"));
+                    if take
+                        .accessible_name(text!("Range of {attribute} from the histogram", attribute = filter.attribute))
+                        .clicked()
+                    {
                         (filter.low, filter.high) = (low, high);
                     }
                 }

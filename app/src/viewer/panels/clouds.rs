@@ -6,6 +6,7 @@ use param::Params as _;
 use scene::{CloudSettings, Color, ColorBy};
 
 use crate::overlays::legend;
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{eye, name_label, three};
@@ -25,11 +26,11 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                     actions.push(Action::ShowCloud(entry.key, !entry.is_visible));
                 }
                 ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                    let remove = ui.small_button("×").on_hover_text("Remove");
-                    if remove.accessible_name(format!("Remove {}", entry.cloud.name)).clicked() {
+                    let remove = ui.small_button("×").on_hover_text(text!("Remove"));
+                    if remove.accessible_name(text!("Remove {cloud}", cloud = entry.cloud.name)).clicked() {
                         actions.push(Action::RemoveCloud(entry.key));
                     }
-                    if ui.small_button("Frame").on_hover_text("Show all of this cloud").clicked() {
+                    if ui.small_button(text!("Frame")).on_hover_text(text!("Show all of this cloud")).clicked() {
                         actions.push(Action::FrameCloud(entry.key));
                     }
                     ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
@@ -39,45 +40,54 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 });
             });
             let points = if entry.streamed.is_some() {
-                let what = if entry.is_visible { "shown" } else { "kept" };
-                format!("{} of {} points {what}", grouped(entry.points), grouped(entry.total()))
+                let what = if entry.is_visible { text!("shown") } else { text!("kept") };
+                text!(
+                    "{points} of {total} points {what}",
+                    points = grouped(entry.points),
+                    total = grouped(entry.total()),
+                    what
+                )
             } else if entry.is_read || entry.points >= entry.expected_points {
-                format!("{} points", grouped(entry.points))
+                text!("{points} points", points = grouped(entry.points))
             } else {
-                format!("{} of {} points", grouped(entry.points), grouped(entry.expected_points))
+                text!(
+                    "{points} of {expected_points} points",
+                    points = grouped(entry.points),
+                    expected_points = grouped(entry.expected_points)
+                )
             };
             let format = entry.source.as_ref().map(|source| {
                 let info = source.info();
                 let format = info.format.name().to_uppercase();
-                let point_format = info.point_format.map_or(String::new(), |number| format!(", format {number}"));
+                let point_format = info.point_format.map_or(String::new(), |number| text!(", format {number}", number));
                 format!(" · {format} {}{point_format}", info.version)
             });
-            let streamed = if entry.streamed.is_some() { " · streamed" } else { "" };
+            let streamed = if entry.streamed.is_some() { text!(" · streamed") } else { "" };
             // A line of its own would take the keyboard from the numbers below.
-            let moving = if entry.is_placing { " · being moved" } else { "" };
+            let moving = if entry.is_placing { text!(" · being moved") } else { "" };
             let line = points + &format.unwrap_or_default() + streamed + moving;
             ui.label(RichText::new(line).small().color(theme::WEAK));
             let known = |figures: &Figures| (figures.strays.unwrap_or_default(), figures.noise.flatten());
             let (strays, noise) = entry.figures.as_ref().map_or(([0; 2], None), known);
-            let strays = strays.into_iter().zip(["stray", "mixed"]).filter(|(count, _)| *count > 0);
+            let strays = strays.into_iter().zip([text!("stray"), text!("mixed")]).filter(|(count, _)| *count > 0);
             let strays = strays.map(|(count, kind)| format!("{} {kind}", grouped(count)));
-            let noise = noise.map(|noise| format!("noise {}", crate::shared::numbers::two_digits(noise)));
+            let noise = noise.map(|noise| text!("noise {noise}", noise = crate::shared::numbers::two_digits(noise)));
             let line: Vec<String> = strays.chain(noise).collect();
             if !line.is_empty() {
                 let quality = ui.label(RichText::new(line.join(" · ")).small().color(theme::WEAK));
-                quality.on_hover_text(
+                quality.on_hover_text(text!(
                     "Stray points are far from all surfaces, and mixed pixels between two of them (splat.strays; the \
                      attribute `stray` of colours and filters). Noise is how far points are from the \
-                     planes through their neighbours, in the file's unit: the standard deviation.",
-                );
+                     planes through their neighbours, in the file's unit: the standard deviation."
+                ));
             }
             let known = session.scene.objects.settings_of(entry.key);
             let has_own = known.is_some_and(|own| own.size != 1.0 || !own.color.is_empty());
-            let title = RichText::new("Own look").small();
+            let title = RichText::new(text!("Own look")).small();
             let title = if has_own { title.color(theme::ACCENT) } else { title };
             let section = egui::CollapsingHeader::new(title).id_salt("own look");
             section.show(ui, |ui| own_look(ui, session, entry, actions));
-            let title = RichText::new("Place").small();
+            let title = RichText::new(text!("Place")).small();
             let title = if entry.placement().is_some() { title.color(theme::ACCENT) } else { title };
             egui::CollapsingHeader::new(title).id_salt("place").show(ui, |ui| own_place(ui, session, entry, actions));
         });
@@ -104,7 +114,7 @@ fn own_look(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Ve
             }
         }
         let has_range = own.color.contains_key("low") || own.color.contains_key("high");
-        if has_range && ui.small_button("Range as the view").clicked() {
+        if has_range && ui.small_button(text!("Range as the view")).clicked() {
             own.color.remove("low");
             own.color.remove("high");
         }
@@ -112,10 +122,10 @@ fn own_look(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Ve
     }
     color_line(ui, &color, "plain", &mut own);
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Point size");
+        let label = name_label(ui, text!("Point size"));
         let slider = egui::Slider::new(&mut own.size, CloudSettings::SIZES).logarithmic(true).suffix(" ×");
         ui.add(slider.clamping(egui::SliderClamping::Edits)).labelled_by(label.id);
-        as_the_view(ui, "Point size", own.size != 1.0).then(|| own.size = 1.0);
+        as_the_view(ui, text!("Point size"), own.size != 1.0).then(|| own.size = 1.0);
     });
     if own != before {
         actions.push(Action::ChangeCloud(entry.key, Box::new(own)));
@@ -127,18 +137,18 @@ fn own_place(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut V
     let mut own = session.loaded.own_settings(entry.key, session.scene.objects.settings_of(entry.key));
     let step = (entry.bounds.size().max_element() * 1e-4).clamp(1e-4, 1.0);
     let mut wanted = None;
-    if let Some(shift) = three(ui, "Move", own.shift, step, "") {
+    if let Some(shift) = three(ui, text!("Move"), own.shift, step, "") {
         wanted = Some(CloudSettings { shift, ..own.clone() });
     }
-    if let Some(turn) = three(ui, "Turn x y z", own.turn, 0.05, "°") {
+    if let Some(turn) = three(ui, text!("Turn x y z"), own.turn, 0.05, "°") {
         let middle = entry.bounds.center();
         let middle = entry.placement().map_or(middle, |placement| placement.own_point(middle));
         wanted = Some(CloudSettings { turn, about: own.about.or(Some(middle)), ..own.clone() });
     }
     let is_moved = own.shift != DVec3::ZERO || own.turn != DVec3::ZERO;
     let back = is_moved && {
-        let button = ui.small_button("As in the file").on_hover_text("Takes back the move and the turn");
-        button.accessible_name(format!("{} as in the file", entry.cloud.name)).clicked()
+        let button = ui.small_button(text!("As in the file")).on_hover_text(text!("Takes back the move and the turn"));
+        button.accessible_name(text!("{cloud} as in the file", cloud = entry.cloud.name)).clicked()
     };
     if back {
         (own.shift, own.turn, own.about) = (DVec3::ZERO, DVec3::ZERO, None);
@@ -152,8 +162,8 @@ fn own_place(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut V
 /// A button that takes back what a cloud has of its own. Returns whether it was clicked.
 fn as_the_view(ui: &mut Ui, name: &str, is_own: bool) -> bool {
     is_own && {
-        let button = ui.small_button("×").on_hover_text("As the view has it");
-        button.accessible_name(format!("{name} as the view")).clicked()
+        let button = ui.small_button("×").on_hover_text(text!("As the view has it"));
+        button.accessible_name(text!("{name} as the view", name)).clicked()
     }
 }
 
@@ -178,7 +188,7 @@ fn color_line(ui: &mut Ui, color: &Color, name: &str, own: &mut CloudSettings) {
 
 fn attribute_line(ui: &mut Ui, entry: &CloudEntry, color: &Color, own: &mut CloudSettings) {
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Attribute");
+        let label = name_label(ui, text!("Attribute"));
         let mut chosen = color.attribute.clone();
         let combo = egui::ComboBox::from_id_salt("own attribute").width(130.0).selected_text(&chosen);
         let shown = combo.show_ui(ui, |ui| {
@@ -190,7 +200,7 @@ fn attribute_line(ui: &mut Ui, entry: &CloudEntry, color: &Color, own: &mut Clou
         if chosen != color.attribute {
             own.set_color("attribute", &chosen);
         }
-        if as_the_view(ui, "attribute", own.color.contains_key("attribute")) {
+        if as_the_view(ui, text!("attribute"), own.color.contains_key("attribute")) {
             own.color.remove("attribute");
         }
     });

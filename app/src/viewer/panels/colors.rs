@@ -8,6 +8,7 @@ use render::{class_color, class_name, ramp_colors};
 use scene::{ColorBy, Ramp};
 
 use crate::overlays::legend;
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{eye, name_label};
@@ -26,7 +27,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     for (name, progress) in session.loaded.columns_under_way() {
         let share = progress.done() as f32 / progress.total().max(1) as f32;
-        ui.add(egui::ProgressBar::new(share).text(format!("reading {name}")).desired_height(14.0));
+        ui.add(egui::ProgressBar::new(share).text(text!("reading {name}", name)).desired_height(14.0));
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
     // The histogram is of a cloud that has these colours.
@@ -47,7 +48,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
         parameter(ui, color, "ramp", actions);
     } else if let Some(figures) = session.loaded.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
-        ui.label(RichText::new(format!("shown: {}", figures.plan.label)).small().color(theme::WEAK));
+        ui.label(RichText::new(text!("shown: {label}", label = figures.plan.label)).small().color(theme::WEAK));
     }
     parameter(ui, color, "plain", actions);
     let mut classes: BTreeMap<u8, u64> = BTreeMap::new();
@@ -72,7 +73,7 @@ fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     let mut chosen = session.scene.settings.color.attribute.clone();
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Attribute");
+        let label = name_label(ui, text!("Attribute"));
         egui::ComboBox::from_id_salt("attribute")
             .width(130.0)
             .selected_text(&chosen)
@@ -81,7 +82,7 @@ fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                     ui.selectable_value(&mut chosen, (*name).to_string(), *name);
                 }
                 if names.is_empty() {
-                    ui.label("no attributes");
+                    ui.label(text!("no attributes"));
                 }
             })
             .response
@@ -103,8 +104,8 @@ pub fn histogram(ui: &mut Ui, figures: &Figures, title: &str, ramp: Ramp, low: f
     ui.horizontal(|ui| {
         ui.label(RichText::new(title).small().color(theme::WEAK));
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let switch = ui.selectable_label(is_logarithmic, RichText::new("log").small());
-            is_logarithmic ^= switch.on_hover_text("Heights by the logarithm of the counts").clicked();
+            let switch = ui.selectable_label(is_logarithmic, RichText::new(text!("log")).small());
+            is_logarithmic ^= switch.on_hover_text(text!("Heights by the logarithm of the counts")).clicked();
         });
     });
     ui.data_mut(|data| data.insert_temp(log, is_logarithmic));
@@ -165,7 +166,7 @@ pub fn histogram(ui: &mut Ui, figures: &Figures, title: &str, ramp: Ramp, low: f
             ui.label(RichText::new(figure(plan.high, end - start)).small().monospace());
         });
     });
-    response.on_hover_text("Drag the handles to set the ramp's ends; double-click resets them");
+    response.on_hover_text(text!("Drag the handles to set the ramp's ends; double-click resets them"));
     (low, high)
 }
 
@@ -187,12 +188,12 @@ fn figure(value: f64, range: f64) -> String {
 
 fn class_list(ui: &mut Ui, session: &Session, classes: &BTreeMap<u8, u64>, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
-        ui.label(RichText::new("Classes").strong());
+        ui.label(RichText::new(text!("Classes")).strong());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            if ui.small_button("None").clicked() {
+            if ui.small_button(text!("None")).clicked() {
                 actions.push(Action::ShowClasses((0..=255).collect(), false));
             }
-            if ui.small_button("All").clicked() {
+            if ui.small_button(text!("All")).clicked() {
                 actions.push(Action::ShowClasses((0..=255).collect(), true));
             }
         });
@@ -200,9 +201,9 @@ fn class_list(ui: &mut Ui, session: &Session, classes: &BTreeMap<u8, u64>, actio
     for (class, count) in classes {
         let visible = !session.scene.objects.visibility.hidden_classes.contains(class);
         let name = class_name(*class);
-        let name = if name.is_empty() { "user-defined or reserved" } else { name };
+        let name = if name.is_empty() { text!("user-defined or reserved") } else { name };
         ui.horizontal(|ui| {
-            if eye(ui, visible, &format!("class {class}")).clicked() {
+            if eye(ui, visible, &text!("class {class}", class)).clicked() {
                 actions.push(Action::ShowClasses(vec![*class], !visible));
             }
             let [red, green, blue, _] = class_color(*class);

@@ -2,6 +2,7 @@
 
 use egui::{Key, RichText, Ui};
 
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::requests::action::Action;
 use crate::viewer::requests::columns::{ColumnsDraft, MEANINGS, Naming, attribute};
@@ -12,7 +13,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     let Some(before) = session.unnamed.first() else { return };
     let (mut draft, mut is_open, mut answer) = (before.clone(), true, None);
     let name = before.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    egui::Window::new(format!("Columns of {name}"))
+    egui::Window::new(text!("Columns of {name}", name))
         .id(egui::Id::unique("columns of a table"))
         .open(&mut is_open)
         .collapsible(false)
@@ -34,13 +35,14 @@ fn contents(ui: &mut Ui, draft: &mut ColumnsDraft) -> Option<Naming> {
     let names = draft.names();
     let entered = ui.horizontal(|ui| text_line(ui, draft)).inner;
     let told = match &names {
-        Ok(_) => RichText::new("Names of attributes may be any: x,y,z,gps_time").color(theme::WEAK),
+        Ok(_) => RichText::new(text!("Names of attributes may be any: x,y,z,gps_time")).color(theme::WEAK),
         Err(problem) => RichText::new(problem).color(theme::ERROR),
     };
     ui.label(told.small());
     ui.horizontal(|ui| {
-        let opens = ui.add_enabled(names.is_ok(), egui::Button::new("Open")).clicked() || entered && names.is_ok();
-        let is_cancelled = ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape));
+        let opens =
+            ui.add_enabled(names.is_ok(), egui::Button::new(text!("Open"))).clicked() || entered && names.is_ok();
+        let is_cancelled = ui.button(text!("Cancel")).clicked() || ui.input(|input| input.key_pressed(Key::Escape));
         match (is_cancelled, opens) {
             (true, _) => Some(Naming::Cancel(draft.path.clone())),
             (false, opens) => opens.then_some(Naming::Open),
@@ -58,7 +60,8 @@ fn table(ui: &mut Ui, draft: &mut ColumnsDraft) {
             let list = list.show_ui(ui, |ui| {
                 let attribute = if MEANINGS.contains(&name.as_str()) { attribute(column) } else { name.clone() };
                 for meaning in MEANINGS.into_iter().chain([attribute.as_str()]) {
-                    let help = if meaning == attribute { "An attribute, to colour and to filter by" } else { "" };
+                    let help =
+                        if meaning == attribute { text!("An attribute, to colour and to filter by") } else { "" };
                     let option = ui.selectable_label(name == meaning, meaning);
                     let option = if help.is_empty() { option } else { option.on_hover_text(help) };
                     if option.clicked() {
@@ -66,7 +69,7 @@ fn table(ui: &mut Ui, draft: &mut ColumnsDraft) {
                     }
                 }
             });
-            list.response.accessible_name(format!("Column {}", column + 1));
+            list.response.accessible_name(text!("Column {column}", column = column + 1));
         }
         ui.end_row();
         for line in &draft.table.lines {
@@ -87,7 +90,7 @@ fn text_line(ui: &mut Ui, draft: &mut ColumnsDraft) -> bool {
         draft.is_shown = true;
         response.request_focus();
     }
-    if ui.button("Copy").on_hover_text("Copies the option for the command line").clicked() {
+    if ui.button(text!("Copy")).on_hover_text(text!("Copies the option for the command line")).clicked() {
         ui.ctx().copy_text(format!("--columns {}", draft.text.trim()));
     }
     response.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter))

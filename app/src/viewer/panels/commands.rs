@@ -3,10 +3,11 @@
 
 use scene::{ClipShape, Lighting, METHODS, PRESETS, Settings, Shape};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::look::tab::Tab;
 use crate::viewer::objects::PlacedProfile;
 use crate::viewer::objects::clouds::short_name;
-use crate::viewer::panels::{parameters, reflections, timeline};
+use crate::viewer::panels::{parameters, reflections, side, timeline};
 use crate::viewer::requests::action::{
     Action, Clipping, Compare, Export, Filing, Film, Ghosting, KeptStep, Measuring, Profiling,
 };
@@ -89,7 +90,7 @@ pub fn entries(session: &Session) -> Vec<Entry> {
         // The text of the clipboard comes with the keys for pasting alone.
         let is_left_out = matches!(binding.action, Action::PasteView | Action::TogglePalette);
         if is_at_once && !is_left_out && entries.iter().all(|entry| entry.action != binding.action) {
-            let text = format!("{}: {}", binding.section, binding.text);
+            let text = format!("{}: {}", translated(binding.section), translated(binding.text));
             let detail = bindings::shortcut(&binding.action);
             entries.push(Entry { detail, ..Entry::new(text, "", binding.action.clone()) });
         }
@@ -99,22 +100,22 @@ pub fn entries(session: &Session) -> Vec<Entry> {
     entries.extend(of_files(session));
     entries.extend(of_profiles(session));
     for (index, bookmark) in session.scene.objects.bookmarks.iter().enumerate() {
-        let text = format!("Views: Fly to {}", bookmark.name);
-        entries.push(Entry::new(text, "A kept view", Action::Film(Film::FlyTo(index))));
+        let text = text!("Views: Fly to {bookmark}", bookmark = bookmark.name);
+        entries.push(Entry::new(text, text!("A kept view"), Action::Film(Film::FlyTo(index))));
     }
     for tab in Tab::ALL {
-        entries.push(Entry::new(format!("Tab: {}", tab.name()), tab.help(), Action::OpenTab(tab)));
+        entries.push(Entry::new(text!("Tab: {tab}", tab = translated(tab.name())), tab.help(), Action::OpenTab(tab)));
     }
     for params in session.scene.settings.groups() {
         let group = params.group();
         let unused = reflections::unused(session, group);
-        let unused = unused.map_or(String::new(), |row| format!(" ({} is not in use)", row.name));
+        let unused = unused.map_or(String::new(), |row| text!(" ({row} is not in use)", row = row.name));
         for field in &group.fields {
             let key = format!("{}.{}", group.name, field.name);
-            let text = format!("{}: {}{unused}", group.section, parameters::title(field.name));
+            let text = format!("{}: {}{unused}", translated(group.section), parameters::title(field.name));
             let words = parameters::words(&key);
             let action = Action::FindParameter(key.clone());
-            entries.push(Entry { detail: key, words, ..Entry::new(text, field.help, action) });
+            entries.push(Entry { detail: key, words, ..Entry::new(text, translated(field.help), action) });
         }
     }
     entries
@@ -123,69 +124,88 @@ pub fn entries(session: &Session) -> Vec<Entry> {
 /// What panels and menus offer and no key does.
 fn of_panels(session: &Session) -> Vec<Entry> {
     let mut entries = vec![
-        Entry::new("Views: Keep the view as a bookmark", "Comes back by its name", Action::Film(Film::Keep(None))),
         Entry::new(
-            "Parameters: Reset all parameters",
-            "Gives all their defaults; undo takes that back",
+            text!("Views: Keep the view as a bookmark"),
+            text!("Comes back by its name"),
+            Action::Film(Film::Keep(None)),
+        ),
+        Entry::new(
+            text!("Parameters: Reset all parameters"),
+            text!("Gives all their defaults; undo takes that back"),
             Action::ChangeSettings(Box::default()),
         ),
-        Entry::new("Window: Messages", "All messages so far", Action::ListMessages(true)),
-        Entry::new("Window: Panel", "Shows or hides the panel at the left", Action::TogglePanel),
-        Entry::new("Measurements: Copy all", "Values of all measurements", Action::Measuring(Measuring::CopyAll)),
-        Entry::new("Ghosts: Look for ghosts", "What was seen in mirrors", Action::Ghosts(Ghosting::Look)),
-        Entry::new("Compare: Start", "Distances between two clouds", Action::Compare(Compare::Start)),
-        Entry::new("Compare: Exchange kept state and present one", "", Action::Kept(KeptStep::Swap)),
-        Entry::new("Compare: Forget the kept state", "", Action::Kept(KeptStep::LetGo)),
-        Entry::new("Paths: Record the path", "Writes a film", Action::Film(Film::AskRecording)),
-        Entry::new("Truth: Stop", "Frees its memory", Action::StopTruth),
-        Entry::new("Files: Stop saving points", "", Action::Export(Export::Stop)),
+        Entry::new(text!("Window: Messages"), text!("All messages so far"), Action::ListMessages(true)),
+        Entry::new(text!("Window: Panel"), text!("Shows or hides the panel at the left"), Action::TogglePanel),
+        Entry::new(
+            text!("Measurements: Copy all"),
+            text!("Values of all measurements"),
+            Action::Measuring(Measuring::CopyAll),
+        ),
+        Entry::new(text!("Ghosts: Look for ghosts"), text!("What was seen in mirrors"), Action::Ghosts(Ghosting::Look)),
+        Entry::new(text!("Compare: Start"), text!("Distances between two clouds"), Action::Compare(Compare::Start)),
+        Entry::new(text!("Compare: Exchange kept state and present one"), "", Action::Kept(KeptStep::Swap)),
+        Entry::new(text!("Compare: Forget the kept state"), "", Action::Kept(KeptStep::LetGo)),
+        Entry::new(text!("Paths: Record the path"), text!("Writes a film"), Action::Film(Film::AskRecording)),
+        Entry::new(text!("Truth: Stop"), text!("Frees its memory"), Action::StopTruth),
+        Entry::new(text!("Files: Stop saving points"), "", Action::Export(Export::Stop)),
     ];
+    entries.extend(side::languages().map(|(language, name)| Entry {
+        words: "language german",
+        ..Entry::new(text!("Window: Language {name}", name), "", Action::Speak(language))
+    }));
     let shapes = [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab];
     entries.extend(shapes.map(|shape| {
-        let text = format!("Clips: {} about everything", shape.name());
-        Entry::new(text, "Shows the points inside of it", Action::Clip(Clipping::AroundAll(shape)))
+        let text = text!("Clips: {shape} about everything", shape = translated(shape.name()));
+        Entry::new(text, text!("Shows the points inside of it"), Action::Clip(Clipping::AroundAll(shape)))
     }));
     entries.extend(Shape::WITH_FORMULA.map(|shape| {
-        let text = format!("Add a mirror: {}", shape.name());
-        Entry::new(text, "At the picked point, or at the pivot", Action::AddMirror(shape))
+        let text = text!("Add a mirror: {shape}", shape = translated(shape.name()));
+        Entry::new(text, text!("At the picked point, or at the pivot"), Action::AddMirror(shape))
     }));
     for (text, prompt) in [
-        ("Add a mirror: the faces of a PLY file", PathPrompt::for_mesh()),
-        ("Add a mirror: the points of a file", PathPrompt::for_mirror_points()),
+        (text!("Add a mirror: the faces of a PLY file"), PathPrompt::for_mesh()),
+        (text!("Add a mirror: the points of a file"), PathPrompt::for_mirror_points()),
     ] {
         entries.push(Entry::new(text, "", Action::ChangePrompt(Box::new(prompt))));
     }
-    entries.extend(
-        timeline::PRESETS
-            .map(|(preset, name, help)| Entry::new(format!("Paths: {name}"), help, Action::Film(Film::Add(preset)))),
-    );
+    entries.extend(timeline::PRESETS.map(|(preset, name, help)| {
+        Entry::new(text!("Paths: {name}", name = translated(name)), translated(help), Action::Film(Film::Add(preset)))
+    }));
     let lights = [Lighting::Auto, Lighting::Surroundings, Lighting::Lights, Lighting::Sun, Lighting::Headlight];
     entries.extend(lights.map(|by| {
-        let name = param::Choice::name(by);
-        Entry::new(format!("Light: {name}"), "What lights the points", Action::LightBy(by))
+        let name = translated(param::Choice::name(by));
+        Entry::new(text!("Light: {name}", name), text!("What lights the points"), Action::LightBy(by))
     }));
     let (truth, live) = (&session.truth, &session.truth.live);
     for (text, is_on, action) in [
-        ("keep it ready", truth.keeps_ready, Action::KeepTruthReady(!truth.keeps_ready)),
-        ("judge each setting", truth.judges, Action::JudgeSettings(!truth.judges)),
-        ("estimate errors", live.is_on, Action::EstimateErrors(!live.is_on)),
+        (text!("keep it ready"), truth.keeps_ready, Action::KeepTruthReady(!truth.keeps_ready)),
+        (text!("judge each setting"), truth.judges, Action::JudgeSettings(!truth.judges)),
+        (text!("estimate errors"), live.is_on, Action::EstimateErrors(!live.is_on)),
     ] {
-        let text = format!("Truth: {text}{}", if is_on { ", no longer" } else { "" });
+        let text = if is_on { text!("Truth: {text}, no longer", text) } else { text!("Truth: {text}", text) };
         entries.push(Entry::new(text, "", action));
     }
     if !session.document.abandoned.is_empty() {
-        entries.push(Entry::new("Files: Restore unsaved work", "Asks first", Action::File(Filing::Restore)));
+        entries.push(Entry::new(
+            text!("Files: Restore unsaved work"),
+            text!("Asks first"),
+            Action::File(Filing::Restore),
+        ));
     }
     if session.tools.pick.is_some() {
-        entries.push(Entry::new("Picked point: Copy", "", Action::CopyPick));
-        entries.push(Entry::new("Picked point: Forget", "", Action::ClearPick));
+        entries.push(Entry::new(text!("Picked point: Copy"), "", Action::CopyPick));
+        entries.push(Entry::new(text!("Picked point: Forget"), "", Action::ClearPick));
     }
     for entry in &session.loaded.clouds {
         let (name, key) = (&entry.cloud.name, entry.key);
-        let show = if entry.is_visible { "Hide" } else { "Show" };
-        entries.push(Entry::new(format!("Clouds: Frame {name}"), "", Action::FrameCloud(key)));
-        entries.push(Entry::new(format!("Clouds: {show} {name}"), "", Action::ShowCloud(key, !entry.is_visible)));
-        entries.push(Entry::new(format!("Clouds: Close {name}"), "", Action::RemoveCloud(key)));
+        let show = if entry.is_visible { text!("Hide") } else { text!("Show") };
+        entries.push(Entry::new(text!("Clouds: Frame {name}", name), "", Action::FrameCloud(key)));
+        entries.push(Entry::new(
+            text!("Clouds: {show} {name}", show, name),
+            "",
+            Action::ShowCloud(key, !entry.is_visible),
+        ));
+        entries.push(Entry::new(text!("Clouds: Close {name}", name), "", Action::RemoveCloud(key)));
     }
     entries
 }
@@ -196,24 +216,31 @@ fn of_reflections(session: &Session) -> Vec<Entry> {
     let mirrors = session.scene.objects.mirrors.iter().map(|placed| &placed.mirror);
     let method = |row: &'static scene::MethodRow| Entry {
         words: "reflection method algorithm",
-        ..Entry::new(format!("Use {}", row.name), row.help, reflections::use_method(row))
+        ..Entry::new(text!("Use {row}", row = row.name), translated(row.help), reflections::use_method(row))
     };
     let preset = |preset: &'static scene::Preset| {
         let action = Action::ChangeSettings(Box::new(preset.applied(settings, mirrors.clone())));
         Entry {
             words: "preset sscr reflection settings",
-            ..Entry::new(format!("Preset: {}", preset.name), preset.help, action)
+            ..Entry::new(text!("Preset: {preset}", preset = preset.name), translated(preset.help), action)
         }
     };
     let sweep = |(key, name): (String, String)| {
-        let help = "Draws, times and judges this view with a range of values";
-        Entry { words: "sweep range series vary", ..Entry::new(format!("Sweep: {name}"), help, Action::AskSweep(key)) }
+        let help = text!("Draws, times and judges this view with a range of values");
+        Entry {
+            words: "sweep range series vary",
+            ..Entry::new(text!("Sweep: {name}", name), help, Action::AskSweep(key))
+        }
     };
     let mut entries: Vec<Entry> = METHODS.iter().map(method).collect();
     entries.extend(PRESETS.iter().map(preset));
     entries.extend(reflections::swept(session).into_iter().map(sweep));
     if session.sweeps.under_way.is_some() {
-        entries.push(Entry::new("Sweep: End the one under way", "What is judged so far is saved", Action::EndSweep));
+        entries.push(Entry::new(
+            text!("Sweep: End the one under way"),
+            text!("What is judged so far is saved"),
+            Action::EndSweep,
+        ));
     }
     entries
 }
@@ -222,11 +249,13 @@ fn of_reflections(session: &Session) -> Vec<Entry> {
 fn of_files(session: &Session) -> Vec<Entry> {
     let preferences = &session.preferences;
     let scene = |path: &String| {
-        let help = "A scene file; closes what is open";
-        Entry::new(format!("Open: {}", short_name(path)), help, Action::File(Filing::Open(path.into())))
+        let help = text!("A scene file; closes what is open");
+        Entry::new(text!("Open: {path}", path = short_name(path)), help, Action::File(Filing::Open(path.into())))
     };
-    let file = |path: &String| Entry::new(format!("Open: {}", short_name(path)), "", Action::Open(path.into()));
-    let built_in = |name: String| Entry::new(format!("Open: {name}"), "A built-in scene", Action::Open(name.into()));
+    let file =
+        |path: &String| Entry::new(text!("Open: {path}", path = short_name(path)), "", Action::Open(path.into()));
+    let built_in =
+        |name: String| Entry::new(text!("Open: {name}", name), text!("A built-in scene"), Action::Open(name.into()));
     let files = preferences.sessions.iter().map(scene).chain(preferences.recent.iter().map(file));
     files.chain(world::built_in_names().into_iter().map(built_in)).collect()
 }
@@ -234,22 +263,26 @@ fn of_files(session: &Session) -> Vec<Entry> {
 /// What can be done with the profiles of the scene, and with the one in view.
 fn of_profiles(session: &Session) -> Vec<Entry> {
     let tool = &session.tools.profiles;
-    let entry = |text: String, help, step| Entry::new(format!("Profiles: {text}"), help, Action::Profile(step));
+    let entry = |text: String, help, step| Entry::new(text!("Profiles: {text}", text), help, Action::Profile(step));
     let look = |one: &PlacedProfile| {
-        let help = "Shows its points by distance along and height";
-        entry(format!("{} from the side", one.profile.name), help, Profiling::Look(Some(one.id)))
+        let help = text!("Shows its points by distance along and height");
+        entry(text!("{profile} from the side", profile = one.profile.name), help, Profiling::Look(Some(one.id)))
     };
     let mut entries: Vec<Entry> = session.scene.objects.profiles.iter().map(look).collect();
     if let Some(profile) = tool.profile(&session.scene) {
         let name = &profile.name;
         for ending in ["csv", "laz", "png", "svg"] {
-            let text = format!("save {name} as {}", ending.to_uppercase());
-            entries.push(entry(text, "Writes its points, or a chart of them", Profiling::Save(ending)));
+            let text = text!("save {name} as {ending}", name, ending = ending.to_uppercase());
+            entries.push(entry(text, text!("Writes its points, or a chart of them"), Profiling::Save(ending)));
         }
         let (ruler, together) = (tool.ruler.is_none(), !tool.is_together);
-        entries.push(entry("ruler".into(), "Measures between two clicks", Profiling::Ruler(ruler)));
-        entries.push(entry("all in one chart".into(), "Shows the others behind it", Profiling::Together(together)));
-        entries.push(entry(format!("close {name}"), "Closes the chart", Profiling::Look(None)));
+        entries.push(entry(text!("ruler").into(), text!("Measures between two clicks"), Profiling::Ruler(ruler)));
+        entries.push(entry(
+            text!("all in one chart").into(),
+            text!("Shows the others behind it"),
+            Profiling::Together(together),
+        ));
+        entries.push(entry(text!("close {name}", name), text!("Closes the chart"), Profiling::Look(None)));
     }
     entries
 }

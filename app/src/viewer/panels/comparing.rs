@@ -5,6 +5,7 @@ use egui::{Align2, Color32, Pos2, Rect, RichText, Sense, Ui, pos2, vec2};
 use measure::DistanceFigures;
 
 use crate::shared::comparing::Scales;
+use crate::shared::language::{english, text, translated};
 use crate::viewer::input;
 use crate::viewer::jobs::comparisons::{CompareDraft, Compared, Second};
 use crate::viewer::look::theme;
@@ -36,21 +37,31 @@ fn kept(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     };
     let (is_there, is_split) = (session.kept.is_there(), session.kept.is_split);
     ui.horizontal(|ui| {
-        let help = "Keeps parameters, lights, colours and which points are shown, to look at beside later ones";
-        button(ui, "Keep this state", false, true, KeptStep::Keep, help);
-        let help = "The kept state on the left, the present one on the right: drag the line";
-        button(ui, "Split", is_split, is_there, KeptStep::ToggleSplit, help);
-        let help =
-            "The kept state in the left half of the window, the present one in the right: both follow the camera";
-        button(ui, "Side by side", session.kept.is_beside(), is_there, KeptStep::ToggleBeside, help);
+        let help = text!("Keeps parameters, lights, colours and which points are shown, to look at beside later ones");
+        button(ui, text!("Keep this state"), false, true, KeptStep::Keep, help);
+        let help = text!("The kept state on the left, the present one on the right: drag the line");
+        button(ui, text!("Split"), is_split, is_there, KeptStep::ToggleSplit, help);
+        let help = text!(
+            "The kept state in the left half of the window, the present one in the right: both follow the camera"
+        );
+        button(ui, text!("Side by side"), session.kept.is_beside(), is_there, KeptStep::ToggleBeside, help);
     });
     ui.horizontal(|ui| {
-        let help =
-            "The kept state becomes the present one, with its parameters, lights, clips and shown points, and that is kept";
-        button(ui, "Swap", false, is_there, KeptStep::Swap, help);
-        button(ui, "Forget", false, is_there, KeptStep::LetGo, "Forgets the kept state, and frees its memory");
+        let help = text!(
+            "The kept state becomes the present one, with its parameters, lights, clips and shown points, and \
+                that is kept"
+        );
+        button(ui, text!("Swap"), false, is_there, KeptStep::Swap, help);
+        button(
+            ui,
+            text!("Forget"),
+            false,
+            is_there,
+            KeptStep::LetGo,
+            text!("Forgets the kept state, and frees its memory"),
+        );
         let hold = bindings::shortcut(&Action::ShowKept);
-        ui.label(RichText::new(format!("hold {hold} to see it")).color(theme::WEAK));
+        ui.label(RichText::new(text!("hold {hold} to see it", hold)).color(theme::WEAK));
     });
 }
 
@@ -71,9 +82,9 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
     let text = match present_picture(session) {
         Some(picture) => {
             painter.with_clip_rect(left).image(picture.texture(ui.ctx()), rect, WHOLE, Color32::WHITE);
-            "kept state"
+            text!("kept state")
         }
-        None => LATER,
+        None => translated(LATER),
     };
     if !kept.is_held {
         divide(&painter, right);
@@ -81,7 +92,7 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
     tag(&painter.with_clip_rect(left), rect.left_top() + vec2(10.0, 10.0), Align2::LEFT_TOP, text);
 }
 
-const LATER: &str = "the kept state is drawn once the picture stands still";
+const LATER: &str = english!("the kept state is drawn once the picture stands still");
 const WHOLE: Rect = Rect { min: Pos2::ZERO, max: pos2(1.0, 1.0) };
 
 /// The picture of the kept state from where the camera is now.
@@ -116,7 +127,7 @@ pub fn beside(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>)
     if present.is_some() {
         overlay::paint(&painter, left, session);
     }
-    let text = if present.is_some() { "kept state" } else { LATER };
+    let text = if present.is_some() { text!("kept state") } else { translated(LATER) };
     tag(&painter, left.left_top() + vec2(10.0, 10.0), Align2::LEFT_TOP, text);
     ui.painter().rect_filled(rect.with_min_x(left.right()).with_max_x(right.left()), 0.0, theme::PANEL);
     right
@@ -128,11 +139,11 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let before = &loaded.comparisons.draft;
     let mut draft = before.clone();
     let Some(first) = loaded.compared_first() else {
-        ui.label(RichText::new("Open two clouds to measure how far they are apart.").color(theme::WEAK));
+        ui.label(RichText::new(text!("Open two clouds to measure how far they are apart.")).color(theme::WEAK));
         return;
     };
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Points of");
+        let label = name_label(ui, text!("Points of"));
         let choice =
             egui::ComboBox::from_id_salt("first cloud").width(180.0).truncate().selected_text(&first.cloud.name);
         let shown = choice.show_ui(ui, |ui| {
@@ -144,10 +155,12 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
     second(ui, session, &mut draft);
     ui.horizontal(|ui| {
-        name_label(ui, "Measure");
-        let help = "To the nearest point, without a sign; or M3C2: along the normal of the first cloud, between the mean \
-                    places of both in a cylinder, with the least distance that is a change (95 %)";
-        for (is_m3c2, name) in [(false, "nearest point"), (true, "M3C2")] {
+        name_label(ui, text!("Measure"));
+        let help = text!(
+            "To the nearest point, without a sign; or M3C2: along the normal of the first cloud, between the mean \
+                    places of both in a cylinder, with the least distance that is a change (95 %)"
+        );
+        for (is_m3c2, name) in [(false, text!("nearest point")), (true, "M3C2")] {
             let choice = ui.selectable_label(draft.is_m3c2 == is_m3c2, name).on_hover_text(help);
             if choice.clicked() {
                 draft.is_m3c2 = is_m3c2;
@@ -156,25 +169,30 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
     if draft.is_m3c2 {
         let Scales { normal, cylinder, reach, registration } = &mut draft.scales;
-        length(ui, "Normal scale", normal, "Diameter of the neighbourhood that gives a normal");
-        length(ui, "Cylinder scale", cylinder, "Diameter of the cylinder along the normal");
-        length(ui, "Reach", reach, "How far the cylinder reaches to either side");
+        length(ui, text!("Normal scale"), normal, text!("Diameter of the neighbourhood that gives a normal"));
+        length(ui, text!("Cylinder scale"), cylinder, text!("Diameter of the cylinder along the normal"));
+        length(ui, text!("Reach"), reach, text!("How far the cylinder reaches to either side"));
         ui.horizontal(|ui| {
-            let label = name_label(ui, "Registration");
+            let label = name_label(ui, text!("Registration"));
             let drag = egui::DragValue::new(registration).speed(0.001).range(0.0..=f64::MAX).max_decimals(4);
-            let help = "Standard deviation of how far the clouds are off as a whole: 1.96 times as much is added to every \
-                        level of detection";
+            let help = text!(
+                "Standard deviation of how far the clouds are off as a whole: 1.96 times as much is added to every \
+                        level of detection"
+            );
             ui.add(drag).labelled_by(label.id).on_hover_text(help);
         });
     }
-    let help =
-        "Measures one point only in each cube with edges of this length; the others in the cube get its distance";
-    length(ui, "Core points", &mut draft.core, help);
+    let help = text!(
+        "Measures one point only in each cube with edges of this length; the others in the cube get its distance"
+    );
+    length(ui, text!("Core points"), &mut draft.core, help);
     if first.streamed.is_some() {
         ui.horizontal(|ui| {
-            let label = name_label(ui, "New file");
-            let help = "A streamed cloud does not fit into memory: its points with their distances are written to this file \
-                        (.copc.laz opens fastest), which is then opened in its place and coloured by them";
+            let label = name_label(ui, text!("New file"));
+            let help = text!(
+                "A streamed cloud does not fit into memory: its points with their distances are written to this file \
+                        (.copc.laz opens fastest), which is then opened in its place and coloured by them"
+            );
             let hint = "glint-…-distances-1.copc.laz";
             let field = egui::TextEdit::singleline(&mut draft.output).hint_text(hint).desired_width(180.0);
             ui.add(field).labelled_by(label.id).on_hover_text(help);
@@ -187,14 +205,14 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         Some(progress) => {
             ui.horizontal(|ui| {
                 progress_bar(ui, progress.done() as f32 / progress.total().max(1) as f32);
-                if ui.button("Stop").clicked() {
+                if ui.button(text!("Stop")).clicked() {
                     actions.push(Action::Compare(Compare::Stop));
                 }
             });
             ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
         }
         None => {
-            if ui.button("Compare").clicked() {
+            if ui.button(text!("Compare")).clicked() {
                 actions.push(Action::Compare(Compare::Start));
             }
         }
@@ -212,20 +230,20 @@ fn second(ui: &mut Ui, session: &Session, draft: &mut CompareDraft) {
     let other = match &chosen {
         Second::Other => None,
         Second::Cloud(key) => clouds.iter().find(|entry| entry.key == *key).map(|entry| entry.cloud.name.as_str()),
-        Second::File(_) => Some("a file"),
+        Second::File(_) => Some(text!("a file")),
     };
     ui.horizontal(|ui| {
-        let label = name_label(ui, "To");
+        let label = name_label(ui, text!("To"));
         let choice = egui::ComboBox::from_id_salt("second cloud")
             .width(180.0)
             .truncate()
-            .selected_text(other.unwrap_or("choose"));
+            .selected_text(other.unwrap_or(text!("choose")));
         let shown = choice.show_ui(ui, |ui| {
             for entry in clouds.iter().filter(|entry| Some(entry.key) != own) {
                 ui.selectable_value(&mut draft.second, Second::Cloud(entry.key), &entry.cloud.name);
             }
             let is_file = matches!(chosen, Second::File(_));
-            if ui.selectable_label(is_file, "a file").clicked() && !is_file {
+            if ui.selectable_label(is_file, text!("a file")).clicked() && !is_file {
                 draft.second = Second::File(String::new());
             }
         });
@@ -233,7 +251,7 @@ fn second(ui: &mut Ui, session: &Session, draft: &mut CompareDraft) {
     });
     if let Second::File(mut path) = chosen {
         ui.horizontal(|ui| {
-            let label = name_label(ui, "File");
+            let label = name_label(ui, text!("File"));
             let field = egui::TextEdit::singleline(&mut path).hint_text("/folder/scan.laz").desired_width(180.0);
             if ui.add(field).labelled_by(label.id).changed() {
                 draft.second = Second::File(path);
@@ -253,8 +271,10 @@ fn length(ui: &mut Ui, name: &str, value: &mut Option<f64>, help: &str) {
                 let drag = egui::DragValue::new(length).speed(0.01).range(1e-6..=f64::MAX).max_decimals(4);
                 ui.add(drag).labelled_by(label.id).on_hover_text(help);
             }
-            None if name == "Core points" => drop(ui.label(RichText::new("all points").color(theme::WEAK))),
-            None => drop(ui.label(RichText::new("by the spacing").color(theme::WEAK))),
+            None if name == text!("Core points") => {
+                drop(ui.label(RichText::new(text!("all points")).color(theme::WEAK)))
+            }
+            None => drop(ui.label(RichText::new(text!("by the spacing")).color(theme::WEAK))),
         }
         if is_changed {
             *value = is_given.then_some(1.0);
@@ -268,18 +288,26 @@ fn result(ui: &mut Ui, compared: &Compared, unit: &str) {
     let number = |value: f64| format!("{value:.4}{unit}");
     let significant = compared.significant.map(|share| format!("{:.1} %", share * 100.0));
     let lines = [
-        ("Points", Some(grouped(points)), "Those that have a distance"),
-        ("Mean", Some(number(mean)), "M3C2 distances have a sign: positive along the normal of the first cloud"),
-        ("Median", Some(number(median)), "Half of the distances are below"),
-        ("Std", Some(number(std)), "The standard deviation about the mean"),
-        ("95 % within", Some(number(p95)), "95 % of the distances are no longer, whatever their sign"),
-        ("Longest", Some(number(max)), "The longest distance, whatever its sign"),
+        (text!("Points"), Some(grouped(points)), text!("Those that have a distance")),
         (
-            "Each ±",
-            compared.interval.map(number),
-            "The level of detection (95 %) of a distance, the median: a shorter distance may be no change",
+            text!("Mean"),
+            Some(number(mean)),
+            text!("M3C2 distances have a sign: positive along the normal of the first cloud"),
         ),
-        ("Beyond level", significant, "The share of distances beyond the level of detection (95 %): changes"),
+        (text!("Median"), Some(number(median)), text!("Half of the distances are below")),
+        (text!("Std"), Some(number(std)), text!("The standard deviation about the mean")),
+        (text!("95 % within"), Some(number(p95)), text!("95 % of the distances are no longer, whatever their sign")),
+        (text!("Longest"), Some(number(max)), text!("The longest distance, whatever its sign")),
+        (
+            text!("Each ±"),
+            compared.interval.map(number),
+            text!("The level of detection (95 %) of a distance, the median: a shorter distance may be no change"),
+        ),
+        (
+            text!("Beyond level"),
+            significant,
+            text!("The share of distances beyond the level of detection (95 %): changes"),
+        ),
     ];
     egui::Grid::new("distances").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
         for (name, value, help) in lines {

@@ -2,6 +2,7 @@
 
 use egui::{RichText, Ui};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::jobs::ghosts::{Decision, Seen};
 use crate::viewer::loaded::ghosts::{are_hidden, is_accepted};
 use crate::viewer::look::theme;
@@ -14,35 +15,38 @@ use crate::viewer::session::Session;
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let ghosts = &session.loaded.ghosts;
     if session.loaded.clouds.is_empty() {
-        ui.label(RichText::new("Open a scan to look for what its scanner saw in mirrors.").color(theme::WEAK));
+        ui.label(RichText::new(text!("Open a scan to look for what its scanner saw in mirrors.")).color(theme::WEAK));
         return;
     }
     let mut draft = ghosts.draft.clone();
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Scanner");
-        let help = "Where the scanner stood, as X,Y,Z; files of E57 and PTX know it themselves";
-        let field = egui::TextEdit::singleline(&mut draft.station).hint_text("as the file says").desired_width(130.0);
+        let label = name_label(ui, text!("Scanner"));
+        let help = text!("Where the scanner stood, as X,Y,Z; files of E57 and PTX know it themselves");
+        let field =
+            egui::TextEdit::singleline(&mut draft.station).hint_text(text!("as the file says")).desired_width(130.0);
         ui.add(field).labelled_by(label.id).on_hover_text(help);
-        if ui.small_button("Eye").on_hover_text("The scanner stood where the eye is now").clicked() {
+        if ui.small_button(text!("Eye")).on_hover_text(text!("The scanner stood where the eye is now")).clicked() {
             let eye = session.scene.camera.eye;
             draft.station = format!("{:.4},{:.4},{:.4}", eye.x, eye.y, eye.z);
         }
     });
-    let help = "Mirrors and panes of the scene are always used; further planes, balls and columns are looked for if this is on";
-    ui.checkbox(&mut draft.finds, "Find planes, balls and columns").on_hover_text(help);
+    let help = text!(
+        "Mirrors and panes of the scene are always used; further planes, balls and columns are looked for if this is on"
+    );
+    ui.checkbox(&mut draft.finds, text!("Find planes, balls and columns")).on_hover_text(help);
     match &ghosts.under_way {
         Some(progress) => {
             ui.horizontal(|ui| {
                 progress_bar(ui, progress.done() as f32 / progress.total().max(1) as f32);
-                if ui.button("Stop").clicked() {
+                if ui.button(text!("Stop")).clicked() {
                     actions.push(Action::Ghosts(Ghosting::Stop));
                 }
             });
             ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
         }
         None => {
-            let help = "Reads the files of all shown clouds, and finds what was seen in mirrors";
-            if ui.button("Look for ghosts").on_hover_text(help).clicked() {
+            let help = text!("Reads the files of all shown clouds, and finds what was seen in mirrors");
+            if ui.button(text!("Look for ghosts")).on_hover_text(help).clicked() {
                 actions.push(Action::Ghosts(Ghosting::Look));
             }
         }
@@ -59,22 +63,26 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 /// What was found, mirror by mirror, and whether it is shown.
 fn results(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action>) {
     let [ghosts, undecided] = seen.counts.map(grouped);
-    ui.label(format!("{ghosts} ghosts, {undecided} undecided"));
+    ui.label(text!("{ghosts} ghosts, {undecided} undecided", ghosts, undecided));
     if seen.looked.found.is_empty() {
-        ui.label(RichText::new("No mirror was found.").color(theme::WEAK));
+        ui.label(RichText::new(text!("No mirror was found.")).color(theme::WEAK));
     }
     for (index, found) in seen.looked.found.iter().enumerate() {
         ui.push_id(index, |ui| {
             let mirror = &found.reflector.mirror;
             let number = index + 1;
             ui.horizontal(|ui| {
-                let kind = if found.reflector.is_open { "pane" } else { mirror.shape.name() };
-                ui.label(format!("{number}  {kind}")).on_hover_text(format!("at {:.3}", mirror.position));
+                let kind = if found.reflector.is_open { text!("pane") } else { translated(mirror.shape.name()) };
+                ui.label(format!("{number}  {kind}"))
+                    .on_hover_text(text!("at {position}", position = format_args!("{:.3}", mirror.position)));
                 decision(ui, session, seen, index, actions);
             });
             let (points, residual) = seen.figures[index];
-            let residual = residual.map_or(String::new(), |residual| format!(", {residual:.4} from surfaces"));
-            let text = format!("{} points{residual}; {}", grouped(points), found.reason);
+            let residual = residual.map_or(String::new(), |residual| {
+                text!(", {residual} from surfaces", residual = format_args!("{residual:.4}"))
+            });
+            let text =
+                text!("{points} points{residual}; {reason}", points = grouped(points), residual, reason = found.reason);
             ui.add(egui::Label::new(RichText::new(text).small().color(theme::WEAK)).wrap());
             if let Decision::Accepted(id) = seen.decisions[index] {
                 as_it_stands(ui, session, id, actions);
@@ -90,8 +98,11 @@ fn results(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action
     }
     ui.horizontal(|ui| {
         let is_hidden = are_hidden(&session.scene.objects.visibility.filters);
-        let hide = ui.selectable_label(is_hidden, "Hide ghosts");
-        if hide.on_hover_text("By a filter of ghost_probability, as in the tab Data; undecided points stay").clicked() {
+        let hide = ui.selectable_label(is_hidden, text!("Hide ghosts"));
+        if hide
+            .on_hover_text(text!("By a filter of ghost_probability, as in the tab Data; undecided points stay"))
+            .clicked()
+        {
             actions.push(Action::Ghosts(Ghosting::Hide(!is_hidden)));
         }
     });
@@ -103,16 +114,23 @@ fn as_it_stands(ui: &mut Ui, session: &Session, id: ObjectId, actions: &mut Vec<
     let Some((mirror, residual)) = live.measured.get(&id) else { return };
     ui.horizontal_wrapped(|ui| {
         let distance = match residual.median {
-            Some(median) => format!("median distance {median:.4}"),
-            None => "far from surfaces".to_owned(),
+            Some(median) => text!("median distance {median}", median = format_args!("{median:.4}")),
+            None => text!("far from surfaces").to_owned(),
         };
-        let text = format!("now: {distance}, {} of {} points", grouped(residual.near), grouped(residual.points));
-        let help = "Of a sample of the points that lie behind the mirror as it stands now: how far they are from the \
-                    surfaces of the scan when they are unfolded, and how many are near one";
+        let text = text!(
+            "now: {distance}, {near} of {points} points",
+            distance,
+            near = grouped(residual.near),
+            points = grouped(residual.points)
+        );
+        let help = text!(
+            "Of a sample of the points that lie behind the mirror as it stands now: how far they are from the \
+                    surfaces of the scan when they are unfolded, and how many are near one"
+        );
         ui.label(RichText::new(text).small()).on_hover_text(help);
-        let button = ui.add_enabled(live.fitting.is_none(), egui::Button::new("Fit").small());
-        let help = "Moves the mirror from where it stands to where these points fit best; undo moves it back";
-        if button.accessible_name(format!("Fit {}", mirror.name)).on_hover_text(help).clicked() {
+        let button = ui.add_enabled(live.fitting.is_none(), egui::Button::new(text!("Fit")).small());
+        let help = text!("Moves the mirror from where it stands to where these points fit best; undo moves it back");
+        if button.accessible_name(text!("Fit {mirror}", mirror = mirror.name)).on_hover_text(help).clicked() {
             actions.push(Action::Ghosts(Ghosting::Fit(id)));
         }
     });
@@ -121,35 +139,37 @@ fn as_it_stands(ui: &mut Ui, session: &Session, id: ObjectId, actions: &mut Vec<
 fn decision(ui: &mut Ui, session: &Session, seen: &Seen, index: usize, actions: &mut Vec<Action>) {
     let number = index + 1;
     if is_accepted(seen, index, &session.scene.objects) {
-        ui.label(RichText::new("in the scene").color(theme::ACCENT));
+        ui.label(RichText::new(text!("in the scene")).color(theme::ACCENT));
         return;
     }
     let mut button = |text: &str, help: &str, step: Ghosting| {
         let button = ui.small_button(text).on_hover_text(help);
-        if button.accessible_name(format!("{text} mirror {number}")).clicked() {
+        if button.accessible_name(text!("{text} mirror {number}", text, number)).clicked() {
             actions.push(Action::Ghosts(step));
         }
     };
-    button("Accept", "Makes it a mirror of the scene; undo takes it out again", Ghosting::Accept(index));
+    button(text!("Accept"), text!("Makes it a mirror of the scene; undo takes it out again"), Ghosting::Accept(index));
     if seen.decisions[index] == Decision::Refused {
-        ui.label(RichText::new("refused").color(theme::WEAK));
+        ui.label(RichText::new(text!("refused")).color(theme::WEAK));
     } else {
-        button("Refuse", "What was seen in it counts as real points", Ghosting::Refuse(index));
+        button(text!("Refuse"), text!("What was seen in it counts as real points"), Ghosting::Refuse(index));
     }
 }
 
 fn put_back(ui: &mut Ui, session: &Session, seen: &Seen, output: &mut String, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
-        let label = name_label(ui, "New file");
-        let help = "All points and, at the places that were seen, the ghosts of accepted mirrors are written to this file, \
-                    which is opened in place of the scan";
+        let label = name_label(ui, text!("New file"));
+        let help = text!(
+            "All points and, at the places that were seen, the ghosts of accepted mirrors are written to this file, \
+                    which is opened in place of the scan"
+        );
         let field = egui::TextEdit::singleline(output).hint_text("glint-…-put-back-1.laz").desired_width(180.0);
         ui.add(field).labelled_by(label.id).on_hover_text(help);
     });
     let is_able = session.loaded.ghosts.under_way.is_none()
         && (0..seen.decisions.len()).any(|mirror| is_accepted(seen, mirror, &session.scene.objects));
-    let button = ui.add_enabled(is_able, egui::Button::new("Put back"));
-    if button.on_disabled_hover_text("Accept a mirror first").clicked() {
+    let button = ui.add_enabled(is_able, egui::Button::new(text!("Put back")));
+    if button.on_disabled_hover_text(text!("Accept a mirror first")).clicked() {
         actions.push(Action::Ghosts(Ghosting::PutBack));
     }
 }

@@ -3,6 +3,7 @@
 
 use egui::{Key, RichText};
 
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::requests::action::{Action, Filing};
@@ -20,26 +21,29 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
 
 fn unsaved(context: &egui::Context, session: &Session, leaving: &Leaving, actions: &mut Vec<Action>) {
     let before = match leaving {
-        Leaving::Quit => "before glint ends",
-        Leaving::Open(_) | Leaving::Restore => "before it makes room for another",
-        Leaving::Close(_) => "before its last cloud is closed",
+        Leaving::Quit => text!("before glint ends"),
+        Leaving::Open(_) | Leaving::Restore => text!("before it makes room for another"),
+        Leaving::Close(_) => text!("before its last cloud is closed"),
     };
     egui::Modal::new(egui::Id::unique("unsaved")).show(context, |ui| {
         ui.set_max_width(420.0);
-        ui.heading("Save the scene?");
+        ui.heading(text!("Save the scene?"));
         let name = session.document.place.as_ref().map(|place| place.display().to_string());
-        let name = name.as_deref().map_or("This scene, which has no file yet,", short_name);
-        ui.label(format!("{name} has changes that are not saved. Save them {before}?"));
+        let name = name.as_deref().map_or(text!("This scene, which has no file yet,"), short_name);
+        ui.label(text!("{name} has changes that are not saved. Save them {before}?", name, before));
         ui.add_space(8.0);
         ui.horizontal(|ui| {
-            let save = ui.button("Save");
+            let save = ui.button(text!("Save"));
             if ui.memory(|memory| memory.focused().is_none()) {
                 save.request_focus();
             }
             let answers = [
                 (save.clicked(), Filing::SaveAndLeave),
-                (ui.button("Discard").on_hover_text("The changes are lost").clicked(), Filing::Discard),
-                (ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)), Filing::Stay),
+                (ui.button(text!("Discard")).on_hover_text(text!("The changes are lost")).clicked(), Filing::Discard),
+                (
+                    ui.button(text!("Cancel")).clicked() || ui.input(|input| input.key_pressed(Key::Escape)),
+                    Filing::Stay,
+                ),
             ];
             let given = answers.into_iter().find(|(is_given, _)| *is_given);
             actions.extend(given.map(|(_, answer)| Action::File(answer)));
@@ -59,20 +63,25 @@ fn left(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     if has_question {
         return;
     }
-    let window = egui::Window::new("Unsaved work").collapsible(false).resizable(false);
+    let window = egui::Window::new(text!("Unsaved work")).collapsible(false).resizable(false);
     window.anchor(egui::Align2::CENTER_TOP, [0.0, 60.0]).show(context, |ui| {
         ui.set_width(400.0);
-        ui.label(format!("glint ended {} before its work on {} was saved.", abandoned.age(), abandoned.name()));
+        ui.label(text!(
+            "glint ended {age} before its work on {abandoned} was saved.",
+            age = abandoned.age(),
+            abandoned = abandoned.name()
+        ));
         let more = session.document.abandoned.len() - 1;
         if more > 0 {
-            let left = if more == 1 { "One more is left.".to_owned() } else { format!("{more} more are left.") };
+            let left =
+                if more == 1 { text!("One more is left.").to_owned() } else { text!("{more} more are left.", more) };
             ui.label(RichText::new(left).small().color(theme::WEAK));
         }
         ui.horizontal(|ui| {
             let answers = [
-                ("Restore", "Closes what is open, and shows the work as it was", Filing::Restore),
-                ("Delete", "The work is lost", Filing::DeleteLeft),
-                ("Later", "Recent has it, and the next start asks again", Filing::Later),
+                (text!("Restore"), text!("Closes what is open, and shows the work as it was"), Filing::Restore),
+                (text!("Delete"), text!("The work is lost"), Filing::DeleteLeft),
+                (text!("Later"), text!("Recent has it, and the next start asks again"), Filing::Later),
             ];
             for (text, help, answer) in answers {
                 if ui.button(text).on_hover_text(help).clicked() {

@@ -5,6 +5,7 @@ use egui::{CollapsingHeader, RichText, Ui};
 use render::MOST_LIGHTS;
 use scene::{ExposureFit, Lighting, Object, SpotLight};
 
+use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{name_label, three};
 use crate::viewer::objects::{ObjectId, PlacedLight};
@@ -17,18 +18,22 @@ use crate::viewer::session::Session;
 const CHOICES: [(Lighting, &str, &str); 6] = [
     (
         Lighting::Auto,
-        "Auto",
-        "Lights if there are any, else the data's own colours if they are RGB, else as the surroundings suggest, with fill",
+        english!("Auto"),
+        english!(
+            "Lights if there are any, else the data's own colours if they are RGB, else as the surroundings suggest, with fill"
+        ),
     ),
     (
         Lighting::Surroundings,
-        "Surroundings",
-        "Lights if there are any, else a sun where the sky is open, else the lamp of the room that one is in, else one at the eye",
+        english!("Surroundings"),
+        english!(
+            "Lights if there are any, else a sun where the sky is open, else the lamp of the room that one is in, else one at the eye"
+        ),
     ),
-    (Lighting::Lights, "Lights", "The lights in the list below, with shadows"),
-    (Lighting::Sun, "Sun", "A sun with shadows, and an even sky"),
-    (Lighting::Headlight, "Headlight", "A lamp at the eye, without shadows"),
-    (Lighting::Colors, "Raw colours", "The data's own colours, no light"),
+    (Lighting::Lights, english!("Lights"), english!("The lights in the list below, with shadows")),
+    (Lighting::Sun, english!("Sun"), english!("A sun with shadows, and an even sky")),
+    (Lighting::Headlight, english!("Headlight"), english!("A lamp at the eye, without shadows")),
+    (Lighting::Colors, english!("Raw colours"), english!("The data's own colours, no light")),
 ];
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
@@ -38,25 +43,28 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         for (by, name, help) in CHOICES {
             let key = if by == Lighting::Colors { Action::ToggleLight } else { Action::NextLight };
             let shortcut = bindings::shortcut(&key);
-            let button = ui.selectable_label(session.scene.settings.light.by == by, name);
-            if button.on_hover_text(format!("{help} ({shortcut})")).clicked() {
+            let button = ui.selectable_label(session.scene.settings.light.by == by, translated(name));
+            if button.on_hover_text(format!("{} ({shortcut})", translated(help))).clicked() {
                 actions.push(Action::LightBy(by));
             }
         }
     });
     ui.label(RichText::new(explanation(session)).small().color(theme::WEAK));
     ui.horizontal(|ui| {
-        let help = "Stands where you are and aims at the pivot, where white reaches the screen's white (short of it by the filmic curve)";
+        let help = text!(
+            "Stands where you are and aims at the pivot, where white reaches the screen's white (short \
+            of it by the filmic curve)"
+        );
         let shortcut = bindings::shortcut(&Action::AddSpot);
-        if ui.button("Spot at the camera").on_hover_text(format!("{help} ({shortcut})")).clicked() {
+        if ui.button(text!("Spot at the camera")).on_hover_text(format!("{help} ({shortcut})")).clicked() {
             actions.push(Action::AddSpot);
         }
         if session.scene.objects.lights.is_empty() {
-            ui.label(RichText::new("No lights.").color(theme::WEAK));
+            ui.label(RichText::new(text!("No lights.")).color(theme::WEAK));
         }
     });
     let name = |(index, placed): (usize, &PlacedLight)| {
-        let unlit = if index < MOST_LIGHTS { "" } else { " (does not shine)" };
+        let unlit = if index < MOST_LIGHTS { "" } else { text!(" (does not shine)") };
         (placed.id, format!("{}{unlit}", placed.name))
     };
     object_list(ui, session, session.scene.objects.lights.iter().enumerate().map(name).collect(), actions);
@@ -72,29 +80,37 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         parameter(ui, &settings.light, "headlight", actions);
     }
     if lighting == Lighting::Sun {
-        part(ui, "Sun and sky", true, |ui| parameters(ui, &settings.sun, &[], actions));
+        part(ui, text!("Sun and sky"), true, |ui| parameters(ui, &settings.sun, &[], actions));
     }
     if matches!(lighting, Lighting::Sun | Lighting::Lights) {
-        part(ui, "Indirect light", false, |ui| parameters(ui, &settings.gi, &[], actions));
-        part(ui, "Shadows and highlights", false, |ui| {
+        part(ui, text!("Indirect light"), false, |ui| parameters(ui, &settings.gi, &[], actions));
+        part(ui, text!("Shadows and highlights"), false, |ui| {
             parameters(ui, &settings.light, &["by", "show", "headlight"], actions);
         });
     }
     if lighting != Lighting::Colors {
-        part(ui, "Tone", false, |ui| {
+        part(ui, text!("Tone"), false, |ui| {
             parameters(ui, &settings.tone, &[], actions);
             exposure(ui, session, actions);
         });
     }
-    part(ui, "Eye-dome lighting", false, |ui| parameters(ui, &settings.edl, &[], actions));
+    part(ui, text!("Eye-dome lighting"), false, |ui| parameters(ui, &settings.edl, &[], actions));
 }
 
 /// Shows the exposure that was fitted to the picture, which can be locked.
 fn exposure(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(fitted) = session.frames.shown.as_ref().and_then(|shown| shown.stats.exposure) else { return };
     ui.horizontal(|ui| {
-        ui.label(RichText::new(format!("Fitted: {:+.2} stops", fitted.stops)).small().color(theme::WEAK));
-        if ui.small_button("Lock").on_hover_text("The exposure stays as it is now, whatever is seen").clicked() {
+        ui.label(
+            RichText::new(text!("Fitted: {stops} stops", stops = format_args!("{:+.2}", fitted.stops)))
+                .small()
+                .color(theme::WEAK),
+        );
+        if ui
+            .small_button(text!("Lock"))
+            .on_hover_text(text!("The exposure stays as it is now, whatever is seen"))
+            .clicked()
+        {
             let mut settings = session.scene.settings.clone();
             (settings.tone.fit, settings.tone.exposure) = (ExposureFit::Locked, fitted.stops.clamp(-10.0, 10.0));
             actions.push(Action::ChangeSettings(Box::new(settings)));
@@ -108,22 +124,22 @@ fn explanation(session: &Session) -> &'static str {
     let is_auto = matches!(by, Lighting::Auto | Lighting::Surroundings);
     let lights = &session.scene.objects.lights;
     match session.loaded.lighting(&session.scene) {
-        Lighting::Lights if lights.is_empty() => "There is no light in the scene: it is dark.",
+        Lighting::Lights if lights.is_empty() => text!("There is no light in the scene: it is dark."),
         Lighting::Lights if is_auto && session.scene.objects.has_guess() => {
-            "A closed room without a light: a lamp is guessed."
+            text!("A closed room without a light: a lamp is guessed.")
         }
-        Lighting::Lights if is_auto => "The scene has lights.",
-        Lighting::Lights => "The lights of the scene.",
-        Lighting::Sun if is_auto => "No lights in the scene, and the sky is open.",
-        Lighting::Sun => "A sun and a sky.",
-        _ if is_auto && session.loaded.is_loading() => "A lamp at the eye until everything is read.",
+        Lighting::Lights if is_auto => text!("The scene has lights."),
+        Lighting::Lights => text!("The lights of the scene."),
+        Lighting::Sun if is_auto => text!("No lights in the scene, and the sky is open."),
+        Lighting::Sun => text!("A sun and a sky."),
+        _ if is_auto && session.loaded.is_loading() => text!("A lamp at the eye until everything is read."),
         _ if is_auto && session.scene.objects.has_guess() => {
-            "A lamp at the eye; in the room, the lamp that is guessed."
+            text!("A lamp at the eye; in the room, the lamp that is guessed.")
         }
-        Lighting::Headlight if is_auto => "No lights in the scene: a lamp at the eye.",
-        Lighting::Colors if by == Lighting::Auto => "The scan's own colours; press U for light.",
-        Lighting::Headlight | Lighting::Auto | Lighting::Surroundings => "A lamp at the eye.",
-        Lighting::Colors => "Data colours, no light.",
+        Lighting::Headlight if is_auto => text!("No lights in the scene: a lamp at the eye."),
+        Lighting::Colors if by == Lighting::Auto => text!("The scan's own colours; press U for light."),
+        Lighting::Headlight | Lighting::Auto | Lighting::Surroundings => text!("A lamp at the eye."),
+        Lighting::Colors => text!("Data colours, no light."),
     }
 }
 
@@ -135,42 +151,53 @@ fn part(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui))
 fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, actions: &mut Vec<Action>) {
     let before = light;
     let step = light.position.distance(light.target) * 0.01;
-    for (name, place) in [("Position", &mut light.position), ("Target", &mut light.target)] {
+    for (name, place) in [(text!("Position"), &mut light.position), (text!("Target"), &mut light.target)] {
         *place = three(ui, name, *place, step, "").unwrap_or(*place);
     }
     let strength = light.intensity.into_iter().fold(0.0, f32::max);
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Intensity");
+        let label = name_label(ui, text!("Intensity"));
         let mut edited = strength;
         // Editing stops above 0, where the light would lose its colour. To show a light of strength 0 does not change
         // it.
         let drag = egui::DragValue::new(&mut edited).range(1e-6..=f32::MAX).clamp_existing_to_range(false);
         let drag = drag.speed((strength * 0.01).max(1e-3));
-        let is_edited = ui.add(drag).labelled_by(label.id).on_hover_text("Radiant intensity, per steradian").changed();
+        let is_edited =
+            ui.add(drag).labelled_by(label.id).on_hover_text(text!("Radiant intensity, per steradian")).changed();
         let color = light.intensity.map(|part| if strength > 0.0 { part / strength } else { 1.0 });
         let mut picked = color;
         let button = egui::color_picker::color_edit_button_rgb(ui, &mut picked);
-        if button.on_hover_text("Its colour").changed() {
+        if button.on_hover_text(text!("Its colour")).changed() {
             light.intensity = hue(picked).unwrap_or(color).map(|part| part * strength);
         } else if is_edited {
             light.intensity = color.map(|part| part * edited);
         }
     });
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Cone");
+        let label = name_label(ui, text!("Cone"));
         let angle =
             |value| egui::DragValue::new(value).speed(0.2).suffix("°").max_decimals(3).clamp_existing_to_range(false);
         let (inner, outer) = (light.inner_degrees, light.outer_degrees);
         let inner_drag = angle(&mut light.inner_degrees).range(0.0..=outer);
-        ui.add(inner_drag).labelled_by(label.id).on_hover_text("From the axis: as bright as it gets up to here");
+        ui.add(inner_drag).labelled_by(label.id).on_hover_text(text!("From the axis: as bright as it gets up to here"));
         let outer_drag = angle(&mut light.outer_degrees).range(inner.max(0.1)..=SpotLight::WIDEST_DEGREES);
-        ui.add(outer_drag).on_hover_text("From the axis: dark from here on").accessible_name("Angle of the outer cone");
+        ui.add(outer_drag)
+            .on_hover_text(text!("From the axis: dark from here on"))
+            .accessible_name(text!("Angle of the outer cone"));
     });
     ui.horizontal(|ui| {
-        if ui.button("Move to camera").on_hover_text("It stands where you are and aims at the pivot").clicked() {
+        if ui
+            .button(text!("Move to camera"))
+            .on_hover_text(text!("It stands where you are and aims at the pivot"))
+            .clicked()
+        {
             (light.position, light.target) = (session.scene.camera.eye, session.scene.camera.pivot);
         }
-        if ui.button("Look from it").on_hover_text("You stand where it is and look at its target").clicked() {
+        if ui
+            .button(text!("Look from it"))
+            .on_hover_text(text!("You stand where it is and look at its target"))
+            .clicked()
+        {
             actions.push(Action::LookAlong { eye: light.position, pivot: light.target });
         }
     });

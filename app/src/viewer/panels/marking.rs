@@ -4,6 +4,7 @@ use cloud::Scalar;
 use egui::{RichText, Ui};
 use scene::PointChoice;
 
+use crate::shared::language::{text, translated};
 use crate::viewer::loaded::streams;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
@@ -19,7 +20,7 @@ use crate::viewer::session::Session;
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     existing(ui, session, actions);
     if session.loaded.clouds.is_empty() {
-        ui.label(RichText::new("Open a cloud to turn some of its points into a mirror.").color(theme::WEAK));
+        ui.label(RichText::new(text!("Open a cloud to turn some of its points into a mirror.")).color(theme::WEAK));
         return;
     }
     let radius = session.bounds().radius();
@@ -36,7 +37,12 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         _ => known,
     }
     .unwrap_or(session.loaded.clouds[0].key);
-    choice(ui, "Cloud", &mut key, session.loaded.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())));
+    choice(
+        ui,
+        text!("Cloud"),
+        &mut key,
+        session.loaded.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())),
+    );
     draft.cloud = Some(key);
     let Some(entry) = session.loaded.cloud(key) else { return };
     if entry.streamed.is_some() {
@@ -54,26 +60,37 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft, actions: &mut Vec<Action>) {
     let radius = session.bounds().radius();
     let picked = session.tools.pick.as_ref().map(|pick| pick.world);
-    choice(ui, "Points", &mut draft.way, WAYS.into_iter());
+    choice(ui, text!("Points"), &mut draft.way, WAYS.into_iter().map(|(way, name)| (way, translated(name))));
     which_points(ui, draft, entry, radius, picked.is_some());
-    choice(ui, "Normals", &mut draft.normals, NORMALS_WAYS.into_iter().map(|(way, name, _)| (way, name)))
-        .on_hover_text(NORMALS_WAYS.iter().find(|(way, ..)| *way == draft.normals).map_or("", |(.., help)| *help));
+    choice(
+        ui,
+        text!("Normals"),
+        &mut draft.normals,
+        NORMALS_WAYS.into_iter().map(|(way, name, _)| (way, translated(name))),
+    )
+    .on_hover_text(
+        NORMALS_WAYS.iter().find(|(way, ..)| *way == draft.normals).map_or("", |(.., help)| translated(help)),
+    );
     match draft.normals {
-        NormalsWay::Smooth => length(ui, "Radius", &mut draft.radius, radius * 0.2),
+        NormalsWay::Smooth => length(ui, text!("Radius"), &mut draft.radius, radius * 0.2),
         NormalsWay::Fit => {
-            slider(ui, "Neighbours", egui::Slider::new(&mut draft.neighbours, 3..=64));
+            slider(ui, text!("Neighbours"), egui::Slider::new(&mut draft.neighbours, 3..=64));
         }
         NormalsWay::Own | NormalsWay::Flatten => {}
     }
-    slider(ui, "Intensity", egui::Slider::new(&mut draft.specular_intensity, 0.0..=1.0));
-    slider(ui, "Specular power", egui::Slider::new(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true))
-        .on_hover_text("Sharpness of the highlights that they show of lights; 0: none");
+    slider(ui, text!("Intensity"), egui::Slider::new(&mut draft.specular_intensity, 0.0..=1.0));
+    slider(
+        ui,
+        text!("Specular power"),
+        egui::Slider::new(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true),
+    )
+    .on_hover_text(text!("Sharpness of the highlights that they show of lights; 0: none"));
     if draft.specular_power > 0.0 {
         ui.horizontal(|ui| {
-            let label = name_label(ui, "Highlights only");
+            let label = name_label(ui, text!("Highlights only"));
             ui.checkbox(&mut draft.gloss, "")
                 .labelled_by(label.id)
-                .on_hover_text("The points shine by this power, and reflect nothing sharply");
+                .on_hover_text(text!("The points shine by this power, and reflect nothing sharply"));
         });
     }
     if !(draft.gloss && draft.specular_power > 0.0) {
@@ -89,24 +106,24 @@ fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft,
     let mut is_possible = false;
     match (&wanted, &count) {
         (None, _) => {
-            ui.label(RichText::new("Pick a point first, or choose an attribute.").color(theme::WEAK));
+            ui.label(RichText::new(text!("Pick a point first, or choose an attribute.")).color(theme::WEAK));
         }
         (Some(_), Some(Ok(count))) => {
             is_possible = *count > 0;
-            ui.label(format!("{} of {} points", grouped(*count), grouped(entry.points)));
+            ui.label(text!("{count} of {points} points", count = grouped(*count), points = grouped(entry.points)));
         }
         (Some(_), Some(Err(error))) => {
             ui.colored_label(theme::ERROR, error);
         }
         (Some(wanted), None) => {
-            ui.label(RichText::new("counting").color(theme::WEAK));
+            ui.label(RichText::new(text!("counting")).color(theme::WEAK));
             if !draft.is_counting {
                 draft.is_counting = true;
                 actions.push(Action::CountPoints(entry.key, Box::new(wanted.clone())));
             }
         }
     }
-    let button = ui.add_enabled(is_possible, egui::Button::new("Turn into a mirror"));
+    let button = ui.add_enabled(is_possible, egui::Button::new(text!("Turn into a mirror")));
     if let (true, Some(points)) = (button.clicked(), wanted) {
         actions.push(Action::Mark(Box::new(Marking { key: entry.key, points })));
     }
@@ -123,15 +140,15 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
             }
             let names: Vec<(u8, String)> =
                 classes.iter().map(|(class, _)| (*class, format!("{class} {}", render::class_name(*class)))).collect();
-            choice(ui, "Class", &mut draft.class, names.iter().map(|(class, name)| (*class, name.as_str())));
+            choice(ui, text!("Class"), &mut draft.class, names.iter().map(|(class, name)| (*class, name.as_str())));
             if classes.is_empty() {
-                ui.label(RichText::new("This cloud has no classes.").small().color(theme::WEAK));
+                ui.label(RichText::new(text!("This cloud has no classes.")).small().color(theme::WEAK));
             }
         }
         Way::Box => {
-            length(ui, "Edge", &mut draft.edge, scene_radius * 2.0);
+            length(ui, text!("Edge"), &mut draft.edge, scene_radius * 2.0);
             if !has_pick {
-                ui.label(RichText::new("Click on a point: the box is around it.").small().color(theme::WEAK));
+                ui.label(RichText::new(text!("Click on a point: the box is around it.")).small().color(theme::WEAK));
             }
         }
         Way::Attribute => {
@@ -141,7 +158,7 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
                 draft.attribute = attributes.first().map_or(String::new(), |attribute| attribute.name.clone());
             }
             let mut index = attributes.iter().position(|attribute| attribute.name == draft.attribute).unwrap_or(0);
-            choice(ui, "Attribute", &mut index, attributes.iter().map(|a| a.name.as_str()).enumerate());
+            choice(ui, text!("Attribute"), &mut index, attributes.iter().map(|a| a.name.as_str()).enumerate());
             draft.attribute = attributes.get(index).map_or(String::new(), |attribute| attribute.name.clone());
             if draft.attribute != before
                 && let Some((low, high)) = cloud::percentile_range(&entry.cloud.chunks, Scalar::Column(index), 0.0, 1.0)
@@ -149,7 +166,7 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
                 (draft.low, draft.high) = (low, high);
             }
             ui.horizontal(|ui| {
-                let label = name_label(ui, "From, to");
+                let label = name_label(ui, text!("From, to"));
                 let speed = ((draft.high - draft.low).abs() * 0.005).max(1e-6);
                 ui.add(egui::DragValue::new(&mut draft.low).speed(speed)).labelled_by(label.id);
                 ui.add(egui::DragValue::new(&mut draft.high).speed(speed)).labelled_by(label.id);
@@ -165,14 +182,14 @@ fn existing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         ui.horizontal(|ui| {
             let points = &marking.points;
             let what = match &points.points {
-                PointChoice::All => "all".into(),
-                PointChoice::Class(class) => format!("class {class}"),
-                PointChoice::Box { .. } => "a box".into(),
-                PointChoice::Attribute { name, low, high } => format!("{name} {low} to {high}"),
+                PointChoice::All => text!("all").into(),
+                PointChoice::Class(class) => text!("class {class}", class),
+                PointChoice::Box { .. } => text!("a box").into(),
+                PointChoice::Attribute { name, low, high } => text!("{name} {low} to {high}", name, low, high),
             };
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                let button = ui.small_button("×").on_hover_text("These points are no mirror any more");
-                if button.accessible_name(format!("End {what} of {}", entry.cloud.name)).clicked() {
+                let button = ui.small_button("×").on_hover_text(text!("These points are no mirror any more"));
+                if button.accessible_name(text!("End {what} of {cloud}", what, cloud = entry.cloud.name)).clicked() {
                     actions.push(Action::Unmark(Box::new(marking.clone())));
                 }
                 ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
@@ -185,8 +202,8 @@ fn existing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         let Some((_, progress)) = &entry.marking else { continue };
         ui.horizontal(|ui| {
             let share = progress.done() as f32 / progress.total().max(1) as f32;
-            ui.add(egui::ProgressBar::new(share).text("normals").desired_width(150.0).desired_height(14.0));
-            if ui.small_button("Stop").clicked() {
+            ui.add(egui::ProgressBar::new(share).text(text!("normals")).desired_width(150.0).desired_height(14.0));
+            if ui.small_button(text!("Stop")).clicked() {
                 actions.push(Action::StopMarking(entry.key));
             }
         });

@@ -3,6 +3,7 @@
 use egui::{RichText, Ui};
 use scene::{Measurement, MeasurementKind, Note, Object};
 
+use crate::shared::language::{text, translated};
 use crate::shared::measuring::Figure;
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{eye, name_label};
@@ -17,20 +18,21 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         measure_menu(ui, &mut push);
         let shortcut = bindings::shortcut(&Action::Measuring(Measuring::BeginNote));
-        let note = ui.button("Add note").on_hover_text(format!("The next click places a note ({shortcut})"));
+        let note =
+            ui.button(text!("Add note")).on_hover_text(text!("The next click places a note ({shortcut})", shortcut));
         if note.clicked() {
             push(Measuring::BeginNote);
         }
         let has_any = !session.scene.objects.measurements.is_empty();
-        let copy = ui.add_enabled(has_any, egui::Button::new("Copy all"));
-        if copy.on_hover_text("Copies all values as a table").clicked() {
+        let copy = ui.add_enabled(has_any, egui::Button::new(text!("Copy all")));
+        if copy.on_hover_text(text!("Copies all values as a table")).clicked() {
             push(Measuring::CopyAll);
         }
     });
     placing(ui, session, actions);
     let objects = &session.scene.objects;
     if objects.measurements.is_empty() && objects.notes.is_empty() {
-        ui.label(RichText::new("Nothing is measured or noted.").color(theme::WEAK));
+        ui.label(RichText::new(text!("Nothing is measured or noted.")).color(theme::WEAK));
     }
     for placed in &objects.measurements {
         let row = ui.push_id(placed.id.0, |ui| ui.vertical(|ui| measurement_row(ui, session, placed, actions)));
@@ -42,7 +44,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     if objects.notes.len() > 1 {
         ui.horizontal(|ui| {
-            for (text, step) in [("Previous note", -1), ("Next note", 1)] {
+            for (text, step) in [(text!("Previous note"), -1), (text!("Next note"), 1)] {
                 let action = Action::Measuring(Measuring::StepNote(step));
                 let button = ui.small_button(text).on_hover_text(bindings::shortcut(&action));
                 actions.extend(button.clicked().then_some(action));
@@ -52,10 +54,10 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 }
 
 fn measure_menu(ui: &mut Ui, push: &mut impl FnMut(Measuring)) {
-    ui.menu_button("Measure", |ui| {
+    ui.menu_button(text!("Measure"), |ui| {
         for kind in MeasurementKind::ALL {
             let shortcut = bindings::shortcut(&Action::Measuring(Measuring::Begin(kind)));
-            if ui.button(format!("{} ({shortcut})", kind.name())).on_hover_text(help(kind)).clicked() {
+            if ui.button(format!("{} ({shortcut})", translated(kind.name()))).on_hover_text(help(kind)).clicked() {
                 push(Measuring::Begin(kind));
             }
         }
@@ -64,16 +66,16 @@ fn measure_menu(ui: &mut Ui, push: &mut impl FnMut(Measuring)) {
 
 fn help(kind: MeasurementKind) -> &'static str {
     match kind {
-        MeasurementKind::Point => "The coordinates of a point, and spacing and noise around it",
-        MeasurementKind::Distance => "From one point to another, with its horizontal and vertical parts",
-        MeasurementKind::Polyline => "The length of a line through points",
-        MeasurementKind::Height => "How much higher the second point is than the first",
-        MeasurementKind::Angle => "The angle at the second of three points",
-        MeasurementKind::Area => "The area of a polygon",
-        MeasurementKind::Plane => "The plane through the points around one or more clicks",
-        MeasurementKind::Circle => "The circle through three or more points",
-        MeasurementKind::Cylinder => "The cylinder through the points around one or more clicks",
-        MeasurementKind::Volume => "Between the points over a polygon and the plane through its corners",
+        MeasurementKind::Point => text!("The coordinates of a point, and spacing and noise around it"),
+        MeasurementKind::Distance => text!("From one point to another, with its horizontal and vertical parts"),
+        MeasurementKind::Polyline => text!("The length of a line through points"),
+        MeasurementKind::Height => text!("How much higher the second point is than the first"),
+        MeasurementKind::Angle => text!("The angle at the second of three points"),
+        MeasurementKind::Area => text!("The area of a polygon"),
+        MeasurementKind::Plane => text!("The plane through the points around one or more clicks"),
+        MeasurementKind::Circle => text!("The circle through three or more points"),
+        MeasurementKind::Cylinder => text!("The cylinder through the points around one or more clicks"),
+        MeasurementKind::Volume => text!("Between the points over a polygon and the plane through its corners"),
     }
 }
 
@@ -82,16 +84,18 @@ fn placing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(placing) = &session.tools.measurements.placing else { return };
     ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
     if let Some(figure) = placing.live(session.scene.hovered(), session.up()).first() {
-        ui.label(RichText::new(format!("{}  {}", figure.name, figure.text(&units(&session.loaded)))).monospace());
+        ui.label(
+            RichText::new(format!("{}  {}", translated(figure.name), figure.text(&units(&session.loaded)))).monospace(),
+        );
     }
     ui.horizontal_wrapped(|ui| {
         let mut button = |text: &str, action: Action| {
             let shortcut = bindings::shortcut(&action);
             actions.extend(ui.small_button(format!("{text} ({shortcut})")).clicked().then_some(action));
         };
-        button("End", Action::Measuring(Measuring::End));
-        button("Back", Action::Measuring(Measuring::RemoveCorner));
-        button("Cancel", Action::EndTool);
+        button(text!("End"), Action::Measuring(Measuring::End));
+        button(text!("Back"), Action::Measuring(Measuring::RemoveCorner));
+        button(text!("Cancel"), Action::EndTool);
     });
 }
 
@@ -111,9 +115,8 @@ fn show_selected(row: &egui::Response, session: &Session, id: ObjectId) {
 }
 
 /// A button at the right end of a row.
-fn row_button(ui: &mut Ui, text: &str, help: &str, name: &str) -> bool {
-    let button = ui.small_button(text).on_hover_text(format!("{help} {name}"));
-    button.accessible_name(format!("{help} {name}")).clicked()
+fn row_button(ui: &mut Ui, text: &str, help: &str) -> bool {
+    ui.small_button(text).on_hover_text(help).accessible_name(help).clicked()
 }
 
 /// The first line of a row: the eye switches it, a click on the name selects it.
@@ -130,13 +133,13 @@ fn row(
             actions.push(Action::ChangeObject(id, Box::new(switched)));
         }
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            if row_button(ui, "×", "Delete", name) {
+            if row_button(ui, "×", &text!("Delete {name}", name)) {
                 actions.extend([Action::Select(Some(id)), Action::Delete]);
             }
-            if row_button(ui, "Copy", "Copy", name) {
+            if row_button(ui, text!("Copy"), &text!("Copy {name}", name)) {
                 actions.push(Action::Copy(copied));
             }
-            if row_button(ui, "Go", "Fly to", name) {
+            if row_button(ui, text!("Go"), &text!("Fly to {name}", name)) {
                 actions.push(Action::Measuring(Measuring::FlyTo(id)));
             }
             ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
@@ -153,7 +156,7 @@ fn row(
 fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, actions: &mut Vec<Action>) {
     let PlacedMeasurement { id, measurement } = placed;
     let (figures, units) = (session.tools.measurements.figures(*id), units(&session.loaded));
-    let told = |figure: &Figure| format!("{}  {}", figure.name, figure.text(&units));
+    let told = |figure: &Figure| format!("{}  {}", translated(figure.name), figure.text(&units));
     let all = |figures: &Vec<Figure>| figures.iter().map(told).collect::<Vec<_>>().join("\n");
     let copied = figures.and_then(|figures| figures.as_ref().ok()).map(all).unwrap_or_default();
     let switched = Object::Measurement(Measurement { on: !measurement.on, ..measurement.clone() });
@@ -161,7 +164,7 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
     row(ui, session, head, switched, format!("{}\n{copied}\n", measurement.name), actions);
     let is_selected = session.scene.selected == Some(*id);
     match figures {
-        None => drop(ui.label(RichText::new("measuring").color(theme::WEAK))),
+        None => drop(ui.label(RichText::new(text!("measuring")).color(theme::WEAK))),
         Some(Err(problem)) => drop(ui.colored_label(theme::ERROR, problem)),
         Some(Ok(figures)) => {
             let shown = if is_selected { figures.len() } else { Figure::main_ones(measurement.kind) };
@@ -174,11 +177,11 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
                 }
             });
             if lacks_certainty(measurement.kind, figures) {
-                let text = "± unknown: the points shown around its corners are no surface";
-                ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(
+                let text = text!("± unknown: the points shown around its corners are no surface");
+                ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(text!(
                     "How certain a value is follows from the points that are shown around its corners. Clips, filters \
-                     and hidden classes may hide them.",
-                );
+                     and hidden classes may hide them."
+                ));
             }
         }
     }
@@ -197,13 +200,13 @@ fn lacks_certainty(kind: MeasurementKind, figures: &[Figure]) -> bool {
 fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Measurement, actions: &mut Vec<Action>) {
     let mut measurement = before.clone();
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Name");
+        let label = name_label(ui, text!("Name"));
         ui.add(egui::TextEdit::singleline(&mut measurement.name).desired_width(130.0)).labelled_by(label.id);
         color(ui, &mut measurement.color);
     });
     if let Some(reach) = &mut measurement.reach {
         ui.horizontal(|ui| {
-            let label = name_label(ui, "Reach");
+            let label = name_label(ui, text!("Reach"));
             let drag = egui::DragValue::new(reach).speed(before.reach.unwrap_or(1.0) * 0.01).range(1e-9..=1e9);
             ui.add(drag).labelled_by(label.id);
         });
@@ -212,7 +215,7 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Measurement, a
         level(ui, &mut measurement, session);
     }
     if session.loaded.clouds.iter().any(|entry| entry.streamed.is_some()) {
-        let text = "Of the points that are loaded; `glint measure` takes all of a streamed cloud.";
+        let text = text!("Of the points that are loaded; `glint measure` takes all of a streamed cloud.");
         ui.label(RichText::new(text).small().color(theme::WEAK));
     }
     if measurement != *before {
@@ -223,14 +226,14 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Measurement, a
 /// The plane of a volume: through its corners, or level at a height.
 fn level(ui: &mut Ui, measurement: &mut Measurement, session: &Session) {
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Plane");
+        let label = name_label(ui, text!("Plane"));
         let mut is_level = measurement.level.is_some();
-        if ui.checkbox(&mut is_level, "level at").labelled_by(label.id).changed() {
+        if ui.checkbox(&mut is_level, text!("level at")).labelled_by(label.id).changed() {
             let heights = measurement.points.iter().map(|point| point.dot(session.up()));
             measurement.level = is_level.then(|| heights.fold(f64::INFINITY, f64::min));
         }
         if let Some(level) = &mut measurement.level {
-            ui.add(egui::DragValue::new(level).speed(0.01)).accessible_name("Height of the plane");
+            ui.add(egui::DragValue::new(level).speed(0.01)).accessible_name(text!("Height of the plane"));
         }
     });
 }
@@ -238,7 +241,7 @@ fn level(ui: &mut Ui, measurement: &mut Measurement, session: &Session) {
 /// A button for a colour.
 fn color(ui: &mut Ui, color: &mut [f32; 3]) {
     let mut bytes = color.map(|share| (share * 255.0).round() as u8);
-    if ui.color_edit_button_srgb(&mut bytes).accessible_name("Colour").changed() {
+    if ui.color_edit_button_srgb(&mut bytes).accessible_name(text!("Colour")).changed() {
         *color = bytes.map(|byte| f32::from(byte) / 255.0);
     }
 }
@@ -252,7 +255,7 @@ fn note_row(ui: &mut Ui, session: &Session, PlacedNote { id, note }: &PlacedNote
     }
     let mut changed = note.clone();
     let edit = egui::TextEdit::multiline(&mut changed.text).desired_rows(3).desired_width(f32::INFINITY);
-    let edit = ui.add(edit.hint_text("What is there to see?")).accessible_name("Text of the note");
+    let edit = ui.add(edit.hint_text(text!("What is there to see?"))).accessible_name(text!("Text of the note"));
     // A new note takes the keyboard once: one whose text was undone leaves it to the shortcuts.
     let place = egui::Id::unique("the note that took the keyboard last");
     let has_had = ui.data(|data| data.get_temp::<ObjectId>(place)) == Some(*id);
@@ -262,7 +265,11 @@ fn note_row(ui: &mut Ui, session: &Session, PlacedNote { id, note }: &PlacedNote
     }
     ui.horizontal(|ui| {
         color(ui, &mut changed.color);
-        if ui.small_button("This view").on_hover_text("The note keeps the view that is shown now").clicked() {
+        if ui
+            .small_button(text!("This view"))
+            .on_hover_text(text!("The note keeps the view that is shown now"))
+            .clicked()
+        {
             changed.camera = Some(session.scene.camera);
         }
     });

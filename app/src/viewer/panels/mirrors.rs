@@ -4,6 +4,7 @@ use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
 use scene::{METHODS, Method, Mirror, MirrorSurface, Object, REFRACTION, Shape};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{choice, name_label, slider, three};
 use crate::viewer::objects::ObjectId;
@@ -17,16 +18,16 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         add_menu(ui, actions);
         let is_held = session.tools.inspection.is_some();
-        let inspect = ui.selectable_label(is_held, "Inspect").on_hover_text(format!(
-            "A mirror that follows the cursor and shows what faces away ({})",
-            bindings::shortcut(&Action::Inspect)
+        let inspect = ui.selectable_label(is_held, text!("Inspect")).on_hover_text(text!(
+            "A mirror that follows the cursor and shows what faces away ({shortcut})",
+            shortcut = bindings::shortcut(&Action::Inspect)
         ));
         if inspect.clicked() {
             actions.push(Action::Inspect);
         }
-        let save = ui.button("Save scene").on_hover_text(format!(
-            "Clouds, camera, parameters and mirrors as a file ({})",
-            bindings::shortcut(&Action::File(Filing::Save))
+        let save = ui.button(text!("Save scene")).on_hover_text(text!(
+            "Clouds, camera, parameters and mirrors as a file ({shortcut})",
+            shortcut = bindings::shortcut(&Action::File(Filing::Save))
         ));
         if save.clicked() {
             actions.push(Action::File(Filing::Save));
@@ -41,24 +42,25 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         ui.push_id(id.0, |ui| numbers(ui, session, id, mirror, actions));
     }
     ui.add_space(4.0);
-    egui::CollapsingHeader::new("Turn points into a mirror")
+    egui::CollapsingHeader::new(text!("Turn points into a mirror"))
         .id_salt("marking")
         .show_unindented(ui, |ui| marking::show(ui, session, actions));
 }
 
 fn add_menu(ui: &mut Ui, actions: &mut Vec<Action>) {
-    ui.menu_button("Add", |ui| {
+    ui.menu_button(text!("Add"), |ui| {
         for shape in Shape::WITH_FORMULA {
-            let help = "At the picked point, or at the pivot";
-            if ui.button(capitalized(shape.name())).on_hover_text(help).clicked() {
+            let help = text!("At the picked point, or at the pivot");
+            if ui.button(capitalized(translated(shape.name()))).on_hover_text(help).clicked() {
                 actions.push(Action::AddMirror(shape));
             }
         }
         ui.separator();
-        if ui.button("Mesh file…").on_hover_text("The faces of a PLY file as a mirror").clicked() {
+        if ui.button(text!("Mesh file…")).on_hover_text(text!("The faces of a PLY file as a mirror")).clicked() {
             actions.push(Action::ChangePrompt(Box::new(PathPrompt::for_mesh())));
         }
-        if ui.button("Cloud file…").on_hover_text("Opens a cloud whose points are the mirror").clicked() {
+        if ui.button(text!("Cloud file…")).on_hover_text(text!("Opens a cloud whose points are the mirror")).clicked()
+        {
             actions.push(Action::ChangePrompt(Box::new(PathPrompt::for_mirror_points())));
         }
     });
@@ -71,17 +73,17 @@ fn capitalized(name: &str) -> String {
 fn inspection(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(before) = session.tools.inspection.as_ref().map(|held| held.pose) else { return };
     let mut pose = before;
-    ui.label(RichText::new("Click pins it, Esc takes it away.").small().color(theme::WEAK));
-    slider(ui, "Distance", egui::Slider::new(&mut pose.distance, 0.005..=0.9).logarithmic(true))
-        .on_hover_text("From the surface, as a share of the way to the eye");
+    ui.label(RichText::new(text!("Click pins it, Esc takes it away.")).small().color(theme::WEAK));
+    slider(ui, text!("Distance"), egui::Slider::new(&mut pose.distance, 0.005..=0.9).logarithmic(true))
+        .on_hover_text(text!("From the surface, as a share of the way to the eye"));
     let mut tilt = pose.tilt.to_degrees();
-    if slider(ui, "Tilt", egui::Slider::new(&mut tilt, -170.0..=170.0).suffix("°")).changed() {
+    if slider(ui, text!("Tilt"), egui::Slider::new(&mut tilt, -170.0..=170.0).suffix("°")).changed() {
         pose.tilt = tilt.to_radians();
     }
-    slider(ui, "Size", egui::Slider::new(&mut pose.size, 0.01..=0.5).logarithmic(true))
-        .on_hover_text("Half its width, as a share of the way to the eye");
+    slider(ui, text!("Size"), egui::Slider::new(&mut pose.size, 0.01..=0.5).logarithmic(true))
+        .on_hover_text(text!("Half its width, as a share of the way to the eye"));
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Bulged");
+        let label = name_label(ui, text!("Bulged"));
         ui.checkbox(&mut pose.is_bulged, "").labelled_by(label.id);
     });
     ui.separator();
@@ -92,7 +94,7 @@ fn inspection(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 fn list(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if session.scene.objects.mirrors.is_empty() {
-        ui.label(RichText::new("No mirrors.").color(theme::WEAK));
+        ui.label(RichText::new(text!("No mirrors.")).color(theme::WEAK));
     }
     let mirrors = session.scene.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone()));
     object_list(ui, session, mirrors.collect(), actions);
@@ -104,11 +106,11 @@ pub fn object_list(ui: &mut Ui, session: &Session, objects: Vec<(ObjectId, Strin
         ui.push_id(id.0, |ui| {
             ui.horizontal(|ui| {
                 ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                    let delete = ui.small_button("×").on_hover_text("Delete");
-                    if delete.accessible_name(format!("Delete {name}")).clicked() {
+                    let delete = ui.small_button("×").on_hover_text(text!("Delete"));
+                    if delete.accessible_name(text!("Delete {name}", name)).clicked() {
                         actions.extend([Action::Select(Some(id)), Action::Delete]);
                     }
-                    if ui.small_button("Copy").accessible_name(format!("Copy {name}")).clicked() {
+                    if ui.small_button(text!("Copy")).accessible_name(text!("Copy {name}", name)).clicked() {
                         actions.extend([Action::Select(Some(id)), Action::Duplicate]);
                     }
                     ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
@@ -128,68 +130,76 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
     let before = mirror.clone();
     let step = mirror.size * 0.01;
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Name");
+        let label = name_label(ui, text!("Name"));
         let edit = egui::TextEdit::singleline(&mut mirror.name).desired_width(150.0);
         let response = ui.add(edit).labelled_by(label.id);
         if response.lost_focus() {
             mirror.name = session.scene.objects.free_name(&mirror.name, Some(id));
         }
     });
-    if let Some(position) = three(ui, "Position", mirror.position, step, "") {
+    if let Some(position) = three(ui, text!("Position"), mirror.position, step, "") {
         mirror.position = position;
     }
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Size");
+        let label = name_label(ui, text!("Size"));
         let drag =
             egui::DragValue::new(&mut mirror.size).speed(step).range(f64::MIN_POSITIVE..=f64::MAX).max_decimals(6);
         ui.add(drag).labelled_by(label.id);
     });
     let angles = remembered_angles(ui, mirror.rotation, session.up());
-    if let Some(angles) = three(ui, "Yaw pitch roll", angles, 0.5, "°") {
+    if let Some(angles) = three(ui, text!("Yaw pitch roll"), angles, 0.5, "°") {
         mirror.rotation = from_angles(angles, session.up());
         remember_angles(ui, mirror.rotation, angles);
     }
     match &mut mirror.shape {
-        Shape::Plane { height } => drop(slider(ui, "Height", egui::Slider::new(height, 0.01..=10.0).logarithmic(true))),
+        Shape::Plane { height } => {
+            drop(slider(ui, text!("Height"), egui::Slider::new(height, 0.01..=10.0).logarithmic(true)))
+        }
         Shape::Cylinder { height } => {
-            slider(ui, "Height", egui::Slider::new(height, 0.01..=100.0).logarithmic(true));
+            slider(ui, text!("Height"), egui::Slider::new(height, 0.01..=100.0).logarithmic(true));
         }
         Shape::Paraboloid { focal_length } => {
-            slider(ui, "Focal length", egui::Slider::new(focal_length, 0.05..=50.0).logarithmic(true));
+            slider(ui, text!("Focal length"), egui::Slider::new(focal_length, 0.05..=50.0).logarithmic(true));
         }
-        Shape::Torus { tube } => drop(slider(ui, "Tube", egui::Slider::new(tube, 0.01..=0.99))),
+        Shape::Torus { tube } => drop(slider(ui, text!("Tube"), egui::Slider::new(tube, 0.01..=0.99))),
         Shape::Mesh(mesh) => {
             ui.label(RichText::new(&mesh.name).color(theme::WEAK));
             if session.scene.settings.mirror.surface == MirrorSurface::Exact {
-                let told = "Drawn as points: mirror.surface = exact needs a formula, which a mesh lacks.";
+                let told = text!("Drawn as points: mirror.surface = exact needs a formula, which a mesh lacks.");
                 ui.label(RichText::new(told).small().color(theme::WEAK));
             }
         }
         Shape::Sphere | Shape::Blob | Shape::Coral => {}
     }
-    slider(ui, "Intensity", egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
-        .on_hover_text("Share of the light that is reflected; the rest is diffuse");
-    slider(ui, "Specular power", egui::Slider::new(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true))
-        .on_hover_text("Sharpness of the highlights that it shows of lights; 0: none");
+    slider(ui, text!("Intensity"), egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
+        .on_hover_text(text!("Share of the light that is reflected; the rest is diffuse"));
+    slider(
+        ui,
+        text!("Specular power"),
+        egui::Slider::new(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true),
+    )
+    .on_hover_text(text!("Sharpness of the highlights that it shows of lights; 0: none"));
     if mirror.shape.has_formula() {
         refraction(ui, &mut mirror.refraction);
     }
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Colour");
+        let label = name_label(ui, text!("Colour"));
         egui::color_picker::color_edit_button_rgb(ui, &mut mirror.color).labelled_by(label.id);
     })
     .response
-    .on_hover_text("Of its diffuse part, and the tint of its reflections");
+    .on_hover_text(text!("Of its diffuse part, and the tint of its reflections"));
     ui.horizontal(|ui| {
-        let label = name_label(ui, "As points");
+        let label = name_label(ui, text!("As points"));
         ui.checkbox(&mut mirror.as_points, "")
             .labelled_by(label.id)
-            .on_hover_text("Drawn as points even where its formula could be");
+            .on_hover_text(text!("Drawn as points even where its formula could be"));
     });
     let methods = METHODS.iter().filter(|row| ![Method::Auto, Method::None].contains(&row.method));
     let methods = methods.map(|row| (Some(row.method), row.name));
-    choice(ui, "Method", &mut mirror.method, std::iter::once((None, "as the scene")).chain(methods))
-        .on_hover_text("What finds that which it shows; else reflection.method (reflection.own_methods turns it off)");
+    choice(ui, text!("Method"), &mut mirror.method, std::iter::once((None, text!("as the scene"))).chain(methods))
+        .on_hover_text(text!(
+            "What finds that which it shows; else reflection.method (reflection.own_methods turns it off)"
+        ));
     if mirror != before && mirror.problem().is_none() {
         actions.push(Action::ChangeObject(id, Box::new(Object::Mirror(mirror))));
     }
@@ -198,18 +208,18 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
 /// Edits whether light goes through a mirror, and how much it bends.
 pub fn refraction(ui: &mut Ui, refraction: &mut Option<f32>) {
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Glass or water");
+        let label = name_label(ui, text!("Glass or water"));
         let mut is_clear = refraction.is_some();
         ui.checkbox(&mut is_clear, "")
             .labelled_by(label.id)
-            .on_hover_text("Light goes through, as through glass and water: at a flat angle more is reflected");
+            .on_hover_text(text!("Light goes through, as through glass and water: at a flat angle more is reflected"));
         if is_clear != refraction.is_some() {
             *refraction = is_clear.then_some(GLASS);
         }
     });
     if let Some(index) = refraction {
-        slider(ui, "Refraction", egui::Slider::new(index, REFRACTION).max_decimals(3))
-            .on_hover_text("Index of refraction: water 1.33, glass 1.5");
+        slider(ui, text!("Refraction"), egui::Slider::new(index, REFRACTION).max_decimals(3))
+            .on_hover_text(text!("Index of refraction: water 1.33, glass 1.5"));
     }
 }
 

@@ -2,6 +2,7 @@
 
 use egui::{Key, Modifiers, RichText};
 
+use crate::shared::language::{self, text};
 use crate::viewer::look::theme;
 use crate::viewer::panels::commands::{Entry, entries};
 use crate::viewer::panels::side;
@@ -21,10 +22,10 @@ pub fn area(context: &egui::Context) -> Option<egui::Rect> {
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(before) = &session.palette else { return };
     let mut palette = before.clone();
-    let mut rows = found(&palette.text, entries(session));
+    let mut rows = found(&palette.text, session);
     palette.chosen = palette.chosen.min(rows.len().saturating_sub(1));
     let (mut run, mut is_open) = (None, true);
-    egui::Window::new("Command palette")
+    egui::Window::new(text!("Command palette"))
         .id(id())
         .title_bar(false)
         .resizable(false)
@@ -38,15 +39,15 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
                     palette.chosen = palette.chosen.saturating_add_signed(step).min(last);
                 }
             }
-            let field = egui::TextEdit::singleline(&mut palette.text).hint_text("Part of a name");
-            let response = ui.add(field.desired_width(f32::INFINITY)).accessible_name("Command");
+            let field = egui::TextEdit::singleline(&mut palette.text).hint_text(text!("Part of a name"));
+            let response = ui.add(field.desired_width(f32::INFINITY)).accessible_name(text!("Command"));
             if !palette.is_shown {
                 palette.is_shown = true;
                 response.request_focus();
             }
             if response.changed() {
                 // Enter may come in the same frame of the window as the last letters.
-                rows = found(&palette.text, entries(session));
+                rows = found(&palette.text, session);
                 palette.chosen = 0;
             }
             if response.lost_focus() {
@@ -56,7 +57,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
                 }
             }
             run = list(ui, &rows, palette.chosen, palette != *before).or(run.take());
-            ui.label(RichText::new("Up and Down choose, Enter does it, Esc closes").small().color(theme::WEAK));
+            ui.label(RichText::new(text!("Up and Down choose, Enter does it, Esc closes")).small().color(theme::WEAK));
         });
     if let Some(run) = run {
         actions.push(Action::ChangePalette(None));
@@ -93,7 +94,7 @@ fn list(ui: &mut egui::Ui, entries: &[Entry], chosen: usize, has_changed: bool) 
             }
         }
         if entries.is_empty() {
-            ui.label(RichText::new("No command and no parameter has these words.").color(theme::WEAK));
+            ui.label(RichText::new(text!("No command and no parameter has these words.")).color(theme::WEAK));
         }
     });
     clicked
@@ -101,7 +102,8 @@ fn list(ui: &mut egui::Ui, entries: &[Entry], chosen: usize, has_changed: bool) 
 
 /// The rows that have all words of the search: first the one whose name or key it is, then those that have its words in
 /// what is read, and then those that have them among the words that people use, or in their help.
-fn found(search: &str, entries: Vec<Entry>) -> Vec<Entry> {
+/// The names are those of the window's language and the English ones.
+fn found(search: &str, session: &Session) -> Vec<Entry> {
     let search = search.to_lowercase();
     let plain = |text: &str| text.to_lowercase().replace(['.', '_'], " ");
     let wanted = plain(search.trim());
@@ -120,7 +122,11 @@ fn found(search: &str, entries: Vec<Entry>) -> Vec<Entry> {
             () => None,
         }
     };
-    let mut found: Vec<(u8, Entry)> = entries.into_iter().filter_map(|entry| Some((rank(&entry)?, entry))).collect();
+    let english = language::in_english(|| entries(session));
+    let both = entries(session).into_iter().zip(english);
+    let ranked =
+        both.filter_map(|(entry, english)| Some((rank(&entry).into_iter().chain(rank(&english)).min()?, entry)));
+    let mut found: Vec<(u8, Entry)> = ranked.collect();
     found.sort_by_key(|(rank, _)| *rank);
     found.into_iter().map(|(_, entry)| entry).collect()
 }
@@ -166,14 +172,14 @@ mod tests {
         for binding in BINDINGS {
             let is_at_once = matches!(binding.trigger, Trigger::Key(..) | Trigger::Numpad(..));
             let is_left_out = matches!(binding.action, Action::PasteView | Action::TogglePalette);
-            let is_found = || found(binding.text, entries(&session)).iter().any(|entry| entry.action == binding.action);
+            let is_found = || found(binding.text, &session).iter().any(|entry| entry.action == binding.action);
             assert!(!is_at_once || is_left_out || is_found(), "{}", binding.text);
         }
         for params in session.scene.settings.groups() {
             for field in &params.group().fields {
                 let key = format!("{}.{}", params.group().name, field.name);
                 let action = Action::FindParameter(key.clone());
-                assert!(found(&key, entries(&session)).first().is_some_and(|entry| entry.action == action), "{key}");
+                assert!(found(&key, &session).first().is_some_and(|entry| entry.action == action), "{key}");
             }
         }
     }
@@ -220,8 +226,7 @@ mod tests {
         let mut session = Session::with_two_points();
         session.act(Action::Film(Film::Keep(None)));
         session.scene.objects.bookmarks[0].name = "North gate".into();
-        let first =
-            |text: &str| found(text, entries(&session)).into_iter().next().map(|entry| (entry.text, entry.action));
+        let first = |text: &str| found(text, &session).into_iter().next().map(|entry| (entry.text, entry.action));
         let parameter = |key: &str| Action::FindParameter(key.into());
         for (text, action) in [
             ("reflection method", parameter("reflection.method")),
@@ -232,7 +237,7 @@ mod tests {
             assert_eq!(first(text).map(|(_, action)| action), Some(action), "{text}");
         }
         let all = |text: &str| -> Vec<String> {
-            found(text, entries(&session)).into_iter().map(|entry| format!("{} {}", entry.text, entry.detail)).collect()
+            found(text, &session).into_iter().map(|entry| format!("{} {}", entry.text, entry.detail)).collect()
         };
         for (text, expected) in [
             ("preset", "Preset: Published"),
@@ -275,10 +280,10 @@ mod tests {
         let profile = Profile { name: "north wall".into(), ..Profile::new(vec![DVec3::ZERO, DVec3::X], 0.5) };
         session.scene.place(id, Object::Profile(profile), &mut session.outside);
         let saves = |entry: &Entry| matches!(entry.action, Action::Profile(_));
-        assert!(!found("save as csv", entries(session)).iter().any(saves), "none is in view");
+        assert!(!found("save as csv", session).iter().any(saves), "none is in view");
         command(&mut harness, "north side");
         assert_eq!(harness.state().tools.profiles.in_view, Some(id));
-        let save = found("save as csv", entries(harness.state())).remove(0);
+        let save = found("save as csv", harness.state()).remove(0);
         assert_eq!(save.action, Action::Profile(Profiling::Save("csv")));
         command(&mut harness, "profiles: all in one");
         assert!(harness.state().tools.profiles.is_together);

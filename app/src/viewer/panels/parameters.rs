@@ -5,6 +5,7 @@
 use egui::{RichText, Sense, Ui};
 use param::{Field, Group, Kind, Params, Value};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::name_label;
 use crate::viewer::requests::action::Action;
@@ -55,8 +56,9 @@ impl Match {
 
     pub fn of(search: &str, group: &Group, field: &Field) -> Option<Self> {
         let (key, title) = (format!("{}.{}", group.name, field.name), title(field.name).to_lowercase());
-        let name = format!("{key} {title}");
-        let help = format!("{} {}", field.help.to_lowercase(), words(&key));
+        let name = format!("{key} {title} {}", english_title(field.name).to_lowercase());
+        let helps = [field.help, translated(field.help)].map(str::to_lowercase);
+        let help = format!("{} {} {}", helps[0], helps[1], words(&key));
         let search = search.to_lowercase();
         let has_all = |text: &str| search.split_whitespace().all(|word| text.contains(word));
         match () {
@@ -114,13 +116,13 @@ fn line(ui: &mut Ui, group: &str, field: &Field, value: Value, actions: &mut Vec
         let label_id = label.id;
         label.on_hover_ui(|ui| {
             ui.set_max_width(300.0);
-            ui.label(field.help);
+            ui.label(translated(field.help));
             ui.label(
                 RichText::new(format!("{group}.{} · {}", field.name, field.range_text())).small().color(theme::WEAK),
             );
-            let reset = format!(
-                "default {} · a double-click resets, a right-click offers more",
-                field.format(&field.default())
+            let reset = text!(
+                "default {default} · a double-click resets, a right-click offers more",
+                default = field.format(&field.default())
             );
             ui.label(RichText::new(reset).small().color(theme::WEAK));
         });
@@ -144,16 +146,16 @@ fn menu(response: &egui::Response, group: &str, field: &Field, actions: &mut Vec
         && response.ctx.input(|input| input.pointer.secondary_clicked());
     let menu = egui::Popup::menu(response).open_memory(is_asked.then_some(egui::SetOpenCommand::Bool(true)));
     menu.at_pointer_fixed().show(|ui| {
-        if ui.button(format!("Reset to {}", field.format(&field.default()))).clicked() {
+        if ui.button(text!("Reset to {default}", default = field.format(&field.default()))).clicked() {
             actions.push(Action::Reset(key.clone()));
             ui.close();
         }
-        let help = "Draws, times and judges this view with a range of values: a contact sheet and a table";
-        if field.can_be_swept() && ui.button("Sweep…").on_hover_text(help).clicked() {
+        let help = text!("Draws, times and judges this view with a range of values: a contact sheet and a table");
+        if field.can_be_swept() && ui.button(text!("Sweep…")).on_hover_text(help).clicked() {
             actions.push(Action::AskSweep(key.clone()));
             ui.close();
         }
-        if ui.button("Copy its name").on_hover_text(&key).clicked() {
+        if ui.button(text!("Copy its name")).on_hover_text(&key).clicked() {
             actions.push(Action::Copy(key));
             ui.close();
         }
@@ -192,14 +194,14 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
         }
         (Kind::Choice { names, .. }, Value::Choice(index)) => {
             let mut chosen = index as usize;
-            let shown = names.get(chosen).copied().unwrap_or_default();
+            let shown = translated(names.get(chosen).copied().unwrap_or_default());
             let combo = egui::ComboBox::from_id_salt("choice").width(130.0).selected_text(shown);
             combo
                 .show_ui(ui, |ui| {
                     for (index, name) in names.iter().enumerate() {
-                        let entry = ui.selectable_value(&mut chosen, index, *name);
+                        let entry = ui.selectable_value(&mut chosen, index, translated(name));
                         if let Some(help) = help_of_choice(field, name) {
-                            entry.on_hover_text(help);
+                            entry.on_hover_text(translated(help));
                         }
                     }
                 })
@@ -238,8 +240,13 @@ fn even_amount(bytes: param::Bytes) -> param::Bytes {
     param::Bytes(bytes.0.saturating_add(step / 2) / step * step)
 }
 
-/// Turns a name into words for people: `min_pixels` becomes `Min pixels`. A single word that says little gets others.
+/// The name of a parameter for people, in the language of the window.
 pub fn title(name: &str) -> String {
+    translated(&english_title(name)).to_owned()
+}
+
+/// Turns a name into English words: `min_pixels` becomes `Min pixels`. A single word that says little gets others.
+pub fn english_title(name: &str) -> String {
     let said = match name {
         "across" => "Power across",
         "carve" => "End at edges",

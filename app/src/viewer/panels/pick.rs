@@ -2,6 +2,7 @@
 
 use egui::{Align2, RichText, Ui};
 
+use crate::shared::language::text;
 use crate::shared::measuring::{PointError, decimals};
 use crate::viewer::look::theme;
 use crate::viewer::requests::action::Action;
@@ -15,7 +16,7 @@ pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, action
     }
     let mut is_open = true;
     let corner = rect.right_bottom() - egui::vec2(12.0, 12.0);
-    egui::Window::new("Picked point")
+    egui::Window::new(text!("Picked point"))
         .open(&mut is_open)
         .collapsible(true)
         .resizable(false)
@@ -35,7 +36,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.add(egui::Label::new(RichText::new(&pick.cloud).strong()).truncate());
         if !pick.is_streamed {
-            ui.label(RichText::new(format!("point {}", pick.number)).color(theme::WEAK));
+            ui.label(RichText::new(text!("point {number}", number = pick.number)).color(theme::WEAK));
         }
     });
     ui.label(RichText::new(pick.coordinates()).monospace());
@@ -43,13 +44,18 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         let unit = units(&session.loaded).length().map_or(String::new(), |unit| format!(" {unit}"));
         let PointError { across, sight, is_thinned, .. } = error;
         let told = |length: f64| format!("± {length:.*}{unit}", decimals(length));
-        let text = format!("{} across the surface, {} along the line of sight", told(across), told(sight));
-        ui.label(RichText::new(text).small()).on_hover_text(
-            "The surface lies within, in 19 of 20 cases: from the spacing and the scatter of the points around. Errors \
-             that all points share, as those of a registration, are not in it.",
+        let text = text!(
+            "{across} across the surface, {sight} along the line of sight",
+            across = told(across),
+            sight = told(sight)
         );
+        ui.label(RichText::new(text).small()).on_hover_text(text!(
+            "The surface lies within, in 19 of 20 cases: from the spacing and the scatter of the points around. Errors \
+             that all points share, as those of a registration, are not in it."
+        ));
         if is_thinned {
-            let text = "by the points that are loaded: the file has more here; pick again from nearer to be more exact";
+            let text =
+                text!("by the points that are loaded: the file has more here; pick again from nearer to be more exact");
             ui.label(RichText::new(text).small().color(theme::WEAK));
         }
     }
@@ -57,7 +63,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         None => {
             ui.horizontal(|ui| {
                 ui.spinner();
-                ui.label("looking it up in the file");
+                ui.label(text!("looking it up in the file"));
             });
         }
         Some(Err(error)) => {
@@ -70,7 +76,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                     let mut attributes: Vec<_> = pick.attributes().collect();
                     attributes.sort_by_key(|(_, value)| value.parse() == Ok(0.0));
                     for (name, value) in attributes {
-                        let value = if value.is_empty() { "no value" } else { value };
+                        let value = if value.is_empty() { text!("no value") } else { value };
                         ui.label(RichText::new(name).size(12.0));
                         ui.add(egui::Label::new(RichText::new(value).monospace().size(11.5)).selectable(true));
                         ui.end_row();
@@ -80,14 +86,14 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
     }
     if pick.is_streamed {
-        let text = "A streamed cloud: its pages keep these attributes. The file may have others.";
+        let text = text!("A streamed cloud: its pages keep these attributes. The file may have others.");
         ui.label(RichText::new(text).small().color(theme::WEAK));
     }
     ui.horizontal(|ui| {
-        if ui.button("Copy").clicked() {
+        if ui.button(text!("Copy")).clicked() {
             actions.push(Action::CopyPick);
         }
-        if ui.button("Close").on_hover_text("Forgets the picked point").clicked() {
+        if ui.button(text!("Close")).on_hover_text(text!("Forgets the picked point")).clicked() {
             actions.push(Action::ClearPick);
         }
     });

@@ -5,20 +5,22 @@ use std::path::Path;
 use egui::{DragValue, Key, RichText};
 
 use crate::shared::command_line::LARGEST_SIDE;
+use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::name_label;
 use crate::viewer::requests::action::{Action, PictureDraft, SavePicture};
 use crate::viewer::session::Session;
 
 /// Sizes that people ask for: name, width, height.
-const SIZES: [(&str, [u32; 2]); 3] = [("Full HD", [1920, 1080]), ("4K", [3840, 2160]), ("A4 at 300 dpi", [3508, 2480])];
+const SIZES: [(&str, [u32; 2]); 3] =
+    [("Full HD", [1920, 1080]), ("4K", [3840, 2160]), (english!("A4 at 300 dpi"), [3508, 2480])];
 
 /// Draws the window if it is open.
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(before) = &session.tools.picture_draft else { return };
     let mut draft = before.clone();
     let mut is_open = true;
-    let window = egui::Window::new("Save the picture").open(&mut is_open).collapsible(false).resizable(false);
+    let window = egui::Window::new(text!("Save the picture")).open(&mut is_open).collapsible(false).resizable(false);
     window.anchor(egui::Align2::CENTER_TOP, [0.0, 80.0]).show(context, |ui| {
         ui.set_width(440.0);
         size_line(ui, session.scene.view_size, &mut draft);
@@ -26,16 +28,17 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
         let place = draft.place();
         let is_there = Path::new(&place).exists();
         if is_there {
-            let text = format!("{place} is there, and is replaced.");
+            let text = text!("{place} is there, and is replaced.", place);
             ui.label(RichText::new(text).color(theme::WARNING));
         }
         ui.horizontal(|ui| {
             let is_named = !draft.path.trim().is_empty();
-            let save = ui.add_enabled(is_named, egui::Button::new(if is_there { "Replace" } else { "Save" }));
+            let save =
+                ui.add_enabled(is_named, egui::Button::new(if is_there { text!("Replace") } else { text!("Save") }));
             if save.clicked() || entered && is_named && !is_there {
                 actions.push(Action::SavePicture(SavePicture::To(Box::new(draft.clone()))));
             }
-            if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)) {
+            if ui.button(text!("Cancel")).clicked() || ui.input(|input| input.key_pressed(Key::Escape)) {
                 actions.push(Action::SavePicture(SavePicture::Change(None)));
             }
         });
@@ -50,7 +53,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
 
 fn size_line(ui: &mut egui::Ui, shown: [u32; 2], draft: &mut PictureDraft) {
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Pixels");
+        let label = name_label(ui, text!("Pixels"));
         for (axis, side) in draft.size.iter_mut().enumerate() {
             if axis == 1 {
                 ui.label("×");
@@ -60,10 +63,10 @@ fn size_line(ui: &mut egui::Ui, shown: [u32; 2], draft: &mut PictureDraft) {
     });
     ui.horizontal_wrapped(|ui| {
         let times = |factor: u32| shown.map(|side| (side * factor).clamp(1, LARGEST_SIDE));
-        let own = [("As shown", times(1)), ("2 times", times(2)), ("4 times", times(4))];
+        let own = [(text!("As shown"), times(1)), (text!("2 times"), times(2)), (text!("4 times"), times(4))];
         for (name, size) in own.into_iter().chain(SIZES) {
             let help = format!("{} × {}", size[0], size[1]);
-            if ui.selectable_label(draft.size == size, name).on_hover_text(help).clicked() {
+            if ui.selectable_label(draft.size == size, translated(name)).on_hover_text(help).clicked() {
                 draft.size = size;
             }
         }
@@ -75,20 +78,20 @@ pub fn progress(ui: &mut egui::Ui, session: &Session) {
     let Some(path) = session.outside.saving().next() else { return };
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     ui.spinner();
-    ui.label(RichText::new(format!("saving {name}")).color(theme::WEAK)).on_hover_text(path.display().to_string());
+    ui.label(RichText::new(text!("saving {name}", name)).color(theme::WEAK)).on_hover_text(path.display().to_string());
 }
 
 /// Draws the field of the path. Returns whether Enter was pressed in it.
 fn path_line(ui: &mut egui::Ui, draft: &mut PictureDraft, actions: &mut Vec<Action>) -> bool {
     ui.horizontal(|ui| {
-        let label = name_label(ui, "File");
+        let label = name_label(ui, text!("File"));
         let field = egui::TextEdit::singleline(&mut draft.path).desired_width(240.0);
         let response = ui.add(field).labelled_by(label.id);
         if !draft.is_shown {
             draft.is_shown = true;
             response.request_focus();
         }
-        if ui.button("Browse…").on_hover_text("Choose the place in the system's dialog").clicked() {
+        if ui.button(text!("Browse…")).on_hover_text(text!("Choose the place in the system's dialog")).clicked() {
             actions.push(Action::SavePicture(SavePicture::Browse(draft.place().into())));
         }
         response.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter))

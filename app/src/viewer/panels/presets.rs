@@ -3,6 +3,7 @@
 use egui::Ui;
 use scene::{Mirror, PRESETS, Settings};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::requests::action::Action;
 
@@ -13,10 +14,10 @@ pub fn show<'a>(
     actions: &mut Vec<Action>,
 ) {
     ui.horizontal(|ui| {
-        ui.label(egui::RichText::new("Presets of sscr").small().color(theme::WEAK));
+        ui.label(egui::RichText::new(text!("Presets of sscr")).small().color(theme::WEAK));
         for preset in &PRESETS {
             let applied = preset.applied(settings, mirrors.clone());
-            if ui.selectable_label(applied == *settings, preset.name).on_hover_text(preset.help).clicked() {
+            if ui.selectable_label(applied == *settings, preset.name).on_hover_text(translated(preset.help)).clicked() {
                 actions.push(Action::ChangeSettings(Box::new(applied)));
             }
         }

@@ -6,13 +6,14 @@ use egui_plot::{PlotPoint, PlotTransform};
 use glam::{DMat2, DVec2};
 use measure::{IN_95_PERCENT, Section};
 
+use crate::shared::language::{english, text, translated};
 use crate::shared::measuring::decimals;
 use crate::shared::profile_chart::AxisUnits;
 use crate::viewer::look::theme;
 use crate::viewer::tools::profiles::RulerEnd;
 
 /// Why a reading has no interval although it is known how the points around it scatter.
-pub const TOO_THIN: &str = ", no ± in so thin a profile";
+pub const TOO_THIN: &str = english!(", no ± in so thin a profile");
 
 /// The distance between two places of a profile, with its parts: `5.0000 m   along 3.0000 m   up 4.0000 m`. Parts in
 /// different units have no distance. Where the covariance of the difference is known, all have intervals of 95 %.
@@ -25,7 +26,7 @@ pub fn measured(from: [f64; 2], to: [f64; 2], covariance: Option<DMat2>, units: 
     let [of_along, of_up] = units;
     let along = length(difference.x, interval(DVec2::X), of_along);
     let up = length(difference.y, interval(DVec2::Y), of_up);
-    let parts = format!("along {along}   up {up}");
+    let parts = text!("along {along}   up {up}", along, up);
     if of_along.map(|unit| unit.to_string()) == of_up.map(|unit| unit.to_string()) {
         let whole = interval(difference.normalize_or_zero());
         format!("{}   {parts}", length(difference.length(), whole, of_along))
@@ -72,7 +73,7 @@ pub fn ruler(
     let line = [place(from), place(to)];
     painter.line_segment(line, Stroke::new(4.0, Color32::BLACK));
     painter.line_segment(line, Stroke::new(1.6, theme::ACCENT));
-    let why = if are_inside && certain.is_none() { TOO_THIN } else { "" };
+    let why = if are_inside && certain.is_none() { translated(TOO_THIN) } else { "" };
     let text = measured(from, to, certain, units) + why;
     let middle = line[0].lerp(line[1], 0.5);
     let galley = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);

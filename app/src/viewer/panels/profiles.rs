@@ -7,6 +7,7 @@ use glam::DVec3;
 use measure::Section;
 use scene::{Object, Profile};
 
+use crate::shared::language::{text, translated};
 use crate::shared::profile_chart::{self, axis_units, in_brackets};
 use crate::shared::profile_intervals::of_reading;
 use crate::viewer::jobs::slices::{Slice, SlicePoint};
@@ -33,12 +34,15 @@ const HALF: f32 = 1.1;
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let begin = Action::Measuring(Measuring::BeginProfile);
-    let help = format!("Click the corners of a line ({}); Enter or a double-click ends", bindings::shortcut(&begin));
-    let add = ui.add_enabled(!session.loaded.clouds.is_empty(), egui::Button::new("Add profile"));
+    let help = text!(
+        "Click the corners of a line ({begin}); Enter or a double-click ends",
+        begin = bindings::shortcut(&begin)
+    );
+    let add = ui.add_enabled(!session.loaded.clouds.is_empty(), egui::Button::new(text!("Add profile")));
     actions.extend(add.on_hover_text(help).clicked().then_some(begin));
     let profiles = &session.scene.objects.profiles;
     if profiles.is_empty() {
-        ui.label(RichText::new("No profile is drawn.").color(theme::WEAK));
+        ui.label(RichText::new(text!("No profile is drawn.")).color(theme::WEAK));
     }
     for PlacedProfile { id, profile } in profiles {
         ui.push_id(id.0, |ui| row(ui, session, *id, profile, actions));
@@ -57,13 +61,13 @@ fn row(ui: &mut Ui, session: &Session, id: ObjectId, profile: &Profile, actions:
             actions.push(Action::ChangeObject(id, Box::new(Object::Profile(switched))));
         }
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let delete = ui.small_button("×").on_hover_text(format!("Delete {name}"));
-            if delete.accessible_name(format!("Delete {name}")).clicked() {
+            let delete = ui.small_button("×").on_hover_text(text!("Delete {name}", name));
+            if delete.accessible_name(text!("Delete {name}", name)).clicked() {
                 actions.extend([Action::Select(Some(id)), Action::Delete]);
             }
             let is_in_view = session.tools.profiles.in_view == Some(id);
-            let view = ui.selectable_label(is_in_view, RichText::new("From the side").small());
-            if view.on_hover_text("Shows its points by distance along and height").clicked() {
+            let view = ui.selectable_label(is_in_view, RichText::new(text!("From the side")).small());
+            if view.on_hover_text(text!("Shows its points by distance along and height")).clicked() {
                 actions.push(Action::Profile(Profiling::Look((!is_in_view).then_some(id))));
             }
             ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
@@ -80,15 +84,15 @@ fn row(ui: &mut Ui, session: &Session, id: ObjectId, profile: &Profile, actions:
 fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actions: &mut Vec<Action>) {
     let mut profile = before.clone();
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Name");
+        let label = name_label(ui, text!("Name"));
         ui.add(egui::TextEdit::singleline(&mut profile.name).desired_width(130.0)).labelled_by(label.id);
         let mut bytes = profile.color.map(|share| (share * 255.0).round() as u8);
-        if ui.color_edit_button_srgb(&mut bytes).accessible_name("Colour of the profile").changed() {
+        if ui.color_edit_button_srgb(&mut bytes).accessible_name(text!("Colour of the profile")).changed() {
             profile.color = bytes.map(|byte| f32::from(byte) / 255.0);
         }
     });
     ui.horizontal(|ui| {
-        let label = name_label(ui, "Thickness");
+        let label = name_label(ui, text!("Thickness"));
         let drag = egui::DragValue::new(&mut profile.width).speed(before.width * 0.01).range(1e-6..=1e9);
         ui.add(drag).labelled_by(label.id);
         if let Some(unit) = axis_units(&units(&session.loaded), session.scene.up(&session.loaded.clouds))[0] {
@@ -104,12 +108,16 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actio
     let (mut count, mut spacing) = known.unwrap_or((4, before.width * 2.0));
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
-        let label = name_label(ui, "Copies");
+        let label = name_label(ui, text!("Copies"));
         ui.add(egui::DragValue::new(&mut count).range(1..=MOST_STACKED)).labelled_by(label.id);
-        ui.label("at");
+        ui.label(text!("at"));
         let every = ui.add(egui::DragValue::new(&mut spacing).speed(before.width * 0.05).max_decimals(4));
-        every.accessible_name("Spacing of the copies").on_hover_text("How far each copy is from the one before");
-        let stack = ui.button("Stack").on_hover_text("Adds so many parallel profiles to the left at this spacing");
+        every
+            .accessible_name(text!("Spacing of the copies"))
+            .on_hover_text(text!("How far each copy is from the one before"));
+        let stack = ui
+            .button(text!("Stack"))
+            .on_hover_text(text!("Adds so many parallel profiles to the left at this spacing"));
         if stack.clicked() {
             actions.extend([
                 Action::Profile(Profiling::Look(Some(id))),
@@ -125,7 +133,7 @@ pub fn window(context: &egui::Context, session: &Session, actions: &mut Vec<Acti
     let Some(profile) = session.tools.profiles.profile(&session.scene) else { return };
     let mut is_open = true;
     let area = default_area(context, session, profile);
-    egui::Window::new(format!("Profile: {}", profile.name))
+    egui::Window::new(text!("Profile: {profile}", profile = profile.name))
         .id(egui::Id::unique("profile"))
         .open(&mut is_open)
         .default_size(area.size())
@@ -153,25 +161,32 @@ fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec
     let memory = ui.scope_id().with("even scale");
     let mut is_even = ui.data(|data| data.get_temp(memory)).unwrap_or(true);
     ui.horizontal(|ui| {
-        if ui.selectable_label(is_even, "1:1").on_hover_text("Lengths along and up have the same scale").clicked() {
+        if ui
+            .selectable_label(is_even, "1:1")
+            .on_hover_text(text!("Lengths along and up have the same scale"))
+            .clicked()
+        {
             is_even = !is_even;
         }
         let is_out = tool.ruler.is_some();
-        if ui.selectable_label(is_out, "Ruler").on_hover_text("Two clicks measure the distance between them").clicked()
+        if ui
+            .selectable_label(is_out, text!("Ruler"))
+            .on_hover_text(text!("Two clicks measure the distance between them"))
+            .clicked()
         {
             actions.push(Action::Profile(Profiling::Ruler(!is_out)));
         }
-        let help = "Shows the other profiles that are switched on behind this one, each in a colour";
-        if ui.selectable_label(tool.is_together, "All").on_hover_text(help).clicked() {
+        let help = text!("Shows the other profiles that are switched on behind this one, each in a colour");
+        if ui.selectable_label(tool.is_together, text!("All")).on_hover_text(help).clicked() {
             actions.push(Action::Profile(Profiling::Together(!tool.is_together)));
         }
         ui.separator();
-        let of = if tool.is_together { "all profiles that are shown" } else { "the profile" };
+        let of = if tool.is_together { text!("all profiles that are shown") } else { text!("the profile") };
         for (ending, help) in [
-            ("csv", format!("Writes the points of the files that are in {of} as a table")),
-            ("laz", format!("Writes the points of the files that are in {of}, with all attributes")),
-            ("png", format!("Writes a chart of the points that were found in {of}")),
-            ("svg", format!("Writes a chart of the points that were found in {of}")),
+            ("csv", text!("Writes the points of the files that are in {of} as a table", of)),
+            ("laz", text!("Writes the points of the files that are in {of}, with all attributes", of)),
+            ("png", text!("Writes a chart of the points that were found in {of}", of)),
+            ("svg", text!("Writes a chart of the points that were found in {of}", of)),
         ] {
             let button = ui.add_enabled(!tool.is_writing, egui::Button::new(ending.to_uppercase()).small());
             if button.on_hover_text(help).clicked() {
@@ -180,7 +195,8 @@ fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec
         }
         ui.separator();
         if tool.is_writing {
-            ui.add(egui::Spinner::new().size(12.0)).on_hover_text("The points are read from the files, and written");
+            ui.add(egui::Spinner::new().size(12.0))
+                .on_hover_text(text!("The points are read from the files, and written"));
         }
         status(ui, session);
     });
@@ -194,10 +210,11 @@ fn contents(ui: &mut Ui, session: &Session, profile: &Profile, actions: &mut Vec
     }
     let section = Section::new(&profile.line, profile.width, session.up()).ok();
     if let Some(text) = section.as_ref().and_then(|section| picked(session, section)) {
-        ui.label(RichText::new(text).small()).on_hover_text(
-            "± is the half width of an interval of 95 %: of a place on the surface that is read off this point. How the \
-             surface differs across the profile is not in it.",
-        );
+        ui.label(RichText::new(text).small()).on_hover_text(text!(
+            "± is the half width of an interval of 95 %: of a place on the surface that is read off this \
+                point. How the \
+             surface differs across the profile is not in it."
+        ));
     }
     match &tool.slice {
         Some(Ok(slice)) => chart(ui, session, section.as_ref(), slice, is_even, actions),
@@ -211,19 +228,20 @@ fn status(ui: &mut Ui, session: &Session) {
     let Some(Ok(slice)) = &session.tools.profiles.slice else { return };
     let kept = slice.points.len() as u64;
     let count = if kept < slice.total {
-        format!("{} of {} points", grouped(kept), grouped(slice.total))
+        text!("{kept} of {total} points", kept = grouped(kept), total = grouped(slice.total))
     } else {
-        format!("{} points", grouped(slice.total))
+        text!("{total} points", total = grouped(slice.total))
     };
     let others = &session.tools.profiles.others;
     let all = slice.total + others.iter().map(|(_, other)| other.total).sum::<u64>();
-    let count = if others.is_empty() { count } else { format!("{count}, {} with the others", grouped(all)) };
+    let count =
+        if others.is_empty() { count } else { text!("{count}, {all} with the others", count, all = grouped(all)) };
     let is_streamed = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
-    let loaded = if is_streamed { " that are loaded" } else { "" };
-    let help = format!(
-        "At most {} are drawn at once, evenly chosen from those in view{}",
-        grouped(MOST_DRAWN as u64),
-        if is_streamed { "; CSV and LAZ have all points of the files" } else { "" },
+    let loaded = if is_streamed { text!(" that are loaded") } else { "" };
+    let help = text!(
+        "At most {most} are drawn at once, evenly chosen from those in view{rest}",
+        most = grouped(MOST_DRAWN as u64),
+        rest = if is_streamed { text!("; CSV and LAZ have all points of the files") } else { "" }
     );
     ui.label(RichText::new(format!("{count}{loaded}")).small().color(theme::WEAK)).on_hover_text(help);
 }
@@ -245,8 +263,8 @@ fn chart(
     let heights = cloud::robust_range(heights, slice.length);
     let mut plot = Plot::new("profile")
         .height(ui.available_height().max(140.0))
-        .custom_x_axes(vec![AxisHints::new_x().label(format!("along{of_along}")).label_spacing(X_LABELS)])
-        .y_axis_label(format!("height{of_height}"))
+        .custom_x_axes(vec![AxisHints::new_x().label(text!("along{unit}", unit = of_along)).label_spacing(X_LABELS)])
+        .y_axis_label(text!("height{unit}", unit = of_height))
         .label_formatter(|_| None)
         .y_axis_formatter(|mark: GridMark, _: &std::ops::RangeInclusive<f64>| format!("{}", mark.value as f32))
         .allow_boxed_zoom(false)
@@ -313,12 +331,12 @@ fn picked(session: &Session, section: &Section) -> Option<String> {
     let intervals = pick.error.and_then(|error| of_reading(section, error.place, &error.scatter));
     let [along, height] = [0, 1].map(|axis| intervals.map(|intervals| intervals[axis]));
     let by = match pick.error {
-        Some(_) if intervals.is_none() => TOO_THIN,
-        Some(error) if error.is_thinned => ", by the points that are loaded",
+        Some(_) if intervals.is_none() => translated(TOO_THIN),
+        Some(error) if error.is_thinned => text!(", by the points that are loaded"),
         _ => "",
     };
     let (along, height) = (length(placed.along, along, of_along), length(placed.height, height, of_height));
-    Some(format!("Picked: along {along}   height {height}{by}"))
+    Some(text!("Picked: along {along}   height {height}{by}", along, height, by))
 }
 
 fn color_behind(index: usize, count: usize) -> Color32 {

@@ -4,6 +4,7 @@ use std::sync::atomic::Ordering;
 
 use egui::{DragValue, RichText, Ui};
 
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{name_label, progress_bar};
 use crate::viewer::requests::action::{Action, Film};
@@ -15,19 +16,23 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     let Some(before) = &session.filming.recording.asked else { return };
     let mut wanted = before.clone();
     let (mut is_open, mut film) = (true, None);
-    let title = format!("Record `{}`", before.path);
+    let title = text!("Record `{path}`", path = before.path);
     let window = egui::Window::new(title).id(egui::Id::unique("recording")).open(&mut is_open);
     let window = window.collapsible(false).resizable(false).anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO);
     window.show(context, |ui| {
         fields(ui, session, &mut wanted);
         ui.add_space(6.0);
         ui.horizontal(|ui| {
-            let start = ui.add_enabled(!wanted.output.trim().is_empty(), egui::Button::new("Record"));
+            let start = ui.add_enabled(!wanted.output.trim().is_empty(), egui::Button::new(text!("Record")));
             film = start.clicked().then_some(Film::StartRecording);
-            if ui.button("Cancel").clicked() {
+            if ui.button(text!("Cancel")).clicked() {
                 film = Some(Film::ChangeRecording(None));
             }
-            if ui.button("Copy the command").on_hover_text("For a scene that is saved as scene.toml").clicked() {
+            if ui
+                .button(text!("Copy the command"))
+                .on_hover_text(text!("For a scene that is saved as scene.toml"))
+                .clicked()
+            {
                 actions.push(Action::Copy(command(&wanted, session.adapter.as_deref())));
             }
         });
@@ -54,13 +59,14 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
             contents(ui, label.id);
         });
     };
-    line(ui, "File or folder", &mut |ui, label| {
+    line(ui, text!("File or folder"), &mut |ui, label| {
         let edit = egui::TextEdit::singleline(&mut wanted.output).desired_width(280.0);
-        let help =
-            "A film if it ends in .mp4 or .gif, with its pictures in a folder beside it; else a folder of pictures";
+        let help = text!(
+            "A film if it ends in .mp4 or .gif, with its pictures in a folder beside it; else a folder of pictures"
+        );
         ui.add(edit).labelled_by(label).on_hover_text(help);
     });
-    line(ui, "Size", &mut |ui, label| {
+    line(ui, text!("Size"), &mut |ui, label| {
         for side in &mut wanted.size {
             ui.add(DragValue::new(side).range(16..=16384).speed(2.0)).labelled_by(label);
         }
@@ -70,42 +76,43 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
             }
         }
     });
-    line(ui, "Frame rate", &mut |ui, label| {
-        ui.add(DragValue::new(&mut wanted.fps).range(1..=1000).suffix(" a second")).labelled_by(label);
+    line(ui, text!("Frame rate"), &mut |ui, label| {
+        ui.add(DragValue::new(&mut wanted.fps).range(1..=1000).suffix(text!(" a second"))).labelled_by(label);
     });
     let duration = session.filming.timeline.path(&session.scene).map_or(0.0, |path| path.duration());
     let all = (duration * f64::from(wanted.fps) - 1e-6).ceil().max(1.0) as u32;
-    line(ui, "Frames", &mut |ui, label| {
+    line(ui, text!("Frames"), &mut |ui, label| {
         let mut is_part = wanted.frames[0] < wanted.frames[1];
-        if ui.checkbox(&mut is_part, "Only").changed() {
+        if ui.checkbox(&mut is_part, text!("Only")).changed() {
             wanted.frames = if is_part { [0, all] } else { [0, 0] };
         }
         if is_part {
             let [first, end] = wanted.frames;
             ui.add(DragValue::new(&mut wanted.frames[0]).range(0..=end.min(all) - 1)).labelled_by(label);
-            ui.label("to before");
+            ui.label(text!("to before"));
             ui.add(DragValue::new(&mut wanted.frames[1]).range(first + 1..=all)).labelled_by(label);
         }
-        ui.label(RichText::new(format!("of {all}")).color(theme::WEAK));
+        ui.label(RichText::new(text!("of {all}", all)).color(theme::WEAK));
     });
-    line(ui, "Sub-frames", &mut |ui, label| {
+    line(ui, text!("Sub-frames"), &mut |ui, label| {
         ui.add(DragValue::new(&mut wanted.subframes).range(1..=256)).labelled_by(label);
         if wanted.subframes > 1 {
-            ui.label("shutter");
+            ui.label(text!("shutter"));
             let shutter = DragValue::new(&mut wanted.shutter).range(0.01..=1.0).speed(0.01);
             ui.add(shutter)
-                .on_hover_text("The share of a frame's time for which it is open")
-                .accessible_name("Shutter");
+                .on_hover_text(text!("The share of a frame's time for which it is open"))
+                .accessible_name(text!("Shutter"));
         }
     });
-    line(ui, "Supersampling", &mut |ui, label| {
-        let drag = DragValue::new(&mut wanted.supersample).range(1..=8).suffix(" × a side");
+    line(ui, text!("Supersampling"), &mut |ui, label| {
+        let drag = DragValue::new(&mut wanted.supersample).range(1..=8).suffix(text!(" × a side"));
         ui.add(drag).labelled_by(label);
     });
     if wanted.output.ends_with(".mp4") {
-        line(ui, "Film", &mut |ui, _| {
+        line(ui, text!("Film"), &mut |ui, _| {
             ui.radio_value(&mut wanted.is_h264, false, "AV1");
-            ui.radio_value(&mut wanted.is_h264, true, "H.264").on_hover_text("For slides and old phones; needs ffmpeg");
+            ui.radio_value(&mut wanted.is_h264, true, "H.264")
+                .on_hover_text(text!("For slides and old phones; needs ffmpeg"));
         });
     }
 }
@@ -114,38 +121,48 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
 pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if let Some(live) = &session.filming.live {
         let dropped = live.dropped.load(Ordering::Relaxed);
-        let dropped = if dropped > 0 { format!(", {dropped} pictures dropped") } else { String::new() };
+        let dropped = if dropped > 0 { text!(", {dropped} pictures dropped", dropped) } else { String::new() };
         if live.is_ending {
             ui.spinner();
-            ui.label(format!("making {}{dropped}", live.name.display()));
+            ui.label(text!("making {live}{dropped}", live = live.name.display(), dropped));
         } else {
             let seconds = session.outside.now.saturating_duration_since(live.since).as_secs();
-            ui.colored_label(theme::ERROR, format!("recording the window, {seconds} s{dropped}"));
+            ui.colored_label(theme::ERROR, text!("recording the window, {seconds} s{dropped}", seconds, dropped));
             let stop = Action::Film(Film::Capture);
             let shortcut = bindings::shortcut(&stop);
-            actions.extend(ui.small_button("Stop").on_hover_text(shortcut).clicked().then_some(stop));
+            actions.extend(ui.small_button(text!("Stop")).on_hover_text(shortcut).clicked().then_some(stop));
             ui.ctx().request_repaint_after(std::time::Duration::from_secs(1));
         }
     }
     let Some(under_way) = &session.filming.recording.under_way else { return };
     let text = match &under_way.stage {
-        _ if under_way.is_stopping => "recording: stopping".to_owned(),
-        None => "recording: starting".to_owned(),
+        _ if under_way.is_stopping => text!("recording: stopping").to_owned(),
+        None => text!("recording: starting").to_owned(),
         Some(stage) => {
             let rate = under_way.rate(session.outside.now).map_or(String::new(), |rate| match rate {
                 _ if rate >= 1e4 => format!(", {:.2} M/s", rate / 1e6),
                 _ => format!(", {rate:.2}/s"),
             });
             let left = under_way.seconds_left(session.outside.now).map_or(String::new(), |seconds| match seconds {
-                _ if seconds >= 90.0 => format!(", {:.0} min left", (seconds / 60.0).ceil()),
-                _ => format!(", {seconds:.0} s left"),
+                _ if seconds >= 90.0 => {
+                    text!(", {minutes} min left", minutes = format_args!("{:.0}", (seconds / 60.0).ceil()))
+                }
+                _ => text!(", {seconds} s left", seconds = format_args!("{seconds:.0}")),
             });
-            format!("{}: {}, {} of {}{rate}{left}", under_way.output, stage.task, stage.done, stage.total)
+            text!(
+                "{output}: {task}, {done} of {total}{rate}{left}",
+                output = under_way.output,
+                task = stage.task,
+                done = stage.done,
+                total = stage.total,
+                rate,
+                left
+            )
         }
     };
     // The text changes its length: before it, the button keeps its place.
-    let stop = ui.add_enabled(!under_way.is_stopping, egui::Button::new("Stop recording").small());
-    if stop.on_hover_text("What is recorded stays; the same recording goes on from there").clicked() {
+    let stop = ui.add_enabled(!under_way.is_stopping, egui::Button::new(text!("Stop recording")).small());
+    if stop.on_hover_text(text!("What is recorded stays; the same recording goes on from there")).clicked() {
         actions.push(Action::Film(Film::StopRecording));
     }
     let total = under_way.stage.as_ref().filter(|stage| stage.total > 0);

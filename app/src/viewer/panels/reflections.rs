@@ -5,6 +5,7 @@ use egui::{RichText, Ui};
 use param::{Group, Params, Value};
 use scene::{METHODS, MethodRow, Reflection};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::look::reflection_figures::reflected_text;
 use crate::viewer::look::theme;
 use crate::viewer::panels::{parameters, presets, side};
@@ -29,10 +30,11 @@ pub fn use_method(row: &MethodRow) -> Action {
 /// Says that the parameters of a group change nothing, and offers their method, where that is not in use.
 pub fn unused_notice(ui: &mut Ui, session: &Session, group: &Group, actions: &mut Vec<Action>) {
     let Some(row) = unused(session, group) else { return };
-    let text = format!("{} is not in use: these change nothing.", row.name);
+    let text = text!("{row} is not in use: these change nothing.", row = row.name);
     ui.label(RichText::new(text).small().color(theme::WARNING));
     // A link that is wrapped within a line is two controls, one of them without a name.
-    if ui.link(RichText::new(format!("Use {}", row.name)).small()).on_hover_text(row.help).clicked() {
+    if ui.link(RichText::new(text!("Use {row}", row = row.name)).small()).on_hover_text(translated(row.help)).clicked()
+    {
         actions.push(use_method(row));
     }
 }
@@ -66,14 +68,14 @@ fn share(ui: &mut Ui, session: &Session) {
     let shown = session.frames.shown.as_ref();
     let Some(share) = shown.and_then(|shown| shown.stats.reflected.as_ref()) else { return };
     let text = reflected_text(share);
-    let help = format!("While values or the view change, mirrors reflect {text}; the picture at rest reflects all");
+    let help = text!("While values or the view change, mirrors reflect {text}; the picture at rest reflects all", text);
     let short = text.replace(" of mirror", "").replace(" of", "");
     ui.add(egui::Label::new(RichText::new(short).small().color(theme::ACCENT)).truncate()).on_hover_text(help);
 }
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
-        ui.menu_button("Sweep…", |ui| {
+        ui.menu_button(text!("Sweep…"), |ui| {
             egui::ScrollArea::vertical().max_height(420.0).show(ui, |ui| {
                 for (key, name) in swept(session) {
                     if ui.button(name).on_hover_text(&key).clicked() {
@@ -84,9 +86,12 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             });
         })
         .response
-        .on_hover_text("Draws, times and judges this view with a range of values of one parameter");
-        let help = format!("Every setting tried, time against error ({})", bindings::shortcut(&Action::ToggleChart));
-        if ui.selectable_label(session.tuning.is_open, "Chart").on_hover_text(help).clicked() {
+        .on_hover_text(text!("Draws, times and judges this view with a range of values of one parameter"));
+        let help = text!(
+            "Every setting tried, time against error ({shortcut})",
+            shortcut = bindings::shortcut(&Action::ToggleChart)
+        );
+        if ui.selectable_label(session.tuning.is_open, text!("Chart")).on_hover_text(help).clicked() {
             actions.push(Action::ToggleChart);
         }
         share(ui, session);
@@ -97,12 +102,12 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for params in used {
         side::parameter_group(ui, session, params, true, actions);
     }
-    let header = egui::CollapsingHeader::new(RichText::new("Other methods").color(theme::WEAK));
+    let header = egui::CollapsingHeader::new(RichText::new(text!("Other methods")).color(theme::WEAK));
     let shown = header.id_salt("other methods").show_unindented(ui, |ui| {
         for params in others {
             unused_notice(ui, session, params.group(), actions);
             side::parameter_group(ui, session, params, true, actions);
         }
     });
-    shown.header_response.on_hover_text("Parameters of methods that are not in use now");
+    shown.header_response.on_hover_text(text!("Parameters of methods that are not in use now"));
 }

@@ -4,10 +4,12 @@
 use egui::{Rect, RichText, Ui};
 
 use param::{Group, Params};
-use scene::Object;
+use scene::{Language, Object};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::look::tab::Tab;
 use crate::viewer::look::theme;
+use crate::viewer::look::widgets::choice;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::objects::clouds::{CloudEntry, short_name};
 use crate::viewer::panels;
@@ -28,10 +30,10 @@ const ELSEWHERE: [&str; 2] = ["point_budget", "resolution"];
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 5.0;
-        action_button(ui, "Open…", Action::OpenDialog, actions);
+        action_button(ui, text!("Open…"), Action::OpenDialog, actions);
         recent_menu(ui, session, actions);
-        action_button(ui, "Save", Action::File(Filing::Save), actions);
-        action_button(ui, "Frame all", Action::FrameAll, actions);
+        action_button(ui, text!("Save"), Action::File(Filing::Save), actions);
+        action_button(ui, text!("Frame all"), Action::FrameAll, actions);
         action_button(ui, "?", Action::ToggleShortcuts, actions);
     });
     follow_selection(ui, session, actions);
@@ -94,7 +96,7 @@ fn tab_row(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         ui.spacing_mut().button_padding.x = 2.0;
         for tab in Tab::ALL {
             let is_open = tab == open && session.search.is_empty();
-            let name = RichText::new(tab.name()).size(11.5);
+            let name = RichText::new(translated(tab.name())).size(11.5);
             if ui.selectable_label(is_open, name).on_hover_text(tab.help()).clicked() {
                 actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
             }
@@ -111,9 +113,10 @@ fn search_field(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         let mut text = session.search.clone();
         let width = ui.available_width() - if text.is_empty() { 0.0 } else { 34.0 };
-        let hint = format!("Find a parameter ({}: anything)", bindings::shortcut(&Action::TogglePalette));
+        let hint =
+            text!("Find a parameter ({shortcut}: anything)", shortcut = bindings::shortcut(&Action::TogglePalette));
         let field = egui::TextEdit::singleline(&mut text).id(search_id()).hint_text(hint).desired_width(width);
-        let response = ui.add(field).accessible_name("Find a parameter");
+        let response = ui.add(field).accessible_name(text!("Find a parameter"));
         if text != session.search {
             actions.push(Action::Search(text));
         }
@@ -121,7 +124,7 @@ fn search_field(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if session.search.is_empty() {
             return;
         }
-        let help = "Show the tab again";
+        let help = text!("Show the tab again");
         if ui.small_button("×").on_hover_text(help).accessible_name(help).clicked() || is_left {
             actions.push(Action::Search(String::new()));
         }
@@ -141,8 +144,8 @@ fn found(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 continue;
             }
             let tab = Tab::of_section(group.section);
-            let place = format!("{} · {}", tab.name(), subject(group));
-            if ui.link(RichText::new(place).small()).on_hover_text("Open its tab").clicked() {
+            let place = format!("{} · {}", translated(tab.name()), translated(subject(group)));
+            if ui.link(RichText::new(place).small()).on_hover_text(text!("Open its tab")).clicked() {
                 actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
             }
             panels::reflections::unused_notice(ui, session, group, actions);
@@ -154,7 +157,7 @@ fn found(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
     }
     if count == 0 {
-        ui.label(RichText::new("No parameter has these words in its name or its help.").color(theme::WEAK));
+        ui.label(RichText::new(text!("No parameter has these words in its name or its help.")).color(theme::WEAK));
     }
 }
 
@@ -164,44 +167,44 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
     let mut lights_are_shown = false;
     match tab {
         Tab::Data => {
-            section(ui, "Clouds", true, |ui| {
+            section(ui, text!("Clouds"), true, |ui| {
                 panels::clouds::show(ui, session, actions);
                 if session.loaded.clouds.is_empty() {
-                    ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
+                    ui.label(RichText::new(text!("Nothing is open.")).color(theme::WEAK));
                 }
             });
-            section(ui, "Clips and filters", true, |ui| panels::clips::show(ui, session, actions));
+            section(ui, text!("Clips and filters"), true, |ui| panels::clips::show(ui, session, actions));
         }
         Tab::Look => {
-            section(ui, "Colour", true, |ui| panels::colors::show(ui, session, actions));
-            section(ui, "Bookmarks and paths", true, |ui| panels::bookmarks::show(ui, session, actions));
+            section(ui, text!("Colour"), true, |ui| panels::colors::show(ui, session, actions));
+            section(ui, text!("Bookmarks and paths"), true, |ui| panels::bookmarks::show(ui, session, actions));
         }
         Tab::Light => {
-            lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
+            lights_are_shown = section(ui, text!("Light"), true, |ui| panels::light::show(ui, session, actions));
         }
-        Tab::Mirrors => drop(section(ui, "Mirrors", true, |ui| {
+        Tab::Mirrors => drop(section(ui, text!("Mirrors"), true, |ui| {
             panels::mirrors::show(ui, session, actions);
-            let text = format!("How reflections are found: tab {}", Tab::Tuning.name());
+            let text = text!("How reflections are found: tab {tab}", tab = translated(Tab::Tuning.name()));
             if ui.link(RichText::new(text).small()).on_hover_text(Tab::Tuning.help()).clicked() {
                 actions.push(Action::OpenTab(Tab::Tuning));
             }
         })),
         Tab::Measure => {
-            section(ui, "Measurements and notes", true, |ui| panels::measurements::show(ui, session, actions));
-            section(ui, "Profiles", true, |ui| panels::profiles::show(ui, session, actions));
-            section(ui, "Compare", true, |ui| panels::comparing::show(ui, session, actions));
-            section(ui, "Ghosts", false, |ui| panels::ghosts::show(ui, session, actions));
+            section(ui, text!("Measurements and notes"), true, |ui| panels::measurements::show(ui, session, actions));
+            section(ui, text!("Profiles"), true, |ui| panels::profiles::show(ui, session, actions));
+            section(ui, text!("Compare"), true, |ui| panels::comparing::show(ui, session, actions));
+            section(ui, text!("Ghosts"), false, |ui| panels::ghosts::show(ui, session, actions));
         }
         Tab::Tuning => {
-            section(ui, "Reflections", true, |ui| panels::reflections::show(ui, session, actions));
-            section(ui, "Truth", true, |ui| panels::truth::show(ui, session, actions));
-            section(ui, "Timings", true, |ui| panels::timings::show(ui, session));
+            section(ui, text!("Reflections"), true, |ui| panels::reflections::show(ui, session, actions));
+            section(ui, text!("Truth"), true, |ui| panels::truth::show(ui, session, actions));
+            section(ui, text!("Timings"), true, |ui| panels::timings::show(ui, session));
         }
         Tab::Streaming if is_streaming => {
-            section(ui, "Streaming", true, |ui| panels::streaming::show(ui, session, actions));
+            section(ui, text!("Streaming"), true, |ui| panels::streaming::show(ui, session, actions));
         }
         Tab::Streaming => {
-            ui.label(RichText::new("Nothing that is open is streamed.").color(theme::WEAK));
+            ui.label(RichText::new(text!("Nothing that is open is streamed.")).color(theme::WEAK));
         }
     }
     let mut shown: Vec<&str> = OWN_PANELS.into();
@@ -214,9 +217,21 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
         shown.push(group.section);
         // How files are read is chosen before they are open: what is open comes first.
         let is_open = group.section != scene::Surface::table().section;
-        section(ui, group.section, is_open, |ui| parameter_groups(ui, session, group.section, actions));
+        section(ui, translated(group.section), is_open, |ui| parameter_groups(ui, session, group.section, actions));
+    }
+    if tab == Tab::Look {
+        section(ui, text!("Window"), true, |ui| {
+            let mut language = session.preferences.language;
+            choice(ui, text!("Language"), &mut language, languages().into_iter());
+            actions.extend((language != session.preferences.language).then_some(Action::Speak(language)));
+        });
     }
     lights_are_shown
+}
+
+/// The languages of the window, each as it calls itself.
+pub fn languages() -> [(Language, &'static str); 3] {
+    [(Language::System, text!("as the system")), (Language::English, "English"), (Language::German, "Deutsch")]
 }
 
 /// Says at the lower end of the panel that the picture does not show its values yet. It covers the lowest line, so that
@@ -225,7 +240,7 @@ fn late_notice(ui: &mut Ui) {
     let panel = ui.max_rect();
     let area = Rect::from_min_max(egui::pos2(panel.left(), panel.bottom() - 18.0), panel.right_bottom());
     ui.painter().rect_filled(area, 0.0, theme::PANEL);
-    let text = RichText::new("Picture of earlier values; drawing…").small().color(theme::WEAK);
+    let text = RichText::new(text!("Picture of earlier values; drawing…")).small().color(theme::WEAK);
     ui.place(area, egui::Label::new(text).selectable(false));
 }
 
@@ -281,14 +296,15 @@ pub fn parameter_group(
         return;
     }
     if has_heading {
-        ui.label(RichText::new(subject(group)).small().color(theme::WEAK)).on_hover_text(group.help);
+        ui.label(RichText::new(translated(subject(group))).small().color(theme::WEAK))
+            .on_hover_text(translated(group.help));
     }
     panels::parameters::parameters(ui, params, &skipped, actions);
 }
 
 fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Action>) {
     let is_listed = |binding: &&bindings::Binding| binding.action == action;
-    let help = bindings::BINDINGS.iter().find(is_listed).map_or("", |binding| binding.text);
+    let help = bindings::BINDINGS.iter().find(is_listed).map_or("", |binding| translated(binding.text));
     let shortcut = bindings::shortcut(&action);
     let button = ui.button(text).on_hover_text(format!("{help} ({shortcut})"));
     let is_sign = !text.contains(char::is_alphabetic);
@@ -299,22 +315,22 @@ fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Acti
 }
 
 fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    ui.menu_button("Recent", |ui| {
+    ui.menu_button(text!("Recent"), |ui| {
         for path in &session.preferences.sessions {
-            let help = format!("Closes what is open, and opens {path}");
+            let help = text!("Closes what is open, and opens {path}", path);
             if ui.button(short_name(path)).on_hover_text(help).clicked() {
                 actions.push(Action::File(Filing::Open(path.into())));
             }
         }
         if let Some(left) = session.document.abandoned.last() {
-            let text = format!("Unsaved work on {}, {}…", left.name(), left.age());
-            if ui.button(text).on_hover_text("Asks whether to restore it").clicked() {
+            let text = text!("Unsaved work on {left}, {age}…", left = left.name(), age = left.age());
+            if ui.button(text).on_hover_text(text!("Asks whether to restore it")).clicked() {
                 actions.push(Action::File(Filing::Offer));
             }
         }
         let mut reopens = session.preferences.reopens;
-        let help = "Where nothing else is named on the command line";
-        if ui.checkbox(&mut reopens, "Open the last scene at the start").on_hover_text(help).changed() {
+        let help = text!("Where nothing else is named on the command line");
+        if ui.checkbox(&mut reopens, text!("Open the last scene at the start")).on_hover_text(help).changed() {
             actions.push(Action::File(Filing::Reopen(reopens)));
         }
         ui.separator();

@@ -6,6 +6,7 @@ use egui::{Align, Layout, RichText, Ui, UiBuilder};
 use scene::Show;
 use world::{CloudTask, IndexState, LEAST_TIME, TaskKind, TaskStatus};
 
+use crate::shared::language::{text, translated};
 use crate::system::fetching::{self, Fetch};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
@@ -51,9 +52,9 @@ pub fn waiting(session: &Session) -> Option<String> {
         return None;
     }
     match session.frames.compiled() {
-        Some(share) => Some(format!("compiling shaders: {:.0} %", share * 100.0)),
-        None if session.adapter.is_none() => Some("preparing the renderer".into()),
-        None => session.frames.first_is_drawn().then(|| "drawing the first picture".into()),
+        Some(share) => Some(text!("compiling shaders: {share} %", share = format_args!("{:.0}", share * 100.0))),
+        None if session.adapter.is_none() => Some(text!("preparing the renderer").into()),
+        None => session.frames.first_is_drawn().then(|| text!("drawing the first picture").into()),
     }
 }
 
@@ -61,7 +62,7 @@ pub fn waiting(session: &Session) -> Option<String> {
 fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let is_open = session.preferences.panel_is_open;
     let text = if is_open { "<" } else { ">" };
-    let help = if is_open { "Hide the panel" } else { "Show the panel" };
+    let help = if is_open { text!("Hide the panel") } else { text!("Show the panel") };
     if ui.small_button(text).on_hover_text(help).accessible_name(help).clicked() {
         actions.push(Action::TogglePanel);
     }
@@ -72,12 +73,12 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
         ui.ctx().request_repaint_after(Duration::from_millis(100));
     } else if let Some([summed, asked]) = session.frames.samples_under_way().filter(|_| session.fatal.is_none()) {
-        ui.label(RichText::new(format!("sample {summed} of {asked}")).color(theme::WEAK));
+        ui.label(RichText::new(text!("sample {summed} of {asked}", summed, asked)).color(theme::WEAK));
         progress_bar(ui, summed as f32 / asked as f32);
     } else if let Some((so_far, all)) = session.frames.full_quality_under_way(session.outside.now) {
         let left = all.map(|all| all - so_far).filter(|left| *left > 0.0);
-        let more = left.map_or_else(|| format!("{so_far:.0} s so far"), time_left);
-        ui.label(RichText::new(format!("drawing the full picture: {more}")).color(theme::WEAK));
+        let more = left.map_or_else(|| text!("{so_far} s so far", so_far = format_args!("{so_far:.0}")), time_left);
+        ui.label(RichText::new(text!("drawing the full picture: {more}", more)).color(theme::WEAK));
         if let Some(all) = all.filter(|_| left.is_some()) {
             progress_bar(ui, (so_far / all) as f32);
         }
@@ -91,13 +92,13 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     } else {
         let (points, all) = (session.loaded.points(), session.loaded.all_points());
         if let Some(shown) = shown_points(session).filter(|_| all == points) {
-            let help = "The others are hidden by clips, filters or classes, or with their cloud";
-            let text = format!("{} of {} points shown", grouped(shown), grouped(points));
+            let help = text!("The others are hidden by clips, filters or classes, or with their cloud");
+            let text = text!("{shown} of {points} points shown", shown = grouped(shown), points = grouped(points));
             ui.label(text).on_hover_text(help);
         } else if all > points {
-            ui.label(format!("{} of {} points", grouped(points), grouped(all)));
+            ui.label(text!("{points} of {all} points", points = grouped(points), all = grouped(all)));
         } else if points > 0 {
-            ui.label(format!("{} points", grouped(points)));
+            ui.label(text!("{points} points", points = grouped(points)));
         }
     }
     panels::truth::progress(ui, session, actions);
@@ -112,13 +113,17 @@ fn state_of_picture(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     uncertain_reflections(ui, session, actions);
     if session.is_unlit() {
-        ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
+        ui.label(RichText::new(text!("data colours, no light")).color(theme::ACCENT));
     }
     let [turning, help] = session.scene.turning();
     let color = if turning == "orbit" { theme::WEAK } else { theme::ACCENT };
-    ui.label(RichText::new(turning).color(color)).on_hover_text(help);
+    ui.label(RichText::new(translated(turning)).color(color)).on_hover_text(translated(help));
     if let Some(shown) = &session.frames.shown {
-        ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
+        ui.label(
+            RichText::new(text!("{time} ms", time = format_args!("{:.1}", shown.stats.frame_milliseconds)))
+                .monospace()
+                .size(11.5),
+        );
     }
     messages_button(ui, session, actions);
 }
@@ -157,8 +162,8 @@ fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Actio
     if share <= MOSTLY_CERTAIN {
         return;
     }
-    let text = format!("{:.0} % of reflections uncertain", share * 100.0);
-    let help = "Closed from neighbours, more than a pixel off, or alone among neighbours; click to see where";
+    let text = text!("{share} % of reflections uncertain", share = format_args!("{:.0}", share * 100.0));
+    let help = text!("Closed from neighbours, more than a pixel off, or alone among neighbours; click to see where");
     if ui.small_button(RichText::new(text).color(theme::ACCENT)).on_hover_text(help).clicked() {
         let is_shown = session.scene.settings.reflection.show == Show::Uncertain;
         let show = if is_shown { Show::Picture } else { Show::Uncertain };
@@ -169,19 +174,20 @@ fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Actio
 /// Draws the progress of a job. Returns true if Cancel was clicked.
 fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
     // What follows may be cut.
-    let cancel = ui.small_button("Cancel").on_hover_text("Stop all that is loaded and made; what is there stays");
+    let cancel =
+        ui.small_button(text!("Cancel")).on_hover_text(text!("Stop all that is loaded and made; what is there stays"));
     let is_cancelled = cancel.clicked();
     if let Some((entry, stage)) = session.loaded.stage_of(job) {
         let is_preview = entry.points > 0 && matches!(entry.pages, Some(IndexState::Indexing));
         stage_progress(ui, stage, &entry.cloud.name, is_preview);
     } else {
         let (done, total) = (job.progress.done(), job.progress.total());
-        ui.label(format!("reading {}", job.name));
+        ui.label(text!("reading {job}", job = job.name));
         if let Some((Fetch { address, done, total, .. }, count)) = fetching::first() {
-            let others = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
-            ui.label(format!("fetching {}{others}", codec::last_part(&address)));
+            let others = if count > 1 { text!(" and {count} more", count = count - 1) } else { String::new() };
+            ui.label(text!("fetching {address}{others}", address = codec::last_part(&address), others));
             progress_bar(ui, (done as f32 / total.max(1) as f32).min(1.0));
-            let text = format!("{} of {}", theme::bytes(done), theme::bytes(total));
+            let text = text!("{done} of {total}", done = theme::bytes(done), total = theme::bytes(total));
             ui.label(RichText::new(text).small().color(theme::WEAK));
         }
         // For a streamed cloud the number of points that a view needs is not known.
@@ -198,13 +204,13 @@ fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
 /// Draws the progress of a task of a cloud.
 fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str, is_preview: bool) {
     let (verb, noun) = match stage.kind {
-        TaskKind::Index if is_preview => ("a preview is shown, indexing", "index"),
-        TaskKind::Index => ("indexing", "index"),
-        TaskKind::Surfels => ("normals of", "normals"),
+        TaskKind::Index if is_preview => (text!("a preview is shown, indexing"), text!("index")),
+        TaskKind::Index => (text!("indexing"), text!("index")),
+        TaskKind::Surfels => (text!("normals of"), text!("normals")),
     };
     match stage.status() {
-        TaskStatus::Queued => drop(ui.label(format!("{name}: its {noun} will be made next"))),
-        TaskStatus::Elsewhere => drop(ui.label(format!("{name}: another program is making its {noun}"))),
+        TaskStatus::Queued => drop(ui.label(text!("{name}: its {noun} will be made next", name, noun))),
+        TaskStatus::Elsewhere => drop(ui.label(text!("{name}: another program is making its {noun}", name, noun))),
         TaskStatus::UnderWay | TaskStatus::Stopped | TaskStatus::Over => {
             let share = stage.share() as f32;
             ui.label(format!("{verb} {name}: {:.0} %", share * 100.0));
@@ -219,7 +225,7 @@ fn messages_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let worst = session.outside.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
     let color = worst.filter(|level| *level != Level::Note).map(Level::color);
     let count = session.outside.messages.all.iter().filter(|message| message.level != Level::Note).count();
-    let text = if count > 0 { format!("Messages ({count})") } else { "Messages".into() };
+    let text = if count > 0 { text!("Messages ({count})", count) } else { text!("Messages").into() };
     let text = color.map_or(RichText::new(&text), |color| RichText::new(&text).color(color));
     if ui.small_button(text).clicked() {
         actions.push(Action::ListMessages(!session.outside.messages.list_is_open));

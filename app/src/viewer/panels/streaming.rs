@@ -6,6 +6,7 @@ use std::time::Duration;
 use egui::{Color32, RichText, Ui};
 use world::{CloudKey, CloudTask, IndexEntry, IndexState, StreamStats, TaskKind, TaskStatus, half_of, most_points};
 
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{progress_bar, progress_text};
@@ -24,7 +25,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let jobs = || session.loaded.jobs.iter().filter(|job| job.has_streamed && job.stream.points_total > 0);
     for job in jobs() {
         if jobs().count() > 1 {
-            weak(ui, format!("what is there of {}", job.name));
+            weak(ui, text!("what is there of {job}", job = job.name));
         }
         let points =
             (most_points(&session.scene.settings.view, &session.scene.settings.stream) as f64 * job.share) as u64;
@@ -36,7 +37,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     panels::parameters::parameters(ui, &session.scene.settings.stream, &[], actions);
     if let Some(size) = session.loaded.cache_size {
         let most = session.scene.settings.stream.cache_bytes;
-        weak(ui, format!("All indexes take {} of {most}", theme::bytes(size)));
+        weak(ui, text!("All indexes take {size} of {most}", size = theme::bytes(size), most));
     }
 }
 
@@ -52,31 +53,39 @@ fn cloud(ui: &mut Ui, session: &Session, entry: &CloudEntry, streamed: &Streamed
     match &entry.pages {
         None | Some(IndexState::Indexing) => match made(TaskKind::Index).map(|stage| (stage, stage.status())) {
             Some((_, TaskStatus::Stopped)) => {
-                let help = "Make the index after all, from its beginning";
-                resume(ui, session, entry.key, "no index: what is shown is a preview", help, actions);
+                let help = text!("Make the index after all, from its beginning");
+                resume(ui, session, entry.key, text!("no index: what is shown is a preview"), help, actions);
             }
             Some((stage, _)) if stage.is_pending() => {
-                let help = "Stop; nothing is kept of the index, and the preview stays";
+                let help = text!("Stop; nothing is kept of the index, and the preview stays");
                 pending(ui, entry.key, stage, help, actions);
             }
-            Some(_) => weak(ui, "no index"),
-            None => weak(ui, "its index will be made next"),
+            Some(_) => weak(ui, text!("no index")),
+            None => weak(ui, text!("its index will be made next")),
         },
         Some(IndexState::Indexed { has_surfels, was_built, entry: kept, .. }) => {
             let origin = match kept {
-                Some(_) if *was_built => "indexed now",
-                Some(_) => "the index was there",
-                None => "brings its own index",
+                Some(_) if *was_built => text!("indexed now"),
+                Some(_) => text!("the index was there"),
+                None => text!("brings its own index"),
             };
-            weak(ui, format!("{} of {} points · {origin}", grouped(entry.points), grouped(entry.total())));
+            weak(
+                ui,
+                text!(
+                    "{points} of {total} points · {origin}",
+                    points = grouped(entry.points),
+                    total = grouped(entry.total()),
+                    origin
+                ),
+            );
             let ready = match kept {
-                Some(_) => "ready, without normals and radii",
-                None => "ready; normals and radii are those of what is there",
+                Some(_) => text!("ready, without normals and radii"),
+                None => text!("ready; normals and radii are those of what is there"),
             };
             match made(TaskKind::Surfels).map(|stage| (stage, stage.status())) {
-                _ if *has_surfels => weak(ui, "ready, with normals and radii of all points"),
+                _ if *has_surfels => weak(ui, text!("ready, with normals and radii of all points")),
                 Some((stage, _)) if stage.is_pending() => {
-                    let help = "Stop; what is done is kept for the next time";
+                    let help = text!("Stop; what is done is kept for the next time");
                     pending(ui, entry.key, stage, help, actions);
                 }
                 Some((_, TaskStatus::Stopped)) => {
@@ -85,7 +94,7 @@ fn cloud(ui: &mut Ui, session: &Session, entry: &CloudEntry, streamed: &Streamed
                         session,
                         entry.key,
                         ready,
-                        "Go on with normals and radii where they were stopped",
+                        text!("Go on with normals and radii where they were stopped"),
                         actions,
                     );
                 }
@@ -106,20 +115,20 @@ fn cloud(ui: &mut Ui, session: &Session, entry: &CloudEntry, streamed: &Streamed
 fn pending(ui: &mut Ui, key: CloudKey, stage: &CloudTask, help: &str, actions: &mut Vec<Action>) {
     ui.ctx().request_repaint_after(Duration::from_millis(250));
     let (verb, noun) = match stage.kind {
-        TaskKind::Index => ("indexing", "index"),
-        TaskKind::Surfels => ("normals", "normals"),
+        TaskKind::Index => (text!("indexing"), text!("index")),
+        TaskKind::Surfels => (text!("normals"), text!("normals")),
     };
     let standing = stage.status();
     ui.horizontal(|ui| {
         match standing {
-            TaskStatus::Queued => drop(ui.label(format!("its {noun} will be made next"))),
-            TaskStatus::Elsewhere => drop(ui.label(format!("another program is making its {noun}"))),
+            TaskStatus::Queued => drop(ui.label(text!("its {noun} will be made next", noun))),
+            TaskStatus::Elsewhere => drop(ui.label(text!("another program is making its {noun}", noun))),
             _ => {
                 ui.label(format!("{verb} {:.0} %", stage.share() * 100.0));
                 progress_bar(ui, stage.share() as f32);
             }
         }
-        if ui.small_button("Stop").on_hover_text(help).clicked() {
+        if ui.small_button(text!("Stop")).on_hover_text(help).clicked() {
             actions.push(Action::StopMaking(key));
         }
     });
@@ -132,7 +141,7 @@ fn pending(ui: &mut Ui, key: CloudKey, stage: &CloudTask, help: &str, actions: &
 fn resume(ui: &mut Ui, session: &Session, key: CloudKey, text: &str, help: &str, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         weak(ui, text);
-        if session.loaded.job_of(key).is_some() && ui.small_button("Resume").on_hover_text(help).clicked() {
+        if session.loaded.job_of(key).is_some() && ui.small_button(text!("Resume")).on_hover_text(help).clicked() {
             actions.push(Action::ResumeMaking(key));
         }
     });
@@ -142,17 +151,18 @@ fn resume(ui: &mut Ui, session: &Session, key: CloudKey, text: &str, help: &str,
 fn index(ui: &mut Ui, key: CloudKey, kept: &IndexEntry, actions: &mut Vec<Action>) {
     let folder = kept.folder.display().to_string();
     ui.horizontal(|ui| {
-        ui.label(RichText::new(format!("index: {}", theme::bytes(kept.bytes))).small()).on_hover_text(&folder);
-        if ui.small_button("Copy path").on_hover_text(&folder).clicked() {
+        ui.label(RichText::new(text!("index: {kept}", kept = theme::bytes(kept.bytes))).small()).on_hover_text(&folder);
+        if ui.small_button(text!("Copy path")).on_hover_text(&folder).clicked() {
             actions.push(Action::Copy(folder.clone()));
         }
-        ui.menu_button(RichText::new("Delete…").small(), |ui| {
+        ui.menu_button(RichText::new(text!("Delete…")).small(), |ui| {
             ui.set_max_width(260.0);
-            ui.label(format!(
-                "The cloud is closed and {} are free. Its files stay as they are; when they are opened again, the index is made anew.",
-                theme::bytes(kept.bytes)
+            ui.label(text!(
+                "The cloud is closed and {kept} are free. Its files stay as they are; when they are \
+                opened again, the index is made anew.",
+                kept = theme::bytes(kept.bytes)
             ));
-            if ui.button("Close cloud and delete index").clicked() {
+            if ui.button(text!("Close cloud and delete index")).clicked() {
                 actions.push(Action::DeleteIndex(key));
                 ui.close();
             }
@@ -164,7 +174,7 @@ fn index(ui: &mut Ui, key: CloudKey, kept: &IndexEntry, actions: &mut Vec<Action
 fn legend(ui: &mut Ui, streamed: &Streamed) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 2.0;
-        weak(ui, "level, coarse to fine ");
+        weak(ui, text!("level, coarse to fine "));
         for (level, [red, green, blue, _]) in streamed.levels() {
             let luminance = 0.3 * f32::from(red) + 0.6 * f32::from(green) + 0.1 * f32::from(blue);
             let ink = if luminance > 110.0 { Color32::BLACK } else { Color32::WHITE };
@@ -177,16 +187,26 @@ fn legend(ui: &mut Ui, streamed: &Streamed) {
 /// Shows what is loaded of the clouds of a job, and what is being loaded.
 fn figures(ui: &mut Ui, stats: &StreamStats, points: u64, bytes: u64) {
     let lines = [
-        ("Points", format!("{} of {}", grouped(stats.points_resident), grouped(points))),
-        ("Nodes", grouped(stats.nodes as u64)),
-        ("Memory", format!("{} of {}", theme::bytes(stats.host_bytes), theme::bytes(bytes))),
-        ("Waiting", format!("{} nodes", grouped(stats.nodes_waiting as u64))),
-        ("Disk", format!("{}/s", theme::bytes(stats.disk_bytes_per_second as u64))),
-        ("Decoded", format!("{:.2} M points/s", stats.points_per_second / 1e6)),
+        (text!("Points"), text!("{done} of {total}", done = grouped(stats.points_resident), total = grouped(points))),
+        (text!("Nodes"), grouped(stats.nodes as u64)),
+        (
+            text!("Memory"),
+            text!("{done} of {total}", done = theme::bytes(stats.host_bytes), total = theme::bytes(bytes)),
+        ),
+        (text!("Waiting"), text!("{nodes_waiting} nodes", nodes_waiting = grouped(stats.nodes_waiting as u64))),
+        (text!("Disk"), format!("{}/s", theme::bytes(stats.disk_bytes_per_second as u64))),
+        (text!("Decoded"), text!("{speed} M points/s", speed = format_args!("{:.2}", stats.points_per_second / 1e6))),
     ];
     let [open, needed, all] = stats.tiles;
-    let tiles = (all > 0).then(|| ("Tiles", format!("{} of {} in view", grouped(open as u64), grouped(needed as u64))));
-    let help = "What this may have of the budgets; decoded points take half of stream.host_bytes, making indexes the other half";
+    let tiles = (all > 0).then(|| {
+        (
+            text!("Tiles"),
+            text!("{open} of {needed} in view", open = grouped(open as u64), needed = grouped(needed as u64)),
+        )
+    });
+    let help = text!(
+        "What this may have of the budgets; decoded points take half of stream.host_bytes, making indexes the other half"
+    );
     let grid = egui::Grid::new("streaming").num_columns(2).spacing([16.0, 2.0]).show(ui, |ui| {
         for (name, text) in lines.into_iter().chain(tiles) {
             ui.label(RichText::new(name).small());

@@ -2,6 +2,7 @@
 
 use egui::{RichText, Ui};
 
+use crate::shared::language::text;
 use crate::viewer::jobs::sweep_range::{MOST_VALUES, SweepRange};
 use crate::viewer::look::theme;
 use crate::viewer::requests::action::Action;
@@ -11,7 +12,7 @@ use crate::viewer::session::Session;
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(asked) = &session.sweeps.asked else { return };
     let (mut range, mut is_open, mut start) = (asked.clone(), true, None);
-    egui::Window::new(format!("Sweep {}", range.key))
+    egui::Window::new(text!("Sweep {key}", key = range.key))
         .open(&mut is_open)
         .collapsible(false)
         .resizable(false)
@@ -34,17 +35,17 @@ fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
     if range.is_number() {
         egui::Grid::new("range").num_columns(2).show(ui, |ui| {
             let speed = (range.to - range.from).abs().max(1e-3) * 0.01;
-            for (name, value) in [("From", &mut range.from), ("To", &mut range.to)] {
+            for (name, value) in [(text!("From"), &mut range.from), (text!("To"), &mut range.to)] {
                 let label = ui.label(name);
                 ui.add(egui::DragValue::new(value).speed(speed).max_decimals(4)).labelled_by(label.id);
                 ui.end_row();
             }
-            let label = ui.label("Values");
+            let label = ui.label(text!("Values"));
             ui.add(egui::DragValue::new(&mut range.count).range(2..=MOST_VALUES)).labelled_by(label.id);
             ui.end_row();
         });
-        let help = "Even ratios in place of even steps";
-        ui.checkbox(&mut range.is_logarithmic, "Logarithmic").on_hover_text(help);
+        let help = text!("Even ratios in place of even steps");
+        ui.checkbox(&mut range.is_logarithmic, text!("Logarithmic")).on_hover_text(help);
     }
     let values = range.values();
     let text = match &values {
@@ -52,8 +53,8 @@ fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
         Err(problem) => problem.clone(),
     };
     ui.label(RichText::new(text).small().color(if values.is_ok() { theme::WEAK } else { theme::ERROR }));
-    ui.label(RichText::new("Each is drawn, timed and judged in this view; the setting stays as it is.").small());
-    let button = ui.add_enabled(values.is_ok(), egui::Button::new("Start"));
+    ui.label(RichText::new(text!("Each is drawn, timed and judged in this view; the setting stays as it is.")).small());
+    let button = ui.add_enabled(values.is_ok(), egui::Button::new(text!("Start")));
     values.ok().filter(|_| button.clicked())
 }
 
@@ -62,7 +63,8 @@ pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(sweep) = &session.sweeps.under_way else { return };
     ui.spinner();
     ui.label(RichText::new(sweep.text()).small().color(theme::WEAK));
-    if ui.small_button("End sweep").on_hover_text("The values that are judged so far are saved").clicked() {
+    if ui.small_button(text!("End sweep")).on_hover_text(text!("The values that are judged so far are saved")).clicked()
+    {
         actions.push(Action::EndSweep);
     }
 }

@@ -8,6 +8,7 @@ use egui::{
 };
 use scene::{CameraPath, Caption, Ease, Motion, WIPE};
 
+use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::name_label;
 use crate::viewer::panels::{captions, wipe};
@@ -27,33 +28,49 @@ const CAPTION_SECONDS: f64 = 3.0;
 const MARK: f32 = 5.5;
 
 pub const PRESETS: [(PathPreset, &str, &str); 9] = [
-    (PathPreset::View, "From this view", "One keyframe; move on and add others"),
-    (PathPreset::Bookmarks, "Through the bookmarks", "All kept views, two seconds apart"),
-    (PathPreset::Turntable, "Turntable", "Once around what the camera looks at, in ten seconds"),
-    (PathPreset::Orbit, "Orbit of the selection", "Around the selected mirror, light or clip, rising and sinking"),
-    (PathPreset::Polyline, "Along the measurement", "Above the points of the selected measurement, in ten seconds"),
-    (PathPreset::MirrorSweep, "Mirror sweep", "The selected mirror crosses the view and comes back"),
+    (PathPreset::View, english!("From this view"), english!("One keyframe; move on and add others")),
+    (PathPreset::Bookmarks, english!("Through the bookmarks"), english!("All kept views, two seconds apart")),
+    (PathPreset::Turntable, english!("Turntable"), english!("Once around what the camera looks at, in ten seconds")),
+    (
+        PathPreset::Orbit,
+        english!("Orbit of the selection"),
+        english!("Around the selected mirror, light or clip, rising and sinking"),
+    ),
+    (
+        PathPreset::Polyline,
+        english!("Along the measurement"),
+        english!("Above the points of the selected measurement, in ten seconds"),
+    ),
+    (
+        PathPreset::MirrorSweep,
+        english!("Mirror sweep"),
+        english!("The selected mirror crosses the view and comes back"),
+    ),
     (
         PathPreset::MethodTour,
-        "Method tour",
-        "Every reflection method for two seconds, with its name, and with its time and error where the tuning chart has them",
+        english!("Method tour"),
+        english!(
+            "Every reflection method for two seconds, with its name, and with its time and error where the tuning chart has them"
+        ),
     ),
     (
         PathPreset::WipeToTruth,
-        "Wipe: method | truth",
-        "A line crosses the picture: the present method on its left, what the ray tracer finds on its right",
+        english!("Wipe: method | truth"),
+        english!("A line crosses the picture: the present method on its left, what the ray tracer finds on its right"),
     ),
     (
         PathPreset::WipeFromKept,
-        "Wipe: kept | now",
-        "A line crosses the picture: the kept state (Measure, Compare) on its left, the present one on its right",
+        english!("Wipe: kept | now"),
+        english!(
+            "A line crosses the picture: the kept state (Measure, Compare) on its left, the present one on its right"
+        ),
     ),
 ];
 const EASES: [(Ease, &str, &str); 4] = [
-    (Ease::Smooth, "smooth", "Without a jump in speed"),
-    (Ease::Linear, "linear", "Evenly from one to the next"),
-    (Ease::InOut, "in, out", "From a stop to a stop"),
-    (Ease::Hold, "hold", "Each lasts until the next"),
+    (Ease::Smooth, english!("smooth"), english!("Without a jump in speed")),
+    (Ease::Linear, english!("linear"), english!("Evenly from one to the next")),
+    (Ease::InOut, english!("in, out"), english!("From a stop to a stop")),
+    (Ease::Hold, english!("hold"), english!("Each lasts until the next")),
 ];
 
 /// The key that is selected.
@@ -80,7 +97,7 @@ fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let path = session.filming.timeline.path(&session.scene);
     ui.horizontal(|ui| head(ui, session, path, &mut push));
     let Some(path) = path else {
-        ui.label(RichText::new("There is no path yet: `New` begins one.").color(theme::WEAK));
+        ui.label(RichText::new(text!("There is no path yet: `New` begins one.")).color(theme::WEAK));
         return;
     };
     let known = egui::Id::unique("selected key of the timeline");
@@ -95,7 +112,7 @@ fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             captions::row(ui, &mut changed.captions[index], end);
         }
         _ => {
-            let text = "A click selects a mark or a caption below; a drag moves it.";
+            let text = text!("A click selects a mark or a caption below; a drag moves it.");
             ui.horizontal(|ui| ui.label(RichText::new(text).small().color(theme::WEAK)));
         }
     }
@@ -128,21 +145,21 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
                 }
             }
         });
-        list.response.accessible_name("Path");
+        list.response.accessible_name(text!("Path"));
     }
     // A click on the number within it leaves the menu open.
     let menu = MenuConfig::new().close_behavior(PopupCloseBehavior::CloseOnClickOutside);
-    MenuButton::new("New").config(menu).ui(ui, |ui| {
+    MenuButton::new(text!("New")).config(menu).ui(ui, |ui| {
         for (preset, name, help) in PRESETS {
-            if ui.button(name).on_hover_text(help).clicked() {
+            if ui.button(translated(name)).on_hover_text(translated(help)).clicked() {
                 push(Film::Add(preset));
                 ui.close();
             }
         }
         ui.separator();
         ui.horizontal(|ui| {
-            let label = name_label(ui, "Height above");
-            let label = label.on_hover_text("How high a path along a measurement leads above its points");
+            let label = name_label(ui, text!("Height above"));
+            let label = label.on_hover_text(text!("How high a path along a measurement leads above its points"));
             let units = units(&session.loaded);
             let unit = units.rise().map_or(String::new(), |unit| format!(" {unit}"));
             let before = session.filming.height(&units);
@@ -156,38 +173,46 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
     });
     if let Some(path) = path {
         let shortcut = bindings::shortcut(&Action::Film(Film::Play));
-        let text = if timeline.is_playing() { "Pause" } else { "Play" };
+        let text = if timeline.is_playing() { text!("Pause") } else { text!("Play") };
         if ui.button(text).on_hover_text(shortcut).clicked() {
             push(Film::Play);
         }
         let mut repeats = timeline.repeats;
-        if ui.checkbox(&mut repeats, "Repeat").changed() {
+        if ui.checkbox(&mut repeats, text!("Repeat")).changed() {
             push(Film::Repeat(repeats));
         }
         let mut time = timeline.time;
         let drag = egui::DragValue::new(&mut time).speed(0.02).range(0.0..=LATEST).suffix(" s");
-        if ui.add(drag.fixed_decimals(2)).accessible_name("Time").changed() {
+        if ui.add(drag.fixed_decimals(2)).accessible_name(text!("Time")).changed() {
             push(Film::Scrub(time));
         }
-        ui.label(RichText::new(format!("of {:.2} s", path.duration())).color(theme::WEAK));
+        ui.label(
+            RichText::new(text!("of {duration} s", duration = format_args!("{:.2}", path.duration())))
+                .color(theme::WEAK),
+        );
         if timeline.is_playing() {
             ui.ctx().request_repaint();
         }
     }
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-        if ui.small_button("×").on_hover_text("Close the timeline").accessible_name("Close the timeline").clicked() {
+        if ui
+            .small_button("×")
+            .on_hover_text(text!("Close the timeline"))
+            .accessible_name(text!("Close the timeline"))
+            .clicked()
+        {
             push(Film::Toggle);
         }
         if path.is_some() {
             // The button keeps its place meanwhile, so that nothing else comes under the mouse.
             let is_free = session.filming.recording.under_way.is_none();
-            let record = ui.add_enabled(is_free, egui::Button::new("Record…"));
-            let record = record.on_hover_text("A film or pictures of this path, as `glint record` makes them");
-            if record.on_disabled_hover_text("A recording is under way").clicked() {
+            let record = ui.add_enabled(is_free, egui::Button::new(text!("Record…")));
+            let record = record.on_hover_text(text!("A film or pictures of this path, as `glint record` makes them"));
+            if record.on_disabled_hover_text(text!("A recording is under way")).clicked() {
                 push(Film::AskRecording);
             }
         }
-        if path.is_some() && ui.small_button("Delete path").clicked() {
+        if path.is_some() && ui.small_button(text!("Delete path")).clicked() {
             push(Film::Remove);
         }
     });
@@ -203,13 +228,13 @@ fn options(
 ) {
     let time = session.filming.timeline.time;
     let name = egui::TextEdit::singleline(&mut path.name).desired_width(110.0);
-    ui.add(name).accessible_name("Name of the path");
-    if ui.button("+ Keyframe").on_hover_text("The camera's view, at the time of the mark").clicked() {
+    ui.add(name).accessible_name(text!("Name of the path"));
+    if ui.button(text!("+ Keyframe")).on_hover_text(text!("The camera's view, at the time of the mark")).clicked() {
         *selected = Some(Selected::Keyframe(path.set_keyframe(time, session.scene.camera)));
     }
-    ui.menu_button("+ Bookmark", |ui| {
+    ui.menu_button(text!("+ Bookmark"), |ui| {
         if session.scene.objects.bookmarks.is_empty() {
-            ui.label("No view is kept.");
+            ui.label(text!("No view is kept."));
         }
         for bookmark in &session.scene.objects.bookmarks {
             if ui.button(&bookmark.name).clicked() {
@@ -218,52 +243,57 @@ fn options(
         }
     })
     .response
-    .on_hover_text("A kept view as a keyframe, at the time of the mark");
-    ui.menu_button("+ Key", |ui| keys_menu(ui, session, push))
+    .on_hover_text(text!("A kept view as a keyframe, at the time of the mark"));
+    ui.menu_button(text!("+ Key"), |ui| keys_menu(ui, session, push))
         .response
-        .on_hover_text("What a parameter, or a value of the selected object, is now, at the time of the mark");
-    let help = "A text over the pictures, from the time of the mark on";
-    if ui.button("+ Caption").on_hover_text(help).clicked() {
+        .on_hover_text(text!("What a parameter, or a value of the selected object, is now, at the time of the mark"));
+    let help = text!("A text over the pictures, from the time of the mark on");
+    if ui.button(text!("+ Caption")).on_hover_text(help).clicked() {
         *selected = Some(Selected::Caption(path.captions.len()));
-        path.captions.push(Caption::new("Caption".into(), time, Some(time + CAPTION_SECONDS)));
+        path.captions.push(Caption::new(text!("Caption").into(), time, Some(time + CAPTION_SECONDS)));
     }
     wipe::add(ui, session, path, push);
     let mut ease = path.ease;
-    ease_menu(ui, "Camera", &mut ease);
+    ease_menu(ui, text!("Camera"), &mut ease);
     if ease != path.ease {
         path.set_ease(ease);
     }
     let mut is_even = path.speed.is_some();
-    if ui.checkbox(&mut is_even, "Constant speed").changed() {
+    if ui.checkbox(&mut is_even, text!("Constant speed")).changed() {
         let duration = path.duration();
         let length = Motion::new(path).map_or(0.0, |motion| length(&motion));
         path.set_speed(is_even.then_some(length / duration));
     }
     if let Some(speed) = &mut path.speed {
         let step = *speed * 0.01;
-        let drag = egui::DragValue::new(speed).speed(step).range(1e-6..=1e9).suffix(" units/s");
-        ui.add(drag).accessible_name("Speed");
+        let drag = egui::DragValue::new(speed).speed(step).range(1e-6..=1e9).suffix(text!(" units/s"));
+        ui.add(drag).accessible_name(text!("Speed"));
     }
     let mut is_loop = path.is_loop;
-    if ui.checkbox(&mut is_loop, "Loop").on_hover_text("The path ends where it begins").changed() {
+    if ui.checkbox(&mut is_loop, text!("Loop")).on_hover_text(text!("The path ends where it begins")).changed() {
         path.set_loop(is_loop);
     }
     let Some(key) = *selected else { return };
     ui.separator();
     let mut at = time_of(path, key).unwrap_or_default();
     let drag = egui::DragValue::new(&mut at).speed(0.02).range(0.0..=LATEST).suffix(" s").fixed_decimals(2);
-    if ui.add(drag).on_hover_text("The time of the selected key").accessible_name("Time of the key").changed() {
+    if ui
+        .add(drag)
+        .on_hover_text(text!("The time of the selected key"))
+        .accessible_name(text!("Time of the key"))
+        .changed()
+    {
         move_key(path, key, at);
     }
     if let Selected::Keyframe(index) = key {
-        if ui.small_button("Stay").on_hover_text("The camera stands here for a second more").clicked() {
+        if ui.small_button(text!("Stay")).on_hover_text(text!("The camera stands here for a second more")).clicked() {
             path.hold_keyframe(index, 1.0);
         }
-        if ui.small_button("Replace").on_hover_text("The camera's view takes its place").clicked() {
+        if ui.small_button(text!("Replace")).on_hover_text(text!("The camera's view takes its place")).clicked() {
             path.set_keyframe(at, session.scene.camera);
         }
     }
-    if ui.small_button("Delete key").clicked() {
+    if ui.small_button(text!("Delete key")).clicked() {
         match key {
             Selected::Keyframe(index) => path.remove_keyframe(index),
             Selected::Key(track, index) => path.remove_key(track, index),
@@ -306,12 +336,14 @@ fn keys_menu(ui: &mut Ui, session: &Session, push: &mut impl FnMut(Film)) {
     }
     let path = session.filming.timeline.path(&session.scene);
     if path.is_some_and(|path| !path.states.is_empty())
-        && ui.button(WIPE).on_hover_text("The line between the states, where it is now").clicked()
+        && ui.button(WIPE).on_hover_text(text!("The line between the states, where it is now")).clicked()
     {
         push(Film::Key(WIPE.into()));
     }
     if of_object.is_empty() {
-        ui.label(RichText::new("Select a mirror, a light, a clip or a profile for its values.").color(theme::WEAK));
+        ui.label(
+            RichText::new(text!("Select a mirror, a light, a clip or a profile for its values.")).color(theme::WEAK),
+        );
     }
     ui.separator();
     for params in session.scene.settings.groups() {
@@ -334,14 +366,16 @@ fn keys_menu(ui: &mut Ui, session: &Session, push: &mut impl FnMut(Film)) {
 }
 
 fn ease_menu(ui: &mut Ui, of: &str, ease: &mut Ease) {
-    let shown = EASES.iter().find(|(known, ..)| known == ease).map_or("", |(_, name, _)| *name);
+    let shown = EASES.iter().find(|(known, ..)| known == ease).map_or("", |(_, name, _)| translated(name));
     let combo = egui::ComboBox::from_id_salt(("ease", of)).width(70.0).selected_text(shown);
     let list = combo.show_ui(ui, |ui| {
         for (known, name, help) in EASES {
-            ui.selectable_value(ease, known, name).on_hover_text(help);
+            ui.selectable_value(ease, known, translated(name)).on_hover_text(translated(help));
         }
     });
-    list.response.on_hover_text("How it goes from one key to the next").accessible_name(format!("Ease of {of}"));
+    list.response
+        .on_hover_text(text!("How it goes from one key to the next"))
+        .accessible_name(text!("Ease of {of}", of));
 }
 
 /// Where times stand on the lanes.
@@ -377,7 +411,7 @@ fn lanes(
     let scale = Scale { left, width, span: rounded_up((duration * 1.1).max(5.0)) };
     let (ruler, _) = ui.allocate_exact_size(vec2(area.width(), LANE), Sense::hover());
     let ruler = ui.interact(ruler.with_min_x(left - MARK), ui.scope_id().with("ruler"), Sense::click_and_drag());
-    ruler.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Slider, true, "Time of the path"));
+    ruler.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Slider, true, text!("Time of the path")));
     paint_ruler(ui, ruler.rect, scale);
     if let Some(place) = ruler.interact_pointer_pos() {
         push(Film::Scrub(scale.time(place.x)));
@@ -390,11 +424,12 @@ fn lanes(
         let times: Vec<f64> = motion.map(|motion| motion.times().to_vec()).unwrap_or_default();
         lane(
             ui,
-            |ui| drop(ui.label("Camera")),
+            |ui| drop(ui.label(text!("Camera"))),
             |ui, row| {
                 for (index, time) in times.iter().enumerate() {
                     let key = Selected::Keyframe(index);
-                    let name = format!("Keyframe {} at {time:.2} s", index + 1);
+                    let name =
+                        text!("Keyframe {index} at {time} s", index = index + 1, time = format_args!("{time:.2}"));
                     let response = mark(ui, row, scale.x(*time), ("keyframe", 0, index), &name, *selected == Some(key));
                     // With a constant speed, the way decides about the time.
                     let moves = path.speed.is_none();
@@ -406,7 +441,7 @@ fn lanes(
             let texts = path.captions.clone();
             lane(
                 ui,
-                |ui| drop(ui.label("Captions")),
+                |ui| drop(ui.label(text!("Captions"))),
                 |ui, row| {
                     for (index, caption) in texts.iter().enumerate() {
                         let key = Selected::Caption(index);
@@ -414,7 +449,8 @@ fn lanes(
                         let bar =
                             Rect::from_x_y_ranges(from..=to.min(row.right()), row.y_range()).shrink2(vec2(0.0, 5.0));
                         ui.painter().rect_filled(bar, 2.0, theme::WEAK.gamma_multiply(0.35));
-                        let name = format!("Caption {} at {:.2} s", index + 1, caption.start);
+                        let start = format!("{:.2}", caption.start);
+                        let name = text!("Caption {index} at {start} s", index = index + 1, start);
                         let place = ("caption", 0, index);
                         let response = mark(ui, row, from, place, &name, *selected == Some(key));
                         let response = response.on_hover_text(&caption.text);
@@ -427,7 +463,7 @@ fn lanes(
             let (key, before) = (path.tracks[track].key.clone(), path.tracks[track].ease);
             let mut ease = before;
             let names = |ui: &mut Ui| {
-                if ui.small_button("×").accessible_name(format!("Delete track {key}")).clicked() {
+                if ui.small_button("×").accessible_name(text!("Delete track {key}", key)).clicked() {
                     removed = Some(track);
                 }
                 ease_menu(ui, &key, &mut ease);
@@ -436,7 +472,8 @@ fn lanes(
             let times = path.tracks[track].times.clone();
             lane(ui, names, |ui, row| {
                 for (index, time) in times.iter().enumerate() {
-                    let name = format!("Key {} of {key} at {time:.2} s", index + 1);
+                    let seconds = format!("{time:.2}");
+                    let name = text!("Key {index} of {key} at {time} s", index = index + 1, key, time = seconds);
                     let place = ("key", track, index);
                     let at = Selected::Key(track, index);
                     let response = mark(ui, row, scale.x(*time), place, &name, *selected == Some(at));

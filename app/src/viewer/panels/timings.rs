@@ -4,6 +4,7 @@
 use egui::{Align, Layout, RichText, Ui};
 use render::{Clock, FrameStats, GlossCache, ReflectionStats};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::frames::auto::slowest_text;
 use crate::viewer::look::reflection_figures::{FIGURES, reflected_text};
 use crate::viewer::look::theme;
@@ -13,14 +14,14 @@ use crate::viewer::session::Session;
 fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
     for (index, (name, text, figure)) in FIGURES.into_iter().enumerate() {
         let Some(value) = figure(stats) else { continue };
-        let rect = row(ui, name, &text(value), None);
+        let rect = row(ui, translated(name), &text(value), None);
         sparkline(ui, rect, session.figure_history.of(index).filter(|value| value.is_finite()).collect());
     }
     if let Some(limit) = stats.map_use.and_then(|map_use| map_use.limit) {
-        row(ui, "Maps limited by", limit.name(), None);
+        row(ui, text!("Maps limited by"), limit.name(), None);
     }
     if stats.bounces > 1 {
-        row(ui, "Bounces", &stats.bounces.to_string(), None);
+        row(ui, text!("Bounces"), &stats.bounces.to_string(), None);
     }
     ui.separator();
 }
@@ -29,7 +30,12 @@ fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
 fn light_rays(ui: &mut Ui, stats: &FrameStats) {
     let [summed, asked] = stats.light_rays;
     if asked > 0 {
-        row(ui, "Rays of light", &format!("{summed} of {asked}"), Some(summed as f32 / asked as f32));
+        row(
+            ui,
+            text!("Rays of light"),
+            &text!("{summed} of {asked}", summed, asked),
+            Some(summed as f32 / asked as f32),
+        );
     }
 }
 
@@ -39,21 +45,21 @@ fn gloss(ui: &mut Ui, stats: &FrameStats) {
     if asked == 0 {
         return;
     }
-    row(ui, "Glossy samples", &format!("{summed} of {asked}"), Some(summed as f32 / asked as f32));
+    row(ui, text!("Glossy samples"), &text!("{summed} of {asked}", summed, asked), Some(summed as f32 / asked as f32));
     let why = match stats.glossy_hits {
         GlossCache::Kept => {
             let [traced, known] = stats.glossy_rays;
-            row(ui, "Glossy rays traced", &grouped(traced), None);
-            row(ui, "Known from before", &grouped(known), None);
+            row(ui, text!("Glossy rays traced"), &grouped(traced), None);
+            row(ui, text!("Known from before"), &grouped(known), None);
             return;
         }
         GlossCache::NoGloss => return,
-        GlossCache::Off => "gloss.cache is off".to_owned(),
-        GlossCache::NoHits => "the method keeps no hits".to_owned(),
-        GlossCache::Clear => "there is glass or water".to_owned(),
-        GlossCache::TooLarge(size) => format!("they would take {}", bytes(size)),
+        GlossCache::Off => text!("gloss.cache is off").to_owned(),
+        GlossCache::NoHits => text!("the method keeps no hits").to_owned(),
+        GlossCache::Clear => text!("there is glass or water").to_owned(),
+        GlossCache::TooLarge(size) => text!("they would take {size}", size = bytes(size)),
     };
-    ui.label(RichText::new(format!("Rays are traced for each change of light: {why}")).small().color(theme::WEAK));
+    ui.label(RichText::new(text!("Rays are traced for each change of light: {why}", why)).small().color(theme::WEAK));
 }
 
 /// Draws a line of values over the middle of a row, scaled from the least to the largest of them.
@@ -78,7 +84,7 @@ fn sparkline(ui: &Ui, row: egui::Rect, values: Vec<f64>) {
 
 pub fn show(ui: &mut Ui, session: &Session) {
     let Some(shown) = &session.frames.shown else {
-        ui.label(RichText::new("No frame yet.").color(theme::WEAK));
+        ui.label(RichText::new(text!("No frame yet.")).color(theme::WEAK));
         return;
     };
     let stats = &shown.stats;
@@ -86,17 +92,17 @@ pub fn show(ui: &mut Ui, session: &Session) {
         reflections(ui, session, reflection);
     }
     let clock = match stats.clock {
-        Clock::Gpu => "GPU clock",
-        Clock::Host => "host clock (this adapter has none that is to be trusted)",
+        Clock::Gpu => text!("GPU clock"),
+        Clock::Host => text!("host clock (this adapter has none that is to be trusted)"),
     };
     passes(ui, stats);
     ui.separator();
     gloss(ui, stats);
     light_rays(ui, stats);
-    row(ui, "Frame", &format!("{:.1} ms", stats.frame_milliseconds), None);
-    row(ui, "With transfer", &format!("{:.1} ms", shown.total_milliseconds), None);
+    row(ui, text!("Frame"), &text!("{time} ms", time = format_args!("{:.1}", stats.frame_milliseconds)), None);
+    row(ui, text!("With transfer"), &text!("{time} ms", time = format_args!("{:.1}", shown.total_milliseconds)), None);
     let [width, height] = shown.request.drawn_size();
-    row(ui, "Picture", &format!("{width} × {height}"), None);
+    row(ui, text!("Picture"), &format!("{width} × {height}"), None);
     ui.label(RichText::new(clock).small().color(theme::WEAK));
     let slowest = session.auto.slowest.as_ref().filter(|_| !shown.request.hurried).map(slowest_text);
     for text in [slowest, session.auto.told(&session.picture())].into_iter().flatten() {
@@ -104,13 +110,13 @@ pub fn show(ui: &mut Ui, session: &Session) {
     }
     if shown.request.hurried {
         let text = match shown.request.spared {
-            None => "Nearest point while moving, refined at rest",
-            Some(_) => "Fewer pixels and points while moving, refined at rest",
+            None => text!("Nearest point while moving, refined at rest"),
+            Some(_) => text!("Fewer pixels and points while moving, refined at rest"),
         };
         ui.label(RichText::new(text).small().color(theme::ACCENT));
     }
     if let Some(share) = &stats.reflected {
-        let text = format!("Mirrors reflect {}", reflected_text(share));
+        let text = text!("Mirrors reflect {share}", share = reflected_text(share));
         ui.label(RichText::new(text).small().color(theme::ACCENT));
     }
     if let Some(text) = stats.reflection.as_ref().and_then(cameras_text) {
@@ -119,16 +125,16 @@ pub fn show(ui: &mut Ui, session: &Session) {
     ui.separator();
     let loaded: u64 = session.loaded.clouds.iter().map(|entry| entry.points).sum();
     let total: u64 = session.loaded.clouds.iter().map(|entry| entry.expected_points.max(entry.points)).sum();
-    row(ui, "Points drawn", &grouped(stats.points_drawn), None);
-    row(ui, "On the GPU", &grouped(stats.points_resident), None);
-    row(ui, "Loaded", &grouped(loaded), None);
-    row(ui, "In the files", &grouped(total), None);
+    row(ui, text!("Points drawn"), &grouped(stats.points_drawn), None);
+    row(ui, text!("On the GPU"), &grouped(stats.points_resident), None);
+    row(ui, text!("Loaded"), &grouped(loaded), None);
+    row(ui, text!("In the files"), &grouped(total), None);
     ui.separator();
     let points: usize = session.loaded.clouds.iter().map(|entry| entry.cloud.size_in_bytes()).sum();
-    row(ui, "GPU memory", &bytes(stats.gpu_bytes), None);
-    row(ui, "Points in memory", &bytes(points as u64), None);
+    row(ui, text!("GPU memory"), &bytes(stats.gpu_bytes), None);
+    row(ui, text!("Points in memory"), &bytes(points as u64), None);
     if let Some(resident) = host_memory() {
-        row(ui, "Program", &bytes(resident), None);
+        row(ui, text!("Program"), &bytes(resident), None);
     }
     if let Some(adapter) = &session.adapter {
         ui.label(RichText::new(adapter).small().color(theme::WEAK));
@@ -138,12 +144,17 @@ pub fn show(ui: &mut Ui, session: &Session) {
 /// The time of each pass, if each was timed.
 fn passes(ui: &mut Ui, stats: &FrameStats) {
     if stats.passes.is_empty() {
-        let text = "Without timestamps of the adapter, passes are timed only while nothing moves";
+        let text = text!("Without timestamps of the adapter, passes are timed only while nothing moves");
         ui.label(RichText::new(text).small().color(theme::WEAK));
     }
     let longest = stats.passes.iter().map(|pass| pass.milliseconds).fold(f64::MIN_POSITIVE, f64::max);
     for pass in &stats.passes {
-        row(ui, pass.name, &format!("{:.2} ms", pass.milliseconds), Some((pass.milliseconds / longest) as f32));
+        row(
+            ui,
+            pass.name,
+            &text!("{time} ms", time = format_args!("{:.2}", pass.milliseconds)),
+            Some((pass.milliseconds / longest) as f32),
+        );
     }
 }
 
@@ -151,10 +162,15 @@ fn passes(ui: &mut Ui, stats: &FrameStats) {
 fn cameras_text(reflection: &ReflectionStats) -> Option<String> {
     let cameras = reflection.cameras.as_ref()?;
     Some(if cameras.is_late {
-        "Cameras of an earlier view, while those of this one are made".to_owned()
+        text!("Cameras of an earlier view, while those of this one are made").to_owned()
     } else {
         let (pinholes, lists) = (grouped(cameras.pinholes.into()), grouped(cameras.lists.into()));
-        format!("{pinholes} pinholes, {lists} lists of rays, made in {:.0} ms", cameras.milliseconds)
+        text!(
+            "{pinholes} pinholes, {lists} lists of rays, made in {milliseconds} ms",
+            pinholes,
+            lists,
+            milliseconds = format_args!("{:.0}", cameras.milliseconds)
+        )
     })
 }
 

@@ -4,6 +4,7 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, pos2, vec2};
 use study::{Accuracy, Estimate};
 
+use crate::shared::language::{english, text, translated};
 use crate::viewer::jobs::tasks::{ASTRAY_COLOR, Measure, RAMP};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::{bytes, grouped};
@@ -17,17 +18,21 @@ use crate::viewer::truth::traced_points;
 use crate::viewer::truth::view::{Activity, BYTES_PER_POINT, PEAK_BYTES_PER_POINT};
 
 const LOOKS: [(Look, &str, &str); 3] = [
-    (Look::Truth, "Truth", "What the ray tracer sees in place of the picture"),
-    (Look::Split, "Split", "The picture on the left, the truth on the right: drag the line"),
-    (Look::Difference, "Difference", "Where the picture is wrong, as a heat map"),
+    (Look::Truth, english!("Truth"), english!("What the ray tracer sees in place of the picture")),
+    (Look::Split, english!("Split"), english!("The picture on the left, the truth on the right: drag the line")),
+    (Look::Difference, english!("Difference"), english!("Where the picture is wrong, as a heat map")),
 ];
 
 const MEASURES: [(Measure, &str, &str); 2] = [
-    (Measure::Color, "Colour", "Difference of the colours (CIEDE2000): 1 is hardly seen, 10 is another colour"),
+    (
+        Measure::Color,
+        english!("Colour"),
+        english!("Difference of the colours (CIEDE2000): 1 is hardly seen, 10 is another colour"),
+    ),
     (
         Measure::Place,
-        "Place",
-        "How many pixels beside its place a mirror shows a point; cyan where it shows none, or one too many",
+        english!("Place"),
+        english!("How many pixels beside its place a mirror shows a point; cyan where it shows none, or one too many"),
     ),
 ];
 
@@ -39,11 +44,15 @@ const SHADOW: Color32 = Color32::from_black_alpha(170);
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
-        let help = format!("Keeps the truth in the picture ({})", bindings::shortcut(&Action::PinTruth));
-        if ui.selectable_label(session.truth.is_pinned, "Pin").on_hover_text(help).clicked() {
+        let help =
+            text!("Keeps the truth in the picture ({shortcut})", shortcut = bindings::shortcut(&Action::PinTruth));
+        if ui.selectable_label(session.truth.is_pinned, text!("Pin")).on_hover_text(help).clicked() {
             actions.push(Action::PinTruth);
         }
-        ui.label(RichText::new(format!("hold {}", bindings::shortcut(&Action::ShowTruth))).color(theme::WEAK));
+        ui.label(
+            RichText::new(text!("hold {shortcut}", shortcut = bindings::shortcut(&Action::ShowTruth)))
+                .color(theme::WEAK),
+        );
     });
     let truth = &session.truth;
     if truth.is_pinned {
@@ -53,12 +62,13 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
     }
     let (mut keeps_ready, mut judges) = (truth.keeps_ready, truth.judges);
-    let help = "Trace every view that stands still, so that the truth is there when its key is pressed";
-    if ui.checkbox(&mut keeps_ready, "Keep ready").on_hover_text(help).changed() {
+    let help = text!("Trace every view that stands still, so that the truth is there when its key is pressed");
+    if ui.checkbox(&mut keeps_ready, text!("Keep ready")).on_hover_text(help).changed() {
         actions.push(Action::KeepTruthReady(keeps_ready));
     }
-    let help = "Measure how right the mirrors are whenever the view stands still; the tuning chart does so by itself";
-    if ui.checkbox(&mut judges, "Judge each setting").on_hover_text(help).changed() {
+    let help =
+        text!("Measure how right the mirrors are whenever the view stands still; the tuning chart does so by itself");
+    if ui.checkbox(&mut judges, text!("Judge each setting")).on_hover_text(help).changed() {
         actions.push(Action::JudgeSettings(judges));
     }
     figures(ui, session);
@@ -67,9 +77,9 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         0 => {
             let [kept, peak] = [BYTES_PER_POINT, PEAK_BYTES_PER_POINT]
                 .map(|each| bytes(traced_points(&session.loaded.clouds, &session.loaded.samples) * each));
-            format!("Tracing takes {kept} more memory, {peak} while it begins")
+            text!("Tracing takes {kept} more memory, {peak} while it begins", kept, peak)
         }
-        kept => format!("{} kept for tracing", bytes(kept)),
+        kept => text!("{kept} kept for tracing", kept = bytes(kept)),
     };
     ui.label(RichText::new(text).small().color(theme::WEAK));
     parameters(ui, &session.scene.settings.trace, &[], actions);
@@ -80,7 +90,7 @@ fn choices<T: Copy + PartialEq>(ui: &mut Ui, value: T, choices: &[(T, &str, &str
     let mut chosen = None;
     ui.horizontal(|ui| {
         for (choice, name, help) in choices {
-            if ui.selectable_label(value == *choice, *name).on_hover_text(*help).clicked() {
+            if ui.selectable_label(value == *choice, translated(name)).on_hover_text(translated(help)).clicked() {
                 chosen = Some(*choice);
             }
         }
@@ -98,17 +108,29 @@ fn figures(ui: &mut Ui, session: &Session) {
         }
     }
     if let Some([frame, method]) = times {
-        line(ui, "Frame", &format!("{frame:.1} ms"), "Median of frames from scratch with this setting");
-        line(ui, "Method", &format!("{method:.1} ms"), "Of that, what finds the points that mirrors show");
+        line(
+            ui,
+            text!("Frame"),
+            &text!("{time} ms", time = format_args!("{frame:.1}")),
+            text!("Median of frames from scratch with this setting"),
+        );
+        line(
+            ui,
+            text!("Method"),
+            &text!("{time} ms", time = format_args!("{method:.1}")),
+            text!("Of that, what finds the points that mirrors show"),
+        );
     }
 }
 
 /// Shows how large the error of the picture on the screen is, as far as random pixels show.
 fn estimate(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut is_on = session.truth.live.is_on;
-    let help = "Trace some hundred random mirror pixels exactly, and light as many by many lights, again and again while the \
-                view stands still; needs no memory for tracing";
-    if ui.checkbox(&mut is_on, "Estimate errors").on_hover_text(help).changed() {
+    let help = text!(
+        "Trace some hundred random mirror pixels exactly, and light as many by many lights, again and again while the \
+                view stands still; needs no memory for tracing"
+    );
+    if ui.checkbox(&mut is_on, text!("Estimate errors")).on_hover_text(help).changed() {
         actions.push(Action::EstimateErrors(is_on));
     }
     let estimated = session.still_frame().and_then(|request| session.truth.live.of(request));
@@ -119,7 +141,7 @@ fn estimate(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             }
         }
         Some(Estimated::Nothing) => {
-            let text = "Neither a mirror nor indirect light is seen";
+            let text = text!("Neither a mirror nor indirect light is seen");
             ui.label(RichText::new(text).small().color(theme::WEAK));
         }
         Some(Estimated::Problem(problem)) => {
@@ -136,23 +158,41 @@ fn estimate_lines(figures: &Estimate) -> Vec<(&'static str, String, &'static str
     let mut lines = Vec::new();
     if let Some(error) = &figures.pixel_error {
         let [low, high] = error.median_interval.map(number);
-        let help = "Half of the filled mirror pixels show a point at most so many pixels beside its place";
-        lines.push(("Pixel error, half", format!("{} ({low} to {high})", number(error.median)), help));
+        let help = text!("Half of the filled mirror pixels show a point at most so many pixels beside its place");
+        lines.push((
+            text!("Pixel error, half"),
+            text!("{median} ({low} to {high})", median = number(error.median), low, high),
+            help,
+        ));
         let [low, high] = error.p95_interval.map(number);
-        let help = "95 of 100 filled mirror pixels show a point at most so many pixels beside its place";
-        lines.push(("Pixel error, 95 %", format!("{} ({low} to {high})", number(error.p95)), help));
+        let help = text!("95 of 100 filled mirror pixels show a point at most so many pixels beside its place");
+        lines.push((
+            text!("Pixel error, 95 %"),
+            text!("{error} ({low} to {high})", error = number(error.p95), low, high),
+            help,
+        ));
     }
     if let Some([low, high]) = figures.wrong_interval.map(|interval| interval.map(percent)) {
-        let help = "Share of the filled mirror pixels that are more than a pixel off, or show another surface";
-        lines.push(("Wrong", format!("{} % ({low} to {high})", percent(figures.wrong)), help));
+        let help = text!("Share of the filled mirror pixels that are more than a pixel off, or show another surface");
+        lines.push((
+            text!("Wrong"),
+            text!("{wrong} % ({low} to {high})", wrong = percent(figures.wrong), low, high),
+            help,
+        ));
     }
     if let Some(light) = &figures.indirect {
         let [low, high] = light.relative_rmse_interval.map(percent);
-        let help = "Root mean square difference of the indirect light from that of 1024 lights, relative to its mean";
-        lines.push(("Indirect light", format!("{} % ({low} to {high})", percent(light.relative_rmse)), help));
+        let help =
+            text!("Root mean square difference of the indirect light from that of 1024 lights, relative to its mean");
+        lines.push((
+            text!("Indirect light"),
+            text!("{relative_rmse} % ({low} to {high})", relative_rmse = percent(light.relative_rmse), low, high),
+            help,
+        ));
     }
-    let help = "Mirror pixels that were traced exactly; brackets hold the figure of all pixels in 95 of 100 cases";
-    lines.push(("Rays", grouped(figures.rays as u64), help));
+    let help =
+        text!("Mirror pixels that were traced exactly; brackets hold the figure of all pixels in 95 of 100 cases");
+    lines.push((text!("Rays"), grouped(figures.rays as u64), help));
     lines
 }
 
@@ -162,25 +202,40 @@ pub fn lines(figures: &Accuracy) -> Vec<(&'static str, String, &'static str)> {
     let number = |value: f64| if value.is_nan() { "-".into() } else { format!("{value:.2}") };
     let pixels = &figures.pixel_error;
     let mut lines = vec![
-        ("Covered", percent(figures.coverage), "Share of the mirror pixels in which a point was found"),
-        ("Filled", percent(figures.closed_coverage), "The same with those that were closed from their neighbours"),
+        (text!("Covered"), percent(figures.coverage), text!("Share of the mirror pixels in which a point was found")),
         (
-            "Pixel error",
-            format!("{} · {}", number(pixels.median), number(pixels.p95)),
-            "Pixels beside its place that a point is shown: half of the filled mirror pixels, 95 of 100 are within",
+            text!("Filled"),
+            percent(figures.closed_coverage),
+            text!("The same with those that were closed from their neighbours"),
         ),
         (
-            "Occlusion error",
+            text!("Pixel error"),
+            format!("{} · {}", number(pixels.median), number(pixels.p95)),
+            text!(
+                "Pixels beside its place that a point is shown: half of the filled mirror pixels, 95 of 100 are within"
+            ),
+        ),
+        (
+            text!("Occlusion error"),
             percent(figures.occlusion_error),
-            "Share of the filled mirror pixels that show something hidden, or miss something in front",
+            text!("Share of the filled mirror pixels that show something hidden, or miss something in front"),
         ),
     ];
     if let Some(recall) = figures.recall {
-        lines.push(("Recall", percent(recall), "Share of the points truly seen in the mirrors that were found"));
+        lines.push((
+            text!("Recall"),
+            percent(recall),
+            text!("Share of the points truly seen in the mirrors that were found"),
+        ));
     }
     if let Some(image) = figures.image {
-        let help = "Difference of the mirrors' colours (CIEDE2000): the mean, and what 95 of 100 pixels are within";
-        lines.push(("Colour error", format!("{} · {} ΔE", number(image.delta_e), number(image.delta_e_p95)), help));
+        let help =
+            text!("Difference of the mirrors' colours (CIEDE2000): the mean, and what 95 of 100 pixels are within");
+        lines.push((
+            text!("Colour error"),
+            format!("{} · {} ΔE", number(image.delta_e), number(image.delta_e_p95)),
+            help,
+        ));
     }
     lines
 }
@@ -242,17 +297,17 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
         _ => String::new(),
     };
     let corner = pos2(part.left() + 10.0, part.top() + 10.0);
-    tag(&painter, corner, Align2::LEFT_TOP, &format!("ray-traced truth{paths}{more}"));
+    tag(&painter, corner, Align2::LEFT_TOP, &text!("ray-traced truth{paths}{more}", paths, more));
 }
 
 /// Reports how many paths have been traced: ` · 2 of 16 paths a pixel, mirrors 16`.
 fn paths([mirrors, all]: [u32; 2], wanted: u32) -> String {
     match (mirrors, all) {
         _ if wanted <= 1 && all == wanted => String::new(),
-        _ if all == wanted => format!(" · {wanted} paths a pixel"),
-        (_, 0) => " · coarse".into(),
-        _ if mirrors > all => format!(" · {all} of {wanted} paths a pixel, mirrors {mirrors}"),
-        _ => format!(" · {all} of {wanted} paths a pixel"),
+        _ if all == wanted => text!(" · {wanted} paths a pixel", wanted),
+        (_, 0) => text!(" · coarse").into(),
+        _ if mirrors > all => text!(" · {all} of {wanted} paths a pixel, mirrors {mirrors}", all, wanted, mirrors),
+        _ => text!(" · {all} of {wanted} paths a pixel", all, wanted),
     }
 }
 
@@ -299,9 +354,10 @@ fn legend(painter: &egui::Painter, rect: Rect, measure: Measure) {
         painter.rect_filled(part, 0.0, Color32::from_rgb(red, green, blue));
     }
     let font = FontId::proportional(11.0);
-    let unit = if measure == Measure::Color { "ΔE" } else { "pixels" };
+    let unit = if measure == Measure::Color { "ΔE" } else { text!("pixels") };
     let most = measure.most();
-    let labels = [(0.0, "0".to_string()), (0.5, format!("{}", most * 0.5)), (1.0, format!("{most} {unit} or more"))];
+    let labels =
+        [(0.0, "0".to_string()), (0.5, format!("{}", most * 0.5)), (1.0, text!("{most} {unit} or more", most, unit))];
     for (share, text) in labels {
         let at = pos2(egui::lerp(bar.x_range(), share), bar.bottom() + 4.0);
         let align = if share == 1.0 { Align2::RIGHT_TOP } else { Align2::LEFT_TOP };
@@ -311,7 +367,7 @@ fn legend(painter: &egui::Painter, rect: Rect, measure: Measure) {
         let [red, green, blue] = ASTRAY_COLOR;
         let (entry, font) = (bar.left_top() - vec2(0.0, 30.0), FontId::proportional(12.0));
         let color = Color32::from_rgb(red, green, blue);
-        let galley = painter.layout_no_wrap("nothing found, or nothing to be found".into(), font, color);
+        let galley = painter.layout_no_wrap(text!("nothing found, or nothing to be found").into(), font, color);
         let place = Rect::from_min_size(entry, galley.size());
         painter.rect_filled(place.expand(4.0), 4.0, SHADOW);
         painter.galley(place.min, galley, color);
@@ -325,15 +381,15 @@ pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     panels::sweep::progress(ui, session, actions);
     let Some(activity) = session.truth.activity(session.outside.now) else { return };
     let text = match activity {
-        Activity::Building => "making the points ready for tracing".into(),
-        Activity::Tracing { wanted: 0, progress, .. } => format!("tracing the truth: {progress}"),
+        Activity::Building => text!("making the points ready for tracing").into(),
+        Activity::Tracing { wanted: 0, progress, .. } => text!("tracing the truth: {progress}", progress),
         Activity::Tracing { samples, wanted, progress } => {
-            format!("tracing the truth{} · {progress}", paths(samples, wanted))
+            text!("tracing the truth{wanted} · {progress}", wanted = paths(samples, wanted), progress)
         }
     };
     ui.spinner();
     ui.label(RichText::new(text).small().color(theme::WEAK));
-    if ui.small_button("Stop").on_hover_text("End tracing, and let go of the truth").clicked() {
+    if ui.small_button(text!("Stop")).on_hover_text(text!("End tracing, and let go of the truth")).clicked() {
         actions.push(Action::StopTruth);
     }
 }

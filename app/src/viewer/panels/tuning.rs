@@ -5,6 +5,7 @@ use egui::{Color32, Pos2, RichText, Ui};
 use egui_plot::{GridMark, Line, MarkerShape, Plot, PlotPoint, PlotPoints, Points};
 use study::Accuracy;
 
+use crate::shared::language::{english, text, translated};
 use crate::viewer::jobs::study_file::STUDY;
 use crate::viewer::look::theme;
 use crate::viewer::picture::frame_request::FrameRequest;
@@ -32,23 +33,23 @@ enum ErrorFigure {
 const ERRORS: [(ErrorFigure, &str, &str); 4] = [
     (
         ErrorFigure::Place,
-        "pixel error, 95 of 100",
-        "Pixels beside its place that 95 of 100 filled mirror pixels are within; empty ones do not count",
+        english!("pixel error, 95 of 100"),
+        english!("Pixels beside its place that 95 of 100 filled mirror pixels are within; empty ones do not count"),
     ),
     (
         ErrorFigure::Color,
-        "colour error, ΔE",
-        "Mean difference of the mirrors' colours (CIEDE2000), empty pixels included",
+        english!("colour error, ΔE"),
+        english!("Mean difference of the mirrors' colours (CIEDE2000), empty pixels included"),
     ),
     (
         ErrorFigure::Occlusion,
-        "occlusion error",
-        "Share of the filled mirror pixels that show something hidden, or miss something in front",
+        english!("occlusion error"),
+        english!("Share of the filled mirror pixels that show something hidden, or miss something in front"),
     ),
     (
         ErrorFigure::Empty,
-        "empty",
-        "Share of the mirror pixels that show nothing, those included that have nothing to show",
+        english!("empty"),
+        english!("Share of the mirror pixels that show nothing, those included that have nothing to show"),
     ),
 ];
 
@@ -109,9 +110,14 @@ pub fn height(panel: f32) -> f32 {
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.separator();
     ui.horizontal(|ui| {
-        ui.label(RichText::new("Tuning chart").strong().size(13.5));
+        ui.label(RichText::new(text!("Tuning chart")).strong().size(13.5));
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            if ui.small_button("×").on_hover_text("Close the chart").accessible_name("Close the chart").clicked() {
+            if ui
+                .small_button("×")
+                .on_hover_text(text!("Close the chart"))
+                .accessible_name(text!("Close the chart"))
+                .clicked()
+            {
                 actions.push(Action::ToggleChart);
             }
         });
@@ -121,7 +127,9 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(view) = session.frames.requested.as_ref().cloned() else {
-        ui.label(RichText::new("Open a scene: every setting that stands still becomes a dot.").color(theme::WEAK));
+        ui.label(
+            RichText::new(text!("Open a scene: every setting that stands still becomes a dot.")).color(theme::WEAK),
+        );
         return;
     };
     let tuning = &session.tuning;
@@ -129,8 +137,8 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut axes: Axes = ui.data(|data| data.get_temp(id)).unwrap_or_default();
     ui.horizontal_wrapped(|ui| {
         let times = [
-            (false, "method", "Time of what finds the points that mirrors show"),
-            (true, "frame", "Time of the whole frame, from scratch"),
+            (false, text!("method"), text!("Time of what finds the points that mirrors show")),
+            (true, text!("frame"), text!("Time of the whole frame, from scratch")),
         ];
         for (by_frame, name, help) in times {
             if ui.selectable_label(axes.by_frame == by_frame, name).on_hover_text(help).clicked() {
@@ -139,7 +147,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
         ui.separator();
         for (error, name, help) in ERRORS {
-            if ui.selectable_label(axes.error == error, name).on_hover_text(help).clicked() {
+            if ui.selectable_label(axes.error == error, translated(name)).on_hover_text(translated(help)).clicked() {
                 axes.error = error;
             }
         }
@@ -151,11 +159,11 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let trial = chosen.or(listed).and_then(|trial| tuning.trials.get(trial));
     actions.extend(trial.map(|trial| Action::ReturnTo(Box::new(trial.settings.clone()))));
     ui.horizontal_wrapped(|ui| {
-        let help = format!("Appends the setting at hand to {STUDY} in the current folder, for `glint study`");
-        if ui.button("Add to study").on_hover_text(help).clicked() {
+        let help = text!("Appends the setting at hand to {STUDY} in the current folder, for `glint study`", STUDY);
+        if ui.button(text!("Add to study")).on_hover_text(help).clicked() {
             actions.push(Action::AddToStudy);
         }
-        if ui.button("Forget all").on_hover_text("Forget what was tried").clicked() {
+        if ui.button(text!("Forget all")).on_hover_text(text!("Forget what was tried")).clicked() {
             actions.push(Action::ForgetTrials);
         }
     });
@@ -163,7 +171,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if figures.is_none_or(|figures| figures.image.is_none()) || session.tuning.times(&view).is_none() {
         ui.horizontal(|ui| {
             ui.spinner();
-            ui.label(RichText::new("judging this setting").small().color(theme::WEAK));
+            ui.label(RichText::new(text!("judging this setting")).small().color(theme::WEAK));
         });
     }
 }
@@ -180,8 +188,8 @@ fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: 
     let at_hand: Vec<[f64; 2]> =
         dots.iter().filter(|(index, _)| tuning.trials[*index].request == *view).map(|(_, place)| *place).collect();
     let greyed: Vec<[f64; 2]> = others.iter().map(|(_, place)| *place).collect();
-    let error = ERRORS.iter().find(|(error, ..)| *error == axes.error).map_or("", |(_, name, _)| name);
-    let time = if axes.by_frame { "frame, ms" } else { "method, ms" };
+    let error = ERRORS.iter().find(|(error, ..)| *error == axes.error).map_or("", |(_, name, _)| translated(name));
+    let time = if axes.by_frame { text!("frame, ms") } else { text!("method, ms") };
     let milliseconds = |mark: GridMark, _: &std::ops::RangeInclusive<f64>| time_text(mark.value);
     let plot = Plot::new("tuning")
         .height(150.0)
@@ -199,12 +207,12 @@ fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: 
     let plot = sides.fold(plot, |plot, side| plot.include_x(side));
     let drawn = plot.show(ui, |plot| {
         let points = |name: &str, places: Vec<[f64; 2]>| Points::new(name, PlotPoints::from(places)).allow_hover(false);
-        let line = Line::new("front", PlotPoints::from(front)).color(theme::WEAK).allow_hover(false);
+        let line = Line::new(text!("front"), PlotPoints::from(front)).color(theme::WEAK).allow_hover(false);
         plot.line(line.width(1.0));
-        plot.points(points("other views", greyed).color(Color32::from_gray(70)).radius(3.0));
-        plot.points(points("tried", places).color(theme::ACCENT).radius(4.5));
-        plot.points(points("mostly empty", sparse).color(theme::ACCENT).radius(4.5).filled(false));
-        let ring = points("at hand", at_hand).color(Color32::WHITE).shape(MarkerShape::Circle);
+        plot.points(points(text!("other views"), greyed).color(Color32::from_gray(70)).radius(3.0));
+        plot.points(points(text!("tried"), places).color(theme::ACCENT).radius(4.5));
+        plot.points(points(text!("mostly empty"), sparse).color(theme::ACCENT).radius(4.5).filled(false));
+        let ring = points(text!("at hand"), at_hand).color(Color32::WHITE).shape(MarkerShape::Circle);
         plot.points(ring.filled(false).radius(8.0));
     });
     let all = dots.into_iter().chain(others);
@@ -213,7 +221,7 @@ fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: 
     let on_screen: Vec<(usize, Pos2)> = all.map(place).collect();
     let pointed = nearest(&on_screen, drawn.response.hover_pos()?)?;
     let trial = &tuning.trials[pointed];
-    let note = if trial.is_sparse() { SPARSE } else { "" };
+    let note = if trial.is_sparse() { translated(SPARSE) } else { "" };
     let response = drawn.response.on_hover_text_at_pointer(format!("{}\n{note}{}", summary(trial), trial.text()));
     response.clicked().then_some(pointed)
 }
@@ -249,18 +257,20 @@ fn nearest(dots: &[(usize, Pos2)], pointer: Pos2) -> Option<usize> {
 
 /// Explains why a dot is hollow.
 const SPARSE: &str =
-    "fills less than 90 % of the mirrors: what is empty does not count as an error of place or occlusion\n";
+    english!("fills less than 90 % of the mirrors: what is empty does not count as an error of place or occlusion\n");
 
 /// For example `12.3 ms of 41.0 ms · 99 % filled · 0.91 pixels · 0.32 ΔE`.
 fn summary(trial: &Trial) -> String {
-    let times =
-        medians(&trial.times).map_or("not timed".into(), |[frame, method]| format!("{method:.1} ms of {frame:.1} ms"));
+    let times = medians(&trial.times).map_or(text!("not timed").into(), |[frame, method]| {
+        text!("{method} ms of {frame} ms", method = format_args!("{method:.1}"), frame = format_args!("{frame:.1}"))
+    });
     let figures = trial.figures.as_ref();
     let place = figures.and_then(|figures| ErrorFigure::Place.of(figures));
     let color = figures.and_then(|figures| ErrorFigure::Color.of(figures));
     let filled = figures.map(|figures| figures.closed_coverage).filter(|share| share.is_finite());
-    let filled = filled.map_or(String::new(), |share| format!(" · {:.0} % filled", share * 100.0));
-    let place = place.map_or(String::new(), |value| format!(" · {value:.2} pixels"));
+    let filled = filled
+        .map_or(String::new(), |share| text!(" · {share} % filled", share = format_args!("{:.0}", share * 100.0)));
+    let place = place.map_or(String::new(), |value| text!(" · {value} pixels", value = format_args!("{value:.2}")));
     let color = color.map_or(String::new(), |value| format!(" · {value:.2} ΔE"));
     format!("{times}{filled}{place}{color}")
 }
@@ -270,7 +280,7 @@ fn list(ui: &mut Ui, tuning: &Tuning, view: &FrameRequest, series: &FrameRequest
     let mut chosen = None;
     let of_view = || tuning.trials.iter().enumerate().filter(|(_, trial)| trial.series == *series);
     if of_view().next().is_none() {
-        ui.label(RichText::new("Nothing was tried in this view yet.").color(theme::WEAK));
+        ui.label(RichText::new(text!("Nothing was tried in this view yet.")).color(theme::WEAK));
     }
     egui::ScrollArea::vertical().max_height(120.0).auto_shrink([false, true]).show(ui, |ui| {
         for (index, trial) in of_view() {

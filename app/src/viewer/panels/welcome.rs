@@ -2,6 +2,7 @@
 
 use egui::{Color32, Rect, RichText, Ui};
 
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::requests::action::{Action, Filing};
@@ -10,7 +11,6 @@ use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::session::Session;
 
 /// What a newcomer can do.
-const FIRST_LOOK: &str = "Drag the ball by its arrows. Drop a file of points here, or press";
 
 /// Shows a newcomer what to do, until a hand has done something.
 pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
@@ -19,7 +19,12 @@ pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
     let is_free =
         !session.interface_is_hidden && !session.filming.timeline.is_open && session.tools.inspection.is_none();
     if is_untouched && is_free && session.frames.shown.is_some() {
-        caption(ui, rect, rect.center_bottom() - egui::vec2(0.0, 24.0), &format!("{FIRST_LOOK} {COMMAND}+O."));
+        caption(
+            ui,
+            rect,
+            rect.center_bottom() - egui::vec2(0.0, 24.0),
+            &text!("Drag the ball by its arrows. Drop a file of points here, or press {COMMAND}+O.", COMMAND),
+        );
     }
 }
 
@@ -34,8 +39,8 @@ fn lost_text(session: &Session) -> Option<String> {
     let is_lost = session.frames.final_one().is_some() && session.frames.is_blank && !session.bounds().is_empty();
     let back = bindings::shortcut(&Action::FrameAll);
     let shows_all = session.scene.objects.test().shows_all();
-    let more = if shows_all { "" } else { " Clips and filters hide points, too." };
-    is_lost.then(|| format!("Nothing is in view. {back} frames everything.{more}"))
+    let more = if shows_all { "" } else { text!(" Clips and filters hide points, too.") };
+    is_lost.then(|| text!("Nothing is in view. {back} frames everything.{more}", back, more))
 }
 
 /// Says what the inspection mirror waits for until a picture shows it.
@@ -53,10 +58,10 @@ fn first_reflection_text(session: &Session) -> Option<String> {
         return None;
     }
     let wait = match session.frames.compiled() {
-        Some(share) => format!("shaders are compiled, {:.0} %", share * 100.0),
-        None => "it is being drawn".into(),
+        Some(share) => text!("shaders are compiled, {share} %", share = format_args!("{:.0}", share * 100.0)),
+        None => text!("it is being drawn").into(),
     };
-    Some(format!("First picture in the mirror: {wait}"))
+    Some(text!("First picture in the mirror: {wait}", wait))
 }
 
 /// Writes a text over the picture that can be read whatever is behind it, in lines that fit into the picture. It stands
@@ -84,9 +89,9 @@ pub fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec
         ui.vertical_centered(|ui| {
             ui.label(RichText::new("glint").size(34.0).color(theme::ACCENT));
             ui.add_space(6.0);
-            ui.label(RichText::new(format!("Drop a file of points here, or press {COMMAND}+O")).size(16.0));
+            ui.label(RichText::new(text!("Drop a file of points here, or press {COMMAND}+O", COMMAND)).size(16.0));
             ui.add_space(10.0);
-            if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
+            if ui.button(RichText::new(text!("Open files…")).size(15.0)).clicked() {
                 actions.push(Action::OpenDialog);
             }
             let [scenes, files] = RECENT;
@@ -101,7 +106,7 @@ pub fn empty_state(ui: &mut Ui, session: &Session, rect: Rect, actions: &mut Vec
                 }
             }
             ui.add_space(14.0);
-            ui.label(RichText::new("or look at a built-in scene").color(theme::WEAK));
+            ui.label(RichText::new(text!("or look at a built-in scene")).color(theme::WEAK));
         });
         let names = world::built_in_names();
         for family in names.chunk_by(|one, next| family(one) == family(next)) {

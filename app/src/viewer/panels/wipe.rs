@@ -3,6 +3,7 @@
 use egui::{Align2, Color32, ComboBox, DragValue, Pos2, Rect, RichText, TextEdit, Ui, pos2, vec2};
 use scene::{CameraPath, METHODS, MOST_STATES, Method, RAY_TRACE, WIPE, WipeState, line_value};
 
+use crate::shared::language::text;
 use crate::viewer::filming::presets;
 use crate::viewer::panels::truth::tag;
 use crate::viewer::requests::action::Film;
@@ -14,29 +15,29 @@ const WHOLE: Rect = Rect { min: Pos2::ZERO, max: pos2(1.0, 1.0) };
 
 /// Draws the menu that adds states to a path.
 pub fn add(ui: &mut Ui, session: &Session, path: &mut CameraPath, push: &mut impl FnMut(Film)) {
-    let menu = ui.menu_button("+ Wipe", |ui| {
+    let menu = ui.menu_button(text!("+ Wipe"), |ui| {
         if path.states.is_empty() {
-            if ui.button("Method | truth").clicked() {
+            if ui.button(text!("Method | truth")).clicked() {
                 begin(session, path, presets::to_truth(&session.scene), push);
             }
             let kept = session.kept.settings();
             let states = kept.and_then(|kept| presets::between(kept, &session.scene.settings));
-            let button = ui.add_enabled(states.is_some(), egui::Button::new("Kept | now"));
-            let help = "Keep a state of the picture (Measure, Compare), and change parameters";
+            let button = ui.add_enabled(states.is_some(), egui::Button::new(text!("Kept | now")));
+            let help = text!("Keep a state of the picture (Measure, Compare), and change parameters");
             if let (true, Some(states)) = (button.on_disabled_hover_text(help).clicked(), states) {
                 begin(session, path, states, push);
             }
             return;
         }
-        if path.states.len() < MOST_STATES && ui.button("One state more").clicked() {
+        if path.states.len() < MOST_STATES && ui.button(text!("One state more")).clicked() {
             let [method, _] = presets::to_truth(&session.scene);
             path.set_states([path.states.clone(), vec![method]].concat());
         }
-        if ui.button("Remove the wipe").clicked() {
+        if ui.button(text!("Remove the wipe")).clicked() {
             path.set_states(Vec::new());
         }
     });
-    menu.response.on_hover_text("A line that moves over the picture, with a state of it on each side");
+    menu.response.on_hover_text(text!("A line that moves over the picture, with a state of it on each side"));
 }
 
 /// Adds states, and a line that crosses the picture from the time of the mark on.
@@ -65,8 +66,8 @@ pub fn row(ui: &mut Ui, session: &Session, path: &mut CameraPath) {
                 let line = &mut lines[index - 1];
                 let mut percent = *line * 100.0;
                 let drag = DragValue::new(&mut percent).speed(0.2).range(0.0..=100.0).suffix(" %").max_decimals(1);
-                let help = "Where the line stands, of the picture's width: a key at the time of the mark";
-                let drag = ui.add(drag).on_hover_text(help).accessible_name(format!("Line {index}"));
+                let help = text!("Where the line stands, of the picture's width: a key at the time of the mark");
+                let drag = ui.add(drag).on_hover_text(help).accessible_name(text!("Line {index}", index));
                 if drag.changed() {
                     *line = percent / 100.0;
                 }
@@ -88,26 +89,28 @@ pub fn row(ui: &mut Ui, session: &Session, path: &mut CameraPath) {
 
 /// Draws the fields of the state with a number, of so many. Returns whether it is to be removed.
 fn one(ui: &mut Ui, state: &mut WipeState, number: usize, count: usize) -> bool {
-    let shown = state.method.as_deref().unwrap_or("as the path");
+    let shown = state.method.as_deref().unwrap_or(text!("as the path"));
     let list = ComboBox::from_id_salt(("state", number)).width(130.0).selected_text(shown).truncate();
     let list = list.show_ui(ui, |ui| {
-        ui.selectable_value(&mut state.method, None, "as the path");
+        ui.selectable_value(&mut state.method, None, text!("as the path"));
         let methods = METHODS.iter().filter(|row| row.method != Method::Auto).map(|row| row.name);
         for method in methods.chain([RAY_TRACE]) {
             ui.selectable_value(&mut state.method, Some(method.to_owned()), method);
         }
     });
-    let help = "How its mirrors are drawn; `ray_trace` shows what the ray tracer finds in the points";
-    list.response.on_hover_text(help).accessible_name(format!("Method of state {number}"));
-    let name = TextEdit::singleline(&mut state.name).desired_width(90.0).hint_text("no name");
-    ui.add(name).on_hover_text("It is written over its part").accessible_name(format!("Name of state {number}"));
+    let help = text!("How its mirrors are drawn; `ray_trace` shows what the ray tracer finds in the points");
+    list.response.on_hover_text(help).accessible_name(text!("Method of state {number}", number));
+    let name = TextEdit::singleline(&mut state.name).desired_width(90.0).hint_text(text!("no name"));
+    ui.add(name)
+        .on_hover_text(text!("It is written over its part"))
+        .accessible_name(text!("Name of state {number}", number));
     if !state.parameters.is_empty() {
         let values = state.parameters.len();
-        ui.menu_button(format!("{values} {}", if values == 1 { "value" } else { "values" }), |ui| {
+        ui.menu_button(format!("{values} {}", if values == 1 { text!("value") } else { text!("values") }), |ui| {
             let mut removed = None;
             for (key, value) in &state.parameters {
                 ui.horizontal(|ui| {
-                    if ui.small_button("×").accessible_name(format!("Remove {key}")).clicked() {
+                    if ui.small_button("×").accessible_name(text!("Remove {key}", key)).clicked() {
                         removed = Some(key.clone());
                     }
                     ui.label(RichText::new(format!("{key} = {}", param::shortened(&value.to_string(), 60))).small());
@@ -116,7 +119,7 @@ fn one(ui: &mut Ui, state: &mut WipeState, number: usize, count: usize) -> bool 
             removed.iter().for_each(|key| drop(state.parameters.remove(key)));
         });
     }
-    count > 2 && ui.small_button("×").accessible_name(format!("Remove state {number}")).clicked()
+    count > 2 && ui.small_button("×").accessible_name(text!("Remove state {number}", number)).clicked()
 }
 
 /// Draws the pictures of the states that the window does not draw now over the picture in `rect`.
@@ -134,10 +137,10 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session) {
             None if index == timeline.wiping.turn && !state.is_traced() => {}
             None => {
                 let text = match () {
-                    () if timeline.wiping.is_refused(scene, state) => "there is no picture of it",
-                    () if state.is_traced() && timeline.wiping.is_tracing() => "its mirrors are being traced",
-                    () if state.is_traced() => "its mirrors are traced once the picture stands still",
-                    () => "it is drawn once the picture stands still",
+                    () if timeline.wiping.is_refused(scene, state) => text!("there is no picture of it"),
+                    () if state.is_traced() && timeline.wiping.is_tracing() => text!("its mirrors are being traced"),
+                    () if state.is_traced() => text!("its mirrors are traced once the picture stands still"),
+                    () => text!("it is drawn once the picture stands still"),
                 };
                 let at = part.left_bottom() + vec2(10.0, -10.0);
                 tag(&painter, at, Align2::LEFT_BOTTOM, text);

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
 use scene::{
-    Bookmark, CameraPath, CaptureFormat, ClipShape, CloudSettings, ColorBy, Filter, Lighting, MeasurementKind,
-    MirrorPoints, Object, Settings, Shape, StandardView,
+    Bookmark, CameraPath, CaptureFormat, ClipShape, CloudSettings, ColorBy, Filter, Language, Lighting,
+    MeasurementKind, MirrorPoints, Object, Settings, Shape, StandardView,
 };
 use world::CloudKey;
 
@@ -459,6 +459,8 @@ pub enum Action {
     ToggleInterface,
     TogglePanel,
     OpenTab(Tab),
+    /// Gives the window another language.
+    Speak(Language),
     /// Searches the parameters of all tabs; an empty text shows the tab again.
     Search(String),
     /// Searches for a parameter from outside of the panel, which is then shown.

@@ -9,6 +9,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use scene::whole_file;
 
+use crate::shared::language::text;
 use crate::system::picture_file;
 
 /// The first line of a file names, as a JSON string, the scene file that was being worked on.
@@ -119,19 +120,18 @@ impl Abandoned {
     /// What was being worked on.
     pub fn name(&self) -> String {
         let name = self.place.as_ref().and_then(|place| place.file_name());
-        name.map_or("a scene that has no file".into(), |name| name.to_string_lossy().into_owned())
+        name.map_or(text!("a scene that has no file").into(), |name| name.to_string_lossy().into_owned())
     }
 
     /// Says how long ago it was written: `3 minutes ago`.
     pub fn age(&self) -> String {
         let seconds = self.written.elapsed().unwrap_or_default().as_secs();
-        let (number, unit) = match seconds {
-            0..120 => return "a minute ago".into(),
-            120..7200 => (seconds / 60, "minutes"),
-            7200..172_800 => (seconds / 3600, "hours"),
-            _ => (seconds / 86_400, "days"),
-        };
-        format!("{number} {unit} ago")
+        match seconds {
+            0..120 => text!("a minute ago").into(),
+            120..7200 => text!("{number} minutes ago", number = seconds / 60),
+            7200..172_800 => text!("{number} hours ago", number = seconds / 3600),
+            _ => text!("{number} days ago", number = seconds / 86_400),
+        }
     }
 }
 

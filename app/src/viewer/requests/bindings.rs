@@ -7,6 +7,7 @@ use egui::{Key, PointerButton};
 use glam::DVec2;
 use scene::{ColorBy, MeasurementKind, Shape, StandardView};
 
+use crate::shared::language::{text, translated};
 use crate::viewer::requests::action::{
     Action, Clipping, Export, Filing, Film, Handles, KeptStep, Measuring, Mode, SavePicture,
 };
@@ -316,14 +317,14 @@ impl std::fmt::Display for Trigger {
             Self::Key(modifiers, key) => write!(f, "{modifiers}{}", name_of(*key)),
             Self::Hold(key) => write!(f, "{}", name_of(*key)),
             Self::Modifier(modifiers) => f.write_str(modifiers.to_string().trim_end_matches('+')),
-            Self::Digit(modifiers) => write!(f, "{modifiers}Digit"),
-            Self::Numpad(modifiers, digit) => write!(f, "{modifiers}Numpad {digit}"),
-            Self::Wheel(modifiers) => write!(f, "{modifiers}Wheel"),
-            Self::Drag(PointerButton::Primary) => f.write_str("Left drag"),
-            Self::Drag(PointerButton::Secondary) => f.write_str("Right drag"),
-            Self::Drag(_) => f.write_str("Middle drag"),
-            Self::Click => f.write_str("Click"),
-            Self::DoubleClick => f.write_str("Double-click"),
+            Self::Digit(modifiers) => write!(f, "{modifiers}{}", text!("Digit")),
+            Self::Numpad(modifiers, digit) => write!(f, "{modifiers}{} {digit}", text!("Numpad")),
+            Self::Wheel(modifiers) => write!(f, "{modifiers}{}", text!("Wheel")),
+            Self::Drag(PointerButton::Primary) => f.write_str(text!("Left drag")),
+            Self::Drag(PointerButton::Secondary) => f.write_str(text!("Right drag")),
+            Self::Drag(_) => f.write_str(text!("Middle drag")),
+            Self::Click => f.write_str(text!("Click")),
+            Self::DoubleClick => f.write_str(text!("Double-click")),
         }
     }
 }
@@ -341,7 +342,7 @@ pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
     let mut rows: Vec<(&'static str, String, &'static str)> = Vec::new();
     for binding in BINDINGS {
         match rows.iter_mut().find(|(section, _, text)| *section == binding.section && *text == binding.text) {
-            Some((_, gestures, _)) => *gestures = format!("{gestures}  or  {}", binding.trigger),
+            Some((_, gestures, _)) => *gestures = format!("{gestures}  {}  {}", text!("or"), binding.trigger),
             None => rows.push((binding.section, binding.trigger.to_string(), binding.text)),
         }
     }
@@ -358,7 +359,7 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let sections = [MOVE, VIEWS, OBJECTS, MEASURE, COLORS, FILES, TOOLS];
     let most_high = context.content_rect().height() - 60.0;
     let count = if context.content_rect().width() >= TWO_COLUMNS { 2 } else { 1 };
-    egui::Window::new("Shortcuts")
+    egui::Window::new(text!("Shortcuts"))
         .id(egui::Id::unique("shortcuts"))
         .open(open)
         .collapsible(false)
@@ -372,11 +373,13 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
                         // Each column gets about the same number of lines.
                         let ui = &mut columns[usize::from(index >= 3 && count == 2)];
                         ui.add_space(4.0);
-                        ui.label(egui::RichText::new(section).strong().color(crate::viewer::look::theme::ACCENT));
+                        ui.label(
+                            egui::RichText::new(translated(section)).strong().color(crate::viewer::look::theme::ACCENT),
+                        );
                         egui::Grid::new(section).num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
                             for (_, gestures, text) in rows.iter().filter(|row| row.0 == section) {
                                 ui.label(egui::RichText::new(gestures).monospace().size(11.0));
-                                ui.label(*text);
+                                ui.label(translated(text));
                                 ui.end_row();
                             }
                         });

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use codec::{SKIP, UnnamedTable};
 
+use crate::shared::language::text;
+
 /// The meanings that are offered for a column, besides an attribute of any name.
 pub const MEANINGS: [&str; 11] = ["x", "y", "z", "red", "green", "blue", "intensity", "nx", "ny", "nz", SKIP];
 
@@ -47,10 +49,10 @@ impl ColumnsDraft {
         let entered = self.entered();
         let (count, most) = (entered.len(), self.table.names.len());
         if count > most {
-            return Err(format!("{count} names for {most} columns"));
+            return Err(text!("{count} names for {most} columns", count, most));
         }
         if entered.iter().any(String::is_empty) {
-            return Err(format!("a column has no name; `{SKIP}` leaves it out"));
+            return Err(text!("a column has no name; `{SKIP}` leaves it out", SKIP));
         }
         codec::column_names(&entered)
     }

@@ -3,6 +3,7 @@
 use scene::{MirrorNormals, MirrorPoints, PointChoice, WATER};
 use world::CloudKey;
 
+use crate::shared::language::english;
 use crate::viewer::objects::clouds::CloudEntry;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -15,10 +16,10 @@ pub enum Way {
 }
 
 pub const WAYS: [(Way, &str); 4] = [
-    (Way::Class, "a class"),
-    (Way::Box, "a box around the picked point"),
-    (Way::Attribute, "a range of an attribute"),
-    (Way::All, "the whole cloud"),
+    (Way::Class, english!("a class")),
+    (Way::Box, english!("a box around the picked point")),
+    (Way::Attribute, english!("a range of an attribute")),
+    (Way::All, english!("the whole cloud")),
 ];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,10 +31,14 @@ pub enum NormalsWay {
 }
 
 pub const NORMALS_WAYS: [(NormalsWay, &str, &str); 4] = [
-    (NormalsWay::Own, "as they are", "The points keep their normals"),
-    (NormalsWay::Smooth, "smoothed", "The mean of the normals around each point"),
-    (NormalsWay::Fit, "fitted planes", "The plane through the nearest neighbours among these points"),
-    (NormalsWay::Flatten, "one plane", "The plane through all of them: still water"),
+    (NormalsWay::Own, english!("as they are"), english!("The points keep their normals")),
+    (NormalsWay::Smooth, english!("smoothed"), english!("The mean of the normals around each point")),
+    (
+        NormalsWay::Fit,
+        english!("fitted planes"),
+        english!("The plane through the nearest neighbours among these points"),
+    ),
+    (NormalsWay::Flatten, english!("one plane"), english!("The plane through all of them: still water")),
 ];
 
 /// What the user is choosing. No point reflects before the draft is applied.

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use egui::{Align2, Color32, RichText};
 
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::requests::action::Action;
 
@@ -100,7 +101,7 @@ impl Messages {
             context.request_repaint_after(soonest);
         }
         let mut list_is_open = self.list_is_open;
-        egui::Window::new("Messages")
+        egui::Window::new(text!("Messages"))
             .open(&mut list_is_open)
             .collapsible(false)
             .default_size([460.0, 260.0])
@@ -111,7 +112,10 @@ impl Messages {
                         ui.horizontal_top(|ui| {
                             ui.label(RichText::new(message.level.mark()).color(message.level.color()).strong());
                             if let Some(address) = &message.address
-                                && ui.small_button("Try again").on_hover_text("Open the address again").clicked()
+                                && ui
+                                    .small_button(text!("Try again"))
+                                    .on_hover_text(text!("Open the address again"))
+                                    .clicked()
                             {
                                 actions.push(Action::Open(address.into()));
                             }
@@ -119,7 +123,7 @@ impl Messages {
                         });
                     }
                     if self.all.is_empty() {
-                        ui.label(RichText::new("Nothing so far.").color(theme::WEAK));
+                        ui.label(RichText::new(text!("Nothing so far.")).color(theme::WEAK));
                     }
                 });
             });

@@ -11,6 +11,7 @@ use serde_json::json;
 use world::{Change, Event, Input};
 
 use crate::overlays::Facts;
+use crate::shared::language::text;
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::{Command, Report};
 use crate::viewer::picture::under_way::Pass;
@@ -124,7 +125,7 @@ impl Outside {
     /// Reports that a picture was written.
     pub fn saved(&mut self, path: &Path) {
         self.log(json!({ "event": "saved", "path": path }));
-        self.note(format!("Picture saved: {}", whole(path)));
+        self.note(text!("Picture saved: {path}", path = whole(path)));
     }
 
     /// Reports whether a scene file was written.
@@ -132,7 +133,7 @@ impl Outside {
         match result {
             Ok(()) => {
                 self.log(json!({ "event": "scene_saved", "path": path }));
-                self.note(format!("Scene saved: {}", path.display()));
+                self.note(text!("Scene saved: {path}", path = path.display()));
             }
             Err(error) => self.say(Level::Error, error),
         }
@@ -141,7 +142,7 @@ impl Outside {
     /// Reports whether an index was deleted, and how much room that made.
     pub fn index_deleted(&mut self, freed: &str, result: Result<(), String>) {
         match result {
-            Ok(()) => self.say(Level::Note, format!("Index deleted: {freed} free")),
+            Ok(()) => self.say(Level::Note, text!("Index deleted: {freed} free", freed)),
             Err(error) => self.say(Level::Error, error),
         }
         self.work(Work::MeasureCache);

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use egui::{Key, Modifiers, RichText};
 
+use crate::shared::language::text;
 use crate::viewer::look::theme;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -59,12 +60,12 @@ impl PathPrompt {
 
     /// A prompt for a file whose points will be a mirror.
     pub fn for_mirror_points() -> Self {
-        Self { purpose: Purpose::MirrorPoints, ..Self::because("The points of this file will be a mirror.") }
+        Self { purpose: Purpose::MirrorPoints, ..Self::because(text!("The points of this file will be a mirror.")) }
     }
 
     /// A prompt for a mesh that will be a mirror.
     pub fn for_mesh() -> Self {
-        Self { purpose: Purpose::Mesh, ..Self::because("The faces of this PLY file will be a mirror.") }
+        Self { purpose: Purpose::Mesh, ..Self::because(text!("The faces of this PLY file will be a mirror.")) }
     }
 
     /// A prompt for the name of a scene file, which proposes one.
@@ -86,12 +87,13 @@ impl PathPrompt {
         let mut outcome = None;
         let mut is_open = true;
         let (title, help) = match self.purpose {
-            Purpose::SaveScene => ("Save the scene", "Tab completes, Enter saves, Esc closes"),
-            Purpose::SavePoints => {
-                ("Save the points that are shown", ".laz, .las, .copc.laz, .e57, .ply or .csv; Enter saves, Esc closes")
-            }
-            Purpose::Open => ("Open a file or an address", "Tab completes, Enter opens, Esc closes"),
-            _ => ("Open a file", "Tab completes, Enter opens, Esc closes"),
+            Purpose::SaveScene => (text!("Save the scene"), text!("Tab completes, Enter saves, Esc closes")),
+            Purpose::SavePoints => (
+                text!("Save the points that are shown"),
+                text!(".laz, .las, .copc.laz, .e57, .ply or .csv; Enter saves, Esc closes"),
+            ),
+            Purpose::Open => (text!("Open a file or an address"), text!("Tab completes, Enter opens, Esc closes")),
+            _ => (text!("Open a file"), text!("Tab completes, Enter opens, Esc closes")),
         };
         egui::Window::new(title)
             .open(&mut is_open)
@@ -106,7 +108,7 @@ impl PathPrompt {
                 outcome = self.field(ui);
                 self.candidate_list(ui);
                 if self.replaced.as_ref() == Some(&self.text) {
-                    let text = "A file of this name is there. Enter again replaces it.";
+                    let text = text!("A file of this name is there. Enter again replaces it.");
                     ui.label(RichText::new(text).color(theme::WARNING));
                 }
                 ui.label(RichText::new(help).small().color(theme::WEAK));
@@ -117,13 +119,13 @@ impl PathPrompt {
     fn field(&mut self, ui: &mut egui::Ui) -> Option<Outcome> {
         let mut outcome = None;
         ui.horizontal(|ui| {
-            let label = ui.label("Path");
+            let label = ui.label(text!("Path"));
             let completes = ui.input_mut(|input| input.consume_key(Modifiers::NONE, Key::Tab));
             let id = ui.scope_id().with("path");
             let field = egui::TextEdit::singleline(&mut self.text)
                 .id(id)
                 .hint_text(match self.purpose {
-                    Purpose::Open => "/folder/scan.laz or https://host/scan.copc.laz",
+                    Purpose::Open => text!("/folder/scan.laz or https://host/scan.copc.laz"),
                     _ => "/folder/scan.laz",
                 })
                 .desired_width(400.0)
@@ -141,7 +143,7 @@ impl PathPrompt {
                 move_cursor_to_end(ui.ctx(), id, &self.text);
                 response.request_focus();
             }
-            if ui.button(if self.saves() { "Save" } else { "Open" }).clicked() || entered {
+            if ui.button(if self.saves() { text!("Save") } else { text!("Open") }).clicked() || entered {
                 outcome = Some(Outcome::Open(self.text.trim().to_string()));
             }
         });

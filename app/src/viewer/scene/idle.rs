@@ -3,6 +3,8 @@
 use param::{Field, Params, Value};
 use scene::Settings;
 
+use crate::shared::language::text;
+
 /// While a parameter of a group has a value, or another one than that, others of the group change nothing.
 struct Rule {
     group: &'static str,
@@ -60,8 +62,8 @@ impl Rule {
     fn text(&self) -> String {
         let Self { group, by, .. } = self;
         match self.while_it {
-            While::Is(value) => format!("{group}.{by} is {value}: these change nothing."),
-            While::IsNot(value) => format!("{group}.{by} is not {value}: these change nothing."),
+            While::Is(value) => text!("{group}.{by} is {value}: these change nothing.", group, by, value),
+            While::IsNot(value) => text!("{group}.{by} is not {value}: these change nothing.", group, by, value),
         }
     }
 }

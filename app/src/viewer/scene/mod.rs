@@ -25,6 +25,7 @@ use serde_json::json;
 use world::{CloudKey, mirrors};
 
 use crate::overlays::lens::{Lens, to_vector};
+use crate::shared::language::{text, translated};
 use crate::viewer::objects::clouds::{CloudEntry, colored_chunks};
 use crate::viewer::objects::history::History;
 use crate::viewer::objects::inspection::{Ray, Target};
@@ -210,7 +211,7 @@ impl Scene {
     /// Warns the user if there are more lights than can shine.
     pub fn warn_of_dark_lights(&mut self, outside: &mut Outside) {
         if self.objects.lights.len() > MOST_LIGHTS {
-            outside.say(Level::Warning, format!("Only the first {MOST_LIGHTS} lights shine"));
+            outside.say(Level::Warning, text!("Only the first {MOST_LIGHTS} lights shine", MOST_LIGHTS));
         }
     }
 
@@ -219,7 +220,8 @@ impl Scene {
     pub fn place(&mut self, id: ObjectId, object: Object, outside: &mut Outside) {
         let kind = object.kind();
         if self.objects.count(kind) >= kind.most {
-            return outside.note(format!("There are {} {}s, and no room for more", kind.most, kind.name));
+            let (most, kind) = (kind.most, translated(kind.name));
+            return outside.note(text!("There are {most} {kind}s, and no room for more", most, kind));
         }
         let (position, is_light) = (object.places().first().map(DVec3::to_array), matches!(object, Object::Light(_)));
         self.history.settle(&self.settings, &self.objects);
@@ -243,7 +245,8 @@ impl Scene {
         let selected = self.selected.and_then(|id| self.objects.get(id));
         if let Some((_, object)) = selected {
             let Some(copy) = object.beside(self.camera.right()) else {
-                return outside.note(format!("A {} belongs to its points, and has no copy", object.kind().name));
+                let kind = translated(object.kind().name);
+                return outside.note(text!("A {kind} belongs to its points, and has no copy", kind));
             };
             let id = self.next_object_id();
             self.place(id, copy, outside);
@@ -321,7 +324,7 @@ impl Scene {
                 tracing::warn!("{error}");
             }
         });
-        outside.note(format!("{key} is {default} again; {COMMAND}+Z takes that back"));
+        outside.note(text!("{key} is {default} again; {COMMAND}+Z takes that back", key, default, COMMAND));
     }
 
     /// Whether the points are shown in their own colours when they are lit by `by`.
@@ -348,8 +351,8 @@ impl Scene {
             self.lit_by = *before;
         }
         *before = by;
-        let name = by.name();
-        outside.note(if by == Lighting::Colors { "Data colours, no light".into() } else { format!("Light: {name}") });
+        let (is_raw, name) = (by == Lighting::Colors, translated(by.name()));
+        outside.note(if is_raw { text!("Data colours, no light").into() } else { text!("Light: {name}", name) });
     }
 
     pub fn color_by(&mut self, by: ColorBy, clouds: &[CloudEntry], outside: &mut Outside) {
@@ -358,7 +361,7 @@ impl Scene {
             let first = clouds.iter().flat_map(|entry| &entry.cloud.attributes).next();
             self.settings.color.attribute = first.map_or(String::new(), |attribute| attribute.name.clone());
         }
-        outside.note(format!("Colour: {}", by.name()));
+        outside.note(text!("Colour: {by}", by = translated(by.name())));
     }
 
     /// Restores earlier settings in one step of undo.
@@ -475,7 +478,9 @@ impl Scene {
     /// Goes into the room, or to the place of a depth image, or out of it, from where it looks like a doll's house:
     /// without the backs of its walls.
     fn show_room(&mut self, is_inside: bool, clouds: &[CloudEntry], outside: &mut Outside) {
-        let Some(room) = self.room else { return outside.note("Neither a closed room nor a depth image is open") };
+        let Some(room) = self.room else {
+            return outside.note(text!("Neither a closed room nor a depth image is open"));
+        };
         let mut settings = self.settings.clone();
         settings.splat.back_faces = is_inside;
         let camera = if is_inside { room } else { self.framed(&self.outline(clouds), StandardView::Isometric, clouds) };
@@ -591,7 +596,7 @@ impl Scene {
             Action::FlySpeed(notches) => {
                 // The speed can be doubled or halved six times, from a crawl to the speed of a jet.
                 self.navigation.speed = (self.navigation.speed + notches * 0.5).clamp(-6.0, 6.0);
-                outside.note(format!("Speed × {:.2}", self.navigation.speed.exp2()));
+                outside.note(text!("Speed × {speed}", speed = format_args!("{:.2}", self.navigation.speed.exp2())));
             }
             Action::Travel(way) => self.travel(way, outside.now),
             Action::PivotHere => self.pick_under_cursor(PickPurpose::Pivot, outside),

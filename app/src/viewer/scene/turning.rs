@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::{DVec2, DVec3};
 use scene::Projection;
 
+use crate::shared::language::english;
 use crate::viewer::requests::action::Action;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::Scene;
@@ -24,10 +25,17 @@ impl Scene {
     /// What a drag with the left button does here, in a word and in full.
     pub fn turning(&self) -> [&'static str; 2] {
         match self.navigation.turn {
-            _ if self.is_flying() => ["fly", "A drag turns the head, and W A S D Q E fly; V: orbit"],
-            Some(Turn::About(_)) => ["orbit", "The drag orbits the marked point"],
-            None if !self.is_in_room() => ["orbit", "A drag orbits what is under the cursor; V: fly"],
-            _ => ["look around", "Inside of a room a drag turns the head. On a mirror it orbits the mirror; V: fly"],
+            _ if self.is_flying() => {
+                [english!("fly"), english!("A drag turns the head, and W A S D Q E fly; V: orbit")]
+            }
+            Some(Turn::About(_)) => [english!("orbit"), english!("The drag orbits the marked point")],
+            None if !self.is_in_room() => {
+                [english!("orbit"), english!("A drag orbits what is under the cursor; V: fly")]
+            }
+            _ => [
+                english!("look around"),
+                english!("Inside of a room a drag turns the head. On a mirror it orbits the mirror; V: fly"),
+            ],
         }
     }
 

@@ -112,6 +112,7 @@ impl Session {
             Action::ToggleInterface => self.interface_is_hidden = !self.interface_is_hidden,
             Action::TogglePanel => self.preferences.panel_is_open = !self.preferences.panel_is_open,
             Action::OpenTab(tab) => self.preferences.tab = tab.name().to_owned(),
+            Action::Speak(language) => self.preferences.language = language,
             Action::Search(text) => self.search = text,
             Action::FindParameter(key) => {
                 (self.search, self.preferences.panel_is_open, self.interface_is_hidden) = (key, true, false);

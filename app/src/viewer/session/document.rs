@@ -9,6 +9,7 @@ use scene::Settings;
 use serde_json::json;
 use world::{CloudKey, Event};
 
+use crate::shared::language::text;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::objects::Objects;
@@ -236,7 +237,7 @@ impl Document {
     fn ask_place(&mut self, loaded: &Loaded, outside: &mut Outside) {
         if loaded.clouds.is_empty() {
             self.then = None;
-            return outside.note("There is no scene to save yet");
+            return outside.note(text!("There is no scene to save yet"));
         }
         let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let folder = self.place.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
@@ -245,7 +246,7 @@ impl Document {
 
     fn save_to(&mut self, path: PathBuf, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
         if self.saving.is_some() {
-            return outside.note("The scene is being saved already");
+            return outside.note(text!("The scene is being saved already"));
         }
         let has_kind = path.extension().is_some_and(|kind| kind.eq_ignore_ascii_case("toml"));
         let named = if has_kind { path.clone() } else { PathBuf::from(format!("{}.toml", path.display())) };
@@ -260,12 +261,13 @@ impl Document {
             Ok(text) => text,
             Err(problem) => {
                 self.then = None;
-                return outside.error(format!("{}: not saved: {problem}", path.display()));
+                return outside.error(text!("{path}: not saved: {problem}", path = path.display(), problem));
             }
         };
         if loaded.clouds.iter().any(|entry| !entry.added.is_empty()) {
-            outside.note(format!(
-                "The scene file does not hold distances and ghosts; {COMMAND}+E saves the points with them"
+            outside.note(text!(
+                "The scene file does not hold distances and ghosts; {COMMAND}+E saves the points with them",
+                COMMAND
             ));
         }
         self.saving = Some((path.clone(), self.state(scene)));
@@ -369,7 +371,7 @@ impl Document {
             Ok(()) => {
                 outside.log(json!({ "event": "kept", "unsaved": self.kept.is_some() }));
                 if self.failed_at.take().is_some() && self.kept.is_some() {
-                    outside.say(Level::Note, "Unsaved work is kept against a crash again");
+                    outside.say(Level::Note, text!("Unsaved work is kept against a crash again"));
                 }
                 if let Some(restored) = self.restored.take_if(|_| self.kept.is_some()) {
                     restored.delete();
@@ -378,8 +380,10 @@ impl Document {
             Err(problem) => {
                 if self.failed_at.replace(outside.now).is_none() {
                     let again = format!("it is tried again every {} s", PATIENCE.as_secs());
-                    outside
-                        .say(Level::Warning, format!("Unsaved work is not kept against a crash ({again}): {problem}"));
+                    outside.say(
+                        Level::Warning,
+                        text!("Unsaved work is not kept against a crash ({again}): {problem}", again, problem),
+                    );
                 }
             }
         }
@@ -396,7 +400,7 @@ impl Document {
         self.offers = named.is_empty() || newest.place.as_ref().is_some_and(is_named);
         if !self.offers {
             let what = newest.name();
-            outside.note(format!("Unsaved work on {what}, {}, is kept: Recent has it", newest.age()));
+            outside.note(text!("Unsaved work on {what}, {age}, is kept: Recent has it", what, age = newest.age()));
         }
     }
 

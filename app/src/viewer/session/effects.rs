@@ -10,6 +10,7 @@ use render::Gpu;
 use scene::Settings;
 use world::{Event, Input, Job};
 
+use crate::shared::language::text;
 use crate::viewer::jobs::tasks::Answer;
 use crate::viewer::objects::clouds::JobEntry;
 use crate::viewer::picture::messages::Command;
@@ -131,7 +132,7 @@ impl Effects {
 pub fn begin(session: &mut Session, name: &str, task: impl FnOnce() + Send + 'static) -> bool {
     let started = std::thread::Builder::new().name(name.into()).spawn(task);
     if let Err(error) = &started {
-        session.outside.error(format!("{name}: no thread: {error}"));
+        session.outside.error(text!("{name}: no thread: {error}", name, error));
     }
     started.is_ok()
 }

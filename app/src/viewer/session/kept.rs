@@ -8,6 +8,7 @@ use scene::{CloudSettings, Settings};
 use serde_json::json;
 use world::{Change, CloudKey};
 
+use crate::shared::language::text;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::Objects;
 use crate::viewer::objects::clouds::CloudEntry;
@@ -128,15 +129,15 @@ impl Kept {
     pub fn act(&mut self, step: KeptStep, request: FrameRequest, loaded: &mut Loaded, beside: &mut Beside<'_>) {
         let present = |loaded: &Loaded, beside: &Beside<'_>| State::of(beside.scene, request, loaded);
         match step {
-            KeptStep::Keep if loaded.clouds.is_empty() => beside.outside.note("There is nothing to keep yet"),
+            KeptStep::Keep if loaded.clouds.is_empty() => beside.outside.note(text!("There is nothing to keep yet")),
             KeptStep::Keep => {
                 self.state = Some(present(loaded, beside));
                 self.drawn = None;
-                beside.outside.note("This state of the picture is kept");
+                beside.outside.note(text!("This state of the picture is kept"));
             }
             KeptStep::LetGo => *self = Self { asked: self.asked.take(), ..Self::new() },
             KeptStep::ToggleSplit | KeptStep::ToggleBeside | KeptStep::Swap if self.state.is_none() => {
-                beside.outside.note("Keep a state of the picture first");
+                beside.outside.note(text!("Keep a state of the picture first"));
             }
             KeptStep::ToggleSplit => (self.is_split, self.is_beside) = (!self.is_split, false),
             KeptStep::ToggleBeside => (self.is_split, self.is_beside) = (false, !self.is_beside),

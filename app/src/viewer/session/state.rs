@@ -12,6 +12,7 @@ use glam::DVec3;
 use serde_json::json;
 use world::CloudKey;
 
+use crate::shared::language::text;
 use crate::viewer::filming::{Filming, Wiping};
 use crate::viewer::frames::Frames;
 use crate::viewer::frames::auto::Auto;
@@ -45,7 +46,7 @@ impl Session {
     pub fn new(preferences: Preferences) -> Self {
         let (settings, warnings) = preferences.settings();
         let mut messages = Messages::default();
-        warnings.into_iter().for_each(|warning| messages.warning(format!("kept parameters: {warning}")));
+        warnings.into_iter().for_each(|warning| messages.warning(text!("kept parameters: {warning}", warning)));
         Self {
             loaded: Loaded::default(),
             scene: Scene::new(settings),
@@ -523,7 +524,7 @@ impl Session {
         self.tuning.forget_measuring();
         if !self.sweeps.on_failed(problem, &mut self.outside) {
             self.stop_truth();
-            self.outside.say(Level::Error, format!("The truth cannot be shown: {problem}"));
+            self.outside.say(Level::Error, text!("The truth cannot be shown: {problem}", problem));
         }
     }
 

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use crate::overlays::Facts;
 use crate::shared::command_line::quoted;
+use crate::shared::language::text;
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::study_file::{STUDY, group_of};
 use crate::viewer::loaded::Loaded;
@@ -23,7 +24,7 @@ impl Scene {
     /// Adds the current setting to the plan in the current folder, and writes the view as a scene file beside it.
     pub fn add_to_study(&self, loaded: &Loaded, outside: &mut Outside) {
         if loaded.clouds.is_empty() {
-            outside.note("There is no setting to add yet");
+            outside.note(text!("There is no setting to add yet"));
             return;
         }
         // The path is absolute because a plan may be run from any folder.
@@ -34,7 +35,7 @@ impl Scene {
 
     pub fn copy_view(&self, loaded: &Loaded, outside: &mut Outside) {
         outside.push(Effect::Copy(self.view_as_text(loaded)));
-        outside.note("View copied as text");
+        outside.note(text!("View copied as text"));
     }
 
     /// Returns the view as text, without its clouds.
@@ -50,14 +51,14 @@ impl Scene {
             Ok(file) => {
                 let view = file.view();
                 for warning in view.warnings {
-                    outside.warning(format!("pasted view: {warning}"));
+                    outside.warning(text!("pasted view: {warning}", warning));
                 }
                 self.jump(outside.now, view.settings, view.camera.unwrap_or(self.camera));
                 self.take_objects(&file, clouds, outside);
-                outside.note("View pasted");
+                outside.note(text!("View pasted"));
                 outside.log(json!({ "event": "pasted" }));
             }
-            Err(error) => outside.error(format!("The clipboard holds no view: {error}")),
+            Err(error) => outside.error(text!("The clipboard holds no view: {error}", error)),
         }
     }
 
@@ -177,7 +178,7 @@ impl Scene {
 
     pub fn copy_command_line(&self, loaded: &Loaded, outside: &mut Outside) {
         outside.push(Effect::Copy(self.command_line(loaded)));
-        outside.note("Command line copied");
+        outside.note(text!("Command line copied"));
     }
 
     /// Returns the command that renders what is on the screen, for a POSIX shell.
@@ -214,11 +215,11 @@ impl Scene {
         outside: &mut Outside,
     ) {
         let Some(shown) = &frames.shown else {
-            outside.note("There is no picture to save yet");
+            outside.note(text!("There is no picture to save yet"));
             return;
         };
         if self.posed.as_ref().is_some_and(|posed| posed.is_wiped) {
-            outside.note("This picture shows several states: Record… in the timeline saves it");
+            outside.note(text!("This picture shows several states: Record… in the timeline saves it"));
             return;
         }
         let size = draft.map_or(self.view_size, |draft| draft.size);

@@ -7,6 +7,7 @@ use scene::{Clip, ClipShape, Object, Prism, Projection};
 use serde_json::json;
 
 use crate::overlays::lens::to_vector;
+use crate::shared::language::text;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::requests::action::Clipping;
 use crate::viewer::requests::outside::Outside;
@@ -37,7 +38,7 @@ impl Tools {
             Clipping::AroundAll(shape) => (shape, scene.bounds(&loaded.clouds)),
             Clipping::AroundPick => match &self.pick {
                 Some(pick) => (ClipShape::Box, around_pick(pick.world, scene)),
-                None => return outside.note("Pick a point first: the box goes around it"),
+                None => return outside.note(text!("Pick a point first: the box goes around it")),
             },
             Clipping::AroundView => (ClipShape::Box, seen(scene, loaded)),
             Clipping::DrawPrism => return self.draw_prism(scene, loaded, outside),
@@ -48,7 +49,7 @@ impl Tools {
             }
         };
         if bounds.is_empty() {
-            return outside.note("There is nothing to clip");
+            return outside.note(text!("There is nothing to clip"));
         }
         let id = scene.next_object_id();
         scene.place(id, Object::Clip(Clip::around(shape, bounds)), outside);
@@ -63,7 +64,7 @@ impl Tools {
         let (middle, direction) = (scene.camera.pivot, scene.lens().forward());
         self.measurements.placing = None;
         self.prism = Some(PrismDraft { corners: Vec::new(), middle, direction, eye });
-        outside.note("Click the corners of the prism; a click on the first one closes it, Esc gives it up");
+        outside.note(text!("Click the corners of the prism; a click on the first one closes it, Esc gives it up"));
     }
 
     /// Adds a corner under the cursor to the polygon, or closes it there.
@@ -86,7 +87,7 @@ impl Tools {
     fn end_prism(&mut self, scene: &mut Scene, outside: &mut Outside) {
         let Some(PrismDraft { corners, direction, eye, .. }) = self.prism.take() else { return };
         if corners.len() < 3 {
-            return outside.note("A prism needs three corners");
+            return outside.note(text!("A prism needs three corners"));
         }
         let middle = corners.iter().sum::<DVec3>() / corners.len() as f64;
         let points = corners.iter().map(|corner| *corner - middle).collect();

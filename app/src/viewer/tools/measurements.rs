@@ -10,6 +10,7 @@ use scene::{Camera, Measurement, MeasurementKind, Note, Object, Profile, Strays}
 use serde_json::json;
 use world::CloudKey;
 
+use crate::shared::language::{text, translated};
 use crate::shared::measuring::{Figure, Outcome, of_corners};
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
@@ -80,9 +81,9 @@ pub struct Measurements {
 impl Wanted {
     pub fn name(self) -> &'static str {
         match self {
-            Self::Measurement(kind) => kind.name(),
-            Self::Note => "note",
-            Self::Profile => "profile",
+            Self::Measurement(kind) => translated(kind.name()),
+            Self::Note => text!("note"),
+            Self::Profile => text!("profile"),
         }
     }
 
@@ -118,9 +119,9 @@ impl Placing {
     fn opening(&self) -> String {
         let (least, most) = self.wanted.counts().into_inner();
         match (self.wanted.name(), least) {
-            (name, 1) if most == 1 => format!("{name}: click a point"),
-            (name, count) if most == count => format!("{name}: click {count} points"),
-            (name, _) => format!("{name}: click its points; Enter or a double-click ends"),
+            (name, 1) if most == 1 => text!("{name}: click a point", name),
+            (name, count) if most == count => text!("{name}: click {count} points", name, count),
+            (name, _) => text!("{name}: click its points; Enter or a double-click ends", name),
         }
     }
 
@@ -129,13 +130,13 @@ impl Placing {
         let (least, most) = self.wanted.counts().into_inner();
         let (name, count) = (self.wanted.name(), self.corners.len());
         let corner = match self.wanted {
-            Wanted::Measurement(MeasurementKind::Angle) if count == 1 => "the corner of the angle".into(),
-            _ if most == 1 => "a point".into(),
-            _ if most <= 3 => format!("point {} of {most}", count + 1),
-            _ => format!("point {}", count + 1),
+            Wanted::Measurement(MeasurementKind::Angle) if count == 1 => text!("the corner of the angle").into(),
+            _ if most == 1 => text!("a point").into(),
+            _ if most <= 3 => text!("point {count} of {most}", count = count + 1, most),
+            _ => text!("point {count}", count = count + 1),
         };
-        let end = if most > 3 && count >= least { "; Enter or a double-click ends" } else { "" };
-        format!("{name}: click {corner}{end}")
+        let end = if most > 3 && count >= least { text!("; Enter or a double-click ends") } else { "" };
+        text!("{name}: click {corner}{end}", name, corner, end)
     }
 
     /// The values with the point under the cursor as the next corner.
@@ -200,7 +201,7 @@ impl Measurements {
             Measuring::StepNote(step) => step_note(step, scene, loaded, outside),
             Measuring::CopyAll => {
                 outside.push(Effect::Copy(self.as_text(scene, loaded)));
-                outside.note("Measurements copied");
+                outside.note(text!("Measurements copied"));
             }
         }
     }
@@ -243,9 +244,9 @@ impl Measurements {
             }
             None => {
                 let text = if has_mirror {
-                    "That is a mirror: click on a point of a cloud"
+                    text!("That is a mirror: click on a point of a cloud")
                 } else {
-                    "A gap: there is no point there; click on a point"
+                    text!("A gap: there is no point there; click on a point")
                 };
                 outside.note(text);
                 outside.log(json!({ "event": "gap", "mirror": has_mirror }));
@@ -262,7 +263,7 @@ impl Measurements {
         placing.is_ending = false;
         let least = *placing.wanted.counts().start();
         if placing.corners.len() < least {
-            return outside.note(format!("{}; {least} are needed", placing.hint()));
+            return outside.note(text!("{hint}; {least} are needed", hint = placing.hint(), least));
         }
         let Some(Placing { wanted, corners, reach, .. }) = self.placing.take() else { return };
         let object = match wanted {
@@ -387,7 +388,7 @@ fn fly_to(id: ObjectId, scene: &mut Scene, loaded: &Loaded, outside: &mut Outsid
 /// Goes to the next note, or to the one before (-1), in the order of the list.
 fn step_note(step: i32, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
     let notes = &scene.objects.notes;
-    let Some(last) = notes.len().checked_sub(1) else { return outside.note("There are no notes") };
+    let Some(last) = notes.len().checked_sub(1) else { return outside.note(text!("There are no notes")) };
     let now = notes.iter().position(|placed| scene.selected == Some(placed.id));
     let next = match now {
         Some(now) if step < 0 => now.checked_sub(1).unwrap_or(last),

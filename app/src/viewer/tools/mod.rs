@@ -13,6 +13,7 @@ use glam::DVec3;
 use scene::{Mirror, Object, Projection, Shape};
 use serde_json::json;
 
+use crate::shared::language::text;
 use crate::shared::measuring::PointError;
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::point_errors::PointWork;
@@ -178,9 +179,9 @@ impl Tools {
         if self.inspection.take().is_some() {
             scene.navigation.camera_moved(outside.now);
         } else if self.prism.take().is_some() {
-            outside.note("Prism given up");
+            outside.note(text!("Prism given up"));
         } else if let Some(placing) = self.measurements.placing.take() {
-            outside.note(format!("The {} is given up", placing.wanted.name()));
+            outside.note(text!("The {wanted} is given up", wanted = placing.wanted.name()));
         } else {
             return scene.selected.take().is_some() || self.pick.take().is_some();
         }
@@ -241,7 +242,7 @@ impl Tools {
                 scene.approach(world, outside.now);
                 outside.log(json!({ "event": "pivot", "world": world.to_array() }));
             }
-            (PickPurpose::Pivot, None) => outside.note("No point there to go to"),
+            (PickPurpose::Pivot, None) => outside.note(text!("No point there to go to")),
             (PickPurpose::Corner, _) => {
                 let found = found.map(|(_, world)| world);
                 self.measurements.on_corner(found, mirror.is_some(), scene, outside);
@@ -294,7 +295,7 @@ impl Tools {
     pub fn copy_pick(&self, outside: &mut Outside) {
         if let Some(pick) = &self.pick {
             outside.push(Effect::Copy(pick.as_text()));
-            outside.note("Picked point copied");
+            outside.note(text!("Picked point copied"));
         }
     }
 
@@ -322,8 +323,10 @@ impl Tools {
             let id = scene.next_object_id();
             self.inspection = Some(Inspection::new(id));
             scene.selected = None;
-            let told =
-                format!("Inspection mirror: {COMMAND}+wheel distance, {COMMAND}+Shift+wheel tilt, click pins it");
+            let told = text!(
+                "Inspection mirror: {COMMAND}+wheel distance, {COMMAND}+Shift+wheel tilt, click pins it",
+                COMMAND
+            );
             outside.note(told);
         }
     }

@@ -9,6 +9,7 @@ use scene::{Object, Profile, Strays};
 use serde_json::json;
 use world::CloudKey;
 
+use crate::shared::language::text;
 use crate::shared::measuring::PointError;
 use crate::shared::profile_chart::axis_units;
 use crate::viewer::jobs::slices::{Cuttable, ProfileFound, ProfileWork, Slice};
@@ -139,7 +140,7 @@ impl Profiles {
         scene.history.settle(&scene.settings, &scene.objects);
         scene.selected = selected;
         outside.log(json!({ "event": "profiles_stacked", "profiles": scene.objects.profiles.len() }));
-        outside.note(format!("There are {} profiles now", scene.objects.profiles.len()));
+        outside.note(text!("There are {profiles} profiles now", profiles = scene.objects.profiles.len()));
     }
 
     /// The other profiles whose points are shown behind those of the one in view.
@@ -157,7 +158,7 @@ impl Profiles {
         let path = free_path(Path::new(""), &name, ending);
         let work = if matches!(ending, "svg" | "png") {
             let Some(Ok(slice)) = &self.slice else {
-                return outside.note("The points of the profile are not found yet");
+                return outside.note(text!("The points of the profile are not found yet"));
             };
             let (slice, others) = (slice.clone(), self.others.clone());
             let units = axis_units(&units(loaded), scene.up(&loaded.clouds));
@@ -230,7 +231,7 @@ impl Profiles {
                 self.is_writing = false;
                 match result {
                     Ok(()) => {
-                        outside.note(format!("Saved {}", path.display()));
+                        outside.note(text!("Saved {path}", path = path.display()));
                         outside.log(json!({ "event": "profile_saved", "path": path.display().to_string() }));
                     }
                     Err(error) => outside.error(error),

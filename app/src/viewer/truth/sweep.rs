@@ -9,6 +9,7 @@ use render::FrameStats;
 use scene::Settings;
 use serde_json::json;
 
+use crate::shared::language::text;
 use crate::viewer::jobs::sweep_files::{Outcome, Row, SweepResult, make_folder};
 use crate::viewer::jobs::sweep_range::SweepRange;
 use crate::viewer::jobs::tasks::{Judge, SceneKey, Task};
@@ -69,7 +70,7 @@ impl Sweeps {
     pub fn ask(&mut self, key: &str, settings: &Settings, outside: &mut Outside) {
         self.asked = SweepRange::of(settings, key);
         if self.asked.is_none() {
-            outside.note(format!("{key} changes nothing in the view at hand: there is nothing to sweep"));
+            outside.note(text!("{key} changes nothing in the view at hand: there is nothing to sweep", key));
         }
     }
 
@@ -83,7 +84,7 @@ impl Sweeps {
         outside: &mut Outside,
     ) {
         if self.under_way.is_some() {
-            outside.note("A sweep is under way: end it before another begins");
+            outside.note(text!("A sweep is under way: end it before another begins"));
             return;
         }
         if around.points() > MOST_POINTS {
@@ -91,7 +92,7 @@ impl Sweeps {
             return;
         }
         let Some(view) = around.still.clone() else {
-            outside.note("A sweep begins when the view stands still");
+            outside.note(text!("A sweep begins when the view stands still"));
             return;
         };
         let with = |text: String| {
@@ -135,7 +136,7 @@ impl Sweeps {
         }
         if sweep.view.revision != around.frames.revision || around.clouds.is_empty() {
             self.stop(outside);
-            outside.say(Level::Warning, "The sweep was ended: the points are others now");
+            outside.say(Level::Warning, text!("The sweep was ended: the points are others now"));
             return;
         }
         if sweep.is_waiting {
@@ -223,7 +224,7 @@ pub fn on_saved(folder: &Path, result: Result<(), String>, outside: &mut Outside
     match result {
         Ok(()) => {
             outside.log(json!({ "event": "swept", "folder": folder }));
-            outside.note(format!("Sweep saved: {}", folder.join("sheet.png").display()));
+            outside.note(text!("Sweep saved: {folder}", folder = folder.join("sheet.png").display()));
         }
         Err(error) => outside.say(Level::Error, error),
     }

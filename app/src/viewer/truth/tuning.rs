@@ -8,6 +8,7 @@ use serde_json::json;
 use study::Accuracy;
 use study::results::Spread;
 
+use crate::shared::language::text;
 use crate::viewer::look::tab::Tab;
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::Command;
@@ -188,7 +189,7 @@ pub fn on_added_to_study(path: &Path, result: Result<(), String>, outside: &mut 
     match result {
         Ok(()) => {
             outside.log(json!({ "event": "added_to_study", "path": path }));
-            outside.note(format!("Added to the study: {}", path.display()));
+            outside.note(text!("Added to the study: {path}", path = path.display()));
         }
         Err(error) => outside.say(Level::Error, error),
     }

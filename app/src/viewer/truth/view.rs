@@ -11,6 +11,7 @@ use scene::Camera;
 use serde_json::json;
 use study::{Accuracy, Drawn, Refinement, TracedScene};
 
+use crate::shared::language::text;
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::tasks::{Answer, Kind, Measure, Pass, SceneKey};
 use crate::viewer::look::theme::grouped;
@@ -118,9 +119,9 @@ pub struct TruthView {
 
 /// The message that nothing is traced, and why.
 pub fn too_many_points() -> String {
-    format!(
-        "The truth is traced for {} points at most; more are shown. Hide or close clouds to see it",
-        grouped(MOST_POINTS)
+    text!(
+        "The truth is traced for {most} points at most; more are shown. Hide or close clouds to see it",
+        most = grouped(MOST_POINTS)
     )
 }
 
@@ -338,7 +339,7 @@ impl TruthView {
                     Kind::Difference => self.drawing = None,
                     Kind::JudgeAlone | Kind::RayTrace => {}
                 }
-                return Taken::Failed("the ray tracer stopped unexpectedly".into());
+                return Taken::Failed(text!("the ray tracer stopped unexpectedly").into());
             }
             // A wipe asked for it, and has gone on.
             Answer::RayTraced { .. } => {}
