@@ -1,4 +1,5 @@
-//! The texts of the window in the language that it speaks. The English text is the key: what a table lacks stays English.
+//! The texts of the window in the language that it speaks. The English text is the key; what a table lacks stays
+//! English.
 
 use std::cell::Cell;
 use std::collections::HashMap;

@@ -33,8 +33,8 @@ pub fn keep(digit: Option<u8>, scene: &mut Scene, outside: &mut Outside) {
     }
     outside.log(json!({ "event": "bookmark", "name": name, "digit": digit }));
     outside.note(match digit {
-        Some(digit) => format!("View kept as `{name}`: Shift+{digit} flies there"),
-        None => format!("View kept as `{name}`"),
+        Some(digit) => text!("View kept as `{name}`: Shift+{digit} flies there", name, digit),
+        None => text!("View kept as `{name}`", name),
     });
     scene.edit_objects(outside.now, |objects| match known {
         Some(index) => {

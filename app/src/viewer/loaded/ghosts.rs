@@ -76,7 +76,7 @@ impl Loaded {
         let draft = &self.ghosts.draft;
         let station = match draft.station.trim() {
             "" => None,
-            text => Some(parse_place(text).map_err(|problem| format!("Place of the scanner: {problem}"))?),
+            text => Some(parse_place(text).map_err(|problem| text!("Place of the scanner: {problem}", problem))?),
         };
         let objects = &beside.scene.objects;
         // What is known of a mirror that was found stays known as long as nobody moves it.

@@ -233,7 +233,7 @@ fn second(ui: &mut Ui, session: &Session, draft: &mut CompareDraft) {
         Second::File(_) => Some(text!("a file")),
     };
     ui.horizontal(|ui| {
-        let label = name_label(ui, text!("To"));
+        let label = name_label(ui, text!("Distances to"));
         let choice = egui::ComboBox::from_id_salt("second cloud")
             .width(180.0)
             .truncate()

@@ -237,7 +237,7 @@ fn status(ui: &mut Ui, session: &Session) {
     let count =
         if others.is_empty() { count } else { text!("{count}, {all} with the others", count, all = grouped(all)) };
     let is_streamed = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
-    let loaded = if is_streamed { text!(" that are loaded") } else { "" };
+    let loaded = if is_streamed { text!(" (loaded)") } else { "" };
     let help = text!(
         "At most {most} are drawn at once, evenly chosen from those in view{rest}",
         most = grouped(MOST_DRAWN as u64),

@@ -99,7 +99,7 @@ pub fn show(ui: &mut Ui, session: &Session) {
     ui.separator();
     gloss(ui, stats);
     light_rays(ui, stats);
-    row(ui, text!("Frame"), &text!("{time} ms", time = format_args!("{:.1}", stats.frame_milliseconds)), None);
+    row(ui, text!("Whole frame"), &text!("{time} ms", time = format_args!("{:.1}", stats.frame_milliseconds)), None);
     row(ui, text!("With transfer"), &text!("{time} ms", time = format_args!("{:.1}", shown.total_milliseconds)), None);
     let [width, height] = shown.request.drawn_size();
     row(ui, text!("Picture"), &format!("{width} × {height}"), None);

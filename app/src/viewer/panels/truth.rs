@@ -110,7 +110,7 @@ fn figures(ui: &mut Ui, session: &Session) {
     if let Some([frame, method]) = times {
         line(
             ui,
-            text!("Frame"),
+            text!("Whole frame"),
             &text!("{time} ms", time = format_args!("{frame:.1}")),
             text!("Median of frames from scratch with this setting"),
         );

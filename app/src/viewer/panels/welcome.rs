@@ -10,8 +10,6 @@ use crate::viewer::requests::bindings;
 use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::session::Session;
 
-/// What a newcomer can do.
-
 /// Shows a newcomer what to do, until a hand has done something.
 pub fn hint(ui: &Ui, rect: Rect, session: &Session) {
     let Some(first) = &session.first_look else { return };

@@ -379,7 +379,7 @@ impl Document {
             }
             Err(problem) => {
                 if self.failed_at.replace(outside.now).is_none() {
-                    let again = format!("it is tried again every {} s", PATIENCE.as_secs());
+                    let again = text!("it is tried again every {seconds} s", seconds = PATIENCE.as_secs());
                     outside.say(
                         Level::Warning,
                         text!("Unsaved work is not kept against a crash ({again}): {problem}", again, problem),

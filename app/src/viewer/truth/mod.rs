@@ -19,6 +19,7 @@ use cloud::{PointTest, Progress};
 use scene::Settings;
 use serde_json::json;
 
+use crate::shared::language::text;
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::tasks::{Answer, Judge, Measure, SceneKey, Source, Task, Trace};
 use crate::viewer::objects::clouds::{CloudEntry, Samples};
@@ -76,12 +77,12 @@ impl TruthView {
     /// The reason why nothing is shown yet.
     pub fn awaited(&self, is_swept: bool, now: Instant) -> String {
         match self.activity(now) {
-            _ if self.is_too_large => "too many points to trace the truth".into(),
-            _ if is_swept => "the truth waits for the sweep".into(),
-            _ if self.still.is_none() => "the truth waits for the picture to stand still".into(),
-            Some(Activity::Building) => "the points are made ready for tracing the truth".into(),
-            Some(Activity::Tracing { progress, .. }) => format!("the truth is being traced: {progress}"),
-            None => "the truth is being traced".into(),
+            _ if self.is_too_large => text!("too many points to trace the truth").into(),
+            _ if is_swept => text!("the truth waits for the sweep").into(),
+            _ if self.still.is_none() => text!("the truth waits for the picture to stand still").into(),
+            Some(Activity::Building) => text!("the points are made ready for tracing the truth").into(),
+            Some(Activity::Tracing { progress, .. }) => text!("the truth is being traced: {progress}", progress),
+            None => text!("the truth is being traced").into(),
         }
     }
 

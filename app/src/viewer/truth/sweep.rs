@@ -48,7 +48,8 @@ pub fn places() -> Vec<PathBuf> {
 impl Sweep {
     /// The progress as text.
     pub fn text(&self) -> String {
-        format!("sweep of {}: {} of {}", self.result.key, self.result.rows.len() + 1, self.values.len())
+        let (number, count) = (self.result.rows.len() + 1, self.values.len());
+        text!("sweep of {key}: {number} of {count}", key = self.result.key, number, count)
     }
 
     /// The frame for the current value.

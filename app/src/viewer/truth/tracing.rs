@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Progress;
 
+use crate::shared::language::text;
 use crate::viewer::look::widgets::time_left;
 use crate::viewer::picture::frame_request::FrameRequest;
 
@@ -37,7 +38,7 @@ impl Tracing {
     pub fn text(&self, work: Option<[u64; 3]>, now: Instant) -> String {
         let step = self.share_of_step();
         match work {
-            None => format!("first picture {}", self.first.text(step, now)),
+            None => text!("first picture {progress}", progress = self.first.text(step, now)),
             Some(work) => self.all.text(share_of(work, step), now),
         }
     }
