@@ -11,8 +11,10 @@
 @group(1) @binding(2) var<storage, read> shadow_maps: array<u32>;
 // Two a point, see vpl_points.wgsl.
 @group(1) @binding(3) var<storage, read> surfaces: array<vec4f>;
-@group(1) @binding(4) var<storage, read_write> vpls: array<Vpl>;
-@group(1) @binding(5) var<uniform> work: Step;
+// xyz: bits of the position.
+@group(1) @binding(4) var<storage, read> chosen: array<vec4u>;
+@group(1) @binding(5) var<storage, read_write> vpls: array<Vpl>;
+@group(1) @binding(6) var<uniform> work: Step;
 
 const PARENT_NONE: u32 = 0xffffffffu;
 
@@ -49,10 +51,15 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let point = (code & 0xffffu) * lights.subsets + birth.x % lights.subsets;
-    // Through the texel's middle, to which its distance refers: the light is on the disc.
-    let ray = ray_of_map(lights, light, (vec2f(texel) + 0.5) / size * 2.0 - 1.0);
-    let distance = distance_of_code(lights, light.normal.w, code >> 16u);
-    let toward = -ray.direction;
+    // The middle of the disc is a point of the surface: elsewhere discs reach over the edges of walls, and texels that
+    // were filled from others have no distance of their own.
+    let position = bitcast<vec3f>(chosen[point].xyz);
+    let back = light.position.xyz - position;
+    if !is_sky && all(back == vec3f(0.0)) {
+        // Two points may be at one place.
+        return;
+    }
+    let toward = select(normalize(back), light.normal.xyz, is_sky);
     let surface = surfaces[point * OCCLUDER_VECTORS];
     var normal = select(surface.xyz, -surface.xyz, dot(surface.xyz, toward) < 0.0);
     // Points without a normal face the light, as in the first bounce.
@@ -65,6 +72,5 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
         flux = flux * 3.14159265 + light.glossy.rgb;
     }
     flux *= bitcast<f32>(birth.w);
-    let position = ray.origin + ray.direction * distance;
     vpls[target_index] = vpl_of_surface(lights, position, normal, toward, albedo, flux, lights.area_over_pi);
 }

@@ -16,9 +16,6 @@
 @group(1) @binding(4) var<storage, read_write> shadow_maps: array<atomic<u32>>;
 @group(1) @binding(5) var<uniform> work: Step;
 
-// Most texels from the middle of a disc to its rim: bounds the cost of points right before a light.
-const MOST_TEXELS: f32 = 12.0;
-
 @compute @workgroup_size(64)
 fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
     let v = work.first_light + id.y;
@@ -48,7 +45,12 @@ fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
     }
     let size = f32(lights.map_size);
     let middle = (at.map * 0.5 + 0.5) * size;
-    var reach = min(radius * at.scale * 0.5 * size, MOST_TEXELS);
+    var reach = radius * at.scale * 0.5 * size;
+    if light.normal.w == VPL_LOCAL && at.distance < 2.0 * radius {
+        // By the angle under which a ball is seen about the disc, since a radian is at most one unit of the map.
+        // From inside of the ball, the disc is all around.
+        reach = select(asin(radius / at.distance) * 0.5, 2.0, at.distance <= radius) * size;
+    }
     reach = select(reach, max(reach, 0.5), is_square);
     let first = vec2i(max(ceil(middle - reach - 0.5), vec2f(0.0)));
     let last = vec2i(min(floor(middle + reach - 0.5), vec2f(size - 1.0)));

@@ -40,7 +40,7 @@ struct Vpl {
     glossy: vec4f,
     // The unit vector to the origin of its light.
     incoming: vec4f,
-    // The first axis of its shadow map.
+    // xyz: the first axis of its shadow map; w: the factor of its light, see vpl_balance.wgsl.
     tangent: vec4f,
 }
 

@@ -31,6 +31,6 @@ fn vpl_of_surface(
         vec4f(diffuse, gloss.power),
         vec4f(tint * flux * gloss.share, 0.0),
         vec4f(toward, 0.0),
-        vec4f(tangent_of(normal), 0.0),
+        vec4f(tangent_of(normal), 1.0),
     );
 }

@@ -387,13 +387,17 @@ passes! {
         lights: Uniform, hits: Read, counts: Read, shadows: Read, emitters: Read, vpls: ReadWrite,
     }
     vpl_bounce: Light over Pixels {
-        lights: Uniform, births: Read, shadow_maps: Read, surfaces: Read, vpls: ReadWrite, work: Uniform,
+        lights: Uniform, births: Read, shadow_maps: Read, surfaces: Read, chosen: Read, vpls: ReadWrite,
+        work: Uniform,
     }
     vpl_shadow_splat: Light over Pixels {
         lights: Uniform, chosen: Read, surfaces: Read, vpls: Read, shadow_maps: ReadWrite, work: Uniform,
     }
     vpl_shadow_pull: Light over Pixels { lights: Uniform, shadow_maps: ReadWrite, work: Uniform }
     vpl_shadow_push: Light over Pixels { lights: Uniform, shadow_maps: ReadWrite, work: Uniform }
+    vpl_balance: Light over Pixels {
+        lights: Uniform, shadow_maps: Read, surfaces: Read, vpls: ReadWrite, work: Uniform,
+    }
     indirect_reuse: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, before: Uniform, kept: Read, light_out: ReadWrite,
         tiles: ReadWrite,

@@ -18,7 +18,7 @@ const SHARED: &[(&str, &str)] = embedded! {
     frame_group gloss gloss_pixel hash heat hit kept_light large_discs light light_path light_field light_field_maps light_view lobe mirror_formula
     mirror_places mirror_ray mirror_space mirror_splat mirror_sums nearest_point ordered packing page_group params photons
     point_surface refraction region root_finding run scan screen screen_box screen_layout splat surfel_rays surfel_tree texel_of_point tile_labels
-    tone visibility vpl vpl_of_surface
+    tone visibility vpl vpl_of_surface vpl_transfer
 };
 
 /// A shader with its imports included.

@@ -90,7 +90,8 @@ fn irradiance(lights: &Virtual, vpls: &[Vpl], maps: &[u32], at: Vec3, normal: Ve
             cosine * there / offset.length_squared() * mean
         };
         let seen = is_seen(lights, maps, index, light, at, normal, bias);
-        light.intensity.xyz() * transfer * f32::from(u8::from(seen))
+        let factor = if is_sky { 1.0 } else { light.tangent.w };
+        light.intensity.xyz() * transfer * factor * f32::from(u8::from(seen))
     };
     vpls.iter().enumerate().map(of_light).sum()
 }

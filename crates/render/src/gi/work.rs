@@ -1,7 +1,7 @@
 //! The passes that place virtual lights and draw their shadow maps.
 
 use glam::{DVec3, Vec4};
-use scene::Gi;
+use scene::{Gi, VirtualLight};
 
 use super::occluders::Occluders;
 use super::plan::LightPlan;
@@ -92,6 +92,11 @@ impl Work<'_> {
                 self.shadow_maps(recorder, everywhere, of_sky + (bounce - 1) * gi.vpls, gi.vpls)?;
             }
         }
+        // Lights of further bounces carry what those before them reflect, whatever their factors are.
+        let balanced = if gi.shadows && gi.vpl == VirtualLight::Spherical { plan.bounces } else { 0 };
+        for bounce in 0..balanced {
+            self.balance(recorder, everywhere, of_sky + bounce * gi.vpls)?;
+        }
         Ok(())
     }
 
@@ -167,11 +172,25 @@ impl Work<'_> {
             births: births.as_entire_binding(),
             shadow_maps: self.maps.as_entire_binding(),
             surfaces: self.ground.surfaces.as_entire_binding(),
+            chosen: self.ground.chosen.as_entire_binding(),
             vpls: self.vpls.as_entire_binding(),
             work: step.as_entire_binding(),
         };
         let groups = [self.uniform.lights_per_bounce.div_ceil(64), 1, 1];
         recorder.over(&[], inputs, bindings, groups)
+    }
+
+    /// Sets the factors of the lights of the bounce that begins with `first_light`.
+    fn balance(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first_light: u32) -> Result<()> {
+        let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Step { first_light, ..Step::default() }));
+        let bindings = passes::vpl_balance {
+            lights: self.constants.as_entire_binding(),
+            shadow_maps: self.maps.as_entire_binding(),
+            surfaces: self.ground.surfaces.as_entire_binding(),
+            vpls: self.vpls.as_entire_binding(),
+            work: step.as_entire_binding(),
+        };
+        recorder.over(&[], inputs, bindings, [self.uniform.lights_per_bounce, 1, 1])
     }
 
     fn shadow_maps(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first_light: u32, count: u32) -> Result<()> {

@@ -72,6 +72,7 @@ const THREADS: &[(&str, f64, &str)] = &[
     ("vpl_shadow_splat", (1 << 19) as f64, "points in shadow maps at a time"),
     ("vpl_shadow_pull", LIGHTS * MAP_TEXELS / 4.0, "texels of shadow maps, by four"),
     ("vpl_shadow_push", LIGHTS * MAP_TEXELS, "texels of shadow maps"),
+    ("vpl_balance", LIGHTS * 64.0, "threads: 64 for each virtual light"),
     ("exposure_fit", 1.0, "thread"),
     ("probe_pixels", 1e6, "pixels asked for"),
 ];
@@ -214,6 +215,7 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("show_virtual_lights", &[64.0, 1.0]),
     ("vpl_aim", &[8.0, 9.0]),
     ("vpl_shadow_splat", &[4.0, 4.0]),
+    ("vpl_balance", &[MAP_TEXELS / 64.0, 63.0]),
     ("brightness_below", &[256.0]),
     ("exposure_fit", &[256.0]),
     // Walls of 256 texels along an edge.
