@@ -11,7 +11,7 @@ use glam::{DVec3, DVec4, IVec3, Vec3, Vec4};
 use super::near::{SAME_SIDE, Spread, Tree};
 use crate::layout::Landed;
 
-/// The number of grids; each has cells half as wide as the one before.
+/// The most grids; each has cells half as wide as the one before.
 const LEVELS: usize = 8;
 /// Discs of points go on beyond the line where their surface ends: up to this share of its radius a photon shines there.
 const OVER_END: f32 = 0.2;
@@ -25,9 +25,9 @@ const LISTED: f32 = 1.002;
 
 /// The photons of a scene.
 pub(super) struct Grid {
-    /// The edge of the cells of the first grid, and the largest radius.
+    /// The edge of the cells of the first grid, which no radius exceeds.
     edge: f32,
-    /// The number of grids up to the finest that lists photons.
+    /// The number of grids, from the coarsest to the finest that list photons.
     levels: usize,
     photons: Vec<Photon>,
     /// The number of lists of a grid, a power of two.
@@ -59,15 +59,17 @@ impl Grid {
         let spreads = Tree::new(landed).spreads([least, most]);
         let photons = merged(landed, &spreads, least);
         let lists = photons.len().next_power_of_two() as u32;
-        let mut grid = Self { edge: most, levels: 0, photons, lists, cells: Vec::new() };
-        grid.levels = grid.photons.iter().map(|photon| grid.level_of(photon) + 1).max().unwrap_or(0);
+        let mut grid = Self { edge: most, levels: LEVELS, photons, lists, cells: Vec::new() };
+        let levels = || grid.photons.iter().map(|photon| grid.level_of(photon));
+        let first = levels().min().unwrap_or(0);
+        (grid.edge, grid.levels) = (grid.edge_of(first), levels().max().map_or(0, |last| last + 1 - first));
         grid.list();
         grid
     }
 
     /// Fills the lists.
     fn list(&mut self) {
-        let all = LEVELS * self.lists as usize;
+        let all = self.levels * self.lists as usize;
         let mut cells = vec![0_u32; all + 1];
         let mut reached = Vec::new();
         for photon in &self.photons {
@@ -113,7 +115,7 @@ impl Grid {
 
     /// The finest grid that a photon fits in.
     fn level_of(&self, photon: &Photon) -> usize {
-        (0..LEVELS).rev().find(|level| self.edge_of(*level) >= photon.spread.radius).unwrap_or(0)
+        (0..self.levels).rev().find(|level| self.edge_of(*level) >= photon.spread.radius).unwrap_or(0)
     }
 
     fn edge_of(&self, level: usize) -> f32 {
