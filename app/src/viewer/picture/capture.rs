@@ -339,7 +339,7 @@ mod tests {
         let (sender, ended) = channel();
         let mut capture = Capture::new(&name, MP4, SIZE, Arc::default(), move |end| drop(sender.send(end))).unwrap();
         std::fs::remove_dir(name.with_extension("frames")).unwrap();
-        capture.step(Instant::now(), || grey(10));
+        capture.step(capture.started, || grey(10));
         let told = ended.recv_timeout(Duration::from_secs(60)).unwrap().result.unwrap_err();
         assert!(told.contains("0 pictures are in ") && told.contains("frame-000000.png: cannot be written"), "{told}");
         capture.changed();
