@@ -13,8 +13,8 @@ pub(crate) const REACH: f32 = 8.0;
 const MOST_ALONG: f32 = 65_536.0;
 /// So many cells for each point and more are mostly empty: then they become wider.
 const MOST_CELLS: usize = 4;
-/// The most that sides go on beyond the edges of the cube, as a share of half a side. They have what belongs to the next
-/// side there, so that what is around a direction is all on the side that it belongs to.
+/// The most that sides go on beyond the edges of the cube, as a share of half a side. They have what belongs to the
+/// next side there, so that what is around a direction is all on the side that it belongs to.
 const WIDEST_RIM: f32 = 0.25;
 /// The most points that are looked at around a direction, in which there may be any number.
 const MOST_SEEN: usize = 1 << 14;
@@ -142,7 +142,8 @@ impl Side {
             return;
         }
         let cells = self.frame(&seen);
-        // Sorted by counting. Points of a cell follow by their places, so that the order does not depend on that of the chunks.
+        // Sorted by counting. Points of a cell follow by their places, so that the order does not depend on that of the
+        // chunks.
         let mut starts = vec![0; cells + 1];
         seen.iter().for_each(|seen| starts[self.cell(seen.tangent) + 1] += 1);
         for cell in 0..cells {
@@ -167,8 +168,8 @@ impl Side {
         }
     }
 
-    /// Finds the rectangle of cells in which there are points, and the number of its cells. Cells become twice as wide as
-    /// often as it takes until there are not many more of them than points.
+    /// Finds the rectangle of cells in which there are points, and the number of its cells. Cells become twice as wide
+    /// as often as it takes until there are not many more of them than points.
     fn frame(&mut self, seen: &[Seen]) -> usize {
         loop {
             let places = seen.iter().map(|seen| self.place(seen.tangent));
@@ -193,7 +194,8 @@ impl Side {
     }
 
     /// The points whose directions differ from that of a tangent by less than an angle in radians, which is at most
-    /// `REACH` cells and the rim, and some around them, row by row. No more than `MOST_SEEN`: the last rows are left out.
+    /// `REACH` cells and the rim, and some around them, row by row. No more than `MOST_SEEN`: the last rows are left
+    /// out.
     pub(crate) fn around(&self, tangent: Vec2, angle: f32) -> impl Iterator<Item = &[Seen]> {
         let slope = BENT[0] - 2.0 * BENT[1] * tangent.abs();
         let squares = tangent * tangent;

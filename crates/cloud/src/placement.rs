@@ -69,8 +69,8 @@ impl Placement {
 }
 
 impl Chunk {
-    /// The same points turned and moved, with their normals and their station; it shares everything else. `grid` is that of the file, so
-    /// that coordinates are as exact as in the file before they are rounded to offsets.
+    /// Turns and moves the points, with their normals and their station; everything else is shared. `grid` is that of
+    /// the file, so that coordinates are as exact as in the file before they are rounded to offsets.
     pub fn placed(&self, placement: &Placement, grid: Option<Grid>) -> Self {
         let grid = grid.map(Grid::of_file);
         let origin = placement.point(self.origin);
