@@ -30,6 +30,12 @@ fn mean_over_disc(light: Vpl, normal: vec3f, cosine: f32, cosine_there: f32, sha
 // A light counts as near within this many squares of its radius.
 const NEAR: f32 = 25.0;
 
+// A wall of one layer of points is lit from both sides. A light on its other side may stand a little before it, by a
+// texel of a lamp's map or by rounding, but does not shine on it. What is as near to the plane of a light's square as
+// this share of half its side, and as level as this cosine, is of the light's own surface.
+const OWN_SURFACE: f32 = 0.05;
+const LEVEL: f32 = 0.9;
+
 // The cosines over squared distance of a near light, which is treated as the square that it represents: in corners a
 // disc's mean direction would darken the surface within its radius. It is the integral over the part of the square
 // above the surface's horizon (Lambert 1760), divided by that part's area: where surfaces meet, the light's own surface
@@ -37,6 +43,9 @@ const NEAR: f32 = 25.0;
 // for the uneven spread of lights.
 fn transfer_of_square(light: Vpl, offset: vec3f, normal: vec3f) -> f32 {
     let half = 0.9 * sqrt(3.14159265 * light.position.w);
+    if abs(dot(light.normal.xyz, offset)) < OWN_SURFACE * half && abs(dot(light.normal.xyz, normal)) > LEVEL {
+        return 0.0;
+    }
     let along = light.tangent.xyz * half;
     let across = cross(light.normal.xyz, light.tangent.xyz) * half;
     var sum = vec2f(0.0);

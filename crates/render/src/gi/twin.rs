@@ -100,6 +100,10 @@ fn irradiance(lights: &Virtual, vpls: &[Vpl], maps: &[u32], at: Vec3, normal: Ve
 fn transfer_of_square(light: &Vpl, offset: Vec3, normal: Vec3) -> f32 {
     let (light_normal, tangent) = (light.normal.xyz(), light.tangent.xyz());
     let half = 0.9 * (std::f32::consts::PI * light.position.w).sqrt();
+    // The surface that the light stands on.
+    if light_normal.dot(offset).abs() < 0.05 * half && light_normal.dot(normal).abs() > 0.9 {
+        return 0.0;
+    }
     let across = light_normal.cross(tangent);
     let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
         .map(|(x, y): (f32, f32)| offset + (tangent * x + across * y) * half);
