@@ -33,7 +33,7 @@ fn light_ray_draw(@builtin(global_invocation_id) id: vec3u) {
     let surface = textureLoad(normal_in, id.xy, 0);
     let index = id.y * frame.width + id.x;
     let from_camera = bounce == 0u;
-    var path = LightPath(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var path = LightPath();
     if !from_camera || frame.sample > 0u {
         path = paths[index];
     }

@@ -19,7 +19,7 @@
 @group(1) @binding(5) var direct_in: texture_2d<f32>;
 @group(1) @binding(6) var indirect_in: texture_2d<f32>;
 @group(1) @binding(7) var<storage, read_write> paths: array<LightPath>;
-// Irradiance over pi.
+// rgb: irradiance over pi, a: the mean of one over the lengths of the first rays, in radii of the scene.
 @group(1) @binding(8) var diffuse_out: texture_storage_2d<rgba16float, write>;
 // Radiance of highlights, before the tint.
 @group(1) @binding(9) var glossy_out: texture_storage_2d<rgba16float, write>;
@@ -54,7 +54,11 @@ fn light_ray_sum(@builtin(global_invocation_id) id: vec3u) {
     let point = textureLoad(point_in, id.xy, 0);
     if point.w > 0.0 {
         let direction = normalize(point.xyz - textureLoad(eye_in, id.xy, 0).xyz);
-        let is_met = textureLoad(position_in, id.xy, 0).w > 0.0;
+        let met = textureLoad(position_in, id.xy, 0);
+        let is_met = met.w > 0.0;
+        if bounce == 0u && is_met {
+            path.nearness += frame.scene_radius / max(distance(met.xyz, point.xyz), 1e-30);
+        }
         let is_drawn_out = path.diffuse.w >= f32(ray_bounces);
         var light = vec3f(0.0);
         if is_met && is_lit {
@@ -90,7 +94,7 @@ fn light_ray_sum(@builtin(global_invocation_id) id: vec3u) {
     paths[index] = path;
     if is_last {
         let count = f32(frame.sample + 1u);
-        textureStore(diffuse_out, id.xy, vec4f(path.diffuse.rgb / count, 1.0));
+        textureStore(diffuse_out, id.xy, vec4f(path.diffuse.rgb, min(path.nearness, 6e4 * count)) / count);
         if is_glossy {
             textureStore(glossy_out, id.xy, vec4f(path.glossy.rgb / count, 1.0));
         }

@@ -13,6 +13,11 @@ struct LightPath {
     // rgb: the sum of the radiance of the highlights, before the tint. w: 1 if the next ray is the last one as a mirror
     // reflects it.
     glossy: vec4f,
+    // The sum of one over the lengths of the first rays, in radii of the scene.
+    nearness: f32,
+    unused0: f32,
+    unused1: f32,
+    unused2: f32,
 }
 
 // The edge in pixels of a tile, whose pixels take consecutive parts of one sequence, so that their rays together are as

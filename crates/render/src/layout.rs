@@ -181,7 +181,7 @@ sizes! {
     MirrorPixel: MIRROR_PIXEL_BYTES = 32;
     Solution: SOLUTION_BYTES = 8;
     GlossPixel: GLOSS_PIXEL_BYTES = 16;
-    LightPath: LIGHT_PATH_BYTES = 48;
+    LightPath: LIGHT_PATH_BYTES = 64;
     BundleNode: BUNDLE_NODE_BYTES = 64;
     Bundle: BUNDLE_BYTES = 208;
 }

@@ -88,8 +88,8 @@ impl LightRays {
         gi.ray_bounces.min(gi.bounces).max(1)
     }
 
-    /// The edge in pixels of the window over which so many rays a pixel are averaged, and whose pixels share a sequence of
-    /// rays: whole tiles of the virtual lights where paths end.
+    /// The edge in pixels of the window that is averaged at least with so many rays a pixel, and whose pixels share a
+    /// sequence of rays: whole tiles of the virtual lights where paths end.
     fn window(gi: &Gi, rays: u32) -> u32 {
         if tile_of(gi) > 1 { ray_tiles(rays) * gi.interleave } else { 1 }
     }
@@ -216,7 +216,8 @@ impl LightRays {
         Brought {
             diffuse: &self.diffuse,
             glossy: &self.glossy,
-            window: Self::window(gi, self.summed),
+            window: Self::window(gi, 1),
+            narrow: Self::window(gi, self.summed),
             state: self.state,
         }
     }

@@ -6,11 +6,10 @@ use scene::{IndirectBy, Method, Settings, Splat};
 /// How many times as many texels a ray tests where no bounds of depths are asked.
 pub(crate) const WITHOUT_SKIPPING: f64 = 8.0;
 
-/// The number of tiles of virtual lights along the edge of the window over which light by rays is averaged. Few rays are
-/// noisy, and many would only be blurred by more neighbours: with tiles of 4 pixels, 16 and 64 rays a pixel make a mean
-/// of a thousand alike.
+/// The number of tiles of virtual lights along the edge of the window over which light by rays is averaged however near
+/// other surfaces are. Few rays are too noisy for less than the whole window.
 pub(crate) fn ray_tiles(rays_per_pixel: u32) -> u32 {
-    if rays_per_pixel > 16 { 1 } else { MOST_RAY_TILES }
+    if rays_per_pixel > 8 { 1 } else { MOST_RAY_TILES }
 }
 
 const MOST_RAY_TILES: u32 = 2;

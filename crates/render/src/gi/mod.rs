@@ -221,6 +221,8 @@ pub(crate) struct Brought<'a> {
     pub glossy: &'a Image,
     /// The edge in pixels of the window over which the images are averaged.
     pub window: u32,
+    /// The edge of the part of the window that counts however near other surfaces are.
+    pub narrow: u32,
     /// A number that is different after each change of the images.
     pub state: u64,
 }
@@ -434,6 +436,7 @@ impl GlobalIllumination {
         let switches = [
             ("from_camera", u32::from(from_camera)),
             ("window", window),
+            ("narrow", receiver.brought.map_or(window, |brought| brought.narrow)),
             ("is_glossy", u32::from(is_glossy)),
             ("is_mixed", u32::from(receiver.is_mixed)),
             ("stops", u32::from(receiver.followed.is_some())),
