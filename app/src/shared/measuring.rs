@@ -284,16 +284,18 @@ fn circle(corners: &[DVec3], covariances: Option<&[DMat3]>) -> Vec<Figure> {
     let by_scatter = covariances.map(|covariances| measure::spread(radius, corners, covariances));
     // Corners beside the circle show more than the points around them. NaN loses against a number.
     let deviation = by_scatter.map(|scatter| scatter.max(round.radius_deviation));
-    vec![
-        Figure::new(english!("radius"), Quantity::Length, round.radius, deviation),
-        Figure::new(
-            english!("diameter"),
-            Quantity::Length,
-            2.0 * round.radius,
-            deviation.map(|deviation| 2.0 * deviation),
-        ),
-        Figure::new(english!("rms"), Quantity::Length, round.rms, None),
-    ]
+    let mut figures = sizes(round.radius, deviation).to_vec();
+    figures.push(Figure::new(english!("rms"), Quantity::Length, round.rms, None));
+    figures
+}
+
+/// The radius and the diameter of what is round.
+fn sizes(radius: f64, deviation: Option<f64>) -> [Figure; 2] {
+    let figure = |name, times: f64| {
+        let deviation = deviation.map(|deviation| times * deviation);
+        Figure::new(name, Quantity::Length, times * radius, deviation)
+    };
+    [figure(english!("radius"), 1.0), figure(english!("diameter"), 2.0)]
 }
 
 impl Gathering {
@@ -409,20 +411,13 @@ fn plane(plane: &measure::Plane, up: DVec3) -> Vec<Figure> {
 }
 
 fn cylinder(round: &measure::Round, up: DVec3) -> Vec<Figure> {
-    let deviation = Some(round.radius_deviation);
-    let mut figures = vec![
-        Figure::new(english!("radius"), Quantity::Length, round.radius, deviation),
-        Figure::new(
-            english!("diameter"),
-            Quantity::Length,
-            2.0 * round.radius,
-            deviation.map(|deviation| 2.0 * deviation),
-        ),
+    let mut figures = sizes(round.radius, Some(round.radius_deviation)).to_vec();
+    figures.extend([
         Figure::new(english!("length"), Quantity::Length, round.length, None),
         Figure::new(english!("rms"), Quantity::Length, round.rms, None),
         Figure::new(english!("tilt"), Quantity::Angle, tilt(round.axis, up), None),
         Figure::new(english!("points"), Quantity::Count, round.points as f64, None),
-    ];
+    ]);
     figures.extend(components([english!("axis x"), english!("axis y"), english!("axis z")], round.axis, up));
     figures
 }

@@ -102,12 +102,13 @@ fn each_table_has_all_texts_of_the_window_and_no_others() {
     let texts = texts();
     for (code, table) in language::tables() {
         let known: BTreeSet<String> = table.keys().cloned().collect();
-        let told = |found: BTreeSet<&String>, what: &str| assert!(found.is_empty(), "{code}: {what}: {found:#?}");
-        told(texts.difference(&known).collect(), "texts that the table lacks");
-        told(known.difference(&texts).collect(), "texts that the window has not");
+        let assert_none =
+            |found: BTreeSet<&String>, what: &str| assert!(found.is_empty(), "{code}: {what}: {found:#?}");
+        assert_none(texts.difference(&known).collect(), "texts that the table lacks");
+        assert_none(known.difference(&texts).collect(), "texts that the window has not");
         let other_places =
             |(english, text): (&'static String, &String)| (places(english) != places(text)).then_some(english);
-        told(table.iter().filter_map(other_places).collect(), "texts with other places than the English ones");
+        assert_none(table.iter().filter_map(other_places).collect(), "texts with other places than the English ones");
     }
 }
 

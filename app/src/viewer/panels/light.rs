@@ -80,21 +80,21 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         parameter(ui, &settings.light, "headlight", actions);
     }
     if lighting == Lighting::Sun {
-        part(ui, text!("Sun and sky"), true, |ui| parameters(ui, &settings.sun, &[], actions));
+        part(ui, english!("Sun and sky"), true, |ui| parameters(ui, &settings.sun, &[], actions));
     }
     if matches!(lighting, Lighting::Sun | Lighting::Lights) {
-        part(ui, text!("Indirect light"), false, |ui| parameters(ui, &settings.gi, &[], actions));
-        part(ui, text!("Shadows and highlights"), false, |ui| {
+        part(ui, english!("Indirect light"), false, |ui| parameters(ui, &settings.gi, &[], actions));
+        part(ui, english!("Shadows and highlights"), false, |ui| {
             parameters(ui, &settings.light, &["by", "show", "headlight"], actions);
         });
     }
     if lighting != Lighting::Colors {
-        part(ui, text!("Tone"), false, |ui| {
+        part(ui, english!("Tone"), false, |ui| {
             parameters(ui, &settings.tone, &[], actions);
             exposure(ui, session, actions);
         });
     }
-    part(ui, text!("Eye-dome lighting"), false, |ui| parameters(ui, &settings.edl, &[], actions));
+    part(ui, english!("Eye-dome lighting"), false, |ui| parameters(ui, &settings.edl, &[], actions));
 }
 
 /// Shows the exposure that was fitted to the picture, which can be locked.
@@ -143,8 +143,9 @@ fn explanation(session: &Session) -> &'static str {
     }
 }
 
+/// Draws a part that can be folded, by its English title.
 fn part(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) {
-    CollapsingHeader::new(title).default_open(is_open).show_unindented(ui, contents);
+    CollapsingHeader::new(translated(title)).id_salt(title).default_open(is_open).show_unindented(ui, contents);
 }
 
 /// Edits the numbers of a light. A change is taken only if the numbers still describe a light.

@@ -17,6 +17,7 @@ pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, action
     let mut is_open = true;
     let corner = rect.right_bottom() - egui::vec2(12.0, 12.0);
     egui::Window::new(text!("Picked point"))
+        .id(egui::Id::unique("picked point"))
         .open(&mut is_open)
         .collapsible(true)
         .resizable(false)

@@ -6,7 +6,7 @@ use egui::{Rect, RichText, Ui};
 use param::{Group, Params};
 use scene::{Language, Object};
 
-use crate::shared::language::{text, translated};
+use crate::shared::language::{english, text, translated};
 use crate::viewer::look::tab::Tab;
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::choice;
@@ -167,22 +167,22 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
     let mut lights_are_shown = false;
     match tab {
         Tab::Data => {
-            section(ui, text!("Clouds"), true, |ui| {
+            section(ui, english!("Clouds"), true, |ui| {
                 panels::clouds::show(ui, session, actions);
                 if session.loaded.clouds.is_empty() {
                     ui.label(RichText::new(text!("Nothing is open.")).color(theme::WEAK));
                 }
             });
-            section(ui, text!("Clips and filters"), true, |ui| panels::clips::show(ui, session, actions));
+            section(ui, english!("Clips and filters"), true, |ui| panels::clips::show(ui, session, actions));
         }
         Tab::Look => {
-            section(ui, text!("Colour"), true, |ui| panels::colors::show(ui, session, actions));
-            section(ui, text!("Bookmarks and paths"), true, |ui| panels::bookmarks::show(ui, session, actions));
+            section(ui, english!("Colour"), true, |ui| panels::colors::show(ui, session, actions));
+            section(ui, english!("Bookmarks and paths"), true, |ui| panels::bookmarks::show(ui, session, actions));
         }
         Tab::Light => {
-            lights_are_shown = section(ui, text!("Light"), true, |ui| panels::light::show(ui, session, actions));
+            lights_are_shown = section(ui, english!("Light"), true, |ui| panels::light::show(ui, session, actions));
         }
-        Tab::Mirrors => drop(section(ui, text!("Mirrors"), true, |ui| {
+        Tab::Mirrors => drop(section(ui, english!("Mirrors"), true, |ui| {
             panels::mirrors::show(ui, session, actions);
             let text = text!("How reflections are found: tab {tab}", tab = translated(Tab::Tuning.name()));
             if ui.link(RichText::new(text).small()).on_hover_text(Tab::Tuning.help()).clicked() {
@@ -190,18 +190,20 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
             }
         })),
         Tab::Measure => {
-            section(ui, text!("Measurements and notes"), true, |ui| panels::measurements::show(ui, session, actions));
-            section(ui, text!("Profiles"), true, |ui| panels::profiles::show(ui, session, actions));
-            section(ui, text!("Compare"), true, |ui| panels::comparing::show(ui, session, actions));
-            section(ui, text!("Ghosts"), false, |ui| panels::ghosts::show(ui, session, actions));
+            section(ui, english!("Measurements and notes"), true, |ui| {
+                panels::measurements::show(ui, session, actions)
+            });
+            section(ui, english!("Profiles"), true, |ui| panels::profiles::show(ui, session, actions));
+            section(ui, english!("Compare"), true, |ui| panels::comparing::show(ui, session, actions));
+            section(ui, english!("Ghosts"), false, |ui| panels::ghosts::show(ui, session, actions));
         }
         Tab::Tuning => {
-            section(ui, text!("Reflections"), true, |ui| panels::reflections::show(ui, session, actions));
-            section(ui, text!("Truth"), true, |ui| panels::truth::show(ui, session, actions));
-            section(ui, text!("Timings"), true, |ui| panels::timings::show(ui, session));
+            section(ui, english!("Reflections"), true, |ui| panels::reflections::show(ui, session, actions));
+            section(ui, english!("Truth"), true, |ui| panels::truth::show(ui, session, actions));
+            section(ui, english!("Timings"), true, |ui| panels::timings::show(ui, session));
         }
         Tab::Streaming if is_streaming => {
-            section(ui, text!("Streaming"), true, |ui| panels::streaming::show(ui, session, actions));
+            section(ui, english!("Streaming"), true, |ui| panels::streaming::show(ui, session, actions));
         }
         Tab::Streaming => {
             ui.label(RichText::new(text!("Nothing that is open is streamed.")).color(theme::WEAK));
@@ -217,10 +219,10 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
         shown.push(group.section);
         // How files are read is chosen before they are open: what is open comes first.
         let is_open = group.section != scene::Surface::table().section;
-        section(ui, translated(group.section), is_open, |ui| parameter_groups(ui, session, group.section, actions));
+        section(ui, group.section, is_open, |ui| parameter_groups(ui, session, group.section, actions));
     }
     if tab == Tab::Look {
-        section(ui, text!("Window"), true, |ui| {
+        section(ui, english!("Window"), true, |ui| {
             let mut language = session.preferences.language;
             choice(ui, text!("Language"), &mut language, languages().into_iter());
             actions.extend((language != session.preferences.language).then_some(Action::Speak(language)));
@@ -244,9 +246,9 @@ fn late_notice(ui: &mut Ui) {
     ui.place(area, egui::Label::new(text).selectable(false));
 }
 
-/// Draws a section that can be folded. Returns true if it is open.
+/// Draws a section that can be folded, by its English title. Returns true if it is open.
 fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) -> bool {
-    let heading = RichText::new(title).strong().size(13.5);
+    let heading = RichText::new(translated(title)).strong().size(13.5);
     let header = egui::CollapsingHeader::new(heading).id_salt(title).default_open(is_open);
     let shown = header.show_unindented(ui, |ui| {
         ui.add_space(2.0);
@@ -356,6 +358,7 @@ mod tests {
     use scene::{Method, Note};
 
     use super::*;
+    use crate::shared::language;
     use crate::viewer::requests::preferences::Preferences;
 
     fn harness(tab: Tab) -> Harness<'static, Session> {
@@ -384,6 +387,21 @@ mod tests {
         harness.run_ok();
         assert!(!has(&harness, "Clouds") && has(&harness, "Measurements and notes"));
         assert_eq!(harness.state().preferences.tab, "Measure");
+    }
+
+    #[test]
+    fn a_folded_section_stays_folded_in_another_language() {
+        let mut harness = harness(Tab::Data);
+        harness.run_ok();
+        assert!(has(&harness, "Add clip"));
+        harness.get_by_label("Clips and filters").click();
+        harness.run_ok();
+        assert!(!has(&harness, "Add clip"));
+        language::speak(scene::Language::German);
+        harness.run_ok();
+        let is_folded = has(&harness, text!("Clips and filters")) && !has(&harness, text!("Add clip"));
+        language::speak(scene::Language::English);
+        assert!(is_folded);
     }
 
     #[test]
