@@ -7,15 +7,15 @@ use crate::shape::thickness;
 use crate::strays::{Look, median_radius};
 use crate::{MIXED_RADIUS, pack_radius};
 
-/// So many bricks next to one another in a search tile, some 500 points, are looked at together ...
+/// The number of bricks next to one another in a search tile that are looked at together, some 500 points.
 const BRICKS: u32 = 16;
-/// ... where there are no fewer points than these: fewer would be thick by chance ...
+/// The fewest points that are looked at together: fewer would be thick by chance.
 const FEWEST: usize = 64;
-/// ... and are leaves if this share of their points has rough neighbours, as the points about an edge have, but not
-/// those farther from it ...
-const MOST: f32 = 0.7;
-/// ... and all of them together are as thick as this share of their width, which those of a surface are not, however
-/// large the noise is.
+/// The least share of points among leaves that have rough neighbours. Points about an edge have them, but not those
+/// farther from it.
+const LEAST_ROUGH: f32 = 0.7;
+/// The least thickness of points among leaves as a share of their width. Those of a surface are thinner, however large the
+/// noise is.
 const THICK: f32 = 0.25;
 /// Neighbours are rough if they are as thick as this share of their width.
 pub(crate) const ROUGH: f32 = 0.2;
@@ -30,7 +30,7 @@ pub(crate) fn leaves_of<'a>(points: &Points, looks: &'a [Look]) -> Vec<(&'a Look
     let mut leaves = Vec::new();
     for group in looks.chunk_by(|a, b| a.brick / BRICKS == b.brick / BRICKS).filter(|group| group.len() >= FEWEST) {
         let rough = group.iter().filter(|look| look.near.is_some()).count();
-        let is_rough = rough as f32 >= MOST * group.len() as f32;
+        let is_rough = rough as f32 >= LEAST_ROUGH * group.len() as f32;
         if !(is_rough && thickness_of(points, group) >= THICK) {
             continue;
         }
