@@ -3,11 +3,11 @@
 
 use std::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
-use glam::{DVec3, IVec3, Vec2, Vec3};
+use glam::{DVec3, IVec3, Mat4, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::neighbours::Points;
-use crate::picture::{Picture, REACH, Seen, Side};
+use crate::picture::{Four, Picture, REACH, Seen, Side};
 use crate::surfels::{SeenFrom, Stored};
 use crate::{
     Chunk, NO_NORMAL, Progress, Stretch, hash, pack_ellipse, pack_normal, spread_sample, stray_kind, stretch_ratio,
@@ -195,8 +195,8 @@ pub(crate) fn carve(
     let carving = Carving { points, stored, rough, views: &views };
     for view in &views {
         for side in &view.picture.sides {
-            let own = side.points.par_iter().filter(|seen| seen.is_own && !progress.is_cancelled());
-            own.for_each(|seen| carving.carve(view, side, seen));
+            let own = side.own_points().filter(|_| !progress.is_cancelled());
+            own.for_each(|(index, seen)| carving.carve(view, side, index, seen));
         }
     }
     (!progress.is_cancelled()).then_some(())
@@ -212,9 +212,9 @@ struct Carving<'a> {
 }
 
 impl Carving<'_> {
-    /// Carves a point that was seen on a side of a view.
-    fn carve(&self, view: &View, side: &Side, seen: &Seen) {
-        let (chunk, index) = self.points.locate(seen.index);
+    /// Carves the point with this running index, which was seen on a side of a view.
+    fn carve(&self, view: &View, side: &Side, running: u32, seen: &Seen) {
+        let (chunk, index) = self.points.locate(running);
         let chunk_points = &self.points.chunks()[chunk];
         let (normals, radii) = &self.stored[chunk];
         let radius = radii[index].load(Ordering::Relaxed);
@@ -223,7 +223,7 @@ impl Carving<'_> {
         let is_own = chunk_points.normals.as_ref().is_some_and(|normals| normals[index] != NO_NORMAL);
         // An ellipse lies in the plane of the rows beside its point, which are farther apart than the pixels around.
         let is_ellipse = stretch_ratio(radius) > 1.0;
-        let is_rough = self.rough[seen.index as usize / 32].load(Ordering::Relaxed) >> (seen.index % 32) & 1 == 1;
+        let is_rough = self.rough[running as usize / 32].load(Ordering::Relaxed) >> (running % 32) & 1 == 1;
         if is_rough
             && !(is_own || is_ellipse)
             && let Some(fitted) = fitted_normal(side, seen, FITTED * view.usual)
@@ -255,23 +255,29 @@ impl Carving<'_> {
 /// the side. On a plane one over the distance along the axis is linear in the tangents, and the noise of a scanner is
 /// along its rays. Its sign is arbitrary.
 fn fitted_normal(side: &Side, seen: &Seen, angle: f32) -> Option<Vec3> {
-    let (mut count, mut sum, mut squares) = (0.0_f32, Vec3::ZERO, Vec3::ZERO);
-    let (mut mixed, limit) = (Vec2::ZERO, (angle * angle) * (1.0 + seen.tangent.length_squared()));
-    let (towards, scale) = (seen.tangent / (1.0 + seen.tangent.length_squared()), seen.inverse.recip());
-    side.around(seen.tangent, angle).flatten().for_each(|other| {
-        let aside = other.tangent - seen.tangent;
+    let (length, limit) = (1.0 + seen.tangent.length_squared(), angle * angle * (1.0 + seen.tangent.length_squared()));
+    let (towards, scale) = (seen.tangent / length, seen.inverse.recip());
+    // The sums of the ways aside, of how much nearer points are, and of 1; and of these times the ways aside.
+    let (mut sums, mut by_x, mut by_y) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
+    side.visit_around(seen.tangent, angle, |Four { x, y, inverse }| {
+        let (x, y) = (x - seen.tangent.x, y - seen.tangent.y);
         // In units of the inverse, so that nothing under- or overflows.
-        let nearer = other.inverse * scale - 1.0;
+        let nearer = inverse * scale - 1.0;
         // By how much the way to it is longer than that to the point, where both are 1 along the axis.
-        let longer = aside.dot(towards);
-        let is_near = aside.length_squared() - longer * longer * (1.0 + seen.tangent.length_squared()) < limit;
-        if is_near && (nearer - longer).abs() < SAME_DEPTH {
-            count += 1.0;
-            sum += aside.extend(nearer);
-            squares += Vec3::new(aside.x * aside.x, aside.y * aside.y, aside.x * aside.y);
-            mixed += aside * nearer;
+        let longer = x * towards.x + y * towards.y;
+        let is_near = (x * x + y * y - longer * longer * length).cmplt(Vec4::splat(limit));
+        let is_same = is_near & (nearer - longer).abs().cmplt(Vec4::splat(SAME_DEPTH));
+        let of_same = |lanes| Vec4::select(is_same, lanes, Vec4::ZERO);
+        // One after another, so that sums do not depend on which four are visited together.
+        let points = Mat4::from_cols(of_same(x), of_same(y), of_same(nearer), of_same(Vec4::ONE)).transpose();
+        for point in [points.x_axis, points.y_axis, points.z_axis, points.w_axis] {
+            sums += point;
+            by_x += point * point.x;
+            by_y += point * point.y;
         }
     });
+    let (count, sum, mixed) = (sums.w, sums.truncate(), Vec2::new(by_x.z, by_y.z));
+    let squares = Vec3::new(by_x.x, by_y.y, by_x.y);
     if count < LEAST_FITTED {
         return None;
     }
@@ -341,11 +347,14 @@ impl Splat {
         let side = view.picture.side(way);
         let (along, normal) = (along.abs(), side.turned(self.normal * along.signum()));
         let way = side.turned(way);
-        side.around(way.truncate() / way.z, angle).flatten().for_each(|other| {
+        side.visit_around(way.truncate() / way.z, angle, |Four { x, y, inverse }| {
             // How far along the sightline it meets the plane, times this, is `along`.
-            let slope = other.tangent.dot(normal.truncate()) + normal.z;
-            if slope * (1.0 - BEHIND) > along * other.inverse {
-                visit(side.turned_back(other.tangent.extend(1.0) * (along / slope) - way));
+            let slope = x * normal.x + y * normal.y + normal.z;
+            let mut hidden = (slope * (1.0 - BEHIND)).cmpgt(along * inverse).bitmask();
+            while hidden != 0 {
+                let lane = hidden.trailing_zeros() as usize;
+                hidden &= hidden - 1;
+                visit(side.turned_back(Vec3::new(x[lane], y[lane], 1.0) * (along / slope[lane]) - way));
             }
         });
     }

@@ -1,7 +1,7 @@
 //! What a scanner saw from its place: points by their directions, in the cells of six pictures that are the sides of a
 //! cube about it.
 
-use glam::{DVec3, IVec2, Vec2, Vec3};
+use glam::{DVec3, IVec2, Mat4, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::Chunk;
@@ -31,10 +31,41 @@ pub(crate) struct Seen {
     pub tangent: Vec2,
     /// One over the distance along the axis.
     pub inverse: f32,
-    /// The running index of the point.
-    pub index: u32,
-    /// Whether the point belongs to this side, and not beyond an edge.
-    pub is_own: bool,
+    /// The running index of the point, or `BEYOND`.
+    index: u32,
+}
+
+/// In place of the index of a point that belongs to the next side: clouds are estimated in parts of fewer points.
+const BEYOND: u32 = u32::MAX;
+
+impl Seen {
+    /// No point: a lane without one is near to nothing, and hides nothing.
+    const NONE: Self = Self { tangent: Vec2::NAN, inverse: f32::NAN, index: BEYOND };
+
+    /// The running index of the point, if it belongs to this side and is not beyond an edge.
+    pub fn own_index(&self) -> Option<u32> {
+        (self.index != BEYOND).then_some(self.index)
+    }
+
+    fn lanes(&self) -> Vec4 {
+        Vec4::new(self.tangent.x, self.tangent.y, self.inverse, f32::from_bits(self.index))
+    }
+}
+
+/// The tangents and inverses of four points. Those of lanes without a point are not a number.
+pub(crate) struct Four {
+    pub x: Vec4,
+    pub y: Vec4,
+    pub inverse: Vec4,
+}
+
+impl Four {
+    /// The first `count` of these points, or all.
+    fn first([a, b, c, d]: &[Seen; 4], count: usize) -> Self {
+        let lanes = Mat4::from_cols(a.lanes(), b.lanes(), c.lanes(), d.lanes()).transpose();
+        let is_there = Vec4::new(0.0, 1.0, 2.0, 3.0).cmplt(Vec4::splat(count as f32));
+        Self { x: Vec4::select(is_there, lanes.x_axis, Vec4::NAN), y: lanes.y_axis, inverse: lanes.z_axis }
+    }
 }
 
 /// A side of the cube.
@@ -47,8 +78,8 @@ pub(crate) struct Side {
     /// The number of cells along half a side.
     half: f32,
     rim: f32,
-    /// By their cells.
-    pub points: Vec<Seen>,
+    /// By their cells, and three times none.
+    points: Vec<Seen>,
     /// For each cell its first point, row by row, and then their number.
     starts: Vec<u32>,
 }
@@ -62,12 +93,18 @@ pub(crate) struct Picture {
 impl Picture {
     /// What was seen from a place of the chunks that `is_seen` names, with cells about `width` wide, in radians.
     pub(crate) fn new(points: &Points, place: DVec3, width: f32, is_seen: impl Fn(usize) -> bool + Sync) -> Self {
-        let side = |side: usize| {
-            let mut side = Side::new(side, width);
-            side.fill(points, place, &is_seen);
+        let mut sides: Vec<(Side, Vec<Vec<Seen>>)> = (0..6).map(|side| (Side::new(side, width), Vec::new())).collect();
+        let chunks = points.chunks().par_iter().enumerate().filter(|(number, _)| is_seen(*number));
+        let of_chunk = |(number, chunk)| seen_of(&sides, chunk, points.first_of(number), place);
+        let seen: Vec<[Vec<Seen>; 6]> = chunks.map(of_chunk).collect();
+        for of_chunk in seen {
+            sides.iter_mut().zip(of_chunk).for_each(|((_, seen), of_side)| seen.push(of_side));
+        }
+        let filled = |(mut side, seen): (Side, Vec<Vec<Seen>>)| {
+            side.fill(seen);
             side
         };
-        Self { place, sides: (0..6).into_par_iter().map(side).collect() }
+        Self { place, sides: sides.into_par_iter().map(filled).collect() }
     }
 
     /// The side that a direction goes through.
@@ -81,8 +118,35 @@ fn side_of(way: Vec3) -> usize {
     2 * axis + usize::from(way[axis] < 0.0)
 }
 
+/// The points of a chunk, whose first one has this running index, by the sides on which they are seen from a place.
+fn seen_of(sides: &[(Side, Vec<Vec<Seen>>)], chunk: &Chunk, first: u32, place: DVec3) -> [Vec<Seen>; 6] {
+    let mut seen: [Vec<Seen>; 6] = Default::default();
+    for local in 0..chunk.len() {
+        let way = (chunk.position(local) - place).as_vec3();
+        if !way.is_finite() {
+            continue;
+        }
+        let own = side_of(way);
+        let reach = way.abs() * sides[0].0.widest();
+        for axis in (0..3).filter(|axis| *axis == own / 2 || reach[*axis] > way[own / 2].abs()) {
+            let number = 2 * axis + usize::from(way[axis] < 0.0);
+            let side = &sides[number].0;
+            let index = if number == own { first + local as u32 } else { BEYOND };
+            seen[number].extend(side.seen(way, index));
+        }
+    }
+    seen
+}
+
 fn bent(tangent: Vec2) -> Vec2 {
     tangent * (BENT[0] - BENT[1] * tangent.abs())
+}
+
+/// The largest whole numbers that are not larger. `f32::floor` is a call where processors may be old ones.
+fn floor(values: Vec2) -> IVec2 {
+    let towards_zero = values.as_ivec2();
+    let back = towards_zero.as_vec2().cmpgt(values);
+    towards_zero - IVec2::new(i32::from(back.x), i32::from(back.y))
 }
 
 impl Side {
@@ -119,44 +183,49 @@ impl Side {
         }
     }
 
-    fn fill(&mut self, points: &Points, place: DVec3, is_seen: &(impl Fn(usize) -> bool + Sync)) {
-        let number = 2 * self.axis + usize::from(self.sign < 0.0);
-        let seen = |first: u32, chunk: &Chunk, local: usize| {
-            let way = (chunk.position(local) - place).as_vec3();
-            let turned = self.turned(way);
-            if !(way.is_finite() && turned.z > 0.0 && turned.x.abs().max(turned.y.abs()) < 1.5 * turned.z) {
-                return None;
-            }
-            let inverse = turned.z.recip();
-            let tangent = turned.truncate() * inverse;
-            let is_within = bent(tangent).abs().max_element() < 1.0 + self.rim && inverse.is_finite();
-            is_within.then(|| Seen { tangent, inverse, index: first + local as u32, is_own: side_of(way) == number })
-        };
-        let chunks = points.chunks().par_iter().enumerate().filter(|(number, _)| is_seen(*number));
-        let seen: Vec<Seen> = chunks
-            .flat_map_iter(|(number, chunk)| {
-                (0..chunk.len()).filter_map(move |local| seen(points.first_of(number), chunk, local))
-            })
-            .collect();
-        if seen.is_empty() {
+    /// What is seen on the side, rim included, has no larger tangent.
+    fn widest(&self) -> f32 {
+        1.001 + 2.0 * self.rim
+    }
+
+    /// A point as seen on this side, if it is.
+    fn seen(&self, way: Vec3, index: u32) -> Option<Seen> {
+        let turned = self.turned(way);
+        let inverse = turned.z.recip();
+        let tangent = turned.truncate() * inverse;
+        let is_within = bent(tangent).abs().max_element() < 1.0 + self.rim && inverse.is_finite();
+        (turned.z > 0.0 && is_within).then_some(Seen { tangent, inverse, index })
+    }
+
+    /// The points of the side that belong to it.
+    pub(crate) fn own_points(&self) -> impl ParallelIterator<Item = (u32, &Seen)> {
+        self.points.par_iter().filter_map(|seen| Some((seen.own_index()?, seen)))
+    }
+
+    fn fill(&mut self, lists: Vec<Vec<Seen>>) {
+        let count = lists.iter().map(Vec::len).sum();
+        if count == 0 {
             return;
         }
-        let cells = self.frame(&seen);
+        let cells = self.frame(&lists, count);
         // Sorted by counting. Points of a cell follow by their places, so that the order does not depend on that of the
         // chunks.
         let mut starts = vec![0; cells + 1];
-        seen.iter().for_each(|seen| starts[self.cell(seen.tangent) + 1] += 1);
-        for cell in 0..cells {
-            starts[cell + 1] += starts[cell];
+        lists.iter().flatten().for_each(|seen| starts[self.cell(seen.tangent)] += 1);
+        let mut total = 0;
+        for start in &mut starts {
+            total += std::mem::replace(start, total);
         }
-        let mut next = starts.clone();
-        self.starts = starts;
-        self.points = vec![seen[0]; seen.len()];
-        for seen in seen {
-            let place = &mut next[self.cell(seen.tangent)];
+        self.points = vec![Seen::NONE; count + 3];
+        for seen in lists.into_iter().flatten() {
+            let place = &mut starts[self.cell(seen.tangent)];
             self.points[*place as usize] = seen;
             *place += 1;
         }
+        // Each is the end of its cell now, which is the start of the next one.
+        starts.copy_within(..cells, 1);
+        starts[0] = 0;
+        self.starts = starts;
         let bits = |seen: &Seen| (seen.inverse.to_bits(), seen.tangent.to_array().map(f32::to_bits));
         let mut rest = &mut self.points[..];
         for ends in self.starts.windows(2) {
@@ -170,49 +239,53 @@ impl Side {
 
     /// Finds the rectangle of cells in which there are points, and the number of its cells. Cells become twice as wide
     /// as often as it takes until there are not many more of them than points.
-    fn frame(&mut self, seen: &[Seen]) -> usize {
+    fn frame(&mut self, lists: &[Vec<Seen>], count: usize) -> usize {
+        let bent = lists.iter().flatten().map(|seen| bent(seen.tangent));
+        let (least, most) =
+            bent.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(least, most), bent| (least.min(bent), most.max(bent)));
         loop {
-            let places = seen.iter().map(|seen| self.place(seen.tangent));
-            let (low, high) =
-                places.fold((IVec2::MAX, IVec2::MIN), |(low, high), place| (low.min(place), high.max(place)));
-            (self.low, self.size) = (low, high - low + 1);
+            self.low = floor(least * self.half);
+            self.size = floor(most * self.half) - self.low + 1;
             let cells = self.size.x as usize * self.size.y as usize;
-            if cells <= MOST_CELLS * seen.len() + (1 << 16) {
+            if cells <= MOST_CELLS * count + (1 << 16) {
                 return cells;
             }
             self.half /= 2.0;
         }
     }
 
-    fn place(&self, tangent: Vec2) -> IVec2 {
-        (bent(tangent) * self.half).floor().as_ivec2()
-    }
-
     fn cell(&self, tangent: Vec2) -> usize {
-        let [x, y] = (self.place(tangent) - self.low).to_array().map(|along| along as usize);
-        y * self.size.x as usize + x
+        let place = floor(bent(tangent) * self.half) - self.low;
+        place.y as usize * self.size.x as usize + place.x as usize
     }
 
-    /// The points whose directions differ from that of a tangent by less than an angle in radians, which is at most
-    /// `REACH` cells and the rim, and some around them, row by row. No more than `MOST_SEEN`: the last rows are left
+    /// Visits the points whose directions differ from that of a tangent by less than an angle in radians, which is at
+    /// most `REACH` cells and the rim, and some around them, row by row. No more than `MOST_SEEN`: the last rows are left
     /// out.
-    pub(crate) fn around(&self, tangent: Vec2, angle: f32) -> impl Iterator<Item = &[Seen]> {
+    pub(crate) fn visit_around(&self, tangent: Vec2, angle: f32, mut visit: impl FnMut(Four)) {
         let slope = BENT[0] - 2.0 * BENT[1] * tangent.abs();
         let squares = tangent * tangent;
         let stretch = slope * ((squares + 1.0) * (1.0 + squares.element_sum())).map(f32::sqrt);
         let reach = (stretch * angle * (1.0 + angle)).min(Vec2::splat(self.rim)) * self.half;
         let middle = bent(tangent) * self.half;
-        let from = ((middle - reach).floor().as_ivec2() - self.low).max(IVec2::ZERO);
-        let to = ((middle + reach).floor().as_ivec2() - self.low).min(self.size - 1);
-        let rows = if from.x <= to.x { from.y..to.y + 1 } else { 0..0 };
+        let from = (floor(middle - reach) - self.low).max(IVec2::ZERO);
+        let to = (floor(middle + reach) - self.low).min(self.size - 1);
+        if from.x > to.x {
+            return;
+        }
         let mut left = MOST_SEEN;
-        rows.map(move |row| {
+        for row in from.y..=to.y {
             let first = row as usize * self.size.x as usize;
-            let [start, end] = [from.x, to.x + 1].map(|column| self.starts[first + column as usize] as usize);
-            let end = end.min(start + left);
+            let mut start = self.starts[first + from.x as usize] as usize;
+            let end = (self.starts[first + to.x as usize + 1] as usize).min(start + left);
             left -= end - start;
-            &self.points[start..end]
-        })
+            while start < end {
+                if let Some(points) = self.points[start..].first_chunk() {
+                    visit(Four::first(points, end - start));
+                }
+                start += 4;
+            }
+        }
     }
 }
 
@@ -226,12 +299,15 @@ mod tests {
         Picture::new(&Points::new(&[chunk]), DVec3::ZERO, width, |_| true)
     }
 
-    fn around(picture: &Picture, way: Vec3, angle: f32) -> Vec<u32> {
+    /// The places that are found around a direction.
+    fn around(picture: &Picture, way: Vec3, angle: f32) -> Vec<Vec3> {
         let side = picture.side(way);
         let turned = side.turned(way);
-        let seen = side.around(turned.truncate() / turned.z, angle);
-        let mut found: Vec<u32> = seen.flatten().map(|seen| seen.index).collect();
-        found.sort_unstable();
+        let mut found = Vec::new();
+        side.visit_around(turned.truncate() / turned.z, angle, |Four { x, y, inverse }| {
+            let of_lane = |lane: usize| side.turned_back(Vec3::new(x[lane], y[lane], 1.0) / inverse[lane]);
+            found.extend((0..4).filter(|lane| !x[*lane].is_nan()).map(of_lane));
+        });
         found
     }
 
@@ -243,15 +319,15 @@ mod tests {
             (0..40_000).map(|_| Vec3::new(any(), any(), any()).normalize_or(Vec3::X) * (2.0 + any())).collect();
         let width = 0.01;
         let picture = picture(&places, width);
-        let own: usize = picture.sides.iter().map(|side| side.points.iter().filter(|seen| seen.is_own).count()).sum();
+        let own: usize = picture.sides.iter().map(|side| side.own_points().count()).sum();
         assert_eq!(own, places.len(), "each point belongs to one side");
         let corner = Vec3::new(1.0, -1.0, 0.999);
         for way in [Vec3::X, Vec3::new(0.3, -0.2, -1.0), Vec3::new(1.0, 0.01, 0.999), corner, -corner] {
             for angle in [0.5 * width, 3.0 * width, REACH * width] {
                 let found = around(&picture, way, angle);
-                let is_near = |index: &u32| places[*index as usize].angle_between(way) < angle;
-                let expected: Vec<u32> = (0..places.len() as u32).filter(is_near).collect();
-                assert!(expected.iter().all(|index| found.binary_search(index).is_ok()), "{way} {angle}");
+                let expected: Vec<&Vec3> = places.iter().filter(|place| place.angle_between(way) < angle).collect();
+                let is_found = |place: &&Vec3| found.iter().any(|found| found.distance(**place) < 1e-5);
+                assert!(expected.iter().all(is_found), "{way} {angle}");
                 let most = 3 * expected.len() + 20;
                 assert!(found.len() <= most, "{way} {angle}: {} for {}", found.len(), expected.len());
             }
