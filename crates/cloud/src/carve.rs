@@ -320,6 +320,9 @@ impl Splat {
                 }
             });
         }
+        if ends[0] == f32::INFINITY {
+            return pack_ellipse(short * ratio, Stretch { axis, ratio }, self.normal);
+        }
         let carved = ends.into_iter().zip(ratios).map(|(end, ratio)| {
             let (end, longest) = (end.sqrt(), short * ratio);
             let long = if end < longest { (WAY * end).max(LEAST_LEFT * short) } else { longest };
