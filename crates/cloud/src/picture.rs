@@ -260,8 +260,8 @@ impl Side {
     }
 
     /// Visits the points whose directions differ from that of a tangent by less than an angle in radians, which is at
-    /// most `REACH` cells and the rim, and some around them, row by row. No more than `MOST_SEEN`: the last rows are left
-    /// out.
+    /// most `REACH` cells and the rim, and some around them, row by row. No more than `MOST_SEEN`: the last rows are
+    /// left out.
     pub(crate) fn visit_around(&self, tangent: Vec2, angle: f32, mut visit: impl FnMut(Four)) {
         let slope = BENT[0] - 2.0 * BENT[1] * tangent.abs();
         let squares = tangent * tangent;
