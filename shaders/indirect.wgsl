@@ -25,6 +25,10 @@
 @group(1) @binding(8) var glossy_out: texture_storage_2d<rgba16float, write>;
 // 1 for tiles of 8 x 8 pixels that need the light of this frame.
 @group(1) @binding(9) var<storage, read> tiles: array<u32>;
+// The finer maps of the sky's lights: positions are relative to the middle of the ball that they show, whose radius is the
+// scene's, see gi/near.rs.
+@group(1) @binding(10) var<uniform> near_lights: Virtual;
+@group(1) @binding(11) var<storage, read> near_maps: array<u32>;
 
 override from_camera: bool = true;
 override interleave: u32 = 1u;
@@ -40,6 +44,11 @@ override parts: u32 = 1u;
 override sample_runs: u32 = 1u;
 // The most reflections whose lights are taken.
 override most_bounces: u32 = 0xffffffffu;
+// Whether the sky's lights have finer maps.
+override has_near: bool = false;
+
+// The share of the radius of the finer maps' ball from which they fade into those of the scene.
+const WHOLE_SHARE: f32 = 0.75;
 
 @compute @workgroup_size(8, 8)
 fn indirect(@builtin(global_invocation_id) invocation: vec3u) {
@@ -167,18 +176,50 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
     return sum;
 }
 
-// 1 if the light sees the surface at `at`, 0 if its shadow map has something nearer.
+// 1 if the light sees the surface at `at`, 0 if its shadow map has something nearer; between both where the finer maps end.
 fn share_seen(v: u32, light: Vpl, at: vec3f, normal: vec3f) -> f32 {
-    let point = point_in_map(lights, light, at);
-    let size = f32(lights.map_size);
+    var outside = 1.0;
+    var seen = 0.0;
+    if has_near && light.normal.w == VPL_SKY {
+        let place = at - lights.eye_radius.xyz + near_lights.eye_radius.xyz;
+        outside = clamp((length(place) / near_lights.eye_radius.w - WHOLE_SHARE) / (1.0 - WHOLE_SHARE), 0.0, 1.0);
+        if outside < 1.0 {
+            let near = place_in_map(near_lights, v, light, place);
+            seen = (1.0 - outside) * share_before(near_lights, light, place, normal, near, near_maps[near.index]);
+        }
+    }
+    if outside > 0.0 {
+        let map = place_in_map(lights, v, light, at);
+        seen += outside * share_before(lights, light, at, normal, map, shadow_maps[map.index]);
+    }
+    return seen;
+}
+
+struct MapPlace {
+    // The texel, and its index in all maps.
+    texel: vec2f,
+    index: u32,
+    // The distance from the light.
+    distance: f32,
+}
+
+fn place_in_map(map_lights: Virtual, v: u32, light: Vpl, at: vec3f) -> MapPlace {
+    let point = point_in_map(map_lights, light, at);
+    let size = f32(map_lights.map_size);
     let texel = clamp(floor((point.map * 0.5 + 0.5) * size), vec2f(0.0), vec2f(size - 1.0));
-    let code = shadow_maps[v * lights.map_stride + u32(texel.y) * lights.map_size + u32(texel.x)];
+    let index = v * map_lights.map_stride + u32(texel.y) * map_lights.map_size + u32(texel.x);
+    return MapPlace(texel, index, point.distance);
+}
+
+// 1 if the surface at `at` is not behind what the texel at `place` holds, else 0.
+fn share_before(map_lights: Virtual, light: Vpl, at: vec3f, normal: vec3f, place: MapPlace, code: u32) -> f32 {
     // The surface itself, as the texel's middle sees its plane.
-    let ray = ray_of_map(lights, light, (texel + 0.5) / size * 2.0 - 1.0);
+    let ray = ray_of_map(map_lights, light, (place.texel + 0.5) / f32(map_lights.map_size) * 2.0 - 1.0);
     let plane = dot(normal, at - ray.origin) / dot(normal, ray.direction);
     // A plane along the ray keeps the distance.
-    let expected = select(point.distance, plane, is_finite(plane) && plane > 0.5 * point.distance && plane < point.distance);
-    let stored = distance_of_code(lights, light.normal.w, code >> 16u);
-    let bias = settings.gi.shadow_bias * lights.disc_radius;
+    let is_hit = is_finite(plane) && plane > 0.5 * place.distance && plane < place.distance;
+    let expected = select(place.distance, plane, is_hit);
+    let stored = distance_of_code(map_lights, light.normal.w, code >> 16u);
+    let bias = settings.gi.shadow_bias * map_lights.disc_radius;
     return select(1.0, 0.0, code != 0u && stored < expected - bias);
 }

@@ -148,6 +148,13 @@ pub(crate) fn splat_of_maps(settings: &Settings) -> Splat {
     }
 }
 
+/// The radius of the camera's view at the pivot's distance, corners included, in world units.
+pub(crate) fn radius_seen(camera: &Camera, settings: &Settings, size: [u32; 2]) -> f64 {
+    let tangent = (f64::from(settings.view.field_of_view).to_radians() * 0.5).tan();
+    let [width, height] = size.map(|edge| f64::from(edge.max(1)));
+    camera.distance() * tangent * (1.0 + (width / height).powi(2)).sqrt()
+}
+
 impl MappedLight {
     fn spot(light: &SpotLight) -> Self {
         let tangent = f64::from(light.outer_degrees).clamp(0.1, 85.0).to_radians().tan();
@@ -179,10 +186,7 @@ impl MappedLight {
             }
         };
         let whole = map(center, radius);
-        // The radius of the camera's view at the pivot's distance, corners included.
-        let tangent = (f64::from(settings.view.field_of_view).to_radians() * 0.5).tan();
-        let [width, height] = size.map(|edge| f64::from(edge.max(1)));
-        let seen = camera.distance() * tangent * (1.0 + (width / height).powi(2)).sqrt();
+        let seen = radius_seen(camera, settings, size);
         // The radius makes up for snapping, and changes in steps, so that it stays the same over small moves.
         let seen = (seen * HALF_TEXELS / (HALF_TEXELS - SNAP)).max(f64::MIN_POSITIVE);
         let seen = 2_f64.powf(0.5 * (2.0 * seen.log2()).ceil());

@@ -18,7 +18,7 @@ use scene::{Camera, Gi, Settings, SpotLight};
 
 use hollow::{cone, hollow_sphere};
 use stage::Stage;
-use walls::{ALBEDO, settings, store_of, wall};
+use walls::{ALBEDO, settings, sheet, store_of, wall};
 
 const SIZE: [u32; 2] = [64, 48];
 
@@ -643,6 +643,64 @@ fn a_far_point_changes_neither_the_light_of_an_open_court_nor_that_of_a_closed_r
             }
         }
     }
+}
+
+/// A ground of 50 by 50 and what stands on it.
+fn on_wide_ground(mut chunks: Vec<Chunk>) -> Vec<Chunk> {
+    chunks.push(sheet(DVec3::new(-25.0, -25.0, 0.0), [DVec3::X * 50.0, DVec3::Y * 50.0], 0.1));
+    chunks
+}
+
+/// What a sky of irradiance 2 gives to the floor that the camera sees, over what an open floor gets, with its places.
+fn sky_on_floor(stage: &mut Stage, chunks: Vec<Chunk>, camera: &Camera, size: &str) -> Vec<(DVec3, f64)> {
+    let settings = settings(&[
+        ("light.by", "sun"),
+        ("sun.irradiance", "0"),
+        ("sun.sky", "2"),
+        ("gi.bounces", "0"),
+        ("gi.sky_lights", "256"),
+        ("gi.shadow_size", size),
+        ("gi.interleave", "1"),
+    ]);
+    let store = store_of(stage, chunks, Material::default());
+    render(stage, &store, camera, &settings, &[]);
+    let light = read(stage, Aov::Indirect);
+    let places = read(stage, Aov::Position).into_iter().zip(light).filter(|(at, _)| at.z.abs() < 0.01);
+    places.map(|(at, light)| (at, light.x / (ALBEDO * 2.0 * FRAC_1_PI))).collect()
+}
+
+#[test]
+fn the_sky_lights_a_street_in_a_wide_scene_by_the_strip_that_its_walls_leave_open() {
+    let mut stage = stage_or_skip!();
+    // Walls of height 1.5 on both sides of a street that is 1 wide.
+    let walls = [-0.5, 0.5].map(|x| sheet(DVec3::new(x, -10.0, 0.0), [DVec3::Y * 20.0, DVec3::Z * 1.5], 0.05));
+    let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, -0.3, 1.0), 1.4, DVec3::Z);
+    for size in ["64", "128"] {
+        let floor = sky_on_floor(&mut stage, on_wide_ground(walls.to_vec()), &camera, size);
+        let inside = |(at, _): &&(DVec3, f64)| at.x.abs() < 0.45;
+        // The sines of the angles under which the open strip is seen to both sides (Lambert).
+        let open = |at: DVec3| [0.5 - at.x, 0.5 + at.x].iter().map(|to| to / to.hypot(1.5)).sum::<f64>() / 2.0;
+        let ratios: Vec<f64> = floor.iter().filter(inside).map(|(at, share)| share / open(*at)).collect();
+        let count = ratios.len() as f64;
+        let mean = ratios.iter().sum::<f64>() / count;
+        let off = (ratios.iter().map(|ratio| (ratio - 1.0).powi(2)).sum::<f64>() / count).sqrt();
+        println!("{size} texels: {mean} of the closed form, off by {off}, {count} pixels");
+        assert!(count > 400.0 && (mean - 1.0).abs() < 0.05, "{size} texels: {mean} of the closed form, {count} pixels");
+    }
+}
+
+#[test]
+fn a_closed_room_in_a_wide_scene_is_dark_under_the_sky() {
+    let mut stage = stage_or_skip!();
+    let camera = Camera::from_eye(DVec3::new(0.4, 0.4, 0.6), DVec3::new(2.0, 1.4, 0.2), DVec3::Z);
+    let floor = sky_on_floor(&mut stage, on_wide_ground(court(true)), &camera, "64");
+    let mean = floor.iter().map(|(_, share)| share).sum::<f64>() / floor.len() as f64;
+    // Beside walls, shadows begin late by a disc's radius.
+    let is_inside = |at: DVec3| at.x > 0.5 && at.x < 2.5 && at.y > 0.5 && at.y < 1.5;
+    let amid = floor.iter().filter(|(at, _)| is_inside(*at)).map(|(_, share)| *share).fold(0.0, f64::max);
+    println!("{mean} of the sky, {amid} amid, {} pixels", floor.len());
+    assert!(floor.len() > 400 && mean < 0.025, "{mean} of the sky on {} pixels", floor.len());
+    assert!(amid < 0.01, "{amid} of the sky half a unit from the walls");
 }
 
 #[test]

@@ -6,8 +6,10 @@
 //! same from every eye. The passes share `shaders/shared/vpl.wgsl`.
 
 mod kept;
+mod near;
 mod occluders;
 mod plan;
+mod region;
 mod sequence;
 #[cfg(test)]
 mod twin;
@@ -32,8 +34,10 @@ use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
 pub use kept::LightReuse;
 use kept::{HURRIED_PARTS, Keeper};
+use near::Near;
 use plan::LightPlan;
 pub(crate) use plan::Sky;
+pub(crate) use region::Region;
 use work::{Ground, Work};
 
 /// The number of doublings of distance that a shadow map distinguishes, below four scene radii.
@@ -145,6 +149,8 @@ struct LightBuffers {
     constants: wgpu::Buffer,
     vpls: wgpu::Buffer,
     maps: wgpu::Buffer,
+    /// The finer maps of the sky's lights, if what the camera sees is small in the scene.
+    near: Option<Near>,
     /// A number that is different after each change.
     generation: u64,
 }
@@ -238,6 +244,10 @@ pub(crate) struct VirtualLights<'a> {
 }
 
 impl LightBuffers {
+    fn bytes(&self) -> u64 {
+        self.vpls.size() + self.maps.size() + self.near.as_ref().map_or(0, |near| near.maps.size())
+    }
+
     /// Sums the light of each pixel's run of the virtual lights on a surface, unfiltered; only in `tiles` if those are
     /// given.
     fn shine(
@@ -265,6 +275,7 @@ impl LightBuffers {
             ("sample_runs", sample_runs),
             ("parts", if is_reused && (tiles.is_some() || !from_camera) { HURRIED_PARTS } else { 1 }),
             ("most_bounces", receiver.most_bounces.unwrap_or(u32::MAX)),
+            ("has_near", u32::from(self.near.is_some())),
         ];
         let SurfaceImages { albedo, normal, position } = receiver.surface;
         let bindings = passes::indirect {
@@ -278,6 +289,8 @@ impl LightBuffers {
             diffuse_out: target.diffuse.bind(),
             glossy_out: target.glossy.bind(),
             tiles: tiles.unwrap_or(&target.nothing).as_entire_binding(),
+            near_lights: self.near.as_ref().map_or(&self.constants, |near| &near.constants).as_entire_binding(),
+            near_maps: self.near.as_ref().map_or(&target.nothing, |near| &near.maps).as_entire_binding(),
         };
         let groups_of_runs = [groups_of_run[0], groups_of_run[1], interleave * interleave];
         recorder.by_rows(&switches, inputs, bindings, groups_of_runs)
@@ -316,13 +329,21 @@ impl GlobalIllumination {
         let lights = if is_sun { &lights[..1] } else { lights };
         let asked = Asked::new(store, settings, lights, sky, thrown);
         let is_same = |lights: &LightBuffers| {
-            let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
-            Asked { revision, ..asked.clone() } == lights.asked
+            let mut asked = asked.clone();
+            if self.may_lag {
+                asked.revision = lights.asked.revision;
+                let near = lights.asked.sky.and_then(|sky| sky.near);
+                asked.sky = asked.sky.map(|sky| Sky { near, ..sky });
+            }
+            asked == lights.asked
         };
         if let (Some(ground), Some(lights)) = (&self.ground, self.lights.as_mut().filter(|lights| is_same(lights))) {
             let eye = (camera.eye - ground.origin).as_vec3();
             lights.uniform.eye_radius = eye.extend(lights.uniform.eye_radius.w);
             recorder.gpu.queue.write_buffer(&lights.constants, 0, bytemuck::bytes_of(&lights.uniform));
+            if let Some(near) = &mut lights.near {
+                near.look_from(recorder, camera.eye);
+            }
             return Ok(());
         }
         let gi = &settings.gi;
@@ -347,9 +368,9 @@ impl GlobalIllumination {
         let levels = map_levels(gi);
         let uniform = uniform_of(gi, plan, ground, (camera.eye - ground.origin).as_vec3(), asked.follows_mirrors);
         let needs_maps = gi.shadows || plan.bounces > 1 || plan.has_sky_births;
-        let [constants, vpls, maps] = match kept {
-            Some(kept) => [kept.constants, kept.vpls, kept.maps],
-            None => buffers(recorder.gpu, &uniform, needs_maps)?,
+        let ([constants, vpls, maps], kept_near) = match kept {
+            Some(kept) => ([kept.constants, kept.vpls, kept.maps], kept.near),
+            None => (buffers(recorder.gpu, &uniform, needs_maps)?, None),
         };
         recorder.gpu.queue.write_buffer(&constants, 0, bytemuck::bytes_of(&uniform));
         let mut start = vec![Vpl::zeroed(); count_of(&uniform) as usize];
@@ -359,9 +380,18 @@ impl GlobalIllumination {
         recorder.gpu.queue.write_buffer(&vpls, 0, bytemuck::cast_slice(&start));
         let work = Work { constants: &constants, vpls: &vpls, maps: &maps, ground, levels: &levels, uniform: &uniform };
         work.run(recorder, everywhere, gi, (plan, landed), (lights, shadow_maps), needs_maps && !maps_stand)?;
+        let region = sky.and_then(|sky| sky.near).filter(|_| gi.shadows && !plan.sky.is_empty());
+        let mut near = kept_near.filter(|near| Some(near.region) == region);
+        if let (None, Some(region)) = (&near, region) {
+            let maps = (&uniform, &levels[..], gi.shadow_points);
+            near = Some(Near::draw(recorder, (store, everywhere), region, &vpls, maps)?);
+        }
+        if let Some(near) = &mut near {
+            near.look_from(recorder, camera.eye);
+        }
         self.generations += 1;
         let generation = self.generations;
-        self.lights = Some(LightBuffers { asked, places, uniform, constants, vpls, maps, generation });
+        self.lights = Some(LightBuffers { asked, places, uniform, constants, vpls, maps, near, generation });
         Ok(())
     }
 
@@ -500,7 +530,7 @@ impl GlobalIllumination {
 
     pub fn bytes(&self) -> u64 {
         let ground = self.ground.as_ref().map_or(0, |ground| ground.chosen.size() + ground.surfaces.size());
-        let lights = self.lights.as_ref().map_or(0, |lights| lights.vpls.size() + lights.maps.size());
+        let lights = self.lights.as_ref().map_or(0, LightBuffers::bytes);
         ground
             + lights
             + self.keeper.bytes()

@@ -6,6 +6,7 @@ use cloud::Bounds;
 use glam::{DVec2, DVec3, Vec3, Vec4};
 use scene::Gi;
 
+use super::region::Region;
 use super::sequence::{SpotFlux, even, halton, radical_inverse};
 use crate::layout::{AIM_NONE, LAMP_MAP_SIZE, PARENT_NONE, VPL_SKY, VPL_TRIES, Vpl};
 use crate::lighting::MappedLight;
@@ -17,6 +18,8 @@ pub(crate) struct Sky {
     pub up: DVec3,
     /// The irradiance of a surface that faces up.
     pub irradiance: f32,
+    /// What its lights see more finely than the scene.
+    pub near: Option<Region>,
 }
 
 /// A light that represents a part of the sky.

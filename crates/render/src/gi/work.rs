@@ -36,6 +36,17 @@ impl Ground {
         let (origin, radius) =
             if bounds.is_empty() { (DVec3::ZERO, 1.0) } else { (bounds.center(), bounds.radius().max(1e-9)) };
         let occluders = Occluders::choose(&store.casting_chunks(), origin, per_map);
+        Self::with(gpu, store, per_map, (origin, radius), occluders)
+    }
+
+    /// `occluders` are chosen from `store`, with positions relative to the origin.
+    pub fn with(
+        gpu: &Gpu,
+        store: &PointStore,
+        per_map: u32,
+        (origin, radius): (DVec3, f64),
+        occluders: Occluders,
+    ) -> Self {
         let chosen = upload(gpu, "occluders", bytemuck::cast_slice(&occluders.points));
         let surfaces =
             storage(&gpu.device, "surfaces of occluders", occluders.points.len() as u64 * OCCLUDER_VECTORS * 16);
@@ -100,7 +111,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    fn points(&self, recorder: &mut Recorder<'_>, everywhere: &Inputs) -> Result<()> {
+    pub fn points(&self, recorder: &mut Recorder<'_>, everywhere: &Inputs) -> Result<()> {
         let Ground { chosen, surfaces, .. } = self.ground;
         let bindings = passes::vpl_points {
             lights: self.constants.as_entire_binding(),
@@ -197,6 +208,12 @@ impl Work<'_> {
         if count == 0 {
             return Ok(());
         }
+        self.splat(recorder, inputs, first_light, count)?;
+        self.fill(recorder, inputs, first_light, count)
+    }
+
+    /// Splats the points into the maps of `count` lights.
+    pub fn splat(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first_light: u32, count: u32) -> Result<()> {
         let Ground { chosen, surfaces, .. } = self.ground;
         let per_map = self.uniform.point_count.div_ceil(self.uniform.subsets).max(1);
         // Some lights at a time, so that a frame can be given up between them. Each light has a map of its own.
@@ -214,6 +231,11 @@ impl Work<'_> {
             };
             recorder.over(&[], inputs, bindings, [per_map.div_ceil(64), run.min(count - first), 1])?;
         }
+        Ok(())
+    }
+
+    /// Closes the holes between the splats.
+    pub fn fill(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first_light: u32, count: u32) -> Result<()> {
         let starts: Vec<u32> = self
             .levels
             .iter()

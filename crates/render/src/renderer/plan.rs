@@ -8,7 +8,7 @@ use scene::{IndirectBy, Lighting, Method, Mirror, MirrorSettings, Settings, Show
 
 use super::request::{Effort, Frame};
 use crate::frame::{FrameCamera, Objects};
-use crate::gi::{GlobalIllumination, LightReuse, Sky};
+use crate::gi::{GlobalIllumination, LightReuse, Region, Sky};
 use crate::gpu::Result;
 use crate::layout::BLOCK_POINTS;
 use crate::lighting::{Lights, MappedLight};
@@ -219,7 +219,11 @@ impl<'a> Plan<'a> {
             lights.truncate(1);
         }
         let shading = Shading::new(settings, store, objects, lights.len());
-        let sky = (shading.light.by == Lighting::Sun).then_some(Sky { up: camera.up, irradiance: settings.sun.sky });
+        let sky = (shading.light.by == Lighting::Sun).then(|| Sky {
+            up: camera.up,
+            irradiance: settings.sun.sky,
+            near: Region::seen(camera, settings, frame.size, bounds),
+        });
         let has_indirect = GlobalIllumination::is_asked(settings, &lights, sky);
         let has_clear = has_mirrors && reflection::clear::is_there(settings, store, objects.mirrors);
         if has_mirrors {

@@ -204,6 +204,7 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("indirect", &[2.0]),
     ("light_of_run", &[512.0]),
     ("indirect_filter", &[16.0]),
+    ("reach", &[16.0]),
     ("indirect_reuse", &[2.0, 2.0]),
     ("light_of", &[20.0]),
     ("shade", &[4.0]),

@@ -17,7 +17,12 @@ pub const DISC: f64 = 0.02;
 
 /// A rectangle, sampled so that its discs close it.
 pub fn wall(corner: DVec3, edges: [DVec3; 2]) -> Chunk {
-    let counts = edges.map(|edge| (edge.length() / DISC).ceil() as u32);
+    sheet(corner, edges, DISC)
+}
+
+/// A rectangle of splats of this radius.
+pub fn sheet(corner: DVec3, edges: [DVec3; 2], disc: f64) -> Chunk {
+    let counts = edges.map(|edge| (edge.length() / disc).ceil() as u32);
     let at = |i: u32, count: u32| (f64::from(i) + 0.5) / f64::from(count);
     let points: Vec<[f32; 3]> = (0..counts[0] * counts[1])
         .map(|i| {
@@ -29,7 +34,7 @@ pub fn wall(corner: DVec3, edges: [DVec3; 2]) -> Chunk {
     let mut chunk = Chunk::new(0, DVec3::ZERO, points);
     chunk.colors = Some(Arc::new(vec![[GREY, GREY, GREY, 255]; chunk.len()]));
     chunk.normals = Some(Arc::new(vec![pack_normal(normal); chunk.len()]));
-    chunk.radii = Some(Arc::new(vec![pack_radius(DISC as f32); chunk.len()]));
+    chunk.radii = Some(Arc::new(vec![pack_radius(disc as f32); chunk.len()]));
     chunk
 }
 

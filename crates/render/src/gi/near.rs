@@ -1,0 +1,106 @@
+//! Finer shadow maps of the sky's lights about what the camera sees, in scenes that are much larger.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::occluders::Occluders;
+use super::region::Region;
+use super::work::{Ground, Work};
+use crate::gpu::Result;
+use crate::inputs::Inputs;
+use crate::layout::{VIRTUAL_TEXEL_BYTES, Virtual};
+use crate::recorder::Recorder;
+use crate::store::{PointStore, VisibleChunk};
+use crate::targets::{storage, uniform_buffer};
+
+/// The finer maps on the GPU.
+pub(super) struct Near {
+    pub region: Region,
+    /// As of the maps of the scene; positions are relative to the region's middle, and its radius is the scene's.
+    pub uniform: Virtual,
+    pub constants: wgpu::Buffer,
+    pub maps: wgpu::Buffer,
+}
+
+impl Near {
+    /// Draws the maps of the sky's lights, which are the first of `vpls`. `of_scene` is what the maps of the scene share,
+    /// `levels` are the edges of a map's levels in texels.
+    ///
+    /// What lies before the region casts shadows into it, from as far as there are points. The points are chosen from shells
+    /// about the region, each twice as wide as the one inside of it: discs are the larger the farther away they are.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn draw(
+        recorder: &mut Recorder<'_>,
+        (store, everywhere): (&PointStore, &Inputs),
+        region: Region,
+        vpls: &wgpu::Buffer,
+        (of_scene, levels, per_map): (&Virtual, &[u32], u32),
+    ) -> Result<Self> {
+        let gpu = recorder.gpu;
+        let texels = u64::from(of_scene.sky_lights) * u64::from(of_scene.map_stride);
+        let maps = storage(&gpu.device, "finer maps of the sky", texels * VIRTUAL_TEXEL_BYTES);
+        recorder.clear(&maps);
+        let bounds = store.bounds();
+        let farthest = region.center.distance(bounds.center()) + bounds.radius();
+        let chunks = store.casting_chunks();
+        let (mut inner, mut outer) = (0.0, region.radius);
+        let mut innermost = None;
+        loop {
+            let is_last = outer >= farthest;
+            let shell = [inner, if is_last { f64::INFINITY } else { outer }];
+            let occluders = choose(&chunks, region.center, shell, per_map);
+            let ground = Ground::with(gpu, store, per_map, (region.center, region.radius), occluders);
+            let uniform = Virtual {
+                eye_radius: Vec3::ZERO.extend(region.radius as f32),
+                disc_radius: ground.occluders.radius,
+                point_count: ground.occluders.points.len() as u32,
+                subsets: ground.occluders.subsets.max(1),
+                ..*of_scene
+            };
+            let constants = uniform_buffer(gpu, bytemuck::bytes_of(&uniform));
+            let work = Work { constants: &constants, vpls, maps: &maps, ground: &ground, levels, uniform: &uniform };
+            if uniform.point_count > 0 {
+                work.points(recorder, everywhere)?;
+                work.splat(recorder, everywhere, 0, uniform.sky_lights)?;
+            }
+            if is_last {
+                work.fill(recorder, everywhere, 0, uniform.sky_lights)?;
+            }
+            let (uniform, constants) = innermost.get_or_insert((uniform, constants)).clone();
+            if is_last {
+                return Ok(Self { region, uniform, constants, maps });
+            }
+            (inner, outer) = (outer, outer * 2.0);
+        }
+    }
+
+    /// Uploads where the camera's eye is.
+    pub fn look_from(&mut self, recorder: &Recorder<'_>, eye: DVec3) {
+        let eye = (eye - self.region.center).as_vec3();
+        self.uniform.eye_radius = eye.extend(self.region.radius as f32);
+        recorder.gpu.queue.write_buffer(&self.constants, 0, bytemuck::bytes_of(&self.uniform));
+    }
+}
+
+/// Chooses occluders from the points whose distance from `center` is at least the first of `shell` and below the second.
+fn choose(chunks: &[VisibleChunk<'_>], center: DVec3, shell: [f64; 2], per_map: u32) -> Occluders {
+    let [least, most] = shell.map(|distance| (distance * distance) as f32);
+    let shown = |chunk: &VisibleChunk<'_>| {
+        let from = (center - chunk.points.origin).as_vec3();
+        let is_outside = |index: usize| {
+            let squared = Vec3::from(chunk.points.positions[index]).distance_squared(from);
+            // The comparison is false for NaN.
+            !(squared >= least && squared < most)
+        };
+        chunk.shown.clone().besides(chunk.points.len(), is_outside)
+    };
+    let shown: Vec<_> = chunks.par_iter().map(shown).collect();
+    let within: Vec<VisibleChunk<'_>> = chunks
+        .iter()
+        .zip(&shown)
+        .map(|(chunk, shown)| VisibleChunk { shown_points: shown.indices(chunk.points.len()).count(), shown, ..*chunk })
+        .collect();
+    Occluders::choose(&within, center, per_map)
+}

@@ -1,0 +1,73 @@
+//! What the sky's lights see more finely than the scene.
+
+use cloud::Bounds;
+use glam::DVec3;
+use scene::{Camera, Settings};
+
+use crate::lighting::radius_seen;
+
+/// The share of a region's radius up to which the finer maps alone count, as in shaders/indirect.wgsl.
+const WHOLE_SHARE: f64 = 0.75;
+/// The step of a region's middle along each axis as a share of its radius: regions stay the same over small moves.
+const SNAP: f64 = 0.125;
+/// Finer maps are drawn where a region's radius is at most this share of the scene's.
+const FINER: f64 = 0.5;
+
+/// The ball in the world that the finer maps show.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Region {
+    pub center: DVec3,
+    pub radius: f64,
+}
+
+impl Region {
+    /// The region about the camera's pivot that holds the eye and what the camera sees at the pivot's distance; `None` if
+    /// maps of the scene, whose points have these `bounds`, are nearly as fine.
+    ///
+    /// It depends neither on the points nor on the direction of the view, so turning around the pivot keeps it.
+    pub fn seen(camera: &Camera, settings: &Settings, size: [u32; 2], bounds: Bounds) -> Option<Self> {
+        let seen = radius_seen(camera, settings, size).max(camera.distance());
+        let least = seen / (WHOLE_SHARE - SNAP * 3_f64.sqrt() / 2.0);
+        let radius = 2_f64.powf(0.5 * (2.0 * least.max(f64::MIN_POSITIVE).log2()).ceil());
+        let step = radius * SNAP;
+        let region = Self { center: (camera.pivot / step).round() * step, radius };
+        (!bounds.is_empty() && radius <= bounds.radius() * FINER).then_some(region)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TOWN: Bounds = Bounds { min: DVec3::new(-500.0, -400.0, 0.0), max: DVec3::new(500.0, 400.0, 30.0) };
+
+    fn region(pivot: DVec3, back: DVec3, distance: f64) -> Option<Region> {
+        let camera = Camera::looking(pivot, back, distance, DVec3::Z);
+        Region::seen(&camera, &Settings::default(), [800, 600], TOWN)
+    }
+
+    #[test]
+    fn a_region_holds_the_eye_and_what_it_looks_at_and_is_only_made_where_it_is_small() {
+        assert_eq!(region(DVec3::ZERO, DVec3::X, 300.0), None);
+        for (step, distance) in [0.1, 2.0, 10.0, 70.0].into_iter().enumerate() {
+            let pivot = DVec3::new(3.7, -8.1, 1.3) * step as f64;
+            let camera = Camera::looking(pivot, DVec3::new(1.0, 2.0, 0.5), distance, DVec3::Z);
+            let found = region(pivot, camera.eye - pivot, distance).unwrap();
+            assert!(found.center.distance(camera.eye) <= found.radius * WHOLE_SHARE, "{found:?}");
+            assert!(found.radius < distance * 2.5 && found.radius <= TOWN.radius() * FINER, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_region_is_kept_while_the_camera_turns_and_moves_a_little() {
+        let pivot = DVec3::new(3.0, 4.0, 1.0);
+        let mut kept = 0;
+        for step in 1..=50 {
+            let turned = DVec3::new((0.1 * f64::from(step)).cos(), (0.1 * f64::from(step)).sin(), 0.3);
+            assert_eq!(region(pivot, turned, 12.0), region(pivot, DVec3::X, 12.0));
+            let moved = region(pivot + DVec3::new(0.05, 0.02, 0.0) * f64::from(step), DVec3::X, 12.0);
+            kept += u32::from(moved == region(pivot, DVec3::X, 12.0));
+        }
+        assert!((5..50).contains(&kept), "{kept} of 50");
+    }
+}
