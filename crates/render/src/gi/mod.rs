@@ -114,7 +114,8 @@ impl Asked {
             splat: crate::lighting::splat_of_maps(settings),
             gi,
             lights: lights.to_vec(),
-            sky,
+            // The region is that of the finer maps alone.
+            sky: sky.map(|sky| Sky { near: None, ..sky }),
             thrown: thrown.map(|thrown| thrown.generation),
             scattering: scattering(settings),
             tint: settings.mirror.tint,
@@ -329,22 +330,16 @@ impl GlobalIllumination {
         let lights = if is_sun { &lights[..1] } else { lights };
         let asked = Asked::new(store, settings, lights, sky, thrown);
         let is_same = |lights: &LightBuffers| {
-            let mut asked = asked.clone();
-            if self.may_lag {
-                asked.revision = lights.asked.revision;
-                let near = lights.asked.sky.and_then(|sky| sky.near);
-                asked.sky = asked.sky.map(|sky| Sky { near, ..sky });
-            }
-            asked == lights.asked
+            let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
+            Asked { revision, ..asked.clone() } == lights.asked
         };
+        let region = sky.and_then(|sky| sky.near);
         if let (Some(ground), Some(lights)) = (&self.ground, self.lights.as_mut().filter(|lights| is_same(lights))) {
             let eye = (camera.eye - ground.origin).as_vec3();
             lights.uniform.eye_radius = eye.extend(lights.uniform.eye_radius.w);
             recorder.gpu.queue.write_buffer(&lights.constants, 0, bytemuck::bytes_of(&lights.uniform));
-            if let Some(near) = &mut lights.near {
-                near.look_from(recorder, camera.eye);
-            }
-            return Ok(());
+            let region = if self.may_lag { lights.near.as_ref().map(|near| near.region) } else { region };
+            return self.look_near(recorder, camera, (store, settings), region);
         }
         let gi = &settings.gi;
         let ground = match self.ground.take() {
@@ -368,7 +363,7 @@ impl GlobalIllumination {
         let levels = map_levels(gi);
         let uniform = uniform_of(gi, plan, ground, (camera.eye - ground.origin).as_vec3(), asked.follows_mirrors);
         let needs_maps = gi.shadows || plan.bounces > 1 || plan.has_sky_births;
-        let ([constants, vpls, maps], kept_near) = match kept {
+        let ([constants, vpls, maps], near) = match kept {
             Some(kept) => ([kept.constants, kept.vpls, kept.maps], kept.near),
             None => (buffers(recorder.gpu, &uniform, needs_maps)?, None),
         };
@@ -380,18 +375,36 @@ impl GlobalIllumination {
         recorder.gpu.queue.write_buffer(&vpls, 0, bytemuck::cast_slice(&start));
         let work = Work { constants: &constants, vpls: &vpls, maps: &maps, ground, levels: &levels, uniform: &uniform };
         work.run(recorder, everywhere, gi, (plan, landed), (lights, shadow_maps), needs_maps && !maps_stand)?;
-        let region = sky.and_then(|sky| sky.near).filter(|_| gi.shadows && !plan.sky.is_empty());
-        let mut near = kept_near.filter(|near| Some(near.region) == region);
-        if let (None, Some(region)) = (&near, region) {
-            let maps = (&uniform, &levels[..], gi.shadow_points);
-            near = Some(Near::draw(recorder, (store, everywhere), region, &vpls, maps)?);
-        }
-        if let Some(near) = &mut near {
-            near.look_from(recorder, camera.eye);
-        }
         self.generations += 1;
         let generation = self.generations;
         self.lights = Some(LightBuffers { asked, places, uniform, constants, vpls, maps, near, generation });
+        self.look_near(recorder, camera, (store, settings), region)
+    }
+
+    /// Draws the finer maps of the sky's lights that stand, unless they show the region already.
+    fn look_near(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        camera: FrameCamera,
+        (store, settings): (&PointStore, &Settings),
+        region: Option<Region>,
+    ) -> Result<()> {
+        let Some(lights) = &mut self.lights else { return Ok(()) };
+        let region = region.filter(|_| settings.gi.shadows && lights.uniform.sky_lights > 0);
+        if lights.near.as_ref().map(|near| near.region) != region {
+            let draw = |region| {
+                let list = store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
+                let everywhere = Inputs::new(recorder.gpu, camera, settings, &list);
+                let maps = (&lights.uniform, &map_levels(&settings.gi)[..], settings.gi.shadow_points);
+                Near::draw(recorder, (store, &everywhere), region, &lights.vpls, maps)
+            };
+            lights.near = region.map(draw).transpose()?;
+            self.generations += 1;
+            lights.generation = self.generations;
+        }
+        if let Some(near) = &mut lights.near {
+            near.look_from(recorder, camera.eye);
+        }
         Ok(())
     }
 

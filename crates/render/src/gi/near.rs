@@ -30,7 +30,7 @@ impl Near {
     /// about the region, each twice as wide as the one inside of it: discs are the larger the farther away they are.
     ///
     /// # Errors
-    /// A shader is refused, or there is no memory.
+    /// A shader is refused, the frame is given up, or there is no memory.
     pub fn draw(
         recorder: &mut Recorder<'_>,
         (store, everywhere): (&PointStore, &Inputs),
@@ -48,6 +48,7 @@ impl Near {
         let (mut inner, mut outer) = (0.0, region.radius);
         let mut innermost = None;
         loop {
+            recorder.go_on()?;
             let is_last = outer >= farthest;
             let shell = [inner, if is_last { f64::INFINITY } else { outer }];
             let occluders = choose(&chunks, region.center, shell, per_map);

@@ -12,6 +12,8 @@ const WHOLE_SHARE: f64 = 0.75;
 const SNAP: f64 = 0.125;
 /// Finer maps are drawn where a region's radius is at most this share of the scene's.
 const FINER: f64 = 0.5;
+/// A region's radius is at least this share of the scene's: the eye may be at the pivot.
+const LEAST: f64 = 1.0 / 1024.0;
 
 /// The ball in the world that the finer maps show.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,16 +24,19 @@ pub(crate) struct Region {
 
 impl Region {
     /// The region about the camera's pivot that holds the eye and what the camera sees at the pivot's distance; `None` if
-    /// maps of the scene, whose points have these `bounds`, are nearly as fine.
+    /// maps of the scene, whose points have these `bounds`, are nearly as fine, or if the region lies beside the bounds.
     ///
-    /// It depends neither on the points nor on the direction of the view, so turning around the pivot keeps it.
+    /// It does not depend on the direction of the view, so turning around the pivot keeps it.
     pub fn seen(camera: &Camera, settings: &Settings, size: [u32; 2], bounds: Bounds) -> Option<Self> {
         let seen = radius_seen(camera, settings, size).max(camera.distance());
-        let least = seen / (WHOLE_SHARE - SNAP * 3_f64.sqrt() / 2.0);
-        let radius = 2_f64.powf(0.5 * (2.0 * least.max(f64::MIN_POSITIVE).log2()).ceil());
+        let least = (seen / (WHOLE_SHARE - SNAP * 3_f64.sqrt() / 2.0)).max(bounds.radius() * LEAST);
+        let radius = 2_f64.powf(0.5 * (2.0 * least.log2()).ceil());
         let step = radius * SNAP;
-        let region = Self { center: (camera.pivot / step).round() * step, radius };
-        (!bounds.is_empty() && radius <= bounds.radius() * FINER).then_some(region)
+        let center = (camera.pivot / step).round() * step;
+        // The comparisons are false for NaN.
+        let is_beside = || center.distance(center.clamp(bounds.min, bounds.max)) > radius;
+        let is_small = radius <= bounds.radius() * FINER && center.is_finite();
+        (!bounds.is_empty() && is_small && !is_beside()).then_some(Self { center, radius })
     }
 }
 
@@ -49,13 +54,25 @@ mod tests {
     #[test]
     fn a_region_holds_the_eye_and_what_it_looks_at_and_is_only_made_where_it_is_small() {
         assert_eq!(region(DVec3::ZERO, DVec3::X, 300.0), None);
-        for (step, distance) in [0.1, 2.0, 10.0, 70.0].into_iter().enumerate() {
+        for (step, distance) in [0.5, 2.0, 10.0, 70.0].into_iter().enumerate() {
             let pivot = DVec3::new(3.7, -8.1, 1.3) * step as f64;
             let camera = Camera::looking(pivot, DVec3::new(1.0, 2.0, 0.5), distance, DVec3::Z);
             let found = region(pivot, camera.eye - pivot, distance).unwrap();
-            assert!(found.center.distance(camera.eye) <= found.radius * WHOLE_SHARE, "{found:?}");
+            let seen = found.center.distance(pivot) + radius_seen(&camera, &Settings::default(), [800, 600]);
+            assert!(found.center.distance(camera.eye).max(seen) <= found.radius * WHOLE_SHARE, "{found:?}");
             assert!(found.radius < distance * 2.5 && found.radius <= TOWN.radius() * FINER, "{found:?}");
         }
+    }
+
+    #[test]
+    fn an_eye_at_the_pivot_has_a_region_and_one_beside_all_points_has_none() {
+        for distance in [0.0, 1e-300, 1e-9] {
+            let found = region(DVec3::new(300.0, -20.0, 5.0), DVec3::X, distance).unwrap();
+            assert!(found.radius >= TOWN.radius() * LEAST && found.radius < 2.0 * TOWN.radius() * LEAST, "{found:?}");
+        }
+        assert_eq!(region(DVec3::new(600.0, 0.0, 0.0), DVec3::X, 2.0), None);
+        assert_eq!(region(DVec3::splat(f64::NAN), DVec3::X, 2.0), None);
+        assert_eq!(region(DVec3::X * 1e300, DVec3::X, 2.0), None);
     }
 
     #[test]
