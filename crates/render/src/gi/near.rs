@@ -16,7 +16,7 @@ use crate::targets::{storage, uniform_buffer};
 /// The finer maps on the GPU.
 pub(super) struct Near {
     pub region: Region,
-    /// As of the maps of the scene; positions are relative to the region's middle, and its radius is the scene's.
+    /// What the shaders know of the maps of the scene, for the region: positions are relative to its middle.
     pub uniform: Virtual,
     pub constants: wgpu::Buffer,
     pub maps: wgpu::Buffer,
