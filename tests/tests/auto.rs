@@ -99,6 +99,19 @@ fn an_error_of_colours_is_kept_to_and_what_was_chosen_can_be_set_again() {
 }
 
 #[test]
+fn what_was_learned_of_one_picture_is_not_tried_again_for_the_next() {
+    let folder = Folder::new();
+    let words = ["--error", "3dE", "--method", "sscr_hierarchical"];
+    let Some(first) = stats(&folder, "first.png", &words) else { return };
+    let next =
+        stats(&folder, "next.png", &[&words[..], &["--set", "mirror.fresnel=0.2"]].concat()).expect("an adapter");
+    let frames = |stats: &Value| stats["auto"]["frames"].as_u64().expect("a number");
+    assert!(2 * frames(&next) < frames(&first), "{} frames after {}", frames(&next), frames(&first));
+    let error = next["auto"]["predicted_error"].as_f64().expect("a number");
+    assert!(error <= 3.0 && next["auto"]["errors"].is_object(), "{next}");
+}
+
+#[test]
 fn an_error_of_reflections_leaves_the_light_alone_and_named_parameters_stay() {
     let folder = Folder::new();
     let words = ["--error", "0.5px", "--method", "sscr_hierarchical", "--set", "splat.step=1"];

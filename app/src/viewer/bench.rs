@@ -22,6 +22,8 @@ pub struct Bench {
     pub session: Session,
     /// The last sweep result that the session asked to save. The bench writes no files.
     pub swept: Option<Box<SweepResult>>,
+    /// The events of the session.
+    pub log: Vec<serde_json::Value>,
     /// Whether the adapter is a processor.
     pub is_processor: bool,
     thread: RenderThread,
@@ -59,7 +61,8 @@ impl Bench {
         (session.scene.settings.gi.vpls, session.scene.settings.gi.bounces) = (4, 1);
         session.set_view_size([64, 48]);
         assert!(session.open(&[name]));
-        let mut bench = Self { session, swept: None, is_processor, thread, reports, ahead: Duration::ZERO };
+        let (swept, log, ahead) = (None, Vec::new(), Duration::ZERO);
+        let mut bench = Self { session, swept, log, is_processor, thread, reports, ahead };
         let Report::Ready { adapter } = bench.report() else { panic!("no renderer") };
         bench.session.on_report(Report::Ready { adapter });
         Some(bench)
@@ -161,8 +164,8 @@ impl Bench {
             | Effect::AskPlace(..)
             | Effect::Copy(_)
             | Effect::SetFullScreen(_)
-            | Effect::Capture(_)
-            | Effect::Log(_) => {}
+            | Effect::Capture(_) => {}
+            Effect::Log(event) => self.log.push(event),
         }
     }
 }

@@ -14,6 +14,8 @@ use render::{FrameStats, PassStage};
 use scene::Settings;
 use serde::{Deserialize, Serialize};
 
+use crate::auto::KnownErrors;
+
 /// What the time of a pass grows with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Driver {
@@ -288,6 +290,9 @@ fn solution(used: &[usize], product: &impl Fn(usize, usize) -> f64, times: &[f64
 pub struct CostModel {
     /// By stage, variant and pass.
     stages: BTreeMap<String, BTreeMap<String, BTreeMap<String, Sums>>>,
+    /// The errors that changes of settings had in views before.
+    #[serde(default)]
+    pub(crate) errors: KnownErrors,
 }
 
 /// The part of the sums that a further frame leaves of those before it: of a hundred frames ago an eighth is left.
@@ -311,6 +316,9 @@ impl CostModel {
                     return Err(format!("pass {name} has other sums than {count} drivers need"));
                 }
             }
+        }
+        if !model.errors.are_sound() {
+            return Err("an error is no number".to_owned());
         }
         Ok(model)
     }

@@ -30,7 +30,8 @@ pub const TARGET_MS: &str = "target_ms";
 
 /// The time of all passes of one stage of a frame, in milliseconds.
 pub fn stage_ms(passes: &[PassTime], stage: PassStage) -> f64 {
-    passes.iter().filter(|pass| pass.stage == stage).map(|pass| pass.milliseconds).sum()
+    // The sum of nothing begins with a negative zero.
+    passes.iter().filter(|pass| pass.stage == stage).fold(0.0, |sum, pass| sum + pass.milliseconds)
 }
 
 /// A figure that is measured for a setting.

@@ -200,7 +200,7 @@ fn auto_chooses_no_method_that_refuses_the_glossy_mirrors_of_a_scene() {
     let mut draw = |renderer: &mut Renderer, settings: &Settings, size| Ok(subject.render(renderer, settings, size)?);
     let mut hands = Hands { renderer: &mut renderer, draw: &mut draw, model: &mut CostModel::default() };
     // Light is fixed, so what is known of the view serves targets of all kinds.
-    let explored = Explored::new(&settings, &fixed, (&camera, [48, 36]), true, &mut hands).unwrap();
+    let mut explored = Explored::new(&settings, &fixed, (&camera, [48, 36]), true, &mut hands).unwrap();
     for target in [Target::Milliseconds(0.001), Target::Milliseconds(1e6), Target::Pixels(1e3)] {
         let choice = explored.choose(target, &mut hands).unwrap();
         let mut chosen = settings.clone();

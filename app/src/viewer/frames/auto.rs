@@ -1,6 +1,8 @@
 //! `auto` in the window: learns what passes cost from the frames that are shown, says what makes a frame slow, and lets
 //! the render thread choose settings for `view.still_ms` once the picture stands still. What was chosen stays until the
-//! scene, the light, the parameters or the size change, or another view takes much longer; so it never swings.
+//! scene, the light, the parameters or the size change, or another view takes much longer; so it never swings. Where the
+//! errors of views before are known, settings are chosen by them at once, and once more when those of this view are
+//! measured.
 
 use std::time::{Duration, Instant};
 
@@ -51,6 +53,11 @@ impl Chosen {
     /// Whether the choice holds for a view: nothing but the camera differs.
     fn is_of(&self, request: &FrameRequest, target: f64) -> bool {
         self.target == target && FrameRequest { camera: request.camera, ..self.request.clone() } == *request
+    }
+
+    /// Whether its error was not measured yet.
+    fn is_first(&self) -> bool {
+        self.choice.as_ref().is_ok_and(|choice| choice.errors.is_none())
     }
 }
 
@@ -142,9 +149,11 @@ impl Auto {
             let is_slow = milliseconds > MUCH_LONGER * target && chosen.request.camera != request.camera;
             chosen.is_of(&request, target) && !is_slow
         };
-        if self.is_asked || self.chosen.as_ref().is_some_and(holds) {
+        let held = self.chosen.as_ref().filter(|chosen| holds(chosen));
+        if self.is_asked || held.is_some_and(|chosen| !chosen.is_first()) {
             return None;
         }
+        let is_first = held.is_none();
         if self.still.as_ref().is_none_or(|(still, _)| *still != request) {
             self.still = Some((request.clone(), outside.now));
         }
@@ -153,7 +162,8 @@ impl Auto {
         if left.is_zero() {
             self.is_asked = true;
             let model = Box::new(self.model.clone());
-            outside.render(Command::Choose { request: Box::new(request), target: Target::Milliseconds(target), model });
+            let target = Target::Milliseconds(target);
+            outside.render(Command::Choose { request: Box::new(request), target, is_first, model });
         }
         (!left.is_zero()).then_some(left)
     }
@@ -172,7 +182,10 @@ impl Auto {
         let Some(target) = target_of(&request) else { return };
         match &choice {
             Ok(choice) => {
-                outside.log(json!({ "event": "auto", "set": choice.set, "why": choice.why }));
+                let is_measured = choice.errors.is_some();
+                outside.log(json!({
+                    "event": "auto", "set": choice.set, "why": choice.why, "measured": is_measured,
+                }));
                 outside.note(told(choice));
             }
             Err(problem) => outside.warning(text!("auto: {problem}", problem)),
@@ -211,6 +224,12 @@ mod tests {
         (chosen.request.clone(), bench.session.still_frame().expect("a still picture").settings.clone())
     }
 
+    /// Whether the error was measured of each choice so far.
+    fn choices(bench: &Bench) -> Vec<bool> {
+        let choices = bench.log.iter().filter(|event| event["event"] == "auto");
+        choices.map(|event| event["measured"].as_bool().expect("a choice")).collect()
+    }
+
     #[test]
     fn settings_are_chosen_once_for_a_view_that_stands_still_and_anew_when_the_scene_changes() {
         let Some(mut bench) = Bench::with_sphere() else { return };
@@ -237,8 +256,11 @@ mod tests {
         bench.settle();
         let (again, settings) = chosen(&bench);
         assert!(again == request && settings.gi.vpls == 1024, "not chosen anew");
+        // What was learned of the first view gives settings at once, which are measured afterwards.
+        assert_eq!(choices(&bench), [true], "nothing was known of other views");
         bench.session.scene.settings.mirror.fresnel = 0.5;
         bench.settle();
+        assert_eq!(choices(&bench), [true, false, true]);
         let (anew, _) = chosen(&bench);
         assert!(anew.settings.mirror.fresnel == 0.5 && anew.camera != request.camera, "chosen for what is seen now");
         // A method that is named is drawn with the settings as they are.

@@ -53,10 +53,12 @@ pub enum Command {
         request: Box<FrameRequest>,
         origin: DVec3,
     },
-    /// Lets `auto` choose settings for the view of a frame.
+    /// Lets `auto` choose settings for the view of a frame; first without measuring errors, if it can, where `is_first`
+    /// is set.
     Choose {
         request: Box<FrameRequest>,
         target: Target,
+        is_first: bool,
         model: Box<CostModel>,
     },
     /// Draws a frame from scratch to measure its times.

@@ -225,8 +225,8 @@ impl Worker {
                         estimate = Some((request, seed));
                         Ok(())
                     }
-                    Command::Choose { request, target, model } => {
-                        choose = Some((request, target, model));
+                    Command::Choose { request, target, is_first, model } => {
+                        choose = Some((request, target, is_first, model));
                         Ok(())
                     }
                     Command::ShowOn(window_gpu) => {
@@ -296,9 +296,9 @@ impl Worker {
                     answer => answer.map_err(|error| error.to_string()),
                 };
                 report(Report::Estimated { request, answer });
-            } else if let Some((request, target, mut model)) = choose.take() {
+            } else if let Some((request, target, is_first, mut model)) = choose.take() {
                 self.renderer.give_up_when(Some(once_set(waiting)));
-                let choice = self.choose(&request, target, &mut model);
+                let choice = self.choose(&request, (target, is_first), &mut model);
                 self.renderer.give_up_when(None);
                 let choice = match choice.map_err(|error| error.downcast::<render::Error>()) {
                     Ok(choice) => Ok(Some(choice)),
@@ -418,8 +418,14 @@ impl Worker {
         Ok(Some(judged))
     }
 
-    /// Lets `auto` choose. Pictures of the window are never enlarged.
-    fn choose(&mut self, request: &FrameRequest, target: Target, model: &mut CostModel) -> anyhow::Result<Choice> {
+    /// Lets `auto` choose: first by what is known of other views, if `is_first` is set and that is enough. Pictures of
+    /// the window are never enlarged.
+    fn choose(
+        &mut self,
+        request: &FrameRequest,
+        (target, is_first): (Target, bool),
+        model: &mut CostModel,
+    ) -> anyhow::Result<Choice> {
         let FrameRequest { mirrors, lights, clues, camera, settings, size, .. } = request;
         let objects = Objects { mirrors, lights, clues: *clues };
         self.held = None;
@@ -429,7 +435,10 @@ impl Worker {
             Ok(renderer.render(&resident.store, &render::Frame::new(camera, settings, objects, size))?)
         };
         let mut hands = auto::Hands { renderer, draw: &mut draw, model };
-        auto::choose(target, settings, &["view.resolution".to_owned()], (camera, *size), &mut hands)
+        let fixed = ["view.resolution".to_owned()];
+        let mut explored = auto::Explored::new(settings, &fixed, (camera, *size), true, &mut hands)?;
+        let first = if is_first { explored.first(target, &mut hands)? } else { None };
+        first.map_or_else(|| explored.choose(target, &mut hands), Ok)
     }
 
     /// Draws a frame unless the renderer holds it, and also its picture if `with_picture` is set.
