@@ -13,6 +13,9 @@ const IN_LINE: f64 = 0.5;
 /// point is often beyond the end of the surface.
 const SPARSEST: f64 = 2.0;
 
+/// How far a place along or across a line may be off by rounding, as a share of the largest coordinate.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+
 /// An upright slice of even width along a line of one or more straight pieces. The line counts as seen from above: the
 /// heights of its corners do not matter. Where it bends, a point on the outer side that is beside neither piece is
 /// outside, and one on the inner side belongs to the nearer piece.
@@ -71,11 +74,13 @@ impl Section {
         Ok(Self { pieces, up, half_width: width * 0.5 })
     }
 
-    /// The parts of space that the section consists of, but for rounding at their borders.
+    /// The parts of space that the section consists of, a little wider than it, so that rounding leaves no point out.
     pub fn volumes(&self) -> Vec<Volume> {
         let of = |piece: &Piece| {
-            let (ahead, aside) = (piece.along * piece.length, piece.left * self.half_width);
-            let points = vec![-aside, ahead - aside, ahead + aside, aside];
+            let wider = 4.0 * ROUNDING * (piece.from.abs().max_element() + piece.length + self.half_width);
+            let (behind, ahead) = (piece.along * -wider, piece.along * (piece.length + wider));
+            let aside = piece.left * (self.half_width + wider);
+            let points = vec![behind - aside, ahead - aside, ahead + aside, behind + aside];
             let shape = VolumeShape::Prism { points, direction: self.up, eye: None };
             Volume::new(shape, piece.from, DQuat::IDENTITY, DVec3::ONE)
         };
@@ -123,8 +128,11 @@ impl Section {
         for piece in &self.pieces {
             let offset = point - piece.from;
             let (along, across) = (offset.dot(piece.along), offset.dot(piece.left));
-            let is_beside = (0.0..=piece.length).contains(&along) && across.abs() <= self.half_width;
-            if is_beside && nearest.is_none_or(|(_, nearest)| across.abs() < nearest.across.abs()) {
+            // A line often begins and ends at points of the cloud, which rounding must not leave out.
+            let rounding = ROUNDING * point.abs().max(piece.from.abs()).max_element();
+            let beyond = f64::max(-along, along - piece.length).max(across.abs() - self.half_width);
+            let along = along.clamp(0.0, piece.length);
+            if beyond <= rounding && nearest.is_none_or(|(_, nearest)| across.abs() < nearest.across.abs()) {
                 nearest = Some((piece, Placed { along: piece.start + along, height: point.dot(self.up), across }));
             }
         }
@@ -163,6 +171,19 @@ mod tests {
         }
         // As many points as the slice's area, 5 square metres at 100 points each.
         assert!((450..550).contains(&count), "{count}");
+    }
+
+    #[test]
+    fn points_at_the_ends_of_a_line_are_in_its_section_wherever_it_lies() {
+        let mut random = cloud::Random(7);
+        for _ in 0..1000 {
+            let mut place = |size: f64| DVec3::from_array([0; 3].map(|_| size * (random.below(1 << 40) as f64 / 1e12)));
+            let [from, to] = [place(5e6), place(5e6)];
+            let section = Section::new(&[from, to], 0.01, DVec3::Z).unwrap();
+            let [first, last] = [from, to].map(|end| section.place(end).expect("an end").along);
+            assert!((0.0..=1e-8).contains(&first) && (section.length() - last).abs() < 1e-8, "{first} {last}");
+            assert_eq!(section.place(from + (from - to).normalize() * 1e-6), None, "outside is outside");
+        }
     }
 
     #[test]
