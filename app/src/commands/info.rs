@@ -24,6 +24,9 @@ const READ_WITHOUT_ASKING: u64 = 64 << 20;
 /// The neighbours of more points are not looked at: their places would take more than 200 MB.
 const MOST_LOOKED_AT: u64 = 16_000_000;
 
+/// The most parts of a cloud in which strays are counted, of some 50 thousand points each: all of 3 million points.
+const MOST_PARTS: usize = 64;
+
 #[derive(Serialize)]
 struct Report {
     inputs: Vec<Entry>,
@@ -337,7 +340,7 @@ impl Found {
 /// What the neighbours of points show. `None` where there are too few.
 fn neighbourhoods(chunks: &[Chunk]) -> Option<NeighbourhoodReport> {
     let progress = Progress::default();
-    let found = progress_bar::watch("neighbours", &progress, || cloud::neighbourhoods(chunks, &progress))?;
+    let found = progress_bar::watch("neighbours", &progress, || cloud::neighbourhoods(chunks, MOST_PARTS, &progress))?;
     let [strays, mixed] = [found.strays, found.mixed].map(|count| count as f64 / found.points as f64);
     (found.points > 0).then_some(NeighbourhoodReport { points: found.points, strays, mixed, noise: found.noise })
 }
@@ -466,9 +469,10 @@ fn lines(report: &FileReport) -> Vec<String> {
     if let Some(blank) = report.without_colour.filter(|blank| *blank > 0) {
         line("no colour", &format!("{} points", grouped(blank)));
     }
-    if let Some(NeighbourhoodReport { strays, mixed, noise, .. }) = &report.neighbourhoods {
-        line("strays", &format!("{}% of the points", two_digits(100.0 * strays)));
-        line("mixed", &format!("{}% of the points, between two surfaces", two_digits(100.0 * mixed)));
+    if let Some(NeighbourhoodReport { points, strays, mixed, noise }) = &report.neighbourhoods {
+        let of = format!("of {} points that were looked at", grouped(*points));
+        line("strays", &format!("{}% {of}", two_digits(100.0 * strays)));
+        line("mixed", &format!("{}% of them, between two surfaces", two_digits(100.0 * mixed)));
         let unit = report.known_units.length().map_or(String::new(), |unit| format!(" {unit}"));
         line("noise", &noise.map_or("unknown: no surface".into(), |noise| format!("{}{unit}", two_digits(noise))));
     }

@@ -13,8 +13,6 @@ const NEIGHBOURS: usize = 16;
 /// The squared distances of 17 points from the plane that fits them best add up to the variance times a number whose
 /// median is this: chi squared with 14 degrees of freedom.
 const MEDIAN_SUM: f64 = 13.339;
-/// The most tiles that are searched, from all over the cloud: of some 50 thousand points each.
-const MOST_TILES: usize = 6;
 /// Where neighbourhoods are thicker than this share of their width, noise decides which points are neighbours, and the
 /// plane does not show it. Of fewer points, neighbours are further away.
 const THICKEST: f64 = 0.25;
@@ -36,9 +34,10 @@ pub struct Neighbourhoods {
     pub noise: Option<f64>,
 }
 
-/// Looks at the neighbours of up to some 300 thousand points, from all over the cloud. `None` when cancelled.
-pub fn neighbourhoods(chunks: &[Chunk], progress: &Progress) -> Option<Neighbourhoods> {
-    let mut looks = look(chunks, progress)?;
+/// Looks at the neighbours of the points in up to so many parts of some 50 thousand points, from all over the cloud. Few
+/// parts tell the noise, but not how many strays there are, which are in a few places. `None` when cancelled.
+pub fn neighbourhoods(chunks: &[Chunk], most_parts: usize, progress: &Progress) -> Option<Neighbourhoods> {
+    let mut looks = look(chunks, most_parts, progress)?;
     let (points, strays, mixed) = (looks.variances.len() as u64, looks.strays, looks.mixed);
     let mut thinned: Vec<Chunk> = Vec::new();
     for thinning in 0..MOST_THINNINGS {
@@ -53,7 +52,7 @@ pub fn neighbourhoods(chunks: &[Chunk], progress: &Progress) -> Option<Neighbour
         };
         let before = if thinned.is_empty() { chunks } else { &thinned };
         thinned = before.par_iter().map(thin).collect();
-        looks = look(&thinned, progress)?;
+        looks = look(&thinned, most_parts, progress)?;
     }
     let noise = if looks.is_flat() { median(&mut looks.variances).map(f64::sqrt) } else { None };
     Some(Neighbourhoods { points, strays, mixed, noise })
@@ -78,12 +77,14 @@ impl Looks {
     }
 }
 
-fn look(chunks: &[Chunk], progress: &Progress) -> Option<Looks> {
+fn look(chunks: &[Chunk], most_parts: usize, progress: &Progress) -> Option<Looks> {
     let points = Points::new(chunks);
     let tiles = Tiles::new(&points, progress)?;
-    let searched = tiles.len().min(MOST_TILES);
+    let searched = tiles.len().min(most_parts);
     let of_tile = |number: usize| {
-        let (mut own, mut points, tile) = (Looks::default(), Vec::new(), number * tiles.len() / searched);
+        // The first and the last tiles are corners of the cloud, where strays are more frequent.
+        let (mut own, mut points, tile) =
+            (Looks::default(), Vec::new(), (2 * number + 1) * tiles.len() / (2 * searched));
         let visit = |index: u32, surroundings: &mut Surroundings<'_, '_, NEIGHBOURS>| {
             let around = surroundings.neighbourhood();
             let shape = Shape::of(around);
@@ -149,7 +150,7 @@ mod tests {
     }
 
     fn noise_of(chunks: &[Chunk]) -> Option<f64> {
-        neighbourhoods(chunks, &Progress::default()).unwrap().noise
+        neighbourhoods(chunks, 6, &Progress::default()).unwrap().noise
     }
 
     #[test]
@@ -168,16 +169,16 @@ mod tests {
         assert_eq!(noise_of(&[Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]])]), None);
         assert_eq!(noise_of(&[]), None);
         let mut chunks = plane(40_000, 0.02);
-        let clean = neighbourhoods(&chunks, &Progress::default()).unwrap();
+        let clean = neighbourhoods(&chunks, 6, &Progress::default()).unwrap();
         assert_eq!(clean.points, 40_000);
         assert!(clean.strays < 8, "{} in corners", clean.strays);
         let above = |at: u32| tilted(DVec3::new(f64::from(40 + 60 * (at % 3)), f64::from(40 + 60 * (at / 3)), 12.0));
         chunks.push(Chunk::new(40_000, chunks[0].origin, (0..9).map(above).collect()));
-        let found = neighbourhoods(&chunks, &Progress::default()).unwrap();
+        let found = neighbourhoods(&chunks, 6, &Progress::default()).unwrap();
         assert_eq!(found.strays, clean.strays + 9);
         assert!((found.noise.unwrap() / clean.noise.unwrap() - 1.0).abs() < 0.01);
         let cancelled = Progress::default();
         cancelled.cancel();
-        assert_eq!(neighbourhoods(&chunks, &cancelled), None);
+        assert_eq!(neighbourhoods(&chunks, 6, &cancelled), None);
     }
 }

@@ -171,7 +171,7 @@ fn strays_are_counted_as_they_are_estimated() {
     let (points, ..) = edge();
     let [_, lone, mixed] = kinds(&surfels(&points).radii);
     let chunk = Chunk::new(0, DVec3::ZERO, points.iter().map(|point| point.to_array()).collect());
-    let found = neighbourhoods(&[chunk], &Progress::default()).unwrap();
+    let found = neighbourhoods(&[chunk], 6, &Progress::default()).unwrap();
     assert_eq!([found.strays, found.mixed], [lone as u64, mixed as u64]);
 }
 

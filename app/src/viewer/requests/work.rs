@@ -32,6 +32,9 @@ use crate::viewer::picture::capture::Captured;
 use crate::viewer::picture::messages::PickedPoint;
 use crate::viewer::requests::autosave::Keeper;
 
+/// The parts of a cloud of some 50 thousand points that tell its noise.
+const PARTS_FOR_NOISE: usize = 6;
+
 /// Work that the session asks for.
 pub enum Work {
     FindFigures {
@@ -332,8 +335,8 @@ impl Work {
                 found(Found::Figures { key, basis, figures });
             }
             Self::MeasureNoise { key, cloud } => {
-                let noise = cloud::neighbourhoods(&cloud.chunks, &Progress::default()).and_then(|found| found.noise);
-                found(Found::Noise { key, noise });
+                let neighbourhoods = cloud::neighbourhoods(&cloud.chunks, PARTS_FOR_NOISE, &Progress::default());
+                found(Found::Noise { key, noise: neighbourhoods.and_then(|found| found.noise) });
             }
             Self::FitRadii { key, cloud, up, scanner, settings, test, progress } => {
                 let radii = world::radii_of_shown(&cloud, up, scanner, &settings, &test, &progress);
