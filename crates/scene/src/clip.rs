@@ -196,7 +196,9 @@ impl Clip {
                 let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
                 let along = direction.normalize_or_zero() * (high - low).length() * 0.5;
                 let ends = |point: DVec3| match eye {
-                    Some(eye) => [*eye, *eye + (point - *eye) * 1.5].map(world),
+                    // Seen from the eye itself, where the polygon was drawn, a side is a point: near the eye, rounding
+                    // would lead it anywhere.
+                    Some(eye) => [0.001, 1.5].map(|share| world(*eye + (point - *eye) * share)),
                     None => [point - along, point + along].map(world),
                 };
                 let sides = points.iter().zip(points.iter().cycle().skip(1));
