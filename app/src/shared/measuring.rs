@@ -390,6 +390,15 @@ fn tilt(direction: DVec3, up: DVec3) -> f64 {
     direction.reject_from_normalized(up).length().atan2(direction.dot(up).abs()).to_degrees()
 }
 
+/// Where a plane falls most steeply, in degrees clockwise from y, which is north on a map. `None` where y points up,
+/// and of a level plane, which falls nowhere.
+fn dip_direction(normal: DVec3, up: DVec3) -> Option<f64> {
+    let north = DVec3::Y.reject_from_normalized(up).try_normalize()?;
+    let outward = if normal.dot(up) < 0.0 { -normal } else { normal };
+    let falls = outward.reject_from_normalized(up).try_normalize()?;
+    Some(falls.dot(north.cross(up)).atan2(falls.dot(north)).to_degrees().rem_euclid(360.0))
+}
+
 /// The components of the direction of a line, as that of its upper end.
 fn components(names: [&'static str; 3], direction: DVec3, up: DVec3) -> impl Iterator<Item = Figure> {
     let direction = if direction.dot(up) < 0.0 { -direction } else { direction };
@@ -401,11 +410,16 @@ fn plane(plane: &measure::Plane, up: DVec3) -> Vec<Figure> {
     // A level plane falls in no direction; it deviates alike in all.
     let fall = fall.unwrap_or_else(|| plane.normal.any_orthonormal_vector());
     let dip = tilt(plane.normal, up);
-    let mut figures = vec![
-        Figure::new(english!("dip"), Quantity::Angle, dip, Some(plane.tilt_deviation(fall).to_degrees())),
+    let mut figures =
+        vec![Figure::new(english!("dip"), Quantity::Angle, dip, Some(plane.tilt_deviation(fall).to_degrees()))];
+    if let Some(towards) = dip_direction(plane.normal, up) {
+        let across = plane.tilt_deviation(fall.cross(plane.normal)) / dip.to_radians().sin();
+        figures.push(Figure::new(english!("dip direction"), Quantity::Angle, towards, Some(across.to_degrees())));
+    }
+    figures.extend([
         Figure::new(english!("rms"), Quantity::Length, plane.rms, None),
         Figure::new(english!("points"), Quantity::Count, plane.points as f64, None),
-    ];
+    ]);
     figures.extend(components([english!("normal x"), english!("normal y"), english!("normal z")], plane.normal, up));
     figures
 }
@@ -513,6 +527,41 @@ mod tests {
             count[1] += usize::from(figures[0].interval().is_none_or(|interval| error <= interval));
         }
         count
+    }
+
+    #[test]
+    fn a_dip_direction_is_clockwise_from_north_to_where_the_plane_falls() {
+        let towards = |x: f64, y: f64, up| dip_direction(DVec3::new(x, y, 1.0).normalize(), up);
+        for (x, y, azimuth) in
+            [(0.0, 1.0, 0.0), (1.0, 0.0, 90.0), (0.0, -0.2, 180.0), (-3.0, 0.0, 270.0), (1.0, 1.0, 45.0)]
+        {
+            // The side to which a normal points does not count.
+            for side in [1.0, -1.0] {
+                let normal = side * DVec3::new(x, y, 1.0).normalize();
+                let found = dip_direction(normal, DVec3::Z).unwrap();
+                assert!((found - azimuth).abs() < 1e-9, "({x}, {y}): {found}");
+            }
+        }
+        assert_eq!((towards(0.0, 0.0, DVec3::Z), towards(0.1, 0.2, DVec3::Y)), (None, None));
+        // Slopes of 3 m along x and 3 mm of noise: the normal is off by as much in all directions.
+        let mut random = cloud::Random(5);
+        let slope = DVec3::new(1.0, 0.0, -0.5);
+        let mut azimuths = Vec::new();
+        let mut deviation = 0.0;
+        for _ in 0..200 {
+            let mut share = || random.below(1 << 30) as f64 / f64::from(1 << 30);
+            let mut point = || {
+                let noise = 0.003 * (0..12).map(|_| share()).sum::<f64>() - 0.018;
+                slope * (3.0 * share()) + DVec3::Y * (3.0 * share()) + DVec3::new(0.5, 0.0, 1.0).normalize() * noise
+            };
+            let points: Vec<DVec3> = (0..100).map(|_| point()).collect();
+            let figures = plane(&measure::plane(&points).unwrap(), DVec3::Z);
+            let figure = figures.iter().find(|figure| figure.name == "dip direction").unwrap();
+            azimuths.push(figure.value - 90.0);
+            deviation = figure.deviation.unwrap();
+        }
+        let scatter = (azimuths.iter().map(|off| off * off).sum::<f64>() / azimuths.len() as f64).sqrt();
+        assert!((deviation / scatter - 1.0).abs() < 0.25, "{deviation}°, and {scatter}° in truth");
     }
 
     #[test]
