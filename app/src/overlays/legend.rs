@@ -9,7 +9,7 @@ use scene::Ramp;
 use stream::COMPARED;
 
 use super::ground;
-use crate::shared::language::text;
+use crate::shared::language::{text, translated};
 use crate::shared::steps;
 
 /// The most numbers beside a ramp.
@@ -124,7 +124,10 @@ fn class_rows(classes: &[u8]) -> Vec<(String, Color32)> {
     let shown = if classes.len() > MOST_CLASSES { MOST_CLASSES - 1 } else { classes.len() };
     let row = |class: &u8| {
         let [red, green, blue, _] = class_color(*class);
-        (format!("{class}  {}", class_name(*class)).trim_end().to_owned(), Color32::from_rgb(red, green, blue))
+        (
+            format!("{class}  {}", translated(class_name(*class))).trim_end().to_owned(),
+            Color32::from_rgb(red, green, blue),
+        )
     };
     let mut rows: Vec<(String, Color32)> = classes[..shown].iter().map(row).collect();
     if shown < classes.len() {

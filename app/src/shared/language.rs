@@ -72,6 +72,11 @@ pub fn in_english<T>(make: impl FnOnce() -> T) -> T {
     made
 }
 
+/// Whether this thread speaks English.
+pub fn is_english() -> bool {
+    SPOKEN.get().is_none()
+}
+
 /// The text in the language of this thread, or itself where there is none.
 pub fn translated(english: &str) -> &str {
     SPOKEN.get().and_then(|table| table.get(english)).map_or(english, String::as_str)

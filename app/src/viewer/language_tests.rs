@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use param::Kind;
+use render::class_name;
 use scene::{ClipShape, Language, METHODS, MeasurementKind, PRESETS, Settings, Shape};
 
 use crate::shared::language::{self, translated};
@@ -85,6 +86,7 @@ fn texts() -> BTreeSet<String> {
     texts.extend([ClipShape::Box, ClipShape::Sphere, ClipShape::Slab].map(|shape| shape.name().to_owned()));
     let kinds = ["mirror", "light", "clip", "measurement", "note", "profile"];
     texts.extend(kinds.map(str::to_owned));
+    texts.extend((0..=u8::MAX).map(|class| class_name(class).to_owned()).filter(|name| !name.is_empty()));
     texts.extend(MeasurementKind::ALL.map(|kind| kind.name().to_owned()));
     texts
 }

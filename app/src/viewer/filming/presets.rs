@@ -44,6 +44,9 @@ pub fn path(preset: PathPreset, height: f64, scene: &Scene, around: &Around<'_>)
     let selected = scene.selected.and_then(|id| scene.objects.get(id));
     let mut path = match preset {
         PathPreset::View => still("path", scene.camera),
+        PathPreset::Bookmarks if scene.objects.bookmarks.is_empty() => {
+            return Err(text!("Keep the view as a bookmark first").to_owned());
+        }
         PathPreset::Bookmarks => {
             let mut path = CameraPath { name: "tour".into(), ..CameraPath::default() };
             for (index, bookmark) in scene.objects.bookmarks.iter().enumerate() {

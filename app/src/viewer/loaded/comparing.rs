@@ -93,9 +93,10 @@ impl Loaded {
         }
         let settings = Box::new(beside.scene.settings.clone());
         let objects = &beside.scene.objects;
+        let how = if *is_m3c2 { "M3C2" } else { text!("nearest points") };
         Ok(Comparing {
             key: first.key,
-            what: format!("{} to {to}, {}", first.cloud.name, if *is_m3c2 { "M3C2" } else { "nearest points" }),
+            what: text!("{first} to {second}, {how}", first = first.cloud.name, second = to, how),
             first: ends(first)?,
             second,
             method: if *is_m3c2 { Method::M3c2(*scales) } else { Method::Nearest },

@@ -1,9 +1,12 @@
 //! Small widgets that several panels share. They know egui and plain values, but not the session.
 
+use std::ops::RangeInclusive;
+
+use egui::emath::Numeric;
 use egui::{Sense, Ui};
 use glam::DVec3;
 
-use crate::shared::language::text;
+use crate::shared::language::{is_english, text};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 
@@ -54,6 +57,28 @@ pub fn choice<'a, T: PartialEq + Copy>(
     .inner
 }
 
+/// The number that a person typed, with a decimal point or comma; `None` where that is not sure: a comma before three
+/// digits separates thousands in English.
+fn typed_number(text: &str) -> Option<f64> {
+    let text: String = text.chars().filter(|letter| !letter.is_whitespace()).collect();
+    let is_of_thousands = |(_, after): (&str, &str)| is_english() && after.len() == 3;
+    if text.split_once(',').is_some_and(is_of_thousands) {
+        return None;
+    }
+    text.replace(',', ".").replace('−', "-").parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// A field for a number that is dragged or typed. What is typed counts once it is complete; what is no number changes
+/// nothing.
+pub fn number_field<N: Numeric>(value: &mut N) -> egui::DragValue<'_> {
+    egui::DragValue::new(value).custom_parser(typed_number).update_while_editing(false)
+}
+
+/// A slider with such a field.
+pub fn number_slider<N: Numeric>(value: &mut N, range: RangeInclusive<N>) -> egui::Slider<'_> {
+    egui::Slider::new(value, range).custom_parser(typed_number).update_while_editing(false)
+}
+
 /// Draws a line with a slider.
 pub fn slider(ui: &mut Ui, name: &str, slider: egui::Slider<'_>) -> egui::Response {
     ui.horizontal(|ui| {
@@ -69,7 +94,7 @@ pub fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
     let range = largest * 1e-4..=largest;
     ui.horizontal(|ui| {
         let label = name_label(ui, name);
-        ui.add(egui::Slider::new(value, range).logarithmic(true)).labelled_by(label.id);
+        ui.add(number_slider(value, range).logarithmic(true)).labelled_by(label.id);
     });
 }
 
@@ -82,7 +107,7 @@ pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) ->
         ui.spacing_mut().button_padding.x = 2.0;
         let width = ((ui.available_width() - 6.0) / 3.0).floor().max(40.0);
         for axis in 0..3 {
-            let drag = egui::DragValue::new(&mut edited[axis]).speed(speed).suffix(suffix).max_decimals(4);
+            let drag = number_field(&mut edited[axis]).speed(speed).suffix(suffix).max_decimals(4);
             ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);
         }
     };
@@ -96,6 +121,12 @@ pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) ->
         ui.horizontal(|ui| fields(ui, &label));
     }
     (edited != value && edited.is_finite()).then_some(edited)
+}
+
+/// Draws the entries of a menu that may have more than fit into the window, and scrolls them then.
+pub fn tall_menu(ui: &mut Ui, entries: impl FnOnce(&mut Ui)) {
+    let height = ui.ctx().content_rect().height();
+    egui::ScrollArea::vertical().max_height(0.6 * height).show(ui, entries);
 }
 
 /// Draws an open or closed eye that can be clicked. Screen readers read `of` aloud.
@@ -179,6 +210,51 @@ mod tests {
         let text = progress_text(1_000_000, 301_000_000, Some(1_000_000.0));
         assert_eq!(text, "1,000,000 of 301,000,000 · 1.00 M/s · 5 min left");
         assert_eq!(progress_text(5, 0, None), "5");
+    }
+
+    #[test]
+    fn numbers_have_a_decimal_point_or_comma_and_what_is_not_sure_is_none() {
+        let speak = |language| crate::shared::language::speak(language);
+        speak(scene::Language::English);
+        let typed = [("1.5", Some(1.5)), (" −2,25 ", Some(-2.25)), ("1e3", Some(1000.0)), ("1 234.5", Some(1234.5))];
+        for (text, number) in typed {
+            assert_eq!(typed_number(text), number, "{text}");
+        }
+        for text in ["1,234", "1,234.5", "1.234,5", "1,2,3", "nan", "inf", "1e999", "", "two"] {
+            assert_eq!(typed_number(text), None, "{text}");
+        }
+        speak(scene::Language::German);
+        let german = ["1,234", "0,5", "1.234", "1.234,5"].map(typed_number);
+        speak(scene::Language::English);
+        assert_eq!(german, [Some(1.234), Some(0.5), Some(1.234), None]);
+    }
+
+    #[test]
+    fn a_field_takes_a_decimal_comma_and_keeps_its_number_where_none_is_typed() {
+        use egui_kittest::kittest::Queryable as _;
+        let mut harness = egui_kittest::Harness::new_ui_state(
+            |ui, value: &mut f64| {
+                let label = ui.label("Size");
+                ui.add(number_field(value).range(0.0..=10.0)).labelled_by(label.id);
+            },
+            1.0,
+        );
+        let mut typed = |text: &str| {
+            harness.get_by_role(egui::Role::SpinButton).focus();
+            harness.run();
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+            harness.run();
+            let field = harness.get_by(|node| node.is_focused());
+            field.type_text(text);
+            harness.run();
+            let while_typed = *harness.state();
+            harness.key_press(egui::Key::Enter);
+            harness.run();
+            (while_typed, *harness.state())
+        };
+        assert_eq!(typed("2,5"), (1.0, 2.5), "what is typed counts once it is complete");
+        assert_eq!(typed("nan"), (2.5, 2.5));
+        assert_eq!(typed("1e30"), (2.5, 10.0));
     }
 
     #[test]

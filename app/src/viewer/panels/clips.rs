@@ -10,7 +10,7 @@ use scene::{Clip, ClipShape, Filter, Keep, Object};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{choice, eye, name_label, three};
+use crate::viewer::look::widgets::{choice, eye, name_label, number_field, tall_menu, three};
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedClip};
 use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};
@@ -55,7 +55,8 @@ fn hidden_classes(ui: &mut Ui, hidden: &BTreeSet<u8>, actions: &mut Vec<Action>)
             let all = ui.small_button(text!("Show all")).on_hover_text(text!("Shows the points of all classes"));
             actions.extend(all.clicked().then(|| Action::ShowClasses(hidden.iter().copied().collect(), true)));
             ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-                let names: Vec<String> = hidden.iter().map(|class| format!("{class} {}", class_name(*class))).collect();
+                let names: Vec<String> =
+                    hidden.iter().map(|class| format!("{class} {}", translated(class_name(*class)))).collect();
                 let text = text!("Hidden: {names}", names = names.join(", ").trim_end());
                 ui.add(egui::Label::new(RichText::new(text).color(theme::ACCENT)).truncate());
             });
@@ -190,13 +191,16 @@ fn filter_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if names.is_empty() {
             ui.label(text!("no attributes"));
         }
-        for name in names {
-            if ui.button(name).clicked() {
-                let (low, high) = handles_of(session, name).unwrap_or(usual_range(name));
-                let added = Filter { attribute: name.to_owned(), low, high };
-                actions.push(Action::Clip(Clipping::Filter(known.iter().cloned().chain([added]).collect())));
+        tall_menu(ui, |ui| {
+            for name in names {
+                if ui.button(name).clicked() {
+                    let (low, high) = handles_of(session, name).unwrap_or(usual_range(name));
+                    let added = Filter { attribute: name.to_owned(), low, high };
+                    actions.push(Action::Clip(Clipping::Filter(known.iter().cloned().chain([added]).collect())));
+                    ui.close();
+                }
             }
-        }
+        });
     });
 }
 
@@ -257,7 +261,7 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 let label = name_label(ui, filter.attribute.as_str());
                 let (low, high) = (filter.low, filter.high);
                 let drag = |value| {
-                    let drag = egui::DragValue::new(value).speed((high - low).abs().min(1e3) * 0.005 + 1e-3);
+                    let drag = number_field(value).speed((high - low).abs().min(1e3) * 0.005 + 1e-3);
                     drag.custom_formatter(|value, decimals| match value {
                         f64::NEG_INFINITY => text!("lowest").into(),
                         f64::INFINITY => text!("highest").into(),
@@ -302,6 +306,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::objects::figures::Figures;
+    use crate::viewer::requests::action::Measuring;
     use crate::viewer::requests::outside::{Asked, Effect};
     use crate::viewer::requests::work::Work;
 
@@ -366,7 +371,19 @@ mod tests {
             session.act(Action::PointAt(Some(pixel)));
             session.act(Action::Pick);
         }
-        assert_eq!(session.tools.prism.as_ref().map(|draft| draft.corners.len()), Some(3));
+        let corners = |session: &Session| session.tools.prism.as_ref().map(|draft| draft.corners.len());
+        assert_eq!(corners(session), Some(3));
+        // Backspace and undo take the last corner back, and Enter closes no polygon of two.
+        session.act(Action::Undo);
+        session.act(Action::Measuring(Measuring::End));
+        assert_eq!(corners(session), Some(2));
+        session.act(Action::Measuring(Measuring::RemoveCorner));
+        assert_eq!(corners(session), Some(1));
+        for pixel in [[300, 100], [200, 250]] {
+            session.act(Action::PointAt(Some(pixel)));
+            session.act(Action::Pick);
+        }
+        assert_eq!((corners(session), session.scene.objects.clips.len()), (Some(3), 0));
         session.act(Action::PointAt(Some([101, 101])));
         session.act(Action::Pick);
         assert!(session.tools.prism.is_none());

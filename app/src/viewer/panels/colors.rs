@@ -8,7 +8,7 @@ use render::{class_color, class_name, ramp_colors};
 use scene::{ColorBy, Ramp};
 
 use crate::overlays::legend;
-use crate::shared::language::text;
+use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{eye, name_label};
@@ -200,7 +200,7 @@ fn class_list(ui: &mut Ui, session: &Session, classes: &BTreeMap<u8, u64>, actio
     });
     for (class, count) in classes {
         let visible = !session.scene.objects.visibility.hidden_classes.contains(class);
-        let name = class_name(*class);
+        let name = translated(class_name(*class));
         let name = if name.is_empty() { text!("user-defined or reserved") } else { name };
         ui.horizontal(|ui| {
             if eye(ui, visible, &text!("class {class}", class)).clicked() {

@@ -10,7 +10,7 @@ use crate::viewer::input;
 use crate::viewer::jobs::comparisons::{CompareDraft, Compared, Second};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
-use crate::viewer::look::widgets::{name_label, progress_bar};
+use crate::viewer::look::widgets::{name_label, number_field, progress_bar};
 use crate::viewer::panels::overlay;
 use crate::viewer::panels::truth::{divide, split, tag};
 use crate::viewer::requests::action::{Action, Compare, KeptStep};
@@ -174,7 +174,7 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         length(ui, text!("Reach"), reach, text!("How far the cylinder reaches to either side"));
         ui.horizontal(|ui| {
             let label = name_label(ui, text!("Registration"));
-            let drag = egui::DragValue::new(registration).speed(0.001).range(0.0..=f64::MAX).max_decimals(4);
+            let drag = number_field(registration).speed(0.001).range(0.0..=1e9).max_decimals(4);
             let help = text!(
                 "Standard deviation of how far the clouds are off as a whole: 1.96 times as much is added to every \
                         level of detection"
@@ -268,7 +268,7 @@ fn length(ui: &mut Ui, name: &str, value: &mut Option<f64>, help: &str) {
         let is_changed = ui.checkbox(&mut is_given, "").labelled_by(label.id).on_hover_text(help).changed();
         match value {
             Some(length) => {
-                let drag = egui::DragValue::new(length).speed(0.01).range(1e-6..=f64::MAX).max_decimals(4);
+                let drag = number_field(length).speed(0.01).range(1e-6..=1e9).max_decimals(4);
                 ui.add(drag).labelled_by(label.id).on_hover_text(help);
             }
             None if name == text!("Core points") => {
@@ -285,7 +285,9 @@ fn length(ui: &mut Ui, name: &str, value: &mut Option<f64>, help: &str) {
 fn result(ui: &mut Ui, compared: &Compared, unit: &str) {
     ui.label(RichText::new(&compared.what).small().color(theme::WEAK));
     let DistanceFigures { points, mean, median, std, p95, max, .. } = compared.figures;
-    let number = |value: f64| format!("{value:.4}{unit}");
+    // Three digits of the spread count, also where a small thing is compared in metres.
+    let decimals = if std > 0.0 { (2.0 - std.log10().floor()).clamp(4.0, 12.0) as usize } else { 4 };
+    let number = |value: f64| format!("{value:.decimals$}{unit}");
     let significant = compared.significant.map(|share| format!("{:.1} %", share * 100.0));
     let lines = [
         (text!("Points"), Some(grouped(points)), text!("Those that have a distance")),

@@ -5,6 +5,7 @@ use glam::DVec3;
 use scene::Measurement;
 
 use crate::overlays::labels::{label, lines};
+use crate::shared::language::translated;
 use crate::viewer::look::theme;
 use crate::viewer::session::Session;
 use crate::viewer::tools::measurements::units;
@@ -31,7 +32,7 @@ pub fn placing(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, sessio
         painter.line_segment([last, pointer], Stroke::new(1.0, theme::ACCENT));
     }
     if let Some(figure) = placing.live(session.scene.hovered(), session.up()).first() {
-        let text = format!("{}  {}", figure.name, figure.text(&units(&session.loaded)));
+        let text = format!("{}  {}", translated(figure.name), figure.text(&units(&session.loaded)));
         label(painter, pointer + vec2(14.0, 0.0), &text, theme::ACCENT, false, size);
     }
 }

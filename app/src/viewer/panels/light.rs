@@ -7,7 +7,7 @@ use scene::{ExposureFit, Lighting, Object, SpotLight};
 
 use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{name_label, three};
+use crate::viewer::look::widgets::{name_label, number_field, three};
 use crate::viewer::objects::{ObjectId, PlacedLight};
 use crate::viewer::panels::mirrors::object_list;
 use crate::viewer::panels::parameters::{parameter, parameters};
@@ -132,12 +132,12 @@ fn explanation(session: &Session) -> &'static str {
         Lighting::Lights => text!("The lights of the scene."),
         Lighting::Sun if is_auto => text!("No lights in the scene, and the sky is open."),
         Lighting::Sun => text!("A sun and a sky."),
+        Lighting::Colors if by == Lighting::Auto => text!("The scan's own colours; press U for light."),
         _ if is_auto && session.loaded.is_loading() => text!("A lamp at the eye until everything is read."),
         _ if is_auto && session.scene.objects.has_guess() => {
             text!("A lamp at the eye; in the room, the lamp that is guessed.")
         }
         Lighting::Headlight if is_auto => text!("No lights in the scene: a lamp at the eye."),
-        Lighting::Colors if by == Lighting::Auto => text!("The scan's own colours; press U for light."),
         Lighting::Headlight | Lighting::Auto | Lighting::Surroundings => text!("A lamp at the eye."),
         Lighting::Colors => text!("Data colours, no light."),
     }
@@ -161,7 +161,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, a
         let mut edited = strength;
         // Editing stops above 0, where the light would lose its colour. To show a light of strength 0 does not change
         // it.
-        let drag = egui::DragValue::new(&mut edited).range(1e-6..=f32::MAX).clamp_existing_to_range(false);
+        let drag = number_field(&mut edited).range(1e-6..=1e12).clamp_existing_to_range(false);
         let drag = drag.speed((strength * 0.01).max(1e-3));
         let is_edited =
             ui.add(drag).labelled_by(label.id).on_hover_text(text!("Radiant intensity, per steradian")).changed();
@@ -176,8 +176,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, a
     });
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Cone"));
-        let angle =
-            |value| egui::DragValue::new(value).speed(0.2).suffix("°").max_decimals(3).clamp_existing_to_range(false);
+        let angle = |value| number_field(value).speed(0.2).suffix("°").max_decimals(3).clamp_existing_to_range(false);
         let (inner, outer) = (light.inner_degrees, light.outer_degrees);
         let inner_drag = angle(&mut light.inner_degrees).range(0.0..=outer);
         ui.add(inner_drag).labelled_by(label.id).on_hover_text(text!("From the axis: as bright as it gets up to here"));

@@ -8,7 +8,7 @@ use crate::shared::language::{text, translated};
 use crate::viewer::loaded::streams;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
-use crate::viewer::look::widgets::{choice, length, name_label, slider};
+use crate::viewer::look::widgets::{choice, length, name_label, number_field, number_slider, slider};
 use crate::viewer::objects::Marking;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::panels::mirrors;
@@ -74,17 +74,13 @@ fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft,
     match draft.normals {
         NormalsWay::Smooth => length(ui, text!("Radius"), &mut draft.radius, radius * 0.2),
         NormalsWay::Fit => {
-            slider(ui, text!("Neighbours"), egui::Slider::new(&mut draft.neighbours, 3..=64));
+            slider(ui, text!("Neighbours"), number_slider(&mut draft.neighbours, 3..=64));
         }
         NormalsWay::Own | NormalsWay::Flatten => {}
     }
-    slider(ui, text!("Intensity"), egui::Slider::new(&mut draft.specular_intensity, 0.0..=1.0));
-    slider(
-        ui,
-        text!("Specular power"),
-        egui::Slider::new(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true),
-    )
-    .on_hover_text(text!("Sharpness of the highlights that they show of lights; 0: none"));
+    slider(ui, text!("Intensity"), number_slider(&mut draft.specular_intensity, 0.0..=1.0));
+    slider(ui, text!("Specular power"), number_slider(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true))
+        .on_hover_text(text!("Sharpness of the highlights that they show of lights; 0: none"));
     if draft.specular_power > 0.0 {
         ui.horizontal(|ui| {
             let label = name_label(ui, text!("Highlights only"));
@@ -138,8 +134,10 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
             {
                 draft.class = *first;
             }
-            let names: Vec<(u8, String)> =
-                classes.iter().map(|(class, _)| (*class, format!("{class} {}", render::class_name(*class)))).collect();
+            let names: Vec<(u8, String)> = classes
+                .iter()
+                .map(|(class, _)| (*class, format!("{class} {}", translated(render::class_name(*class)))))
+                .collect();
             choice(ui, text!("Class"), &mut draft.class, names.iter().map(|(class, name)| (*class, name.as_str())));
             if classes.is_empty() {
                 ui.label(RichText::new(text!("This cloud has no classes.")).small().color(theme::WEAK));
@@ -168,8 +166,8 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
             ui.horizontal(|ui| {
                 let label = name_label(ui, text!("From, to"));
                 let speed = ((draft.high - draft.low).abs() * 0.005).max(1e-6);
-                ui.add(egui::DragValue::new(&mut draft.low).speed(speed)).labelled_by(label.id);
-                ui.add(egui::DragValue::new(&mut draft.high).speed(speed)).labelled_by(label.id);
+                ui.add(number_field(&mut draft.low).speed(speed)).labelled_by(label.id);
+                ui.add(number_field(&mut draft.high).speed(speed)).labelled_by(label.id);
             });
         }
     }

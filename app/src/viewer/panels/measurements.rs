@@ -6,7 +6,7 @@ use scene::{Measurement, MeasurementKind, Note, Object};
 use crate::shared::language::{text, translated};
 use crate::shared::measuring::Figure;
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{eye, name_label};
+use crate::viewer::look::widgets::{eye, name_label, number_field};
 use crate::viewer::objects::{ObjectId, PlacedMeasurement, PlacedNote};
 use crate::viewer::requests::action::{Action, Measuring};
 use crate::viewer::requests::bindings;
@@ -170,7 +170,7 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
             let shown = if is_selected { figures.len() } else { Figure::main_ones(measurement.kind) };
             egui::Grid::new("figures").num_columns(2).spacing([12.0, 1.0]).show(ui, |ui| {
                 for figure in figures.iter().take(shown) {
-                    ui.label(RichText::new(figure.name).size(12.0).color(theme::WEAK));
+                    ui.label(RichText::new(translated(figure.name)).size(12.0).color(theme::WEAK));
                     let text = RichText::new(figure.text(&units)).monospace().size(12.0);
                     ui.add(egui::Label::new(text).selectable(true));
                     ui.end_row();
@@ -207,7 +207,7 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Measurement, a
     if let Some(reach) = &mut measurement.reach {
         ui.horizontal(|ui| {
             let label = name_label(ui, text!("Reach"));
-            let drag = egui::DragValue::new(reach).speed(before.reach.unwrap_or(1.0) * 0.01).range(1e-9..=1e9);
+            let drag = number_field(reach).speed(before.reach.unwrap_or(1.0) * 0.01).range(1e-9..=1e9);
             ui.add(drag).labelled_by(label.id);
         });
     }
@@ -233,7 +233,7 @@ fn level(ui: &mut Ui, measurement: &mut Measurement, session: &Session) {
             measurement.level = is_level.then(|| heights.fold(f64::INFINITY, f64::min));
         }
         if let Some(level) = &mut measurement.level {
-            ui.add(egui::DragValue::new(level).speed(0.01)).accessible_name(text!("Height of the plane"));
+            ui.add(number_field(level).speed(0.01)).accessible_name(text!("Height of the plane"));
         }
     });
 }
@@ -514,6 +514,8 @@ mod tests {
         click(session, Some(0));
         click(session, Some(0));
         session.act(Action::Measuring(Measuring::RemoveCorner));
+        click(session, Some(0));
+        session.act(Action::Undo);
         // A double-click ends with the answer to its first click.
         session.act(Action::PointAt(Some([10, 10])));
         session.act(Action::Pick);

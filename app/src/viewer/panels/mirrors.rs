@@ -6,7 +6,7 @@ use scene::{METHODS, Method, Mirror, MirrorSurface, Object, REFRACTION, Shape};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{choice, name_label, slider, three};
+use crate::viewer::look::widgets::{choice, name_label, number_field, number_slider, slider, three};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::panels::marking;
 use crate::viewer::requests::action::{Action, Filing};
@@ -74,13 +74,13 @@ fn inspection(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(before) = session.tools.inspection.as_ref().map(|held| held.pose) else { return };
     let mut pose = before;
     ui.label(RichText::new(text!("Click pins it, Esc takes it away.")).small().color(theme::WEAK));
-    slider(ui, text!("Distance"), egui::Slider::new(&mut pose.distance, 0.005..=0.9).logarithmic(true))
+    slider(ui, text!("Distance"), number_slider(&mut pose.distance, 0.005..=0.9).logarithmic(true))
         .on_hover_text(text!("From the surface, as a share of the way to the eye"));
     let mut tilt = pose.tilt.to_degrees();
-    if slider(ui, text!("Tilt"), egui::Slider::new(&mut tilt, -170.0..=170.0).suffix("°")).changed() {
+    if slider(ui, text!("Tilt"), number_slider(&mut tilt, -170.0..=170.0).suffix("°")).changed() {
         pose.tilt = tilt.to_radians();
     }
-    slider(ui, text!("Size"), egui::Slider::new(&mut pose.size, 0.01..=0.5).logarithmic(true))
+    slider(ui, text!("Size"), number_slider(&mut pose.size, 0.01..=0.5).logarithmic(true))
         .on_hover_text(text!("Half its width, as a share of the way to the eye"));
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Bulged"));
@@ -142,8 +142,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
     }
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Size"));
-        let drag =
-            egui::DragValue::new(&mut mirror.size).speed(step).range(f64::MIN_POSITIVE..=f64::MAX).max_decimals(6);
+        let drag = number_field(&mut mirror.size).speed(step).range(1e-9..=1e9).max_decimals(6);
         ui.add(drag).labelled_by(label.id);
     });
     let angles = remembered_angles(ui, mirror.rotation, session.up());
@@ -153,15 +152,15 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
     }
     match &mut mirror.shape {
         Shape::Plane { height } => {
-            drop(slider(ui, text!("Height"), egui::Slider::new(height, 0.01..=10.0).logarithmic(true)))
+            drop(slider(ui, text!("Height"), number_slider(height, 0.01..=10.0).logarithmic(true)))
         }
         Shape::Cylinder { height } => {
-            slider(ui, text!("Height"), egui::Slider::new(height, 0.01..=100.0).logarithmic(true));
+            slider(ui, text!("Height"), number_slider(height, 0.01..=100.0).logarithmic(true));
         }
         Shape::Paraboloid { focal_length } => {
-            slider(ui, text!("Focal length"), egui::Slider::new(focal_length, 0.05..=50.0).logarithmic(true));
+            slider(ui, text!("Focal length"), number_slider(focal_length, 0.05..=50.0).logarithmic(true));
         }
-        Shape::Torus { tube } => drop(slider(ui, text!("Tube"), egui::Slider::new(tube, 0.01..=0.99))),
+        Shape::Torus { tube } => drop(slider(ui, text!("Tube"), number_slider(tube, 0.01..=0.99))),
         Shape::Mesh(mesh) => {
             ui.label(RichText::new(&mesh.name).color(theme::WEAK));
             if session.scene.settings.mirror.surface == MirrorSurface::Exact {
@@ -171,14 +170,10 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
         }
         Shape::Sphere | Shape::Blob | Shape::Coral => {}
     }
-    slider(ui, text!("Intensity"), egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
+    slider(ui, text!("Intensity"), number_slider(&mut mirror.specular_intensity, 0.0..=1.0))
         .on_hover_text(text!("Share of the light that is reflected; the rest is diffuse"));
-    slider(
-        ui,
-        text!("Specular power"),
-        egui::Slider::new(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true),
-    )
-    .on_hover_text(text!("Sharpness of the highlights that it shows of lights; 0: none"));
+    slider(ui, text!("Specular power"), number_slider(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true))
+        .on_hover_text(text!("Sharpness of the highlights that it shows of lights; 0: none"));
     if mirror.shape.has_formula() {
         refraction(ui, &mut mirror.refraction);
     }
@@ -218,7 +213,7 @@ pub fn refraction(ui: &mut Ui, refraction: &mut Option<f32>) {
         }
     });
     if let Some(index) = refraction {
-        slider(ui, text!("Refraction"), egui::Slider::new(index, REFRACTION).max_decimals(3))
+        slider(ui, text!("Refraction"), number_slider(index, REFRACTION).max_decimals(3))
             .on_hover_text(text!("Index of refraction: water 1.33, glass 1.5"));
     }
 }

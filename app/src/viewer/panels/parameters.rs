@@ -7,7 +7,7 @@ use param::{Field, Group, Kind, Params, Value};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::name_label;
+use crate::viewer::look::widgets::{name_label, number_field, number_slider};
 use crate::viewer::requests::action::Action;
 use crate::viewer::scene::idle;
 
@@ -175,7 +175,7 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             ui.checkbox(&mut on, "").labelled_by(label).changed().then_some(Value::Bool(on))
         }
         (Kind::F32 { min, max, .. }, Value::F32(mut number)) => {
-            let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
+            let slider = number_slider(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
             // A logarithmic slider that begins at 0 spans four decades, with 0 at its end.
             let slider = slider.smallest_positive(f64::from(*max) * 1e-4);
             let decimals = (4 - max.log10().floor() as i32).max(3) as usize;
@@ -185,11 +185,11 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
         }
         // A slider over all 32-bit numbers would be of no use, so these are dragged and typed.
         (Kind::U32 { min, max: u32::MAX, .. }, Value::U32(mut number)) => {
-            let drag = egui::DragValue::new(&mut number).range(*min..=u32::MAX);
+            let drag = number_field(&mut number).range(*min..=u32::MAX);
             ui.add(drag).labelled_by(label).changed().then_some(Value::U32(number))
         }
         (Kind::U32 { min, max, .. }, Value::U32(mut number)) => {
-            let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
+            let slider = number_slider(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
             ui.add(slider.suffix(suffix(field.unit))).labelled_by(label).changed().then_some(Value::U32(number))
         }
         (Kind::Choice { names, .. }, Value::Choice(index)) => {
@@ -218,7 +218,7 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
         }
         (Kind::Bytes { min, max, .. }, Value::Bytes(bytes)) => {
             let mut number = bytes.0 as f64;
-            let slider = egui::Slider::new(&mut number, min.0 as f64..=max.0 as f64).logarithmic(true);
+            let slider = number_slider(&mut number, min.0 as f64..=max.0 as f64).logarithmic(true);
             let slider = slider
                 .custom_formatter(|number, _| param::Bytes(number as u64).to_string())
                 .custom_parser(|text| text.parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64));

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use egui::{DragValue, Key, RichText};
+use egui::{Key, RichText};
 
 use crate::shared::command_line::LARGEST_SIDE;
 use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::name_label;
+use crate::viewer::look::widgets::{name_label, number_field};
 use crate::viewer::requests::action::{Action, PictureDraft, SavePicture};
 use crate::viewer::session::Session;
 
@@ -58,7 +58,7 @@ fn size_line(ui: &mut egui::Ui, shown: [u32; 2], draft: &mut PictureDraft) {
             if axis == 1 {
                 ui.label("×");
             }
-            ui.add(DragValue::new(side).range(1..=LARGEST_SIDE).speed(4.0)).labelled_by(label.id);
+            ui.add(number_field(side).range(1..=LARGEST_SIDE).speed(4.0)).labelled_by(label.id);
         }
     });
     ui.horizontal_wrapped(|ui| {

@@ -12,7 +12,7 @@ use crate::shared::profile_chart::{self, axis_units, in_brackets};
 use crate::shared::profile_intervals::of_reading;
 use crate::viewer::jobs::slices::{Slice, SlicePoint};
 use crate::viewer::look::theme::{self, grouped};
-use crate::viewer::look::widgets::{eye, name_label};
+use crate::viewer::look::widgets::{eye, name_label, number_field};
 use crate::viewer::objects::{ObjectId, PlacedProfile};
 use crate::viewer::panels::profile_ruler::{TOO_THIN, length, ruler};
 use crate::viewer::requests::action::{Action, Measuring, Profiling};
@@ -93,7 +93,7 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actio
     });
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Thickness"));
-        let drag = egui::DragValue::new(&mut profile.width).speed(before.width * 0.01).range(1e-6..=1e9);
+        let drag = number_field(&mut profile.width).speed(before.width * 0.01).range(1e-6..=1e9);
         ui.add(drag).labelled_by(label.id);
         if let Some(unit) = axis_units(&units(&session.loaded), session.scene.up(&session.loaded.clouds))[0] {
             ui.label(RichText::new(unit.to_string()).color(theme::WEAK));
@@ -109,9 +109,9 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actio
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         let label = name_label(ui, text!("Copies"));
-        ui.add(egui::DragValue::new(&mut count).range(1..=MOST_STACKED)).labelled_by(label.id);
+        ui.add(number_field(&mut count).range(1..=MOST_STACKED)).labelled_by(label.id);
         ui.label(text!("at"));
-        let every = ui.add(egui::DragValue::new(&mut spacing).speed(before.width * 0.05).max_decimals(4));
+        let every = ui.add(number_field(&mut spacing).speed(before.width * 0.05).max_decimals(4));
         every
             .accessible_name(text!("Spacing of the copies"))
             .on_hover_text(text!("How far each copy is from the one before"));

@@ -2,11 +2,11 @@
 
 use std::sync::atomic::Ordering;
 
-use egui::{DragValue, RichText, Ui};
+use egui::{RichText, Ui};
 
 use crate::shared::language::text;
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{name_label, progress_bar};
+use crate::viewer::look::widgets::{name_label, number_field, progress_bar};
 use crate::viewer::requests::action::{Action, Film};
 use crate::viewer::requests::bindings;
 use crate::viewer::requests::recording::Wanted;
@@ -68,7 +68,7 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
     });
     line(ui, text!("Size"), &mut |ui, label| {
         for side in &mut wanted.size {
-            ui.add(DragValue::new(side).range(16..=16384).speed(2.0)).labelled_by(label);
+            ui.add(number_field(side).range(16..=16384).speed(2.0)).labelled_by(label);
         }
         for size in [[1280, 720], [1920, 1080], [3840, 2160]] {
             if ui.small_button(format!("{} × {}", size[0], size[1])).clicked() {
@@ -77,7 +77,7 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
         }
     });
     line(ui, text!("Frame rate"), &mut |ui, label| {
-        ui.add(DragValue::new(&mut wanted.fps).range(1..=1000).suffix(text!(" a second"))).labelled_by(label);
+        ui.add(number_field(&mut wanted.fps).range(1..=1000).suffix(text!(" a second"))).labelled_by(label);
     });
     let duration = session.filming.timeline.path(&session.scene).map_or(0.0, |path| path.duration());
     let all = (duration * f64::from(wanted.fps) - 1e-6).ceil().max(1.0) as u32;
@@ -88,24 +88,24 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
         }
         if is_part {
             let [first, end] = wanted.frames;
-            ui.add(DragValue::new(&mut wanted.frames[0]).range(0..=end.min(all) - 1)).labelled_by(label);
+            ui.add(number_field(&mut wanted.frames[0]).range(0..=end.min(all) - 1)).labelled_by(label);
             ui.label(text!("to before"));
-            ui.add(DragValue::new(&mut wanted.frames[1]).range(first + 1..=all)).labelled_by(label);
+            ui.add(number_field(&mut wanted.frames[1]).range(first + 1..=all)).labelled_by(label);
         }
         ui.label(RichText::new(text!("of {all}", all)).color(theme::WEAK));
     });
     line(ui, text!("Sub-frames"), &mut |ui, label| {
-        ui.add(DragValue::new(&mut wanted.subframes).range(1..=256)).labelled_by(label);
+        ui.add(number_field(&mut wanted.subframes).range(1..=256)).labelled_by(label);
         if wanted.subframes > 1 {
             ui.label(text!("shutter"));
-            let shutter = DragValue::new(&mut wanted.shutter).range(0.01..=1.0).speed(0.01);
+            let shutter = number_field(&mut wanted.shutter).range(0.01..=1.0).speed(0.01);
             ui.add(shutter)
                 .on_hover_text(text!("The share of a frame's time for which it is open"))
                 .accessible_name(text!("Shutter"));
         }
     });
     line(ui, text!("Supersampling"), &mut |ui, label| {
-        let drag = DragValue::new(&mut wanted.supersample).range(1..=8).suffix(text!(" × a side"));
+        let drag = number_field(&mut wanted.supersample).range(1..=8).suffix(text!(" × a side"));
         ui.add(drag).labelled_by(label);
     });
     if wanted.output.ends_with(".mp4") {

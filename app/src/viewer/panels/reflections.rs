@@ -2,7 +2,7 @@
 //! are not in use are folded, and say so.
 
 use egui::{RichText, Ui};
-use param::{Group, Params, Value};
+use param::{Field, Group, Params, Value};
 use scene::{METHODS, MethodRow, Reflection};
 
 use crate::shared::language::{text, translated};
@@ -59,7 +59,14 @@ pub fn swept(session: &Session) -> Vec<(String, String)> {
         let group = params.group();
         group.fields.iter().filter(|field| field.can_be_swept()).map(move |field| (group, field))
     });
-    fields.map(|(group, field)| (format!("{}.{}", group.name, field.name), parameters::title(field.name))).collect()
+    let fields: Vec<_> = fields.collect();
+    let name = |(group, field): &(&Group, &Field)| {
+        let title = parameters::title(field.name);
+        let count = fields.iter().filter(|(_, other)| other.name == field.name).count();
+        let title = if count > 1 { format!("{title} ({})", group.name) } else { title };
+        (format!("{}.{}", group.name, field.name), title)
+    };
+    fields.iter().map(name).collect()
 }
 
 /// Says what mirrors of the picture reflect while something moves, in a row that is there anyway: what is under the mouse

@@ -16,6 +16,7 @@ use crate::viewer::panels;
 use crate::viewer::requests::action::Action;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::session::Session;
+use crate::viewer::tools::clips::PRISM_HINT;
 
 /// The room between what is under way and the state of the picture, in points of the window.
 const GAP: f32 = 10.0;
@@ -110,6 +111,9 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 fn state_of_picture(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if let Some(placing) = &session.tools.measurements.placing {
         ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
+    }
+    if session.tools.prism.is_some() {
+        ui.label(RichText::new(translated(PRISM_HINT)).color(theme::ACCENT));
     }
     uncertain_reflections(ui, session, actions);
     if session.is_unlit() {

@@ -5,6 +5,7 @@ use egui::{RichText, Ui};
 use crate::shared::language::text;
 use crate::viewer::jobs::sweep_range::{MOST_VALUES, SweepRange};
 use crate::viewer::look::theme;
+use crate::viewer::look::widgets::number_field;
 use crate::viewer::requests::action::Action;
 use crate::viewer::session::Session;
 
@@ -37,11 +38,11 @@ fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
             let speed = (range.to - range.from).abs().max(1e-3) * 0.01;
             for (name, value) in [(text!("From"), &mut range.from), (text!("To"), &mut range.to)] {
                 let label = ui.label(name);
-                ui.add(egui::DragValue::new(value).speed(speed).max_decimals(4)).labelled_by(label.id);
+                ui.add(number_field(value).speed(speed).max_decimals(4)).labelled_by(label.id);
                 ui.end_row();
             }
             let label = ui.label(text!("Values"));
-            ui.add(egui::DragValue::new(&mut range.count).range(2..=MOST_VALUES)).labelled_by(label.id);
+            ui.add(number_field(&mut range.count).range(2..=MOST_VALUES)).labelled_by(label.id);
             ui.end_row();
         });
         let help = text!("Even ratios in place of even steps");

@@ -3,14 +3,13 @@
 
 use egui::containers::menu::{MenuButton, MenuConfig};
 use egui::{
-    Align2, Color32, DragValue, FontId, Frame, Panel, PopupCloseBehavior, Rect, Response, RichText, Sense, Stroke, Ui,
-    pos2, vec2,
+    Align2, Color32, FontId, Frame, Panel, PopupCloseBehavior, Rect, Response, RichText, Sense, Stroke, Ui, pos2, vec2,
 };
 use scene::{CameraPath, Caption, Ease, Motion, WIPE};
 
 use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::name_label;
+use crate::viewer::look::widgets::{name_label, number_field};
 use crate::viewer::panels::{captions, wipe};
 use crate::viewer::requests::action::{Action, Film, PathPreset};
 use crate::viewer::requests::bindings;
@@ -104,7 +103,7 @@ fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let selected: Option<Selected> = ui.data(|data| data.get_temp(known)).flatten();
     let mut selected = selected.filter(|selected| time_of(path, *selected).is_some());
     let mut changed = path.clone();
-    ui.horizontal(|ui| options(ui, session, &mut changed, &mut selected, &mut push));
+    ui.horizontal_wrapped(|ui| options(ui, session, &mut changed, &mut selected, &mut push));
     // The row is always there, so that nothing moves when a caption is selected.
     let end = changed.duration();
     match selected {
@@ -164,7 +163,7 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
             let unit = units.rise().map_or(String::new(), |unit| format!(" {unit}"));
             let before = session.filming.height(&units);
             let mut height = before;
-            let drag = DragValue::new(&mut height).range(-1e6..=1e6).speed(before.abs().max(0.1) * 0.01).suffix(unit);
+            let drag = number_field(&mut height).range(-1e6..=1e6).speed(before.abs().max(0.1) * 0.01).suffix(unit);
             ui.add(drag).labelled_by(label.id);
             if height != before {
                 push(Film::FlyAt(height));
@@ -182,7 +181,7 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
             push(Film::Repeat(repeats));
         }
         let mut time = timeline.time;
-        let drag = egui::DragValue::new(&mut time).speed(0.02).range(0.0..=LATEST).suffix(" s");
+        let drag = number_field(&mut time).speed(0.02).range(0.0..=LATEST).suffix(" s");
         if ui.add(drag.fixed_decimals(2)).accessible_name(text!("Time")).changed() {
             push(Film::Scrub(time));
         }
@@ -266,7 +265,7 @@ fn options(
     }
     if let Some(speed) = &mut path.speed {
         let step = *speed * 0.01;
-        let drag = egui::DragValue::new(speed).speed(step).range(1e-6..=1e9).suffix(text!(" units/s"));
+        let drag = number_field(speed).speed(step).range(1e-6..=1e9).suffix(text!(" units/s"));
         ui.add(drag).accessible_name(text!("Speed"));
     }
     let mut is_loop = path.is_loop;
@@ -276,7 +275,7 @@ fn options(
     let Some(key) = *selected else { return };
     ui.separator();
     let mut at = time_of(path, key).unwrap_or_default();
-    let drag = egui::DragValue::new(&mut at).speed(0.02).range(0.0..=LATEST).suffix(" s").fixed_decimals(2);
+    let drag = number_field(&mut at).speed(0.02).range(0.0..=LATEST).suffix(" s").fixed_decimals(2);
     if ui
         .add(drag)
         .on_hover_text(text!("The time of the selected key"))

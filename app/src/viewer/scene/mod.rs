@@ -106,12 +106,12 @@ impl Scene {
 
     pub fn undo(&mut self, outside: &mut Outside) {
         let done = self.history.undo(&mut self.settings, &mut self.objects, &mut self.camera);
-        self.after_history(done, ["Undone", "Nothing to undo"], outside);
+        self.after_history(done, |what| text!("Undone: {what}", what), text!("Nothing to undo"), outside);
     }
 
     pub fn redo(&mut self, outside: &mut Outside) {
         let done = self.history.redo(&mut self.settings, &mut self.objects, &mut self.camera);
-        self.after_history(done, ["Done again", "Nothing to redo"], outside);
+        self.after_history(done, |what| text!("Done again: {what}", what), text!("Nothing to redo"), outside);
     }
 
     pub fn next_object_id(&mut self) -> ObjectId {
@@ -372,8 +372,8 @@ impl Scene {
         outside.log(json!({ "event": "returned" }));
     }
 
-    /// Reports what was undone or done again; `words` say what happened if something was, and if nothing was.
-    fn after_history(&mut self, done: Option<String>, words: [&str; 2], outside: &mut Outside) {
+    /// Reports what was undone or done again, in the words of `told`; `nothing` says that nothing was.
+    fn after_history(&mut self, done: Option<String>, told: fn(&str) -> String, nothing: &str, outside: &mut Outside) {
         if let Some(done) = done {
             self.navigation.camera_moved(outside.now);
             let Objects { mirrors, lights, clips, .. } = &self.objects;
@@ -381,9 +381,9 @@ impl Scene {
             outside.log(json!({
                 "event": "history", "mirrors": mirrors, "lights": lights, "clips": clips, "what": done,
             }));
-            outside.note(format!("{}: {done}", words[0]));
+            outside.note(told(&done));
         } else {
-            outside.note(words[1]);
+            outside.note(nothing);
         }
     }
 

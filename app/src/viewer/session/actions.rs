@@ -5,7 +5,7 @@ use serde_json::json;
 
 use crate::viewer::filming;
 use crate::viewer::loaded::Loaded;
-use crate::viewer::requests::action::{Action, KeptStep, Palette};
+use crate::viewer::requests::action::{Action, KeptStep, Measuring, Palette};
 use crate::viewer::requests::columns::Naming;
 use crate::viewer::requests::outside::Effect;
 use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
@@ -27,6 +27,11 @@ impl Session {
             LastView, LightBy, Look, LookAlong, LookFrom, Mark, NextLight, NextView, Orbit, Pan, Paste, PasteView,
             PivotHere, PointAt, PointSize, RawColors, ReturnTo, Select, SetParameter, ShowKept, ShowTruth, Slow,
             ToggleEdl, ToggleLight, ToggleMode, Travel, Unmark, Zoom,
+        };
+        // While corners are given, undo takes the last one back.
+        let action = match action {
+            Action::Undo if self.tools.has_corners() => Action::Measuring(Measuring::RemoveCorner),
+            action => action,
         };
         self.filming.before(&action, &mut self.scene);
         let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };

@@ -7,7 +7,7 @@ use scene::{Clip, ClipShape, Object, Prism, Projection};
 use serde_json::json;
 
 use crate::overlays::lens::to_vector;
-use crate::shared::language::text;
+use crate::shared::language::{english, text, translated};
 use crate::viewer::loaded::Loaded;
 use crate::viewer::requests::action::Clipping;
 use crate::viewer::requests::outside::Outside;
@@ -24,6 +24,10 @@ pub struct PrismDraft {
     /// The eye, if the view is in perspective.
     eye: Option<DVec3>,
 }
+
+/// What to do while a polygon is drawn.
+pub const PRISM_HINT: &str =
+    english!("Click the corners of the prism; a click on the first one or Enter closes it, Backspace takes one back");
 
 /// The edge of the box about a pick, as a share of the picture's height.
 const PICK_SHARE: f64 = 0.3;
@@ -64,7 +68,7 @@ impl Tools {
         let (middle, direction) = (scene.camera.pivot, scene.lens().forward());
         self.measurements.placing = None;
         self.prism = Some(PrismDraft { corners: Vec::new(), middle, direction, eye });
-        outside.note(text!("Click the corners of the prism; a click on the first one closes it, Esc gives it up"));
+        outside.note(translated(PRISM_HINT));
     }
 
     /// Adds a corner under the cursor to the polygon, or closes it there.
@@ -84,11 +88,19 @@ impl Tools {
         }
     }
 
-    fn end_prism(&mut self, scene: &mut Scene, outside: &mut Outside) {
-        let Some(PrismDraft { corners, direction, eye, .. }) = self.prism.take() else { return };
-        if corners.len() < 3 {
+    /// Takes the last corner of the polygon back, if there is any.
+    pub fn remove_corner(&mut self, outside: &mut Outside) {
+        if let Some(draft) = self.prism.as_mut().filter(|draft| !draft.corners.is_empty()) {
+            draft.corners.pop();
+            outside.log(json!({ "event": "corner", "corners": draft.corners.len() }));
+        }
+    }
+
+    pub fn end_prism(&mut self, scene: &mut Scene, outside: &mut Outside) {
+        if self.prism.as_ref().is_some_and(|draft| draft.corners.len() < 3) {
             return outside.note(text!("A prism needs three corners"));
         }
+        let Some(PrismDraft { corners, direction, eye, .. }) = self.prism.take() else { return };
         let middle = corners.iter().sum::<DVec3>() / corners.len() as f64;
         let points = corners.iter().map(|corner| *corner - middle).collect();
         let shape = ClipShape::Prism(Prism { points, direction, eye: eye.map(|eye| eye - middle) });

@@ -350,7 +350,7 @@ impl Measurements {
                 None => String::new(),
                 Some(Err(problem)) => problem.clone(),
                 Some(Ok(figures)) => {
-                    let value = |figure: &Figure| format!("{}\t{}", figure.name, figure.text(&units));
+                    let value = |figure: &Figure| format!("{}\t{}", translated(figure.name), figure.text(&units));
                     figures.iter().map(value).collect::<Vec<_>>().join("\t")
                 }
             };

@@ -79,6 +79,12 @@ impl Tools {
         self.measurements.placing.is_some() || self.prism.is_some()
     }
 
+    /// Whether a corner was given that can be taken back.
+    pub fn has_corners(&self) -> bool {
+        let placing = self.measurements.placing.as_ref().is_some_and(|placing| !placing.corners.is_empty());
+        placing || self.prism.as_ref().is_some_and(|draft| !draft.corners.is_empty())
+    }
+
     /// Changes how the inspection mirror is held, if there is one.
     pub fn change_pose(&mut self, change: impl FnOnce(&mut Pose)) {
         if let Some(held) = &mut self.inspection {
@@ -87,7 +93,11 @@ impl Tools {
     }
 
     pub fn measure(&mut self, measuring: Measuring, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
-        self.measurements.act(measuring, scene, loaded, outside);
+        match measuring {
+            Measuring::End if self.prism.is_some() => return self.end_prism(scene, outside),
+            Measuring::RemoveCorner if self.prism.is_some() => return self.remove_corner(outside),
+            measuring => self.measurements.act(measuring, scene, loaded, outside),
+        }
         if self.measurements.placing.is_some() {
             // Clicks belong to one tool.
             (self.prism, self.inspection) = (None, None);
