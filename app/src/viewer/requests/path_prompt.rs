@@ -108,7 +108,10 @@ impl PathPrompt {
                 outcome = self.field(ui);
                 self.candidate_list(ui);
                 if self.replaced.as_ref() == Some(&self.text) {
-                    let text = text!("A file of this name is there. Enter again replaces it.");
+                    let text = match self.purpose {
+                        Purpose::SavePoints => text!("A file of this name is there, and is not replaced."),
+                        _ => text!("A file of this name is there. Enter again replaces it."),
+                    };
                     ui.label(RichText::new(text).color(theme::WARNING));
                 }
                 ui.label(RichText::new(help).small().color(theme::WEAK));
@@ -173,9 +176,10 @@ impl PathPrompt {
         }
     }
 
-    /// Whether the file is there, and the prompt has not said so yet.
+    /// Whether the file is there, and the prompt has not said so yet. Files of points are never replaced.
     fn asks_to_replace(&self, text: &str) -> bool {
-        expanded(text).exists() && self.replaced.as_ref() != Some(&self.text)
+        let is_told = self.replaced.as_ref() == Some(&self.text);
+        expanded(text).exists() && (self.purpose == Purpose::SavePoints || !is_told)
     }
 
     fn candidate_list(&mut self, ui: &mut egui::Ui) {
@@ -292,24 +296,31 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_is_taken_is_replaced_by_a_second_enter_only() {
+    fn a_scene_is_replaced_by_a_second_enter_only_and_a_file_of_points_never() {
+        use egui_kittest::kittest::Queryable as _;
         let folder = folder();
         let proposed = folder.path().join("office_1.laz");
-        let mut harness = egui_kittest::Harness::builder().with_size([800.0, 500.0]).build_ui_state(
-            |ui, (prompt, outcome): &mut (PathPrompt, Option<Outcome>)| {
-                if let Some(ended) = prompt.show(ui.ctx()) {
-                    *outcome = Some(ended);
-                }
-            },
-            (PathPrompt::to_save_scene(&proposed, "No dialog."), None),
-        );
-        harness.run();
-        harness.key_press(Key::Enter);
-        harness.run();
-        assert_eq!(harness.state().1, None);
-        harness.key_press(Key::Enter);
-        harness.run();
-        assert_eq!(harness.state().1, Some(Outcome::Open(proposed.display().to_string())));
+        let replaced = Some(Outcome::Open(proposed.display().to_string()));
+        let scene = (PathPrompt::to_save_scene(&proposed, "No dialog."), "Enter again replaces it", replaced);
+        let points = (PathPrompt::to_save_points(&proposed, "No dialog."), "is not replaced", None);
+        for (prompt, told, ended) in [scene, points] {
+            let mut harness = egui_kittest::Harness::builder().with_size([800.0, 500.0]).build_ui_state(
+                |ui, (prompt, outcome): &mut (PathPrompt, Option<Outcome>)| {
+                    if let Some(ended) = prompt.show(ui.ctx()) {
+                        *outcome = Some(ended);
+                    }
+                },
+                (prompt, None),
+            );
+            harness.run();
+            harness.key_press(Key::Enter);
+            harness.run();
+            assert_eq!(harness.state().1, None);
+            assert!(harness.query_by_label_contains(told).is_some(), "{told}");
+            harness.key_press(Key::Enter);
+            harness.run();
+            assert_eq!(harness.state().1, ended);
+        }
     }
 
     #[test]
