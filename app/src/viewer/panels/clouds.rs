@@ -214,11 +214,12 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use scene::Camera;
-    use world::Change;
+    use world::{Change, Part};
 
     use super::*;
     use crate::viewer::loaded::Loaded;
-    use crate::viewer::picture::messages::Command;
+    use crate::viewer::picture::messages::{Command, PickedPoint};
+    use crate::viewer::requests::action::Profiling;
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::work::{Found, Work};
 
@@ -367,6 +368,9 @@ mod tests {
             let chunk = &session.loaded.clouds[0].cloud.chunks[0];
             (0..2).map(|index| chunk.position(index)).collect()
         };
+        session.act(Action::Profile(Profiling::Pick(PickedPoint { chunk: key.chunk(Part::Block(0)), index: 1 })));
+        let picked = |session: &Session| session.tools.pick.as_ref().map(|pick| pick.world);
+        assert_eq!(picked(session), Some(before[1]));
         let (shift, turn) = (DVec3::new(0.0, 0.0, 4.0), DVec3::new(0.0, 0.0, 180.0));
         let own = session.loaded.own_settings(key, None);
         let own = CloudSettings { shift, turn, about: Some(middle), ..own };
@@ -381,6 +385,7 @@ mod tests {
             assert!(moved.distance(expected) < 1e-6, "{moved} {expected}");
         }
         assert!((session.loaded.clouds[0].bounds.center() - middle - shift).length() < 1e-6);
+        assert_eq!(picked(session), Some(moved[1]), "the picked point moves along");
         // Bad numbers are refused.
         let odd = CloudSettings { turn: DVec3::NAN, ..own };
         session.act(Action::ChangeCloud(key, Box::new(odd)));
@@ -388,6 +393,7 @@ mod tests {
         session.act(Action::Undo);
         let told = session.outside.messages.all.last().map(|message| message.text.clone()).unwrap_or_default();
         assert_eq!((told.as_str(), places(session)), ("Undone: the place of cloud `cloud.ply`", before.clone()));
+        assert_eq!(picked(session), Some(before[1]));
         session.act(Action::Redo);
         assert_eq!(places(session), moved);
         harness.run_ok();

@@ -4,6 +4,7 @@ use cloud::{Chunk, Cloud};
 use glam::DVec3;
 
 use crate::shared::measuring::PointError;
+use crate::shared::numbers::coordinate;
 use crate::viewer::picture::messages::PickedPoint;
 
 /// A point that the user clicked on.
@@ -88,8 +89,11 @@ impl Pick {
         place
     }
 
-    /// The coordinates as a person reads them.
+    /// The coordinates as a person reads them: with the digits of the file, but for a cloud that is elsewhere.
     pub fn coordinates(&self) -> String {
+        if self.is_moved {
+            return self.world.to_array().map(|value| coordinate(value, 7)).join("  ");
+        }
         coordinates(self.place())
     }
 

@@ -317,8 +317,7 @@ impl Session {
             outside: &mut self.outside,
         };
         let result = act(&mut self.loaded, &mut beside);
-        // A pick on a cloud is removed with the cloud.
-        self.tools.pick = self.tools.pick.take().filter(|pick| self.loaded.cloud(pick.point.chunk.cloud).is_some());
+        self.tools.follow_pick(&self.loaded);
         result
     }
 

@@ -302,6 +302,16 @@ impl Tools {
         find_error(point, world, sight, loaded, outside);
     }
 
+    /// Puts the picked point where its cloud has it now, and forgets it where the cloud is gone.
+    pub fn follow_pick(&mut self, loaded: &Loaded) {
+        self.pick = self.pick.take().filter(|pick| loaded.cloud(pick.point.chunk.cloud).is_some());
+        let Some(pick) = &mut self.pick else { return };
+        if let Some(world) = loaded.world_position(pick.point) {
+            let entry = loaded.cloud(pick.point.chunk.cloud);
+            (pick.world, pick.is_moved) = (world, entry.is_some_and(|entry| entry.placement().is_some()));
+        }
+    }
+
     pub fn copy_pick(&self, outside: &mut Outside) {
         if let Some(pick) = &self.pick {
             outside.push(Effect::Copy(pick.as_text()));
