@@ -85,7 +85,7 @@ fn a_floor_at_the_foot_of_a_wall_sees_what_the_wall_leaves_of_the_sky_even_a_dis
     let cameras = [(0.0, 1.2, 3.2), (1.95, 0.15, 5.0 * DISC)];
     for (x, distance, reach) in cameras {
         let camera = Camera::looking(DVec3::new(x, 0.0, 0.0), DVec3::new(-0.2, -0.2, 1.0), distance, DVec3::Z);
-        render(&mut stage, &store, &camera, &sky(256), &[]);
+        render(&mut stage, &store, &camera, &sky(64), &[]);
         let (positions, light) = (read(&stage, Aov::Position), read(&stage, Aov::Indirect));
         let is_floor = |at: &DVec3| at.z.abs() < 0.002 && at.x < 2.0 - 0.5 * DISC && at.x > 2.0 - reach;
         let shares: Vec<f64> = positions
@@ -108,7 +108,7 @@ fn a_floor_at_the_foot_of_a_wall_sees_what_the_wall_leaves_of_the_sky_even_a_dis
 fn a_floor_beside_a_mirror_wall_sees_the_sky_in_it() {
     let mut stage = stage_or_skip!();
     let camera = Camera::looking(DVec3::ZERO, DVec3::new(-0.2, -0.2, 1.0), 3.2, DVec3::Z);
-    let mut settings = sky(64);
+    let mut settings = sky(16);
     settings.set_text("reflection.method", "surfel_trace").unwrap();
     for share in [1.0_f64, 0.5] {
         let mut store = store_of(&stage, vec![floor()], Material::default());
@@ -256,7 +256,7 @@ fn rays_and_virtual_lights_behind_them_keep_the_energy_that_the_integrating_sphe
     {
         let settings = settings(&[
             ("gi.by", "rays"),
-            ("gi.rays_per_pixel", "64"),
+            ("gi.rays_per_pixel", "16"),
             ("gi.bounces", &bounces.to_string()),
             ("gi.ray_bounces", &ray_bounces.to_string()),
             ("light.diffuse", &factor.to_string()),
