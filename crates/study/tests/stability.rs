@@ -40,6 +40,8 @@ fn judged(method: &str, case: &str, set: &str) -> Option<Judged> {
     let mut settings = stability::settings(&name).unwrap();
     settings.set_text("scene.points", POINTS).unwrap();
     settings.set_text("reflection.method", method).unwrap();
+    // What mirrors show is judged by its place, which no light changes.
+    settings.set_text("light.by", "colors").unwrap();
     for (key, value) in set.split_whitespace().filter_map(|word| word.split_once('=')) {
         settings.set_text(key, value).unwrap();
     }
@@ -320,6 +322,7 @@ fn doubts(method: &str, case: &str, set: &str, size: [u32; 2]) -> Option<Doubts>
     let name = format!("{}{case}", stability::PREFIX);
     let mut settings = if case == "torus" { scene::Settings::default() } else { stability::settings(&name).unwrap() };
     settings.set_text("scene.points", "200000").unwrap();
+    settings.set_text("light.by", "colors").unwrap();
     settings.set_text("reflection.method", method).unwrap();
     for (key, value) in set.split_whitespace().filter_map(|word| word.split_once('=')) {
         settings.set_text(key, value).unwrap();
