@@ -154,7 +154,9 @@ fn ashikhmin_and_shirleys_lobe_darkens_as_its_closed_form_says_by_every_method()
         let scene = Scene::new(&stage, [WHITE, WHITE], power);
         for method in methods() {
             let pairs = [("gloss.lobe", "ashikhmin_shirley"), ("gloss.across", "1"), ("gloss.cache_power", "500")];
-            scene.render(&mut stage, &settings(method, many(method), &pairs));
+            // The few samples that all pixels of a method share tend to one side in a strip.
+            let size = if many(method) < 64 { SIZE } else { STRIP };
+            scene.render_in(&mut stage, &settings(method, many(method), &pairs), size).unwrap();
             let shown = colors(&stage);
             let [position, normal] = [Aov::Position, Aov::Normal]
                 .map(|aov| stage.renderer.read_aov(aov).unwrap().data.as_chunks::<3>().0.to_vec());
@@ -197,11 +199,11 @@ fn an_even_surrounding_is_reflected_evenly() {
                         ("reflection.bounces", "2"),
                     ],
                 );
-                let stats = scene.render(&mut stage, &settings);
+                let stats = scene.render_in(&mut stage, &settings, STRIP).unwrap();
                 assert_eq!(stats.glossy_samples, [samples, samples]);
                 let shown = colors(&stage);
                 let mirrors = mirror_pixels(&stage);
-                assert!(mirrors.len() > 500);
+                assert!(mirrors.len() > 300);
                 let what = format!("{}, power {power}, {samples} samples {lobe} {pattern}", method.row().name);
                 if method == Method::Sscr {
                     // SSCR may find the mirror's own points, which are grey.
