@@ -247,7 +247,7 @@ fn a_mirror_ball_throws_all_light_of_a_lamp_onto_the_closed_wall_about_it_and_th
     let objects = Objects { mirrors: &mirrors, lights: &lights, ..Objects::default() };
     // Virtual lights lose what falls on the ball, and some of the rest.
     for (by, most) in [("lights", 0.06), ("rays", 0.03)] {
-        let mut settings = by_photons("16384", &[("gi.by", by), ("gi.rays_per_pixel", "16")]);
+        let mut settings = by_photons("16384", &[("gi.by", by), ("gi.rays_per_pixel", "4")]);
         settings.gi.bounces = 1;
         let [direct, indirect] = over_sphere(&mut stage, &store, &settings, objects).map(|light| light / irradiance);
         println!("{by}: {direct} of the lamp's light is thrown, {} of that sent on", indirect / ALBEDO);
