@@ -287,6 +287,11 @@ fn finite_at_every_end_of_every_parameter() {
                         }
                         end => end,
                     };
+                    // Photons are followed 65,536 at a time: a million takes a fifth of this test, and is more of the same.
+                    let end = match end {
+                        Value::U32(most) if key == "light.photons" => Value::U32(most.min(200_000)),
+                        end => end,
+                    };
                     let text = field.format(&end);
                     settings.reflection.bounces = if has_samples { 1 } else { 2 };
                     let size = if has_samples { SIZE.map(|side| side / 2) } else { SIZE };
