@@ -1,9 +1,9 @@
 //! Builds all tests in one go, runs their programs side by side, and keeps how long each test took.
 //!
 //! Cargo runs one test program after the other. Many of them share one software adapter among their tests, wait for a
-//! window, or compute on one core, so half of the machine would idle. Here each program runs its tests one by one, and
-//! as many programs run at a time as there are cores. The tests of a program take turns, so the time from one line of
-//! its output to the next is the time of one test.
+//! window, or compute on one core, so half of the machine would idle. Here each program runs its tests one by one,
+//! and one program more than there are cores runs at a time. The tests of a program take turns, so the time from one
+//! line of its output to the next is the time of one test.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -19,18 +19,18 @@ use cargo_metadata::{Message, Metadata, MetadataCommand, Package, TargetKind};
 
 /// The test programs that take longest, longest first. They start first, so that none of them runs alone at the end.
 const LONGEST: [&str; 12] = [
-    "render::laws",
-    "tests::window",
-    "render",
-    "render::gloss",
     "app",
-    "tests::recording",
+    "tests::window",
+    "render::laws",
+    "render",
+    "study::indirect",
+    "tests::reach",
     "fuzz::minute",
-    "render::baselines",
-    "study::stability",
-    "study::gloss",
-    "tests::auto",
-    "tests::visibility",
+    "tests::recording",
+    "tests::baseline",
+    "render::gloss",
+    "tests::truth",
+    "ghost::found",
 ];
 
 /// A program that cargo built from tests.

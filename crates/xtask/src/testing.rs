@@ -81,7 +81,8 @@ pub fn test(selection: Selection, prints_times: bool) -> Result<ExitCode> {
             .with_context(|| format!("{}: `cargo xtask test` writes it when it passes", tested.display()))?;
         programs = suite::touched(programs, &root, commit.trim())?;
     }
-    let at_once = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    // One more than cores: programs that open windows, fetch files or wait for a clock leave their core free meanwhile.
+    let at_once = 1 + std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     println!("== test: {} programs, {at_once} at a time", programs.len());
     let mut environment = environment(&root)?;
     environment.extend(glint.map(|program| ("GLINT_TEST_PROGRAM", program.into_os_string())));
@@ -153,8 +154,8 @@ fn environment(root: &Path) -> Result<Vec<(&'static str, OsString)>> {
     if let Some(folder) = runtime_folder()? {
         environment.push(("XDG_RUNTIME_DIR", folder.into()));
     }
-    // As many programs run at a time as there are cores. Threads of software Vulkan beside them would only wake and wait
-    // for one another, which takes a quarter of the time of many small passes.
+    // Programs keep all cores busy. Threads of software Vulkan beside them would only wake and wait for one another,
+    // which takes a quarter of the time of many small passes.
     if std::env::var_os("LP_NUM_THREADS").is_none() {
         environment.push(("LP_NUM_THREADS", "0".into()));
     }
