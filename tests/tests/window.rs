@@ -5,8 +5,9 @@ use image::RgbaImage;
 use serde_json::Value;
 use tests::{Session, Window, colors};
 
-/// A built-in scene of few points: quick to load and to draw.
-const SMALL_SCENE: &str = "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"scene.points\" = 20000\n";
+/// A built-in scene of few points and few virtual lights: quick to load and to draw.
+const SMALL_SCENE: &str =
+    "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"scene.points\" = 20000\n\"gi.vpls\" = 16\n";
 
 /// Somewhere on the picture, right of the panel.
 const MIDDLE: [i32; 2] = [790, 380];
@@ -236,6 +237,8 @@ fn the_saved_picture_is_what_the_command_line_renders() {
         "five-mirrors/sphere",
         "--set",
         "scene.points=20000",
+        "--set",
+        "gi.vpls=16",
         "--camera",
         "view.toml",
         "--size",
