@@ -19,7 +19,7 @@ use crate::rehearsal::Cast;
 use crate::renderer::Renderer;
 use crate::shader::tests::module_of;
 
-use language::{LANGUAGES, Language, has_wide_atomics};
+use language::{LANGUAGES, has_wide_atomics};
 
 /// The constants of a pass, by name.
 type Constants = BTreeMap<String, u32>;
@@ -159,21 +159,21 @@ impl Needed {
     }
 }
 
-/// Whether a pass is given to a language, and naga writes it there with some constants.
+/// Of each language: whether a pass is given to it, and naga writes it there with some constants.
 fn translate(
-    language: &Language,
     pass: &'static Pass,
     (module, info): (&Module, &ModuleInfo),
     constants: &Constants,
-) -> Result<bool, String> {
-    if !language.is_asked(module, info) {
-        return Ok(false);
-    }
+) -> [Result<bool, String>; LANGUAGES.len()] {
     let constants = constants.iter().map(|(name, value)| (name.clone(), f64::from(*value))).collect();
     let entry = (naga::ShaderStage::Compute, pass.name);
-    let (module, info) = naga::back::pipeline_constants::process_overrides(module, info, Some(entry), &constants)
-        .map_err(|error| error.to_string())?;
-    language.write(pass, &module, &info).map(|()| true)
+    // Naga judges the module anew where it puts values in, which takes longer than writing it: once for all languages.
+    let filled = naga::back::pipeline_constants::process_overrides(module, info, Some(entry), &constants);
+    LANGUAGES.each_ref().map(|language| match &filled {
+        _ if !language.is_asked(module, info) => Ok(false),
+        Ok((module, info)) => language.write(pass, module, info).map(|()| true),
+        Err(error) => Err(error.to_string()),
+    })
 }
 
 /// A pass's module, and what naga knows of it.
@@ -191,10 +191,8 @@ fn every_pass_translates_with_every_combination_of_its_constants_to_every_langua
         let module = valid_module_of(pass);
         let mut results = Vec::new();
         for constants in &variants[pass.name] {
-            for language in &LANGUAGES {
-                let result = translate(language, pass, (&module.0, &module.1), constants);
-                results.push(result.map_err(|why| format!("{} {constants:?}: {why}", pass.name)));
-            }
+            let written = translate(pass, (&module.0, &module.1), constants).into_iter();
+            results.extend(written.map(|result| result.map_err(|why| format!("{} {constants:?}: {why}", pass.name))));
         }
         results
     });
@@ -360,8 +358,8 @@ fn languages() -> String {
     for pass in ALL {
         let (module, info) = valid_module_of(pass);
         let _ = write!(part, "\n| `{}` |", pass.name);
-        for language in &LANGUAGES {
-            part.push_str(match translate(language, pass, (&module, &info), &Constants::new()) {
+        for result in translate(pass, (&module, &info), &Constants::new()) {
+            part.push_str(match result {
                 Ok(true) => " yes |",
                 Ok(false) => " never |",
                 Err(_) => " refused |",
