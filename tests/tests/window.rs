@@ -9,6 +9,9 @@ use tests::{Session, Window, colors};
 const SMALL_SCENE: &str =
     "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"scene.points\" = 20000\n\"gi.vpls\" = 16\n";
 
+/// Opens `lattice.ply` with few virtual lights.
+const LATTICE: [&str; 6] = ["view", "lattice.ply", "--set", "gi.vpls=16", "--set", "gi.sky_lights=8"];
+
 /// Somewhere on the picture, right of the panel.
 const MIDDLE: [i32; 2] = [790, 380];
 
@@ -132,7 +135,7 @@ fn a_path_that_is_typed_is_opened_where_no_dialog_answers() {
 fn clicks_give_full_coordinates_attributes_and_the_distance() {
     let session = Session::start();
     session.folder.write("lattice.ply", lattice());
-    let window = session.open(["lattice.ply"]);
+    let window = session.open(LATTICE);
     window.settled(0);
     // From above, so that the middle of the picture is the middle of the lattice.
     let seen = window.events().len();
@@ -176,7 +179,7 @@ fn clicks_give_full_coordinates_attributes_and_the_distance() {
 fn the_number_row_changes_the_colours() {
     let session = Session::start();
     session.folder.write("lattice.ply", lattice());
-    let window = session.open(["lattice.ply"]);
+    let window = session.open(LATTICE);
     let intensity = view(&window.settled(0));
     let seen = window.events().len();
     window.press("2");
@@ -312,7 +315,7 @@ fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
 fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
     let session = Session::start();
     session.folder.write("lattice.ply", lattice());
-    let window = session.open(["lattice.ply"]);
+    let window = session.open(LATTICE);
     let surroundings = window.wait_for_event("surroundings", 0, |_| true);
     assert_eq!((&surroundings["sky_is_open"], &surroundings["lights"]), (&true.into(), &0.into()));
     let by_sun = view(&window.settled(0));
