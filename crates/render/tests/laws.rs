@@ -287,7 +287,7 @@ fn finite_at_every_end_of_every_parameter() {
                         }
                         end => end,
                     };
-                    // Photons are followed 65,536 at a time: a million takes an eighth of this test, and is more of the same.
+                    // Photons are followed 65,536 at a time: a million, an eighth of this test, is more of the same.
                     let end = match end {
                         Value::U32(most) if key == "light.photons" => Value::U32(most.min(200_000)),
                         end => end,

@@ -26,6 +26,9 @@ const LEVERS: [(&str, &[&str]); 8] = [
     ("gi.interleave", &["1", "2", "8"]),
 ];
 
+/// Times of equal work differ by some hundredths.
+pub const NOISE: f64 = 1.05;
+
 /// The squares of errors, or parts of them: of the colours of mirrors, of those of the rest, and of pixels.
 pub type Squares = [f64; 3];
 
@@ -44,8 +47,8 @@ pub struct Change {
     pub set: Vec<(&'static str, String)>,
     /// The change's part of the squares of the errors.
     pub squares: Squares,
-    /// The time of the passes that find reflections.
-    pub method_milliseconds: f64,
+    /// The milliseconds that a frame with it is expected to take.
+    pub milliseconds: f64,
 }
 
 impl Change {
@@ -82,7 +85,7 @@ pub fn changes_of(base: &Settings, fixed: &[String], has_mirrors: bool, is_lit: 
     for (key, values) in LEVERS.iter().filter(|(key, _)| is_free(key) && (is_lit || !key.starts_with(LIGHT))) {
         sets.extend(values.iter().map(|value| vec![(*key, (*value).to_owned())]));
     }
-    let change = |set| Change { set, squares: Squares::default(), method_milliseconds: 0.0 };
+    let change = |set| Change { set, squares: Squares::default(), milliseconds: 0.0 };
     let is_tried = |change: &Change| {
         let settings = change.of(base);
         let is_more = settings.reflection.bounces > base.reflection.bounces || settings.gi.bounces > base.gi.bounces;
@@ -158,10 +161,9 @@ pub fn without_dominated(changes: Vec<Change>, target: Target) -> (Vec<String>, 
     let methods: Vec<Change> = changes.iter().filter(|change| change.is_of_method()).cloned().collect();
     let is_dominated = |change: &Change| {
         let beats = |other: &&Change| {
-            let (own, others) = (change.method_milliseconds, other.method_milliseconds);
+            let (own, others) = (change.milliseconds, other.milliseconds);
             let better = square(change) - square(other);
-            // Times of equal work differ by some hundredths.
-            own > 1.05 * others && better >= 0.0 || own >= others && better > 0.0
+            own > NOISE * others && better >= 0.0 || own >= others && better > 0.0
         };
         change.is_of_method() && methods.iter().find(beats).is_some()
     };
@@ -266,9 +268,9 @@ mod tests {
     const BEAMS: &str = METHODS[5].name;
     const TRACE: &str = METHODS[6].name;
 
-    fn change(set: &[(&'static str, &str)], squares: Squares, method_milliseconds: f64) -> Change {
+    fn change(set: &[(&'static str, &str)], squares: Squares, milliseconds: f64) -> Change {
         let set = set.iter().map(|(key, value)| (*key, (*value).to_owned())).collect();
-        Change { set, squares, method_milliseconds }
+        Change { set, squares, milliseconds }
     }
 
     #[test]

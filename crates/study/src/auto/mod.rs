@@ -1,17 +1,17 @@
 //! `auto`: chooses the method, its parameters, the virtual lights and their interleaving, the points and the resolution
 //! for a time or for an error.
 //!
-//! 1. It draws the picture with the settings as they are. Where times and errors of the changes of single settings are
-//!    not known from views before, it changes one setting at a time and draws a small picture. The cost model learns the
-//!    times.
-//! 2. It draws the still picture, against which errors count.
+//! 1. It draws the picture with the settings as they are, and the still picture, against which errors count.
+//! 2. It changes one setting at a time and draws a small picture. The error of each change is known then, and the cost
+//!    model learns its time. What it knows from views before is drawn once, and methods that take longer than the exact
+//!    one are left out.
 //! 3. Of all combinations it predicts time and error: the time by the cost model, the error by the changes' squares,
 //!    which add up where errors are independent, those of mirrors' colours and of the rest's apart: the worse of the two
 //!    counts. It draws the most promising combination, learns from it, and goes on until the most promising one is
 //!    already drawn.
 //! 4. It takes the best of those that were drawn in full, so that nothing is chosen on a prediction alone.
 //!
-//! A person who waits gets a choice by the errors of views before, [`Explored::first`], before the still picture.
+//! A person who waits gets a choice by times and errors of views before, [`Explored::first`], before the still picture.
 //!
 //! No rule names a scene. A method that another one beats in time and error is left out of step 3.
 
@@ -32,7 +32,7 @@ use self::changes::{
 };
 use self::search::{Drawn, Search, is_no_choice};
 use crate::cost::{CostModel, Costs, Workload};
-use crate::still::{Still, StillError, Target, judging_settings};
+use crate::still::{Still, StillError, Target, drawn_size, judging_settings};
 
 /// The most pixels of the small pictures by which single changes are judged.
 const SMALL: f64 = 320.0 * 240.0;
@@ -129,22 +129,23 @@ pub struct Explored {
     milliseconds: f64,
     work: Workload,
     still_settings: Settings,
-    judged: Option<Judged>,
-    /// The squares of the errors of the base, as far as they are known before the still picture.
-    squares: Squares,
+    /// The changes that may be made.
     changes: Vec<Change>,
-    /// Whether the errors of the changes are those of scenes before.
-    are_known: bool,
+    /// The squares of the errors of the base, and the changes with their errors and times, as views before had them;
+    /// `None` where any is missing.
+    expected: Option<(Squares, Vec<Change>)>,
+    judged: Option<Judged>,
     /// The cost model with more weight on this view.
     local: CostModel,
     seconds: f64,
     frames: usize,
 }
 
-/// The still picture, and it and the picture with the base's settings with their errors.
+/// The still picture, it and the picture with the base's settings with their errors, and the changes with theirs.
 struct Judged {
     still: Still,
     drawn: [Drawn; 2],
+    changes: Vec<Change>,
 }
 
 /// A combination that was drawn in full.
@@ -173,8 +174,7 @@ impl Tried {
 }
 
 impl Explored {
-    /// Draws a picture with the settings as they are. If times or errors of changes are not known from scenes before,
-    /// draws a small picture of each change, too; those of light only if `light_counts`.
+    /// Draws a picture with the settings as they are. Changes of light are left alone unless `light_counts`.
     ///
     /// # Errors
     /// Those of [`choose`].
@@ -191,36 +191,23 @@ impl Explored {
         // What was learned of other scenes counts until more is known of this one.
         let mut local = hands.model.clone();
         local.fade(OTHER_SCENES);
-        let still_settings = still_of(&base, fixed);
         let mut search = Search { camera, hands, local, frames: 0 };
         let (stats, milliseconds) = search.timed(&base, size)?;
-        let work = Workload::of(&stats, &base, crate::drawn_size(size, &base));
+        let work = Workload::of(&stats, &base, drawn_size(size, &base));
         let changes = changes_of(&base, fixed, work.mirrors > 0.0, light_counts && work.lights > 0.0);
-        let known = known(&search, &base, &work, &changes);
-        let are_known = known.is_some();
-        let (squares, changes) = match known {
-            Some(known) => known,
-            None => {
-                let small = small(size);
-                let (still, _) = search.still(&still_settings, small)?;
-                let (squares, changes) = search.measured(&base, changes, &still, small)?;
-                search.hands.model.errors.learn(&base, squares, &changes, still.has_mirrors());
-                (squares, changes)
-            }
-        };
+        let expected = expected(&search, &base, &work, &changes);
         let Search { local, frames, .. } = search;
         Ok(Self {
             settings: settings.clone(),
+            still_settings: still_of(&base, fixed),
             base,
             camera: *camera,
             size,
             milliseconds,
             work,
-            still_settings,
-            judged: None,
-            squares,
             changes,
-            are_known,
+            expected,
+            judged: None,
             local,
             seconds: start.elapsed().as_secs_f64(),
             frames,
@@ -238,7 +225,7 @@ impl Explored {
     /// # Errors
     /// Those of [`choose`].
     pub fn first(&self, target: Target, hands: &mut Hands<'_, '_>) -> anyhow::Result<Option<Choice>> {
-        self.are_known.then(|| self.search(target, None, hands)).transpose()
+        self.expected.as_ref().map(|expected| self.search(target, None, expected, hands)).transpose()
     }
 
     /// Chooses settings for a target.
@@ -250,38 +237,54 @@ impl Explored {
             Some(judged) => judged,
             None => self.judge(target, hands)?,
         };
-        let choice = self.search(target, Some(&judged), hands);
+        let known = (squares_of(&judged.drawn[1].error), judged.changes.clone());
+        let choice = self.search(target, Some(&judged), &known, hands);
         self.judged = Some(judged);
         choice
     }
 
-    /// Draws the still picture, and the picture with the settings as they are.
+    /// Draws the still picture, the picture with the settings as they are, and a small picture of each change.
     fn judge(&mut self, target: Target, hands: &mut Hands<'_, '_>) -> anyhow::Result<Judged> {
         let start = Instant::now();
         let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
         let (still, milliseconds) = search.still(&self.still_settings, self.size)?;
         let settings = self.still_settings.clone();
-        let mut best = Drawn { settings, milliseconds, method_milliseconds: milliseconds, error: still.none() };
+        let mut best = Drawn { settings, milliseconds, error: still.none() };
         // Compiling counts among the milliseconds, and one frame is no median.
         if matches!(target, Target::Milliseconds(most) if milliseconds < 4.0 * most) {
             best.milliseconds = search.timed(&best.settings, self.size)?.1;
         }
         let first = search.drawn(&self.base, &still, self.size)?;
+        let small = small(self.size);
+        let of_small = match small == self.size {
+            true => None,
+            false => Some(search.still(&self.still_settings, small)?.0),
+        };
+        let (base, still_of_small) = ((&self.base, &self.work), of_small.as_ref().unwrap_or(&still));
+        let exact = self.still_settings.reflection.method;
+        let changes = search.measured(base, &self.changes, exact, still_of_small, small)?;
         (self.local, self.frames) = (search.local, search.frames);
         self.seconds += start.elapsed().as_secs_f64();
-        Ok(Judged { still, drawn: [best, first] })
+        Ok(Judged { still, drawn: [best, first], changes })
     }
 
-    /// Draws the combinations that promise most until the most promising one is already drawn.
-    fn search(&self, target: Target, judged: Option<&Judged>, hands: &mut Hands<'_, '_>) -> anyhow::Result<Choice> {
+    /// Draws the combinations that promise most until the most promising one is already drawn. `known` are the squares
+    /// of the errors of the base, and what the changes add to them.
+    fn search(
+        &self,
+        target: Target,
+        judged: Option<&Judged>,
+        (squares, changes): &(Squares, Vec<Change>),
+        hands: &mut Hands<'_, '_>,
+    ) -> anyhow::Result<Choice> {
         let start = Instant::now();
         // Light changes no pixel error: it stays as it is.
         let is_of_target = |change: &&Change| !matches!(target, Target::Pixels(_)) || !change.is_of_light();
-        let changes: Vec<Change> = self.changes.iter().filter(is_of_target).cloned().collect();
+        let changes: Vec<Change> = changes.iter().filter(is_of_target).cloned().collect();
         let (dominated, mut changes) = without_dominated(changes, target);
         let mut combinations = combinations(&self.base, &changes);
         let count = combinations.len();
-        let squares = judged.map_or(self.squares, |judged| squares_of(&judged.drawn[1].error));
+        let squares = *squares;
         let mut tried = match judged {
             Some(judged) => judged.drawn.clone().map(|drawn| Tried::of(target, drawn)).to_vec(),
             None => {
@@ -379,15 +382,15 @@ impl Explored {
     }
 }
 
-/// What the changes of `base` add to the squares of its errors, which come first, by the scenes before, with the times
+/// What the changes of `base` add to the squares of its errors, which come first, by the views before, with the times
 /// of the changes by the cost model; `None` if any is missing.
-fn known(search: &Search, base: &Settings, work: &Workload, changes: &[Change]) -> Option<(Squares, Vec<Change>)> {
+fn expected(search: &Search, base: &Settings, work: &Workload, changes: &[Change]) -> Option<(Squares, Vec<Change>)> {
     let (errors, costs) = (&search.hands.model.errors, search.local.costs());
     let has_mirrors = work.mirrors > 0.0;
     let known = |change: &Change| {
         let settings = change.of(base);
-        let method_milliseconds = costs.predict(&work.with(base, &settings), &settings)?;
-        Some(Change { squares: errors.of(base, Some(change), has_mirrors)?, method_milliseconds, ..change.clone() })
+        let milliseconds = costs.predict(&work.with(base, &settings), &settings)?;
+        Some(Change { squares: errors.of(base, Some(change), has_mirrors)?, milliseconds, ..change.clone() })
     };
     let changes: Option<Vec<Change>> = changes.iter().map(known).collect();
     Some((errors.of(base, None, has_mirrors)?, changes?))
@@ -456,7 +459,7 @@ mod tests {
     fn tried(milliseconds: f64, delta_e: f64, pixels: f64) -> Drawn {
         let [mirrors, rest] = [delta_e, 0.0].map(|mean| Some(ColorError { mean, p95: mean }));
         let error = StillError { delta_e: 0.0, mirrors, rest, pixels };
-        Drawn { settings: Settings::default(), milliseconds, method_milliseconds: 0.0, error }
+        Drawn { settings: Settings::default(), milliseconds, error }
     }
 
     #[test]

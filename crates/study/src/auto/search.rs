@@ -1,12 +1,12 @@
 //! Draws settings of a view, with their times and errors.
 
-use render::{FrameStats, PassStage};
-use scene::{Camera, Settings};
+use render::FrameStats;
+use scene::{Camera, Method, Settings};
 
 use super::Hands;
-use super::changes::{Change, Squares, squares_of};
-use crate::cost::CostModel;
-use crate::results::{Spread, stage_ms};
+use super::changes::{Change, NOISE, Squares, squares_of};
+use crate::cost::{CostModel, Costs, Workload};
+use crate::results::Spread;
 use crate::still::{Still, StillError, drawn_size};
 
 /// A setting that was drawn.
@@ -14,8 +14,6 @@ use crate::still::{Still, StillError, drawn_size};
 pub struct Drawn {
     pub settings: Settings,
     pub milliseconds: f64,
-    /// The part of it that finds reflections.
-    pub method_milliseconds: f64,
     pub error: StillError,
 }
 
@@ -68,38 +66,65 @@ impl Search<'_, '_, '_> {
 
     /// Draws a setting in full, with its error.
     pub fn drawn(&mut self, settings: &Settings, still: &Still, size: [u32; 2]) -> anyhow::Result<Drawn> {
-        let (stats, milliseconds) = self.timed(settings, size)?;
+        let (_, milliseconds) = self.timed(settings, size)?;
         let error = still.error(self.hands.renderer, self.camera, settings, drawn_size(size, settings))?;
-        let method_milliseconds = stage_ms(&stats.passes, PassStage::Method);
-        Ok(Drawn { settings: settings.clone(), milliseconds, method_milliseconds, error })
+        Ok(Drawn { settings: settings.clone(), milliseconds, error })
     }
 
-    /// Draws a picture of `size` for each change of `base`, and returns what they add to the squares of its errors,
-    /// which come first.
+    /// Draws a picture of `size` for each change of `base`, and returns what they add to the squares of its errors. Of
+    /// changes whose times are known, one frame is drawn. Methods that take longer than `exact`, which makes no error,
+    /// are left out. `work` is what a frame of the whole picture does with `base`.
     pub fn measured(
         &mut self,
-        base: &Settings,
-        changes: Vec<Change>,
+        (base, work): (&Settings, &Workload),
+        changes: &[Change],
+        exact: Method,
         still: &Still,
         size: [u32; 2],
-    ) -> anyhow::Result<(Squares, Vec<Change>)> {
-        let first = self.drawn(base, still, size)?;
-        let of_base = squares_of(&first.error);
+    ) -> anyhow::Result<Vec<Change>> {
+        let time = |costs: &Costs, settings: &Settings| costs.predict(&work.with(base, settings), settings);
+        let costs = self.local.costs();
+        let mut traced = base.clone();
+        traced.reflection.method = exact;
+        let slowest = time(&costs, &traced).map_or(f64::INFINITY, |milliseconds| NOISE * milliseconds);
+        let of_base = self.squares(base, true, still, size)?;
         let mut measured = Vec::new();
-        for mut change in changes {
+        for change in changes {
             let settings = change.of(base);
-            let drawn = match (settings != *base).then(|| self.drawn(&settings, still, size)) {
-                Some(Ok(drawn)) => drawn,
+            let known = time(&costs, &settings);
+            if change.is_of_method() && known.is_some_and(|milliseconds| milliseconds > slowest) {
+                continue;
+            }
+            let own = match (settings != *base).then(|| self.squares(&settings, known.is_none(), still, size)) {
+                Some(Ok(own)) => own,
                 Some(Err(error)) if is_no_choice(&error) => continue,
                 Some(Err(error)) => return Err(error),
-                None => first.clone(),
+                None => of_base,
             };
-            let own = squares_of(&drawn.error);
-            change.squares = std::array::from_fn(|part| own[part] - of_base[part]);
-            change.method_milliseconds = drawn.method_milliseconds;
-            measured.push(change);
+            measured.push(Change { squares: std::array::from_fn(|part| own[part] - of_base[part]), ..change.clone() });
         }
-        Ok((of_base, measured))
+        let costs = self.local.costs();
+        for change in &mut measured {
+            change.milliseconds = time(&costs, &change.of(base)).unwrap_or_default();
+        }
+        Ok(measured)
+    }
+
+    /// Draws a setting, for its time, too, if that `is_wanted`. Returns the squares of its errors.
+    fn squares(
+        &mut self,
+        settings: &Settings,
+        is_wanted: bool,
+        still: &Still,
+        size: [u32; 2],
+    ) -> anyhow::Result<Squares> {
+        let drawn = drawn_size(size, settings);
+        if is_wanted {
+            self.timed(settings, size)?;
+        } else {
+            self.frame(settings, drawn)?;
+        }
+        Ok(squares_of(&still.error(self.hands.renderer, self.camera, settings, drawn)?))
     }
 }
 
