@@ -287,7 +287,7 @@ pub fn write_catalogue(tiles: &[Tile<'_>], output: &Path) -> Result<()> {
     let folder = folder.canonicalize().map_err(unwritten)?;
     let items: Vec<Value> = tiles.iter().map(|tile| item(tile, &folder)).collect();
     let collection = json!({ "type": "FeatureCollection", "features": items });
-    let mut text = serde_json::to_vec_pretty(&collection).map_err(|error| unwritten(error.into()))?;
+    let mut text = serde_json::to_vec(&collection).map_err(|error| unwritten(error.into()))?;
     text.push(b'\n');
     let mut file = std::fs::File::create_new(output).map_err(unwritten)?;
     file.write_all(&text).map_err(unwritten)

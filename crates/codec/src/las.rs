@@ -199,7 +199,7 @@ impl LasSource {
         } else if let Some(red) = source.layout.red
             && points > 0
         {
-            let sample = source.color_sample(red);
+            let sample = source.color_sample(red)?;
             source.info.has_colors = !sample.is_black();
             if sample.is_black() {
                 source.info.warnings.push("all colours are zero: shown as a cloud without colours".into());
@@ -287,6 +287,11 @@ impl LasSource {
         }
     }
 
+    /// Brings a compressed chunk that is about to be read.
+    fn fetch(&self, chunk: &CompressedChunk) -> Result<()> {
+        self.file.fetch(chunk.offset, chunk.length).map_err(|error| Error::io(self.file.path(), error))
+    }
+
     /// All points of a compressed file in one chunk.
     ///
     /// # Errors
@@ -316,6 +321,7 @@ impl LasSource {
         let length = self.layout.record_length;
         let mut buffer = vec![0; tile_records(length) * length];
         for chunk in chunks {
+            self.fetch(chunk)?;
             let mut stream = compressed
                 .stream(&self.file, chunk, layers)
                 .map_err(|problem| malformed(chunk.first_point, problem))?;

@@ -23,7 +23,9 @@ pub use network::{Network, trust_address, use_network};
 pub use request::Stamp;
 use request::{Answer, First};
 
-/// The fewest bytes that are asked for at once; the first request of a file asks for as many.
+/// The bytes that the first request of a file asks for: most heads are shorter.
+const FIRST: u64 = BLOCK;
+/// The fewest bytes that are asked for at once after that.
 const LEAST: u64 = 64 << 10;
 /// The most bytes of a request, and the number of requests of one read at a time.
 const PIECE: u64 = 1 << 20;
@@ -86,7 +88,7 @@ impl Remote {
         let address = Address::parse(&path.to_string_lossy()).map_err(io::Error::other)?;
         let folder = network().folder.as_ref().map(|folder| kept::folder(folder, &address));
         let known = folder.as_deref().and_then(kept::known);
-        let most = if is_small { None } else { Some(LEAST) };
+        let most = if is_small { None } else { Some(FIRST) };
         let first = match before {
             Some(before) if known.as_ref() == Some(before) => First::Unchanged,
             _ => request::first(&address, most, known.as_ref()).map_err(io::Error::other)?,
@@ -110,7 +112,7 @@ impl Remote {
         let disk = Disk::new(file);
         let remote = Self { path: path.to_owned(), address, stamp, disk, kept, state, changed: Condvar::new() };
         if let Some(answer) = answer {
-            if answer.range.end - answer.range.start > LEAST {
+            if answer.range.end - answer.range.start > FIRST {
                 remote.check_length()?;
             }
             remote.fill(answer)?;

@@ -38,7 +38,7 @@ fn a_catalogue_that_was_written_opens_its_tiles() {
         let output = folder.path().join(name);
         write(folder.path(), &output);
         let text = fs::read_to_string(&output).unwrap();
-        assert!(text.contains(reference) && text.contains("\"pc:count\": 2"), "{text}");
+        assert!(text.contains(reference) && text.contains("\"pc:count\":2"), "{text}");
         let opened = codec::open_scans(&output, MEMORY).unwrap();
         let names: Vec<String> = opened.iter().map(|source| source.info().name()).collect();
         assert_eq!(names, ["a.ply", "b.ply"]);
@@ -51,7 +51,7 @@ fn a_tile_that_is_missing_or_has_changed_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("all.vpc");
     write(folder.path(), &output);
-    let text = fs::read_to_string(&output).unwrap().replace("\"pc:count\": 2", "\"pc:count\": 3");
+    let text = fs::read_to_string(&output).unwrap().replace("\"pc:count\":2", "\"pc:count\":3");
     fs::write(&output, text).unwrap();
     fs::remove_file(folder.path().join("b.ply")).unwrap();
     let opened = codec::open_scans(&output, MEMORY).unwrap();

@@ -459,6 +459,21 @@ fn colors_are_8_or_16_bit_for_a_whole_file() {
 }
 
 #[test]
+fn the_range_of_colors_is_found_wherever_in_their_layers_the_bytes_are() {
+    // Of two chunks of 40,000 points the first 16,384 of each are looked at, in as many bytes as they take on average.
+    for (format, noisy) in [(7, 40_000), (7, 12_000), (8, 12_000)] {
+        let mut points = points(format, 80_000);
+        let calm = |index: &usize| index % 40_000 >= noisy;
+        (0..points.len()).filter(calm).for_each(|index| points[index].color = Some(las::Color::new(5, 5, 5)));
+        let las = las_file((1, 4), format, &points, &[]);
+        let (plain, expected, _) = read_bytes(&las);
+        let (source, found, _) = read_bytes(&compress(&las, &Chunks::Fixed(40_000)));
+        assert!(plain.info().has_colors && source.info().has_colors, "{format}, {noisy}");
+        assert_eq!(colors(&expected), colors(&found), "{format}, {noisy}");
+    }
+}
+
+#[test]
 fn chunks_tile_the_file_and_are_cut_the_same_in_every_read() {
     let las = terrain(200_000);
     // A LAZ chunk of the size of the file, many tiny ones, and a mixture, as COPC has.

@@ -139,8 +139,10 @@ fn scan(source: Source) -> Result<u64, String> {
 /// Reads pages of a list of nodes, some of the latest needed by a view.
 fn lists(pages: &Arc<Pages>) {
     let Some(mut table) = NodeTable::new(pages) else { return };
+    let mut lost = BTreeSet::new();
     for _ in 0..MOST_READ {
-        let Some(place) = table.octree().paged.unread.keys().next_back().copied() else { return };
+        let mut unread = table.octree().paged.unread.keys().rev();
+        let Some(place) = unread.find(|place| !lost.contains(*place)).copied() else { return };
         let Some(page) = table.page(place) else { return };
         match pages.read_list(page) {
             Ok(found) => {
@@ -149,7 +151,7 @@ fn lists(pages: &Arc<Pages>) {
                 }
                 table.use_nodes([place.0]);
             }
-            Err(_) => table.leave_out(place),
+            Err(_) => drop(lost.insert(place)),
         }
     }
 }

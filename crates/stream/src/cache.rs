@@ -10,15 +10,19 @@ use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind::{NotFound, PermissionDenied};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::SystemTime;
 
 use crate::pages::{self, Pages};
 use crate::regular_file::is_current;
 use crate::{Error, Result, entry, plan, regular_file, surfel_file};
 
-/// The size of a sample of a file's content in bytes, and the number of samples between those at its ends.
+/// The size of a sample of a file's content in bytes, smaller where there are many files: the most and the least, and that
+/// of a sample of each of the files together.
 const SAMPLE_BYTES: usize = 64 << 10;
+const LEAST_SAMPLE_BYTES: usize = 4 << 10;
+const SAMPLES_OF_ALL: usize = 1 << 20;
+/// The number of samples between those at the ends of a file.
 const INNER_SAMPLES: u64 = 4;
 
 /// The folder of indexes and its limit.
@@ -28,7 +32,12 @@ pub struct Cache {
     limit: u64,
     /// The names of attributes that indexes keep besides the usual ones.
     also: BTreeSet<String>,
+    /// The identities of files that are open: their contents are sampled once.
+    known: Arc<Mutex<Vec<Known>>>,
 }
+
+/// Files, and their identity.
+type Known = (Vec<Weak<codec::Source>>, Identity);
 
 /// The identity of a set of files when they were looked at.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,6 +76,7 @@ impl Identity {
         let mut hash = Fnv::new();
         hash.add(&pages::BUILDER.to_le_bytes());
         let mut stamps = Vec::new();
+        let sample = (SAMPLES_OF_ALL / inputs.len().max(1)).clamp(LEAST_SAMPLE_BYTES, SAMPLE_BYTES);
         for input in inputs {
             let path = &input.info().path;
             let stamp = Stamp::of(path)?;
@@ -88,7 +98,7 @@ impl Identity {
             hash.add(&since.map_or(0, |since| since.as_nanos()).to_le_bytes());
             match input.bytes().remote_identity() {
                 Some(identity) => hash.add(identity.as_bytes()),
-                None => add_samples(&mut hash, input.bytes()).map_err(|error| Error::io(path, error))?,
+                None => add_samples(&mut hash, input.bytes(), sample).map_err(|error| Error::io(path, error))?,
             }
             stamps.push(stamp);
         }
@@ -114,10 +124,11 @@ impl Identity {
     }
 }
 
-/// Samples of the file that is open: of one that has taken its name since, an index would be of other points than its name says.
-fn add_samples(hash: &mut Fnv, bytes: &codec::Bytes) -> std::io::Result<()> {
-    let last = bytes.length().saturating_sub(SAMPLE_BYTES as u64);
-    let mut buffer = vec![0; SAMPLE_BYTES];
+/// Samples of `length` bytes of the file that is open: of one that has taken its name since, an index would be of other
+/// points than its name says.
+fn add_samples(hash: &mut Fnv, bytes: &codec::Bytes, length: usize) -> std::io::Result<()> {
+    let last = bytes.length().saturating_sub(length as u64);
+    let mut buffer = vec![0; length];
     for sample in 0..INNER_SAMPLES + 2 {
         let start = (u128::from(last) * u128::from(sample) / u128::from(INNER_SAMPLES + 1)) as u64;
         let count = bytes.read_at(start, &mut buffer)?;
@@ -149,7 +160,7 @@ pub(crate) fn lock_path(entry: &Path) -> PathBuf {
 impl Cache {
     /// Keeps up to `limit` bytes in `folder`, which is made when it is needed.
     pub fn new(folder: PathBuf, limit: u64) -> Self {
-        Self { folder, limit, also: BTreeSet::new() }
+        Self { folder, limit, also: BTreeSet::new(), known: Arc::default() }
     }
 
     /// A cache in this folder; indexes that are opened or made there also have the attributes with these names, as far
@@ -164,7 +175,7 @@ impl Cache {
 
     /// The identity of the index of these files with the attributes that are wanted.
     pub(crate) fn identity(&self, inputs: &[Arc<codec::Source>]) -> Result<Identity> {
-        let identity = Identity::of(inputs)?;
+        let identity = self.files(inputs)?;
         let usual = plan::index_attributes(inputs, &BTreeSet::new()).len();
         let further = plan::index_attributes(inputs, &self.also).split_off(usual);
         if further.is_empty() {
@@ -172,6 +183,24 @@ impl Cache {
         }
         let names: Vec<&str> = further.iter().map(|attribute| attribute.name.as_str()).collect();
         Ok(identity.of_kind(&format!("with {}", names.join("\0"))))
+    }
+
+    /// The identity of these files, whose contents are sampled again only where their stamps have changed.
+    fn files(&self, inputs: &[Arc<codec::Source>]) -> Result<Identity> {
+        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let stamps = inputs.iter().map(|input| Stamp::of(&input.info().path)).collect::<Result<Vec<_>>>()?;
+        let files: Vec<Weak<codec::Source>> = inputs.iter().map(Arc::downgrade).collect();
+        let is_same = |other: &[Weak<codec::Source>]| {
+            other.len() == files.len() && other.iter().zip(&files).all(|(one, other)| one.ptr_eq(other))
+        };
+        if let Some((_, found)) = known().iter().find(|(other, found)| found.stamps == stamps && is_same(other)) {
+            return Ok(found.clone());
+        }
+        let identity = Identity::of(inputs)?;
+        let mut known = known();
+        known.retain(|(other, _)| !is_same(other) && other.iter().all(|file| file.strong_count() > 0));
+        known.push((files.clone(), identity.clone()));
+        Ok(identity)
     }
 
     pub fn folder(&self) -> &Path {

@@ -18,6 +18,8 @@ use crate::{Error, Result};
 
 /// The number of bytes read ahead of the decoder.
 const READ_AHEAD: usize = 64 << 10;
+/// The fewest bytes of a layer that are read for its first points.
+const BEGINNING: u64 = 512;
 /// The size in bytes of the offset to the chunk table, which comes before the first chunk.
 const TABLE_OFFSET_LENGTH: u64 = 8;
 /// The fewest points of chunks that are read without a chunk table: each chunk starts with a new decoder, which takes a
@@ -271,6 +273,30 @@ impl Compressed {
     pub fn told_points(&self, file: &Bytes, chunk: &CompressedChunk) -> Option<u64> {
         let end = chunk.offset.checked_add(chunk.length)?.min(file.length());
         self.layered_chunk(file, chunk.offset, end).map(|found| found.points)
+    }
+
+    /// A layered chunk cut down to the beginnings of the layers with the colours, as a file of its own: about as much as
+    /// the first `points` points take. Decoding ends with an error where they take more. `None` if there is no such chunk.
+    pub fn beginning_of_colors(&self, file: &Bytes, chunk: &CompressedChunk, points: u64) -> Option<Bytes> {
+        let end = chunk.offset.checked_add(chunk.length)?.min(file.length());
+        let LayeredChunk { points: all, .. } = self.layered_chunk(file, chunk.offset, end)?;
+        let mut bytes = vec![0; self.record_length + 4 + 4 * self.layers? as usize];
+        let mut at = chunk.offset + bytes.len() as u64;
+        file.read_at(chunk.offset, &mut bytes).ok()?;
+        let kept = items::layers_of_colors(self.vlr.items())?;
+        for layer in 0..self.layers? {
+            let place = self.record_length + 4 + 4 * layer as usize;
+            let size = u64::from(u32::from_le_bytes(*bytes[place..].first_chunk()?));
+            // Half as much again as the average of the chunk, and what the coder holds.
+            let share = (size as f64 * points as f64 / all.max(1) as f64 * 1.5) as u64 + BEGINNING;
+            let wanted = if kept.contains(&layer) { size.min(share) } else { 0 };
+            bytes[place..place + 4].copy_from_slice(&(wanted as u32).to_le_bytes());
+            let start = bytes.len();
+            bytes.resize(start + wanted as usize, 0);
+            file.read_at(at, &mut bytes[start..]).ok()?;
+            at += size;
+        }
+        Some(Bytes::of_memory(file.path(), bytes))
     }
 
     /// Starts decoding `chunk`; of a layered one only `layers`.

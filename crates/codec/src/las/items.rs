@@ -92,13 +92,24 @@ pub fn encoder_bytes(items: &[LazItem]) -> u64 {
 
 /// The number of layers of a chunk: nine for the base of a point, one per colour set, wave packet and extra byte.
 pub fn layer_count(items: &[LazItem]) -> u64 {
-    let layers = |item: &LazItem| match item.item_type() {
+    items.iter().map(layers_of).sum()
+}
+
+fn layers_of(item: &LazItem) -> u64 {
+    match item.item_type() {
         LazItemType::Point14 => 9,
         LazItemType::RGBNIR14 => 2,
         LazItemType::Byte14(count) => u64::from(count),
         _ => 1,
-    };
-    items.iter().map(layers).sum()
+    }
+}
+
+/// The layers of a chunk that decide the colours of its points: the first one, which has the scanner channel, and that of
+/// the colours.
+pub fn layers_of_colors(items: &[LazItem]) -> Option<[u64; 2]> {
+    let is_colors = |item: &LazItem| matches!(item.item_type(), LazItemType::RGB14 | LazItemType::RGBNIR14);
+    let before = items.iter().position(is_colors)?;
+    Some([0, layer_count(&items[..before])])
 }
 
 /// Decodes the records of a chunk.
