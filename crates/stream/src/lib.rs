@@ -6,6 +6,7 @@
 //! nodes from the root down to the level at which the view stops. The points of a page come in batches: any prefix of
 //! them is an even subset, too.
 
+mod again;
 mod batches;
 mod buckets;
 mod build;
@@ -34,6 +35,7 @@ mod surfels;
 mod test_trees;
 mod tree;
 
+pub use again::Again;
 pub use batches::{BATCHES, prefix, rank_of_batch};
 pub use build::{BuildOptions, build, build_in_order};
 pub use cache::Cache;

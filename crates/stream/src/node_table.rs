@@ -149,12 +149,6 @@ impl NodeTable {
         true
     }
 
-    /// Forgets a page that cannot be used: nothing is there below that place.
-    pub fn leave_out(&mut self, place: (NodeId, u8)) {
-        self.links.remove(&place);
-        Arc::make_mut(&mut self.octree).paged.unread.remove(&place);
-    }
-
     /// The number of nodes in memory, with those that stand for pages that are not there.
     pub fn size(&self) -> usize {
         self.count

@@ -19,6 +19,7 @@ use std::any::Any;
 use std::panic::AssertUnwindSafe;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Instant;
 
 use nodes::Job;
 pub use nodes::{Missing, NodeChange, Page, PagedCloud};
@@ -105,6 +106,14 @@ impl Streamer {
         state.set_budget(budget);
         drop(state);
         self.shared.work.notify_all();
+    }
+
+    /// Has nodes read again that the cut wants and that could not be read, if it is time for that. `is_other_view` says that
+    /// the view has changed, which counts where a node was given up.
+    pub fn try_again(&self, now: Instant, is_other_view: bool) {
+        if self.shared.lock().try_again(now, is_other_view) {
+            self.shared.work.notify_all();
+        }
     }
 
     /// The changes since the last call. The caller asks after each wake, and after a new cut or budget: nodes that are

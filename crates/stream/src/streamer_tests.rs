@@ -75,6 +75,10 @@ impl Drawer {
                 assert!(self.chunks.remove(&(cloud, node)).is_some(), "dropped what is not there");
             }
             NodeChange::Failed { cloud, node, error } => self.failed.push((cloud, node, error.to_string())),
+            NodeChange::Mended { cloud, node } => {
+                let told = self.failed.iter().position(|(other, own, _)| (*other, *own) == (cloud, node));
+                self.failed.remove(told.expect("mended what was not missing"));
+            }
         }
     }
 
@@ -105,6 +109,48 @@ fn cut_from(octree: &Octree, eye: DVec3, points: u64) -> Vec<Wanted> {
     let view = ViewMeasure::perspective(eye, down, DVec2::ONE, 1000.0, 0.25);
     let trees = [Tree { cloud: 0, octree, point_bytes: DECODED_POINT_BYTES }];
     choose(&trees, |_, octree, node| view.pixels(octree, node), Budget { points, bytes: u64::MAX }, 1.0)
+}
+
+#[test]
+fn nodes_that_could_not_be_read_come_once_they_can_be() {
+    let octree = Arc::new(terrain(3));
+    let is_down = Arc::new(AtomicBool::new(true));
+    let reads = Arc::new(AtomicUsize::new(0));
+    let (down, count) = (is_down.clone(), reads.clone());
+    let paged = paged(&octree, move |octree, node| {
+        count.fetch_add(1, Ordering::Relaxed);
+        let is_lost = node.0.is_multiple_of(3) && down.load(Ordering::Relaxed);
+        if is_lost { Err(Error::Panicked("no server".into())) } else { Ok(page(octree, node)) }
+    });
+    let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+    let mut drawer = Drawer::default();
+    streamer.add(0, paged);
+    streamer.want(everything(0, &octree));
+    drawer.settle(&streamer);
+    let lost = octree.ids().filter(|(node, _)| node.0.is_multiple_of(3)).count();
+    assert_eq!((drawer.failed.len(), drawer.points() < octree.points()), (lost, true));
+    // Neither before its time nor for the same cut is anything asked for again.
+    let before = reads.load(Ordering::Relaxed);
+    streamer.try_again(Instant::now(), true);
+    streamer.want(everything(0, &octree));
+    drawer.settle(&streamer);
+    assert_eq!(reads.load(Ordering::Relaxed), before);
+    // In vain, and said once.
+    let mut now = Instant::now();
+    for seconds in [2, 3, 5, 9, 17] {
+        now += Duration::from_secs(seconds);
+        streamer.try_again(now, false);
+        drawer.settle(&streamer);
+    }
+    assert_eq!((reads.load(Ordering::Relaxed), drawer.failed.len()), (before + 5 * lost, lost));
+    is_down.store(false, Ordering::Relaxed);
+    now += Duration::from_secs(70);
+    streamer.try_again(now, false);
+    drawer.settle(&streamer);
+    assert_eq!(drawer.failed.len(), lost, "they are given up until another view needs them");
+    streamer.try_again(now, true);
+    drawer.settle(&streamer);
+    assert_eq!((drawer.failed.len(), drawer.points()), (0, octree.points()));
 }
 
 #[test]
@@ -210,7 +256,7 @@ fn a_flight_blinks_nowhere_and_keeps_every_ceiling() {
                         coverage.remove(&(*cloud, *node));
                         None
                     }
-                    NodeChange::Failed { .. } => panic!("{change:?}"),
+                    NodeChange::Failed { .. } | NodeChange::Mended { .. } => panic!("{change:?}"),
                 };
                 drawer.apply(change);
                 coverage.extend(put);

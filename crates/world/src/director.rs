@@ -1,7 +1,7 @@
 //! The thread that streams the clouds of a job: chooses the nodes that the view needs, and reports what has been
 //! loaded.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
@@ -9,14 +9,15 @@ use std::time::{Duration, Instant};
 use cloud::{Bounds, Chunk, Cover, Placement, PointTest};
 use scene::Settings;
 use stream::{
-    Budget, Cut, Missing, Node, NodeChange, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose,
+    Budget, Cut, Missing, Node, NodeChange, NodeId, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted,
+    choose,
 };
 
 use crate::budget::{CUT_PART, half_of, most_points};
 use crate::chunk_key::Part;
 use crate::error::is_of_inputs;
 use crate::event::{Event, IndexEntry, IndexState, StreamStats};
-use crate::lists::Lists;
+use crate::lists::{Lists, Said};
 use crate::mailbox::{Arrival, Mailbox, News, StreamRequest, StreamView};
 use crate::tiles::{Put, SPACINGS, Tiles, first_point_of, number_of, owner_of, part_of};
 
@@ -77,8 +78,9 @@ struct StreamedCloud {
     summary: Option<codec::Summary>,
     /// Whether a part of it could not be read and its pages are being made again.
     is_damaged: bool,
-    /// Whether the receiver knows that a part of it cannot be shown.
-    is_reported: bool,
+    /// The nodes that cannot be read, and what the receiver was told of them.
+    missing: BTreeSet<NodeId>,
+    told: Option<String>,
 }
 
 impl StreamedCloud {
@@ -158,7 +160,8 @@ impl Director {
             (self.viewpoint, self.awaited) =
                 if viewpoint.is_alone { (None, Some(viewpoint)) } else { (Some(viewpoint), None) };
         }
-        if is_other {
+        let is_other_view = is_other;
+        if is_other_view {
             // What found no room for the view before may find some now.
             self.clouds.values_mut().filter_map(|streamed| streamed.lists.as_mut()).for_each(Lists::try_again);
             self.tiles.values_mut().for_each(Tiles::try_again);
@@ -176,6 +179,7 @@ impl Director {
         if is_other || self.tiles.values().any(Tiles::is_new) {
             self.choose()?;
         }
+        is_other |= self.try_again(is_other_view)?;
         self.show_tiles()?;
         let changes = self.streamer.changes();
         let is_quiet = changes.is_empty();
@@ -183,6 +187,24 @@ impl Director {
             self.pass_on(change)?;
         }
         self.report(is_quiet && !is_other)
+    }
+
+    /// Has tiles, lists of nodes and nodes read again that could not be read, as far as the view needs them. Returns whether
+    /// that has changed what is waited for.
+    fn try_again(&mut self, is_other_view: bool) -> Option<bool> {
+        let now = Instant::now();
+        let mut is_any = false;
+        for lists in self.clouds.values_mut().filter_map(|streamed| streamed.lists.as_mut()) {
+            is_any |= lists.ask_again(now, is_other_view);
+        }
+        for tiles in self.tiles.values_mut() {
+            is_any |= tiles.ask_again(now, is_other_view);
+        }
+        if is_any {
+            self.choose()?;
+        }
+        self.streamer.try_again(now, is_other_view);
+        Some(is_any)
     }
 
     fn handle(&mut self, request: StreamRequest) -> Option<()> {
@@ -211,11 +233,13 @@ impl Director {
             }
             StreamRequest::List { cloud, place, found } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
-                let Some(problem) = streamed.lists.as_mut().and_then(|lists| lists.put(place, found)) else {
-                    return Some(());
-                };
+                let said = streamed.lists.as_mut().and_then(|lists| lists.put(place, found));
                 let input = streamed.input.clone();
-                self.send(Event::Failed { input, error: problem, is_usage: true })?;
+                match said {
+                    Some(Said::Problem(error)) => self.send(Event::Failed { input, error, is_usage: true })?,
+                    Some(Said::Mended(problem)) => self.send(Event::Mended { input, problem })?,
+                    None => {}
+                }
             }
         }
         Some(())
@@ -254,6 +278,8 @@ impl Director {
             let input = tiles.names().0.to_owned();
             let news = tiles.news().into_iter();
             events.extend(news.map(|error| Event::Failed { input: input.clone(), error, is_usage: true }));
+            let mended = tiles.mended().into_iter();
+            events.extend(mended.map(|problem| Event::Mended { input: input.clone(), problem }));
         }
         events.into_iter().try_for_each(|event| self.send(event))
     }
@@ -261,8 +287,12 @@ impl Director {
     /// Closes tiles of a cloud.
     fn close_tiles(&mut self, cloud: usize, tiles: Vec<usize>) -> Option<()> {
         for number in tiles.into_iter().map(|tile| number_of(cloud, tile)) {
-            let resident = self.clouds.remove(&number).map(|streamed| streamed.resident).unwrap_or_default();
+            let Some(StreamedCloud { input, resident, told, .. }) = self.clouds.remove(&number) else { continue };
             self.streamer.remove(number);
+            // When it is opened again, all is read anew.
+            if let Some(problem) = told {
+                self.send(Event::Mended { input, problem })?;
+            }
             for part in resident.into_keys() {
                 self.send(Event::Dropped { cloud, part })?;
             }
@@ -273,6 +303,10 @@ impl Director {
     fn add(&mut self, arrival: Arrival) -> Option<()> {
         let Arrival { cloud, input, name, fit, pages, is_own, was_built, estimate, previews } = arrival;
         let mut before = self.clouds.remove(&cloud);
+        // All nodes are read anew.
+        if let Some(problem) = before.as_mut().and_then(|before| before.told.take()) {
+            self.send(Event::Mended { input: input.clone(), problem })?;
+        }
         let lists = match before.as_mut().and_then(|before| before.lists.take()) {
             Some(lists) => lists.again(&pages),
             None => Lists::new(&pages),
@@ -324,7 +358,8 @@ impl Director {
             stale,
             summary,
             is_damaged: false,
-            is_reported: false,
+            missing: BTreeSet::new(),
+            told: None,
         };
         self.clouds.insert(cloud, streamed);
         if tile.is_some() {
@@ -488,20 +523,30 @@ impl Director {
                 }
                 self.send(Event::Dropped { cloud: owner, part })
             }
-            NodeChange::Failed { cloud, error, .. } => {
+            NodeChange::Mended { cloud, node } => {
+                let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
+                streamed.missing.remove(&node);
+                let Some(problem) = streamed.told.take_if(|_| streamed.missing.is_empty()) else { return Some(()) };
+                let input = streamed.input.clone();
+                self.send(Event::Mended { input, problem })
+            }
+            NodeChange::Failed { cloud, node, error } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
                 let is_damage = matches!(
                     error,
                     stream::Error::Damaged { .. } | stream::Error::PageSize { .. } | stream::Error::Io { .. }
                 );
-                let is_mendable = is_damage && streamed.is_own;
-                let is_told = if is_mendable { &mut streamed.is_damaged } else { &mut streamed.is_reported };
-                if std::mem::replace(is_told, true) {
-                    return Some(());
-                }
-                if !is_mendable {
+                if !(is_damage && streamed.is_own) {
+                    streamed.missing.insert(node);
+                    if streamed.told.is_some() {
+                        return Some(());
+                    }
                     let (input, is_usage) = (streamed.input.clone(), is_of_inputs(&error));
-                    return self.send(Event::Failed { input, error: error.to_string(), is_usage });
+                    let error = streamed.told.insert(error.to_string()).clone();
+                    return self.send(Event::Failed { input, error, is_usage });
+                }
+                if std::mem::replace(&mut streamed.is_damaged, true) {
+                    return Some(());
                 }
                 tracing::warn!(cloud, %error, "pages are made again");
                 // The chunks shown stay until then. Pages cannot be made again while somebody has them open.

@@ -222,7 +222,7 @@ mod tests {
                     assert_eq!((cloud, task.kind, task.points()), (0, TaskKind::Surfels, 3));
                     "task"
                 }
-                Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => "streamed",
+                Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) | Event::Mended { .. } => "streamed",
                 Event::Finished => "finished",
             });
         }
@@ -293,7 +293,9 @@ mod tests {
                     panic!("its points are complete")
                 }
                 Event::Read { .. } | Event::Finished => {}
-                Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => panic!("nothing is streamed"),
+                Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) | Event::Mended { .. } => {
+                    panic!("nothing is streamed")
+                }
             }
         }
         assert_eq!((points, mirrors), (200_000, 1));

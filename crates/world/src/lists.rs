@@ -1,11 +1,12 @@
 //! Reads lists of nodes page by page, as views need their nodes.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
+use std::time::Instant;
 
 use codec::PageNodes;
-use stream::{NodeId, NodeTable, Octree, Pages};
+use stream::{Again, NodeId, NodeTable, Octree, Pages};
 
 use crate::mailbox::Mailbox;
 
@@ -25,17 +26,37 @@ pub(crate) struct Lists {
     waiting: Vec<Place>,
     /// The pages for which there was no room beside what the view needs.
     refused: BTreeSet<Place>,
+    /// The pages that could not be read.
+    failed: BTreeMap<Place, Again>,
     is_changed: bool,
-    /// Whether the receiver knows that a page is missing, or that there is no room for one.
-    is_told: [bool; 2],
+    /// What the receiver was told of pages that are missing.
+    told: Option<String>,
+    /// Whether the receiver knows that there is no room for a page.
+    is_limit_told: bool,
+}
+
+/// What is to be said once a page was read, or could not be.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Said {
+    Problem(String),
+    /// What was said before is no longer true.
+    Mended(String),
 }
 
 impl Lists {
     /// `None` for a cloud whose nodes are all known.
     pub(crate) fn new(pages: &Arc<Pages>) -> Option<Self> {
-        let (asked, refused, pages) = (BTreeSet::new(), BTreeSet::new(), pages.clone());
-        let table = NodeTable::new(&pages)?;
-        Some(Self { pages, table, asked, waiting: Vec::new(), refused, is_changed: false, is_told: [false; 2] })
+        Some(Self {
+            pages: pages.clone(),
+            table: NodeTable::new(pages)?,
+            asked: BTreeSet::new(),
+            waiting: Vec::new(),
+            refused: BTreeSet::new(),
+            failed: BTreeMap::new(),
+            is_changed: false,
+            told: None,
+            is_limit_told: false,
+        })
     }
 
     /// These lists for a cloud that is read anew, with further attributes.
@@ -62,6 +83,12 @@ impl Lists {
         self.refused.clear();
     }
 
+    /// Whether pages that could not be read are to be read again now.
+    pub(crate) fn ask_again(&mut self, now: Instant, is_other_view: bool) -> bool {
+        let due = self.failed.values_mut().filter_map(|again| again.ask(now, is_other_view).then_some(()));
+        due.count() > 0
+    }
+
     /// Says what the latest cut needs: nodes, and pages, the most important first, of which some are now read on threads of
     /// their own.
     pub(crate) fn want(
@@ -72,7 +99,8 @@ impl Lists {
         mailbox: &Arc<Mailbox>,
     ) {
         self.table.use_nodes(nodes);
-        self.waiting = places.filter(|place| !self.refused.contains(place)).collect();
+        let is_given_up = |place: &Place| self.failed.get(place).is_some_and(Again::waits);
+        self.waiting = places.filter(|place| !self.refused.contains(place) && !is_given_up(place)).collect();
         for place in self.waiting.clone() {
             if self.asked.len() >= AT_ONCE {
                 return;
@@ -92,34 +120,33 @@ impl Lists {
     }
 
     /// Takes in a page that was read. Returns what is to be said of it, once for each kind of problem.
-    pub(crate) fn put(&mut self, place: Place, found: stream::Result<PageNodes>) -> Option<String> {
+    pub(crate) fn put(&mut self, place: Place, found: stream::Result<PageNodes>) -> Option<Said> {
         if !self.asked.remove(&place) {
             return None;
         }
         self.waiting.retain(|waiting| *waiting != place);
-        let (kind, problem) = match found {
-            Ok(found) => {
-                if self.table.put(place, found) {
-                    self.is_changed = true;
-                    return None;
-                }
-                self.refused.insert(place);
-                let path = scene::shown(self.pages.folder());
-                let size = self.table.size();
-                let problem = format!("{path}: the list of nodes that the view needs is larger than the memory for it");
-                (
-                    0,
-                    format!(
-                        "{problem} ({size} nodes are there): finer points are left out (stream.host_bytes decides)"
-                    ),
-                )
-            }
+        let found = match found {
+            Ok(found) => found,
             Err(error) => {
-                self.is_changed = true;
-                self.table.leave_out(place);
-                (1, format!("{error}; the points below that node are missing"))
+                let before = self.failed.get(&place).copied();
+                self.failed.insert(place, Again::after(before, Instant::now()));
+                let problem = format!("{error}; the points below that node are missing");
+                let is_new = self.told.is_none();
+                return is_new.then(|| Said::Problem(self.told.insert(problem).clone()));
             }
         };
-        (!std::mem::replace(&mut self.is_told[kind], true)).then_some(problem)
+        self.failed.remove(&place);
+        if self.table.put(place, found) {
+            self.is_changed = true;
+            // Of pages whose parents have gone nothing is missing.
+            self.failed.retain(|place, _| self.table.page(*place).is_some());
+            return self.told.take_if(|_| self.failed.is_empty()).map(Said::Mended);
+        }
+        self.refused.insert(place);
+        let (path, size) = (scene::shown(self.pages.folder()), self.table.size());
+        let problem = format!("{path}: the list of nodes that the view needs is larger than the memory for it");
+        let problem =
+            format!("{problem} ({size} nodes are there): finer points are left out (stream.host_bytes decides)");
+        (!std::mem::replace(&mut self.is_limit_told, true)).then_some(Said::Problem(problem))
     }
 }

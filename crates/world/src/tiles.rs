@@ -5,12 +5,13 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Instant;
 
 use cloud::{Attribute, Bounds, Chunk, Cloud, Grid, SurfelOptions, attribute_named};
 use codec::{CatalogueEntry, Source};
 use glam::DVec3;
 use scene::{Paging, Settings, shown};
-use stream::{Node, NodeId, Octree, Pages};
+use stream::{Again, Node, NodeId, Octree, Pages};
 
 use crate::budget::half_of;
 use crate::chunk_key::Part;
@@ -98,6 +99,8 @@ struct Tile {
     points: u64,
     bounds: Bounds,
     state: State,
+    /// What is wrong with it, if it could not be read, and when it is tried again.
+    failed: Option<(String, Again)>,
 }
 
 enum State {
@@ -147,6 +150,8 @@ pub(crate) struct Tiles {
     most_open: usize,
     /// The tiles that the latest view needs, the most needed first, as many as may be open at once.
     needed: Vec<usize>,
+    /// The tiles that it needs and that cannot be read.
+    missing: Vec<usize>,
     /// The number of tiles that it would need without that limit.
     wished: usize,
     /// Whether that limit was told.
@@ -161,6 +166,9 @@ pub(crate) struct Tiles {
     problems: Vec<String>,
     told: usize,
     is_read: bool,
+    /// The problems that others know of missing tiles, and those of tiles that have come since.
+    told_missing: BTreeSet<String>,
+    mended: Vec<String>,
 }
 
 impl Tile {
@@ -169,7 +177,7 @@ impl Tile {
         let points = points.filter(|points| *points > 0 && is_copc)?;
         let is_near = |place: DVec3| place.abs().max_element() < FARTHEST;
         let bounds = bounds.filter(|bounds| is_near(bounds.min) && is_near(bounds.max))?;
-        Some(Self { path, points, bounds, state: State::Closed })
+        Some(Self { path, points, bounds, state: State::Closed, failed: None })
     }
 
     /// The number of nodes that are in memory at most while it is open.
@@ -194,9 +202,16 @@ fn open_tile(path: &Path, settings: &Settings) -> Result<Arc<Source>, String> {
 fn find_tile(path: &Path, settings: &Settings) -> Result<FoundTile, String> {
     let source = open_tile(path, settings)?;
     let pages = Pages::copc(&source, &BTreeSet::new()).ok_or("a file without a grid")?;
-    let estimate = surfel_options(&pages, up_of(source.info(), settings), settings);
-    let told = |error| tracing::warn!(path = %path.display(), %error, "pages cannot be read");
-    Ok(FoundTile { estimate: estimate.map_err(told).ok(), source })
+    let estimate = match surfel_options(&pages, up_of(source.info(), settings), settings) {
+        Ok(estimate) => Some(estimate),
+        // The tile is tried again as a whole, so that its radii are those of the file.
+        Err(stream::Error::Input(error @ codec::Error::Io { .. })) => return Err(error.to_string()),
+        Err(error) => {
+            tracing::warn!(path = %path.display(), %error, "pages cannot be read");
+            None
+        }
+    };
+    Ok(FoundTile { estimate, source })
 }
 
 impl Tiles {
@@ -243,6 +258,7 @@ impl Tiles {
             attributes,
             most_open: MOST_OPEN,
             needed: Vec::new(),
+            missing: Vec::new(),
             wished: 0,
             is_limit_told: false,
             turn: 0,
@@ -251,6 +267,8 @@ impl Tiles {
             problems: Vec::new(),
             told: 0,
             is_read: false,
+            told_missing: BTreeSet::new(),
+            mended: Vec::new(),
         }
     }
 
@@ -340,12 +358,14 @@ impl Tiles {
     /// Says what a view needs. `rank` gives the urgency of a box, smallest first, or `None` for one that is not needed. Of
     /// those the first look, before any view, needs some from all over the catalogue.
     pub(crate) fn need(&mut self, is_first_look: bool, rank: impl Fn(Bounds) -> Option<(bool, f64)>) {
-        let there = self.tiles.iter().enumerate().filter(|(_, tile)| !matches!(tile.state, State::Missing));
-        let mut ranked: Vec<_> = there.filter_map(|(index, tile)| Some((rank(tile.bounds)?, index))).collect();
+        let tiles = self.tiles.iter().enumerate();
+        let mut ranked: Vec<_> = tiles.filter_map(|(index, tile)| Some((rank(tile.bounds)?, index))).collect();
         if is_first_look {
             let look = self.first_look();
             ranked.retain(|(_, index)| look.contains(index));
         }
+        let missing = ranked.extract_if(.., |(_, index)| matches!(self.tiles[*index].state, State::Missing));
+        self.missing = missing.map(|(_, index)| index).collect();
         ranked.sort_by(|((behind, far), index), ((other_behind, other_far), other)| {
             behind.cmp(other_behind).then(far.total_cmp(other_far)).then(index.cmp(other))
         });
@@ -391,6 +411,19 @@ impl Tiles {
         for tile in self.tiles.iter_mut().filter(|tile| matches!(tile.state, State::Refused)) {
             tile.state = State::Closed;
         }
+    }
+
+    /// Whether tiles that the view needs and that could not be read are to be opened again now.
+    pub(crate) fn ask_again(&mut self, now: Instant, is_other_view: bool) -> bool {
+        let mut is_any = false;
+        for index in self.missing.iter().filter(|_| !self.is_stopped) {
+            let tile = &mut self.tiles[*index];
+            if tile.failed.as_mut().is_some_and(|(_, again)| again.ask(now, is_other_view)) {
+                tile.state = State::Closed;
+                is_any = true;
+            }
+        }
+        is_any
     }
 
     /// Stops opening tiles until the view changes.
@@ -473,11 +506,27 @@ impl Tiles {
                 return put;
             }
             Err(error) => {
-                self.problems.push(format!("a tile is missing: {error}"));
-                self.tiles[index].state = State::Missing;
+                let tile = &mut self.tiles[index];
+                tile.state = State::Missing;
+                let problem = format!("a tile is missing: {error}");
+                let (problem, before) = match tile.failed.take() {
+                    Some((problem, again)) => (problem, Some(again)),
+                    None => {
+                        self.problems.push(problem.clone());
+                        (problem, None)
+                    }
+                };
+                tile.failed = Some((problem, Again::after(before, Instant::now())));
                 return put;
             }
         };
+        if let Some((problem, _)) = self.tiles[index].failed.take() {
+            self.problems.retain(|other| *other != problem);
+            if self.told_missing.remove(&problem) {
+                self.told = self.told.saturating_sub(1);
+                self.mended.push(problem);
+            }
+        }
         self.check(index, &source);
         let used = if self.needed.contains(&index) { self.turn } else { self.turn.saturating_sub(1) };
         self.tiles[index].state = State::Open(OpenTile { source, estimate, used });
@@ -574,6 +623,7 @@ impl Tiles {
             return None;
         }
         let warnings = std::mem::take(&mut self.problems);
+        self.note_told(&warnings);
         let bounds = Some(self.bounds());
         Some(codec::Summary { points: self.points(), bounds, warnings, cancelled: self.is_stopped })
     }
@@ -586,7 +636,22 @@ impl Tiles {
         let mut news = std::mem::take(&mut self.problems);
         news.truncate(MOST_TOLD.saturating_sub(self.told));
         self.told += news.len();
+        self.note_told(&news);
         news
+    }
+
+    /// Notes which of these problems are those of missing tiles.
+    fn note_told(&mut self, told: &[String]) {
+        if !told.is_empty() {
+            let told: BTreeSet<&String> = told.iter().collect();
+            let missing = self.tiles.iter().filter_map(|tile| tile.failed.as_ref().map(|(problem, _)| problem));
+            self.told_missing.extend(missing.filter(|problem| told.contains(problem)).cloned());
+        }
+    }
+
+    /// What was told of tiles that have come since.
+    pub(crate) fn mended(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.mended)
     }
 }
 

@@ -155,6 +155,48 @@ fn tiles_that_are_not_as_their_catalogue_says_are_told() {
 }
 
 #[test]
+fn tiles_that_were_missing_are_opened_once_they_are_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let mailbox = Arc::<Mailbox>::default();
+    let paths = row(folder.path(), 5);
+    let mut tiles = tiles(entries(&paths), 9);
+    let away = |index: usize| folder.path().join(format!("away-{index}"));
+    [1, 2, 3].into_iter().for_each(|index| std::fs::rename(&paths[index], away(index)).unwrap());
+    let back = |index: usize| std::fs::rename(away(index), &paths[index]).unwrap();
+    let near = |bounds: Bounds| (bounds.min.x < 350.0).then_some((false, bounds.min.x));
+    tiles.need(false, near);
+    settle(&mut tiles, &mailbox);
+    assert_eq!((open(&tiles), tiles.waiting()), (vec![0], 0));
+    // One comes before anything was said.
+    let mut now = Instant::now();
+    assert!(!tiles.ask_again(now, true), "not at once");
+    let mut again = |tiles: &mut Tiles, seconds: u64, is_other_view: bool| {
+        now += Duration::from_secs(seconds);
+        tiles.need(false, near);
+        let is_asked = tiles.ask_again(now, is_other_view);
+        tiles.need(false, near);
+        settle(tiles, &mailbox);
+        is_asked
+    };
+    back(1);
+    assert!(again(&mut tiles, 2, false));
+    assert_eq!((open(&tiles), tiles.mended()), (vec![0, 1], vec![]));
+    let told = tiles.summary().unwrap().warnings;
+    assert!(told.len() == 2 && told[0].contains("002.copc.laz") && told[1].contains("003.copc.laz"), "{told:?}");
+    back(2);
+    assert!(again(&mut tiles, 3, false));
+    assert_eq!((open(&tiles), tiles.mended()), (vec![0, 1, 2], vec![told[0].clone()]));
+    // After some tries in vain, which are not told again, only another view asks once more.
+    for seconds in [5, 9, 17] {
+        assert!(again(&mut tiles, seconds, false));
+    }
+    assert_eq!(tiles.news(), Vec::<String>::new());
+    back(3);
+    assert!(!again(&mut tiles, 70, false) && again(&mut tiles, 0, true));
+    assert_eq!((open(&tiles), tiles.mended()), (vec![0, 1, 2, 3], vec![told[1].clone()]));
+}
+
+#[test]
 fn a_catalogue_is_one_cloud_of_which_a_view_has_the_tiles_that_it_shows() {
     let folder = tempfile::tempdir().unwrap();
     const SEEN: u32 = 44;

@@ -47,6 +47,11 @@ impl Loaded {
                     false => beside.outside.say(Level::Error, text),
                 }
             }
+            Event::Mended { input, problem } => {
+                beside.outside.take_back(&problem);
+                let name = short_name(&input).to_string();
+                beside.outside.say(Level::Note, text!("{name}: what was missing is there now", name));
+            }
             Event::Finished => self.finish_job(job, beside),
         }
     }

@@ -22,6 +22,8 @@ pub struct Message {
     address: Option<String>,
     since: Instant,
     dismissed: bool,
+    /// Whether it is no longer so.
+    is_over: bool,
 }
 
 #[derive(Default)]
@@ -42,14 +44,21 @@ impl Messages {
         // A message that repeats while it is on the screen is not added again.
         if let Some(same) = self.all.iter_mut().rev().take(TOASTS).find(|message| message.text == text) {
             same.since = Instant::now();
-            same.dismissed = false;
+            (same.dismissed, same.is_over) = (false, false);
             return;
         }
-        self.all.push(Message { level, text, address: None, since: Instant::now(), dismissed: false });
+        self.all.push(Message { level, text, address: None, since: Instant::now(), dismissed: false, is_over: false });
     }
 
     pub fn warning(&mut self, text: impl Into<String>) {
         self.push(Level::Warning, text);
+    }
+
+    /// Takes back all messages that end with these words: they go from the screen, and are struck out in the list.
+    pub fn take_back(&mut self, problem: &str) {
+        for message in self.all.iter_mut().filter(|message| message.text.ends_with(problem)) {
+            (message.dismissed, message.is_over, message.address) = (true, true, None);
+        }
     }
 
     /// Says which address the last message is about.
@@ -119,7 +128,9 @@ impl Messages {
                             {
                                 actions.push(Action::Open(address.into()));
                             }
-                            ui.add(egui::Label::new(&message.text).wrap());
+                            let said = RichText::new(&message.text);
+                            let said = if message.is_over { said.strikethrough().weak() } else { said };
+                            ui.add(egui::Label::new(said).wrap());
                         });
                     }
                     if self.all.is_empty() {
@@ -217,6 +228,20 @@ mod tests {
         ["c", "d", "e", "f"].into_iter().for_each(|text| messages.push(Level::Note, text));
         messages.push(Level::Note, "a");
         assert_eq!(texts(&messages), ["a", "b", "c", "d", "e", "f", "a"]);
+    }
+
+    #[test]
+    fn what_is_taken_back_goes_from_the_screen_and_stays_in_the_list() {
+        let mut messages = Messages::default();
+        ["all.vpc: a tile is missing: 7", "all.vpc: a tile is missing: 8"]
+            .into_iter()
+            .for_each(|text| messages.warning(text));
+        messages.take_back("a tile is missing: 7");
+        let shown = |messages: &Messages| messages.all.iter().map(Message::is_fresh).collect::<Vec<_>>();
+        assert_eq!((shown(&messages), messages.all[0].is_over), (vec![false, true], true));
+        // It is missing once more.
+        messages.warning("all.vpc: a tile is missing: 7");
+        assert_eq!((shown(&messages), messages.all[0].is_over), (vec![true, true], false));
     }
 
     #[test]

@@ -116,6 +116,12 @@ impl Outside {
         self.messages.push(level, text);
     }
 
+    /// Takes back what was said, with a name before it or without.
+    pub fn take_back(&mut self, problem: &str) {
+        self.log(json!({ "event": "taken back", "text": problem }));
+        self.messages.take_back(problem);
+    }
+
     /// Says what is wrong with an address, which can be opened again.
     pub fn say_of_address(&mut self, text: String, address: String) {
         self.say(Level::Error, text);

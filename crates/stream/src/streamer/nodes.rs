@@ -7,7 +7,7 @@ use cloud::{Chunk, Progress, SurfelOptions, pack_radius, provisional_radius};
 use glam::DVec3;
 
 use crate::radius_scale::{Field, Octants, Radii, count_octants, cube_center};
-use crate::{Error, NodeId, Octree, Result, prefix};
+use crate::{Again, Error, NodeId, Octree, Result, prefix};
 
 /// The bytes of a point in memory: if radii are scaled, a chunk's radii exist twice.
 pub(super) const SCALED_RADIUS_BYTES: u64 = 2;
@@ -56,8 +56,10 @@ pub enum NodeChange {
     Put { cloud: usize, node: NodeId, chunk: Chunk },
     /// The chunk of a node is removed.
     Drop { cloud: usize, node: NodeId },
-    /// The node cannot be read, and is not tried again; the others go on.
+    /// The node cannot be read; the others go on. It is tried again where that may help, and said once.
     Failed { cloud: usize, node: NodeId, error: Error },
+    /// A node that could not be read has been read.
+    Mended { cloud: usize, node: NodeId },
 }
 
 /// A node to read.
@@ -103,6 +105,8 @@ pub(super) struct Entry {
     pub(super) wanted_at: u64,
     pub(super) in_flight: bool,
     pub(super) failed: bool,
+    /// The latest read, if it failed.
+    pub(super) again: Option<Again>,
     /// The decoded node if it is not shown, or will replace what is shown. All points, of the cloud's generation.
     pub(super) loaded: Option<Loaded>,
     pub(super) shown: Option<ShownNode>,
@@ -212,7 +216,8 @@ impl ShownNode {
 
 impl Entry {
     pub(super) fn is_of_use(&self) -> bool {
-        self.wanted > 0 || self.in_flight || self.failed || self.loaded.is_some() || self.shown.is_some()
+        let is_known = self.failed || self.again.is_some() || self.loaded.is_some() || self.shown.is_some();
+        self.wanted > 0 || self.in_flight || is_known
     }
 
     /// Whether children may be shown: its points are shown, or never will be.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::nodes::{CloudNodes, Entry, Job, Loaded, NodeChange, PagedCloud, ShownNode};
-use crate::{BATCHES, Budget, Error, NodeId, Octree, Result, Wanted, prefix};
+use crate::{Again, BATCHES, Budget, Error, NodeId, Octree, Result, Wanted, prefix};
 
 /// The time over which rates are measured.
 const RATE_TIME: Duration = Duration::from_secs(1);
@@ -80,14 +80,18 @@ impl State {
             self.pending.extend(drops);
         }
         // A failure of the pages before does not apply to these.
-        self.pending.retain(|change| !matches!(change, NodeChange::Failed { cloud: other, .. } if *other == cloud));
+        let is_of_before = |change: &NodeChange| match change {
+            NodeChange::Failed { cloud: other, .. } | NodeChange::Mended { cloud: other, .. } => *other == cloud,
+            NodeChange::Put { .. } | NodeChange::Drop { .. } => false,
+        };
+        self.pending.retain(|change| !is_of_before(change));
         self.generations += 1;
         let generation = self.generations;
         let before = self.clouds.remove(&cloud).map(|held| (held.entries, held.field, held.loose));
         let (mut entries, field, loose) = before.unwrap_or_default();
         for entry in entries.values_mut() {
             // Nodes that are being read for the old generation will be thrown away.
-            (entry.in_flight, entry.failed) = (false, false);
+            (entry.in_flight, entry.failed, entry.again) = (false, false, None);
             self.bytes -= entry.loaded.take().map_or(0, |loaded| loaded.bytes());
         }
         self.clouds.insert(cloud, CloudNodes { paged, generation, field, loose, entries });
@@ -130,7 +134,8 @@ impl State {
         self.pending.retain(|change| match change {
             NodeChange::Put { cloud: other, .. }
             | NodeChange::Drop { cloud: other, .. }
-            | NodeChange::Failed { cloud: other, .. } => *other != cloud,
+            | NodeChange::Failed { cloud: other, .. }
+            | NodeChange::Mended { cloud: other, .. } => *other != cloud,
         });
         self.accept();
         drops
@@ -150,6 +155,21 @@ impl State {
         }
         self.budget = budget;
         self.accept();
+    }
+
+    /// Has wanted nodes read again that could not be read. Returns whether there are any.
+    pub(super) fn try_again(&mut self, now: Instant, is_other_view: bool) -> bool {
+        let entries = self.clouds.values_mut().flat_map(|held| held.entries.values_mut());
+        let mut is_any = false;
+        for entry in entries.filter(|entry| entry.failed && entry.wanted > 0) {
+            let is_due = entry.again.as_mut().is_some_and(|again| again.ask(now, is_other_view));
+            entry.failed = !is_due;
+            is_any |= is_due;
+        }
+        if is_any {
+            self.accept();
+        }
+        is_any
     }
 
     /// Accepts the last cut as far as the budget goes.
@@ -273,6 +293,9 @@ impl State {
         match loaded {
             Ok(loaded) => {
                 self.bytes += loaded.bytes();
+                if entry.again.take().is_some() {
+                    self.pending.push(NodeChange::Mended { cloud: job.cloud, node: job.node });
+                }
                 let points = loaded.chunk.len() as u64;
                 let excess = loaded.bytes().saturating_sub(held.paged.cost(job.node));
                 entry.loaded = Some(loaded);
@@ -284,7 +307,10 @@ impl State {
             }
             Err(error) => {
                 entry.failed = true;
-                self.pending.push(NodeChange::Failed { cloud: job.cloud, node: job.node, error });
+                let before = entry.again.replace(Again::after(entry.again, Instant::now()));
+                if before.is_none() {
+                    self.pending.push(NodeChange::Failed { cloud: job.cloud, node: job.node, error });
+                }
             }
         }
     }
