@@ -413,8 +413,10 @@ fn plane(plane: &measure::Plane, up: DVec3) -> Vec<Figure> {
     let mut figures =
         vec![Figure::new(english!("dip"), Quantity::Angle, dip, Some(plane.tilt_deviation(fall).to_degrees()))];
     if let Some(towards) = dip_direction(plane.normal, up) {
-        let across = plane.tilt_deviation(fall.cross(plane.normal)) / dip.to_radians().sin();
-        figures.push(Figure::new(english!("dip direction"), Quantity::Angle, towards, Some(across.to_degrees())));
+        let across = (plane.tilt_deviation(fall.cross(plane.normal)) / dip.to_radians().sin()).to_degrees();
+        let direction = Figure::new(english!("dip direction"), Quantity::Angle, towards, Some(across));
+        // A plane that may be level falls in any direction.
+        figures.extend(direction.interval().is_none_or(|interval| interval < 180.0).then_some(direction));
     }
     figures.extend([
         Figure::new(english!("rms"), Quantity::Length, plane.rms, None),

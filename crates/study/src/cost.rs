@@ -128,6 +128,12 @@ impl Workload {
         changed.lit(to)
     }
 
+    /// The same view with another number of pixels; `settings` are those that it has.
+    pub fn of_pixels(&self, pixels: f64, settings: &Settings) -> Self {
+        let mirrors = self.mirrors * pixels / self.pixels.max(1.0);
+        Self { pixels, mirrors, ..*self }.lit(settings)
+    }
+
     /// Adds what follows from the settings.
     fn lit(self, settings: &Settings) -> Self {
         let Settings { gi, reflection, .. } = settings;

@@ -58,10 +58,13 @@ pub fn choice<'a, T: PartialEq + Copy>(
 }
 
 /// The number that a person typed, with a decimal point or comma; `None` where that is not sure: a comma before three
-/// digits separates thousands in English.
-fn typed_number(text: &str) -> Option<f64> {
+/// digits separates thousands in English, but not after a zero.
+pub fn typed_number(text: &str) -> Option<f64> {
     let text: String = text.chars().filter(|letter| !letter.is_whitespace()).collect();
-    let is_of_thousands = |(_, after): (&str, &str)| is_english() && after.len() == 3;
+    let is_of_thousands = |(before, after): (&str, &str)| {
+        let before = before.trim_start_matches(['-', '−', '+']);
+        is_english() && after.len() == 3 && !before.starts_with('0')
+    };
     if text.split_once(',').is_some_and(is_of_thousands) {
         return None;
     }
@@ -216,7 +219,13 @@ mod tests {
     fn numbers_have_a_decimal_point_or_comma_and_what_is_not_sure_is_none() {
         let speak = |language| crate::shared::language::speak(language);
         speak(scene::Language::English);
-        let typed = [("1.5", Some(1.5)), (" −2,25 ", Some(-2.25)), ("1e3", Some(1000.0)), ("1 234.5", Some(1234.5))];
+        let typed = [
+            ("1.5", Some(1.5)),
+            (" −2,25 ", Some(-2.25)),
+            ("1e3", Some(1000.0)),
+            ("1 234.5", Some(1234.5)),
+            ("-0,125", Some(-0.125)),
+        ];
         for (text, number) in typed {
             assert_eq!(typed_number(text), number, "{text}");
         }

@@ -10,7 +10,7 @@ use scene::{Clip, ClipShape, Filter, Keep, Object};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{choice, eye, name_label, number_field, tall_menu, three};
+use crate::viewer::look::widgets::{choice, eye, name_label, number_field, tall_menu, three, typed_number};
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedClip};
 use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};
@@ -266,6 +266,11 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                         f64::NEG_INFINITY => text!("lowest").into(),
                         f64::INFINITY => text!("highest").into(),
                         value => egui::emath::format_with_decimals_in_range(value, decimals),
+                    })
+                    .custom_parser(|typed| match typed.trim() {
+                        lowest if lowest == text!("lowest") => Some(f64::NEG_INFINITY),
+                        highest if highest == text!("highest") => Some(f64::INFINITY),
+                        typed => typed_number(typed),
                     })
                 };
                 ui.add(drag(&mut filter.low).range(f64::NEG_INFINITY..=high)).labelled_by(label.id);

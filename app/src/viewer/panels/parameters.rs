@@ -221,7 +221,7 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             let slider = number_slider(&mut number, min.0 as f64..=max.0 as f64).logarithmic(true);
             let slider = slider
                 .custom_formatter(|number, _| param::Bytes(number as u64).to_string())
-                .custom_parser(|text| text.parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64));
+                .custom_parser(|text| text.replace(',', ".").parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64));
             let response = ui.add(slider).labelled_by(label);
             let exact = param::Bytes(number as u64);
             response.changed().then(|| Value::Bytes(if response.dragged() { even_amount(exact) } else { exact }))

@@ -317,7 +317,7 @@ impl Session {
             outside: &mut self.outside,
         };
         let result = act(&mut self.loaded, &mut beside);
-        self.tools.follow_pick(&self.loaded);
+        self.tools.follow_pick(&self.scene, &self.loaded, &mut self.outside);
         result
     }
 

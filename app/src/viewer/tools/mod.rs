@@ -302,14 +302,16 @@ impl Tools {
         find_error(point, world, sight, loaded, outside);
     }
 
-    /// Puts the picked point where its cloud has it now, and forgets it where the cloud is gone.
-    pub fn follow_pick(&mut self, loaded: &Loaded) {
-        self.pick = self.pick.take().filter(|pick| loaded.cloud(pick.point.chunk.cloud).is_some());
+    /// Puts the picked point where its cloud has it now, where its error is found anew, and forgets it where the cloud
+    /// is gone.
+    pub fn follow_pick(&mut self, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        let entry_of = |pick: &Pick| loaded.cloud(pick.point.chunk.cloud);
+        self.pick = self.pick.take().filter(|pick| entry_of(pick).is_some());
         let Some(pick) = &mut self.pick else { return };
-        if let Some(world) = loaded.world_position(pick.point) {
-            let entry = loaded.cloud(pick.point.chunk.cloud);
-            (pick.world, pick.is_moved) = (world, entry.is_some_and(|entry| entry.placement().is_some()));
-        }
+        let Some(world) = loaded.world_position(pick.point).filter(|world| *world != pick.world) else { return };
+        (pick.world, pick.error) = (world, None);
+        pick.is_moved = entry_of(pick).is_some_and(|entry| entry.placement().is_some());
+        find_error(pick.point, world, sight(scene, world), loaded, outside);
     }
 
     pub fn copy_pick(&self, outside: &mut Outside) {

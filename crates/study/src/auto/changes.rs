@@ -27,7 +27,7 @@ const LEVERS: [(&str, &[&str]); 8] = [
 ];
 
 /// Times of equal work differ by some hundredths.
-pub const NOISE: f64 = 1.05;
+const NOISE: f64 = 1.05;
 
 /// The squares of errors, or parts of them: of the colours of mirrors, of those of the rest, and of pixels.
 pub type Squares = [f64; 3];
@@ -95,40 +95,56 @@ pub fn changes_of(base: &Settings, fixed: &[String], has_mirrors: bool, is_lit: 
     sets.into_iter().map(change).filter(is_tried).collect()
 }
 
-/// The errors of changes in the views before.
+/// The errors of changes in the views before, by what is changed, and from what.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct KnownErrors {
-    /// By what is changed, and from what.
     squares: BTreeMap<String, Squares>,
 }
 
 /// The weight of one view beside all views before.
 const OF_A_VIEW: f64 = 0.5;
 
+/// The most changes that are known: those of some dozen values that a person gave the parameters.
+const MOST_KNOWN: usize = 2000;
+
+/// The kind of a view and of its still picture: errors of one kind say nothing of another.
+#[derive(Clone, Debug)]
+pub struct Kind(String);
+
+impl Kind {
+    /// `fixed` names the parameters that the still picture keeps.
+    pub fn new(has_mirrors: bool, fixed: &[String]) -> Self {
+        let view = if has_mirrors { "mirrors" } else { "no mirrors" };
+        let is_lever = |key: &&String| LEVERS.iter().any(|(lever, _)| lever == key);
+        Self(fixed.iter().filter(is_lever).fold(view.to_owned(), |kind, key| format!("{kind} {key}")))
+    }
+}
+
 impl KnownErrors {
-    /// What is changed and from what; for no change, what could be changed and its values. Views without mirrors have
-    /// errors of their own.
-    fn key(base: &Settings, change: Option<&Change>, has_mirrors: bool) -> String {
-        let view = if has_mirrors { "mirrors:" } else { "no mirrors:" };
+    /// What is changed and from what; for no change, what could be changed and its values.
+    fn key(kind: &Kind, base: &Settings, change: Option<&Change>) -> String {
         let changed = |(key, value): &(&str, String)| format!(" {key}={value} from {}", text_of(base, key));
         let own = |(key, _): &(&str, &[&str])| format!(" {key}={}", text_of(base, key));
         let parts: String = match change {
             Some(change) => change.set.iter().map(changed).collect(),
             None => LEVERS.iter().chain([&(METHOD, &[][..])]).map(own).collect(),
         };
-        format!("{view}{parts}")
+        format!("{}:{parts}", kind.0)
     }
 
     /// The squares that a change adds to those of `base`; the squares of `base` itself for no change.
-    pub fn of(&self, base: &Settings, change: Option<&Change>, has_mirrors: bool) -> Option<Squares> {
-        self.squares.get(&Self::key(base, change, has_mirrors)).copied()
+    pub fn of(&self, kind: &Kind, base: &Settings, change: Option<&Change>) -> Option<Squares> {
+        self.squares.get(&Self::key(kind, base, change)).copied()
     }
 
     /// Learns from a view the squares of the errors of `base`, and of what changes add to them.
-    pub fn learn(&mut self, base: &Settings, squares: Squares, changes: &[Change], has_mirrors: bool) {
+    pub fn learn(&mut self, kind: &Kind, base: &Settings, squares: Squares, changes: &[Change]) {
+        if self.squares.len() > MOST_KNOWN {
+            self.squares.clear();
+        }
         let changes = changes.iter().map(|change| (Some(change), change.squares));
         for (change, squares) in changes.chain([(None, squares)]) {
-            let kept = self.squares.entry(Self::key(base, change, has_mirrors)).or_insert(squares);
+            let kept = self.squares.entry(Self::key(kind, base, change)).or_insert(squares);
             for (kept, square) in kept.iter_mut().zip(squares) {
                 *kept += OF_A_VIEW * (square - *kept);
             }
@@ -140,6 +156,7 @@ impl KnownErrors {
         self.squares.values().flatten().all(|square| square.is_finite())
     }
 }
+
 /// The parameters of `to` that differ from `from`, and its method.
 pub fn differing(from: &Settings, to: &Settings) -> BTreeMap<String, String> {
     let mut set = BTreeMap::from([(METHOD.to_owned(), to.reflection.method.name().to_owned())]);
@@ -206,9 +223,8 @@ pub fn combinations(base: &Settings, changes: &[Change]) -> Vec<Combination> {
             }
             for (index, change) in changes.iter().enumerate().filter(is_of_key) {
                 let settings = change.of(&combination.settings);
-                // Without light between surfaces nothing of its lights changes anything.
-                let lights = |settings: &Settings| (settings.gi.vpls, settings.gi.interleave);
-                if settings.gi.bounces > 0 || lights(&settings) == lights(base) {
+                // Without light between surfaces the number of its lights changes nothing.
+                if settings.gi.bounces > 0 || settings.gi.vpls == base.gi.vpls {
                     let changes = [&combination.changes[..], &[index]].concat();
                     next.push(Combination { settings, changes });
                 }
@@ -362,15 +378,18 @@ mod tests {
         let base = Settings::default();
         let few = change(&[("gi.vpls", "16")], [1.0, 2.0, 3.0], 5.0);
         let mut known = KnownErrors::default();
-        known.learn(&base, [4.0; 3], std::slice::from_ref(&few), true);
-        assert_eq!(known.of(&base, Some(&few), true), Some([1.0, 2.0, 3.0]));
-        assert_eq!(known.of(&base, None, true), Some([4.0; 3]));
-        assert_eq!(known.of(&base, Some(&few), false), None);
+        let [mirrors, bare] = [true, false].map(|has_mirrors| Kind::new(has_mirrors, &["scene.seed".to_owned()]));
+        known.learn(&mirrors, &base, [4.0; 3], std::slice::from_ref(&few));
+        assert_eq!(known.of(&mirrors, &base, Some(&few)), Some([1.0, 2.0, 3.0]));
+        assert_eq!(known.of(&mirrors, &base, None), Some([4.0; 3]));
+        assert_eq!(known.of(&bare, &base, Some(&few)), None);
+        // The still picture keeps what is fixed, so its errors are others.
+        assert_eq!(known.of(&Kind::new(true, &["view.resolution".to_owned()]), &base, Some(&few)), None);
         let mut other = base.clone();
         other.gi.vpls = 128;
-        assert_eq!((known.of(&other, Some(&few), true), known.of(&other, None, true)), (None, None));
-        known.learn(&base, [0.0; 3], &[Change { squares: [3.0, 2.0, 1.0], ..few.clone() }], true);
-        assert_eq!(known.of(&base, Some(&few), true), Some([2.0; 3]));
-        assert_eq!(known.of(&base, None, true), Some([2.0; 3]));
+        assert_eq!((known.of(&mirrors, &other, Some(&few)), known.of(&mirrors, &other, None)), (None, None));
+        known.learn(&mirrors, &base, [0.0; 3], &[Change { squares: [3.0, 2.0, 1.0], ..few.clone() }]);
+        assert_eq!(known.of(&mirrors, &base, Some(&few)), Some([2.0; 3]));
+        assert_eq!(known.of(&mirrors, &base, None), Some([2.0; 3]));
     }
 }

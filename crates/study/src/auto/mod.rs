@@ -23,14 +23,14 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use render::{FrameStats, Renderer};
-use scene::{Camera, Settings};
+use scene::{Camera, Method, Settings};
 
 pub use self::changes::KnownErrors;
 use self::changes::{
-    Change, Combination, Squares, changes_of, combinations, correct, differing, predicted_error, squares_of,
+    Change, Combination, Kind, Squares, changes_of, combinations, correct, differing, predicted_error, squares_of,
     without_dominated,
 };
-use self::search::{Drawn, Search, is_no_choice};
+use self::search::{Drawn, Search, is_no_choice, slow};
 use crate::cost::{CostModel, Costs, Workload};
 use crate::still::{Still, StillError, Target, drawn_size, judging_settings};
 
@@ -128,6 +128,7 @@ pub struct Explored {
     /// The milliseconds of a frame with the base's settings, and what it did.
     milliseconds: f64,
     work: Workload,
+    kind: Kind,
     still_settings: Settings,
     /// The changes that may be made.
     changes: Vec<Change>,
@@ -166,10 +167,7 @@ impl Tried {
     }
 
     fn keeps(&self, target: Target) -> bool {
-        match target {
-            Target::Milliseconds(most) => self.milliseconds <= most,
-            Target::Pixels(most) | Target::DeltaE(most) => self.error <= most,
-        }
+        target.is_kept(self.milliseconds, self.error)
     }
 }
 
@@ -195,16 +193,20 @@ impl Explored {
         let (stats, milliseconds) = search.timed(&base, size)?;
         let work = Workload::of(&stats, &base, drawn_size(size, &base));
         let changes = changes_of(&base, fixed, work.mirrors > 0.0, light_counts && work.lights > 0.0);
-        let expected = expected(&search, &base, &work, &changes);
+        let still_settings = still_of(&base, fixed);
+        let kind = Kind::new(work.mirrors > 0.0, fixed);
+        let exact = still_settings.reflection.method;
+        let expected = expected(&search, (&base, &work, &kind), &changes, (exact, small(size)));
         let Search { local, frames, .. } = search;
         Ok(Self {
             settings: settings.clone(),
-            still_settings: still_of(&base, fixed),
+            still_settings,
             base,
             camera: *camera,
             size,
             milliseconds,
             work,
+            kind,
             changes,
             expected,
             judged: None,
@@ -219,7 +221,7 @@ impl Explored {
         self.milliseconds
     }
 
-    /// Chooses settings by the errors of scenes before, before the still picture of this one is drawn: their time is
+    /// Chooses settings by the errors of views before, before the still picture of this one is drawn: their time is
     /// measured, and their error is only expected. `None` where there are no such errors.
     ///
     /// # Errors
@@ -235,7 +237,7 @@ impl Explored {
     pub fn choose(&mut self, target: Target, hands: &mut Hands<'_, '_>) -> anyhow::Result<Choice> {
         let judged = match self.judged.take() {
             Some(judged) => judged,
-            None => self.judge(target, hands)?,
+            None => self.judge(hands)?,
         };
         let known = (squares_of(&judged.drawn[1].error), judged.changes.clone());
         let choice = self.search(target, Some(&judged), &known, hands);
@@ -244,25 +246,22 @@ impl Explored {
     }
 
     /// Draws the still picture, the picture with the settings as they are, and a small picture of each change.
-    fn judge(&mut self, target: Target, hands: &mut Hands<'_, '_>) -> anyhow::Result<Judged> {
+    fn judge(&mut self, hands: &mut Hands<'_, '_>) -> anyhow::Result<Judged> {
         let start = Instant::now();
         let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
-        let (still, milliseconds) = search.still(&self.still_settings, self.size)?;
-        let settings = self.still_settings.clone();
-        let mut best = Drawn { settings, milliseconds, error: still.none() };
-        // Compiling counts among the milliseconds, and one frame is no median.
-        if matches!(target, Target::Milliseconds(most) if milliseconds < 4.0 * most) {
-            best.milliseconds = search.timed(&best.settings, self.size)?.1;
-        }
-        let first = search.drawn(&self.base, &still, self.size)?;
         let small = small(self.size);
+        // Shaders are compiled for the small one, so that one frame of the large one tells its time.
         let of_small = match small == self.size {
             true => None,
             false => Some(search.still(&self.still_settings, small)?.0),
         };
+        let (still, milliseconds) = search.still(&self.still_settings, self.size)?;
+        let best = Drawn { settings: self.still_settings.clone(), milliseconds, error: still.none() };
+        let first = search.drawn(&self.base, &still, self.size)?;
         let (base, still_of_small) = ((&self.base, &self.work), of_small.as_ref().unwrap_or(&still));
         let exact = self.still_settings.reflection.method;
         let changes = search.measured(base, &self.changes, exact, still_of_small, small)?;
+        search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&first.error), &changes);
         (self.local, self.frames) = (search.local, search.frames);
         self.seconds += start.elapsed().as_secs_f64();
         Ok(Judged { still, drawn: [best, first], changes })
@@ -328,16 +327,8 @@ impl Explored {
                 Err(error) => return Err(error),
             }
         }
-        if let Some(judged) = judged {
-            let has_mirrors = judged.still.has_mirrors();
-            search.hands.model.errors.learn(&self.base, squares, &changes, has_mirrors);
-        }
         let (best, reached) = best(target, &tried);
-        let mut best = best.clone();
-        if judged.is_some() && best.settings == self.still_settings && !matches!(target, Target::Milliseconds(_)) {
-            best.milliseconds = search.timed(&best.settings, self.size)?.1;
-        }
-        let Tried { settings: chosen, milliseconds, error, errors } = best;
+        let Tried { settings: chosen, milliseconds, error, errors } = best.clone();
         let (frames, seconds) = (search.frames, self.seconds + start.elapsed().as_secs_f64());
         let found = format!("{milliseconds:.1} ms, {error:.3} {}", target.error_unit());
         let reason = match (target, reached) {
@@ -352,7 +343,7 @@ impl Explored {
         };
         let by = match &errors {
             Some(errors) => errors.to_string(),
-            None => "the error is what scenes before had".to_owned(),
+            None => "the error is what views before had".to_owned(),
         };
         let why =
             format!("{reason} ({by}); chosen from {count} settings by {frames} frames in {seconds:.1} s{left_out}");
@@ -383,17 +374,22 @@ impl Explored {
 }
 
 /// What the changes of `base` add to the squares of its errors, which come first, by the views before, with the times
-/// of the changes by the cost model; `None` if any is missing.
-fn expected(search: &Search, base: &Settings, work: &Workload, changes: &[Change]) -> Option<(Squares, Vec<Change>)> {
+/// of the changes by the cost model; `None` if any is missing. Methods that would not be tried are left out.
+fn expected(
+    search: &Search,
+    (base, work, kind): (&Settings, &Workload, &Kind),
+    changes: &[Change],
+    (exact, small): (Method, [u32; 2]),
+) -> Option<(Squares, Vec<Change>)> {
     let (errors, costs) = (&search.hands.model.errors, search.local.costs());
-    let has_mirrors = work.mirrors > 0.0;
-    let known = |change: &Change| {
+    let is_slow = slow(&costs, (base, work), exact, small);
+    let mut known = Vec::new();
+    for change in changes.iter().filter(|change| !is_slow(change)) {
         let settings = change.of(base);
         let milliseconds = costs.predict(&work.with(base, &settings), &settings)?;
-        Some(Change { squares: errors.of(base, Some(change), has_mirrors)?, milliseconds, ..change.clone() })
-    };
-    let changes: Option<Vec<Change>> = changes.iter().map(known).collect();
-    Some((errors.of(base, None, has_mirrors)?, changes?))
+        known.push(Change { squares: errors.of(kind, base, Some(change))?, milliseconds, ..change.clone() });
+    }
+    Some((errors.of(kind, base, None)?, known))
 }
 
 /// The size of small pictures of a view.
@@ -451,8 +447,6 @@ fn best(target: Target, tried: &[Tried]) -> (&Tried, bool) {
 
 #[cfg(test)]
 mod tests {
-    use scene::Method;
-
     use super::*;
     use crate::still::ColorError;
 

@@ -4,7 +4,7 @@ use render::FrameStats;
 use scene::{Camera, Method, Settings};
 
 use super::Hands;
-use super::changes::{Change, NOISE, Squares, squares_of};
+use super::changes::{Change, Squares, squares_of};
 use crate::cost::{CostModel, Costs, Workload};
 use crate::results::Spread;
 use crate::still::{Still, StillError, drawn_size};
@@ -17,6 +17,12 @@ pub struct Drawn {
     pub error: StillError,
 }
 
+/// Frames are drawn for a time until they took so many milliseconds.
+const ENOUGH: f64 = 400.0;
+
+/// Methods that are known to take so many times what an exact one takes are not tried.
+const SLOW: f64 = 3.0;
+
 pub struct Search<'a, 'b, 'c> {
     pub camera: &'a Camera,
     pub hands: &'a mut Hands<'b, 'c>,
@@ -26,10 +32,14 @@ pub struct Search<'a, 'b, 'c> {
 }
 
 impl Search<'_, '_, '_> {
-    /// Draws the still picture, once. Returns its milliseconds, too, those of compiling among them.
+    /// Draws the still picture. Its milliseconds are those of one frame, unless shaders were compiled for it, or it is so
+    /// quick that one frame is no median.
     pub fn still(&mut self, settings: &Settings, size: [u32; 2]) -> anyhow::Result<(Still, f64)> {
-        let milliseconds = self.frame(settings, size)?.frame_milliseconds;
-        Ok((Still::read(self.hands.renderer, self.camera, settings, size)?, milliseconds))
+        let stats = self.frame(settings, size)?;
+        let still = Still::read(self.hands.renderer, self.camera, settings, size)?;
+        let is_time = !stats.has_compiled && stats.frame_milliseconds > ENOUGH;
+        let milliseconds = if is_time { stats.frame_milliseconds } else { self.timed(settings, size)?.1 };
+        Ok((still, milliseconds))
     }
 
     /// Draws a frame. The cost models learn from it unless shaders were compiled for it.
@@ -44,10 +54,9 @@ impl Search<'_, '_, '_> {
         Ok(stats)
     }
 
-    /// Draws a frame of a picture of `size`, and again if shaders were compiled for it. Returns the milliseconds.
+    /// Draws a frame of a picture of `size`, and again if shaders were compiled for it, or frames took less than
+    /// [`ENOUGH`], at most five. Returns the milliseconds.
     pub fn timed(&mut self, settings: &Settings, size: [u32; 2]) -> anyhow::Result<(FrameStats, f64)> {
-        /// Frames are drawn until they took so many milliseconds, at least one and at most so many.
-        const ENOUGH: f64 = 400.0;
         const MOST: usize = 5;
         let size = drawn_size(size, settings);
         let mut times: Vec<f64> = Vec::new();
@@ -72,8 +81,8 @@ impl Search<'_, '_, '_> {
     }
 
     /// Draws a picture of `size` for each change of `base`, and returns what they add to the squares of its errors. Of
-    /// changes whose times are known, one frame is drawn. Methods that take longer than `exact`, which makes no error,
-    /// are left out. `work` is what a frame of the whole picture does with `base`.
+    /// changes whose times are known, one frame is drawn. Methods that are known to take far longer than `exact`, which
+    /// makes no error, are left out. `work` is what a frame of the whole picture does with `base`.
     pub fn measured(
         &mut self,
         (base, work): (&Settings, &Workload),
@@ -84,15 +93,13 @@ impl Search<'_, '_, '_> {
     ) -> anyhow::Result<Vec<Change>> {
         let time = |costs: &Costs, settings: &Settings| costs.predict(&work.with(base, settings), settings);
         let costs = self.local.costs();
-        let mut traced = base.clone();
-        traced.reflection.method = exact;
-        let slowest = time(&costs, &traced).map_or(f64::INFINITY, |milliseconds| NOISE * milliseconds);
+        let is_slow = slow(&costs, (base, work), exact, size);
         let of_base = self.squares(base, true, still, size)?;
         let mut measured = Vec::new();
         for change in changes {
             let settings = change.of(base);
             let known = time(&costs, &settings);
-            if change.is_of_method() && known.is_some_and(|milliseconds| milliseconds > slowest) {
+            if is_slow(change) {
                 continue;
             }
             let own = match (settings != *base).then(|| self.squares(&settings, known.is_none(), still, size)) {
@@ -126,6 +133,22 @@ impl Search<'_, '_, '_> {
         }
         Ok(squares_of(&still.error(self.hands.renderer, self.camera, settings, drawn)?))
     }
+}
+
+/// Whether a change is to a method that is known to take far longer than `exact` in a picture of `size`. In small
+/// pictures, in which they are tried, times are known best.
+pub fn slow<'a>(
+    costs: &'a Costs,
+    (base, work): (&'a Settings, &'a Workload),
+    exact: Method,
+    size: [u32; 2],
+) -> impl Fn(&Change) -> bool + 'a {
+    let work = work.of_pixels(size.map(f64::from).iter().product::<f64>(), base);
+    let time = move |settings: &Settings| costs.predict(&work.with(base, settings), settings);
+    let mut traced = base.clone();
+    traced.reflection.method = exact;
+    let longest = time(&traced).map_or(f64::INFINITY, |milliseconds| SLOW * milliseconds);
+    move |change| change.is_of_method() && time(&change.of(base)).is_some_and(|milliseconds| milliseconds > longest)
 }
 
 /// Whether a picture was refused because of its method: one that cannot show the scene's glossy mirrors, or not beside
