@@ -131,7 +131,7 @@ impl Section {
             // A line often begins and ends at points of the cloud, which rounding must not leave out.
             let rounding = ROUNDING * point.abs().max(piece.from.abs()).max_element();
             let beyond = f64::max(-along, along - piece.length).max(across.abs() - self.half_width);
-            let along = along.clamp(0.0, piece.length);
+            let (along, across) = (along.clamp(0.0, piece.length), across.clamp(-self.half_width, self.half_width));
             if beyond <= rounding && nearest.is_none_or(|(_, nearest)| across.abs() < nearest.across.abs()) {
                 nearest = Some((piece, Placed { along: piece.start + along, height: point.dot(self.up), across }));
             }
