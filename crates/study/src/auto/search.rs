@@ -112,7 +112,7 @@ impl Search<'_, '_, '_> {
         }
         let costs = self.local.costs();
         for change in &mut measured {
-            change.milliseconds = time(&costs, &change.of(base)).unwrap_or_default();
+            change.milliseconds = time(&costs, &change.of(base)).unwrap_or(f64::INFINITY);
         }
         Ok(measured)
     }
