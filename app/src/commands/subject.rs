@@ -430,6 +430,7 @@ impl Loads {
                 self.status = if is_usage && self.status != FAILED { UNUSABLE } else { FAILED };
                 bar.suspend(|| failed.complain(&error));
             }
+            Event::Mended { has_come: false, .. } => {}
             Event::Mended { problem, .. } => bar.suspend(|| terminal::complain(&format!("no longer so: {problem}"))),
             Event::Stream(_) | Event::Finished => {}
         }

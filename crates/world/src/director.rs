@@ -50,6 +50,10 @@ pub struct Director {
     previews: BTreeMap<usize, u64>,
     /// The number of points that were resident beside the last cut.
     beside_cut: u64,
+    /// Whether all that the view needs was there when that was last reported.
+    is_settled: bool,
+    /// Whether another view has come since what could not be read was last asked for.
+    view_has_changed: bool,
     reported: (Instant, StreamStats),
 }
 
@@ -136,6 +140,8 @@ impl Director {
             is_complete: false,
             previews: BTreeMap::new(),
             beside_cut: 0,
+            is_settled: false,
+            view_has_changed: false,
             reported,
         })
     }
@@ -179,7 +185,10 @@ impl Director {
         if is_other || self.tiles.values().any(Tiles::is_new) {
             self.choose()?;
         }
-        is_other |= self.try_again(is_other_view)?;
+        self.view_has_changed |= is_other_view;
+        if self.is_settled && !is_other {
+            is_other |= self.try_again()?;
+        }
         self.show_tiles()?;
         let changes = self.streamer.changes();
         let is_quiet = changes.is_empty();
@@ -189,10 +198,10 @@ impl Director {
         self.report(is_quiet && !is_other)
     }
 
-    /// Has tiles, lists of nodes and nodes read again that could not be read, as far as the view needs them. Returns whether
-    /// that has changed what is waited for.
-    fn try_again(&mut self, is_other_view: bool) -> Option<bool> {
-        let now = Instant::now();
+    /// Has tiles, lists of nodes and nodes read again that could not be read, once all else that the view needs is there.
+    /// Returns whether that has changed what is waited for.
+    fn try_again(&mut self) -> Option<bool> {
+        let (now, is_other_view) = (Instant::now(), std::mem::take(&mut self.view_has_changed));
         let mut is_any = false;
         for lists in self.clouds.values_mut().filter_map(|streamed| streamed.lists.as_mut()) {
             is_any |= lists.ask_again(now, is_other_view);
@@ -237,7 +246,7 @@ impl Director {
                 let input = streamed.input.clone();
                 match said {
                     Some(Said::Problem(error)) => self.send(Event::Failed { input, error, is_usage: true })?,
-                    Some(Said::Mended(problem)) => self.send(Event::Mended { input, problem })?,
+                    Some(Said::Mended(problem)) => self.send(Event::Mended { input, problem, has_come: true })?,
                     None => {}
                 }
             }
@@ -279,7 +288,7 @@ impl Director {
             let news = tiles.news().into_iter();
             events.extend(news.map(|error| Event::Failed { input: input.clone(), error, is_usage: true }));
             let mended = tiles.mended().into_iter();
-            events.extend(mended.map(|problem| Event::Mended { input: input.clone(), problem }));
+            events.extend(mended.map(|problem| Event::Mended { input: input.clone(), problem, has_come: true }));
         }
         events.into_iter().try_for_each(|event| self.send(event))
     }
@@ -291,7 +300,7 @@ impl Director {
             self.streamer.remove(number);
             // When it is opened again, all is read anew.
             if let Some(problem) = told {
-                self.send(Event::Mended { input, problem })?;
+                self.send(Event::Mended { input, problem, has_come: false })?;
             }
             for part in resident.into_keys() {
                 self.send(Event::Dropped { cloud, part })?;
@@ -305,7 +314,7 @@ impl Director {
         let mut before = self.clouds.remove(&cloud);
         // All nodes are read anew.
         if let Some(problem) = before.as_mut().and_then(|before| before.told.take()) {
-            self.send(Event::Mended { input: input.clone(), problem })?;
+            self.send(Event::Mended { input: input.clone(), problem, has_come: false })?;
         }
         let lists = match before.as_mut().and_then(|before| before.lists.take()) {
             Some(lists) => lists.again(&pages),
@@ -528,7 +537,7 @@ impl Director {
                 streamed.missing.remove(&node);
                 let Some(problem) = streamed.told.take_if(|_| streamed.missing.is_empty()) else { return Some(()) };
                 let input = streamed.input.clone();
-                self.send(Event::Mended { input, problem })
+                self.send(Event::Mended { input, problem, has_come: true })
             }
             NodeChange::Failed { cloud, node, error } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
@@ -591,12 +600,13 @@ impl Director {
                 self.send(Event::Read { cloud, summary })?;
             }
         }
+        self.is_settled = is_there && self.is_complete;
         let whole = self.clouds.iter().filter(|(cloud, _)| owner_of(**cloud).1.is_none());
         let of_tiles = self.tiles.values().map(Tiles::points);
         let counts = self.tiles.values().map(Tiles::counts);
         let stats = StreamStats {
             view_number: self.view_number,
-            is_settled: is_there && self.is_complete,
+            is_settled: self.is_settled,
             nodes: shown.shown_nodes,
             points_resident: shown.shown_points,
             points_total: whole.map(|(_, streamed)| streamed.octree.points()).chain(of_tiles).sum(),

@@ -66,8 +66,9 @@ pub enum Event {
         /// Whether the input is at fault, and not the disk or the program.
         is_usage: bool,
     },
-    /// What `Failed`, or a warning of `Read`, has said to be missing has come, or is read anew: `problem` is what was said.
-    Mended { input: String, problem: String },
+    /// What `Failed`, or a warning of `Read`, has said to be missing has come, or is no longer wanted or read anew if not
+    /// `has_come`: `problem` is what was said.
+    Mended { input: String, problem: String, has_come: bool },
     /// The last event; with streamed clouds it is sent when they are closed. A channel that closes without it means
     /// that the loading thread died.
     Finished,

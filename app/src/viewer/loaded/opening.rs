@@ -47,10 +47,12 @@ impl Loaded {
                     false => beside.outside.say(Level::Error, text),
                 }
             }
-            Event::Mended { input, problem } => {
+            Event::Mended { input, problem, has_come } => {
                 beside.outside.take_back(&problem);
-                let name = short_name(&input).to_string();
-                beside.outside.say(Level::Note, text!("{name}: what was missing is there now", name));
+                if has_come {
+                    let name = short_name(&input).to_string();
+                    beside.outside.say(Level::Note, text!("{name}: what was missing is there now", name));
+                }
             }
             Event::Finished => self.finish_job(job, beside),
         }
