@@ -99,16 +99,20 @@ fn an_error_of_colours_is_kept_to_and_what_was_chosen_can_be_set_again() {
 }
 
 #[test]
-fn what_was_learned_of_one_picture_is_not_tried_again_for_the_next() {
+fn errors_of_one_picture_are_kept_and_do_not_replace_those_of_the_next() {
     let folder = Folder::new();
     let words = ["--error", "3dE", "--method", "sscr_hierarchical"];
     let Some(first) = stats(&folder, "first.png", &words) else { return };
-    let next =
-        stats(&folder, "next.png", &[&words[..], &["--set", "mirror.fresnel=0.2"]].concat()).expect("an adapter");
-    let frames = |stats: &Value| stats["auto"]["frames"].as_u64().expect("a number");
-    assert!(2 * frames(&next) < frames(&first), "{} frames after {}", frames(&next), frames(&first));
-    let error = next["auto"]["predicted_error"].as_f64().expect("a number");
-    assert!(error <= 3.0 && next["auto"]["errors"].is_object(), "{next}");
+    let mut costs = std::fs::read_dir(folder.path(".config/glint/costs")).expect("the folder of costs");
+    let costs = costs.next().expect("a file").expect("an entry").path();
+    let text = std::fs::read_to_string(&costs).expect("the costs");
+    assert!(text.contains("mirrors: view.resolution=0.5 from 1"), "{text}");
+    let words = [&words[..], &["--set", "mirror.fresnel=0.2"]].concat();
+    let next = stats(&folder, "next.png", &words).expect("an adapter");
+    for stats in [first, next] {
+        let error = stats["auto"]["predicted_error"].as_f64().expect("a number");
+        assert!(error <= 3.0 && stats["auto"]["errors"].is_object(), "{stats}");
+    }
 }
 
 #[test]
