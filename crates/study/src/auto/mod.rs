@@ -255,7 +255,7 @@ impl Explored {
             true => None,
             false => Some(search.still(&self.still_settings, small)?.0),
         };
-        let (still, milliseconds) = search.still(&self.still_settings, self.size)?;
+        let (still, milliseconds) = search.timed_still(&self.still_settings, self.size)?;
         // A resolution that is fixed makes the still picture of full resolution none that may be chosen.
         let best = match drawn_size(self.size, &self.still_settings) == self.size {
             true => Drawn { settings: self.still_settings.clone(), milliseconds, error: still.none() },

@@ -32,11 +32,16 @@ pub struct Search<'a, 'b, 'c> {
 }
 
 impl Search<'_, '_, '_> {
+    /// Draws the still picture, once.
+    pub fn still(&mut self, settings: &Settings, size: [u32; 2]) -> anyhow::Result<(Still, FrameStats)> {
+        let stats = self.frame(settings, size)?;
+        Ok((Still::read(self.hands.renderer, self.camera, settings, size)?, stats))
+    }
+
     /// Draws the still picture. Its milliseconds are those of one frame, unless shaders were compiled for it, or it is so
     /// quick that one frame is no median.
-    pub fn still(&mut self, settings: &Settings, size: [u32; 2]) -> anyhow::Result<(Still, f64)> {
-        let stats = self.frame(settings, size)?;
-        let still = Still::read(self.hands.renderer, self.camera, settings, size)?;
+    pub fn timed_still(&mut self, settings: &Settings, size: [u32; 2]) -> anyhow::Result<(Still, f64)> {
+        let (still, stats) = self.still(settings, size)?;
         let is_time = !stats.has_compiled && stats.frame_milliseconds > ENOUGH;
         let milliseconds = if is_time { stats.frame_milliseconds } else { self.timed(settings, size)?.1 };
         Ok((still, milliseconds))
