@@ -179,9 +179,10 @@ mod tests {
     use crate::viewer::look::tab::Tab;
     use crate::viewer::panels::side::OWN_PANELS;
     use crate::viewer::picture::messages::Report;
-    use crate::viewer::requests::action::{Film, Measuring};
+    use crate::viewer::requests::action::{Filing, Film, Measuring};
     use crate::viewer::requests::outside::{Asked, Effect};
     use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::requests::work::{Found, Work};
 
     fn harness() -> Harness<'static, Session> {
         Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(
@@ -393,6 +394,36 @@ mod tests {
         harness.run_ok();
         let asks = |effect: &Effect| matches!(effect, Effect::AskPlace(Asked::Scene, _));
         assert!(harness.state().outside.effects.iter().any(asks));
+    }
+
+    #[test]
+    fn a_number_that_is_being_typed_is_saved_with_the_scene() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("two.toml");
+        let mut harness = harness();
+        *harness.state_mut() = Session::with_two_points();
+        harness.state_mut().act(Action::AddMirror(scene::Shape::Sphere));
+        harness.state_mut().act(Action::File(Filing::SaveTo(place.clone())));
+        harness.state_mut().on_found(Found::SceneSaved { path: place, result: Ok(()) });
+        harness.run_ok();
+        harness.state_mut().act(Action::OpenTab(Tab::Mirrors));
+        harness.run_ok();
+        let field = harness.get_all_by_role(egui::accesskit::Role::SpinButton).next().expect("a number of the mirror");
+        field.focus();
+        harness.run_ok();
+        harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+        harness.event(egui::Event::Text("12.625".into()));
+        harness.run_ok();
+        harness.state_mut().outside.effects.clear();
+        harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::S);
+        harness.run_ok();
+        let saved = harness.state().outside.effects.iter().find_map(|effect| match effect {
+            Effect::Work(Work::SaveScene { text, .. }) => Some(text.clone()),
+            _ => None,
+        });
+        let saved = saved.expect("a saved scene");
+        assert!(saved.contains("12.625"), "{saved}");
+        assert!(harness.ctx.text_edit_focused(), "a person goes on typing");
     }
 
     #[test]

@@ -31,7 +31,8 @@ const MOST_ARROW_FACTOR: f64 = 2.0;
 /// the response of the picture's rectangle, which senses clicks and drags. `is_taken` says that the mouse is on a
 /// handle.
 pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, actions: &mut Vec<Action>) {
-    let is_typing = ui.ctx().text_edit_focused();
+    let has_saved = save_typed(ui, actions);
+    let is_typing = ui.ctx().text_edit_focused() || has_saved;
     let was_typing = ui.data(|data| data.get_temp(typing())).unwrap_or(false);
     ui.data_mut(|data| data.insert_temp(typing(), is_typing));
     let scale = f64::from(ui.ctx().pixels_per_point());
@@ -40,7 +41,10 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     if is_typing || list_has_keys(ui) || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
         hold(session, [false; 3], actions);
         if session.palette.is_none() && session.path_prompt.is_none() && session.document.asked.is_none() {
-            actions.extend(ui.input(|input| input.events.iter().find_map(|event| saving(event, session))));
+            let asked = ui.input(|input| input.events.iter().find_map(|event| saving(event, session)));
+            if let Some(action) = asked {
+                save_after_typing(ui, action, actions);
+            }
         }
     } else if session.palette.is_none() && session.tools.picture_draft.is_none() {
         let mut events = ui.input(|input| input.events.clone());
@@ -120,6 +124,31 @@ fn is_of_widget(ui: &Ui, key: egui::Key) -> bool {
     let is_taken =
         matches!(key, Key::Enter | Key::Space | Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown);
     has_focus && is_taken
+}
+
+/// Where egui keeps the field that has the keyboard and the action that saves the scene, from the frame of the window in
+/// which a person asks for it until the next one.
+fn waits_to_save() -> egui::Id {
+    egui::Id::unique("saves after typing")
+}
+
+/// Takes the keyboard from the field that has it, so that what is typed there counts, and saves in the next frame of the
+/// window.
+fn save_after_typing(ui: &Ui, action: Action, actions: &mut Vec<Action>) {
+    let Some(field) = ui.memory(|memory| memory.focused()) else { return actions.push(action) };
+    ui.memory_mut(|memory| memory.surrender_focus(field));
+    ui.data_mut(|data| data.insert_temp(waits_to_save(), Some((field, action))));
+    ui.ctx().request_repaint();
+}
+
+/// Saves if a person asked for it in the frame of the window before, and gives the keyboard back to the field. Returns
+/// whether there was one.
+fn save_typed(ui: &Ui, actions: &mut Vec<Action>) -> bool {
+    let waiting = ui.data_mut(|data| data.remove_temp::<Option<(egui::Id, Action)>>(waits_to_save()));
+    let Some((field, action)) = waiting.flatten() else { return false };
+    ui.memory_mut(|memory| memory.request_focus(field));
+    actions.push(action);
+    true
 }
 
 /// The action of a key that saves the scene, which means nothing to a text.
