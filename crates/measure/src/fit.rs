@@ -1,5 +1,7 @@
 //! Planes, circles and cylinders through points, by least squares of the distances of the points from them.
 
+use std::collections::HashMap;
+
 use cloud::smallest_eigenvector;
 use glam::{DMat3, DVec3};
 
@@ -17,6 +19,8 @@ pub struct Plane {
     pub points: usize,
     /// The covariance of the points.
     covariance: DMat3,
+    /// By how much the variance of the slope is larger than if points erred independently.
+    likeness: f64,
 }
 
 /// A circle, or a cylinder, through points.
@@ -27,8 +31,7 @@ pub struct Round {
     /// Unit vector across the circle or along the cylinder; its sign is arbitrary.
     pub axis: DVec3,
     pub radius: f64,
-    /// The standard deviation of the radius that follows from the points' scatter, if that is independent from point to
-    /// point.
+    /// The standard deviation of the radius that follows from the points' scatter, and from how alike neighbours err.
     pub radius_deviation: f64,
     /// The root of the mean square of the points' distances from the circle or the cylinder.
     pub rms: f64,
@@ -45,6 +48,8 @@ const REFINED: usize = 4;
 const MOST_TRIED: usize = 600;
 /// The most steps of a refinement; a good start needs about five.
 const MOST_STEPS: usize = 100;
+/// The least number of parcels of neighbours by which a fit tells how alike they err.
+const PARCELS: usize = 24;
 /// The largest radius over the points' spread: beyond it, nothing tells an arc from a line.
 const FLATTEST: f64 = 1e3;
 
@@ -59,11 +64,58 @@ impl Plane {
         self.noise() / (self.points as f64).sqrt()
     }
 
-    /// The standard deviation in radians of its slope along a direction in it (unit vector), if the points scatter
-    /// independently.
+    /// The standard deviation in radians of its slope along a direction in it (unit vector), by the points' scatter and
+    /// how alike neighbours err.
     pub fn tilt_deviation(&self, along: DVec3) -> f64 {
-        self.deviation() / along.dot(self.covariance * along).max(0.0).sqrt()
+        self.likeness.sqrt() * self.deviation() / along.dot(self.covariance * along).max(0.0).sqrt()
     }
+}
+
+/// Numbers the cells of the finest grid of cubes that still has few occupied ones. Returns the number of each point's
+/// cell and how many there are.
+fn parcels(points: &[DVec3]) -> (Vec<usize>, usize) {
+    let (low, high) = points
+        .iter()
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), point| (low.min(*point), high.max(*point)));
+    let mut edge = (high - low).max_element() / 4.0;
+    for _ in 0..MOST_STEPS {
+        let mut numbers = HashMap::new();
+        let number = |point: &DVec3| {
+            let next = numbers.len();
+            *numbers.entry(((*point - low) / edge).as_i64vec3()).or_insert(next)
+        };
+        let of_points: Vec<usize> = points.iter().map(number).collect();
+        if numbers.len() >= PARCELS {
+            return (of_points, numbers.len());
+        }
+        edge *= 0.8;
+    }
+    (vec![0; points.len()], 1)
+}
+
+/// By how much the variances of fitted values are larger than if the points erred independently, from what each point
+/// adds to a value's error: over parcels of neighbours, the squares of the sums over the sums of the squares (Liang and
+/// Zeger 1986). One where that is within chance, and where points are few.
+fn likeness<const VALUES: usize>(points: &[DVec3], added: impl Fn(&DVec3) -> [f64; VALUES]) -> [f64; VALUES] {
+    if points.len() < 4 * PARCELS {
+        return [1.0; VALUES];
+    }
+    let (numbers, count) = parcels(points);
+    let mut sums = vec![[(0.0, 0.0); VALUES]; count];
+    for (point, number) in points.iter().zip(numbers) {
+        for ((sum, squares), added) in sums[number].iter_mut().zip(added(point)) {
+            *sum += added;
+            *squares += added * added;
+        }
+    }
+    std::array::from_fn(|value| {
+        let of_parcels = || sums.iter().map(|sums| sums[value]);
+        let alone: f64 = of_parcels().map(|(_, squares)| squares).sum();
+        let together: f64 = of_parcels().map(|(sum, _)| sum * sum).sum();
+        let chance = (2.0 * of_parcels().map(|(_, squares)| (squares / alone).powi(2)).sum::<f64>()).sqrt();
+        let ratio = together / alone;
+        if ratio > 1.0 + 3.0 * chance { ratio } else { 1.0 }
+    })
 }
 
 fn mean(points: &[DVec3]) -> DVec3 {
@@ -85,7 +137,13 @@ pub fn plane(points: &[DVec3]) -> Result<Plane> {
     let covariance = covariance * count.recip();
     let normal = smallest_eigenvector(covariance).ok_or(Error::NoPlane)?;
     let squares: f64 = points.iter().map(|point| (*point - center).dot(normal).powi(2)).sum();
-    Ok(Plane { center, normal, rms: (squares / count).sqrt(), points: points.len(), covariance })
+    let (u, v) = normal.any_orthonormal_pair();
+    let [along_u, along_v] = likeness(points, |point| {
+        let offset = *point - center;
+        [u, v].map(|along| offset.dot(normal) * offset.dot(along))
+    });
+    let likeness = along_u.max(along_v);
+    Ok(Plane { center, normal, rms: (squares / count).sqrt(), points: points.len(), covariance, likeness })
 }
 
 /// A circle: in the plane through the points. Three have exactly one circle, whose deviations are then unknown (NaN).
@@ -219,8 +277,16 @@ impl Scaled {
         if !(round.radius > 0.0 && round.radius < FLATTEST) {
             return Err(Error::NotRound);
         }
-        let system = linear(&round, points, unknowns);
-        let own = system.inverse_corner().ok_or(Error::NotRound)?;
+        let mut system = linear(&round, points, unknowns);
+        system.right = std::array::from_fn(|row| if row + 1 == unknowns { 1.0 } else { 0.0 });
+        // How the radius follows the equations of the points; its last number is the radius' own variance.
+        let follows = system.solve(0.0).ok_or(Error::NotRound)?;
+        let added = |point: &DVec3| {
+            let slopes = slopes(&round, *point, unknowns);
+            [slopes.iter().zip(follows).map(|(slope, share)| slope * share).sum::<f64>() * distance(&round, *point)]
+        };
+        let [likeness] = likeness(points, added);
+        let own = follows[unknowns - 1];
         let (count, free) = (points.len() as f64, (points.len() - unknowns) as f64);
         let along = |point: &DVec3| (*point - round.center).dot(round.axis);
         let low = points.iter().map(along).fold(f64::INFINITY, f64::min);
@@ -228,7 +294,7 @@ impl Scaled {
         let shift = if turns { round.axis * ((low + high) * 0.5) } else { -round.axis * round.center.dot(round.axis) };
         Ok(Round {
             center: round.center + shift,
-            radius_deviation: (least / free * own).sqrt(),
+            radius_deviation: (least / free * own * likeness).sqrt(),
             rms: (least / count).sqrt(),
             points: points.len(),
             length: high - low,
@@ -242,18 +308,22 @@ fn distance(round: &Round, point: DVec3) -> f64 {
     (point - round.center).reject_from_normalized(round.axis).length() - round.radius
 }
 
-/// The equations of a step: by how much the distance of each point changes with the two coordinates of the center
-/// across the axis, with the axis' two turns if they are free, and with the radius.
-fn linear(round: &Round, points: &[DVec3], unknowns: usize) -> System {
+/// By how much the distance of a point changes with the two coordinates of the center across the axis, with the axis'
+/// two turns if they are free, and with the radius.
+fn slopes(round: &Round, point: DVec3, unknowns: usize) -> [f64; MOST] {
     let (u, v) = round.axis.any_orthonormal_pair();
+    let offset = point - round.center;
+    let along = offset.dot(round.axis);
+    let outward = (offset - round.axis * along).normalize_or_zero();
+    let (a, b) = (outward.dot(u), outward.dot(v));
+    if unknowns == 5 { [-a, -b, -along * a, -along * b, -1.0] } else { [-a, -b, -1.0, 0.0, 0.0] }
+}
+
+/// The equations of a step.
+fn linear(round: &Round, points: &[DVec3], unknowns: usize) -> System {
     let mut system = System::new(unknowns);
     for point in points {
-        let offset = *point - round.center;
-        let along = offset.dot(round.axis);
-        let outward = (offset - round.axis * along).normalize_or_zero();
-        let (a, b) = (outward.dot(u), outward.dot(v));
-        let slopes = if unknowns == 5 { [-a, -b, -along * a, -along * b, -1.0] } else { [-a, -b, -1.0, 0.0, 0.0] };
-        system.add(&slopes[..unknowns], -distance(round, *point));
+        system.add(&slopes(round, *point, unknowns)[..unknowns], -distance(round, *point));
     }
     system
 }
@@ -329,12 +399,6 @@ impl System {
             solution[row] = (solution[row] - known) / lower[row][row];
         }
         Some(solution)
-    }
-
-    /// The last number on the diagonal of the inverse.
-    fn inverse_corner(&self) -> Option<f64> {
-        let last = self.unknowns - 1;
-        Some(self.triangle(0.0)?[last][last].powi(-2))
     }
 }
 
@@ -450,6 +514,34 @@ pub mod tests {
         let ratio = (squares / stated).sqrt();
         // The root of a sum of 60 squares scatters by 9 %.
         assert!((0.7..1.35).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn deviations_hold_where_patches_of_the_surface_are_off_together() {
+        let mut dice = Dice::new(5);
+        let (mut radii, mut slopes, fits) = ([0.0; 2], [0.0; 2], 60);
+        for _ in 0..fits {
+            // Leaves of a tenth of a meter, each 2 cm off.
+            let leaves: Vec<f64> = (0..400).map(|_| dice.noise(0.02)).collect();
+            let leaf = |x: f64, y: f64| leaves[(x / 0.1) as usize % 20 * 20 + (y / 0.1) as usize % 20];
+            let place = |_| (dice.share() * 2.0, dice.share() * 2.0, dice.noise(0.002));
+            let places: Vec<_> = (0..4000).map(place).collect();
+            let bent = |(x, y, noise): &(f64, f64, f64)| {
+                let (sine, cosine) = x.sin_cos();
+                PLACE + turn() * (DVec3::new(cosine, sine, 0.0) * (1.0 + noise + leaf(*x, *y)) + DVec3::Z * *y)
+            };
+            let fit = cylinder(&places.iter().map(bent).collect::<Vec<_>>()).unwrap();
+            radii[0] += (fit.radius - 1.0).powi(2);
+            radii[1] += fit.radius_deviation.powi(2);
+            let level = |(x, y, noise): &(f64, f64, f64)| PLACE + turn() * DVec3::new(*x, *y, noise + leaf(*x, *y));
+            let fit = plane(&places.iter().map(level).collect::<Vec<_>>()).unwrap();
+            slopes[0] += (turn() * DVec3::X).dot(fit.normal / fit.normal.dot(turn() * DVec3::Z)).powi(2);
+            slopes[1] += fit.tilt_deviation(turn() * DVec3::X).powi(2);
+        }
+        for [squares, stated] in [radii, slopes] {
+            let ratio = (squares / stated).sqrt();
+            assert!((0.7..1.35).contains(&ratio), "{ratio}");
+        }
     }
 
     #[test]
