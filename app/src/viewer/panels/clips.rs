@@ -36,6 +36,11 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for placed in clips {
         ui.push_id(placed.id.0, |ui| row(ui, session, placed, actions));
     }
+    let inner = clips.iter().filter(|placed| placed.clip.on && placed.clip.keep == Keep::Inside).count();
+    if inner > 1 {
+        let text = text!("Shown is what lies in any of the {count} volumes that show their inside.", count = inner);
+        ui.add(egui::Label::new(RichText::new(text).color(theme::WEAK)).wrap());
+    }
     let selected = session.scene.selected.and_then(|id| clips.iter().find(|placed| placed.id == id));
     if let Some(PlacedClip { id, clip }) = selected {
         ui.separator();
