@@ -18,8 +18,8 @@ pub struct PathPrompt {
     reason: Option<&'static str>,
     pub purpose: Purpose,
     is_shown: bool,
-    /// The text whose file the next Enter replaces: the prompt has said that there is one.
-    replaced: Option<String>,
+    /// The text of which the prompt has said that its folder is not there, or that its file is there.
+    refused: Option<String>,
 }
 
 /// What happens with the file.
@@ -107,8 +107,10 @@ impl PathPrompt {
                 }
                 outcome = self.field(ui);
                 self.candidate_list(ui);
-                if self.replaced.as_ref() == Some(&self.text) {
+                if self.refused.as_ref() == Some(&self.text) {
+                    let path = expanded(&self.text);
                     let text = match self.purpose {
+                        _ if !has_folder(&path) => text!("There is no such folder."),
                         Purpose::SavePoints => text!("A file of this name is there, and is not replaced."),
                         _ => text!("A file of this name is there. Enter again replaces it."),
                     };
@@ -162,8 +164,8 @@ impl PathPrompt {
                 self.is_shown = false;
                 None
             }
-            Some(Outcome::Open(text)) if self.saves() && self.asks_to_replace(&text) => {
-                self.replaced = Some(self.text.clone());
+            Some(Outcome::Open(text)) if self.saves() && self.refuses(&text) => {
+                self.refused = Some(self.text.clone());
                 self.is_shown = false;
                 None
             }
@@ -176,10 +178,12 @@ impl PathPrompt {
         }
     }
 
-    /// Whether the file is there, and the prompt has not said so yet. Files of points are never replaced.
-    fn asks_to_replace(&self, text: &str) -> bool {
-        let is_told = self.replaced.as_ref() == Some(&self.text);
-        expanded(text).exists() && (self.purpose == Purpose::SavePoints || !is_told)
+    /// Whether nothing can be saved there: the folder is missing, or the file is there and the prompt has not said so
+    /// yet. Files of points are never replaced.
+    fn refuses(&self, text: &str) -> bool {
+        let path = expanded(text);
+        let is_told = self.refused.as_ref() == Some(&self.text);
+        !has_folder(&path) || path.exists() && (self.purpose == Purpose::SavePoints || !is_told)
     }
 
     fn candidate_list(&mut self, ui: &mut egui::Ui) {
@@ -224,6 +228,11 @@ fn expanded(text: &str) -> PathBuf {
         (Some(rest), Some(home)) => Path::new(&home).join(rest),
         _ => PathBuf::from(text),
     }
+}
+
+/// Whether the folder is there in which the file is to be.
+fn has_folder(path: &Path) -> bool {
+    path.parent().is_none_or(|folder| folder.as_os_str().is_empty() || folder.is_dir())
 }
 
 /// Folders (with a `/` at the end) and files that the program opens whose path begins with `text`, sorted, folders
@@ -296,14 +305,16 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_is_replaced_by_a_second_enter_only_and_a_file_of_points_never() {
+    fn a_scene_is_replaced_by_a_second_enter_only_and_points_neither_replace_a_file_nor_lose_their_path() {
         use egui_kittest::kittest::Queryable as _;
         let folder = folder();
         let proposed = folder.path().join("office_1.laz");
         let replaced = Some(Outcome::Open(proposed.display().to_string()));
         let scene = (PathPrompt::to_save_scene(&proposed, "No dialog."), "Enter again replaces it", replaced);
         let points = (PathPrompt::to_save_points(&proposed, "No dialog."), "is not replaced", None);
-        for (prompt, told, ended) in [scene, points] {
+        let lost = folder.path().join("missing/office_1.laz");
+        let missing = (PathPrompt::to_save_points(&lost, "No dialog."), "no such folder", None);
+        for (prompt, told, ended) in [scene, points, missing] {
             let mut harness = egui_kittest::Harness::builder().with_size([800.0, 500.0]).build_ui_state(
                 |ui, (prompt, outcome): &mut (PathPrompt, Option<Outcome>)| {
                     if let Some(ended) = prompt.show(ui.ctx()) {

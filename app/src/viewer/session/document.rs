@@ -274,16 +274,21 @@ impl Document {
         outside.work(Work::SaveScene { path, text });
     }
 
-    /// Takes in whether the scene was written. Returns what was to follow.
+    /// Takes in whether the scene was written. Returns what was to follow. Where it could not be written to a new place,
+    /// a person is asked for the place again.
     pub fn on_saved(
         &mut self,
         path: &Path,
         result: &Result<(), String>,
         preferences: &mut Preferences,
+        outside: &mut Outside,
     ) -> Option<Leaving> {
         let (place, state) = self.saving.take().filter(|(place, _)| place == path)?;
         let then = self.then.take();
         if result.is_err() {
+            if self.place.as_ref() != Some(&place) {
+                outside.push(Effect::AskPlace(Asked::Scene, place));
+            }
             return None;
         }
         preferences.remember_session(&place.display().to_string());

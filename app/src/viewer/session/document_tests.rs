@@ -225,6 +225,12 @@ fn leaving_with_unsaved_work_asks_and_leaves_only_once_it_is_saved_or_given_up()
     session.outside.effects.clear();
     session.on_found(Found::SceneSaved { path: place, result: Err("the disk is full".into()) });
     assert!(session.is_unsaved() && !session.wants_to_quit);
+    assert_eq!(asked_place(&session.outside.effects), None, "its place is known");
+    let elsewhere = folder.path().join("full/hall.toml");
+    session.act(Action::File(Filing::SaveTo(elsewhere.clone())));
+    session.outside.effects.clear();
+    session.on_found(Found::SceneSaved { path: elsewhere.clone(), result: Err("the disk is full".into()) });
+    assert_eq!(asked_place(&session.outside.effects), Some(elsewhere), "the typed path is not lost");
     session.act(Action::Quit);
     session.act(Action::File(Filing::SaveAndLeave));
     settle(&mut session);

@@ -286,7 +286,7 @@ impl Session {
             Found::AddedToStudy { plan, result } => tuning::on_added_to_study(&plan, result, &mut self.outside),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
             Found::SceneSaved { path, result } => {
-                let then = self.document.on_saved(&path, &result, &mut self.preferences);
+                let then = self.document.on_saved(&path, &result, &mut self.preferences, &mut self.outside);
                 self.outside.scene_saved(&path, result);
                 then.into_iter().for_each(|leaving| self.leave(leaving));
             }
