@@ -473,3 +473,24 @@ fn a_file_is_new_and_whole_or_not_there() {
     }
     assert!(std::fs::read(&original).unwrap() == before);
 }
+
+/// Two scans of a scanner on its side. The first is dark.
+const PTX: &str = "1\n2\n5 6 7\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n5 6 7 1\n\
+    1 0 0 0.6 33 33 33\n2 0 0 0.25 200 33 0\n1\n2\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\
+    1 0 0 100.6 255 33 33\n2 0 0 255 33 33 33\n";
+
+#[test]
+fn scans_of_one_file_have_one_scale_of_intensity() {
+    let folder = tempfile::tempdir().unwrap();
+    for (end, of_dark) in [("255", [154, 64]), ("300", [1, 0])] {
+        let text = PTX.replace("255 33 33 33", &format!("{end} 33 33 33"));
+        let scans: Vec<_> =
+            codec::open_scans(&file(&folder, "two.ptx", text), MEMORY).unwrap().into_iter().map(Arc::new).collect();
+        let output = folder.path().join(format!("{end}.las"));
+        export(&scans, &PointTest::default(), &[], &output, MEMORY, &Progress::default()).unwrap().unwrap();
+        let factor = if end == "255" { 257.0 } else { 1.0 };
+        let bright = [100.6 * factor, end.parse::<f64>().unwrap() * factor].map(|value: f64| value.round() as u16);
+        let intensities: Vec<u16> = las_points(&output).iter().map(|point| point.intensity).collect();
+        assert_eq!(intensities, [of_dark, bright].concat());
+    }
+}

@@ -263,7 +263,11 @@ pub fn put(rows: &mut [u8], length: usize, at: usize, column: &Column, kept: &[u
         ($($Variant:ident $number:ty),*) => {
             match (column, column_type) {
                 $( (Column::$Variant(values), ColumnType::$Variant) => put!(|index: usize| values[index], $number), )*
-                $( (column, ColumnType::$Variant) => put!(|index: usize| column.value(index), $number), )*
+                $( (column, ColumnType::$Variant) => {
+                    let is_whole = ColumnType::$Variant.is_whole();
+                    let rounded = |value: f64| if is_whole { value.round() } else { value };
+                    put!(|index: usize| rounded(column.value(index)), $number)
+                } )*
             }
         };
     }

@@ -152,6 +152,11 @@ impl Values {
         }
     }
 
+    /// Takes the scale of these values and others.
+    pub fn share_scale(&mut self, all: &Self) {
+        (self.points, self.broken, self.within) = (all.points, all.broken, all.within);
+    }
+
     pub fn merge(&mut self, other: &Self) {
         self.points += other.points;
         self.none += other.none;

@@ -1,7 +1,9 @@
 //! Looks through the points of files before they are written to LAS: at the coordinates of those that are on no grid,
 //! and at the values of properties that a field of LAS may hold.
 
-use std::sync::{Mutex, PoisonError};
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::{Bounds, Grid};
 use glam::DVec3;
@@ -10,6 +12,7 @@ use super::columns::{Colors, Field, Meaning, Piece};
 use super::grid::{Axis, UNSEEN, finest, grid_of};
 use super::standard::{Values, standard};
 use super::{Job, OwnFields, las};
+use crate::Source;
 use crate::error::Result;
 use crate::in_order::InOrder;
 
@@ -33,6 +36,20 @@ impl Survey {
 
 /// The number of seconds in a week.
 const WEEK: f64 = 604_800.0;
+
+/// Gives a property one scale in all scans of a file: one that is dark would get its own else.
+fn share_scales(sources: &[Arc<Source>], own: &[OwnFields], values: &mut [Vec<Option<Values>>]) {
+    let mut of_files: HashMap<(&Path, &str), Values> = HashMap::new();
+    for is_given in [false, true] {
+        for ((source, own), values) in sources.iter().zip(own).zip(values.iter_mut()) {
+            for (field, values) in own.fields.iter().zip(values).filter(|_| source.info().scan.is_some()) {
+                let Some(values) = values else { continue };
+                let shared = of_files.entry((&source.info().path, field.name())).or_default();
+                if is_given { values.share_scale(shared) } else { shared.merge(values) }
+            }
+        }
+    }
+}
 
 impl Job<'_> {
     /// Returns `None` if it was cancelled. What could not be read is said when it is written.
@@ -89,6 +106,7 @@ impl Job<'_> {
             }
             values[number] = of_file.into_inner().unwrap_or_else(PoisonError::into_inner);
         }
+        share_scales(self.sources, own, &mut values);
         let axes = all.into_inner().unwrap_or_else(PoisonError::into_inner);
         let end = |of: fn(&Axis) -> f64| DVec3::from(axes.each_ref().map(of));
         let own_bounds = Bounds { min: end(|axis| axis.least), max: end(|axis| axis.greatest) };
