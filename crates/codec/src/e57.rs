@@ -101,7 +101,8 @@ fn open_scan(
     // Coordinates of a scan count from its scanner. Clouds that were put together have neither a pose nor a grid.
     let is_of_scanner = scan.transform.is_some() || layout.is_spherical || scan.has_row_column();
     let position = is_of_scanner.then(|| pose.unwrap_or(Pose::NONE).shift);
-    info.scan = Some(Scan { name: name_of(scan.name.as_ref(), "scan", number), number, of, position });
+    let turn = pose.unwrap_or(Pose::NONE).turn;
+    info.scan = Some(Scan { name: name_of(scan.name.as_ref(), "scan", number), number, of, position, turn });
     info.limits = layout.intensity_limits.map(|limits| ("intensity".to_owned(), limits)).into_iter().collect();
     let color_scale = layout.color_scale;
     let maker = Box::new(Maker { layout, packets, pose: pose.filter(|_| is_moved) });

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use cloud::{Attribute, Bounds, Grid, Placement};
 
-use glam::DVec3;
+use glam::{DMat3, DQuat, DVec3};
 
 use crate::address::last_part;
 use crate::format::Format;
@@ -58,6 +58,8 @@ pub struct Scan {
     pub of: usize,
     /// Where the scanner stood, in the coordinates of the points.
     pub position: Option<DVec3>,
+    /// From the scanner's own axes to those of the coordinates.
+    pub turn: DQuat,
 }
 
 /// A picture that a file holds.
@@ -129,6 +131,10 @@ impl Info {
         let scanner = self.scan.as_mut().and_then(|scan| scan.position.as_mut());
         let cameras = self.images.iter_mut().filter_map(|image| image.position.as_mut());
         scanner.into_iter().chain(cameras).for_each(|place| *place = placement.point(*place));
+        if let Some(scan) = &mut self.scan {
+            let axes = DVec3::AXES.map(|axis| placement.direction(scan.turn * axis));
+            scan.turn = DQuat::from_mat3(&DMat3::from_cols(axes[0], axes[1], axes[2])).normalize();
+        }
         self.placement = Some(placement);
     }
 }

@@ -9,7 +9,7 @@ use std::io::{self, BufReader, BufWriter, Read as _, Write as _};
 use std::sync::Arc;
 
 use cloud::ColumnType;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use crate::brief::brief;
 use crate::bytes::Bytes;
@@ -206,7 +206,8 @@ pub fn open(file: &Arc<Bytes>) -> Result<RowSource> {
         info.warnings.push(format!("{lost} of {} points are missing: the file ends early", header.points));
     }
     let name = "scan 1".to_owned();
-    info.scan = header.position.map(|place| Scan { name, number: 0, of: 1, position: Some(place) });
+    info.scan =
+        header.position.map(|place| Scan { name, number: 0, of: 1, position: Some(place), turn: DQuat::IDENTITY });
     let is_text = header.data == Data::Ascii;
     let maker = Box::new(maker);
     RowSource::made(file.clone(), Made { maker, rows, is_text, newline: b'\n', color_scale: None, info })

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use cloud::ColumnType;
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::address::is_address;
 use crate::brief::brief;
@@ -257,6 +257,12 @@ fn open_ptx(file: &Arc<Bytes>, mut at: u64, newline: u8) -> Result<Vec<RowSource
     made(file, Format::Ptx, newline, scans)
 }
 
+/// The turn that a matrix of six digits is; `None` if it scales or mirrors.
+fn turn_of(matrix: DMat3) -> Option<DQuat> {
+    let is_turn = (matrix.transpose() * matrix).abs_diff_eq(DMat3::IDENTITY, 1e-4) && matrix.determinant() > 0.0;
+    is_turn.then(|| DQuat::from_mat3(&matrix).normalize())
+}
+
 fn check_scans(file: &Bytes, count: usize) -> Result<()> {
     if count <= MOST_SCANS {
         return Ok(());
@@ -284,7 +290,8 @@ fn made(file: &Arc<Bytes>, format: Format, newline: u8, scans: Vec<Found>) -> Re
             let problem = format!("{count} numbers of a point, expected 3, 4, 6 or 7");
             Error::malformed(file.path(), format!("byte {place}"), problem)
         })?;
-        info.scan = Some(Scan { name: format!("scan {}", number + 1), number, of, position });
+        let turn = cells.and_then(|cells| turn_of(cells.pose.matrix3)).unwrap_or(DQuat::IDENTITY);
+        info.scan = Some(Scan { name: format!("scan {}", number + 1), number, of, position, turn });
         let maker = Box::new(TextRows::new(Style::BLANKS, &columns, newline, cells));
         RowSource::made(file.clone(), Made { maker, rows, is_text: true, newline, color_scale: None, info })
     };

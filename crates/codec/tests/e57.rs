@@ -385,3 +385,36 @@ fn colours_that_are_zero_everywhere_are_none() {
     let written = scans(&path("black.e57")).remove(0);
     assert!(!written.info().has_colors, "{:?}", written.info());
 }
+
+#[test]
+fn scans_of_a_text_keep_their_poses_and_bytes_of_color() {
+    let folder = tempfile::tempdir().unwrap();
+    // The scanner is turned by a quarter about z.
+    let text = "1\n2\n5 6 7\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n5 6 7 1\n\
+        1 0 0.5 0.6 33 33 33\n2 3 0 0.25 200 33 0\n";
+    let (input, output) = (folder.path().join("one.ptx"), folder.path().join("one.e57"));
+    std::fs::write(&input, text).unwrap();
+    let sources = || scans(&input).into_iter().map(std::sync::Arc::new).collect::<Vec<_>>();
+    codec::export(&sources(), &cloud::PointTest::default(), &[], &output, MEMORY, &Progress::default())
+        .unwrap()
+        .unwrap();
+    let [ours, theirs] = [&input, &output].map(|path| scans(path).remove(0));
+    for (read, wanted) in places(&read(&theirs).0).into_iter().zip([[5.0, 7.0, 7.5], [2.0, 8.0, 7.0]]) {
+        assert!((read - DVec3::from(wanted)).length() < 1e-12, "{read}");
+    }
+    let [of_text, of_file] = [&ours, &theirs].map(|source| source.info().scan.clone().unwrap());
+    assert_eq!(of_text.position, of_file.position);
+    assert!(of_text.turn.angle_between(of_file.turn) < 1e-7 && (of_file.turn * DVec3::X - DVec3::Y).length() < 1e-12);
+
+    let mut reader = e57::E57Reader::from_file(&output).unwrap();
+    let scan = reader.pointclouds().remove(0);
+    let column = |name: RecordName| scan.prototype.iter().position(|record| record.name == name).unwrap();
+    let rows: Vec<_> = reader.pointcloud_raw(&scan).unwrap().map(Result::unwrap).collect();
+    let number = |row: usize, name| {
+        let column = column(name);
+        rows[row][column].to_f64(&scan.prototype[column].data_type).unwrap()
+    };
+    let own = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ].map(|name| number(1, name));
+    assert!((DVec3::from(own) - DVec3::new(2.0, 3.0, 0.0)).length() < 1e-12, "{own:?}");
+    assert_eq!([0, 1].map(|row| number(row, RecordName::ColorRed)), [33.0, 200.0]);
+}

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use cloud::ColumnType;
 use e57::{E57Writer, Extension, PointCloudWriter, Quaternion, Record, RecordDataType, RecordName, RecordValue};
 use e57::{Transform, Translation};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use tempfile::NamedTempFile;
 
 use super::columns::{Colors, Field, Meaning, Piece};
@@ -26,15 +26,19 @@ use crate::las::record_export::Written;
 struct ScanFormat {
     rows: RowFormat,
     records: Vec<Record>,
-    /// Where the scanner stood. Coordinates count from there.
-    position: Option<DVec3>,
+    /// Where the scanner stood, and the turn from its axes to those of the coordinates. Coordinates count from there,
+    /// along these axes.
+    pose: Option<(DVec3, DQuat)>,
+    /// The records of coordinates, and of normals if there are any.
+    places: [usize; 3],
+    normals: Option<[usize; 3]>,
     /// The column that counts returns from 1, where the file counts from 0, and whether a point had 0.
     returns: Option<usize>,
     has_no_return: AtomicBool,
 }
 
 impl ScanFormat {
-    fn new(fields: &[Field], position: Option<DVec3>) -> Self {
+    fn new(fields: &[Field], pose: Option<(DVec3, DQuat)>) -> Self {
         let rows = RowFormat::new(fields);
         let has = |name: &str| fields.iter().any(|field| field.name() == name && field.column_type().is_whole());
         let has_returns = has("return_number") && has("number_of_returns");
@@ -68,8 +72,11 @@ impl ScanFormat {
             });
             taken.push(name.clone());
             let is_place = field.meaning == Meaning::Coordinate;
+            let is_normal = has_normals && ["nx", "ny", "nz"].contains(&field.name());
             let data_type = match own.column_type {
-                ColumnType::F32 if !(is_place && position.is_some()) => RecordDataType::Single { min: None, max: None },
+                _ if is_place && pose.is_some() => RecordDataType::Double { min: None, max: None },
+                ColumnType::F32 => RecordDataType::Single { min: None, max: None },
+                _ if is_normal && pose.is_some() => RecordDataType::Double { min: None, max: None },
                 ColumnType::U8 => whole(0, 0xff),
                 ColumnType::I8 => whole(-0x80, 0x7f),
                 ColumnType::U16 => whole(0, 0xffff),
@@ -80,8 +87,15 @@ impl ScanFormat {
             };
             records.push(Record { name, data_type });
         }
+        let places = ["x", "y", "z"].map(|axis| {
+            let is_axis = |field: &Field| field.meaning == Meaning::Coordinate && field.name() == axis;
+            fields.iter().position(is_axis).unwrap_or_default()
+        });
+        let normal = |axis: &str| fields.iter().position(|field| field.name() == axis);
+        let normals = || Some([normal("nx")?, normal("ny")?, normal("nz")?]);
+        let normals = normals();
         let returns = records.iter().position(|record| record.name == RecordName::ReturnIndex);
-        Self { rows, records, position, returns, has_no_return: AtomicBool::new(false) }
+        Self { rows, records, pose, places, normals, returns, has_no_return: AtomicBool::new(false) }
     }
 
     /// The values of a packed row.
@@ -91,12 +105,6 @@ impl ScanFormat {
         for (index, (record, own)) in self.records.iter().zip(&self.rows.fields).enumerate() {
             let bytes = &row[at..at + own.column_type.size()];
             at += bytes.len();
-            let shift = self.position.map_or(0.0, |place| match record.name {
-                RecordName::CartesianX => place.x,
-                RecordName::CartesianY => place.y,
-                RecordName::CartesianZ => place.z,
-                _ => 0.0,
-            });
             let number = number_of(bytes, own.column_type);
             values.push(match record.data_type {
                 RecordDataType::Single { .. } => RecordValue::Single(number as f32),
@@ -107,10 +115,34 @@ impl ScanFormat {
                     RecordValue::Integer((number as i64 - 1).max(0))
                 }
                 RecordDataType::Integer { .. } => RecordValue::Integer(number as i64),
-                _ => RecordValue::Double(number - shift),
+                _ => RecordValue::Double(number),
             });
         }
+        if let Some((place, turn)) = self.pose {
+            let back = turn.conjugate();
+            // A place alone rounds once.
+            let own = |point: DVec3| if turn == DQuat::IDENTITY { point - place } else { back * (point - place) };
+            change(&mut values, self.places, own);
+            if let Some(normals) = self.normals.filter(|_| turn != DQuat::IDENTITY) {
+                change(&mut values, normals, |normal| back * normal);
+            }
+        }
         values
+    }
+}
+
+/// Changes three floats of a row together.
+fn change(values: &mut [RecordValue], places: [usize; 3], to: impl Fn(DVec3) -> DVec3) {
+    let before = places.map(|place| match values[place] {
+        RecordValue::Single(value) => f64::from(value),
+        RecordValue::Double(value) => value,
+        _ => f64::NAN,
+    });
+    for (place, value) in places.into_iter().zip(to(DVec3::from(before)).to_array()) {
+        values[place] = match values[place] {
+            RecordValue::Single(_) => RecordValue::Single(value as f32),
+            _ => RecordValue::Double(value),
+        };
     }
 }
 
@@ -165,17 +197,17 @@ impl Job<'_> {
         writer.set_coordinate_metadata(crs);
         for (number, own) in own.iter().enumerate() {
             let info = self.sources[number].info();
-            let position = info.scanner();
+            let pose = info.scan.as_ref().and_then(|scan| Some((scan.position?, scan.turn)));
             // Colours that are zero everywhere are none: other programs would show black points.
             let has_place = |field: &Field| field.meaning != Meaning::Color || info.has_colors;
             let fields: Vec<Field> = own.fields.iter().filter(|field| has_place(field)).cloned().collect();
-            let format = ScanFormat::new(&fields, position);
+            let format = ScanFormat::new(&fields, pose);
             let guid = format!("glint scan {}", number + 1);
             let mut scan = writer.add_pointcloud(&guid, format.records.clone()).map_err(failed).map_err(unwritten)?;
             let name = info.scan.as_ref().map_or_else(|| info.name(), |scan| scan.name.clone());
             scan.set_name(Some(name.replace("]]>", "]] >")));
-            scan.set_transform(position.map(|place| Transform {
-                rotation: Quaternion::default(),
+            scan.set_transform(pose.map(|(place, turn)| Transform {
+                rotation: Quaternion { w: turn.w, x: turn.x, y: turn.y, z: turn.z },
                 translation: Translation { x: place.x, y: place.y, z: place.z },
             }));
             points += self.write_scan(number, own, is_wide, &format, &mut scan, &mut warnings).map_err(unwritten)?;

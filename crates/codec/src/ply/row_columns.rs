@@ -47,9 +47,14 @@ impl RowSource {
         kind(self) == kind(other)
     }
 
-    /// Whether its colours are more than bytes.
+    /// Whether its colours are more than bytes. Bytes may lie in wider fields, as those of a text do.
     pub fn has_wide_colors(&self) -> bool {
-        let is_wide = |index: usize| self.channel(index).is_some() && self.scalars[index].scalar.size() > 1;
+        let is_byte = Scale::Linear { factor: 1.0, bias: 0.0 };
+        let is_wide = |index: usize| {
+            let scale = self.channel(index).map(|channel| self.roles.color_scale.map(|scales| scales[channel]));
+            let own = self.scalars[index].scalar;
+            scale.is_some_and(|scale| own.size() > 1 && !(own.is_whole() && scale == Some(is_byte)))
+        };
         (0..self.scalars.len()).any(is_wide)
     }
 
