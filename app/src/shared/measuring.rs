@@ -262,6 +262,7 @@ fn with_scatter(kind: MeasurementKind, corners: &[DVec3], up: DVec3, scatter: &[
             let angle = |corners: &[DVec3]| measure::angle(corners[0], corners[1], corners[2]).to_degrees();
             vec![figure(english!("angle"), Quantity::Angle, &angle)]
         }
+        MeasurementKind::Area if measure::crosses_itself(corners) => Vec::new(),
         MeasurementKind::Area => {
             let mut figures = vec![
                 figure(english!("area"), Quantity::Area, &measure::area),
@@ -377,6 +378,7 @@ impl Gathering {
             MeasurementKind::Plane => Ok(plane(&measure::plane(&self.fitted).map_err(told)?, self.up)),
             MeasurementKind::Cylinder => Ok(cylinder(&measure::cylinder(&self.fitted).map_err(told)?, self.up)),
             MeasurementKind::Volume => volume(self.grid.map(|grid| grid.map_err(told)), self.up),
+            MeasurementKind::Area if measure::crosses_itself(corners) => Err(told(measure::Error::Crossed)),
             _ => {
                 let figures = with_scatter(*kind, corners, self.up, &self.scatter());
                 if figures.is_empty() { Err(measure::Error::NotRound.to_string()) } else { Ok(figures) }

@@ -22,6 +22,8 @@ pub enum Error {
     Upright,
     #[error("the corners enclose no area as seen from above")]
     NoArea,
+    #[error("its sides cross, expected corners in their order around it")]
+    Crossed,
 }
 
 pub type Result<T> = std::result::Result<T, Error>;

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use crate::fit::plane;
+
 /// The length of a line through corners.
 pub fn length(corners: &[DVec3]) -> f64 {
     corners.windows(2).map(|ends| ends[0].distance(ends[1])).sum()
@@ -24,6 +26,21 @@ pub fn angle(from: DVec3, corner: DVec3, to: DVec3) -> f64 {
 /// polygon crosses itself, parts that it goes around in opposite directions cancel out.
 pub fn area(corners: &[DVec3]) -> f64 {
     vector_area(corners).length()
+}
+
+/// Whether two sides of a polygon cross, as seen across the plane through its corners.
+pub fn crosses_itself(corners: &[DVec3]) -> bool {
+    plane(corners).is_ok_and(|plane| sides_cross(corners, plane.normal))
+}
+
+/// Whether two sides of a polygon cross, as seen along a unit vector.
+pub(crate) fn sides_cross(corners: &[DVec3], along: DVec3) -> bool {
+    let side = |a: usize| [corners[a], corners[(a + 1) % corners.len()]];
+    // On which side of a line a point is.
+    let turn = |[from, to]: [DVec3; 2], point: DVec3| (to - from).cross(point - from).dot(along);
+    let parts = |line: [DVec3; 2], other: [DVec3; 2]| turn(line, other[0]) * turn(line, other[1]) < 0.0;
+    let cross = |a: usize, b: usize| parts(side(a), side(b)) && parts(side(b), side(a));
+    (0..corners.len()).any(|a| (a + 2..corners.len()).any(|b| cross(a, b)))
 }
 
 /// Half of the sum of the cross products of neighbouring corners, relative to the first, so that large coordinates lose
@@ -57,6 +74,10 @@ mod tests {
             assert!((area(&corners) - 0.5 * count * radius * radius * (2.0 * PI / count).sin()).abs() < 1e-7);
             let inner = PI * (count - 2.0) / count;
             assert!((angle(corners[0], corners[1], corners[2]) - inner).abs() < 1e-8);
+            assert!(!crosses_itself(&corners));
+            let mut crossed = corners;
+            crossed.swap(0, 1);
+            assert_eq!(crosses_itself(&crossed), sides > 3, "two neighbours in the other order");
         }
     }
 

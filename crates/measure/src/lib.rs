@@ -16,7 +16,7 @@ mod volume;
 
 pub use compare::{Change, DistanceFigures, M3c2, nearest_distances, spacing};
 pub use error::{Error, Result};
-pub use figures::{angle, area, height, length};
+pub use figures::{angle, area, crosses_itself, height, length};
 pub use fit::{Plane, Round, circle, cylinder, plane};
 pub use nearest::Nearest;
 pub use scatter::{IN_95_PERCENT, Scatter, spread};

@@ -4,6 +4,7 @@ use cloud::Bounds;
 use glam::{DVec2, DVec3};
 
 use crate::error::{Error, Result};
+use crate::figures::sides_cross;
 use crate::fit::plane;
 
 /// The number of cells along the longer side of the finest grid.
@@ -131,10 +132,13 @@ impl VolumeGrid {
     /// `up` is a unit vector.
     ///
     /// # Errors
-    /// Fewer than three corners, no area, or no plane.
+    /// Fewer than three corners, sides that cross, no area, or no plane.
     pub fn new(corners: &[DVec3], level: Option<f64>, up: DVec3) -> Result<Self> {
         if corners.len() < 3 {
             return Err(Error::TooFew { points: corners.len(), least: 3 });
+        }
+        if sides_cross(corners, up) {
+            return Err(Error::Crossed);
         }
         let (u, v) = up.any_orthonormal_pair();
         let axes = [u, v, up];
@@ -438,5 +442,7 @@ mod tests {
         assert!(matches!(grid(&[DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Z]), Err(Error::NoArea)));
         assert!(matches!(grid(&[DVec3::ZERO, DVec3::X, DVec3::X * 2.0]), Err(Error::NoArea)));
         assert!(matches!(grid(&[DVec3::ZERO, DVec3::X, DVec3::NAN]), Err(Error::NoArea)));
+        let crossed = [DVec3::ZERO, DVec3::new(2.0, 2.0, 0.0), DVec3::X * 2.0, DVec3::new(0.0, 1.0, 0.0)];
+        assert!(matches!(grid(&crossed), Err(Error::Crossed)));
     }
 }
