@@ -31,15 +31,18 @@ use crate::las::record_export::{Written, export_records, write_rows_to};
 use crate::las::systems::System;
 use crate::las::{LasSource, coordinate_decimals};
 use crate::ply::RowSource;
-use crate::{Format, Source, brief};
+use crate::{Format, Info, Source, brief};
 pub use columns::{Added, Runs, Wanted};
 use columns::{Colors, Field, HAS_COLOR, Meaning, Piece, Reading};
 use merging::{Merged, Origin};
 use names::Names;
 pub use names::short_file_name;
 use ply_file::{PIECE_POINTS, PlyFile, RowFormat, write_chunks};
+use standard::standard;
 use words::{Words, few_names};
 
+/// The field of LAS that numbers setups of a scanner.
+const STATION: &str = "point_source_id";
 /// The number of bytes of a table that are written at once.
 const TABLE_BYTES: usize = 1 << 20;
 
@@ -252,7 +255,7 @@ impl Job<'_> {
             fields.iter_mut().for_each(|field| field.attribute.name = names.take(field.name(), usize::MAX));
             let added = self.added.iter().map(|added| Field { attribute: added.field(), meaning: Meaning::Other });
             fields.extend(added);
-            OwnFields { fields, mark: None }
+            OwnFields { fields, constants: Vec::new() }
         };
         let mut all: Vec<OwnFields> = self.sources.iter().map(fields).collect();
         let colored = self.sources.iter().filter(|source| has_colors(source)).count();
@@ -260,11 +263,27 @@ impl Job<'_> {
             for (own, source) in all.iter_mut().zip(self.sources) {
                 if own.fields.iter().all(|field| field.name() != HAS_COLOR) {
                     own.fields.push(Field::new(HAS_COLOR, ColumnType::U8, Meaning::Other));
-                    own.mark = Some(has_colors(source));
+                    own.constants.push(u16::from(has_colors(source)));
                 }
             }
         }
         all
+    }
+
+    /// Numbers the scans of files from 1 as LAS numbers the setups of a scanner, where no property of a file does.
+    fn number_scans(&self, own: &mut [OwnFields], words: &mut Words) {
+        let is_number = |field: &Field| standard(field.name()).is_some_and(|own| own.name == STATION);
+        let infos = || self.sources.iter().map(|source| source.info());
+        let is_one_of_many = |info: &Info| info.scan.as_ref().is_some_and(|scan| scan.of > 1);
+        if own.iter().any(|own| own.fields.iter().any(is_number)) || !infos().any(is_one_of_many) {
+            return;
+        }
+        for ((own, info), number) in own.iter_mut().zip(infos()).zip(1..=u16::MAX) {
+            own.fields.push(Field::new(STATION, ColumnType::U16, Meaning::Standard));
+            own.constants.push(number);
+            let name = info.scan.as_ref().map_or_else(|| info.name(), |scan| scan.name.clone());
+            words.say(&info.path, format!("{name} became {STATION} {number}"));
+        }
     }
 
     /// Gives the rows of all files to `order`. `rows_of` makes them of a piece of a file by the file's number. Returns
@@ -303,7 +322,7 @@ impl Job<'_> {
             let added = |added: &Added| added.of(number, piece.first_point, piece.points);
             let added: Vec<Column> = self.added.iter().map(added).collect();
             piece.columns.extend(added);
-            piece.columns.extend(own.mark.map(|mark| Column::U8(vec![u8::from(mark); piece.points])));
+            piece.columns.extend(own.constants.iter().map(|value| Column::U16(vec![*value; piece.points])));
             rows_of(&piece)
         };
         let reading = Reading { test: self.wanted.test, colors, needed };
@@ -526,9 +545,10 @@ impl Job<'_> {
         let crs = self.crs()?;
         let all: Vec<&LasSource> = self.sources.iter().filter_map(|source| las(source)).collect();
         check_times(&all)?;
-        let own = self.fields(Colors::Words, true);
-        let Some(survey) = self.survey(&own)? else { return Ok(None) };
+        let mut own = self.fields(Colors::Words, true);
         let mut words = Words::default();
+        self.number_scans(&mut own, &mut words);
+        let Some(survey) = self.survey(&own)? else { return Ok(None) };
         self.say_left_out(&mut words);
         let columns: Vec<Vec<Field>> = own.iter().map(|own| own.fields.clone()).collect();
         let mut say = |file: usize, word: String| words.say(&self.sources[file].info().path, word);
@@ -602,8 +622,8 @@ impl Job<'_> {
 #[derive(Clone)]
 struct OwnFields {
     fields: Vec<Field>,
-    /// Whether its points have colours, if a column at the end says so.
-    mark: Option<bool>,
+    /// The values of columns at the end that are alike for all points: whether they have colours, and the scan's number.
+    constants: Vec<u16>,
 }
 
 /// A number in two digits.

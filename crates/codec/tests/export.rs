@@ -492,5 +492,7 @@ fn scans_of_one_file_have_one_scale_of_intensity() {
         let bright = [100.6 * factor, end.parse::<f64>().unwrap() * factor].map(|value: f64| value.round() as u16);
         let intensities: Vec<u16> = las_points(&output).iter().map(|point| point.intensity).collect();
         assert_eq!(intensities, [of_dark, bright].concat());
+        let stations: Vec<u16> = las_points(&output).iter().map(|point| point.point_source_id).collect();
+        assert_eq!(stations, [1, 1, 2, 2], "LAS numbers the setups of a scanner so");
     }
 }
