@@ -15,11 +15,9 @@ impl Scene {
     pub fn furnish(&mut self, request: &mut Request, is_empty: bool, outside: &mut Outside) {
         let built_in_light = request.built_in_light();
         if let Some(view) = request.view.take() {
-            // A built-in scene brings a camera without parameters of its own: the current ones stay.
-            let settings = if view.settings == Settings::default() { self.settings.clone() } else { view.settings };
             match view.camera {
-                Some(camera) if is_empty => self.begin(outside.now, settings, camera),
-                _ => self.settings = settings,
+                Some(camera) if is_empty => self.begin(outside.now, view.settings, camera),
+                _ => self.settings = view.settings,
             }
         }
         let built_in = built_in_light.map(|light| (light, Origin::BuiltIn));

@@ -10,10 +10,6 @@ use crate::viewer::scene::Scene;
 use crate::viewer::session::Session;
 
 pub struct FirstLook {
-    /// The person's own parameters, which come back when something else is opened.
-    own: Settings,
-    /// The parameters that the scene opened with.
-    given: Settings,
     /// The view that it opened with, to which `Home` goes back.
     pub camera: Camera,
     /// Whether the ball has been selected.
@@ -28,12 +24,7 @@ impl FirstLook {
         let view = request.view.as_mut().filter(|_| names == [world::first_scene()])?;
         view.settings = own.with_changes(&Settings::default(), &view.settings);
         let camera = view.camera?;
-        Some(Self { own: own.clone(), given: view.settings.clone(), camera, has_ball: false })
-    }
-
-    /// The person's own parameters, with what has been changed since.
-    fn own(&self, now: &Settings) -> Settings {
-        self.own.with_changes(&self.given, now)
+        Some(Self { camera, has_ball: false })
     }
 
     /// Selects the ball when it has come, so that its handles invite a hand.
@@ -45,20 +36,14 @@ impl FirstLook {
         }
     }
 
-    /// Closes the scene, and brings the person's parameters back.
-    pub fn leave(self, loaded: &mut Loaded, beside: &mut Beside<'_>) {
+    /// Closes the scene, and brings the person's own parameters back.
+    pub fn leave(own: Settings, loaded: &mut Loaded, beside: &mut Beside<'_>) {
         loaded.close_all(beside);
         (beside.scene.selected, beside.scene.opening) = (None, None);
-        beside.scene.settings = self.own(&beside.scene.settings);
+        beside.scene.settings = own;
         // Nobody wants the scene back by undoing.
         beside.scene.history = History::default();
     }
-}
-
-/// The parameters to keep for the next start.
-pub fn own_settings(session: &Session) -> Settings {
-    let settings = &session.scene.settings;
-    session.first_look.as_ref().map_or_else(|| settings.clone(), |first| first.own(settings))
 }
 
 #[cfg(test)]
@@ -68,6 +53,7 @@ mod tests {
     use crate::viewer::requests::action::Action;
     use crate::viewer::requests::outside::{Effect, News};
     use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::session::own_settings::own_settings;
 
     use super::*;
 

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Bounds;
 use glam::DVec3;
+use scene::Settings;
 use serde_json::json;
 use world::CloudKey;
 
@@ -35,6 +36,7 @@ use crate::viewer::session::Session;
 use crate::viewer::session::document::{Document, Leaving, Next};
 use crate::viewer::session::first_look::FirstLook;
 use crate::viewer::session::kept::Kept;
+use crate::viewer::session::own_settings::{Lent, of_scene, own_settings};
 use crate::viewer::session::wanted;
 use crate::viewer::tools::Tools;
 use crate::viewer::truth::sweep::Sweeps;
@@ -71,6 +73,7 @@ impl Session {
             auto: Auto::default(),
             filming: Filming::default(),
             first_look: None,
+            lent: None,
             document: Document::default(),
             is_typing: false,
             fatal: None,
@@ -126,14 +129,15 @@ impl Session {
         }
         self.leave_first_look();
         self.with_loaded(Loaded::close_all);
-        self.preferences.remember_settings(&self.scene.settings);
+        self.preferences.remember_settings(&own_settings(self));
         self.scene.clear(self.preferences.settings().0);
+        self.lent = None;
         self.tools = Tools { light_panel_is_open: self.tools.light_panel_is_open, ..Tools::default() };
         self.document.forget();
         if restored.is_some() {
             request.scene_files.clear();
         }
-        self.open_request(request);
+        self.open_scene(request, true);
         restored.into_iter().for_each(|place| self.document.on_restored(place));
     }
 
@@ -201,7 +205,12 @@ impl Session {
         }
     }
 
-    pub fn open_request(&mut self, mut request: world::Request) {
+    pub fn open_request(&mut self, request: world::Request) {
+        let is_scene_file = !request.scene_files.is_empty();
+        self.open_scene(request, is_scene_file);
+    }
+
+    fn open_scene(&mut self, mut request: world::Request, is_scene_file: bool) {
         if !request.inputs.is_empty() {
             self.leave_first_look();
             self.document.add_inputs(request.inputs.iter().map(world::Input::name));
@@ -213,8 +222,22 @@ impl Session {
         for warning in std::mem::take(&mut request.warnings) {
             self.outside.say(Level::Warning, warning);
         }
+        let own = own_settings(self);
+        let mut brings_parameters = false;
+        if let Some(view) = &mut request.view {
+            brings_parameters = is_scene_file || view.settings != Settings::default();
+            if is_scene_file {
+                view.settings = of_scene(view, &own);
+            } else if !brings_parameters {
+                // A built-in scene may bring a camera without parameters of its own: the current ones stay.
+                view.settings = self.scene.settings.clone();
+            }
+        }
         self.loaded.await_settings(&mut request);
         self.scene.furnish(&mut request, self.loaded.clouds.is_empty(), &mut self.outside);
+        if brings_parameters {
+            self.lent = Some(Lent { own, given: self.scene.settings.clone() });
+        }
         if self.loaded.is_empty() {
             self.scene.history.settle(&self.scene.settings, &self.scene.objects);
             self.document.opened(&request.scene_files, &self.scene, &mut self.preferences);
@@ -225,8 +248,10 @@ impl Session {
     }
 
     fn leave_first_look(&mut self) {
-        if let Some(first) = self.first_look.take() {
-            self.with_loaded(|loaded, beside| first.leave(loaded, beside));
+        if self.first_look.take().is_some() {
+            let own = own_settings(self);
+            self.lent = None;
+            self.with_loaded(|loaded, beside| FirstLook::leave(own, loaded, beside));
             self.document.forget();
         }
     }
