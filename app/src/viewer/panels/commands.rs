@@ -252,12 +252,17 @@ fn of_files(session: &Session) -> Vec<Entry> {
         let help = text!("A scene file; closes what is open");
         Entry::new(text!("Open: {path}", path = short_name(path)), help, Action::File(Filing::Open(path.into())))
     };
-    let file =
-        |path: &String| Entry::new(text!("Open: {path}", path = short_name(path)), "", Action::Open(path.into()));
-    let built_in =
-        |name: String| Entry::new(text!("Open: {name}", name), text!("A built-in scene"), Action::Open(name.into()));
-    let files = preferences.sessions.iter().map(scene).chain(preferences.recent.iter().map(file));
-    files.chain(world::built_in_names().into_iter().map(built_in)).collect()
+    let file = |path: &String| {
+        let help = text!("Adds {path} to what is open", path);
+        Entry::new(text!("Open: {path}", path = short_name(path)), help, Action::Open(path.into()))
+    };
+    let built_in = |name: &String| {
+        let help = text!("A built-in scene; closes what is open");
+        Entry::new(text!("Open: {name}", name), help, Action::File(Filing::Open(name.into())))
+    };
+    let names = world::built_in_names();
+    let recent = preferences.recent.iter().filter(|recent| !names.contains(recent));
+    preferences.sessions.iter().map(scene).chain(recent.map(file)).chain(names.iter().map(built_in)).collect()
 }
 
 /// What can be done with the profiles of the scene, and with the one in view.

@@ -336,15 +336,18 @@ fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             actions.push(Action::File(Filing::Reopen(reopens)));
         }
         ui.separator();
-        for recent in &session.preferences.recent {
-            if ui.button(short_name(recent)).on_hover_text(recent).clicked() {
+        let built_in = world::built_in_names();
+        for recent in session.preferences.recent.iter().filter(|recent| !built_in.contains(recent)) {
+            let help = text!("Adds {path} to what is open", path = recent);
+            if ui.button(short_name(recent)).on_hover_text(help).clicked() {
                 actions.push(Action::Open(recent.into()));
             }
         }
         ui.separator();
-        for name in world::built_in_names() {
-            if ui.button(&name).clicked() {
-                actions.push(Action::Open(name.into()));
+        for name in built_in {
+            let help = text!("Closes what is open, and opens {path}", path = name);
+            if ui.button(&name).on_hover_text(help).clicked() {
+                actions.push(Action::File(Filing::Open(name.into())));
             }
         }
     });
