@@ -101,7 +101,8 @@ fn write_catalogue(sources: &[Arc<codec::Source>], output: &Path) -> anyhow::Res
             None => tiles.push(codec::CatalogueTile { info, points: info.points, bounds }),
         }
     }
-    codec::write_catalogue(&tiles, output)?;
+    let warnings = codec::write_catalogue(&tiles, output)?;
+    terminal::warn(warnings.iter().map(|warning| format!("{}: {warning}", scene::shown(output))));
     print([format!("{}: {} tiles", scene::shown(output), tiles.len())])?;
     Ok(())
 }

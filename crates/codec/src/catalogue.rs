@@ -16,6 +16,9 @@ use crate::address::{Address, is_address, last_part};
 use crate::brief;
 use crate::bytes::Bytes;
 use crate::info::Info;
+use crate::las::systems;
+use crate::units::globe::Globe;
+use crate::units::wkt;
 use crate::{Error, Result, las};
 
 /// The longest catalogue, and the most tiles.
@@ -277,35 +280,67 @@ pub struct Tile<'a> {
     pub bounds: Bounds,
 }
 
-/// Writes a catalogue of tiles. References are relative to its folder. Coordinates are those of the files.
+/// Writes a catalogue of tiles. References are relative to its folder. Returns what is wrong with the tiles together.
 ///
 /// # Errors
 /// If a file of that name is there, or it cannot be written.
-pub fn write_catalogue(tiles: &[Tile<'_>], output: &Path) -> Result<()> {
+pub fn write_catalogue(tiles: &[Tile<'_>], output: &Path) -> Result<Vec<String>> {
     let unwritten = |error| Error::not_written(output, error);
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let folder = folder.canonicalize().map_err(unwritten)?;
-    let items: Vec<Value> = tiles.iter().map(|tile| item(tile, &folder)).collect();
+    let (mut ids, mut unplaced) = (HashSet::new(), 0);
+    let mut items: Vec<Value> = Vec::new();
+    for tile in tiles {
+        let name = last_part(&tile.info.path);
+        let stem = name.split('.').next().unwrap_or(&name).to_owned();
+        let numbered = (2..=tiles.len()).map(|number| format!("{name} {number}"));
+        let id = [stem, name.clone()].into_iter().chain(numbered).find(|id| !ids.contains(id)).unwrap_or_default();
+        let globe = tile.info.epsg.and_then(Globe::of);
+        let footprint = globe.and_then(|globe| footprint(&tile.bounds, |place| globe.degrees(place)));
+        unplaced += usize::from(footprint.is_none());
+        items.push(item(tile, &folder, &id, footprint));
+        ids.insert(id);
+    }
+    let mut warnings = Vec::new();
+    let systems: HashSet<&str> = tiles.iter().map(|tile| tile.info.crs.as_deref().unwrap_or_default()).collect();
+    if systems.len() > 1 {
+        let count = systems.len();
+        warnings.push(format!("its tiles have {count} coordinate systems; coordinates are taken as they are"));
+    }
+    if unplaced > 0 {
+        warnings.push(format!(
+            "{unplaced} of its tiles have no coordinate system with a known code: their boxes, which other programs \
+             expect in degrees, are in their own coordinates"
+        ));
+    }
     let collection = json!({ "type": "FeatureCollection", "features": items });
     let mut text = serde_json::to_vec(&collection).map_err(|error| unwritten(error.into()))?;
     text.push(b'\n');
     let mut file = std::fs::File::create_new(output).map_err(unwritten)?;
-    file.write_all(&text).map_err(unwritten)
+    file.write_all(&text).map_err(unwritten)?;
+    Ok(warnings)
 }
 
-fn item(Tile { info, points, bounds }: &Tile<'_>, folder: &Path) -> Value {
-    let name = last_part(&info.path);
-    let id = name.split('.').next().unwrap_or(&name);
+/// The polygon and the box of a tile, as JSON.
+type Footprint = (Value, Value);
+
+/// The footprint of a box whose corners on the map are placed elsewhere; heights stay.
+fn footprint(bounds: &Bounds, place: impl Fn([f64; 2]) -> Option<[f64; 2]>) -> Option<Footprint> {
     let Bounds { min, max } = *bounds;
-    let corner = |x: f64, y: f64, z: f64| json!([x, y, z]);
-    let ring = json!([[
-        corner(min.x, min.y, min.z),
-        corner(min.x, max.y, min.z),
-        corner(max.x, max.y, max.z),
-        corner(max.x, min.y, max.z),
-        corner(min.x, min.y, min.z)
-    ]]);
-    let flat = json!([min.x, min.y, min.z, max.x, max.y, max.z]);
+    let corners = [[min.x, min.y], [min.x, max.y], [max.x, max.y], [max.x, min.y]];
+    let places = corners.into_iter().map(place).collect::<Option<Vec<_>>>()?;
+    let mut reach = Bounds::EMPTY;
+    places.iter().for_each(|[x, y]| reach.include(DVec3::new(*x, *y, min.z)));
+    let heights = [min.z, min.z, max.z, max.z, min.z];
+    let ring = places.iter().cycle().zip(heights).map(|([x, y], z)| json!([x, y, z]));
+    let polygon = json!({ "type": "Polygon", "coordinates": [ring.collect::<Vec<Value>>()] });
+    Some((polygon, json!([reach.min.x, reach.min.y, min.z, reach.max.x, reach.max.y, max.z])))
+}
+
+/// An item of a tile with its footprint on the globe, if that is known.
+fn item(Tile { info, points, bounds }: &Tile<'_>, folder: &Path, id: &str, on_globe: Option<Footprint>) -> Value {
+    let (own_polygon, own_box) = footprint(bounds, Some).unwrap_or_default();
+    let (polygon, flat) = on_globe.unwrap_or_else(|| (own_polygon.clone(), own_box.clone()));
     let kind = |column_type: ColumnType| match column_type {
         ColumnType::F32 | ColumnType::F64 => "floating",
         ColumnType::I8 | ColumnType::I16 | ColumnType::I32 | ColumnType::I64 => "signed",
@@ -314,7 +349,7 @@ fn item(Tile { info, points, bounds }: &Tile<'_>, folder: &Path) -> Value {
     let schema = info.properties.iter().map(|property| {
         json!({ "name": property.name, "size": property.column_type.size(), "type": kind(property.column_type) })
     });
-    json!({
+    let mut item = json!({
         "type": "Feature",
         "stac_version": "1.0.0",
         "stac_extensions": [
@@ -322,7 +357,7 @@ fn item(Tile { info, points, bounds }: &Tile<'_>, folder: &Path) -> Value {
             "https://stac-extensions.github.io/projection/v1.1.0/schema.json"
         ],
         "id": id,
-        "geometry": { "type": "Polygon", "coordinates": ring },
+        "geometry": polygon,
         "bbox": flat,
         "properties": {
             // The time of the survey is not in a file's head.
@@ -331,13 +366,18 @@ fn item(Tile { info, points, bounds }: &Tile<'_>, folder: &Path) -> Value {
             "pc:encoding": "?",
             "pc:type": "lidar",
             "pc:schemas": schema.collect::<Vec<Value>>(),
-            "proj:bbox": flat,
-            "proj:geometry": { "type": "Polygon", "coordinates": ring },
-            "proj:wkt2": info.crs.clone().unwrap_or_default()
+            "proj:bbox": own_box,
+            "proj:geometry": own_polygon
         },
         "links": [],
         "assets": { "data": { "href": reference(&info.path, folder), "roles": ["data"] } }
-    })
+    });
+    let text = info.crs.as_deref().filter(|crs| wkt::is_text(crs));
+    let of_code = || systems::text_of(info.epsg?.try_into().ok()?);
+    if let Some(text) = text.or_else(of_code) {
+        item["properties"]["proj:wkt2"] = text.into();
+    }
+    item
 }
 
 /// How a catalogue in `folder` names a file.

@@ -21,7 +21,7 @@ use crate::ply::header::{Element, Kind};
 use crate::ply::maker::{RowMaker, put_integer, put_number};
 use crate::ply::rows::{Block, chunk_points};
 use crate::ply::{Made, RowSource};
-use crate::units::{Unit, Units};
+use crate::units::{Unit, Units, wkt};
 use crate::{Error, Result};
 use layout::{Layout, Origin, Stored, name_of};
 use packets::{Bits, Packets};
@@ -74,6 +74,7 @@ pub fn open(file: &Arc<Bytes>) -> Result<Vec<RowSource>> {
         let place = format!("scan {}", name_of(scan.name.as_ref(), "scan", number));
         let mut info = Info::of_rows(&path, Format::E57, version.clone());
         info.crs = crs.clone();
+        info.epsg = crs.as_deref().and_then(wkt::level_code);
         // The standard has metres alone.
         info.units = Units { level: Some(Unit::Metre), height: Some(Unit::Metre) };
         info.images = if number == 0 { images.clone() } else { Vec::new() };

@@ -136,6 +136,7 @@ impl EptSource {
         info.points = if is_paged { told.points } else { counted };
         info.bounds = told.points_bounds(corner, width).filter(|_| info.points > 0);
         info.crs = told.srs.wkt.as_deref().map(str::trim).filter(|wkt| !wkt.is_empty()).map(str::to_owned);
+        info.epsg = info.crs.as_deref().and_then(wkt::level_code);
         info.units = info.crs.as_deref().map(wkt::units).unwrap_or_default();
         info.warnings = warnings;
         if told.points != info.points {
@@ -180,7 +181,7 @@ impl EptSource {
                     self.info.grid = own.grid;
                     (self.info.has_colors, self.info.has_normals) = (own.has_colors, own.has_normals);
                     if self.info.crs.is_none() {
-                        (self.info.crs, self.info.units) = (own.crs.clone(), own.units);
+                        (self.info.crs, self.info.epsg, self.info.units) = (own.crs.clone(), own.epsg, own.units);
                     }
                     // The lengths of other tiles are not known before they are opened.
                     let bytes_each = length as f64 / own.points.max(1) as f64;

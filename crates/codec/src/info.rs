@@ -38,6 +38,8 @@ pub struct Info {
     pub faces: u64,
     /// The coordinate reference system as the file has it: WKT or the GeoTIFF citation.
     pub crs: Option<String>,
+    /// The code of the EPSG of the system on the map, if the file names it.
+    pub epsg: Option<u32>,
     /// The units of the coordinates, as far as the file names them.
     pub units: Units,
     /// Which scan of the file this cloud is, in formats that hold several.
@@ -99,6 +101,7 @@ impl Info {
             has_normals: false,
             faces: 0,
             crs: None,
+            epsg: None,
             units: Units::default(),
             scan: None,
             images: Vec::new(),

@@ -171,6 +171,7 @@ impl LasSource {
             attributes: layout.column_attributes(),
             grid: Some(header.grid),
             crs: header.crs,
+            epsg: header.epsg,
             units: header.units,
             warnings,
             ..Info::of_rows(file.path(), format, format!("{}.{}", header.version.0, header.version.1))

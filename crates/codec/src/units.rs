@@ -2,6 +2,7 @@
 
 mod epsg;
 pub(crate) mod geotiff;
+pub(crate) mod globe;
 mod unit;
 pub(crate) mod wkt;
 

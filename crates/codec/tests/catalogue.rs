@@ -7,8 +7,9 @@ mod real_data;
 use std::fs;
 use std::path::Path;
 
-use cloud::Progress;
+use cloud::{Bounds, Progress};
 use codec::{CatalogueTile, Source};
+use glam::DVec3;
 
 const MEMORY: u64 = 1 << 28;
 
@@ -104,4 +105,39 @@ fn a_catalogue_that_is_none_says_so() {
     let Some(data) = real_data::test_data() else { return };
     let told = message(&data.join("text/wrench.vpc"));
     assert!(told.contains("autzen_trim.laz"), "{told}");
+}
+
+#[test]
+fn a_tile_has_its_box_in_degrees_for_other_programs_and_in_its_own_coordinates() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("all.vpc");
+    write(folder.path(), &folder.path().join("first.vpc"));
+    let mut infos = [0, 1].map(|_| codec::open(&folder.path().join("b.ply")).unwrap().info().clone());
+    (infos[0].crs, infos[0].epsg) = (Some("UTM 33N".into()), Some(32_633));
+    infos[1].crs = Some("a plan of the hall".into());
+    let bounds = Bounds { min: DVec3::new(499_900.0, 4.9999e6, 3.0), max: DVec3::new(500_100.0, 5.0001e6, 9.0) };
+    let tiles: Vec<_> = infos.iter().map(|info| CatalogueTile { info, points: 2, bounds }).collect();
+    let warnings = codec::write_catalogue(&tiles, &output).unwrap();
+    assert!(warnings[0].contains("2 coordinate systems") && warnings[1].starts_with("1 of its tiles"), "{warnings:?}");
+
+    let all: serde_json::Value = serde_json::from_slice(&fs::read(&output).unwrap()).unwrap();
+    let [placed, own] = [0, 1].map(|number| &all["features"][number]);
+    let numbers = |list: &serde_json::Value| -> Vec<f64> {
+        list.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+    };
+    // By PROJ 9: the corners of the box are within 0.0013 and 0.0009 degrees of its middle.
+    let expected = [14.998_73, 45.152_58, 3.0, 15.001_27, 45.154_38, 9.0];
+    for (found, expected) in numbers(&placed["bbox"]).into_iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+    }
+    let ring = placed["geometry"]["coordinates"][0].as_array().unwrap();
+    assert!(ring.len() == 5 && ring[0] == ring[4] && numbers(&ring[1])[1] > 45.154, "{ring:?}");
+    for item in [placed, own] {
+        let native = [499_900.0, 4.9999e6, 3.0, 500_100.0, 5.0001e6, 9.0];
+        assert_eq!(numbers(&item["properties"]["proj:bbox"]), native);
+    }
+    assert_eq!(numbers(&own["bbox"])[0], 499_900.0);
+    let text = |item: &serde_json::Value| item["properties"]["proj:wkt2"].as_str().map(|text| text[..7].to_owned());
+    assert_eq!((text(placed), text(own)), (Some("PROJCS[".into()), None), "a name is no text");
+    assert_eq!([placed, own].map(|item| item["id"].as_str().unwrap()), ["b", "b.ply"]);
 }

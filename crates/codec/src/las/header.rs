@@ -39,6 +39,7 @@ pub struct Header {
     pub grid: Grid,
     pub bounds: Option<Bounds>,
     pub crs: Option<String>,
+    pub epsg: Option<u32>,
     pub units: Units,
     /// The Extra Bytes descriptors, one after the other.
     pub descriptors: Vec<u8>,
@@ -161,6 +162,9 @@ impl Header {
         let points = if points == 0 { legacy } else { points };
 
         let (crs, units) = records.system(version >= (1, 4), raw.global_encoding & WKT_BIT != 0, warnings);
+        // A name that is no text is that of the keys.
+        let is_text = crs.as_deref().is_some_and(wkt::is_text);
+        let epsg = if is_text { crs.as_deref().and_then(wkt::level_code) } else { records.geotiff().code() };
         let bounds = Bounds {
             min: DVec3::new(raw.min_x, raw.min_y, raw.min_z),
             max: DVec3::new(raw.max_x, raw.max_y, raw.max_z),
@@ -181,6 +185,7 @@ impl Header {
             grid,
             bounds,
             crs,
+            epsg,
             units,
             descriptors: records.descriptors,
             laszip: records.laszip,

@@ -109,12 +109,16 @@ struct Made {
     is_whole: bool,
 }
 
+/// Well-known text of the system with a code of the EPSG.
+pub fn text_of(code: u16) -> Option<&'static str> {
+    Some(crs_definitions::from_code(code).filter(|_| !WRONG.contains(&code))?.wkt)
+}
+
 /// Well-known text (OGC 01-009) of a system that keys of GeoTIFF name by its code.
 fn wkt_of(keys: &[[u16; 4]], texts: &[u8], units: &Units) -> Option<Made> {
     let value = |id: u16| keys.iter().find(|key| key[0] == id && key[1] == 0).map(|key| key[3]);
     let code = |id: u16| value(id).filter(|code| *code != 0 && *code != USER_DEFINED);
-    let level = code(if value(1024) == Some(2) { 2048 } else { 3072 }).filter(|code| !WRONG.contains(code))?;
-    let level = crs_definitions::from_code(level)?.wkt;
+    let level = text_of(code(if value(1024) == Some(2) { 2048 } else { 3072 })?)?;
     let is_first_version = ["PROJCS[", "GEOGCS[", "GEOCCS[", "COMPD_CS["].iter().any(|word| level.starts_with(word));
     let of_text = wkt::units(level);
     let contradicts = |own: Option<Unit>, other: Option<Unit>| own.zip(other).is_some_and(|(own, other)| own != other);

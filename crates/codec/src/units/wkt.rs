@@ -18,6 +18,11 @@ struct Node<'a> {
     nodes: Vec<Node<'a>>,
 }
 
+/// Systems that are made of others.
+const COMPOUND: [&str; 6] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS", "FITTED_CS", "COORDINATEMETADATA"];
+
+const VERTICAL: [&str; 4] = ["VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"];
+
 /// The units of a system, and of several systems beside one another: of a text that is none, and of one that is too long
 /// or too deep, nothing is known. The units of a system are its own, not those of one that it is made of.
 pub fn units(text: &str) -> Units {
@@ -27,6 +32,16 @@ pub fn units(text: &str) -> Units {
 /// The code of the EPSG that the text gives its system.
 pub fn code(text: &str) -> Option<u32> {
     parse(text)?.first()?.code()
+}
+
+/// Whether it is well-known text of a system.
+pub fn is_text(text: &str) -> bool {
+    parse(text).is_some_and(|nodes| !nodes.is_empty())
+}
+
+/// The code of the EPSG of the system on the map, which may be a part of the whole.
+pub fn level_code(text: &str) -> Option<u32> {
+    parse(text)?.iter().find_map(Node::level_code)
 }
 
 fn parse(text: &str) -> Option<Vec<Node<'_>>> {
@@ -88,7 +103,7 @@ impl Node<'_> {
     }
 
     fn units(&self) -> Units {
-        if self.is(&["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS", "FITTED_CS", "COORDINATEMETADATA"]) {
+        if self.is(&COMPOUND) {
             return all(&self.nodes);
         }
         let projected = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "DERIVEDPROJCRS", "DERIVEDPROJECTED"];
@@ -104,7 +119,7 @@ impl Node<'_> {
                 "cartesian" => self.own(false),
                 _ => Units::default(),
             }
-        } else if self.is(&["VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"]) {
+        } else if self.is(&VERTICAL) {
             let mut axes = self.nodes.iter().filter(|node| node.is(&["AXIS"]));
             Units { level: None, height: self.unit(false).or_else(|| axes.find_map(|axis| axis.unit(false))) }
         } else {
@@ -139,6 +154,13 @@ impl Node<'_> {
             Some(Some(number)) if is_angular => Unit::of_degrees(number.to_degrees()),
             number => Unit::of_name_and_metres(name, number.flatten()),
         }
+    }
+
+    fn level_code(&self) -> Option<u32> {
+        if self.is(&COMPOUND) {
+            return self.nodes.iter().find_map(Self::level_code);
+        }
+        self.code().filter(|_| !self.is(&VERTICAL))
     }
 
     fn code(&self) -> Option<u32> {
@@ -233,6 +255,8 @@ mod tests {
         assert_eq!(of(r#"VERT_CS["x",AUTHORITY["EPSG","5703"]]"#), (None, METRE));
         assert_eq!(of(r#"PROJCS["x",AUTHORITY["ESRI","2927"]]"#), (None, None));
         assert_eq!(code(r#"PROJCRS["x",ID["EPSG",2927]]"#), Some(2927));
+        let whole = r#"COMPD_CS["x",PROJCS["y",AUTHORITY["EPSG","2927"]],VERT_CS["z",AUTHORITY["EPSG","5703"]],AUTHORITY["EPSG","1"]]"#;
+        assert_eq!((level_code(whole), is_text(whole), is_text("NAD83 / BC Albers")), (Some(2927), true, false));
     }
 
     #[test]
