@@ -34,7 +34,7 @@ impl Apart {
             if !is_near {
                 let unit = shown.units.length().map_or("units".into(), |unit| unit.to_string());
                 warnings.push(format!(
-                    "{} lies {} {unit} away from {}, which is in the view{}",
+                    "{} lies {} {unit} away from {}{}",
                     place.name,
                     rounded(gap(shown.bounds, place.bounds)),
                     shown.name,
@@ -145,8 +145,8 @@ mod tests {
         assert_eq!(
             apart.warnings,
             [
-                "small lies 899,800 units away from large, which is in the view",
-                "other lies 4,999,800 units away from large, which is in the view; they have different coordinate systems"
+                "small lies 899,800 units away from large",
+                "other lies 4,999,800 units away from large; they have different coordinate systems"
             ]
         );
     }

@@ -323,13 +323,7 @@ fn open_once(request: &mut Request) {
     let mut known = HashSet::new();
     let mut again = Vec::new();
     request.inputs.retain(|input| {
-        let place = match input {
-            Input::File(path) | Input::Tiles { folder: path, .. } => {
-                path.canonicalize().unwrap_or_else(|_| path.clone())
-            }
-            Input::BuiltIn { variant, .. } => built_in_name(*variant).into(),
-            Input::Unknown { .. } => return true,
-        };
+        let Some(place) = place_of(input) else { return true };
         let is_new = known.insert(place);
         if !is_new && !again.contains(&input.name()) {
             again.push(input.name());
@@ -338,6 +332,33 @@ fn open_once(request: &mut Request) {
     });
     let warnings = again.iter().map(|name| format!("{name}: named more than once, and opened once"));
     request.warnings.extend(param::few(warnings.collect(), "that are named more than once"));
+}
+
+/// What tells an input from others.
+fn place_of(input: &Input) -> Option<PathBuf> {
+    match input {
+        Input::File(path) | Input::Tiles { folder: path, .. } => Some(whole(path)),
+        Input::BuiltIn { variant, .. } => Some(built_in_name(*variant).into()),
+        Input::Unknown { .. } => None,
+    }
+}
+
+fn whole(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
+impl Request {
+    /// Leaves out inputs that are open by these names, and warns of them.
+    pub fn leave_out(&mut self, open: &HashSet<&str>) {
+        let open: HashSet<PathBuf> = open.iter().map(|name| whole(Path::new(name))).collect();
+        let mut again = Vec::new();
+        self.inputs.retain(|input| {
+            let is_open = place_of(input).is_some_and(|place| open.contains(&place));
+            again.extend(is_open.then(|| format!("{}: open already", input.name())));
+            !is_open
+        });
+        self.warnings.extend(param::few(again, "that are open already"));
+    }
 }
 
 /// The file or built-in scene that `word` names, or an error message with a suggestion.

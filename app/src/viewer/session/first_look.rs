@@ -7,7 +7,6 @@ use world::{Input, Request};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::history::History;
 use crate::viewer::scene::Scene;
-use crate::viewer::session::Session;
 
 pub struct FirstLook {
     /// The view that it opened with, to which `Home` goes back.
@@ -53,6 +52,7 @@ mod tests {
     use crate::viewer::requests::action::Action;
     use crate::viewer::requests::outside::{Effect, News};
     use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::session::Session;
     use crate::viewer::session::own_settings::own_settings;
 
     use super::*;

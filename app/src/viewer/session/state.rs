@@ -211,6 +211,9 @@ impl Session {
     }
 
     fn open_scene(&mut self, mut request: world::Request, is_scene_file: bool) {
+        if self.first_look.is_none() {
+            request.leave_out(&self.loaded.clouds.iter().map(|entry| entry.input.as_str()).collect());
+        }
         if !request.inputs.is_empty() {
             self.leave_first_look();
             self.document.add_inputs(request.inputs.iter().map(world::Input::name));
