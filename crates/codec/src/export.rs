@@ -350,8 +350,12 @@ impl Job<'_> {
 
     /// What no column has of the files.
     fn say_left_out(&self, words: &mut Words) {
+        let is_anywhere = self.sources.iter().any(|source| source.info().crs.is_some());
         for source in self.sources {
             let info = source.info();
+            if is_anywhere && info.crs.is_none() {
+                words.say(&info.path, "no coordinate system, where others have one: taken to be in theirs");
+            }
             if source.is_mesh() {
                 words.say(&info.path, format!("its {} faces are left out: points are exported", info.faces));
             }
