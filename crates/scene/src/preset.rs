@@ -59,7 +59,7 @@ impl Preset {
             let name = param::shortened(name, param::MOST_QUOTED);
             format!(
                 "preset `{name}` is unknown; available: {}",
-                PRESETS.each_ref().map(|preset| preset.name).join(", ")
+                PRESETS.each_ref().map(|preset| preset.name.to_lowercase()).join(", ")
             )
         })
     }
@@ -163,6 +163,6 @@ mod tests {
     #[test]
     fn an_unknown_preset_is_told_which_there_are() {
         let problem = Preset::named("publshed").unwrap_err();
-        assert_eq!(problem, "preset `publshed` is unknown; available: Published, Fast, Accurate");
+        assert_eq!(problem, "preset `publshed` is unknown; available: published, fast, accurate");
     }
 }

@@ -75,7 +75,7 @@ fn a_group_starts_from_its_own_preset_else_from_the_plans() {
     plan.replace_preset(Preset::named("accurate").unwrap());
     assert_eq!(names(&plan), [Some("Accurate"); 2]);
     let problem = with_group("preset = \"best\"").unwrap_err();
-    assert_eq!(problem.to_string(), "plan.toml:5: preset `best` is unknown; available: Published, Fast, Accurate");
+    assert_eq!(problem.to_string(), "plan.toml:5: preset `best` is unknown; available: published, fast, accurate");
 }
 
 #[test]
