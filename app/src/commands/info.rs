@@ -281,7 +281,7 @@ fn header_report(path: &Path, sources: &[Source]) -> FileReport {
         neighbourhoods: None,
         scans: infos().filter_map(scan).collect(),
         images: infos().flat_map(|info| info.images.iter().map(image)).collect(),
-        warnings: of_files.chain(units_of.warning()).collect(),
+        warnings: of_files.chain(units_of.warning()).chain(world::other_systems(infos())).collect(),
         decimals: first.and_then(|info| info.grid).map(|grid| decimals(grid.scale.min_element())),
     }
 }

@@ -48,8 +48,8 @@ pub use meshes::with_mesh;
 pub use opening::{Extent, first_camera, first_outline, own_settings, shining};
 pub use resident::Resident;
 pub use source::{
-    asked_attributes, file_warnings, open_file, open_placed, options_for, parts, radii_of_shown, read_cloud,
-    read_column, surfel_options, system_warnings, up_of,
+    asked_attributes, file_warnings, open_file, open_placed, options_for, other_systems, parts, radii_of_shown,
+    read_cloud, read_column, surfel_options, system_warnings, up_of,
 };
 pub use task::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 pub use words::{Input, Request, built_in_name, built_in_names, first_scene, resolve};

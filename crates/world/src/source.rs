@@ -67,7 +67,7 @@ pub fn system_warnings<'a>(files: impl IntoIterator<Item = &'a codec::Info> + Cl
 
 /// Warns of files in another coordinate system than the first one that names its own: their coordinates are taken as they
 /// are.
-fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Vec<String> {
+pub fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Vec<String> {
     let mut with_system = files.into_iter().filter_map(|info| Some((info, info.crs.as_ref()?)));
     let Some((first, system)) = with_system.next() else { return Vec::new() };
     let others = with_system.filter(|(_, other)| other.trim() != system.trim()).map(|(other, _)| {
