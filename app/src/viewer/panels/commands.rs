@@ -253,7 +253,7 @@ fn of_files(session: &Session) -> Vec<Entry> {
         Entry::new(text!("Open: {path}", path = short_name(path)), help, Action::File(Filing::Open(path.into())))
     };
     let file = |path: &String| {
-        let help = text!("Adds {path} to what is open", path);
+        let help = text!("Comes beside what is open");
         Entry::new(text!("Open: {path}", path = short_name(path)), help, Action::Open(path.into()))
     };
     let built_in = |name: &String| {
