@@ -384,6 +384,9 @@ fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
     if let Ok(target) = path.read_link() {
         return Err(format!("{name}: a link to {}, where nothing is", shown(&target)));
     }
+    if name.split_once("://").is_some_and(|(scheme, _)| scheme.chars().all(|letter| letter.is_ascii_alphanumeric())) {
+        return Err(format!("{name}: not an address of http or https"));
+    }
     let hint = if has_hint { hint(path) } else { String::new() };
     Err(format!("{name}: no such file or built-in scene{hint}"))
 }
@@ -672,6 +675,7 @@ mod tests {
         std::fs::write(folder.path().join("office.laz"), "").unwrap();
         let typo = folder.path().join("ofice.laz").display().to_string();
         assert!(message(&typo).contains("office.laz`?"), "{}", message(&typo));
+        assert!(message("ftp://a/b.laz").ends_with("not an address of http or https"));
         assert!(message("five-mirrors/sphre").contains("did you mean `five-mirrors/sphere`?"));
         assert!(message("sphere").contains("did you mean `five-mirrors/sphere`?"));
         assert!(message("five-mirrors/teapot").contains("glint scenes"));
