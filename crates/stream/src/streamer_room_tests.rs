@@ -121,3 +121,45 @@ fn nodes_that_keep_exact_positions_are_charged_for_them() {
     let shown = 5 * 256 * (POINT_BYTES + 24);
     assert_eq!(cut(shown + 3 * 256 * POINT_BYTES).iter().map(|wanted| wanted.batches).sum::<usize>(), 8 * BATCHES);
 }
+
+#[test]
+fn nodes_that_could_not_be_read_come_once_they_can_be() {
+    let octree = Arc::new(terrain(3));
+    let is_down = Arc::new(AtomicBool::new(true));
+    let reads = Arc::new(AtomicUsize::new(0));
+    let (down, count) = (is_down.clone(), reads.clone());
+    let paged = paged(&octree, move |octree, node| {
+        count.fetch_add(1, Ordering::Relaxed);
+        let is_lost = node.0.is_multiple_of(3) && down.load(Ordering::Relaxed);
+        if is_lost { Err(Error::Panicked("no server".into())) } else { Ok(page(octree, node)) }
+    });
+    let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+    let mut drawer = Drawer::default();
+    streamer.add(0, paged);
+    streamer.want(everything(0, &octree));
+    drawer.settle(&streamer);
+    let lost = octree.ids().filter(|(node, _)| node.0.is_multiple_of(3)).count();
+    assert_eq!((drawer.failed.len(), drawer.points() < octree.points()), (lost, true));
+    // Neither before its time nor for the same cut is anything asked for again.
+    let before = reads.load(Ordering::Relaxed);
+    streamer.try_again(Instant::now(), true);
+    streamer.want(everything(0, &octree));
+    drawer.settle(&streamer);
+    assert_eq!(reads.load(Ordering::Relaxed), before);
+    // In vain, and said once.
+    let mut now = Instant::now();
+    for seconds in [2, 3, 5, 9, 17] {
+        now += Duration::from_secs(seconds);
+        streamer.try_again(now, false);
+        drawer.settle(&streamer);
+    }
+    assert_eq!((reads.load(Ordering::Relaxed), drawer.failed.len()), (before + 5 * lost, lost));
+    is_down.store(false, Ordering::Relaxed);
+    now += Duration::from_secs(70);
+    streamer.try_again(now, false);
+    drawer.settle(&streamer);
+    assert_eq!(drawer.failed.len(), lost, "they are given up until another view needs them");
+    streamer.try_again(now, true);
+    drawer.settle(&streamer);
+    assert_eq!((drawer.failed.len(), drawer.points()), (0, octree.points()));
+}
