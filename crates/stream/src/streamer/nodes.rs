@@ -58,7 +58,7 @@ pub enum NodeChange {
     Drop { cloud: usize, node: NodeId },
     /// The node cannot be read; the others go on. It is tried again where that may help, and said once.
     Failed { cloud: usize, node: NodeId, error: Error },
-    /// A node that could not be read has been read.
+    /// A node that could not be read has been read, or one that was too large has room now.
     Mended { cloud: usize, node: NodeId },
 }
 
@@ -105,6 +105,8 @@ pub(super) struct Entry {
     pub(super) wanted_at: u64,
     pub(super) in_flight: bool,
     pub(super) failed: bool,
+    /// Whether the caller knows that the memory has no room for it.
+    pub(super) is_too_large: bool,
     /// The latest read, if it failed.
     pub(super) again: Option<Again>,
     /// The decoded node if it is not shown, or will replace what is shown. All points, of the cloud's generation.
@@ -216,7 +218,8 @@ impl ShownNode {
 
 impl Entry {
     pub(super) fn is_of_use(&self) -> bool {
-        let is_known = self.failed || self.again.is_some() || self.loaded.is_some() || self.shown.is_some();
+        let is_told = self.failed || self.is_too_large || self.again.is_some();
+        let is_known = is_told || self.loaded.is_some() || self.shown.is_some();
         self.wanted > 0 || self.in_flight || is_known
     }
 

@@ -91,7 +91,7 @@ impl State {
         let (mut entries, field, loose) = before.unwrap_or_default();
         for entry in entries.values_mut() {
             // Nodes that are being read for the old generation will be thrown away.
-            (entry.in_flight, entry.failed, entry.again) = (false, false, None);
+            (entry.in_flight, entry.failed, entry.is_too_large, entry.again) = (false, false, false, None);
             self.bytes -= entry.loaded.take().map_or(0, |loaded| loaded.bytes());
         }
         self.clouds.insert(cloud, CloudNodes { paged, generation, field, loose, entries });
@@ -199,8 +199,8 @@ impl State {
             let cost = held.paged.cost(*id);
             if cost > most {
                 let entry = held.entries.entry(*id).or_default();
-                entry.wanted_at = self.cuts;
-                if !std::mem::replace(&mut entry.failed, true) {
+                (entry.wanted_at, entry.failed) = (self.cuts, true);
+                if !std::mem::replace(&mut entry.is_too_large, true) {
                     let error = Error::TooLarge { bytes: cost, budget: self.budget.bytes };
                     self.pending.push(NodeChange::Failed { cloud: *cloud, node: *id, error });
                 }
@@ -214,6 +214,9 @@ impl State {
                 bytes -= cost;
                 let entry = held.entries.entry(*id).or_default();
                 (entry.wanted, entry.wanted_at) = (batches, self.cuts);
+                if std::mem::take(&mut entry.is_too_large) {
+                    self.pending.push(NodeChange::Mended { cloud: *cloud, node: *id });
+                }
                 self.wanted.push(Wanted { cloud: *cloud, node: *id, batches });
             }
             if batches < asked {
