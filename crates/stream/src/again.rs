@@ -17,10 +17,12 @@ pub struct Again {
 }
 
 impl Again {
-    /// `before` is what was known of a read that has now failed once more.
+    /// `before` is what was known of a read that has now failed once more. `may_pass` says that waiting may help; if not, only
+    /// another view asks again.
     #[must_use]
-    pub fn after(before: Option<Self>, now: Instant) -> Self {
-        let tries = before.map_or(0, |before| (before.tries + 1) % (WAITS.len() + 1));
+    pub fn after(before: Option<Self>, may_pass: bool, now: Instant) -> Self {
+        let next = before.map_or(0, |before| (before.tries + 1) % (WAITS.len() + 1));
+        let tries = if may_pass { next } else { WAITS.len() };
         let wait = WAITS.get(tries).copied().unwrap_or(REST);
         Self { tries, next: now + Duration::from_secs(wait), is_asked: false }
     }
@@ -46,18 +48,22 @@ mod tests {
     fn it_is_tried_five_times_and_after_a_minute_where_another_view_needs_it() {
         let start = Instant::now();
         let mut now = start;
-        let mut again = Again::after(None, now);
+        let mut again = Again::after(None, true, now);
         for seconds in [1, 2, 4, 8, 16] {
             now += Duration::from_millis(1000 * seconds - 1);
             assert!(!again.ask(now, true), "after {seconds} s");
             now += Duration::from_millis(1);
             assert!(again.ask(now, false) && !again.ask(now, true) && !again.waits());
-            again = Again::after(Some(again), now);
+            again = Again::after(Some(again), true, now);
         }
         assert!(!again.ask(now + Duration::from_secs(3600), false) && !again.ask(now + Duration::from_secs(59), true));
         now += Duration::from_secs(60);
         assert!(again.ask(now, true));
-        again = Again::after(Some(again), now);
-        assert_eq!(again, Again::after(None, now));
+        again = Again::after(Some(again), true, now);
+        assert_eq!(again, Again::after(None, true, now));
+        // What does not pass is left to another view from the first time on.
+        let mut again = Again::after(None, false, now);
+        now += Duration::from_secs(60);
+        assert!(!again.ask(now, false) && again.ask(now, true));
     }
 }

@@ -64,6 +64,11 @@ impl Error {
         Self::Io { path: path.to_owned(), reason }
     }
 
+    /// Whether a read that failed so may succeed in a moment: servers and disks come back, while wrong data stay wrong.
+    pub fn may_pass(&self) -> bool {
+        matches!(self, Self::Io { .. } | Self::Input(codec::Error::Io { .. }))
+    }
+
     pub(crate) fn not_written(path: &Path, reason: std::io::Error) -> Self {
         Self::NotWritten { path: path.to_owned(), reason }
     }

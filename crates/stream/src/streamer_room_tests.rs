@@ -134,7 +134,11 @@ fn nodes_that_could_not_be_read_come_once_they_can_be() {
     let paged = paged(&octree, move |octree, node| {
         count.fetch_add(1, Ordering::Relaxed);
         let is_lost = node.0.is_multiple_of(3) && down.load(Ordering::Relaxed);
-        if is_lost { Err(Error::Panicked("no server".into())) } else { Ok(page(octree, node)) }
+        if is_lost {
+            Err(Error::io("far".as_ref(), std::io::Error::other("no server")))
+        } else {
+            Ok(page(octree, node))
+        }
     });
     let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
     let mut drawer = Drawer::default();

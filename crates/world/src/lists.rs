@@ -129,7 +129,7 @@ impl Lists {
             Ok(found) => found,
             Err(error) => {
                 let before = self.failed.get(&place).copied();
-                self.failed.insert(place, Again::after(before, Instant::now()));
+                self.failed.insert(place, Again::after(before, error.may_pass(), Instant::now()));
                 let problem = format!("{error}; the points below that node are missing");
                 let is_new = self.told.is_none();
                 return is_new.then(|| Said::Problem(self.told.insert(problem).clone()));

@@ -516,7 +516,7 @@ impl Tiles {
                         (problem, None)
                     }
                 };
-                tile.failed = Some((problem, Again::after(before, Instant::now())));
+                tile.failed = Some((problem, Again::after(before, true, Instant::now())));
                 return put;
             }
         };

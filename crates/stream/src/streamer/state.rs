@@ -310,7 +310,7 @@ impl State {
             }
             Err(error) => {
                 entry.failed = true;
-                let before = entry.again.replace(Again::after(entry.again, Instant::now()));
+                let before = entry.again.replace(Again::after(entry.again, error.may_pass(), Instant::now()));
                 if before.is_none() {
                     self.pending.push(NodeChange::Failed { cloud: job.cloud, node: job.node, error });
                 }
