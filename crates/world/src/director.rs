@@ -54,6 +54,8 @@ pub struct Director {
     is_settled: bool,
     /// Whether another view has come since what could not be read was last asked for.
     view_has_changed: bool,
+    /// Whether nothing is asked for again until the view changes.
+    is_stopped: bool,
     reported: (Instant, StreamStats),
 }
 
@@ -88,6 +90,12 @@ struct StreamedCloud {
 }
 
 impl StreamedCloud {
+    /// What was told of nodes and of lists of nodes that are missing: it is no longer so where all is read anew.
+    fn take_told(&mut self) -> impl Iterator<Item = String> + use<> {
+        let of_lists = self.lists.as_mut().and_then(Lists::take_told);
+        self.told.take().into_iter().chain(of_lists)
+    }
+
     /// Whether its pages are being made again.
     fn is_awaited(&self) -> bool {
         self.is_own && self.is_damaged
@@ -142,6 +150,7 @@ impl Director {
             beside_cut: 0,
             is_settled: false,
             view_has_changed: false,
+            is_stopped: false,
             reported,
         })
     }
@@ -186,7 +195,8 @@ impl Director {
             self.choose()?;
         }
         self.view_has_changed |= is_other_view;
-        if self.is_settled && !is_other {
+        self.is_stopped &= !is_other_view;
+        if self.is_settled && !is_other && !self.is_stopped {
             is_other |= self.try_again()?;
         }
         self.show_tiles()?;
@@ -233,7 +243,10 @@ impl Director {
             }
             StreamRequest::KeepRoom { cloud, points } => drop(self.previews.insert(cloud, points)),
             StreamRequest::Complete(is_complete) => self.is_complete = is_complete,
-            StreamRequest::StopTiles => self.tiles.values_mut().for_each(Tiles::stop),
+            StreamRequest::StopTiles => {
+                self.is_stopped = true;
+                self.tiles.values_mut().for_each(Tiles::stop);
+            }
             StreamRequest::Tile { cloud, tile, found } => {
                 let Some(tiles) = self.tiles.get_mut(&cloud) else { return Some(()) };
                 let Put { closed, arrival } = tiles.put(tile, found);
@@ -257,6 +270,7 @@ impl Director {
     /// Passes on the octrees that have changed, as other pages of lists of nodes are there.
     fn show_lists(&mut self) -> Option<()> {
         let mut states = Vec::new();
+        let mut mended = Vec::new();
         for (cloud, streamed) in &mut self.clouds {
             let changed = streamed.lists.as_mut().and_then(Lists::changed_octree);
             let (Some(octree), IndexState::Indexed { octree: told, .. }) = (changed, &mut streamed.state) else {
@@ -265,6 +279,11 @@ impl Director {
             *told = octree.clone();
             self.streamer.know(*cloud, octree.clone());
             (streamed.octree, streamed.placed) = (octree, None);
+            // Nodes whose lists have gone are not missing.
+            streamed.missing.retain(|node| streamed.octree.get(*node).is_some());
+            if let Some(problem) = streamed.told.take_if(|_| streamed.missing.is_empty()) {
+                mended.push(Event::Mended { input: streamed.input.clone(), problem, has_come: false });
+            }
             match owner_of(*cloud) {
                 (cloud, None) => states.push((cloud, streamed.state.clone())),
                 (owner, Some(_)) => {
@@ -272,7 +291,8 @@ impl Director {
                 }
             }
         }
-        states.into_iter().try_for_each(|(cloud, pages)| self.send(Event::Pages { cloud, pages }))
+        let states = states.into_iter().map(|(cloud, pages)| Event::Pages { cloud, pages });
+        states.chain(mended).try_for_each(|event| self.send(event))
     }
 
     /// Passes on which tiles are open, and what is to be said of tiles.
@@ -296,13 +316,13 @@ impl Director {
     /// Closes tiles of a cloud.
     fn close_tiles(&mut self, cloud: usize, tiles: Vec<usize>) -> Option<()> {
         for number in tiles.into_iter().map(|tile| number_of(cloud, tile)) {
-            let Some(StreamedCloud { input, resident, told, .. }) = self.clouds.remove(&number) else { continue };
+            let Some(mut streamed) = self.clouds.remove(&number) else { continue };
             self.streamer.remove(number);
             // When it is opened again, all is read anew.
-            if let Some(problem) = told {
-                self.send(Event::Mended { input, problem, has_come: false })?;
+            for problem in streamed.take_told() {
+                self.send(Event::Mended { input: streamed.input.clone(), problem, has_come: false })?;
             }
-            for part in resident.into_keys() {
+            for part in streamed.resident.into_keys() {
                 self.send(Event::Dropped { cloud, part })?;
             }
         }
@@ -546,6 +566,10 @@ impl Director {
                     stream::Error::Damaged { .. } | stream::Error::PageSize { .. } | stream::Error::Io { .. }
                 );
                 if !(is_damage && streamed.is_own) {
+                    // Its list may have gone since it was read.
+                    if streamed.octree.get(node).is_none() {
+                        return Some(());
+                    }
                     streamed.missing.insert(node);
                     if streamed.told.is_some() {
                         return Some(());

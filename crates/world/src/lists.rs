@@ -64,6 +64,11 @@ impl Lists {
         Some(Self { table: self.table.again(pages)?, pages: pages.clone(), ..self })
     }
 
+    /// Takes what the receiver was told of pages that are missing.
+    pub(crate) fn take_told(&mut self) -> Option<String> {
+        self.told.take()
+    }
+
     pub(crate) fn octree(&self) -> &Arc<Octree> {
         self.table.octree()
     }
