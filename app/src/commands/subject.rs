@@ -94,8 +94,8 @@ pub fn open(
     job.mailbox.set_first_test(test.clone(), request.cloud_settings.clone());
     let mut loads = Loads { own: request.cloud_settings.clone(), ..Loads::default() };
     let is_over = loads.receive(&job, 0)?;
-    if loads.is_empty() && loads.status != 0 {
-        return Ok(Err(loads.status));
+    if loads.is_empty() && !loads.failures.is_empty() {
+        return Ok(Err(loads.status()));
     }
     if finds_errors {
         surface_error::check(&loads.clouds)?;
@@ -110,7 +110,7 @@ pub fn open(
         read_filtered(loaded, &test)?;
         fit_radii(loaded, settings, &test)?;
     }
-    read_meshes(&mut request.mirrors, settings, &mut loads.status);
+    loads.failures.extend(read_meshes(&mut request.mirrors, settings));
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
     let (outline, warnings) =
         world::first_outline(loads.shown(&hidden).map(|loaded| extent(loaded, &test)).collect(), own);
@@ -144,7 +144,8 @@ pub fn open(
         loads.receive(&job, view_number)?;
     }
     drop(job);
-    let Loads { mut clouds, mirrors: mut placed, status, stream, .. } = loads;
+    let status = loads.status();
+    let Loads { mut clouds, mirrors: mut placed, stream, .. } = loads;
     clouds.retain(|loaded| world::own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on));
     let area = mirrors::area_per_point(clouds.iter().map(|loaded| &loaded.cloud), &test);
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
@@ -285,9 +286,11 @@ fn fit_radii(loaded: &mut Assembly, settings: &Settings, test: &PointTest) -> an
     Ok(())
 }
 
-/// Reads the meshes of mirrors. A mirror whose mesh cannot be read is reported and left out.
-fn read_meshes(mirrors: &mut Vec<Mirror>, settings: &Settings, status: &mut u8) {
+/// Reads the meshes of mirrors. A mirror whose mesh cannot be read is reported and left out: returns what is wrong with
+/// them, each with whether the input is at fault.
+fn read_meshes(mirrors: &mut Vec<Mirror>, settings: &Settings) -> Vec<(String, bool)> {
     let mut failed = Few::of("mirrors whose mesh cannot be read");
+    let mut failures = Vec::new();
     mirrors.retain_mut(|mirror| {
         if settings.mirror.surface == MirrorSurface::Exact && !mirror.shape.has_formula() {
             terminal::warn([format!(
@@ -298,15 +301,16 @@ fn read_meshes(mirrors: &mut Vec<Mirror>, settings: &Settings, status: &mut u8) 
         match world::with_mesh(mirror.shape.clone()) {
             Ok(shape) => mirror.shape = shape,
             Err(error) => {
-                // Failed work (status 1) outranks unusable inputs (status 2).
-                *status = if *status == FAILED { FAILED } else { UNUSABLE };
-                failed.complain(&format!("mirror `{}`: {error}", mirror.name));
+                let problem = format!("mirror `{}`: {error}", mirror.name);
+                failed.complain(&problem);
+                failures.push((problem, true));
                 return false;
             }
         }
         true
     });
     failed.end();
+    failures
 }
 
 /// How long the receiver waits for an event before it looks at the progress again.
@@ -321,8 +325,8 @@ struct Loads {
     clouds: Vec<Assembly>,
     /// The mirrors of built-in scenes, each with points sampled on its surface.
     mirrors: Vec<(Mirror, Vec<Chunk>)>,
-    /// The exit status for inputs that failed; they are reported as they fail.
-    status: u8,
+    /// What has failed and not come since, and whether the input is at fault. All is reported as it fails.
+    failures: Vec<(String, bool)>,
     stream: Option<StreamReport>,
     /// Tasks that were planned and may not be over yet, the next one first.
     tasks: VecDeque<Arc<CloudTask>>,
@@ -331,6 +335,15 @@ struct Loads {
 impl Loads {
     fn is_empty(&self) -> bool {
         self.clouds.is_empty() || self.clouds.iter().all(|loaded| loaded.pages.is_some() && loaded.points == 0)
+    }
+
+    /// The exit status for what failed. Failed work (status 1) outranks unusable inputs (status 2).
+    fn status(&self) -> u8 {
+        match self.failures.iter().all(|(_, is_usage)| *is_usage) {
+            _ if self.failures.is_empty() => 0,
+            true => UNUSABLE,
+            false => FAILED,
+        }
     }
 
     /// The clouds but for those that are switched off.
@@ -426,12 +439,17 @@ impl Loads {
             }
             Event::Surfels { cloud, surfels } => drop(self.clouds[cloud].put_surfels(surfels)),
             Event::Failed { error, is_usage, .. } => {
-                // Failed work (status 1) outranks unusable inputs (status 2).
-                self.status = if is_usage && self.status != FAILED { UNUSABLE } else { FAILED };
                 bar.suspend(|| failed.complain(&error));
+                self.failures.push((error, is_usage));
             }
-            Event::Mended { has_come: false, .. } => {}
-            Event::Mended { problem, .. } => bar.suspend(|| terminal::complain(&format!("no longer so: {problem}"))),
+            Event::Mended { problem, has_come, .. } => {
+                if let Some(place) = self.failures.iter().position(|(error, _)| *error == problem) {
+                    self.failures.remove(place);
+                }
+                if has_come {
+                    bar.suspend(|| terminal::complain(&format!("no longer so: {problem}")));
+                }
+            }
             Event::Stream(_) | Event::Finished => {}
         }
     }
@@ -511,8 +529,25 @@ mod tests {
         job.mailbox.stop_all();
         let (mut loads, bar, mut failed) = (Loads::default(), Bar::points("reading"), Few::of("that fail"));
         job.events.iter().for_each(|event| loads.take(event, &bar, &mut failed));
-        assert_eq!(loads.status, 0, "{name}");
+        assert_eq!(loads.status(), 0, "{name}");
         loads.clouds.pop()
+    }
+
+    #[test]
+    fn what_has_come_after_all_leaves_the_exit_status_of_what_has_not() {
+        let mut loads = Loads::default();
+        let (bar, mut failed) = (Bar::points("reading"), Few::of("that fail"));
+        let input = String::new();
+        for (problem, is_usage) in [("a list", true), ("a disk", false)] {
+            let event = Event::Failed { input: input.clone(), error: problem.into(), is_usage };
+            loads.take(event, &bar, &mut failed);
+        }
+        assert_eq!(loads.status(), FAILED);
+        for (problem, status) in [("a disk", UNUSABLE), ("a warning", UNUSABLE), ("a list", 0)] {
+            let event = Event::Mended { input: input.clone(), problem: problem.into(), has_come: true };
+            loads.take(event, &bar, &mut failed);
+            assert_eq!(loads.status(), status, "{problem}");
+        }
     }
 
     #[test]
