@@ -48,9 +48,9 @@ impl Loaded {
                 }
             }
             Event::Mended { input, problem, has_come } => {
-                beside.outside.take_back(&problem);
+                let name = short_name(&input).to_string();
+                beside.outside.take_back(&name, &problem);
                 if has_come {
-                    let name = short_name(&input).to_string();
                     beside.outside.say(Level::Note, text!("{name}: what was missing is there now", name));
                 }
             }

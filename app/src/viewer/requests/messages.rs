@@ -54,9 +54,11 @@ impl Messages {
         self.push(Level::Warning, text);
     }
 
-    /// Takes back all messages that end with these words: they go from the screen, and are struck out in the list.
-    pub fn take_back(&mut self, problem: &str) {
-        for message in self.all.iter_mut().filter(|message| message.text.ends_with(problem)) {
+    /// Takes back all messages of this problem, with the name of the cloud before it or without: they go from the screen,
+    /// and are struck out in the list.
+    pub fn take_back(&mut self, name: &str, problem: &str) {
+        let named = format!("{name}: {problem}");
+        for message in self.all.iter_mut().filter(|message| message.text == problem || message.text == named) {
             (message.dismissed, message.is_over, message.address) = (true, true, None);
         }
     }
@@ -233,15 +235,15 @@ mod tests {
     #[test]
     fn what_is_taken_back_goes_from_the_screen_and_stays_in_the_list() {
         let mut messages = Messages::default();
-        ["all.vpc: a tile is missing: 7", "all.vpc: a tile is missing: 8"]
+        ["all.vpc: a tile is missing: 7", "all.vpc: a tile is missing: 8", "b.vpc: a tile is missing: 7"]
             .into_iter()
             .for_each(|text| messages.warning(text));
-        messages.take_back("a tile is missing: 7");
+        messages.take_back("all.vpc", "a tile is missing: 7");
         let shown = |messages: &Messages| messages.all.iter().map(Message::is_fresh).collect::<Vec<_>>();
-        assert_eq!((shown(&messages), messages.all[0].is_over), (vec![false, true], true));
+        assert_eq!((shown(&messages), messages.all[0].is_over), (vec![false, true, true], true));
         // It is missing once more.
         messages.warning("all.vpc: a tile is missing: 7");
-        assert_eq!((shown(&messages), messages.all[0].is_over), (vec![true, true], false));
+        assert_eq!((shown(&messages), messages.all[0].is_over), (vec![true; 3], false));
     }
 
     #[test]

@@ -116,10 +116,10 @@ impl Outside {
         self.messages.push(level, text);
     }
 
-    /// Takes back what was said, with a name before it or without.
-    pub fn take_back(&mut self, problem: &str) {
+    /// Takes back what was said of a cloud, with its name before it or without.
+    pub fn take_back(&mut self, name: &str, problem: &str) {
         self.log(json!({ "event": "taken back", "text": problem }));
-        self.messages.take_back(problem);
+        self.messages.take_back(name, problem);
     }
 
     /// Says what is wrong with an address, which can be opened again.
