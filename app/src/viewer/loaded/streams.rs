@@ -85,6 +85,11 @@ impl Loaded {
         if !comes_to_rest || entry.is_streaming() {
             return;
         }
+        // What was asked for again in vain changes nothing.
+        let rested = Some((stats.view_number, stats.nodes, stats.points_resident));
+        if std::mem::replace(&mut entry.rested, rested) == rested {
+            return;
+        }
         let keys: Vec<CloudKey> = entry.clouds.values().copied().collect();
         for entry in self.clouds.iter_mut().filter(|entry| keys.contains(&entry.key)) {
             if let Some(streamed) = &mut entry.streamed {
@@ -487,7 +492,17 @@ mod tests {
         assert!(session.loaded.points_come(), "that is about an earlier look");
         settle(&mut session);
         assert!(!session.loaded.points_come() && !session.loaded.soon_changes());
-        assert_eq!(session.loaded.clouds[0].streamed.as_ref().unwrap().rests, 2);
+        let rests = |session: &Session| session.loaded.clouds[0].streamed.as_ref().unwrap().rests;
+        assert_eq!(rests(&session), 2);
+        // What could not be read is asked for again, in vain and then not.
+        let view_number = session.loaded.jobs[0].look;
+        for (points_resident, expected) in [(0, 2), (7, 3)] {
+            for is_settled in [false, true] {
+                let stats = StreamStats { view_number, is_settled, points_resident, ..StreamStats::default() };
+                session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Stream(stats), beside));
+            }
+            assert_eq!(rests(&session), expected);
+        }
         session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
         assert!(session.loaded.jobs.is_empty() && session.loaded.clouds.len() == 1);
     }

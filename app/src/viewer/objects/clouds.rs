@@ -200,7 +200,7 @@ fn node_of(octree: &Octree, part: Part) -> Option<&Node> {
 /// The state of a streamed cloud. Its chunks hold the points that the last view needs.
 #[derive(Default)]
 pub struct Streamed {
-    /// How often a view has been fully loaded.
+    /// How often a view has been fully loaded, or loaded further.
     pub rests: u32,
     deepest_level: u8,
 }
@@ -237,6 +237,8 @@ pub struct JobEntry {
     pub clouds: BTreeMap<usize, CloudKey>,
     /// What is loaded of its streamed clouds. The mailbox sends views to the job.
     pub stream: StreamStats,
+    /// What was there when that last came to rest: the number of the view, and those of nodes and points.
+    pub rested: Option<(u64, usize, u64)>,
     pub mailbox: Arc<Mailbox>,
     /// The number of the last view that was sent, 0 before the first one, and the share of the budgets that it had.
     pub look: u64,
@@ -260,6 +262,7 @@ impl JobEntry {
             started,
             clouds: BTreeMap::new(),
             stream: StreamStats::default(),
+            rested: None,
             mailbox,
             look: 0,
             share: 1.0,
