@@ -102,3 +102,66 @@ fn clouds_that_are_hidden_or_moved_out_of_sight_leave_their_budget_to_the_others
     assert!(third.iter().sum::<usize>() <= BUDGET / 3, "{third:?}");
     assert!(demand > 0.9 && demand_of_third > 0.9, "{demand} {demand_of_third}");
 }
+
+/// The octree of a folder with these pages of its list of nodes, which are read as views need them.
+fn paged_lists(folder: &Path, pages: &[(&str, &str)]) -> Arc<Pages> {
+    std::fs::create_dir_all(folder.join("ept-hierarchy")).unwrap();
+    let axis = |name: &str| format!(r#"{{"name":"{name}","type":"signed","size":4,"scale":0.01,"offset":0}}"#);
+    let text = format!(
+        r#"{{"bounds":[0,0,0,8,8,8],"dataType":"binary","points":1000000000000,"span":128,"version":"1.0.0","schema":[{}]}}"#,
+        ["X", "Y", "Z"].map(axis).join(",")
+    );
+    std::fs::write(folder.join("ept.json"), text).unwrap();
+    std::fs::create_dir_all(folder.join("ept-data")).unwrap();
+    std::fs::write(folder.join("ept-data/0-0-0-0.bin"), vec![0; 36]).unwrap();
+    for (name, text) in pages {
+        std::fs::write(folder.join(format!("ept-hierarchy/{name}.json")), text).unwrap();
+    }
+    let source = Arc::new(codec::open_within(&folder.join("ept.json"), 4 << 20).unwrap());
+    Arc::new(Pages::copc(&source, &BTreeSet::new()).unwrap())
+}
+
+#[test]
+fn what_was_told_of_lists_and_nodes_is_taken_back_when_they_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let lists = [("0-0-0-0", r#"{"0-0-0-0":3,"1-0-0-0":-1,"1-1-0-0":-1}"#), ("1-0-0-0", r#"{"1-0-0-0":5}"#)];
+    let mailbox = Arc::<Mailbox>::default();
+    let (sender, events) = sync_channel(1000);
+    let mut director = Director::new(mailbox.clone(), sender, &Settings::default(), false).unwrap();
+    let tile = number_of(0, 7);
+    let arrival = Arrival {
+        cloud: tile,
+        input: String::new(),
+        name: String::new(),
+        fit: None,
+        pages: paged_lists(folder.path(), &lists),
+        is_own: false,
+        was_built: false,
+        estimate: None,
+        previews: HashMap::new(),
+    };
+    director.add(arrival).unwrap();
+    let streamed = director.clouds.get_mut(&tile).unwrap();
+    // A node that a list had which has gone, and one that still is there.
+    (streamed.missing, streamed.told) = ([NodeId(0), NodeId(99)].into(), Some("a node".to_owned()));
+    let places = [(NodeId(0), 0), (NodeId(0), 1)];
+    streamed.lists.as_mut().unwrap().want(std::iter::empty(), places.into_iter(), tile, &mailbox);
+    let is_there = |director: &Director| !director.clouds[&tile].octree.paged.pages.is_empty();
+    let mut said = Vec::new();
+    while !is_there(&director) || said.is_empty() {
+        director.step().unwrap();
+        said.extend(events.try_iter().filter_map(|event| match event {
+            Event::Failed { error, .. } => Some(error),
+            Event::Mended { problem, .. } => panic!("{problem}"),
+            _ => None,
+        }));
+    }
+    assert!(said.len() == 1 && said[0].contains("1-1-0-0"), "{said:?}");
+    assert_eq!(director.clouds[&tile].missing, [NodeId(0)].into());
+    director.close_tiles(0, vec![7]).unwrap();
+    let taken_back = events.try_iter().filter_map(|event| match event {
+        Event::Mended { problem, has_come: false, .. } => Some(problem),
+        _ => None,
+    });
+    assert_eq!(taken_back.collect::<Vec<_>>(), ["a node".to_owned(), said[0].clone()]);
+}
