@@ -167,12 +167,23 @@ impl LightPlan {
     }
 }
 
-/// The directions of an even sky; each represents the same solid angle.
+/// The directions of an even sky; each represents the same solid angle. A spiral from the top to the horizon has them more
+/// evenly than a sequence (Swinbank and Purser 2006). They come in the order of the points of Halton's sequence that are
+/// nearest to them, because interleaved pixels are lit by runs of neighbours.
 fn sky_lights(up: DVec3, count: u32) -> Vec<SkyLight> {
+    const GOLDEN: f64 = 0.618_033_988_749_894_8;
     let (right, forward) = up.any_orthonormal_pair();
+    let on_spiral = |step: f64| DVec2::new((step + 0.5) / f64::from(count), (step * GOLDEN).fract());
+    let mut left: Vec<DVec2> = (0..count).map(|step| on_spiral(f64::from(step))).collect();
     (0..count)
         .map(|index| {
-            let numbers = halton(index);
+            let wanted = halton(index);
+            let off = |place: &DVec2| {
+                let off = *place - wanted;
+                DVec2::new(off.x, off.y - off.y.round()).length_squared()
+            };
+            let nearest = (0..left.len()).min_by(|a, b| off(&left[*a]).total_cmp(&off(&left[*b])));
+            let numbers = left.swap_remove(nearest.unwrap_or_default());
             let (height, turn) = (numbers.x, numbers.y * std::f64::consts::TAU);
             let across = (1.0 - height * height).max(0.0).sqrt();
             let toward = right * (across * turn.cos()) + forward * (across * turn.sin()) + up * height;
