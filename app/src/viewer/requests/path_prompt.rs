@@ -18,8 +18,16 @@ pub struct PathPrompt {
     reason: Option<&'static str>,
     pub purpose: Purpose,
     is_shown: bool,
-    /// The text of which the prompt has said that its folder is not there, or that its file is there.
-    refused: Option<String>,
+    /// The text that was refused, and why.
+    refused: Option<(String, Refusal)>,
+}
+
+/// Why nothing is saved under a name yet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Refusal {
+    NoFolder,
+    /// The next Enter replaces a scene; a file of points is not replaced.
+    IsThere,
 }
 
 /// What happens with the file.
@@ -107,11 +115,10 @@ impl PathPrompt {
                 }
                 outcome = self.field(ui);
                 self.candidate_list(ui);
-                if self.refused.as_ref() == Some(&self.text) {
-                    let path = expanded(&self.text);
-                    let text = match self.purpose {
-                        _ if !has_folder(&path) => text!("There is no such folder."),
-                        Purpose::SavePoints => text!("A file of this name is there, and is not replaced."),
+                if let Some((_, refusal)) = self.refused.as_ref().filter(|(text, _)| *text == self.text) {
+                    let text = match (refusal, self.purpose) {
+                        (Refusal::NoFolder, _) => text!("There is no such folder."),
+                        (_, Purpose::SavePoints) => text!("A file of this name is there, and is not replaced."),
                         _ => text!("A file of this name is there. Enter again replaces it."),
                     };
                     ui.label(RichText::new(text).color(theme::WARNING));
@@ -164,26 +171,38 @@ impl PathPrompt {
                 self.is_shown = false;
                 None
             }
-            Some(Outcome::Open(text)) if self.saves() && self.refuses(&text) => {
-                self.refused = Some(self.text.clone());
-                self.is_shown = false;
-                None
-            }
             Some(Outcome::Open(text)) => {
                 // If the path names nothing, the prompt stays for another try.
                 self.is_shown = false;
-                Some(Outcome::Open(expanded(&text).display().to_string()))
+                let refusal = self.refusal(&text).map(|refusal| (self.text.clone(), refusal));
+                if self.saves() && refusal.is_some() {
+                    self.refused = refusal;
+                    return None;
+                }
+                Some(Outcome::Open(self.target(&text).display().to_string()))
             }
             other => other,
         }
     }
 
-    /// Whether nothing can be saved there: the folder is missing, or the file is there and the prompt has not said so
-    /// yet. Files of points are never replaced.
-    fn refuses(&self, text: &str) -> bool {
+    /// The file that a text names. Scenes have an ending.
+    fn target(&self, text: &str) -> PathBuf {
         let path = expanded(text);
-        let is_told = self.refused.as_ref() == Some(&self.text);
-        !has_folder(&path) || path.exists() && (self.purpose == Purpose::SavePoints || !is_told)
+        let has_ending = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml"));
+        if self.purpose != Purpose::SaveScene || has_ending {
+            return path;
+        }
+        PathBuf::from(format!("{}.toml", path.display()))
+    }
+
+    /// Why nothing is saved under this name yet.
+    fn refusal(&self, text: &str) -> Option<Refusal> {
+        let path = self.target(text);
+        if !has_folder(&path) {
+            return Some(Refusal::NoFolder);
+        }
+        let is_told = self.refused.as_ref() == Some(&(self.text.clone(), Refusal::IsThere));
+        (path.exists() && (self.purpose == Purpose::SavePoints || !is_told)).then_some(Refusal::IsThere)
     }
 
     fn candidate_list(&mut self, ui: &mut egui::Ui) {
@@ -309,8 +328,11 @@ mod tests {
         use egui_kittest::kittest::Queryable as _;
         let folder = folder();
         let proposed = folder.path().join("office_1.laz");
-        let replaced = Some(Outcome::Open(proposed.display().to_string()));
-        let scene = (PathPrompt::to_save_scene(&proposed, "No dialog."), "Enter again replaces it", replaced);
+        let place = folder.path().join("office.toml");
+        std::fs::write(&place, "").unwrap();
+        let replaced = Some(Outcome::Open(place.display().to_string()));
+        let named = folder.path().join("office");
+        let scene = (PathPrompt::to_save_scene(&named, "No dialog."), "Enter again replaces it", replaced);
         let points = (PathPrompt::to_save_points(&proposed, "No dialog."), "is not replaced", None);
         let lost = folder.path().join("missing/office_1.laz");
         let missing = (PathPrompt::to_save_points(&lost, "No dialog."), "no such folder", None);
