@@ -71,8 +71,8 @@ impl Plane {
     }
 }
 
-/// Numbers the cells of the finest grid of cubes that still has few occupied ones. Returns the number of each point's
-/// cell and how many there are.
+/// Numbers the occupied cells of a grid of cubes, which is made finer until they are enough. Returns the number of each
+/// point's cell and how many there are.
 fn parcels(points: &[DVec3]) -> (Vec<usize>, usize) {
     let (low, high) = points
         .iter()

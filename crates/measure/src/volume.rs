@@ -137,9 +137,6 @@ impl VolumeGrid {
         if corners.len() < 3 {
             return Err(Error::TooFew { points: corners.len(), least: 3 });
         }
-        if sides_cross(corners, up) {
-            return Err(Error::Crossed);
-        }
         let (u, v) = up.any_orthonormal_pair();
         let axes = [u, v, up];
         let origin = corners[0];
@@ -163,6 +160,9 @@ impl VolumeGrid {
                 ((center - origin).dot(up) - slope.dot(flat(&center)), slope)
             }
         };
+        if sides_cross(corners, up) {
+            return Err(Error::Crossed);
+        }
         let size = high - low;
         let edge = size.max_element() / FINEST as f64;
         let [columns, rows] = (size / edge).to_array().map(|count| (count.ceil() as usize).clamp(1, FINEST));
