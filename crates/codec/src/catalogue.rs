@@ -302,15 +302,16 @@ pub fn write_catalogue(tiles: &[Tile<'_>], output: &Path) -> Result<Vec<String>>
         ids.insert(id);
     }
     let mut warnings = Vec::new();
-    let systems: HashSet<&str> = tiles.iter().map(|tile| tile.info.crs.as_deref().unwrap_or_default()).collect();
+    let systems: HashSet<&str> = tiles.iter().filter_map(|tile| tile.info.crs.as_deref()).collect();
     if systems.len() > 1 {
         let count = systems.len();
         warnings.push(format!("its tiles have {count} coordinate systems; coordinates are taken as they are"));
     }
     if unplaced > 0 {
         warnings.push(format!(
-            "{unplaced} of its tiles have no coordinate system with a known code: their boxes, which other programs \
-             expect in degrees, are in their own coordinates"
+            "tiles without a coordinate system that can be placed on the globe: {unplaced} of {}; their boxes, which \
+             other programs expect in degrees, are in their own coordinates",
+            tiles.len()
         ));
     }
     let collection = json!({ "type": "FeatureCollection", "features": items });
@@ -321,6 +322,9 @@ pub fn write_catalogue(tiles: &[Tile<'_>], output: &Path) -> Result<Vec<String>>
     Ok(warnings)
 }
 
+/// The number of parts into which a side is cut to place it.
+const SIDE_STEPS: u32 = 8;
+
 /// The polygon and the box of a tile, as JSON.
 type Footprint = (Value, Value);
 
@@ -328,9 +332,16 @@ type Footprint = (Value, Value);
 fn footprint(bounds: &Bounds, place: impl Fn([f64; 2]) -> Option<[f64; 2]>) -> Option<Footprint> {
     let Bounds { min, max } = *bounds;
     let corners = [[min.x, min.y], [min.x, max.y], [max.x, max.y], [max.x, min.y]];
-    let places = corners.into_iter().map(place).collect::<Option<Vec<_>>>()?;
+    let places = corners.into_iter().map(&place).collect::<Option<Vec<_>>>()?;
     let mut reach = Bounds::EMPTY;
-    places.iter().for_each(|[x, y]| reach.include(DVec3::new(*x, *y, min.z)));
+    // Sides may be bent.
+    for step in 0..=SIDE_STEPS {
+        let across = min.lerp(max, f64::from(step) / f64::from(SIDE_STEPS));
+        for side in [[across.x, min.y], [across.x, max.y], [min.x, across.y], [max.x, across.y]] {
+            let [x, y] = place(side)?;
+            reach.include(DVec3::new(x, y, min.z));
+        }
+    }
     let heights = [min.z, min.z, max.z, max.z, min.z];
     let ring = places.iter().cycle().zip(heights).map(|([x, y], z)| json!([x, y, z]));
     let polygon = json!({ "type": "Polygon", "coordinates": [ring.collect::<Vec<Value>>()] });

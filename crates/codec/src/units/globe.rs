@@ -10,11 +10,13 @@ pub struct Globe {
 }
 
 impl Globe {
-    /// `None` if the code is not known, or its projection is not.
+    /// `None` if the code or its projection is not known, and of a system about the middle of the globe, which has no
+    /// map.
     pub fn of(code: u32) -> Option<Self> {
         let own = crs_definitions::from_code(code.try_into().ok()?)?;
         let globe = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").ok()?;
-        Some(Self { own: Proj::from_proj_string(own.proj4).ok()?, globe })
+        let own = Proj::from_proj_string(own.proj4).ok().filter(|own| !own.is_geocent())?;
+        Some(Self { own, globe })
     }
 
     /// Longitude and latitude in degrees of a place. Shifts between datums are as exact as PROJ strings say them: some
@@ -49,7 +51,7 @@ mod tests {
             let off = (found[0] - expected[0]).abs().max((found[1] - expected[1]).abs());
             assert!(off < within, "{code}: {found:?}");
         }
-        assert!(Globe::of(1).is_none() && Globe::of(70_000).is_none());
+        assert!([1, 70_000, 4978].iter().all(|code| Globe::of(*code).is_none()));
         assert_eq!(Globe::of(32_633).unwrap().degrees([f64::NAN, 0.0]), None);
     }
 }

@@ -21,6 +21,10 @@ struct Node<'a> {
 /// Systems that are made of others.
 const COMPOUND: [&str; 6] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS", "FITTED_CS", "COORDINATEMETADATA"];
 
+const PROJECTED: [&str; 5] = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "DERIVEDPROJCRS", "DERIVEDPROJECTED"];
+const OF_LENGTHS: [&str; 4] = ["GEOCCS", "LOCAL_CS", "ENGCRS", "ENGINEERINGCRS"];
+const GEOGRAPHIC: [&str; 3] = ["GEOGCS", "GEOGCRS", "GEOGRAPHICCRS"];
+const GEODETIC: [&str; 2] = ["GEODCRS", "GEODETICCRS"];
 const VERTICAL: [&str; 4] = ["VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"];
 
 /// The units of a system, and of several systems beside one another: of a text that is none, and of one that is too long
@@ -34,9 +38,10 @@ pub fn code(text: &str) -> Option<u32> {
     parse(text)?.first()?.code()
 }
 
-/// Whether it is well-known text of a system.
+/// Whether it is well-known text of a system. Names of systems have brackets, too.
 pub fn is_text(text: &str) -> bool {
-    parse(text).is_some_and(|nodes| !nodes.is_empty())
+    let kinds: [&[&str]; 6] = [&COMPOUND, &PROJECTED, &OF_LENGTHS, &GEOGRAPHIC, &GEODETIC, &VERTICAL];
+    parse(text).is_some_and(|nodes| nodes.iter().any(|node| kinds.iter().any(|words| node.is(words))))
 }
 
 /// The code of the EPSG of the system on the map, which may be a part of the whole.
@@ -106,13 +111,11 @@ impl Node<'_> {
         if self.is(&COMPOUND) {
             return all(&self.nodes);
         }
-        let projected = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "DERIVEDPROJCRS", "DERIVEDPROJECTED"];
-        let of_lengths = ["GEOCCS", "LOCAL_CS", "ENGCRS", "ENGINEERINGCRS"];
-        let own = if self.is(&projected) || self.is(&of_lengths) {
+        let own = if self.is(&PROJECTED) || self.is(&OF_LENGTHS) {
             self.own(false)
-        } else if self.is(&["GEOGCS", "GEOGCRS", "GEOGRAPHICCRS"]) {
+        } else if self.is(&GEOGRAPHIC) {
             self.own(true)
-        } else if self.is(&["GEODCRS", "GEODETICCRS"]) {
+        } else if self.is(&GEODETIC) {
             let kind = self.nodes.iter().find(|node| node.is(&["CS"])).and_then(|node| node.values.first().copied());
             match kind.unwrap_or_default().to_ascii_lowercase().as_str() {
                 "ellipsoidal" => self.own(true),
@@ -160,7 +163,7 @@ impl Node<'_> {
         if self.is(&COMPOUND) {
             return self.nodes.iter().find_map(Self::level_code);
         }
-        self.code().filter(|_| !self.is(&VERTICAL))
+        self.code().filter(|_| self.is(&PROJECTED) || self.is(&GEOGRAPHIC) || self.is(&GEODETIC))
     }
 
     fn code(&self) -> Option<u32> {
@@ -257,6 +260,8 @@ mod tests {
         assert_eq!(code(r#"PROJCRS["x",ID["EPSG",2927]]"#), Some(2927));
         let whole = r#"COMPD_CS["x",PROJCS["y",AUTHORITY["EPSG","2927"]],VERT_CS["z",AUTHORITY["EPSG","5703"]],AUTHORITY["EPSG","1"]]"#;
         assert_eq!((level_code(whole), is_text(whole), is_text("NAD83 / BC Albers")), (Some(2927), true, false));
+        assert!(!is_text("NAD83(HARN) / Washington South (ftUS)"));
+        assert_eq!(level_code(r#"VERTCRS["x",ID["EPSG",5703]]"#), None);
     }
 
     #[test]
