@@ -270,7 +270,8 @@ impl Job<'_> {
         all
     }
 
-    /// Numbers the scans of files from 1 as LAS numbers the setups of a scanner, where no property of a file does.
+    /// Numbers scans, and files beside them, from 1 as LAS numbers the setups of a scanner, where no property of a file
+    /// does.
     fn number_scans(&self, own: &mut [OwnFields], words: &mut Words) {
         let is_number = |field: &Field| standard(field.name()).is_some_and(|own| own.name == STATION);
         let infos = || self.sources.iter().map(|source| source.info());
@@ -278,11 +279,22 @@ impl Job<'_> {
         if own.iter().any(|own| own.fields.iter().any(is_number)) || !infos().any(is_one_of_many) {
             return;
         }
+        let count = own.len();
+        let mut of_files: Vec<(&Path, [u16; 2])> = Vec::new();
         for ((own, info), number) in own.iter_mut().zip(infos()).zip(1..=u16::MAX) {
             own.fields.push(Field::new(STATION, ColumnType::U16, Meaning::Standard));
             own.constants.push(number);
-            let name = info.scan.as_ref().map_or_else(|| info.name(), |scan| scan.name.clone());
-            words.say(&info.path, format!("{name} became {STATION} {number}"));
+            match of_files.last_mut().filter(|(path, _)| *path == info.path) {
+                Some((_, [_, last])) => *last = number,
+                None => of_files.push((&info.path, [number; 2])),
+            }
+        }
+        for (path, [first, last]) in of_files {
+            let numbers = if first == last { first.to_string() } else { format!("{first} to {last}, a number a scan") };
+            words.say(path, format!("its points have {STATION} {numbers}"));
+        }
+        if count > usize::from(u16::MAX) {
+            words.say(self.output, format!("points of the scans after number {} have {STATION} 0", u16::MAX));
         }
     }
 
@@ -322,7 +334,11 @@ impl Job<'_> {
             let added = |added: &Added| added.of(number, piece.first_point, piece.points);
             let added: Vec<Column> = self.added.iter().map(added).collect();
             piece.columns.extend(added);
-            piece.columns.extend(own.constants.iter().map(|value| Column::U16(vec![*value; piece.points])));
+            let fields = own.fields.iter().skip(own.fields.len() - own.constants.len());
+            piece.columns.extend(fields.zip(&own.constants).map(|(field, value)| match field.column_type() {
+                ColumnType::U8 => Column::U8(vec![*value as u8; piece.points]),
+                _ => Column::U16(vec![*value; piece.points]),
+            }));
             rows_of(&piece)
         };
         let reading = Reading { test: self.wanted.test, colors, needed };

@@ -418,3 +418,32 @@ fn scans_of_a_text_keep_their_poses_and_bytes_of_color() {
     assert!((DVec3::from(own) - DVec3::new(2.0, 3.0, 0.0)).length() < 1e-12, "{own:?}");
     assert_eq!([0, 1].map(|row| number(row, RecordName::ColorRed)), [33.0, 200.0]);
 }
+
+#[test]
+fn an_export_to_e57_of_a_scan_that_is_turned_and_placed_has_its_own_coordinates_and_normals() {
+    let normal = |axis: &str| RecordName::Unknown { namespace: "nor".into(), name: format!("normal{axis}") };
+    let mut prototype: Vec<Record> = [Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64].into();
+    prototype.extend(["X", "Y", "Z"].map(|axis| record(normal(axis), RecordDataType::F32)));
+    let own = [[2.0, 3.0, 0.5], [0.0, 0.6, 0.8]];
+    let mut point = numbers(own[0]);
+    point.extend(own[1].map(|value| RecordValue::Single(value as f32)));
+    let turn = glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
+    let rotation = Quaternion { w: turn.w, x: turn.x, y: turn.y, z: turn.z };
+    let pose = Transform { rotation, translation: Translation { x: 10.0, y: 20.0, z: 3.0 } };
+    let (folder, path) = place(&written(prototype, Some(pose), &[point]));
+    let moved = cloud::Placement::new(glam::DQuat::from_rotation_z(1.1), DVec3::ONE, DVec3::new(5.0, 0.0, 0.0));
+    let source = codec::open(&path).unwrap().placed(moved);
+    let output = folder.path().join("placed.e57");
+    let sources = [std::sync::Arc::new(source)];
+    codec::export(&sources, &cloud::PointTest::default(), &[], &output, MEMORY, &Progress::default()).unwrap().unwrap();
+
+    let mut reader = e57::E57Reader::from_file(&output).unwrap();
+    let scan = reader.pointclouds().remove(0);
+    let row = reader.pointcloud_raw(&scan).unwrap().next().unwrap().unwrap();
+    let numbers = row.iter().zip(&scan.prototype).map(|(value, record)| value.to_f64(&record.data_type).unwrap());
+    for (found, expected) in numbers.zip(own.concat()) {
+        assert!((found - expected).abs() < 1e-6, "{row:?}");
+    }
+    let turned = scans(&output).remove(0).info().scan.clone().unwrap().turn;
+    assert!(turned.angle_between(glam::DQuat::from_rotation_z(1.1) * turn) < 1e-6, "{turned}");
+}

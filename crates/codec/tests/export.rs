@@ -480,6 +480,19 @@ const PTX: &str = "1\n2\n5 6 7\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0
     1 0 0 100.6 255 33 33\n2 0 0 255 33 33 33\n";
 
 #[test]
+fn a_scan_without_intensities_leaves_those_of_others_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = PTX.replace("255 33 33 33", "0.5 33 33 33").replace(" 100.6 ", " nan ");
+    let scans = codec::open_scans(&file(&folder, "two.ptx", text), MEMORY).unwrap();
+    let scans: Vec<_> = scans.into_iter().map(Arc::new).collect();
+    let output = folder.path().join("two.las");
+    let written = export(&scans, &PointTest::default(), &[], &output, MEMORY, &Progress::default()).unwrap().unwrap();
+    let intensities: Vec<u16> = las_points(&output).iter().map(|point| point.intensity).collect();
+    assert_eq!(intensities[..2], [39321, 16384], "{:?}", written.changes);
+    assert!(written.changes.iter().all(|line| !line.contains("beyond")), "{:?}", written.changes);
+}
+
+#[test]
 fn scans_of_one_file_have_one_scale_of_intensity() {
     let folder = tempfile::tempdir().unwrap();
     for (end, of_dark) in [("255", [154, 64]), ("300", [1, 0])] {

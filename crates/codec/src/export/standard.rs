@@ -154,7 +154,7 @@ impl Values {
 
     /// Takes the scale of these values and others.
     pub fn share_scale(&mut self, all: &Self) {
-        (self.points, self.broken, self.within) = (all.points, all.broken, all.within);
+        (self.points, self.broken, self.within) = (all.points - all.none, all.broken, all.within);
     }
 
     pub fn merge(&mut self, other: &Self) {
@@ -179,6 +179,11 @@ pub struct Fit {
 }
 
 impl Standard {
+    /// Whether its values have a scale of brightness.
+    pub fn has_scale(&self) -> bool {
+        self.takes == Takes::Brightness
+    }
+
     /// How values of a property become those of the field; `None` if the field does not hold them.
     pub fn fit(&self, name: &str, column_type: ColumnType, values: &Values) -> Option<Fit> {
         let as_it_is = Fit { factor: 1.0, word: None, is_clamped: false };

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::columns::{Colors, Field, Meaning, Piece};
 use super::grid::{Axis, UNSEEN, finest, grid_of};
-use super::standard::{Values, standard};
+use super::standard::{Standard, Values, standard};
 use super::{Job, OwnFields, las};
 use crate::Source;
 use crate::error::Result;
@@ -37,12 +37,14 @@ impl Survey {
 /// The number of seconds in a week.
 const WEEK: f64 = 604_800.0;
 
-/// Gives a property one scale in all scans of a file: one that is dark would get its own else.
+/// Gives a brightness one scale in all scans of a file: a scan that is dark would get its own else.
 fn share_scales(sources: &[Arc<Source>], own: &[OwnFields], values: &mut [Vec<Option<Values>>]) {
     let mut of_files: HashMap<(&Path, &str), Values> = HashMap::new();
     for is_given in [false, true] {
         for ((source, own), values) in sources.iter().zip(own).zip(values.iter_mut()) {
-            for (field, values) in own.fields.iter().zip(values).filter(|_| source.info().scan.is_some()) {
+            let has_scale = |field: &Field| standard(field.name()).is_some_and(Standard::has_scale);
+            let is_of_scan = source.info().scan.is_some();
+            for (field, values) in own.fields.iter().zip(values).filter(|(field, _)| is_of_scan && has_scale(field)) {
                 let Some(values) = values else { continue };
                 let shared = of_files.entry((&source.info().path, field.name())).or_default();
                 if is_given { values.share_scale(shared) } else { shared.merge(values) }
