@@ -56,7 +56,6 @@ use screen::{Painted, Screen};
 use serde_json::json;
 use session::Session;
 use session::effects::{self, Effects};
-use session::own_settings::own_settings;
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
@@ -426,9 +425,9 @@ impl Viewer {
             let is_empty = request.inputs.is_empty() && request.view.is_none();
             let request = if is_empty { self.unnamed() } else { request };
             self.session.open_request(request);
-            self.before_set = own_settings(&self.session);
+            self.before_set = self.session.scene.own_settings();
             start.apply(&mut self.session);
-            self.after_set = own_settings(&self.session);
+            self.after_set = self.session.scene.own_settings();
             self.session.document.take_as_saved(&self.session.scene);
         }
         self.do_effects();
@@ -576,7 +575,7 @@ impl Viewer {
             self.session.preferences.window = screen.size();
         }
         // What the command line has set is not kept.
-        let settings = own_settings(&self.session);
+        let settings = self.session.scene.own_settings();
         let settings = self.before_set.with_changes(&self.after_set, &settings);
         self.session.preferences.remember_settings(&settings);
         if let Err(error) = preferences::save(&self.session.preferences) {

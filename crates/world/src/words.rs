@@ -348,16 +348,13 @@ fn whole(path: &Path) -> PathBuf {
 }
 
 impl Request {
-    /// Leaves out inputs that are open by these names, and warns of them.
-    pub fn leave_out(&mut self, open: &HashSet<&str>) {
+    /// Warns of inputs that are open by these names: their points will be there twice.
+    pub fn tell_open(&mut self, open: &HashSet<&str>) {
         let open: HashSet<PathBuf> = open.iter().map(|name| whole(Path::new(name))).collect();
-        let mut again = Vec::new();
-        self.inputs.retain(|input| {
-            let is_open = place_of(input).is_some_and(|place| open.contains(&place));
-            again.extend(is_open.then(|| format!("{}: open already", input.name())));
-            !is_open
-        });
-        self.warnings.extend(param::few(again, "that are open already"));
+        let is_open = |input: &&Input| place_of(input).is_some_and(|place| open.contains(&place));
+        let again = self.inputs.iter().filter(is_open);
+        let again = again.map(|input| format!("{}: open already, its points are there twice now", input.name()));
+        self.warnings.extend(param::few(again.collect(), "that are open already"));
     }
 }
 

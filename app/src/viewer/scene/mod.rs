@@ -5,6 +5,7 @@ pub mod confines;
 pub mod flight;
 pub mod furnishing;
 pub mod idle;
+pub mod lent;
 pub mod light_search;
 pub mod navigation;
 pub mod orbit;
@@ -15,7 +16,7 @@ pub mod turning;
 use std::time::{Duration, Instant};
 
 use cloud::Bounds;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use param::Choice as _;
 use render::MOST_LIGHTS;
 use scene::{
@@ -28,7 +29,6 @@ use crate::overlays::lens::{Lens, to_vector};
 use crate::shared::language::{text, translated};
 use crate::viewer::objects::clouds::{CloudEntry, colored_chunks};
 use crate::viewer::objects::history::History;
-use crate::viewer::objects::inspection::{Ray, Target};
 use crate::viewer::objects::posed::Posed;
 use crate::viewer::objects::{ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, spot, unnamed};
 use crate::viewer::picture::messages::{Command, PickPurpose};
@@ -38,6 +38,7 @@ use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::confines::Confines;
 use crate::viewer::scene::flight::Flight;
+use crate::viewer::scene::lent::Lent;
 use crate::viewer::scene::navigation::Navigation;
 use crate::viewer::scene::past_views::PastViews;
 
@@ -47,11 +48,11 @@ const ZOOM_PER_NOTCH: f64 = 0.85;
 const ZOOM_PATIENCE: Duration = Duration::from_millis(120);
 /// The factor by which a notch enlarges splats or the field of view. Seven notches double them.
 pub const STEP: f32 = 1.1;
-/// The radius of a sight line in pixels. It is the same as when a point is picked.
-const CAST_RADIUS: f64 = 4.0;
 
 pub struct Scene {
     pub settings: Settings,
+    /// Set while a scene shows other parameters than the person's own.
+    pub lent: Option<Lent>,
     pub objects: Objects,
     /// The selected object.
     pub selected: Option<ObjectId>,
@@ -84,6 +85,7 @@ impl Scene {
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
+            lent: None,
             objects: Objects::default(),
             selected: None,
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
@@ -570,17 +572,6 @@ impl Scene {
     /// Returns true in fly mode, in which the wheel changes the speed.
     pub fn is_flying(&self) -> bool {
         self.mode == Mode::Fly
-    }
-
-    /// Returns the line of sight through a pixel.
-    pub fn sight_line(&self, pixel: [u32; 2], targets: Vec<Target>) -> Ray {
-        let lens = self.lens();
-        let pixel = to_vector(pixel);
-        let (origin, direction) = lens.ray(pixel);
-        let (_, beside) = lens.ray(pixel + DVec2::X * CAST_RADIUS);
-        let is_parallel = self.settings.view.projection == Projection::Orthographic;
-        let width = lens.units_per_pixel(self.camera.pivot).filter(|_| is_parallel).unwrap_or(0.0) * CAST_RADIUS;
-        Ray { origin, direction, spread: direction.distance(beside), width, targets }
     }
 
     /// Carries out an action if it concerns only the scene. Returns all other actions.

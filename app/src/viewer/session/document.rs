@@ -36,7 +36,7 @@ const PATIENCE: Duration = Duration::from_secs(30);
 #[derive(Clone, Debug, PartialEq)]
 pub enum Leaving {
     Quit,
-    /// Closes everything and opens a scene file.
+    /// Closes everything and opens a scene.
     Open(PathBuf),
     /// Closes everything and opens the work of a program that has ended unexpectedly.
     Restore,
@@ -110,7 +110,8 @@ impl Scene {
     /// Forgets everything that belongs to what was open; `own` are the person's own parameters.
     pub fn clear(&mut self, own: Settings) {
         self.rewrite_objects(|objects| *objects = Objects::default());
-        (self.settings, self.selected, self.room, self.confines) = (own, None, None, Confines::default());
+        (self.settings, self.lent, self.selected, self.room) = (own, None, None, None);
+        self.confines = Confines::default();
         (self.history, self.past_views) = (History::default(), PastViews::default());
         self.camera_is_placed = false;
     }
@@ -287,6 +288,7 @@ impl Document {
         let then = self.then.take();
         if result.is_err() {
             if self.place.as_ref() != Some(&place) {
+                self.then = then;
                 outside.push(Effect::AskPlace(Asked::Scene, place));
             }
             return None;

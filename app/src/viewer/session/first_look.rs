@@ -36,10 +36,10 @@ impl FirstLook {
     }
 
     /// Closes the scene, and brings the person's own parameters back.
-    pub fn leave(own: Settings, loaded: &mut Loaded, beside: &mut Beside<'_>) {
+    pub fn leave(loaded: &mut Loaded, beside: &mut Beside<'_>) {
         loaded.close_all(beside);
         (beside.scene.selected, beside.scene.opening) = (None, None);
-        beside.scene.settings = own;
+        beside.scene.take_own_settings();
         // Nobody wants the scene back by undoing.
         beside.scene.history = History::default();
     }
@@ -53,7 +53,6 @@ mod tests {
     use crate::viewer::requests::outside::{Effect, News};
     use crate::viewer::requests::preferences::Preferences;
     use crate::viewer::session::Session;
-    use crate::viewer::session::own_settings::own_settings;
 
     use super::*;
 
@@ -83,7 +82,7 @@ mod tests {
         assert_eq!(selected.map(|mirror| mirror.name.as_str()), Some(pool::BALL));
         let settings = &session.scene.settings;
         assert_eq!((settings.view.frame_ms, settings.reflection.bounces), (77.0, 2));
-        let own = own_settings(&session);
+        let own = session.scene.own_settings();
         assert_eq!((own.view.frame_ms, own.reflection.bounces), (77.0, Settings::default().reflection.bounces));
     }
 
@@ -92,7 +91,7 @@ mod tests {
         let mut session = session();
         // A parameter that the scene has brought, and one that it has not, are changed by hand.
         (session.scene.settings.tone.exposure, session.scene.settings.splat.min_pixels) = (-1.0, 2.0);
-        let own = own_settings(&session);
+        let own = session.scene.own_settings();
         assert_eq!((own.tone.exposure, own.splat.min_pixels), (-1.0, 2.0));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("three.ply");
@@ -118,7 +117,7 @@ mod tests {
         session.act(Action::Open("courtyard/pool".into()));
         read(&mut session);
         assert!(session.scene.settings.view.background != Settings::default().view.background);
-        assert_eq!(own_settings(&session), Settings::default());
+        assert_eq!(session.scene.own_settings(), Settings::default());
     }
 
     #[test]
@@ -146,7 +145,7 @@ mod tests {
     #[test]
     fn closing_the_scene_by_hand_brings_the_own_parameters_back() {
         let mut session = session();
-        let own = own_settings(&session);
+        let own = session.scene.own_settings();
         session.act(Action::RemoveCloud(session.loaded.clouds[0].key));
         assert!(session.first_look.is_none() && session.scene.settings == own);
     }

@@ -6,7 +6,7 @@ pub mod document;
 pub mod effects;
 pub mod first_look;
 mod kept;
-pub mod own_settings;
+mod own_settings;
 mod state;
 pub mod views;
 mod wanted;
@@ -14,7 +14,6 @@ mod wanted;
 use document::Document;
 use first_look::FirstLook;
 use kept::Kept;
-use own_settings::Lent;
 
 use crate::viewer::filming::Filming;
 use crate::viewer::frames::Frames;
@@ -61,8 +60,6 @@ pub struct Session {
     pub filming: Filming,
     /// Set while the window shows what it does when nothing is named.
     pub first_look: Option<FirstLook>,
-    /// Set while a scene shows other parameters than the person's own.
-    pub lent: Option<Lent>,
     pub document: Document,
     /// Whether a text has the keyboard: what it changes is one step of undo. The picture does not wait for its end.
     pub is_typing: bool,

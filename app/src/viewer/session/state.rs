@@ -32,11 +32,11 @@ use crate::viewer::requests::preferences::Preferences;
 use crate::viewer::requests::work::{Found, Work};
 use crate::viewer::scene::Scene;
 use crate::viewer::scene::confines::Confines;
+use crate::viewer::scene::lent::Lent;
 use crate::viewer::session::Session;
 use crate::viewer::session::document::{Document, Leaving, Next};
 use crate::viewer::session::first_look::FirstLook;
 use crate::viewer::session::kept::Kept;
-use crate::viewer::session::own_settings::{Lent, of_scene, own_settings};
 use crate::viewer::session::wanted;
 use crate::viewer::tools::Tools;
 use crate::viewer::truth::sweep::Sweeps;
@@ -73,7 +73,6 @@ impl Session {
             auto: Auto::default(),
             filming: Filming::default(),
             first_look: None,
-            lent: None,
             document: Document::default(),
             is_typing: false,
             fatal: None,
@@ -121,7 +120,7 @@ impl Session {
         }
     }
 
-    /// Closes everything and opens a scene file, or the work that was kept of the file at `restored`.
+    /// Closes everything and opens a scene, or the work that was kept of the file at `restored`.
     fn open_instead(&mut self, path: &Path, restored: Option<Option<PathBuf>>) {
         let mut request = world::resolve(&[path]);
         if let Err(error) = request.check() {
@@ -129,15 +128,17 @@ impl Session {
         }
         self.leave_first_look();
         self.with_loaded(Loaded::close_all);
-        self.preferences.remember_settings(&own_settings(self));
+        self.preferences.remember_settings(&self.scene.own_settings());
         self.scene.clear(self.preferences.settings().0);
-        self.lent = None;
         self.tools = Tools { light_panel_is_open: self.tools.light_panel_is_open, ..Tools::default() };
         self.document.forget();
+        let is_file = restored.is_some() || !request.scene_files.is_empty();
         if restored.is_some() {
             request.scene_files.clear();
         }
-        self.open_scene(request, true);
+        self.open_scene(request, is_file);
+        // What a person has chosen does not make room for the next file.
+        self.first_look = None;
         restored.into_iter().for_each(|place| self.document.on_restored(place));
     }
 
@@ -147,6 +148,9 @@ impl Session {
         self.document.closed(&input, &self.loaded);
         if self.loaded.clouds.is_empty() {
             self.leave_first_look();
+        }
+        if self.loaded.is_empty() {
+            self.scene.take_own_settings();
         }
     }
 
@@ -212,7 +216,7 @@ impl Session {
 
     fn open_scene(&mut self, mut request: world::Request, is_scene_file: bool) {
         if self.first_look.is_none() {
-            request.leave_out(&self.loaded.clouds.iter().map(|entry| entry.input.as_str()).collect());
+            request.tell_open(&self.loaded.clouds.iter().map(|entry| entry.input.as_str()).collect());
         }
         if !request.inputs.is_empty() {
             self.leave_first_look();
@@ -225,21 +229,19 @@ impl Session {
         for warning in std::mem::take(&mut request.warnings) {
             self.outside.say(Level::Warning, warning);
         }
-        let own = own_settings(self);
-        let mut brings_parameters = false;
+        let mut lent = None;
         if let Some(view) = &mut request.view {
-            brings_parameters = is_scene_file || view.settings != Settings::default();
-            if is_scene_file {
-                view.settings = of_scene(view, &own);
-            } else if !brings_parameters {
-                // A built-in scene may bring a camera without parameters of its own: the current ones stay.
-                view.settings = self.scene.settings.clone();
-            }
+            // A built-in scene may bring a camera without parameters of its own: the current ones stay.
+            view.settings = if is_scene_file || view.settings != Settings::default() {
+                lent.insert(Lent::new(view, self.scene.own_settings())).given().clone()
+            } else {
+                self.scene.settings.clone()
+            };
         }
         self.loaded.await_settings(&mut request);
         self.scene.furnish(&mut request, self.loaded.clouds.is_empty(), &mut self.outside);
-        if brings_parameters {
-            self.lent = Some(Lent { own, given: self.scene.settings.clone() });
+        if lent.is_some() {
+            self.scene.lent = lent;
         }
         if self.loaded.is_empty() {
             self.scene.history.settle(&self.scene.settings, &self.scene.objects);
@@ -252,9 +254,7 @@ impl Session {
 
     fn leave_first_look(&mut self) {
         if self.first_look.take().is_some() {
-            let own = own_settings(self);
-            self.lent = None;
-            self.with_loaded(|loaded, beside| FirstLook::leave(own, loaded, beside));
+            self.with_loaded(FirstLook::leave);
             self.document.forget();
         }
     }

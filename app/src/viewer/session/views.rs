@@ -117,7 +117,10 @@ impl Scene {
     /// Returns the parameters that a scene file needs to show the same picture. If the user removed all lights, they
     /// name the kind of lighting, because otherwise the built-in scene's light or the guessed lamp would come back.
     pub fn written_settings(&self, loaded: &Loaded) -> Settings {
-        let mut settings = self.settings.clone();
+        self.naming_light(self.settings.clone(), loaded)
+    }
+
+    fn naming_light(&self, mut settings: Settings, loaded: &Loaded) -> Settings {
         if self.objects.lights.is_empty() && loaded.lacks_light() {
             settings.light.by = loaded.lighting(self);
         }
@@ -144,7 +147,7 @@ impl Scene {
     /// # Errors
     /// Several scenes that are open have more objects together than one file may have: says of what.
     pub fn session_text(&self, inputs: &[String], loaded: &Loaded, folder: Option<&Path>) -> Result<String, String> {
-        let mut file = self.whole_file_of(inputs, loaded);
+        let mut file = self.whole_file_of(inputs, &self.naming_light(self.scenes_settings(), loaded));
         file.mirror_points.extend(loaded.awaited_markings.iter().cloned());
         file.cloud_settings.extend(loaded.settings_of_absent().cloned());
         if let Some(folder) = folder {
@@ -165,11 +168,11 @@ impl Scene {
 
     /// Returns everything that is kept of the scene.
     pub fn whole_file(&self, loaded: &Loaded) -> SceneFile {
-        self.whole_file_of(&loaded.inputs(), loaded)
+        self.whole_file_of(&loaded.inputs(), &self.written_settings(loaded))
     }
 
-    fn whole_file_of(&self, inputs: &[String], loaded: &Loaded) -> SceneFile {
-        let mut file = self.movable_scene_of(inputs, &self.written_settings(loaded));
+    fn whole_file_of(&self, inputs: &[String], settings: &Settings) -> SceneFile {
+        let mut file = self.movable_scene_of(inputs, settings);
         let marks = self.objects.all().filter(|(.., object)| object.kind().is_over_picture);
         marks.for_each(|(.., mark)| file.add(mark));
         let (bookmarks, paths) = (self.objects.bookmarks.clone(), self.objects.paths.clone());

@@ -9,17 +9,18 @@ pub mod profiles;
 use std::sync::Arc;
 
 use cloud::{Bounds, Chunk, CloudLayout, PointTest};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use scene::{Mirror, Object, Projection, Shape};
 use serde_json::json;
 
+use crate::overlays::lens::to_vector;
 use crate::shared::language::text;
 use crate::shared::measuring::PointError;
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::point_errors::PointWork;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
-use crate::viewer::objects::inspection::{self, Inspection, Pose, Surface, Target};
+use crate::viewer::objects::inspection::{self, Inspection, Pose, Ray, Surface, Target};
 use crate::viewer::objects::{ObjectId, Placed};
 use crate::viewer::picture::messages::{PickPurpose, PickedPoint};
 use crate::viewer::requests::action::{Handles, Measuring, PictureDraft, Profiling, SavePicture};
@@ -384,7 +385,7 @@ impl Tools {
             let target = |(chunk, (_, bounds))| Target { chunk, bounds, test: test.clone() };
             chunks.zip(entry.chunk_bounds()).map(target).collect::<Vec<_>>()
         };
-        let ray = scene.sight_line(pixel, visible.flat_map(targets).collect());
+        let ray = sight_line(scene, pixel, visible.flat_map(targets).collect());
         outside.work(Work::Cast(ray));
     }
 
@@ -412,10 +413,24 @@ fn mirror_at(pixel: [u32; 2], scene: &Scene, loaded: &Loaded) -> Option<(ObjectI
             bounds: *bounds,
             test: everything.clone(),
         };
-        let ray = scene.sight_line(pixel, sample.chunks.iter().map(target).collect());
+        let ray = sight_line(scene, pixel, sample.chunks.iter().map(target).collect());
         Some((placed.id, inspection::cast(&ray)?.position))
     };
     let depth = |world: DVec3| lens.forward().dot(world - scene.camera.eye);
     let hits = scene.objects.mirrors.iter().filter_map(hit);
     hits.min_by(|a, b| depth(a.1).total_cmp(&depth(b.1)))
+}
+
+/// The radius of a sight line in pixels. It is the same as when a point is picked.
+const CAST_RADIUS: f64 = 4.0;
+
+/// Returns the line of sight through a pixel.
+fn sight_line(scene: &Scene, pixel: [u32; 2], targets: Vec<Target>) -> Ray {
+    let lens = scene.lens();
+    let pixel = to_vector(pixel);
+    let (origin, direction) = lens.ray(pixel);
+    let (_, beside) = lens.ray(pixel + DVec2::X * CAST_RADIUS);
+    let is_parallel = scene.settings.view.projection == Projection::Orthographic;
+    let width = lens.units_per_pixel(scene.camera.pivot).filter(|_| is_parallel).unwrap_or(0.0) * CAST_RADIUS;
+    Ray { origin, direction, spread: direction.distance(beside), width, targets }
 }
