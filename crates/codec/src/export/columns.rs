@@ -286,7 +286,7 @@ mod tests {
         put(&mut rows, 8, 4, &Column::I8(vec![-1, 0, 3, 4]), &[0, 2, 3], ColumnType::F32);
         let row =
             |short: u16, byte: u8, float: f32| [&[9][..], &short.to_le_bytes(), &[byte], &float.to_le_bytes()].concat();
-        assert_eq!(rows, [row(1, 0, -1.0), row(0x304, 255, 3.0), row(4, 4, 4.0)].concat());
+        assert_eq!(rows, [row(1, 0, -1.0), row(0x304, 255, 3.0), row(4, 5, 4.0)].concat());
     }
 
     #[test]
