@@ -223,7 +223,8 @@ impl Session {
             self.document.add_inputs(request.inputs.iter().map(world::Input::name));
             self.scene.confines = Confines { ground: request.ground(), walls: request.walls(), interior: None };
             let is_alone = self.loaded.clouds.is_empty() && !self.loaded.is_loading() && !self.is_recorded;
-            self.first_look = FirstLook::of(&mut request, &self.scene.settings).filter(|_| is_alone);
+            let may_be_first = is_alone && !is_scene_file;
+            self.first_look = may_be_first.then(|| FirstLook::of(&mut request, &self.scene.own_settings())).flatten();
             self.scene.opening = self.first_look.as_ref().map(|first| first.camera);
         }
         for warning in std::mem::take(&mut request.warnings) {
