@@ -364,6 +364,8 @@ impl Tiles {
             let look = self.first_look();
             ranked.retain(|(_, index)| look.contains(index));
         }
+        let missing = ranked.extract_if(.., |(_, index)| matches!(self.tiles[*index].state, State::Missing));
+        self.missing = missing.map(|(_, index)| index).collect();
         ranked.sort_by(|((behind, far), index), ((other_behind, other_far), other)| {
             behind.cmp(other_behind).then(far.total_cmp(other_far)).then(index.cmp(other))
         });
@@ -382,10 +384,6 @@ impl Tiles {
                 self.problems.push(format!("{}: {limit}", self.input));
             }
         }
-        // What could not be read keeps its place, so that no other tile makes way for it when it is tried again.
-        let is_missing = |index: &mut usize| matches!(self.tiles[*index].state, State::Missing);
-        self.missing = wished.extract_if(.., is_missing).collect();
-        self.wished -= self.missing.len();
         self.turn += 1;
         for index in &wished {
             if let State::Open(open) = &mut self.tiles[*index].state {

@@ -198,24 +198,6 @@ fn tiles_that_were_missing_are_opened_once_they_are_there() {
 }
 
 #[test]
-fn a_tile_that_is_tried_again_in_vain_takes_the_place_of_no_other() {
-    let folder = tempfile::tempdir().unwrap();
-    let mailbox = Arc::<Mailbox>::default();
-    let paths = row(folder.path(), 12);
-    let mut tiles = tiles(entries(&paths), 4);
-    std::fs::remove_file(&paths[1]).unwrap();
-    tiles.need(false, from(150.0));
-    settle(&mut tiles, &mailbox);
-    tiles.need(false, from(150.0));
-    settle(&mut tiles, &mailbox);
-    let (before, needed) = (open(&tiles), tiles.needed.clone());
-    assert!(tiles.ask_again(Instant::now() + Duration::from_secs(2), false));
-    tiles.need(false, from(150.0));
-    assert!(needed.iter().all(|index| tiles.is_needed(*index)), "{needed:?} {:?}", tiles.needed);
-    assert_eq!((settle(&mut tiles, &mailbox), open(&tiles)), (vec![], before));
-}
-
-#[test]
 fn a_catalogue_is_one_cloud_of_which_a_view_has_the_tiles_that_it_shows() {
     let folder = tempfile::tempdir().unwrap();
     const SEEN: u32 = 44;
