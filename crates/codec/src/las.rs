@@ -232,6 +232,8 @@ impl LasSource {
 
     /// One page of the list of nodes.
     pub fn read_copc_page(&self, page: &CopcPage) -> Result<PageNodes> {
+        let fetched = self.file.fetch(page.place.start, page.place.end.saturating_sub(page.place.start));
+        fetched.map_err(|error| Error::io(self.file.path(), error))?;
         let read = self.copc.as_ref().ok_or_else(|| "no list of nodes".to_owned());
         read.and_then(|copc| copc.read_page(&self.file, page)).map_err(|problem| {
             let (level, [x, y, z]) = (page.level, page.cell);
