@@ -214,7 +214,8 @@ impl State {
                 bytes -= cost;
                 let entry = held.entries.entry(*id).or_default();
                 (entry.wanted, entry.wanted_at) = (batches, self.cuts);
-                if std::mem::take(&mut entry.is_too_large) {
+                // One whose points could not be read is told of once they are there.
+                if std::mem::take(&mut entry.is_too_large) && entry.again.is_none() {
                     self.pending.push(NodeChange::Mended { cloud: *cloud, node: *id });
                 }
                 self.wanted.push(Wanted { cloud: *cloud, node: *id, batches });
