@@ -177,6 +177,7 @@ impl Director {
         }
         let is_other_view = is_other;
         if is_other_view {
+            self.is_stopped = false;
             // What found no room for the view before may find some now.
             self.clouds.values_mut().filter_map(|streamed| streamed.lists.as_mut()).for_each(Lists::try_again);
             self.tiles.values_mut().for_each(Tiles::try_again);
@@ -195,7 +196,6 @@ impl Director {
             self.choose()?;
         }
         self.view_has_changed |= is_other_view;
-        self.is_stopped &= !is_other_view;
         if self.is_settled && !is_other && !self.is_stopped {
             is_other |= self.try_again()?;
         }
