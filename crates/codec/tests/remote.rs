@@ -1,6 +1,8 @@
 //! Reads clouds from a server on this machine: one with good habits, and hostile ones.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
+#[path = "../../../tests/src/copc_lists.rs"]
+mod copc_lists;
 #[path = "../../../tests/src/real_data.rs"]
 mod real_data;
 #[path = "../../../tests/src/server.rs"]
@@ -170,6 +172,30 @@ fn a_file_that_changes_while_it_is_open_is_no_longer_read() {
     let selection = Selection { positions: true, ..Selection::default() };
     let told = source.read_copc_node(&node, &selection).err().map(|error| error.to_string()).unwrap_or_default();
     assert!(told.contains("has changed since it was opened"), "{told}");
+}
+
+#[test]
+fn a_list_of_nodes_that_cannot_be_fetched_is_no_damaged_one() {
+    let Some(data) = data() else { return };
+    let file = fs::read(data.join("copc/lone_star_las14_pf6.copc.laz")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let copc_lists::Listed { mut bytes, pages, entries } = copc_lists::in_pages(&file, 1, 20_000);
+    // One page lies at the end of the list, apart from the others, which come with the first one.
+    let (key, (start, length)) = pages.into_iter().nth(1).unwrap();
+    let apart = bytes.len() - length;
+    bytes.copy_within(start..start + length, apart);
+    let offset = entries[&(key, true)] + 16;
+    bytes[offset..offset + 8].copy_from_slice(&(apart as u64).to_le_bytes());
+    fs::write(folder.path().join("paged.copc.laz"), bytes).unwrap();
+    let server = Server::of_folder(folder.path(), Habits::default());
+    let path = server.path("paged.copc.laz");
+    cache();
+    codec::trust_address(&path);
+    let source = codec::open_within(&path, 4 << 20).unwrap();
+    server.change();
+    let failed = source.copc().unwrap().further.iter().filter_map(|page| source.read_copc_page(page).err());
+    let failed: Vec<codec::Error> = failed.collect();
+    assert!(!failed.is_empty() && failed.iter().all(|error| matches!(error, codec::Error::Io { .. })), "{failed:?}");
 }
 
 #[test]
