@@ -19,8 +19,8 @@ pub struct Plane {
     pub points: usize,
     /// The covariance of the points.
     covariance: DMat3,
-    /// By how much the variance of the slope is larger than if points erred independently.
-    likeness: f64,
+    /// The design effect: by how much the variance of the slope is larger than if points erred independently.
+    design_effect: f64,
 }
 
 /// A circle, or a cylinder, through points.
@@ -48,8 +48,8 @@ const REFINED: usize = 4;
 const MOST_TRIED: usize = 600;
 /// The most steps of a refinement; a good start needs about five.
 const MOST_STEPS: usize = 100;
-/// The least number of parcels of neighbours by which a fit tells how alike they err.
-const PARCELS: usize = 24;
+/// The least number of clusters of neighbours by which a fit finds how alike they err.
+const CLUSTERS: usize = 24;
 /// The largest radius over the points' spread: beyond it, nothing tells an arc from a line.
 const FLATTEST: f64 = 1e3;
 
@@ -67,13 +67,13 @@ impl Plane {
     /// The standard deviation in radians of its slope along a direction in it (unit vector), by the points' scatter and
     /// how alike neighbours err.
     pub fn tilt_deviation(&self, along: DVec3) -> f64 {
-        self.likeness.sqrt() * self.deviation() / along.dot(self.covariance * along).max(0.0).sqrt()
+        self.design_effect.sqrt() * self.deviation() / along.dot(self.covariance * along).max(0.0).sqrt()
     }
 }
 
 /// Numbers the occupied cells of a grid of cubes, which is made finer until they are enough. Returns the number of each
 /// point's cell and how many there are.
-fn parcels(points: &[DVec3]) -> (Vec<usize>, usize) {
+fn clusters(points: &[DVec3]) -> (Vec<usize>, usize) {
     let (low, high) = points
         .iter()
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), point| (low.min(*point), high.max(*point)));
@@ -85,7 +85,7 @@ fn parcels(points: &[DVec3]) -> (Vec<usize>, usize) {
             *numbers.entry(((*point - low) / edge).as_i64vec3()).or_insert(next)
         };
         let of_points: Vec<usize> = points.iter().map(number).collect();
-        if numbers.len() >= PARCELS {
+        if numbers.len() >= CLUSTERS {
             return (of_points, numbers.len());
         }
         edge *= 0.8;
@@ -93,14 +93,14 @@ fn parcels(points: &[DVec3]) -> (Vec<usize>, usize) {
     (vec![0; points.len()], 1)
 }
 
-/// By how much the variances of fitted values are larger than if the points erred independently, from what each point
-/// adds to a value's error: over parcels of neighbours, the squares of the sums over the sums of the squares (Liang and
-/// Zeger 1986). One where that is within chance, and where points are few.
-fn likeness<const VALUES: usize>(points: &[DVec3], added: impl Fn(&DVec3) -> [f64; VALUES]) -> [f64; VALUES] {
-    if points.len() < 4 * PARCELS {
+/// The design effects of fitted values: by how much their variances are larger than if the points erred independently.
+/// `added` is what each point adds to the errors of the values. It is summed over clusters of neighbours before it is
+/// squared (Liang and Zeger 1986). One where that is within chance, and where points are few.
+fn design_effect<const VALUES: usize>(points: &[DVec3], added: impl Fn(&DVec3) -> [f64; VALUES]) -> [f64; VALUES] {
+    if points.len() < 4 * CLUSTERS {
         return [1.0; VALUES];
     }
-    let (numbers, count) = parcels(points);
+    let (numbers, count) = clusters(points);
     let mut sums = vec![[(0.0, 0.0); VALUES]; count];
     for (point, number) in points.iter().zip(numbers) {
         for ((sum, squares), added) in sums[number].iter_mut().zip(added(point)) {
@@ -109,10 +109,10 @@ fn likeness<const VALUES: usize>(points: &[DVec3], added: impl Fn(&DVec3) -> [f6
         }
     }
     std::array::from_fn(|value| {
-        let of_parcels = || sums.iter().map(|sums| sums[value]);
-        let alone: f64 = of_parcels().map(|(_, squares)| squares).sum();
-        let together: f64 = of_parcels().map(|(sum, _)| sum * sum).sum();
-        let chance = (2.0 * of_parcels().map(|(_, squares)| (squares / alone).powi(2)).sum::<f64>()).sqrt();
+        let of_clusters = || sums.iter().map(|sums| sums[value]);
+        let alone: f64 = of_clusters().map(|(_, squares)| squares).sum();
+        let together: f64 = of_clusters().map(|(sum, _)| sum * sum).sum();
+        let chance = (2.0 * of_clusters().map(|(_, squares)| (squares / alone).powi(2)).sum::<f64>()).sqrt();
         let ratio = together / alone;
         if ratio > 1.0 + 3.0 * chance { ratio } else { 1.0 }
     })
@@ -138,12 +138,12 @@ pub fn plane(points: &[DVec3]) -> Result<Plane> {
     let normal = smallest_eigenvector(covariance).ok_or(Error::NoPlane)?;
     let squares: f64 = points.iter().map(|point| (*point - center).dot(normal).powi(2)).sum();
     let (u, v) = normal.any_orthonormal_pair();
-    let [along_u, along_v] = likeness(points, |point| {
+    let [along_u, along_v] = design_effect(points, |point| {
         let offset = *point - center;
         [u, v].map(|along| offset.dot(normal) * offset.dot(along))
     });
-    let likeness = along_u.max(along_v);
-    Ok(Plane { center, normal, rms: (squares / count).sqrt(), points: points.len(), covariance, likeness })
+    let design_effect = along_u.max(along_v);
+    Ok(Plane { center, normal, rms: (squares / count).sqrt(), points: points.len(), covariance, design_effect })
 }
 
 /// A circle: in the plane through the points. Three have exactly one circle, whose deviations are then unknown (NaN).
@@ -285,7 +285,7 @@ impl Scaled {
             let slopes = slopes(&round, *point, unknowns);
             [slopes.iter().zip(follows).map(|(slope, share)| slope * share).sum::<f64>() * distance(&round, *point)]
         };
-        let [likeness] = likeness(points, added);
+        let [design_effect] = design_effect(points, added);
         let own = follows[unknowns - 1];
         let (count, free) = (points.len() as f64, (points.len() - unknowns) as f64);
         let along = |point: &DVec3| (*point - round.center).dot(round.axis);
@@ -294,7 +294,7 @@ impl Scaled {
         let shift = if turns { round.axis * ((low + high) * 0.5) } else { -round.axis * round.center.dot(round.axis) };
         Ok(Round {
             center: round.center + shift,
-            radius_deviation: (least / free * own * likeness).sqrt(),
+            radius_deviation: (least / free * own * design_effect).sqrt(),
             rms: (least / count).sqrt(),
             points: points.len(),
             length: high - low,
