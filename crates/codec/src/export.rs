@@ -290,7 +290,8 @@ impl Job<'_> {
             }
         }
         for (path, [first, last]) in of_files {
-            let numbers = if first == last { first.to_string() } else { format!("{first} to {last}, a number a scan") };
+            let numbers =
+                if first == last { first.to_string() } else { format!("{first} to {last}, one for each scan") };
             words.say(path, format!("its points have {STATION} {numbers}"));
         }
         if count > usize::from(u16::MAX) {

@@ -349,7 +349,7 @@ fn whole(path: &Path) -> PathBuf {
 
 impl Request {
     /// Warns of inputs that are open by these names: their points will be there twice.
-    pub fn tell_open(&mut self, open: &HashSet<&str>) {
+    pub fn warn_of_open(&mut self, open: &HashSet<&str>) {
         let open: HashSet<PathBuf> = open.iter().map(|name| whole(Path::new(name))).collect();
         let is_open = |input: &&Input| place_of(input).is_some_and(|place| open.contains(&place));
         let again = self.inputs.iter().filter(is_open);

@@ -174,9 +174,8 @@ impl PathPrompt {
             Some(Outcome::Open(text)) => {
                 // If the path names nothing, the prompt stays for another try.
                 self.is_shown = false;
-                let refusal = self.refusal(&text).map(|refusal| (self.text.clone(), refusal));
-                if self.saves() && refusal.is_some() {
-                    self.refused = refusal;
+                if let Some(refusal) = self.saves().then(|| self.refusal(&text)).flatten() {
+                    self.refused = Some((self.text.clone(), refusal));
                     return None;
                 }
                 Some(Outcome::Open(self.target(&text).display().to_string()))

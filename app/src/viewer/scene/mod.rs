@@ -5,12 +5,12 @@ pub mod confines;
 pub mod flight;
 pub mod furnishing;
 pub mod idle;
-pub mod lent;
 pub mod light_search;
 pub mod navigation;
 pub mod orbit;
 pub mod past_views;
 pub mod posing;
+pub mod scene_parameters;
 pub mod turning;
 
 use std::time::{Duration, Instant};
@@ -38,9 +38,9 @@ use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::confines::Confines;
 use crate::viewer::scene::flight::Flight;
-use crate::viewer::scene::lent::Lent;
 use crate::viewer::scene::navigation::Navigation;
 use crate::viewer::scene::past_views::PastViews;
+use crate::viewer::scene::scene_parameters::SceneParameters;
 
 /// The factor by which a notch of the wheel changes the distance.
 const ZOOM_PER_NOTCH: f64 = 0.85;
@@ -52,7 +52,7 @@ pub const STEP: f32 = 1.1;
 pub struct Scene {
     pub settings: Settings,
     /// Set while a scene shows other parameters than the person's own.
-    pub lent: Option<Lent>,
+    pub brought: Option<SceneParameters>,
     pub objects: Objects,
     /// The selected object.
     pub selected: Option<ObjectId>,
@@ -85,7 +85,7 @@ impl Scene {
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
-            lent: None,
+            brought: None,
             objects: Objects::default(),
             selected: None,
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),

@@ -1,9 +1,10 @@
-//! What a scene has brought over the person's own parameters. It belongs to the scene: it is kept for no other file, and
-//! what a person changes meanwhile is kept.
+//! The parameters that a scene brings in the place of the person's own. They belong to the scene, and are kept for no
+//! other file. What a person changes meanwhile is kept.
 
 use scene::{Settings, Stream, View};
 
-pub struct Lent {
+/// What a scene has brought.
+pub struct SceneParameters {
     /// The person's own parameters.
     own: Settings,
     /// The parameters that the scene names, all others at their defaults.
@@ -12,7 +13,7 @@ pub struct Lent {
     given: Settings,
 }
 
-impl Lent {
+impl SceneParameters {
     /// What a scene file or another view brings to a person with these parameters. Budgets change no picture, and are the
     /// person's where the scene does not name them.
     pub fn new(view: &View, own: Settings) -> Self {

@@ -110,7 +110,7 @@ impl Scene {
     /// Forgets everything that belongs to what was open; `own` are the person's own parameters.
     pub fn clear(&mut self, own: Settings) {
         self.rewrite_objects(|objects| *objects = Objects::default());
-        (self.settings, self.lent, self.selected, self.room) = (own, None, None, None);
+        (self.settings, self.brought, self.selected, self.room) = (own, None, None, None);
         self.confines = Confines::default();
         (self.history, self.past_views) = (History::default(), PastViews::default());
         self.camera_is_placed = false;

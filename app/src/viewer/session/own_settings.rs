@@ -4,26 +4,26 @@ use scene::Settings;
 
 use crate::viewer::objects::history::History;
 use crate::viewer::scene::Scene;
-use crate::viewer::scene::lent::Lent;
+use crate::viewer::scene::scene_parameters::SceneParameters;
 
 impl Scene {
     /// The person's own parameters: those to keep for the next start and for the next file.
     pub fn own_settings(&self) -> Settings {
-        let own = |lent: &Lent| lent.own(&self.settings);
-        self.lent.as_ref().map_or_else(|| self.settings.clone(), own)
+        let own = |brought: &SceneParameters| brought.own(&self.settings);
+        self.brought.as_ref().map_or_else(|| self.settings.clone(), own)
     }
 
     /// The parameters that are the scene's: those to save in its file.
-    pub fn scenes_settings(&self) -> Settings {
-        let named = |lent: &Lent| lent.named(&self.settings);
-        self.lent.as_ref().map_or_else(|| self.settings.clone(), named)
+    pub fn settings_to_save(&self) -> Settings {
+        let named = |brought: &SceneParameters| brought.named(&self.settings);
+        self.brought.as_ref().map_or_else(|| self.settings.clone(), named)
     }
 
     /// Brings the person's own parameters back. Undo does not go back behind that.
     pub fn take_own_settings(&mut self) {
-        if self.lent.is_some() {
+        if self.brought.is_some() {
             self.settings = self.own_settings();
-            (self.lent, self.history) = (None, History::default());
+            (self.brought, self.history) = (None, History::default());
         }
     }
 }
@@ -60,7 +60,7 @@ mod tests {
         assert_eq!((now.splat.size, now.overlay.legend), (default.splat.size, default.overlay.legend));
         assert_eq!(now.view.frame_ms, 77.0, "a budget is the machine's");
         assert_eq!(session.scene.own_settings(), own);
-        assert_eq!(session.scene.scenes_settings(), default, "nothing of the person's is saved with it");
+        assert_eq!(session.scene.settings_to_save(), default, "nothing of the person's is saved with it");
     }
 
     #[test]
@@ -73,7 +73,7 @@ mod tests {
         now.tone.exposure = -1.0;
         own.tone.exposure = -1.0;
         assert_eq!(session.scene.own_settings(), own);
-        assert_eq!(session.scene.scenes_settings(), session.scene.settings);
+        assert_eq!(session.scene.settings_to_save(), session.scene.settings);
         open(&mut session, &folder, "");
         assert_eq!(session.scene.settings.splat.size, Settings::default().splat.size);
         assert_eq!(session.scene.own_settings(), own);
@@ -84,6 +84,6 @@ mod tests {
             (&own, own.clone()),
             "nothing to go back to"
         );
-        assert_eq!(session.scene.scenes_settings(), own);
+        assert_eq!(session.scene.settings_to_save(), own);
     }
 }

@@ -32,7 +32,7 @@ use crate::viewer::requests::preferences::Preferences;
 use crate::viewer::requests::work::{Found, Work};
 use crate::viewer::scene::Scene;
 use crate::viewer::scene::confines::Confines;
-use crate::viewer::scene::lent::Lent;
+use crate::viewer::scene::scene_parameters::SceneParameters;
 use crate::viewer::session::Session;
 use crate::viewer::session::document::{Document, Leaving, Next};
 use crate::viewer::session::first_look::FirstLook;
@@ -216,7 +216,7 @@ impl Session {
 
     fn open_scene(&mut self, mut request: world::Request, is_scene_file: bool) {
         if self.first_look.is_none() {
-            request.tell_open(&self.loaded.clouds.iter().map(|entry| entry.input.as_str()).collect());
+            request.warn_of_open(&self.loaded.clouds.iter().map(|entry| entry.input.as_str()).collect());
         }
         if !request.inputs.is_empty() {
             self.leave_first_look();
@@ -230,19 +230,19 @@ impl Session {
         for warning in std::mem::take(&mut request.warnings) {
             self.outside.say(Level::Warning, warning);
         }
-        let mut lent = None;
+        let mut brought = None;
         if let Some(view) = &mut request.view {
             // A built-in scene may bring a camera without parameters of its own: the current ones stay.
             view.settings = if is_scene_file || view.settings != Settings::default() {
-                lent.insert(Lent::new(view, self.scene.own_settings())).given().clone()
+                brought.insert(SceneParameters::new(view, self.scene.own_settings())).given().clone()
             } else {
                 self.scene.settings.clone()
             };
         }
         self.loaded.await_settings(&mut request);
         self.scene.furnish(&mut request, self.loaded.clouds.is_empty(), &mut self.outside);
-        if lent.is_some() {
-            self.scene.lent = lent;
+        if brought.is_some() {
+            self.scene.brought = brought;
         }
         if self.loaded.is_empty() {
             self.scene.history.settle(&self.scene.settings, &self.scene.objects);

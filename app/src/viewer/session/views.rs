@@ -120,6 +120,7 @@ impl Scene {
         self.naming_light(self.settings.clone(), loaded)
     }
 
+    /// Returns parameters that name the kind of lighting, if all lights were removed.
     fn naming_light(&self, mut settings: Settings, loaded: &Loaded) -> Settings {
         if self.objects.lights.is_empty() && loaded.lacks_light() {
             settings.light.by = loaded.lighting(self);
@@ -147,7 +148,7 @@ impl Scene {
     /// # Errors
     /// Several scenes that are open have more objects together than one file may have: says of what.
     pub fn session_text(&self, inputs: &[String], loaded: &Loaded, folder: Option<&Path>) -> Result<String, String> {
-        let mut file = self.whole_file_of(inputs, &self.naming_light(self.scenes_settings(), loaded));
+        let mut file = self.whole_file_of(inputs, &self.naming_light(self.settings_to_save(), loaded));
         file.mirror_points.extend(loaded.awaited_markings.iter().cloned());
         file.cloud_settings.extend(loaded.settings_of_absent().cloned());
         if let Some(folder) = folder {
