@@ -15,6 +15,7 @@ mod interior;
 mod light;
 mod measurement;
 mod method;
+mod methods_read;
 mod mirror;
 mod mirror_mesh;
 mod mirror_points;

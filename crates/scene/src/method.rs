@@ -21,7 +21,7 @@ pub struct MethodRow {
     /// One line for people.
     pub help: &'static str,
     pub supply: Supply,
-    /// The group of parameters that only this method reads.
+    /// The group of its parameters.
     pub group: Option<&'static str>,
     /// Other values of these parameters, one at a time, that `auto` tries: cheaper or better ones than the defaults.
     pub variants: &'static [(&'static str, &'static str)],

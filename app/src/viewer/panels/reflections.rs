@@ -6,6 +6,7 @@ use param::{Field, Group, Params, Value};
 use scene::{METHODS, MethodRow, Reflection};
 
 use crate::shared::language::{text, translated};
+use crate::viewer::loaded::all_mirrors;
 use crate::viewer::look::reflection_figures::reflected_text;
 use crate::viewer::look::theme;
 use crate::viewer::panels::{parameters, presets, side};
@@ -16,10 +17,12 @@ use crate::viewer::session::Session;
 /// The section of the parameter tables.
 const SECTION: &str = "Reflections";
 
-/// The method that alone reads the parameters of a group, if it is not in use.
+/// The method that the parameters of a group are of, if nothing in the picture reads them.
 pub fn unused(session: &Session, group: &Group) -> Option<&'static MethodRow> {
-    let in_use = session.scene.settings.reflection.method.chosen().row();
-    METHODS.iter().find(|row| row.group == Some(group.name)).filter(|_| in_use.group != Some(group.name))
+    let row = METHODS.iter().find(|row| row.group == Some(group.name))?;
+    let mirrors = all_mirrors(&session.scene.objects, session.tools.inspection.as_ref());
+    let own: Vec<_> = mirrors.map(|(_, mirror)| mirror.method).collect();
+    (!session.scene.settings.groups_of_methods(&own).contains(&group.name)).then_some(row)
 }
 
 /// Makes a method the one in use.

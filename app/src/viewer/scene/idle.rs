@@ -70,9 +70,13 @@ impl Rule {
 
 /// Why a parameter changes nothing now, for people.
 pub fn reason(params: &dyn Params, name: &str) -> Option<String> {
+    rule(params, name).map(Rule::text)
+}
+
+/// The rule by which a parameter changes nothing now.
+fn rule(params: &dyn Params, name: &str) -> Option<&'static Rule> {
     let group = params.group().name;
-    let rules = RULES.iter().filter(|rule| rule.group == group && rule.idle.contains(&name));
-    rules.filter(|rule| rule.holds(params)).map(Rule::text).next()
+    RULES.iter().filter(|rule| rule.group == group && rule.idle.contains(&name)).find(|rule| rule.holds(params))
 }
 
 /// What a picture is drawn with: parameters that change nothing are at their defaults, so that nothing is drawn anew where
@@ -82,7 +86,7 @@ pub fn drawn(settings: &Settings) -> Settings {
     for params in drawn.groups_mut() {
         let group = params.group();
         let fields = group.fields.iter().zip(params.values());
-        let is_idle = |field: &Field| reason(&*params, field.name).is_some();
+        let is_idle = |field: &Field| rule(&*params, field.name).is_some();
         let value = |(field, value): (&Field, Value)| if is_idle(field) { field.default() } else { value };
         let values: Vec<Value> = fields.map(value).collect();
         params.set_values(&values);
