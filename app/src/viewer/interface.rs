@@ -60,10 +60,12 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     panels::sweep::show(ui.ctx(), session, &mut actions);
     panels::recording::show(ui.ctx(), session, &mut actions);
     panels::profiles::window(ui.ctx(), session, &mut actions);
-    let mut shortcuts_are_open = session.shortcuts_are_open;
-    bindings::sheet_window(ui.ctx(), &mut shortcuts_are_open);
-    if shortcuts_are_open != session.shortcuts_are_open {
-        actions.push(Action::ToggleShortcuts);
+    if session.shortcuts_are_open {
+        let mut stays = true;
+        bindings::sheet_window(ui.ctx(), &mut stays);
+        if !stays {
+            actions.push(Action::ToggleShortcuts);
+        }
     }
     path_prompt(ui.ctx(), session, &mut actions);
     panels::columns::show(ui.ctx(), session, &mut actions);

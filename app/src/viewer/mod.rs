@@ -248,8 +248,8 @@ struct Viewer {
 
 /// The window is painted at most this often while chunks are loaded.
 const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
-/// After a paint that changed nothing, moves of the mouse cause the next one no sooner than this: no screen holds back
-/// such paints. While a frame is drawn, which needs the processors, they can wait longer.
+/// After a paint that changed nothing, moves of the mouse and animations cause the next one no sooner than this: no screen
+/// holds back such paints. While a frame is drawn, which needs the processors, they can wait longer.
 const IDLE_PAINT_INTERVALS: [Duration; 2] = [Duration::from_millis(12), Duration::from_millis(30)];
 /// A dialog that ends sooner than this was never shown: the system has no service that shows dialogs.
 const QUICKEST_HAND: Duration = Duration::from_millis(400);
@@ -367,7 +367,7 @@ impl ApplicationHandler<Wake> for Viewer {
         if screen.input.on_window_event(&screen.window, &event).repaint {
             let idle = self.idle_paint.filter(|_| matches!(event, WindowEvent::CursorMoved { .. }));
             let since = idle.map(|at| self.session.outside.now.saturating_duration_since(at));
-            match since.map_or(Duration::ZERO, |since| self.idle_interval().saturating_sub(since)) {
+            match since.map_or(Duration::ZERO, |since| idle_interval(&self.session).saturating_sub(since)) {
                 Duration::ZERO => self.request_paint(),
                 wait => self.paint_within(wait),
             }
@@ -384,6 +384,11 @@ impl ApplicationHandler<Wake> for Viewer {
         }
         event_loop.set_control_flow(self.next_paint.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
+}
+
+/// The shortest time between a paint that changed nothing and the next one.
+fn idle_interval(session: &Session) -> Duration {
+    IDLE_PAINT_INTERVALS[usize::from(session.frames.under_way > 0)]
 }
 
 /// Whether a person's hand caused the event.
@@ -451,11 +456,6 @@ impl Viewer {
         }
     }
 
-    /// The shortest time between a paint that changed nothing and the next one.
-    fn idle_interval(&self) -> Duration {
-        IDLE_PAINT_INTERVALS[usize::from(self.session.frames.under_way > 0)]
-    }
-
     fn paint_within(&mut self, delay: Duration) {
         let at = Instant::now() + delay;
         self.next_paint = Some(self.next_paint.map_or(at, |next| next.min(at)));
@@ -496,7 +496,7 @@ impl Viewer {
                 self.log.on_painted();
                 self.idle_paint = (!is_new).then(Instant::now);
                 let delay = again.map_or(delay, |again| delay.min(again));
-                let delay = if is_new { delay } else { delay.max(IDLE_PAINT_INTERVALS[0]) };
+                let delay = if is_new { delay } else { delay.max(idle_interval(session)) };
                 let delay = capture.map_or(delay, |capture| delay.min(capture));
                 self.next_paint = Instant::now().checked_add(delay);
                 must_follow = delay.is_zero() || is_changed;
