@@ -55,6 +55,8 @@ const TILE: usize = 16;
 const NOTHING: u8 = 0;
 const LIGHT: u8 = 1;
 const REFLECTION: u8 = 2;
+/// The fourth byte of the light of pixels of a view that need none: they show a mirror, or nothing.
+pub const NEEDS_NONE: u8 = 3;
 
 fn code(light: f32) -> u8 {
     // Eyes tell apart shares of dark light, not its amounts.
@@ -208,18 +210,31 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
                 continue;
             }
             let Some((at_x, at_y, _)) = before.place(x, y, *depth) else { continue };
-            // The picture before may be a coarse one: its pixels are mixed, and it may have lost the border of a mirror.
             let (at_x, at_y) = (at_x - 0.5, at_y - 0.5);
             let (left, top) = (at_x.floor(), at_y.floor());
+            let at = |x: f32, y: f32| {
+                y.clamp(0.0, last_y as f32) as usize * known.size[0] + x.clamp(0.0, last_x as f32) as usize
+            };
+            let shown = |texel: usize| {
+                let [red, green, blue, _] = known.shown[texel];
+                Vec3::new(f32::from(red), f32::from(green), f32::from(blue))
+            };
+            let square = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| at(left + x, top + y));
+            if square.iter().all(|texel| known.light[*texel][3] == REFLECTION) {
+                let [a, b, c, d] = square.map(shown);
+                let (along, down) = (at_x - left, at_y - top);
+                let mean = a.lerp(b, along).lerp(c.lerp(d, along), down) + 0.5;
+                *color = [mean.x as u8, mean.y as u8, mean.z as u8, MIRROR];
+                continue;
+            }
+            // The picture before may be a coarse one: its pixels are mixed, and it may have lost the border of a mirror.
             let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
             for (x, y) in (0..4).flat_map(|y| (0..4).map(move |x| (left + x as f32 - 1.0, top + y as f32 - 1.0))) {
-                let inside = (x.clamp(0.0, last_x as f32) as usize, y.clamp(0.0, last_y as f32) as usize);
-                let texel = inside.1 * known.size[0] + inside.0;
+                let texel = at(x, y);
                 // Beside a mirror, what stands before it there is better than nothing.
                 let share = if known.light[texel][3] == REFLECTION { 1.0 } else { 1e-6 };
-                let [red, green, blue, _] = known.shown[texel];
                 let weight = share * (1.0 - (x - at_x).abs()).max(1e-3) * (1.0 - (y - at_y).abs()).max(1e-3);
-                sum += weight * Vec3::new(f32::from(red), f32::from(green), f32::from(blue));
+                sum += weight * shown(texel);
                 weights += weight;
             }
             let mean = sum / weights + 0.5;
@@ -229,27 +244,31 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
     color.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
 }
 
-/// Finds the coded light of each pixel of a view. `depth` has a border of one pixel; depths are infinite where nothing is
-/// seen. Light that is not known is that around it.
-pub fn spread(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f32], lights: &mut Vec<[u8; 4]>) {
+/// Finds the coded light of each pixel of a view with these colours. `depth` has a border of one pixel; depths are infinite
+/// where nothing is seen. Light that is not known is that around it. Mirrors get none.
+pub fn spread(
+    known: &KnownLight,
+    frame: &FrameCamera,
+    view: &View,
+    (depth, color): (&[f32], &[[u8; 4]]),
+    lights: &mut Vec<[u8; 4]>,
+) {
     let [width, height] = view.size.map(|edge| edge as usize);
     let stride = width + 2;
     lights.resize(width * height, [0; 4]);
     let before = Before::new(known, frame, view);
-    let row = |(y, lights): (usize, &mut [[u8; 4]])| {
+    let rows = lights.par_chunks_mut(width).zip(color.par_chunks(width)).with_min_len(8).enumerate();
+    rows.for_each(|(y, (lights, color))| {
         let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
-        for (x, (light, depth)) in lights.iter_mut().zip(depths).enumerate() {
-            *light = [0; 4];
-            if *depth == f32::INFINITY {
+        for (x, ((light, color), depth)) in lights.iter_mut().zip(color).zip(depths).enumerate() {
+            if *depth == f32::INFINITY || color[3] == MIRROR {
+                *light = [0, 0, 0, NEEDS_NONE];
                 continue;
             }
-            if let Some((x, y, seen)) = before.place(x, y, *depth) {
-                let found = before.at(x as usize, y as usize, seen);
-                *light = found.filter(|light| light[3] == LIGHT).unwrap_or([0; 4]);
-            }
+            let found = before.place(x, y, *depth).and_then(|(x, y, seen)| before.at(x as usize, y as usize, seen));
+            *light = found.filter(|light| light[3] == LIGHT).unwrap_or([0, 0, 0, NOTHING]);
         }
-    };
-    lights.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
+    });
     fill(known, [width, height], lights);
 }
 
@@ -263,9 +282,10 @@ fn fill(known: &KnownLight, [width, height]: [usize; 2], lights: &mut [[u8; 4]])
             for y in row * TILE..((row + 1) * TILE).min(height) {
                 let from = y * width + column * TILE;
                 for light in &lights[from..from + TILE.min(width - column * TILE)] {
-                    let [red, green, blue, is_known] = light.map(u32::from);
+                    // Without light, all three are zero.
+                    let [red, green, blue, _] = light.map(u32::from);
                     sum = [sum[0] + red, sum[1] + green, sum[2] + blue];
-                    count += is_known;
+                    count += u32::from(light[3] == LIGHT);
                 }
             }
             [sum[0] as f32, sum[1] as f32, sum[2] as f32, count as f32]
@@ -273,11 +293,8 @@ fn fill(known: &KnownLight, [width, height]: [usize; 2], lights: &mut [[u8; 4]])
     };
     let mut means: Vec<[f32; 4]> = (0..tiles[1]).into_par_iter().flat_map_iter(mean).collect();
     // Tiles without light take that of the tiles around them, until there are none.
-    let all = known
-        .light
-        .iter()
-        .step_by(97)
-        .fold([0.0; 4], |sum, light| std::array::from_fn(|i| sum[i] + f32::from(light[i])));
+    let lit = known.light.iter().step_by(97).filter(|light| light[3] == LIGHT);
+    let all = lit.fold([0.0; 4], |sum: [f32; 4], light| std::array::from_fn(|part| sum[part] + f32::from(light[part])));
     while means.iter().any(|mean| mean[3] == 0.0) {
         if means.iter().all(|mean| mean[3] == 0.0) {
             let all = if all[3] > 0.0 { all } else { [64.0, 64.0, 64.0, 1.0] };
@@ -299,29 +316,23 @@ fn fill(known: &KnownLight, [width, height]: [usize; 2], lights: &mut [[u8; 4]])
         };
         means = (0..means.len()).map(around).collect();
     }
+    let means: Vec<Vec3> =
+        means.iter().map(|[red, green, blue, count]| Vec3::new(*red, *green, *blue) / *count).collect();
+    // The place between the middles of tiles: the tiles before and after it, and how far it is along the way.
+    let place = |at: usize, tiles: usize| {
+        let at = ((at as f32 + 0.5) / TILE as f32 - 0.5).clamp(0.0, (tiles - 1) as f32);
+        (at as usize, (at as usize + 1).min(tiles - 1), at.fract())
+    };
+    let columns: Vec<_> = (0..width).map(|x| place(x, tiles[0])).collect();
     let row = |(y, lights): (usize, &mut [[u8; 4]])| {
-        for (x, light) in lights.iter_mut().enumerate() {
-            if light[3] == 0 {
-                *light = between(&means, tiles, x, y);
+        let (top, bottom, down) = place(y, tiles[1]);
+        let of_tile = |x: usize| means[top * tiles[0] + x].lerp(means[bottom * tiles[0] + x], down);
+        for (light, (left, right, along)) in lights.iter_mut().zip(&columns) {
+            if light[3] == NOTHING {
+                let mean = of_tile(*left).lerp(of_tile(*right), *along) + 0.5;
+                *light = [mean.x as u8, mean.y as u8, mean.z as u8, NOTHING];
             }
         }
     };
     lights.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
-}
-
-/// The light between the middles of tiles.
-fn between(means: &[[f32; 4]], tiles: [usize; 2], x: usize, y: usize) -> [u8; 4] {
-    let place = |at: usize, tiles: usize| {
-        let at = ((at as f32 + 0.5) / TILE as f32 - 0.5).clamp(0.0, (tiles - 1) as f32);
-        let low = at as usize;
-        (low, (low + 1).min(tiles - 1), at - low as f32)
-    };
-    let ((left, right, along), (top, bottom, down)) = (place(x, tiles[0]), place(y, tiles[1]));
-    let of = |x: usize, y: usize, part: usize| means[y * tiles[0] + x][part] / means[y * tiles[0] + x][3];
-    let mix = |part: usize| {
-        let above = of(left, top, part) * (1.0 - along) + of(right, top, part) * along;
-        let below = of(left, bottom, part) * (1.0 - along) + of(right, bottom, part) * along;
-        (above * (1.0 - down) + below * down + 0.5) as u8
-    };
-    [mix(0), mix(1), mix(2), 0]
 }

@@ -7,7 +7,7 @@ use scene::Settings;
 
 use super::levels::{EMPTY, IN_FRONT, LEVELS, Levels, NEARER, Sides, depth_of, identity_of};
 use super::light::{self, Known, Lit};
-use super::splat::{MIRROR, Piece, View};
+use super::splat::{Piece, View};
 use crate::frame::FrameCamera;
 use crate::layout::BLOCK_POINTS;
 
@@ -327,11 +327,11 @@ impl Pixels {
         let pixels = width * view.size[1] as usize;
         self.picture.resize(pixels, [0; 4]);
         if let Some(known) = known.light {
-            light::spread(known, frame, view, &self.depth, &mut self.lights);
+            light::spread(known, frame, view, (&self.depth, &self.color), &mut self.lights);
             let lit = Lit::new(known);
-            let color = |(color, light): (&mut [u8; 4], &[u8; 4])| {
-                if color[3] != MIRROR {
-                    *color = lit.color(*color, *light);
+            let color = |(color, of_pixel): (&mut [u8; 4], &[u8; 4])| {
+                if of_pixel[3] != light::NEEDS_NONE {
+                    *color = lit.color(*color, *of_pixel);
                 }
             };
             self.color.par_iter_mut().with_min_len(1 << 13).zip(&self.lights).for_each(color);
