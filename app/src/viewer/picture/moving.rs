@@ -101,16 +101,18 @@ impl ReflectedPace {
 
 /// What mirrors show in a coarse frame.
 struct Reflections {
-    /// When and of what that was drawn.
+    /// When and of what that was drawn, and how long it took.
     at: Instant,
     of: MirrorInputs,
+    took: Duration,
     known: KnownLight,
     share: ReflectedShare,
 }
 
 /// What is known of what mirrors show in a hurried frame.
 fn reflections<'a>(known: Option<&'a Reflections>, request: &FrameRequest) -> Option<&'a Reflections> {
-    known.filter(|known| known.at.elapsed() < MIRRORS_STAY && known.of == MirrorInputs::new(request))
+    let stays = |known: &Reflections| (known.took * 4).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]);
+    known.filter(|known| known.at.elapsed() < stays(known) && known.of == MirrorInputs::new(request))
 }
 
 /// Whether the points of a picture show their own colours, without light.
@@ -118,8 +120,9 @@ fn is_unlit(request: &FrameRequest) -> bool {
     request.settings.resolved_light(!request.lights.is_empty(), request.clues).by == Lighting::Colors
 }
 
-/// How long what mirrors show may stay, fixed to their surfaces, while the camera moves.
-const MIRRORS_STAY: Duration = Duration::from_millis(300);
+/// How long what mirrors show may stay, fixed to their surfaces, while the camera moves: four times as long as it took to
+/// draw, so that most of the time is left for the pictures themselves, but at least and at most so long.
+const MIRRORS_STAY: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(1200)];
 /// The pixels of the screen that each pixel of the coarse frame fills, along each side.
 const OF_MIRRORS: u32 = 5;
 /// The pixels of the screen that each pixel of the coarse frame fills where only parameters change.
@@ -198,7 +201,10 @@ impl MovingPictures {
         let divisor = request.spared.unwrap_or(Spared::NOTHING).divisor;
         let pixels = 1.0 / f64::from(divisor).powi(2);
         let share = ReflectedShare { pixels, ..stats.reflected.unwrap_or(ReflectedShare::ALL) };
-        self.mirrors = Some(Reflections { at: Instant::now(), of: MirrorInputs::new(request), known, share });
+        // Compiling is no part of it.
+        let milliseconds = if stats.has_compiled { 0.0 } else { stats.frame_milliseconds };
+        let took = Duration::try_from_secs_f64(milliseconds * 1e-3).unwrap_or_default();
+        self.mirrors = Some(Reflections { at: Instant::now(), of: MirrorInputs::new(request), took, known, share });
         Ok(())
     }
 
