@@ -349,11 +349,14 @@ fn differences(row: &ManifestRow, info: &Value) -> Vec<String> {
     wrong
 }
 
+/// Larger files are read whole beside the same manifest by crates/codec/tests/manifest.rs; what `--scan` looks for between
+/// the neighbours of their points takes far longer.
 #[test]
-fn info_agrees_with_independent_readers_on_every_file() {
+fn info_agrees_with_independent_readers_on_every_file_of_up_to_half_a_million_points() {
     let Some(data) = test_data() else { return };
-    let rows = manifest(&data);
-    assert!(rows.len() > 50, "only {} rows of the manifest were understood", rows.len());
+    let mut rows = manifest(&data);
+    rows.retain(|row| row.points <= 500_000);
+    assert!(rows.len() > 65, "only {} rows of the manifest were understood", rows.len());
     let folder = Folder::new();
     let paths = rows.iter().map(|row| data.join(&row.path).into_os_string());
     let outcome = folder.glint(["info", "--json", "--scan"].iter().map(Into::into).chain(paths));
