@@ -1,6 +1,6 @@
 //! Interprets the `color.*` parameters for a cloud: the source of the colour, the range of values, and the ramps.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use cloud::{Chunk, Cloud, ColorCount, Column, STRAY, SURFACE_ERROR, Scalar, constant, histogram, percentile_range};
 use glam::DVec3;
@@ -338,11 +338,11 @@ pub const STRAY_KINDS: [(&str, [u8; 4]); 3] =
     [("on a surface", [170, 170, 170, 255]), ("lone stray", [255, 60, 200, 255]), ("mixed pixel", [255, 150, 0, 255])];
 
 /// The colours of all ramps, 256 each, then those of the classes, and of strays.
-pub(crate) fn palette() -> Vec<u32> {
+pub(crate) static PALETTE: LazyLock<Vec<u32>> = LazyLock::new(|| {
     let ramps = (0..Ramp::NAMES.len() as u32).filter_map(Ramp::from_index).flat_map(ramp_colors);
     let strays = STRAY_KINDS.map(|(_, color)| color);
     ramps.chain((0..=255).map(class_color)).chain(strays).map(u32::from_le_bytes).collect()
-}
+});
 
 /// Where the colours begin in the palette that a cloud is shown in.
 pub(crate) fn palette_start(source: ColorSource, ramp: Ramp) -> u32 {

@@ -6,7 +6,7 @@ use std::ops::Range;
 use scene::{LargeDiscs, Settings};
 
 use crate::allocation;
-use crate::coloring::palette;
+use crate::coloring::PALETTE;
 use crate::frame::FrameCamera;
 use crate::gpu::Gpu;
 use crate::identities::ChunkId;
@@ -86,7 +86,7 @@ impl Tables {
         let another = [Item::default()];
         let items = if items.is_empty() { &another[..] } else { items };
         let mut tables = Self { words: Vec::new(), items_at: 0, item_count: items.len() as u32 };
-        tables.add(&palette());
+        tables.add(&PALETTE);
         tables.items_at = tables.add(bytemuck::cast_slice(items));
         tables
     }

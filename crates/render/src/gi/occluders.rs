@@ -8,6 +8,7 @@
 use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::LazyLock;
 
 use cloud::{NO_RADIUS, SPLAT_OVERLAP, stretch_ratio, unpack_radius};
 use glam::{DVec3, Vec3};
@@ -42,9 +43,7 @@ impl Occluders {
     /// Cells at most as wide as the distance between samples offer one point each. Tile by tile of 8 x 8 x 8 cells, the
     /// chosen ones are a systematic sample over the summed areas of the splats, along the tile's Morton curve.
     pub fn choose(chunks: &[VisibleChunk<'_>], origin: DVec3, per_subset: u32) -> Self {
-        // A table of all radii, since that is faster than one by one.
-        let area = |packed: u16| unpack_radius(packed).map_or(0.0, square) / f64::from(stretch_ratio(packed));
-        let squares: Vec<f64> = (0..=u16::MAX).map(area).collect();
+        let squares = &*SQUARES;
         let weight = |chunk: &VisibleChunk<'_>, index: usize| {
             let packed = chunk.points.radii.as_ref().map_or(NO_RADIUS, |radii| radii[index]);
             if packed == NO_RADIUS { square(chunk.provisional_radius) } else { squares[usize::from(packed)] }
@@ -114,6 +113,13 @@ impl Occluders {
         }
     }
 }
+
+/// The squared radius, in square world units, of each packed radius, over the stretch of its ellipse: a table of all is
+/// faster than one by one.
+static SQUARES: LazyLock<Vec<f64>> = LazyLock::new(|| {
+    let area = |packed: u16| unpack_radius(packed).map_or(0.0, square) / f64::from(stretch_ratio(packed));
+    (0..=u16::MAX).map(area).collect()
+});
 
 fn square(radius: f32) -> f64 {
     f64::from(radius) * f64::from(radius)
