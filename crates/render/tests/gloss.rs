@@ -88,6 +88,11 @@ impl Scene {
         self.try_render(stage, settings).unwrap()
     }
 
+    /// Draws the middle of the picture.
+    fn render_strip(&self, stage: &mut Stage, settings: &Settings) -> FrameStats {
+        self.render_in(stage, settings, STRIP).unwrap()
+    }
+
     fn try_render(&self, stage: &mut Stage, settings: &Settings) -> render::Result<FrameStats> {
         self.render_in(stage, settings, SIZE)
     }
@@ -278,7 +283,7 @@ fn pictures_without_gloss_are_those_of_perfect_mirrors() {
         let mut drawn = Vec::new();
         for (scene, samples) in [(&perfect, 0), (&perfect, 64), (&glossy, 0)] {
             stage.renderer.forget();
-            let stats = scene.render(&mut stage, &settings(method, samples, &[]));
+            let stats = scene.render_strip(&mut stage, &settings(method, samples, &[]));
             assert_eq!(stats.glossy_samples, [0, 0]);
             drawn.push((stage.renderer.read_picture().unwrap(), names(&stats), stats.reflection));
         }
@@ -296,16 +301,16 @@ fn samples_may_be_summed_over_frames_and_begin_anew_after_a_change() {
         let settings = settings(method, 7, &few_lights);
         stage.renderer.forget();
         stage.effort.most_samples = None;
-        scene.render(&mut stage, &settings);
+        scene.render_strip(&mut stage, &settings);
         let whole = stage.renderer.read_picture().unwrap();
         // Nothing is left to sum.
-        assert_eq!(scene.render(&mut stage, &settings).glossy_samples, [7, 7]);
+        assert_eq!(scene.render_strip(&mut stage, &settings).glossy_samples, [7, 7]);
         assert!(stage.renderer.read_picture().unwrap() == whole, "{}: drawn again", method.row().name);
         stage.renderer.forget();
         stage.effort.most_samples = Some(3);
         let mut sums = Vec::new();
         for _ in 0..3 {
-            sums.push(scene.render(&mut stage, &settings).glossy_samples[0]);
+            sums.push(scene.render_strip(&mut stage, &settings).glossy_samples[0]);
         }
         let in_steps = stage.renderer.read_picture().unwrap();
         assert_eq!(sums, [3, 6, 7]);
@@ -313,15 +318,15 @@ fn samples_may_be_summed_over_frames_and_begin_anew_after_a_change() {
         // Another light begins anew, and so does another camera.
         let mut brighter = settings.clone();
         brighter.light.diffuse = 1.5;
-        assert_eq!(scene.render(&mut stage, &brighter).glossy_samples, [3, 7]);
+        assert_eq!(scene.render_strip(&mut stage, &brighter).glossy_samples, [3, 7]);
         scene.camera.eye.x += 0.01;
-        assert_eq!(scene.render(&mut stage, &brighter).glossy_samples, [3, 7]);
+        assert_eq!(scene.render_strip(&mut stage, &brighter).glossy_samples, [3, 7]);
         scene.camera.eye.x -= 0.01;
         // The curve of the screen changes no light.
-        scene.render(&mut stage, &settings);
+        scene.render_strip(&mut stage, &settings);
         let mut darker = settings.clone();
         darker.tone.exposure = -1.0;
-        assert_eq!(scene.render(&mut stage, &darker).glossy_samples, [6, 7]);
+        assert_eq!(scene.render_strip(&mut stage, &darker).glossy_samples, [6, 7]);
         stage.effort.most_samples = None;
     }
 }
@@ -406,7 +411,7 @@ fn rays_from_places_within_a_pixel_change_no_even_surrounding_and_no_figure() {
                     ("sample_cameras.analytic", "false"),
                 ];
                 let settings = settings(method, 0, &values);
-                let stats = scene.render(&mut stage, &settings);
+                let stats = scene.render_strip(&mut stage, &settings);
                 let count: u32 = samples.parse().unwrap();
                 assert_eq!(stats.glossy_samples, if count > 1 { [count; 2] } else { [0; 2] });
                 let seen = stage.renderer.read_aov(Aov::MirrorPosition).unwrap().data;
@@ -575,7 +580,7 @@ fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as
         ];
         let mut settings = settings(method, 5, &chosen);
         stage.renderer.forget();
-        let built = scene.render(&mut stage, &settings);
+        let built = scene.render_strip(&mut stage, &settings);
         let looks_up = matches!(method, Method::EnvironmentMap | Method::LightField);
         let keeps = !looks_up && !matches!(method, Method::Sscr | Method::SampleCameras);
         let name = method.row().name;
@@ -604,12 +609,12 @@ fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as
             let mut hurried = settings.clone();
             hurried.splat.quality = scene::Quality::Nearest;
             stage.effort.most_samples = Some(1);
-            scene.render(&mut stage, &hurried);
+            scene.render_strip(&mut stage, &hurried);
             // The picture at rest, in steps.
             stage.effort.most_samples = Some(2);
             let (mut traced, mut known) = (0, 0);
             let told = loop {
-                let stats = scene.render(&mut stage, &settings);
+                let stats = scene.render_strip(&mut stage, &settings);
                 (traced, known) = (traced + stats.glossy_rays[0], known + stats.glossy_rays[1]);
                 if stats.glossy_samples == [5, 5] {
                     break stats.reflection;
@@ -618,7 +623,7 @@ fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as
             stage.effort.most_samples = None;
             let shown = images(&stage);
             stage.renderer.forget();
-            let fresh = scene.render(&mut stage, &settings);
+            let fresh = scene.render_strip(&mut stage, &settings);
             assert!(images(&stage) == shown, "{name}, {change}: another picture than from scratch");
             assert_eq!(fresh.reflection, told, "{name}, {change}");
             assert_eq!((traced + known, fresh.glossy_rays[1]), (fresh.glossy_rays[0], 0), "{name}, {change}");
@@ -632,31 +637,31 @@ fn new_colors_lights_and_powers_trace_only_rays_that_change_and_show_the_same_as
         // What mirrors reflect decides which second reflections are followed, and by a tint their colours do.
         settings.reflection.least_weight = 0.5;
         scene.mirrors[1].specular_intensity = 0.8;
-        scene.render(&mut stage, &settings);
+        scene.render_strip(&mut stage, &settings);
         for change in ["intensity", "law", "tint"] {
             match change {
                 "intensity" => scene.mirrors[1].specular_intensity = 0.3,
                 "law" => settings.mirror.tint = 1.0,
                 _ => scene.mirrors[1].color = [0.9, 0.95, 0.9],
             }
-            scene.render(&mut stage, &settings);
+            scene.render_strip(&mut stage, &settings);
             let shown = images(&stage);
             stage.renderer.forget();
-            scene.render(&mut stage, &settings);
+            scene.render_strip(&mut stage, &settings);
             assert!(images(&stage) == shown, "{name}, {change}: another picture than from scratch");
         }
         // Another camera, and another mirror, trace all.
         scene.camera.eye.x += 0.01;
-        assert_eq!(scene.render(&mut stage, &settings).glossy_rays[1], 0, "{name}");
+        assert_eq!(scene.render_strip(&mut stage, &settings).glossy_rays[1], 0, "{name}");
         scene.mirrors[0].size += 0.01;
-        assert_eq!(scene.render(&mut stage, &settings).glossy_rays[1], 0, "{name}");
+        assert_eq!(scene.render_strip(&mut stage, &settings).glossy_rays[1], 0, "{name}");
         settings.gloss.cache = false;
-        let stats = scene.render(&mut stage, &settings);
+        let stats = scene.render_strip(&mut stage, &settings);
         assert_eq!((stats.glossy_hits, stats.glossy_rays), (GlossCache::Off, [0, 0]));
         let without = images(&stage);
         settings.gloss.cache = true;
         stage.renderer.forget();
-        scene.render(&mut stage, &settings);
+        scene.render_strip(&mut stage, &settings);
         assert!(images(&stage) == without, "{name}: another picture with the cache");
     }
 }
@@ -671,19 +676,19 @@ fn a_cache_of_one_power_shows_others_without_a_ray() {
         let chosen = [("gloss.lobe", lobe), ("gloss.pattern", pattern), ("gloss.cache_power", "1000")];
         let cached = settings(method, 16, &chosen);
         stage.renderer.forget();
-        let all = scene.render(&mut stage, &cached).glossy_rays[0];
+        let all = scene.render_strip(&mut stage, &cached).glossy_rays[0];
         for power in [3000.0, 300.0, 100.0, 1000.0] {
             (scene.mirrors[0].specular_power, scene.mirrors[0].color) = (power, [power / 3000.0, 0.5, 0.9]);
-            let stats = scene.render(&mut stage, &cached);
+            let stats = scene.render_strip(&mut stage, &cached);
             assert_eq!(stats.glossy_rays, [0, all], "{lobe}, power {power}");
             let shown = images(&stage);
             stage.renderer.forget();
-            scene.render(&mut stage, &cached);
+            scene.render_strip(&mut stage, &cached);
             assert!(images(&stage) == shown, "{lobe}, power {power}: another picture than from scratch");
         }
         // Rays of so wide a lobe cannot be told from those of a narrow one: pixels trace their own, as without a cache.
         scene.mirrors[0].specular_power = 3.0;
-        let stats = scene.render(&mut stage, &cached);
+        let stats = scene.render_strip(&mut stage, &cached);
         assert!(stats.glossy_rays[0] > all / 2, "{lobe}: {:?} of {all}", stats.glossy_rays);
         let trusts_none = [
             ("gloss.lobe", lobe),
@@ -691,13 +696,13 @@ fn a_cache_of_one_power_shows_others_without_a_ray() {
             ("gloss.cache_power", "1000"),
             ("gloss.cache_trust", "1"),
         ];
-        scene.render(&mut stage, &settings(method, 16, &trusts_none));
+        scene.render_strip(&mut stage, &settings(method, 16, &trusts_none));
         let shown = images(&stage);
-        scene.render(&mut stage, &settings(method, 16, &trusts_none[..2]));
+        scene.render_strip(&mut stage, &settings(method, 16, &trusts_none[..2]));
         assert!(images(&stage) == shown, "{lobe}: another picture than by the own lobe");
         // An even surrounding stays even.
         let white = Scene::new(&stage, [WHITE, WHITE], 200.0);
-        white.render(&mut stage, &cached);
+        white.render_strip(&mut stage, &cached);
         let shown = colors(&stage);
         for pixel in mirror_pixels(&stage) {
             assert!(shown[pixel].iter().all(|part| (part - 1.0).abs() < 1e-3), "{lobe}: {:?}", shown[pixel]);
