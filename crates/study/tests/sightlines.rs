@@ -35,10 +35,14 @@ fn ruler(studio: &Studio, scan: &Scan, hold_out: HoldOut, places: &[DVec3]) -> a
 
 /// The figures by pictures and by the ray tracer.
 fn judged(points: &[DVec3], hold_out: HoldOut, places: &[DVec3]) -> Option<[Sightlines; 2]> {
+    judged_in(&Settings::default(), points, hold_out, places)
+}
+
+fn judged_in(settings: &Settings, points: &[DVec3], hold_out: HoldOut, places: &[DVec3]) -> Option<[Sightlines; 2]> {
     let mut studio = studio()?;
     let mut ruler = ruler(&studio, &scan(points), hold_out, places).unwrap();
     let traced = ruler.traced().unwrap();
-    let drawn = ruler.drawn(&mut studio.renderer, &Settings::default()).unwrap().unwrap();
+    let drawn = ruler.drawn(&mut studio.renderer, settings).unwrap().unwrap();
     Some([drawn, traced])
 }
 
@@ -164,7 +168,11 @@ fn a_room_is_seen_in_all_directions_from_within() {
             place * 3.0 + DVec3::new(100.0, 50.0, 7.0)
         })
         .collect();
-    let Some(figures) = judged(&points, HALF, &[DVec3::new(100.5, 50.0, 6.0)]) else { return };
+    // The faces of the cube have pixels as large as those of a picture of this angle.
+    let mut settings = Settings::default();
+    settings.view.field_of_view = 90.0;
+    let eye = DVec3::new(100.5, 50.0, 6.0);
+    let Some(figures) = judged_in(&settings, &points, HALF, &[eye]) else { return };
     for figures in figures {
         // Near the twelve edges normals are between those of two walls.
         assert!(figures.rays > 95_000 && figures.within > 0.95 && figures.open < 0.01, "{figures:?}");
