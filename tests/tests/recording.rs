@@ -41,10 +41,10 @@ fn streamed_scene() -> String {
     )
 }
 
-/// A folder with the scene and its cloud.
-fn folder() -> Folder {
+/// A folder with the scene and its cloud of so many points.
+fn folder(points: u32) -> Folder {
     let folder = Folder::new();
-    folder.write("hills.ply", hills(400_000));
+    folder.write("hills.ply", hills(points));
     folder.write("tour.toml", streamed_scene());
     folder
 }
@@ -83,16 +83,16 @@ fn stats(folder: &Folder, output: &str, frame: usize) -> serde_json::Value {
 }
 
 /// Holds that a picture of the hills lacks no node that its view needs.
-fn all_nodes_are_there(stats: &serde_json::Value) {
+fn all_nodes_are_there(stats: &serde_json::Value, points: u32) {
     let stream = &stats["stream"];
     assert_eq!((&stream["settled"], &stream["nodes_missing"]), (&true.into(), &0.into()), "{stats}");
     assert!(stream["nodes"].as_u64().is_some_and(|nodes| nodes > 0), "{stats}");
-    assert_eq!(stream["points_total"], 400_000, "{stats}");
+    assert_eq!(stream["points_total"], points, "{stats}");
 }
 
 #[test]
 fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_time() {
-    let folder = folder();
+    let folder = folder(150_000);
     let outcome = record(&folder, "pictures", &["--path", "tour"]);
     if lacks_adapter(&outcome) {
         return;
@@ -119,7 +119,7 @@ fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_
     assert_eq!(again.status, Some(0), "{again}");
     for frame in 0..5 {
         assert!(picture("again", frame) == picture("pictures", frame), "frame {frame} is another the second time");
-        all_nodes_are_there(&stats(&folder, "again", frame));
+        all_nodes_are_there(&stats(&folder, "again", frame), 150_000);
     }
 
     for frame in [1, 2] {
@@ -140,7 +140,7 @@ fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_
 /// The number of points that are drawn follows the keys, as if each were the scene's own, and rises again after it fell.
 #[test]
 fn the_point_budget_and_the_detail_change_along_a_path() {
-    let folder = folder();
+    let folder = folder(400_000);
     let track = |key: &str, times: &str, values: &str, ease: &str| {
         format!("[[paths.tracks]]\nkey = \"{key}\"\ntimes = {times}\nvalues = {values}\nease = \"{ease}\"\n")
     };
@@ -157,7 +157,7 @@ fn the_point_budget_and_the_detail_change_along_a_path() {
     assert_eq!((recorded.status, recorded.messages.as_str()), (Some(0), ""), "{recorded}");
     let points = |frame: usize| {
         let stats = stats(&folder, "budgets", frame);
-        all_nodes_are_there(&stats);
+        all_nodes_are_there(&stats, 400_000);
         stats["points"].as_u64().expect("a count")
     };
     let counts: Vec<u64> = (2..7).map(points).collect();
@@ -181,7 +181,7 @@ fn the_point_budget_and_the_detail_change_along_a_path() {
 
 #[test]
 fn inputs_that_cannot_be_shown_are_said_and_leave_no_folder() {
-    let folder = folder();
+    let folder = folder(20_000);
     folder.write("odd.las", "this is no point cloud");
     let scene = |clouds: &str| streamed_scene().replace("\"hills.ply\"", clouds);
     folder.write("tour.toml", scene("\"odd.las\""));
@@ -202,7 +202,7 @@ fn inputs_that_cannot_be_shown_are_said_and_leave_no_folder() {
 
 #[test]
 fn two_shards_and_a_recording_that_goes_on_make_the_same_pictures_as_one_run() {
-    let folder = folder();
+    let folder = folder(150_000);
     let whole = record(&folder, "whole", &[]);
     if lacks_adapter(&whole) {
         return;
@@ -357,7 +357,7 @@ fn tracks_move_mirrors_and_parameters() {
 #[test]
 #[cfg(unix)]
 fn ctrl_c_ends_a_recording_with_130_and_leaves_whole_pictures() {
-    let folder = folder();
+    let folder = folder(20_000);
     // More pictures than anybody waits for.
     folder.write("tour.toml", streamed_scene().replace("time = 0.5", "time = 10000.0"));
     let words = ["record", "tour.toml", "-o", "pictures", "--size", "96x64"];
