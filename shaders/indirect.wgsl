@@ -25,9 +25,9 @@
 @group(1) @binding(8) var glossy_out: texture_storage_2d<rgba16float, write>;
 // 1 for tiles of 8 x 8 pixels that need the light of this frame.
 @group(1) @binding(9) var<storage, read> tiles: array<u32>;
-// The finer maps of the sky's lights: positions are relative to the middle of the ball that they show, whose radius is the
-// scene's, see gi/near.rs.
-@group(1) @binding(10) var<uniform> near_lights: Virtual;
+// The levels of finer maps of the sky's lights, finest first, and as many parts of `near_maps`: positions are relative to the
+// middle of the ball that a level shows, whose radius is the scene's, see gi/near.rs.
+@group(1) @binding(10) var<storage, read> near_lights: array<Virtual>;
 @group(1) @binding(11) var<storage, read> near_maps: array<u32>;
 
 override from_camera: bool = true;
@@ -47,7 +47,7 @@ override most_bounces: u32 = 0xffffffffu;
 // Whether the sky's lights have finer maps.
 override has_near: bool = false;
 
-// The share of the radius of the finer maps' ball from which they fade into those of the scene.
+// The share of the radius of a ball from which its finer maps fade into those of the next level, or of the scene.
 const WHOLE_SHARE: f32 = 0.75;
 
 @compute @workgroup_size(8, 8)
@@ -176,16 +176,24 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
     return sum;
 }
 
-// 1 if the light sees the surface at `at`, 0 if its shadow map has something nearer; between both where the finer maps end.
+// 1 if the light sees the surface at `at`, 0 if its shadow map has something nearer; between both where finer maps end.
 fn share_seen(v: u32, light: Vpl, at: vec3f, normal: vec3f) -> f32 {
+    // What finer levels leave to coarser ones.
     var outside = 1.0;
     var seen = 0.0;
     if has_near && light.normal.w == VPL_SKY {
-        let place = at - lights.eye_radius.xyz + near_lights.eye_radius.xyz;
-        outside = clamp((length(place) / near_lights.eye_radius.w - WHOLE_SHARE) / (1.0 - WHOLE_SHARE), 0.0, 1.0);
-        if outside < 1.0 {
-            let near = place_in_map(near_lights, v, light, place);
-            seen = (1.0 - outside) * share_before(near_lights, light, place, normal, near, near_maps[near.index]);
+        let levels = arrayLength(&near_lights);
+        let texels = arrayLength(&near_maps) / levels;
+        for (var level = 0u; level < levels && outside > 0.0; level++) {
+            let near = near_lights[level];
+            let place = at - lights.eye_radius.xyz + near.eye_radius.xyz;
+            let fade = clamp((length(place) / near.eye_radius.w - WHOLE_SHARE) / (1.0 - WHOLE_SHARE), 0.0, 1.0);
+            if fade < 1.0 {
+                let map = place_in_map(near, v, light, place);
+                let code = near_maps[level * texels + map.index];
+                seen += outside * (1.0 - fade) * share_before(near, light, place, normal, map, code);
+            }
+            outside *= fade;
         }
     }
     if outside > 0.0 {

@@ -404,7 +404,7 @@ passes! {
     }
     indirect: Light over Pixels load loads::lights_of_a_pixel {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Uniform, vpls: Read,
-        shadow_maps: Read, diffuse_out: Write(Rgba16Float), glossy_out: Write(Rgba16Float), tiles: Read, near_lights: Uniform,
+        shadow_maps: Read, diffuse_out: Write(Rgba16Float), glossy_out: Write(Rgba16Float), tiles: Read, near_lights: Read,
         near_maps: Read,
     }
     indirect_filter: Light over Pixels load loads::neighbours {

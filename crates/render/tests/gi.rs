@@ -671,9 +671,11 @@ fn the_sky_lights_a_street_in_a_wide_scene_by_the_strip_that_its_walls_leave_ope
     let mut stage = stage_or_skip!();
     // Walls of height 1.5 on both sides of a street that is 1 wide.
     let walls = [-0.5, 0.5].map(|x| sheet(DVec3::new(x, -10.0, 0.0), [DVec3::Y * 20.0, DVec3::Z * 1.5], 0.05));
-    let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, -0.3, 1.0), 1.4, DVec3::Z);
-    for size in ["64", "128"] {
-        let floor = sky_on_floor(&mut stage, on_wide_ground(walls.to_vec()), &camera, size);
+    // The pivot is on the floor, or close before the eye, so that the floor lies outside of the finest maps' ball.
+    let [near, far] = [(0.0, 1.4), (2.0, 0.6)]
+        .map(|(height, distance)| Camera::looking(DVec3::Z * height, DVec3::new(0.0, -0.3, 1.0), distance, DVec3::Z));
+    for (size, camera, most) in [("64", &near, 0.05), ("128", &near, 0.05), ("64", &far, 0.08), ("128", &far, 0.08)] {
+        let floor = sky_on_floor(&mut stage, on_wide_ground(walls.to_vec()), camera, size);
         let inside = |(at, _): &&(DVec3, f64)| at.x.abs() < 0.45;
         // The sines of the angles under which the open strip is seen to both sides (Lambert).
         let open = |at: DVec3| [0.5 - at.x, 0.5 + at.x].iter().map(|to| to / to.hypot(1.5)).sum::<f64>() / 2.0;
@@ -682,7 +684,7 @@ fn the_sky_lights_a_street_in_a_wide_scene_by_the_strip_that_its_walls_leave_ope
         let mean = ratios.iter().sum::<f64>() / count;
         let off = (ratios.iter().map(|ratio| (ratio - 1.0).powi(2)).sum::<f64>() / count).sqrt();
         println!("{size} texels: {mean} of the closed form, off by {off}, {count} pixels");
-        assert!(count > 400.0 && (mean - 1.0).abs() < 0.05, "{size} texels: {mean} of the closed form, {count} pixels");
+        assert!(count > 400.0 && (mean - 1.0).abs() < most, "{size} texels: {mean} of the closed form, {count} pixels");
     }
 }
 

@@ -290,7 +290,7 @@ impl LightBuffers {
             diffuse_out: target.diffuse.bind(),
             glossy_out: target.glossy.bind(),
             tiles: tiles.unwrap_or(&target.nothing).as_entire_binding(),
-            near_lights: self.near.as_ref().map_or(&self.constants, |near| &near.constants).as_entire_binding(),
+            near_lights: self.near.as_ref().map_or(&target.nothing, |near| &near.constants).as_entire_binding(),
             near_maps: self.near.as_ref().map_or(&target.nothing, |near| &near.maps).as_entire_binding(),
         };
         let groups_of_runs = [groups_of_run[0], groups_of_run[1], interleave * interleave];
@@ -333,13 +333,14 @@ impl GlobalIllumination {
             let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
             Asked { revision, ..asked.clone() } == lights.asked
         };
-        let region = sky.and_then(|sky| sky.near);
+        let regions = sky.and_then(|sky| sky.near).map_or_else(Vec::new, |near| near.levels(store.bounds()));
         if let (Some(ground), Some(lights)) = (&self.ground, self.lights.as_mut().filter(|lights| is_same(lights))) {
             let eye = (camera.eye - ground.origin).as_vec3();
             lights.uniform.eye_radius = eye.extend(lights.uniform.eye_radius.w);
             recorder.gpu.queue.write_buffer(&lights.constants, 0, bytemuck::bytes_of(&lights.uniform));
-            let region = if self.may_lag { lights.near.as_ref().map(|near| near.region) } else { region };
-            return self.look_near(recorder, camera, (store, settings), region);
+            let last = lights.near.as_ref().map_or_else(Vec::new, |near| near.regions.clone());
+            let regions = if self.may_lag { last } else { regions };
+            return self.look_near(recorder, camera, (store, settings), regions);
         }
         let gi = &settings.gi;
         let ground = match self.ground.take() {
@@ -373,32 +374,39 @@ impl GlobalIllumination {
             *vpl = sky.to_gpu(asked.sky.map_or(0.0, |sky| sky.irradiance));
         }
         recorder.gpu.queue.write_buffer(&vpls, 0, bytemuck::cast_slice(&start));
-        let work = Work { constants: &constants, vpls: &vpls, maps: &maps, ground, levels: &levels, uniform: &uniform };
+        let all_maps = maps.as_entire_buffer_binding();
+        let work =
+            Work { constants: &constants, vpls: &vpls, maps: all_maps, ground, levels: &levels, uniform: &uniform };
         work.run(recorder, everywhere, gi, (plan, landed), (lights, shadow_maps), needs_maps && !maps_stand)?;
         self.generations += 1;
         let generation = self.generations;
         self.lights = Some(LightBuffers { asked, places, uniform, constants, vpls, maps, near, generation });
-        self.look_near(recorder, camera, (store, settings), region)
+        self.look_near(recorder, camera, (store, settings), regions)
     }
 
-    /// Draws the finer maps of the sky's lights that stand, unless they show the region already.
+    /// Draws the finer maps of the sky's lights that stand, unless they show the regions already.
     fn look_near(
         &mut self,
         recorder: &mut Recorder<'_>,
         camera: FrameCamera,
         (store, settings): (&PointStore, &Settings),
-        region: Option<Region>,
+        mut regions: Vec<Region>,
     ) -> Result<()> {
         let Some(lights) = &mut self.lights else { return Ok(()) };
-        let region = region.filter(|_| settings.gi.shadows && lights.uniform.sky_lights > 0);
-        if lights.near.as_ref().map(|near| near.region) != region {
-            let draw = |region| {
+        let limit = recorder.gpu.device.limits().max_storage_buffer_binding_size;
+        // None without a light of the sky.
+        let most = limit.checked_div(Near::bytes_of_region(&lights.uniform)).unwrap_or(0);
+        regions.truncate(if settings.gi.shadows { most as usize } else { 0 });
+        if lights.near.as_ref().map_or(&[][..], |near| &near.regions[..]) != regions {
+            lights.near = if regions.is_empty() {
+                None
+            } else {
                 let list = store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
                 let everywhere = Inputs::new(recorder.gpu, camera, settings, &list);
                 let maps = (&lights.uniform, &map_levels(&settings.gi)[..], settings.gi.shadow_points);
-                Near::draw(recorder, (store, &everywhere), region, &lights.vpls, maps)
+                let before = lights.near.as_ref();
+                Some(Near::draw(recorder, (store, &everywhere), (regions, before), &lights.vpls, maps)?)
             };
-            lights.near = region.map(draw).transpose()?;
             self.generations += 1;
             lights.generation = self.generations;
         }
@@ -559,7 +567,8 @@ impl SurfaceLight {
             // The image gets its size when a highlight is first needed.
             glossy: image("indirect highlights", [1, 1]),
             radiance: image("indirect", size),
-            nothing: storage(device, "nothing", 16),
+            // Arrays of what the passes read have at least one element.
+            nothing: storage(device, "nothing", size_of::<Virtual>() as u64),
             shaded: None,
         }
     }

@@ -10,12 +10,14 @@ use crate::lighting::radius_seen;
 const WHOLE_SHARE: f64 = 0.75;
 /// The step of a region's middle along each axis as a share of its radius: regions stay the same over small moves.
 const SNAP: f64 = 0.125;
+/// The radius of a region over that of the next finer one about the same pivot.
+const WIDER: f64 = 4.0;
 /// Finer maps are drawn where a region's radius is at most this share of the scene's.
 const FINER: f64 = 0.5;
 /// A region's radius is at least this share of the scene's: the eye may be at the pivot.
 const LEAST: f64 = 1.0 / 1024.0;
 
-/// The ball in the world that the finer maps show.
+/// A ball in the world that finer maps show.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Region {
     pub center: DVec3,
@@ -31,12 +33,27 @@ impl Region {
         let seen = radius_seen(camera, settings, size).max(camera.distance());
         let least = (seen / (WHOLE_SHARE - SNAP * 3_f64.sqrt() / 2.0)).max(bounds.radius() * LEAST);
         let radius = 2_f64.powf(0.5 * (2.0 * least.log2()).ceil());
-        let step = radius * SNAP;
-        let center = (camera.pivot / step).round() * step;
+        let found = Self::about(camera.pivot, radius);
+        let center = found.center;
         // The comparisons are false for NaN.
         let is_beside = || center.distance(center.clamp(bounds.min, bounds.max)) > radius;
         let is_small = radius <= bounds.radius() * FINER && center.is_finite();
-        (!bounds.is_empty() && is_small && !is_beside()).then_some(Self { center, radius })
+        (!bounds.is_empty() && is_small && !is_beside()).then_some(found)
+    }
+
+    /// The region and wider ones about it, finest first, as long as maps of the scene, whose points have these `bounds`, are
+    /// not nearly as fine. Each lies in the part of the next one in which that one's maps alone count.
+    pub fn levels(self, bounds: Bounds) -> Vec<Self> {
+        let wider = |finer: &Self| {
+            let radius = finer.radius * WIDER;
+            (radius <= bounds.radius() * FINER).then(|| Self::about(finer.center, radius))
+        };
+        std::iter::successors(Some(self), wider).collect()
+    }
+
+    fn about(place: DVec3, radius: f64) -> Self {
+        let step = radius * SNAP;
+        Self { center: (place / step).round() * step, radius }
     }
 }
 
@@ -61,6 +78,19 @@ mod tests {
             let seen = found.center.distance(pivot) + radius_seen(&camera, &Settings::default(), [800, 600]);
             assert!(found.center.distance(camera.eye).max(seen) <= found.radius * WHOLE_SHARE, "{found:?}");
             assert!(found.radius < distance * 2.5 && found.radius <= TOWN.radius() * FINER, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn levels_of_regions_lie_in_one_another_up_to_half_of_the_scene() {
+        for (distance, count) in [(0.0, 5), (3.0, 3), (10.0, 3), (70.0, 1)] {
+            let levels = region(DVec3::new(3.7, -8.1, 1.3), DVec3::X, distance).unwrap().levels(TOWN);
+            assert_eq!(levels.len(), count, "{levels:?}");
+            assert!(levels.iter().all(|level| level.radius <= TOWN.radius() * FINER), "{levels:?}");
+            for pair in levels.windows(2) {
+                let reach = pair[0].center.distance(pair[1].center) + pair[0].radius;
+                assert!(pair[1].radius == WIDER * pair[0].radius && reach <= pair[1].radius * WHOLE_SHARE, "{pair:?}");
+            }
         }
     }
 

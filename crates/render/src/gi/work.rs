@@ -58,7 +58,7 @@ impl Ground {
 pub(super) struct Work<'a> {
     pub constants: &'a wgpu::Buffer,
     pub vpls: &'a wgpu::Buffer,
-    pub maps: &'a wgpu::Buffer,
+    pub maps: wgpu::BufferBinding<'a>,
     pub ground: &'a Ground,
     pub levels: &'a [u32],
     pub uniform: &'a Virtual,
@@ -82,7 +82,7 @@ impl Work<'_> {
         let of_sky = plan.sky.len() as u32;
         self.points(recorder, everywhere)?;
         if draws_maps {
-            recorder.clear(self.maps);
+            recorder.clear(self.maps.buffer);
             if gi.shadows || plan.has_sky_births {
                 self.shadow_maps(recorder, everywhere, 0, of_sky)?;
             }
@@ -109,6 +109,10 @@ impl Work<'_> {
             self.balance(recorder, everywhere, of_sky + bounce * gi.vpls)?;
         }
         Ok(())
+    }
+
+    fn maps(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::Buffer(self.maps.clone())
     }
 
     pub fn points(&self, recorder: &mut Recorder<'_>, everywhere: &Inputs) -> Result<()> {
@@ -181,7 +185,7 @@ impl Work<'_> {
         let bindings = passes::vpl_bounce {
             lights: self.constants.as_entire_binding(),
             births: births.as_entire_binding(),
-            shadow_maps: self.maps.as_entire_binding(),
+            shadow_maps: self.maps(),
             surfaces: self.ground.surfaces.as_entire_binding(),
             chosen: self.ground.chosen.as_entire_binding(),
             vpls: self.vpls.as_entire_binding(),
@@ -196,7 +200,7 @@ impl Work<'_> {
         let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Step { first_light, ..Step::default() }));
         let bindings = passes::vpl_balance {
             lights: self.constants.as_entire_binding(),
-            shadow_maps: self.maps.as_entire_binding(),
+            shadow_maps: self.maps(),
             surfaces: self.ground.surfaces.as_entire_binding(),
             vpls: self.vpls.as_entire_binding(),
             work: step.as_entire_binding(),
@@ -226,7 +230,7 @@ impl Work<'_> {
                 chosen: chosen.as_entire_binding(),
                 surfaces: surfaces.as_entire_binding(),
                 vpls: self.vpls.as_entire_binding(),
-                shadow_maps: self.maps.as_entire_binding(),
+                shadow_maps: self.maps(),
                 work: step.as_entire_binding(),
             };
             recorder.over(&[], inputs, bindings, [per_map.div_ceil(64), run.min(count - first), 1])?;
@@ -257,8 +261,8 @@ impl Work<'_> {
                 ..Step::default()
             };
             let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&step));
-            let [lights, shadow_maps, work] =
-                [self.constants, self.maps, &step].map(|buffer| buffer.as_entire_binding());
+            let [lights, work] = [self.constants, &step].map(|buffer| buffer.as_entire_binding());
+            let shadow_maps = self.maps();
             let groups = |size: u32| [(size * size).div_ceil(64), count, 1];
             if is_pull {
                 let bindings = passes::vpl_shadow_pull { lights, shadow_maps, work };

@@ -203,6 +203,8 @@ const LOOPS: &[(&str, &[f64])] = &[
     // 1024 lights for each pixel, in two bounces; the nearest neighbours that light is taken from.
     ("indirect", &[2.0]),
     ("light_of_run", &[512.0]),
+    // Most places lie in one of the finer maps of a sky light alone.
+    ("share_seen", &[1.0]),
     ("indirect_filter", &[16.0]),
     ("reach", &[16.0]),
     ("indirect_reuse", &[2.0, 2.0]),
