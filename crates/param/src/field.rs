@@ -340,7 +340,8 @@ pub fn instead<'a>(word: &str, known: impl Iterator<Item = &'a str> + Clone) -> 
     if names.is_empty() { "there is none".into() } else { format!("{hint}Known: {}{more}", names.join(", ")) }
 }
 
-/// The candidate that a person most likely meant, if one is within a third of the word's letters (edit distance).
+/// The candidate that a person most likely meant, if one is within a third of the word's letters (edit distance). Capitals
+/// count as small letters.
 pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let distance = |other: &str| {
         let other: Vec<char> = other.chars().collect();
@@ -349,7 +350,7 @@ pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Opt
             let mut diagonal = row[0];
             row[0] = i + 1;
             for (j, b) in other.iter().enumerate() {
-                let substituted = diagonal + usize::from(a != *b);
+                let substituted = diagonal + usize::from(!a.to_lowercase().eq(b.to_lowercase()));
                 diagonal = row[j + 1];
                 row[j + 1] = substituted.min(row[j] + 1).min(row[j + 1] + 1);
             }

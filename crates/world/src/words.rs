@@ -285,7 +285,8 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
             let (file, clouds) = match SceneFile::read(path) {
                 Ok(scene) => scene,
                 Err(error) => {
-                    request.inputs.push(Input::Unknown { name, error: error.to_string() });
+                    let missing = if path.exists() { None } else { input(word.as_ref(), true).err() };
+                    request.inputs.push(Input::Unknown { name, error: missing.unwrap_or(error.to_string()) });
                     continue;
                 }
             };
@@ -570,6 +571,9 @@ mod tests {
         assert!(request.check().is_ok());
         let unknown = request.inputs.iter().map(|input| matches!(input, Input::Unknown { .. }));
         assert_eq!(unknown.collect::<Vec<_>>(), [true, true, false, true]);
+        let beside = folder.path().join("scenes.toml");
+        let missing = resolve(&words(&[beside.to_str().unwrap()])).check().unwrap_err().to_string();
+        assert!(missing.contains("no such file or built-in scene; did you mean") && missing.contains("scene.toml"));
         let both = resolve(&words(&["no_such.laz", "no_such.ply"])).check().unwrap_err().to_string();
         assert!(both.contains("no_such.laz") && both.contains("no_such.ply"), "{both}");
     }
