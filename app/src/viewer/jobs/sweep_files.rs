@@ -75,10 +75,13 @@ impl SweepResult {
             return vec![name, "failed".into()];
         };
         let color = figures.image.map_or(f64::NAN, |image| image.delta_e);
+        // Nothing is filled by the method `none`.
+        let within = Some(figures.pixel_error.p95).filter(|p95| p95.is_finite());
+        let within = within.map_or(String::new(), |p95| format!("95 of 100 filled within {p95:.2} pixels · "));
         vec![
             name,
             format!("{method:.1} ms of {frame:.1} ms · {:.1} % filled", figures.closed_coverage * 100.0),
-            format!("95 of 100 filled within {:.2} pixels · {color:.2} ΔE", figures.pixel_error.p95),
+            format!("{within}{color:.2} ΔE"),
         ]
     }
 
