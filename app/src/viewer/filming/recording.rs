@@ -20,11 +20,13 @@ use crate::viewer::scene::Scene;
 pub struct Recording {
     /// The dialog, while it is open.
     pub asked: Option<Wanted>,
+    /// What was asked for last, if it was stopped.
+    stopped: Option<Wanted>,
     pub under_way: Option<UnderWay>,
 }
 
 pub struct UnderWay {
-    pub output: String,
+    pub wanted: Wanted,
     pub stage: Option<Stage>,
     /// When the stage began, and what of it was done then.
     since: (Instant, u64),
@@ -49,9 +51,12 @@ impl UnderWay {
 }
 
 impl Recording {
-    /// Opens the dialog for a path of the scene.
+    /// Opens the dialog for a path of the scene. A recording of it that was stopped is asked for as before, so that it goes
+    /// on.
     pub fn ask(&mut self, path: &str, scene: &Scene) {
-        let kept = self.asked.take().map(|wanted| Wanted { path: path.to_owned(), ..wanted });
+        let stopped = self.stopped.clone().filter(|wanted| wanted.path == path);
+        let kept = self.asked.take().or(stopped);
+        let kept = kept.map(|wanted| Wanted { path: path.to_owned(), is_shown: false, ..wanted });
         let name: String = path.chars().map(|letter| if letter.is_alphanumeric() { letter } else { '-' }).collect();
         let output = free_path("".as_ref(), &name, "mp4").display().to_string();
         // Sides of films are even numbers of pixels.
@@ -67,6 +72,7 @@ impl Recording {
             subframes,
             shutter,
             supersample,
+            is_shown: false,
         }));
     }
 
@@ -85,7 +91,7 @@ impl Recording {
         outside.log(json!({ "event": "recording", "output": wanted.output }));
         outside.work(Work::Record { scene: file.to_text(), words, leash: leash.clone() });
         let since = (outside.now, 0);
-        self.under_way = Some(UnderWay { output: wanted.output, stage: None, since, leash, is_stopping: false });
+        self.under_way = Some(UnderWay { wanted, stage: None, since, leash, is_stopping: false });
     }
 
     pub fn stop(&mut self) {
@@ -105,19 +111,20 @@ impl Recording {
     }
 
     pub fn on_end(&mut self, ended: Ended, outside: &mut Outside) {
-        let Some(under_way) = self.under_way.take() else { return };
-        outside.log(json!({ "event": "recorded", "output": under_way.output, "ended": format!("{ended:?}") }));
+        let Some(UnderWay { wanted, .. }) = self.under_way.take() else { return };
+        let output = wanted.output.clone();
+        outside.log(json!({ "event": "recorded", "output": output, "ended": format!("{ended:?}") }));
+        self.stopped = matches!(ended, Ended::Stopped).then_some(wanted);
         match ended {
             Ended::Done(told) => {
                 // The command prints the path as it was given.
-                let told = told
-                    .strip_prefix(&under_way.output)
-                    .map_or(told.clone(), |rest| format!("{}{rest}", whole(under_way.output.as_ref())));
+                let told =
+                    told.strip_prefix(&output).map_or(told.clone(), |rest| format!("{}{rest}", whole(output.as_ref())));
                 outside.note(text!("Recorded: {told}", told));
             }
             Ended::Stopped => outside.note(text!(
                 "Recording stopped; what is done of {output} stays, and the same recording goes on from there",
-                output = under_way.output
+                output
             )),
             Ended::Failed(problem) => outside.say(Level::Error, text!("Recording: {problem}", problem)),
         }

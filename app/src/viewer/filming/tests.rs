@@ -515,6 +515,12 @@ fn record_is_the_command_with_the_scene_that_is_saved() {
     session.on_found(Found::Recorded(Ended::Stopped));
     assert!(session.filming.recording.under_way.is_none());
     assert!(session.outside.messages.all.last().unwrap().text.contains("goes on from there"));
+    // The dialog asks for the same one, so that it does, whether or not it was closed before.
+    film(&mut session, Film::AskRecording);
+    film(&mut session, Film::ChangeRecording(None));
+    film(&mut session, Film::AskRecording);
+    let again = session.filming.recording.asked.clone().unwrap();
+    assert_eq!((again.size, again.fps, again.output.as_str()), ([320, 240], 25, "a film.mp4"));
 }
 
 fn harness() -> Harness<'static, Session> {
@@ -599,7 +605,19 @@ fn the_timeline_makes_a_path_with_keys_that_are_selected_and_deleted() {
     harness.get_by_label("Record…").click();
     harness.run_ok();
     assert!(harness.query_by_label("Record `path`").is_some());
-    harness.get_by_label("Cancel").click();
+    // What is typed is the name, and no shortcut.
+    let before = harness.state().filming.recording.asked.clone().unwrap().output;
+    assert!(harness.ctx.text_edit_focused());
+    harness.get_by_label("File or folder").type_text("n");
+    harness.run_ok();
+    assert_ne!(harness.state().filming.recording.asked.clone().unwrap().output, before);
+    // Keys that no field takes do nothing to the scene either, and Esc closes the dialog.
+    harness.ctx.memory_mut(|memory| memory.stop_text_input());
+    let objects = harness.state().scene.objects.clone();
+    harness.key_press(egui::Key::K);
+    harness.run_ok();
+    assert!(harness.state().scene.objects == objects);
+    harness.key_press(egui::Key::Escape);
     harness.run_ok();
     assert!(harness.state().filming.recording.asked.is_none());
     harness.get_by_label("Close the timeline").click();

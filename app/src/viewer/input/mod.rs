@@ -38,6 +38,9 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let scale = f64::from(ui.ctx().pixels_per_point());
     // Once a note has its place, keys are its text, which must not act before its field is there.
     let awaits_text = |placing: &Placing| placing.wanted == Wanted::Note && placing.has_begun();
+    // These take the keys that no field of theirs takes, too.
+    let has_dialog =
+        session.palette.is_some() || session.tools.picture_draft.is_some() || session.filming.recording.asked.is_some();
     if is_typing || list_has_keys(ui) || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
         hold(session, [false; 3], actions);
         if session.palette.is_none() && session.path_prompt.is_none() && session.document.asked.is_none() {
@@ -46,7 +49,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
                 save_after_typing(ui, action, actions);
             }
         }
-    } else if session.palette.is_none() && session.tools.picture_draft.is_none() {
+    } else if !has_dialog {
         let mut events = ui.input(|input| input.events.clone());
         if session.document.asked.is_some() {
             // Esc answers the question; what is pressed after it, in the same frame of the window, acts.
@@ -72,6 +75,8 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
             held(ui, session, &shortcuts, actions);
         }
         ui.data_mut(|data| data.insert_temp(shortcut_keys(), shortcuts));
+    } else {
+        hold(session, [false; 3], actions);
     }
     if !is_taken {
         drags(picture, session, scale, actions);

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use egui::{RichText, Ui};
+use egui::{Key, RichText, Ui};
 
 use crate::shared::language::text;
 use crate::viewer::look::theme;
@@ -20,11 +20,12 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     let window = egui::Window::new(title).id(egui::Id::unique("recording")).open(&mut is_open);
     let window = window.collapsible(false).resizable(false).anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO);
     window.show(context, |ui| {
-        fields(ui, session, &mut wanted);
+        let is_entered = fields(ui, session, &mut wanted);
         ui.add_space(6.0);
         ui.horizontal(|ui| {
-            let start = ui.add_enabled(!wanted.output.trim().is_empty(), egui::Button::new(text!("Record")));
-            film = start.clicked().then_some(Film::StartRecording);
+            let is_named = !wanted.output.trim().is_empty();
+            let start = ui.add_enabled(is_named, egui::Button::new(text!("Record")));
+            film = (start.clicked() || is_entered && is_named).then_some(Film::StartRecording);
             if ui.button(text!("Cancel")).clicked() {
                 film = Some(Film::ChangeRecording(None));
             }
@@ -40,7 +41,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     if wanted != *before {
         actions.push(Action::Film(Film::ChangeRecording(Some(Box::new(wanted)))));
     }
-    if !is_open {
+    if !is_open || context.input(|input| input.key_pressed(Key::Escape)) {
         film = Some(Film::ChangeRecording(None));
     }
     actions.extend(film.map(Action::Film));
@@ -52,7 +53,9 @@ fn command(wanted: &Wanted, adapter: Option<&str>) -> String {
     format!("glint record scene.toml {}\n", words.collect::<Vec<_>>().join(" "))
 }
 
-fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
+/// Draws the fields. Returns whether Enter was pressed in that of the output.
+fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) -> bool {
+    let mut is_entered = false;
     let line = |ui: &mut Ui, name: &str, contents: &mut dyn FnMut(&mut Ui, egui::Id)| {
         ui.horizontal(|ui| {
             let label = name_label(ui, name);
@@ -64,7 +67,11 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
         let help = text!(
             "A film if it ends in .mp4 or .gif, with its pictures in a folder beside it; else a folder of pictures"
         );
-        ui.add(edit).labelled_by(label).on_hover_text(help);
+        let response = ui.add(edit).labelled_by(label).on_hover_text(help);
+        if !std::mem::replace(&mut wanted.is_shown, true) {
+            response.request_focus();
+        }
+        is_entered = response.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
     });
     line(ui, text!("Size"), &mut |ui, label| {
         for side in &mut wanted.size {
@@ -115,6 +122,7 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) {
                 .on_hover_text(text!("For slides and old phones; needs ffmpeg"));
         });
     }
+    is_entered
 }
 
 /// Shows how far recordings are, with buttons to end them.
@@ -151,7 +159,7 @@ pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             });
             text!(
                 "{output}: {task}, {done} of {total}{rate}{left}",
-                output = under_way.output,
+                output = under_way.wanted.output,
                 task = stage.task,
                 done = stage.done,
                 total = stage.total,

@@ -17,6 +17,8 @@ pub struct Wanted {
     pub subframes: u32,
     pub shutter: f64,
     pub supersample: u32,
+    /// Whether the dialog has been drawn, so that its first field has the keyboard.
+    pub is_shown: bool,
 }
 
 impl Wanted {

@@ -211,7 +211,6 @@ impl Session {
         } else if let Some(first) = self.unnamed.first() {
             self.name_columns(Naming::Cancel(first.path.clone()));
         } else if self.sweeps.asked.take().is_some()
-            || self.filming.recording.asked.take().is_some()
             || self.tools.end_one(&mut self.scene, &mut self.outside)
             || std::mem::take(&mut self.tuning.is_open)
         {
