@@ -38,7 +38,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let scale = f64::from(ui.ctx().pixels_per_point());
     // Once a note has its place, keys are its text, which must not act before its field is there.
     let awaits_text = |placing: &Placing| placing.wanted == Wanted::Note && placing.has_begun();
-    // These take the keys that no field of theirs takes, too.
+    // A dialog takes the keys that none of its fields takes, too.
     let has_dialog =
         session.palette.is_some() || session.tools.picture_draft.is_some() || session.filming.recording.asked.is_some();
     if is_typing || list_has_keys(ui) || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {

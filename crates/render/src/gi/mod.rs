@@ -333,7 +333,7 @@ impl GlobalIllumination {
             let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
             Asked { revision, ..asked.clone() } == lights.asked
         };
-        let regions = sky.and_then(|sky| sky.near).map_or_else(Vec::new, |near| near.levels(store.bounds()));
+        let regions = sky.and_then(|sky| sky.near).map_or_else(Vec::new, |near| near.balls(store.bounds()));
         if let (Some(ground), Some(lights)) = (&self.ground, self.lights.as_mut().filter(|lights| is_same(lights))) {
             let eye = (camera.eye - ground.origin).as_vec3();
             lights.uniform.eye_radius = eye.extend(lights.uniform.eye_radius.w);

@@ -43,7 +43,7 @@ impl Region {
 
     /// The region and wider ones about it, finest first, as long as maps of the scene, whose points have these `bounds`, are
     /// not nearly as fine. Each lies in the part of the next one in which that one's maps alone count.
-    pub fn levels(self, bounds: Bounds) -> Vec<Self> {
+    pub fn balls(self, bounds: Bounds) -> Vec<Self> {
         let wider = |finer: &Self| {
             let radius = finer.radius * WIDER;
             (radius <= bounds.radius() * FINER).then(|| Self::about(finer.center, radius))
@@ -82,12 +82,12 @@ mod tests {
     }
 
     #[test]
-    fn levels_of_regions_lie_in_one_another_up_to_half_of_the_scene() {
+    fn balls_of_regions_lie_in_one_another_up_to_half_of_the_scene() {
         for (distance, count) in [(0.0, 5), (3.0, 3), (10.0, 3), (70.0, 1)] {
-            let levels = region(DVec3::new(3.7, -8.1, 1.3), DVec3::X, distance).unwrap().levels(TOWN);
-            assert_eq!(levels.len(), count, "{levels:?}");
-            assert!(levels.iter().all(|level| level.radius <= TOWN.radius() * FINER), "{levels:?}");
-            for pair in levels.windows(2) {
+            let balls = region(DVec3::new(3.7, -8.1, 1.3), DVec3::X, distance).unwrap().balls(TOWN);
+            assert_eq!(balls.len(), count, "{balls:?}");
+            assert!(balls.iter().all(|ball| ball.radius <= TOWN.radius() * FINER), "{balls:?}");
+            for pair in balls.windows(2) {
                 let reach = pair[0].center.distance(pair[1].center) + pair[0].radius;
                 assert!(pair[1].radius == WIDER * pair[0].radius && reach <= pair[1].radius * WHOLE_SHARE, "{pair:?}");
             }
