@@ -8,6 +8,7 @@ use std::sync::Arc;
 use scene::{METHODS, Method, Settings};
 
 use crate::allocation::tests::made;
+use crate::gi::LightReuse;
 use crate::gpu::{Error, Gpu};
 use crate::reflection::sscr::threads;
 use crate::rehearsal::Cast;
@@ -32,6 +33,9 @@ fn cast(method: Method) -> Cast {
         clear: [false; 2],
         filters: false,
         own_methods: Vec::new(),
+        has_near: false,
+        moves: false,
+        light_reuse: LightReuse::Never,
     }
 }
 

@@ -12,12 +12,13 @@ use rayon::prelude::*;
 use scene::{Camera, LightClues, Method, Mirror, Quality, Settings, Shape, SpotLight};
 
 use crate::frame::Objects;
+use crate::gi::{LightReuse, Region};
 use crate::gpu::{Error, Result};
 use crate::lighting::MOST_LIGHTS;
 use crate::passes::Compiled;
 use crate::recorder::{Rehearsal, Variant};
 use crate::reflection::{gloss, is_clear, own_methods};
-use crate::renderer::{Frame, FrameStats, Renderer};
+use crate::renderer::{Effort, Frame, FrameStats, Renderer};
 use crate::store::{Material, PointStore};
 
 /// What decides which passes a frame has.
@@ -37,16 +38,25 @@ pub(crate) struct Cast {
     pub(crate) filters: bool,
     /// The methods that mirrors have for themselves.
     pub(crate) own_methods: Vec<Method>,
+    /// Whether the sky has finer maps of what the camera sees.
+    pub(crate) has_near: bool,
+    /// Whether something moves.
+    pub(crate) moves: bool,
+    pub(crate) light_reuse: LightReuse,
 }
 
 impl Cast {
-    fn new(store: &PointStore, settings: &Settings, objects: Objects<'_>) -> Self {
+    fn new(store: &PointStore, frame: &Frame<'_>) -> Self {
+        let Frame { camera, settings, objects, size, effort } = frame;
         let is_exact = |mirror: &Mirror| mirror.is_exact(settings.mirror.surface);
         let shows_highlights = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
         Self {
             settings: settings.only(|field| !matches!(field.kind, Kind::F32 { .. } | Kind::Color { .. })),
             lights: objects.lights.len().min(MOST_LIGHTS),
             clues: objects.clues,
+            has_near: Region::seen(camera, settings, *size, store.bounds()).is_some(),
+            moves: effort.is_moving(),
+            light_reuse: effort.light_reuse,
             mirrors: [
                 objects.mirrors.iter().any(is_exact),
                 objects.mirrors.iter().any(|mirror| mirror.shape.has_formula() && !is_exact(mirror)),
@@ -68,10 +78,19 @@ pub(crate) struct Stage {
     mirrors: Vec<Mirror>,
     lights: Vec<SpotLight>,
     clues: LightClues,
+    moves: bool,
+    light_reuse: LightReuse,
 }
 
 /// The size of the picture of a rehearsal: a workgroup.
 const STAGE_SIZE: [u32; 2] = [8, 8];
+
+/// How many rehearsals are known before all are forgotten; a slider makes one for each number.
+const MOST_PREPARED: usize = 32;
+
+fn stage_camera() -> Camera {
+    Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z)
+}
 
 impl Renderer {
     /// Compiles the passes that frames like this one need and are not compiled yet, on all cores, and runs each once on
@@ -79,49 +98,68 @@ impl Renderer {
     ///
     /// # Errors
     /// A shader is refused, no more memory, or the device was lost.
-    pub fn prepare(
-        &mut self,
-        store: &PointStore,
-        settings: &Settings,
-        objects: Objects<'_>,
-        progress: &Arc<Progress>,
-    ) -> Result<()> {
-        let cast = Cast::new(store, settings, objects);
-        if self.prepared.as_ref() == Some(&cast) {
+    pub fn prepare(&mut self, store: &PointStore, frame: &Frame<'_>, progress: &Arc<Progress>) -> Result<()> {
+        let cast = Cast::new(store, frame);
+        if self.prepared.contains(&cast) {
             return Ok(());
         }
         let mut stage = Self::bare(self.gpu.clone());
         stage.pipelines = std::mem::take(&mut self.pipelines);
-        let outcome = stage.rehearse(&cast, settings, progress);
+        let outcome = stage.rehearse(&cast, frame.settings, progress);
         self.pipelines = stage.pipelines;
         if let Some(kept) = self.gpu.kept_pipelines.as_ref().filter(|_| progress.done() > 0) {
             kept.save();
         }
         // Whatever went wrong, nobody waits for the rest any more.
         progress.add(progress.total().saturating_sub(progress.done()));
-        self.prepared = Some(cast);
+        if self.prepared.len() == MOST_PREPARED {
+            self.prepared.clear();
+        }
+        self.prepared.push(cast);
         self.checked(outcome)
     }
 
     /// Compiles what every picture needs; the rest is compiled when it is known.
     pub(crate) fn warm_up(&mut self, progress: &Arc<Progress>) -> Result<()> {
         let store = PointStore::new(self.gpu.clone());
+        let camera = stage_camera();
         for quality in [Quality::Nearest, Quality::High] {
             let mut settings = Settings::default();
             settings.splat.quality = quality;
             settings.reflection.method = Method::None;
-            self.prepare(&store, &settings, Objects::default(), progress)?;
+            self.prepare(&store, &Frame::new(&camera, &settings, Objects::default(), STAGE_SIZE), progress)?;
         }
         Ok(())
     }
 
     /// Compiles what a frame names and is not compiled, and runs it.
     fn rehearse(&mut self, cast: &Cast, settings: &Settings, progress: &Arc<Progress>) -> Result<()> {
-        let stage = self.stage(cast, settings)?;
-        let missing = self.missing(&stage)?;
-        if missing.is_empty() {
-            return Ok(());
+        let mut stage = self.stage(cast, settings)?;
+        let reuses = stage.light_reuse == LightReuse::Reuse;
+        if reuses {
+            // Light that a frame takes over comes from a frame that keeps it.
+            stage.light_reuse = LightReuse::Keep;
         }
+        let is_new = self.compile(&stage, progress)?;
+        if is_new || reuses {
+            // What was compiled before is not counted.
+            let counted = if is_new { progress.clone() } else { Arc::default() };
+            self.forget();
+            self.draw_stage(&stage, STAGE_SIZE, &mut Rehearsal::Count(counted))?;
+        }
+        if reuses {
+            stage.light_reuse = LightReuse::Reuse;
+            if self.compile(&stage, progress)? {
+                self.draw_stage(&stage, STAGE_SIZE, &mut Rehearsal::Count(progress.clone()))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Compiles what a frame names and is not compiled. Returns whether that was anything.
+    fn compile(&mut self, stage: &Stage, progress: &Arc<Progress>) -> Result<bool> {
+        let missing = self.missing(stage)?;
+        let is_any = !missing.is_empty();
         progress.set_total(progress.total() + 2 * missing.len() as u64);
         let compile = |(pass, switches): Variant| {
             let compiled = Compiled::new(&self.gpu, pass, &switches).map_err(Error::Shader);
@@ -130,9 +168,7 @@ impl Renderer {
         };
         let compiled: Result<Vec<_>> = missing.into_par_iter().map(compile).collect();
         self.pipelines.extend(compiled?);
-        self.forget();
-        self.draw_stage(&stage, STAGE_SIZE, &mut Rehearsal::Count(progress.clone()))?;
-        Ok(())
+        Ok(is_any)
     }
 
     /// The passes that a frame names and that are not compiled.
@@ -152,10 +188,11 @@ impl Renderer {
     }
 
     fn draw_stage(&mut self, stage: &Stage, size: [u32; 2], rehearsal: &mut Rehearsal) -> Result<FrameStats> {
-        let Stage { store, settings, mirrors, lights, clues } = stage;
-        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
+        let Stage { store, settings, mirrors, lights, clues, moves, light_reuse } = stage;
         let objects = Objects { mirrors, lights, clues: *clues };
-        self.draw(store, &Frame::new(&camera, settings, objects, size), Some(rehearsal))
+        let most_points = moves.then_some(u64::MAX);
+        let effort = Effort { most_points, light_reuse: *light_reuse, ..Effort::FULL };
+        self.draw(store, &Frame { camera: &stage_camera(), settings, objects, size, effort }, Some(rehearsal))
     }
 
     /// A tiny scene with what a frame like this one has.
@@ -181,7 +218,8 @@ impl Renderer {
             inner_degrees: 30.0,
             outer_degrees: 40.0,
         };
-        Ok(Stage { store, settings, mirrors, lights: vec![lamp; cast.lights], clues: cast.clues })
+        let (clues, moves, light_reuse) = (cast.clues, cast.moves, cast.light_reuse);
+        Ok(Stage { store, settings, mirrors, lights: vec![lamp; cast.lights], clues, moves, light_reuse })
     }
 
     /// A few points, and a mirror of each kind that the frame has.
@@ -204,6 +242,10 @@ impl Renderer {
         };
         add(Material::default(), &pixel)?;
         add(Material::default(), &disc([0.0, -0.4, 0.0]))?;
+        if cast.has_near {
+            // What the camera sees is small in the scene then.
+            add(Material::default(), &disc([0.0, -40.0, 0.0]))?;
+        }
         if of_points || as_points {
             add(Material { has_formula: !of_points, as_points, ..reflecting }, &disc([0.0, 0.0, 0.2]))?;
         }
@@ -279,13 +321,28 @@ mod tests {
                 clues: LightClues { sky_is_open: true, ..LightClues::default() },
             };
             let progress = Arc::default();
-            renderer.prepare(&store, &settings, objects, &progress).unwrap();
+            let still = Frame::new(&camera, &settings, objects, [64, 48]);
+            let kept = Frame { effort: Effort { light_reuse: LightReuse::Keep, ..Effort::FULL }, ..still };
+            let most_points = Some(200);
+            let effort = Effort { most_points, light_reuse: LightReuse::Reuse, times_passes: false, ..Effort::FULL };
+            let moving = Frame { effort, ..still };
+            for frame in [still, kept, moving] {
+                renderer.prepare(&store, &frame, &progress).unwrap();
+            }
             assert!(progress.total() > 10 && progress.done() >= progress.total());
             let compiled = renderer.pipelines.len();
-            renderer.render(&store, &Frame::new(&camera, &settings, objects, [64, 48])).unwrap();
-            assert_eq!(renderer.pipelines.len(), compiled, "{}: the rehearsal overlooks passes", method.row().name);
+            for frame in [still, kept, moving] {
+                renderer.render(&store, &frame).unwrap();
+                let name = method.row().name;
+                assert_eq!(
+                    renderer.pipelines.len(),
+                    compiled,
+                    "{name}: the rehearsal overlooks passes of {:?}",
+                    frame.effort
+                );
+            }
             // What is compiled is not compiled again.
-            renderer.prepare(&store, &settings, objects, &progress).unwrap();
+            renderer.prepare(&store, &still, &progress).unwrap();
             assert_eq!(renderer.pipelines.len(), compiled);
             store.remove_cloud(samples);
         }

@@ -74,8 +74,8 @@ pub struct Renderer {
     pub(crate) given_up: Option<Arc<IsGivenUp>>,
     /// See `cut_passes`.
     pub(crate) longest_piece: f64,
-    /// What the last `prepare` compiled for.
-    pub(crate) prepared: Option<Cast>,
+    /// What `prepare` has compiled for.
+    pub(crate) prepared: Vec<Cast>,
 }
 
 /// The outcome of a frame whose passes have run.
@@ -136,7 +136,7 @@ impl Renderer {
             drawn: Arc::default(),
             given_up: None,
             longest_piece: 25.0,
-            prepared: None,
+            prepared: Vec::new(),
         }
     }
 

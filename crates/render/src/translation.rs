@@ -13,6 +13,7 @@ use param::Kind;
 use rayon::prelude::*;
 use scene::{LightClues, METHODS, Settings};
 
+use crate::gi::LightReuse;
 use crate::gpu::{Error, Gpu, NEEDS};
 use crate::passes::{ALL, Pass, Slot};
 use crate::rehearsal::Cast;
@@ -35,6 +36,9 @@ fn casts(settings: &Settings) -> Vec<Cast> {
         clear: [false; 2],
         filters: false,
         own_methods: Vec::new(),
+        has_near: false,
+        moves: false,
+        light_reuse: LightReuse::Never,
     };
     vec![
         Cast { lights: 0, ..plain.clone() },

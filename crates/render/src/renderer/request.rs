@@ -65,7 +65,7 @@ impl Effort {
     };
 
     /// Whether something moves in the picture.
-    pub(super) fn is_moving(self) -> bool {
+    pub(crate) fn is_moving(self) -> bool {
         self.most_points.is_some()
     }
 }
