@@ -1,6 +1,7 @@
 //! Moving pictures where the adapter is a processor: `render::QuickPicture` draws them, in the light of the last picture at
 //! rest.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use cloud::PointTest;
@@ -18,7 +19,7 @@ use crate::viewer::picture::pace::Spared;
 pub struct MovingPictures {
     quick: QuickPicture,
     /// The light of the last picture at rest.
-    light: Option<(LightInputs, KnownLight)>,
+    light: Option<(LightInputs, Arc<KnownLight>)>,
     mirrors: Option<Reflections>,
     reflected: ReflectedPace,
     /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, and its
@@ -61,7 +62,8 @@ struct MirrorInputs {
 
 impl MirrorInputs {
     fn new(request: &FrameRequest) -> Self {
-        let settings = request.settings.only(|field| field.affects.found);
+        // A picture at rest and a hurried one of the same values show the same, as for light.
+        let settings = hurried(&request.settings, false).only(|field| field.affects.found);
         let FrameRequest { mirrors, test, .. } = request;
         Self { light: LightInputs::new(request), settings, mirrors: mirrors.clone(), test: test.clone() }
     }
@@ -99,20 +101,30 @@ impl ReflectedPace {
     }
 }
 
-/// What mirrors show in a coarse frame.
+/// What mirrors show in a coarse frame, or in the last picture at rest.
 struct Reflections {
-    /// When and of what that was drawn, and how long it took.
-    at: Instant,
+    /// When the coarse frame was drawn, or a moving picture first showed what the one at rest does.
+    since: Option<Instant>,
     of: MirrorInputs,
+    /// The revision of the points in the picture at rest. Coarse frames may lag behind them.
+    points: Option<u64>,
+    /// How long the coarse frame took to draw.
     took: Duration,
-    known: KnownLight,
+    known: Arc<KnownLight>,
     share: ReflectedShare,
 }
 
 /// What is known of what mirrors show in a hurried frame.
 fn reflections<'a>(known: Option<&'a Reflections>, request: &FrameRequest) -> Option<&'a Reflections> {
     let stays = |known: &Reflections| (known.took * 4).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]);
-    known.filter(|known| known.at.elapsed() < stays(known) && known.of == MirrorInputs::new(request))
+    let is_new = |known: &Reflections| known.since.is_none_or(|since| since.elapsed() < stays(known));
+    let is_of_points = |known: &Reflections| known.points.is_none_or(|points| points == request.revision);
+    known.filter(|known| is_new(known) && is_of_points(known) && known.of == MirrorInputs::new(request))
+}
+
+/// The pixels that a frame draws, as a share of those that it fills on the screen.
+fn share_of_pixels(request: &FrameRequest) -> f64 {
+    1.0 / f64::from(request.spared.unwrap_or(Spared::NOTHING).divisor).powi(2)
 }
 
 /// Whether the points of a picture show their own colours, without light.
@@ -139,7 +151,7 @@ impl MovingPictures {
     }
 
     /// Whether mirrors reflect in quick pictures. The first ones do not wait until the passes for that are compiled.
-    fn reflects(&self, store: &PointStore, request: &FrameRequest) -> bool {
+    pub fn reflects(&self, store: &PointStore, request: &FrameRequest) -> bool {
         self.can_reflect && (!request.mirrors.is_empty() || store.has_mirrors())
     }
 
@@ -150,13 +162,18 @@ impl MovingPictures {
         if !reflects || !self.can_draw(gpu, request) || reflections(self.mirrors.as_ref(), request).is_some() {
             return None;
         }
+        Some(self.coarse(request))
+    }
+
+    /// The coarse frame for a hurried one.
+    pub fn coarse(&self, request: &FrameRequest) -> FrameRequest {
         // Where the camera stands, the surface is kept from one frame to the next.
         let stands = self.stand.as_ref().is_some_and(|(_, camera)| *camera == request.camera);
         let divisor = if stands { OF_STANDING_MIRRORS } else { OF_MIRRORS };
         let pixels = request.size.map(|edge| u64::from(edge / divisor)).iter().product();
         let most_reflected = Some(self.reflected.most(&request.settings));
         let spared = Spared { divisor, most_points: Some(pixels), most_reflected };
-        Some(FrameRequest { spared: Some(spared), ..request.clone() })
+        FrameRequest { spared: Some(spared), ..request.clone() }
     }
 
     /// Draws a hurried frame, if the adapter is a processor, and the light on the points and what mirrors show is known.
@@ -165,14 +182,17 @@ impl MovingPictures {
         let FrameRequest { camera, settings, .. } = request;
         self.is_shown = false;
         let reflects = self.reflects(store, request);
+        if let Some(mirrors) = &mut self.mirrors {
+            mirrors.since.get_or_insert_with(Instant::now);
+        }
         let mirrors = reflections(self.mirrors.as_ref(), request).filter(|_| reflects);
         if !self.can_draw(gpu, request) || reflects && mirrors.is_none() {
             return None;
         }
         // The coarse frame knows the light, too.
         let inputs = LightInputs::new(request);
-        let shown = mirrors.map(|mirrors| &mirrors.known);
-        let known = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| light).or(shown);
+        let shown = mirrors.map(|mirrors| &*mirrors.known);
+        let known = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| &**light).or(shown);
         let light = known.filter(|_| !is_unlit(request));
         if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
@@ -198,26 +218,41 @@ impl MovingPictures {
     ) -> render::Result<()> {
         self.reflected.learn(&request.settings, stats);
         let known = renderer.known_light(&request.settings)?;
-        let divisor = request.spared.unwrap_or(Spared::NOTHING).divisor;
-        let pixels = 1.0 / f64::from(divisor).powi(2);
-        let share = ReflectedShare { pixels, ..stats.reflected.unwrap_or(ReflectedShare::ALL) };
+        let share =
+            ReflectedShare { pixels: share_of_pixels(request), ..stats.reflected.unwrap_or(ReflectedShare::ALL) };
         // Compiling is no part of it.
         let milliseconds = if stats.has_compiled { 0.0 } else { stats.frame_milliseconds };
         let took = Duration::try_from_secs_f64(milliseconds * 1e-3).unwrap_or_default();
-        self.mirrors = Some(Reflections { at: Instant::now(), of: MirrorInputs::new(request), took, known, share });
+        let (since, of, known) = (Some(Instant::now()), MirrorInputs::new(request), Arc::new(known));
+        self.mirrors = Some(Reflections { since, of, points: None, took, known, share });
         Ok(())
     }
 
-    /// Keeps the light of the frame that the renderer holds, which is a picture at rest, for the pictures that follow.
+    /// Keeps the light of the frame that the renderer holds, which is a picture at rest, for the pictures that follow, and
+    /// what mirrors show in it for the first of them.
     ///
     /// # Errors
     /// The device was lost.
-    pub fn keep_light(&mut self, gpu: &Gpu, renderer: &Renderer, request: &FrameRequest) -> render::Result<()> {
+    pub fn keep_light(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &Renderer,
+        store: &PointStore,
+        request: &FrameRequest,
+    ) -> render::Result<()> {
         self.is_shown = false;
-        self.light = None;
+        (self.light, self.mirrors) = (None, None);
         self.stand = Some((request.mirrors.clone(), request.camera));
-        if gpu.is_processor() && !is_unlit(request) {
-            self.light = Some((LightInputs::new(request), renderer.known_light(&request.settings)?));
+        let reflects = self.reflects(store, request);
+        if gpu.is_processor() && (reflects || !is_unlit(request)) {
+            let known = Arc::new(renderer.known_light(&request.settings)?);
+            if reflects {
+                let (of, points) = (MirrorInputs::new(request), Some(request.revision));
+                let share = ReflectedShare { pixels: share_of_pixels(request), ..ReflectedShare::ALL };
+                let known = known.clone();
+                self.mirrors = Some(Reflections { since: None, of, points, took: Duration::ZERO, known, share });
+            }
+            self.light = Some((LightInputs::new(request), known)).filter(|_| !is_unlit(request));
         }
         Ok(())
     }

@@ -23,7 +23,7 @@ use world::{Change, Resident};
 use crate::overlays;
 use crate::system::picture_file;
 use crate::viewer::picture::beginning::Beginning;
-use crate::viewer::picture::frame_request::FrameRequest;
+use crate::viewer::picture::frame_request::{FrameRequest, hurried};
 use crate::viewer::picture::judging::{self, MovingJudge};
 use crate::viewer::picture::messages::{Captured, Command, PickedPoint, Picture, Report};
 use crate::viewer::picture::moving::MovingPictures;
@@ -201,17 +201,29 @@ impl Worker {
         let mut upload_slice = UPLOAD_SLICE;
         // Choosing waits, too, and ends once anything else is to be done.
         let mut choose = None;
+        // Whether the passes for what comes after the picture on the screen are compiled.
+        let mut is_prepared = true;
         loop {
             let is_idle = frame.is_none() && estimate.is_none() && choose.is_none();
             let received = match first.pop_front() {
                 Some(command) => Ok(command),
-                None if is_idle => commands.recv().map_err(|_| TryRecvError::Disconnected),
+                None if is_idle && is_prepared => commands.recv().map_err(|_| TryRecvError::Disconnected),
                 None => commands.try_recv(),
             };
             let mut next = match received {
                 Err(TryRecvError::Disconnected) => return,
                 received => received.ok(),
             };
+            if is_idle && next.is_none() && !std::mem::replace(&mut is_prepared, true) {
+                // A frame that needs what cannot be compiled reports it.
+                if let Err(error) = self.prepare_moving()
+                    && is_fatal(&error)
+                    && let Err(error) = self.survive(error, report)
+                {
+                    return report(Report::Lost(error.to_string()));
+                }
+                continue;
+            }
             urgent.store(false, Ordering::Relaxed);
             waiting.store(false, Ordering::Relaxed);
             let started = Instant::now();
@@ -275,6 +287,7 @@ impl Worker {
                             frame = Some(request);
                         }
                         finish(Finished::Drawn(Box::new(drawn)));
+                        is_prepared = false;
                     }
                     Err(render::Error::GivenUp) => frame = Some(request),
                     Err(error) if is_fatal(&error) => match self.survive(error, report) {
@@ -456,8 +469,6 @@ impl Worker {
         let FrameRequest { mirrors, lights, clues, .. } = request;
         let objects = Objects { mirrors, lights, clues: *clues };
         self.held = None;
-        self.renderer.prepare(&self.resident.store, &request.settings, objects, &self.shaders)?;
-        self.moving.can_reflect |= !mirrors.is_empty() || self.resident.store.has_mirrors();
         let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
         self.exposed_at = samples.is_some().then(Instant::now);
         let frame = render::Frame {
@@ -467,6 +478,8 @@ impl Worker {
             size: request.drawn_size(),
             effort: Effort { most_samples: samples, exposure_share: since.map(adapted_share), ..effort_of(request) },
         };
+        self.renderer.prepare(&self.resident.store, &frame, &self.shaders)?;
+        self.moving.can_reflect |= !mirrors.is_empty() || self.resident.store.has_mirrors();
         let stats = self.renderer.render(&self.resident.store, &frame)?;
         let [summed, asked] = stats.samples();
         let adapts = stats.exposure.is_some_and(|exposure| exposure.adapts);
@@ -482,7 +495,7 @@ impl Worker {
         };
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         if !request.hurried {
-            self.moving.keep_light(&self.gpu, &self.renderer, &request)?;
+            self.moving.keep_light(&self.gpu, &self.renderer, &self.resident.store, &request)?;
             self.judge.on_still(&request);
         }
         if let Some(still) = self.judge.still_of(&request) {
@@ -497,12 +510,38 @@ impl Worker {
     fn draw_moving(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
         if let Some(coarse) = self.moving.lacks(&self.gpu, &self.resident.store, request) {
             let (stats, _) = self.draw_by_passes(&coarse)?;
+            let (milliseconds, has_compiled) = (stats.frame_milliseconds, stats.has_compiled);
+            tracing::debug!(milliseconds, has_compiled, "coarse frame for mirrors");
             self.moving.keep_mirrors(&self.renderer, &coarse, &stats)?;
         }
         match self.moving.draw(&self.gpu, &self.resident.store, request) {
             Some(drawn) => Ok(drawn),
             None => self.draw_by_passes(request),
         }
+    }
+
+    /// Compiles the passes of the frames that come when something begins to move in the picture at rest on the screen, so
+    /// that the first of them need not wait for that.
+    fn prepare_moving(&mut self) -> render::Result<()> {
+        let Some(request) = self.on_screen.clone().filter(|request| !request.hurried) else { return Ok(()) };
+        let settings = hurried(&request.settings, false);
+        let request = self.moving.coarse(&FrameRequest { settings, hurried: true, ..request });
+        if self.gpu.is_processor() && !self.moving.reflects(&self.resident.store, &request) {
+            // The processor draws all of them.
+            return Ok(());
+        }
+        let FrameRequest { camera, settings, mirrors, lights, clues, .. } = &request;
+        let objects = Objects { mirrors, lights, clues: *clues };
+        let effort = effort_of(&request);
+        let frame = render::Frame { camera, settings, objects, size: request.drawn_size(), effort };
+        let started = Instant::now();
+        let outcome = self.renderer.prepare(&self.resident.store, &frame, &self.shaders);
+        if outcome.is_err() {
+            // The renderer may have given up the picture that it held.
+            self.held = None;
+        }
+        tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "passes of moving pictures prepared");
+        outcome
     }
 
     /// Draws a frame by the passes of the renderer.

@@ -134,12 +134,13 @@ fn mirrors_reflect_in_quick_pictures_once_their_passes_are_compiled_and_say_what
         return eprintln!("skipped: the adapter is no processor");
     }
     let still = request([60, 48]);
-    let quick = |size: u32| {
+    let quick_of = |size: u32, revision: u64| {
         let mut settings = hurried(&still.settings, false);
         settings.environment_map.size = size;
         let spared = Some(Spared { divisor: 2, ..Spared::NOTHING });
-        Command::Frame(Box::new(FrameRequest { settings, spared, hurried: true, ..(*still).clone() }))
+        Command::Frame(Box::new(FrameRequest { settings, spared, hurried: true, revision, ..(*still).clone() }))
     };
+    let quick = |size: u32| quick_of(size, 0);
     let pixels = |command| {
         thread.send(command);
         let Report::Frame(frame) = report() else { panic!("no frame") };
@@ -151,9 +152,19 @@ fn mirrors_reflect_in_quick_pictures_once_their_passes_are_compiled_and_say_what
     thread.send(Command::Measure(still.clone()));
     assert!(matches!(report(), Report::Measured { .. }));
     assert_eq!(pixels(quick(65)), Some(1.0 / 25.0));
-    thread.send(Command::Frame(still.clone()));
-    assert!(matches!(report(), Report::Frame(frame) if frame.stats.reflected.is_none()));
+    let rest = || {
+        thread.send(Command::Frame(still.clone()));
+        assert!(matches!(report(), Report::Frame(frame) if frame.stats.reflected.is_none()));
+    };
+    rest();
     assert_eq!(pixels(quick(66)), Some(1.0 / 9.0), "the camera stands where it stood");
+    rest();
+    let own = still.settings.environment_map.size;
+    assert_eq!(pixels(quick(own)), Some(1.0), "mirrors show what they show at rest");
+    std::thread::sleep(Duration::from_millis(400));
+    assert_eq!(pixels(quick(own)), Some(1.0 / 9.0), "for a while");
+    rest();
+    assert_eq!(pixels(quick_of(own, 1)), Some(1.0 / 9.0), "but not other points");
     thread.end();
 }
 
@@ -190,7 +201,7 @@ fn samples_of_glossy_mirrors_come_in_steps_and_end_in_the_picture_of_all() {
     thread.send(Command::Frame(glossy.clone()));
     assert!(samples().1);
     // A frame that is requested meanwhile takes the place of what is left.
-    glossy.hurried = false;
+    (glossy.hurried, glossy.camera) = (false, Camera::looking(DVec3::ZERO, DVec3::Y, 5.0, DVec3::Z));
     thread.send(Command::Frame(glossy.clone()));
     let other = Box::new(FrameRequest { revision: 1, ..*glossy });
     thread.send(Command::Frame(other.clone()));
