@@ -62,8 +62,12 @@ fn file(folder: &TempDir, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
 
 fn read_whole(path: &Path) -> Cloud {
     let source = codec::open(path).unwrap();
+    assert!(source.info().warnings.is_empty(), "{:?}", source.info().warnings);
+    read_points(&source)
+}
+
+fn read_points(source: &Source) -> Cloud {
     let info = source.info();
-    assert!(info.warnings.is_empty(), "{:?}", info.warnings);
     let attributes = vec![true; info.attributes.len()];
     let selection = Selection { positions: true, colors: true, normals: true, attributes };
     let chunks = Mutex::new(Vec::new());
@@ -150,6 +154,86 @@ fn points_stay_in_the_order_of_the_file() {
     let start = |path: &Path| header(path).offset_to_point_data as usize;
     let bytes = std::fs::read(&whole).unwrap();
     assert!(bytes[start(&whole)..] == las[start(&original)..]);
+}
+
+#[test]
+fn extra_bytes_without_a_type_keep_their_length() {
+    let folder = tempfile::tempdir().unwrap();
+    // The options of such a dimension are its number of bytes, here as many as the flags of a range.
+    let mut blob = descriptor("blob", 0, None);
+    blob[3] = 7;
+    let mut made = points(7, 300);
+    for (point, index) in made.iter_mut().zip(0_u32..) {
+        point.extra_bytes = [&[9; 7][..], &(index + 70_000).to_le_bytes()].concat();
+    }
+    let vlrs = [("LASF_Spec", 4, [blob, descriptor("number", 5, None)].concat())];
+    let original = file(&folder, "original.las", las_file((1, 4), 7, &made, &vlrs));
+    let expected = las_points(&original);
+    for output in ["a.las", "a.laz", "a.copc.laz"] {
+        let output = folder.path().join(output);
+        written(&[&original], &PointTest::default(), &output);
+        let mut numbers: Vec<f64> = values(&read_points(&codec::open(&output).unwrap()), "number")
+            .into_iter()
+            .map(|(.., value)| value)
+            .collect();
+        numbers.sort_by(f64::total_cmp);
+        assert_eq!(
+            numbers,
+            (0..300).map(|index| f64::from(index + 70_000)).collect::<Vec<_>>(),
+            "{}",
+            output.display()
+        );
+        let reader = las::Reader::from_path(&output).unwrap();
+        let written = reader.header().all_vlrs().find(|vlr| vlr.record_id == 4).unwrap();
+        assert_eq!(written.data[2..4], [0, 7], "{}", output.display());
+    }
+    assert_eq!(las_points(&folder.path().join("a.laz")), expected);
+}
+
+#[test]
+fn files_whose_heights_are_in_other_systems_do_not_become_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let with_keys = |name: &str, keys: &[[u16; 4]]| {
+        let head = [1, 1, 0, keys.len() as u16];
+        let keys = [head].iter().chain(keys).flatten().flat_map(|number| number.to_le_bytes()).collect();
+        let vlrs = [("LASF_Projection", 34735, keys)];
+        file(&folder, name, las_file((1, 2), 1, &points(1, 100), &vlrs))
+    };
+    let on_map = [3072, 0, 1, 26910];
+    let heights = |code: u16| [4096, 0, 1, code];
+    let plain = with_keys("plain.las", &[on_map]);
+    let metres = with_keys("metres.las", &[on_map, heights(5703)]);
+    let feet = with_keys("feet.las", &[on_map, heights(8228)]);
+    let ellipsoid = with_keys("ellipsoid.las", &[on_map, heights(5030)]);
+    let feet_by_unit = with_keys("feet_by_unit.las", &[on_map, [4099, 0, 1, 9002]]);
+    assert_eq!(codec::open(&metres).unwrap().info().crs.as_deref(), Some("EPSG:26910+5703"));
+    for (other, is_alike) in [(&plain, true), (&feet, false), (&ellipsoid, false), (&feet_by_unit, false)] {
+        for ending in ["las", "csv"] {
+            let output = other.with_extension(format!("one.{ending}"));
+            let progress = Progress::default();
+            let outcome = export(&sources(&[&metres, other]), &PointTest::default(), &[], &output, MEMORY, &progress);
+            match outcome {
+                Ok(_) => assert!(is_alike, "{}", other.display()),
+                Err(error) => assert!(!is_alike && error.to_string().contains("another coordinate system"), "{error}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn a_file_that_was_written_to_is_not_read_further() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(&folder, "first.las", las_file((1, 2), 1, &points(1, 500), &[]));
+    let source = sources(&[&path]);
+    source[0].bytes().check_unchanged().unwrap();
+    let later = std::fs::metadata(&path).unwrap().modified().unwrap() + std::time::Duration::from_secs(2);
+    std::fs::write(&path, las_file((1, 2), 1, &points(1, 500), &[])).unwrap();
+    std::fs::File::options().write(true).open(&path).unwrap().set_modified(later).unwrap();
+    let output = folder.path().join("one.csv");
+    let error = export(&source, &PointTest::default(), &[], &output, MEMORY, &Progress::default()).unwrap_err();
+    assert!(error.to_string().contains("changed since it was opened"), "{error}");
+    assert!(!output.exists());
+    assert!(source[0].bytes().check_unchanged().unwrap_err().to_string().contains("changed since it was opened"));
 }
 
 #[test]

@@ -270,7 +270,9 @@ pub fn check_alike(sources: &[&LasSource], words: &mut Words) -> Result<()> {
             return refuse("has other extra dimensions");
         }
         match (&source.info.crs, &first.info.crs) {
-            (Some(own), Some(other)) if own != other => return refuse("is in another coordinate system"),
+            (Some(_), Some(_)) if source.info.has_other_system(&first.info) => {
+                return refuse("is in another coordinate system");
+            }
             (None, Some(_)) => {
                 let of = shown(&first.info.path);
                 words.say(&source.info.path, format!("has no coordinate system: taken to be in that of {of}"));
@@ -401,7 +403,7 @@ pub fn one_at_a_time(items: &[LazItem], memory: u64) -> Option<Mutex<()>> {
 fn extra_dimensions(source: &LasSource) -> (usize, Vec<Vec<u8>>) {
     let descriptors = source.descriptors.chunks_exact(192).map(|descriptor| {
         let mut fixed = descriptor.to_vec();
-        fixed[3] &= !RANGE_OPTIONS;
+        forget_range(&mut fixed);
         fixed[64..112].fill(0);
         fixed
     });
@@ -409,7 +411,15 @@ fn extra_dimensions(source: &LasSource) -> (usize, Vec<Vec<u8>>) {
 }
 
 /// The options of a descriptor that say that it contains the smallest and the largest value.
-pub const RANGE_OPTIONS: u8 = 2 | 4;
+const RANGE_OPTIONS: u8 = 2 | 4;
+
+/// Says in the descriptor of an extra dimension that it does not contain the smallest and the largest value. The options
+/// of one without a type are its number of bytes.
+pub fn forget_range(descriptor: &mut [u8]) {
+    if descriptor[2] != 0 {
+        descriptor[3] &= !RANGE_OPTIONS;
+    }
+}
 
 /// The first file's grid with the finest steps of any; with coarser ones where 32 bits do not reach all points.
 pub fn common_grid(sources: &[&LasSource]) -> Grid {

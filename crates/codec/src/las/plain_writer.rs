@@ -13,7 +13,7 @@ use tempfile::NamedTempFile;
 use super::LasSource;
 use super::layout::Layout;
 use super::output_head::{WAVE_PACKETS, copy_record, is_extra_bytes, is_kept, padded, write_record, write_system};
-use super::output_records::{RANGE_OPTIONS, STANDARD_TIME, Statistics, Target};
+use super::output_records::{STANDARD_TIME, Statistics, Target, forget_range};
 use super::systems::{System, WKT};
 
 /// The number of points of a compressed chunk, as LASzip has it.
@@ -95,7 +95,7 @@ impl<'a> PlainFile<'a> {
         }
         // Clipped points have other ranges of values.
         let mut descriptors = head.descriptors.clone();
-        descriptors.chunks_exact_mut(192).for_each(|descriptor| descriptor[3] &= !RANGE_OPTIONS);
+        descriptors.chunks_exact_mut(192).for_each(forget_range);
         for part in descriptors.chunks(192 * MOST_DESCRIPTORS) {
             add(&mut bytes, ("LASF_Spec", 4, "extra dimensions"), part);
         }

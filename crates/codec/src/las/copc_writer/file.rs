@@ -14,7 +14,7 @@ use crate::las::LasSource;
 use crate::las::output_head::{
     HEAD_LENGTH, WAVE_PACKETS, copy_record, is_extra_bytes, is_kept, padded, write_record, write_system,
 };
-use crate::las::output_records::{RANGE_OPTIONS, Statistics};
+use crate::las::output_records::{Statistics, forget_range};
 use crate::las::systems::WKT;
 
 const HEADER_LENGTH: u16 = 375;
@@ -76,9 +76,7 @@ impl CopcFile {
             copy_record(first, place, &mut head)?;
             if sources.len() > 1 && is_extra_bytes(&head[start..]) {
                 // The ranges of the first file's values are not those of all files.
-                head[start + HEAD_LENGTH..]
-                    .chunks_exact_mut(192)
-                    .for_each(|descriptor| descriptor[3] &= !RANGE_OPTIONS);
+                head[start + HEAD_LENGTH..].chunks_exact_mut(192).for_each(forget_range);
             }
             records += 1;
         }
