@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::address::{Address, is_address, last_part};
 use crate::brief;
 use crate::bytes::Bytes;
-use crate::info::Info;
+use crate::info::{Info, are_other_systems};
 use crate::las::systems;
 use crate::units::globe::Globe;
 use crate::units::wkt;
@@ -302,7 +302,12 @@ pub fn write_catalogue(tiles: &[Tile<'_>], output: &Path) -> Result<Vec<String>>
         ids.insert(id);
     }
     let mut warnings = Vec::new();
-    let systems: HashSet<&str> = tiles.iter().filter_map(|tile| tile.info.crs.as_deref()).collect();
+    let mut systems: Vec<&str> = Vec::new();
+    for system in tiles.iter().filter_map(|tile| tile.info.crs.as_deref()) {
+        if systems.iter().all(|known| are_other_systems(known, system)) {
+            systems.push(system);
+        }
+    }
     if systems.len() > 1 {
         let count = systems.len();
         warnings.push(format!("its tiles have {count} coordinate systems; coordinates are taken as they are"));

@@ -119,6 +119,8 @@ pub fn export<'a>(
     }
     let all: Option<Vec<&LasSource>> = sources.iter().map(|source| las(source)).collect();
     let job = Job { sources, wanted, added, output, memory, progress, bounds: Mutex::new(Bounds::EMPTY) };
+    // Formats without a place for a coordinate system have one all the same.
+    job.crs()?;
     let written = match (format, &all) {
         (ExportFormat::Ply, _) => job.write_ply(file)?,
         (ExportFormat::E57, _) => job.write_e57(file)?,
@@ -129,6 +131,9 @@ pub fn export<'a>(
         _ => job.write_las(file, format != ExportFormat::Las)?,
     };
     let Some(Written { file, points, mut changes, mut warnings }) = written else { return Ok(None) };
+    for source in sources {
+        source.bytes().check_as_opened()?;
+    }
     if points == 0 {
         return Err(Error::unsuitable(output, "not written: no point is shown"));
     }
@@ -415,18 +420,13 @@ impl Job<'_> {
 
     /// The coordinate system of all files that have one.
     fn crs(&self) -> Result<Option<&str>> {
-        let mut found: Option<(&Path, &str)> = None;
-        for info in self.sources.iter().map(|source| source.info()) {
-            match (&info.crs, found) {
-                (Some(crs), None) => found = Some((&info.path, crs)),
-                (Some(crs), Some((path, known))) if crs != known => {
-                    let problem = format!("is in another coordinate system than {}", shown(path));
-                    return Err(Error::unsuitable(&info.path, problem));
-                }
-                _ => {}
-            }
+        let mut with_system = self.sources.iter().map(|source| source.info()).filter(|info| info.crs.is_some());
+        let Some(first) = with_system.next() else { return Ok(None) };
+        if let Some(other) = with_system.find(|info| info.has_other_system(first)) {
+            let problem = format!("is in another coordinate system than {}", shown(&first.path));
+            return Err(Error::unsuitable(&other.path, problem));
         }
-        Ok(found.map(|(_, crs)| crs))
+        Ok(first.crs.as_deref())
     }
 
     fn most_points(&self) -> u64 {

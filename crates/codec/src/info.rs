@@ -78,7 +78,22 @@ pub struct Image {
     pub position: Option<DVec3>,
 }
 
+/// Whether two names, or texts, are of different coordinate systems. One that names the system of the heights, too, as in
+/// `EPSG:26910+5703`, is that of one that does not.
+pub fn are_other_systems(one: &str, other: &str) -> bool {
+    let (one, other) = (one.trim(), other.trim());
+    let adds_heights =
+        |long: &str, short: &str| long.strip_prefix(short).is_some_and(|end| end.trim().starts_with('+'));
+    one != other && !adds_heights(one, other) && !adds_heights(other, one)
+}
+
 impl Info {
+    /// Whether both name a coordinate system, or units, and not the same.
+    pub fn has_other_system(&self, other: &Self) -> bool {
+        let named = self.crs.as_deref().zip(other.crs.as_deref());
+        named.is_some_and(|(own, other)| are_other_systems(own, other)) || self.units.contradict(&other.units)
+    }
+
     /// Where the scanner stood, if the file says so.
     pub fn scanner(&self) -> Option<DVec3> {
         self.scan.as_ref().and_then(|scan| scan.position)

@@ -90,7 +90,8 @@ pub struct Place<'a> {
 
 impl Place<'_> {
     fn differs_from(&self, other: &Self) -> bool {
-        matches!((self.system, other.system), (Some(own), Some(other)) if own.trim() != other.trim())
+        let named = self.system.zip(other.system);
+        named.is_some_and(|(own, other)| codec::are_other_systems(own, other)) || self.units.contradict(&other.units)
     }
 }
 

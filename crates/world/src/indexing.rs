@@ -218,7 +218,8 @@ impl Loader {
             }
             _ => file_name(&path),
         };
-        if let Some(other) = infos().find(|info| info.crs.is_some() && crs.is_some() && info.crs != crs) {
+        let first = infos().next();
+        if let Some(other) = infos().find(|info| first.is_some_and(|first| info.has_other_system(first))) {
             warnings.push(format!(
                 "{} has another coordinate system than the first file of {name}",
                 scene::shown(&other.path)

@@ -569,7 +569,7 @@ impl Tiles {
             tile.bounds = own;
         }
         let model = self.model.info();
-        if info.crs.is_some() && model.crs.is_some() && info.crs != model.crs {
+        if info.has_other_system(model) {
             let first = shown(&model.path);
             self.problems.push(format!("{name} has another coordinate system than {first}"));
         }

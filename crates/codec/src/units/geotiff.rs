@@ -46,11 +46,19 @@ impl GeoTiff<'_> {
         (!citation.is_empty()).then(|| citation.to_owned())
     }
 
-    /// The name of the system: a citation, or else the code of the EPSG.
+    /// The name of the system: a citation, or else the code of the EPSG; behind it the code of the system of the heights,
+    /// as in `EPSG:26910+5703`, unless the citation names that.
     pub fn name(&self) -> Option<String> {
         // The citations of the projected, the whole, the geographic system.
         let citation = [3073, 1026, 2049].into_iter().find_map(|id| self.citation(id));
-        citation.or_else(|| self.code().map(|code| format!("EPSG:{code}")))
+        match (citation, self.system(4096)) {
+            (Some(citation), Some(heights)) if !citation.contains('+') => Some(format!("{citation} + EPSG:{heights}")),
+            (Some(citation), _) => Some(citation),
+            (None, heights) => {
+                let heights = heights.map_or(String::new(), |heights| format!("+{heights}"));
+                self.code().map(|code| format!("EPSG:{code}{heights}"))
+            }
+        }
     }
 
     /// The code of the projected, or else of the geographic system.

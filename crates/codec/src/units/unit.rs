@@ -108,6 +108,14 @@ impl Unit {
         }
     }
 
+    /// The name that the EPSG gives it in short, such as `m`, `ftUS` and `deg`.
+    pub fn short_name(self) -> String {
+        match self {
+            Self::Degree => "deg".into(),
+            _ => self.to_string(),
+        }
+    }
+
     pub fn is_angle(self) -> bool {
         matches!(self, Self::Degree | Self::Angle(_))
     }
@@ -152,11 +160,11 @@ impl Units {
         ))
     }
 
-    /// The units for people: `m`, or `ftUS, heights in m`.
+    /// The units by their short names: `m`, or `ftUS, heights in m`.
     pub fn text(&self) -> String {
-        let level = self.level.map_or("unknown".into(), |level| level.to_string());
+        let level = self.level.map_or("unknown".into(), Unit::short_name);
         match self.height {
-            Some(height) if self.level != Some(height) => format!("{level}, heights in {height}"),
+            Some(height) if self.level != Some(height) => format!("{level}, heights in {}", height.short_name()),
             _ => level,
         }
     }
@@ -167,7 +175,7 @@ impl Units {
     }
 
     /// Whether both say something of the same coordinate, and not the same.
-    pub(crate) fn contradict(&self, other: &Self) -> bool {
+    pub fn contradict(&self, other: &Self) -> bool {
         let differ = |own: Option<Unit>, other: Option<Unit>| own.zip(other).is_some_and(|(own, other)| own != other);
         differ(self.level, other.level) || differ(self.height, other.height)
     }
@@ -215,6 +223,6 @@ mod tests {
         assert_eq!([text(metre, None), text(metre, metre)], ["m", "m"]);
         assert_eq!(text(foot, metre), "ftUS, heights in m");
         assert_eq!(text(None, metre), "unknown, heights in m");
-        assert_eq!(text(Some(Unit::Degree), metre), "°, heights in m");
+        assert_eq!(text(Some(Unit::Degree), metre), "deg, heights in m");
     }
 }
