@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use crate::address::is_address;
-use crate::disk::Disk;
+use crate::disk::{Disk, State};
 use crate::remote::{Remote, Stamp};
 use crate::{Error, Result};
 
 /// The bytes of an open file. It stays open, so they are those of the file that was opened, whatever has its name later.
+/// Where another program has written to that file since, nothing more is read of it.
 pub struct Bytes {
     path: PathBuf,
     length: u64,
@@ -19,7 +20,8 @@ pub struct Bytes {
 }
 
 enum Place {
-    Disk(Disk),
+    /// A file, and its state when it was opened.
+    Disk(Disk, State),
     Remote(Box<Remote>),
     Memory(Vec<u8>),
 }
@@ -80,8 +82,9 @@ impl Bytes {
 
     /// The bytes of a file without a name, which messages name by `path`.
     pub(crate) fn of_file(path: &Path, file: File) -> io::Result<Self> {
-        let length = file.metadata()?.len();
-        Ok(Self { path: path.to_owned(), length, place: Place::Disk(Disk::new(file)) })
+        let disk = Disk::new(file);
+        let state = disk.state()?;
+        Ok(Self { path: path.to_owned(), length: state.length, place: Place::Disk(disk, state) })
     }
 
     /// What a file holds when it is decompressed; messages name it by the path of the file.
@@ -124,7 +127,10 @@ impl Bytes {
 
     fn read_some_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
         match &self.place {
-            Place::Disk(file) => file.read_some_at(offset, buffer),
+            Place::Disk(file, opened) => {
+                let count = file.read_some_at(offset, buffer)?;
+                check_same(*opened, file.state()?).map(|()| count)
+            }
             Place::Remote(remote) => remote.read_some_at(offset, buffer),
             Place::Memory(bytes) => {
                 let rest = usize::try_from(offset).ok().and_then(|offset| bytes.get(offset..)).unwrap_or_default();
@@ -133,6 +139,29 @@ impl Bytes {
                 Ok(count)
             }
         }
+    }
+
+    /// Says what is wrong if the file with its name, which is opened again, is another one than it was.
+    ///
+    /// # Errors
+    /// If the file was written to, or another one has taken its place.
+    pub fn check_unchanged(&self) -> Result<()> {
+        let Place::Disk(_, opened) = &self.place else { return Ok(()) };
+        if self.path == Path::new(Self::STANDARD_INPUT) {
+            return Ok(());
+        }
+        let failed = |error| Error::io(&self.path, error);
+        let now = State::of(&std::fs::metadata(&self.path).map_err(failed)?);
+        check_same(*opened, now).map_err(failed)
+    }
+
+    /// Checks that nobody has written to the file since it was opened; what was read may be of both files.
+    ///
+    /// # Errors
+    /// If somebody has.
+    pub(crate) fn check_as_opened(&self) -> Result<()> {
+        let Place::Disk(file, opened) = &self.place else { return Ok(()) };
+        file.state().and_then(|now| check_same(*opened, now)).map_err(|error| Error::io(&self.path, error))
     }
 
     /// Whether it comes from an address.
@@ -144,7 +173,7 @@ impl Bytes {
     /// sends nothing of the kind.
     pub fn remote_identity(&self) -> Option<String> {
         match &self.place {
-            Place::Disk(_) | Place::Memory(_) => None,
+            Place::Disk(..) | Place::Memory(_) => None,
             Place::Remote(remote) => remote.identity(),
         }
     }
@@ -152,7 +181,7 @@ impl Bytes {
     /// The stamp of a file at an address, if another file would have another one.
     pub(crate) fn stamp(&self) -> Option<&Stamp> {
         match &self.place {
-            Place::Disk(_) | Place::Memory(_) => None,
+            Place::Disk(..) | Place::Memory(_) => None,
             Place::Remote(remote) => remote.stamp(),
         }
     }
@@ -163,7 +192,7 @@ impl Bytes {
     /// If it cannot be fetched.
     pub(crate) fn fetch(&self, offset: u64, length: u64) -> io::Result<()> {
         match &self.place {
-            Place::Disk(_) | Place::Memory(_) => Ok(()),
+            Place::Disk(..) | Place::Memory(_) => Ok(()),
             Place::Remote(remote) => {
                 let end = offset.saturating_add(length).min(self.length);
                 remote.fetch(offset.min(end)..end)
@@ -177,7 +206,7 @@ impl Bytes {
     /// If it is longer than fetched files may be, or cannot be fetched.
     pub(crate) fn fetch_all(&self) -> Result<()> {
         match &self.place {
-            Place::Disk(_) | Place::Memory(_) => Ok(()),
+            Place::Disk(..) | Place::Memory(_) => Ok(()),
             Place::Remote(remote) => remote.fetch_all().map_err(|error| Error::io(&self.path, error)),
         }
     }
@@ -186,6 +215,11 @@ impl Bytes {
     pub(crate) fn section(&self, start: u64, end: u64) -> Section<'_> {
         Section { file: self, start, position: start, end }
     }
+}
+
+/// Checks that the state of a file is that which it had when it was opened.
+fn check_same(opened: State, now: State) -> io::Result<()> {
+    if now == opened { Ok(()) } else { Err(io::Error::other("it has been changed since it was opened; open it again")) }
 }
 
 /// All that comes from standard input, as a file.

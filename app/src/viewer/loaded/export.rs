@@ -25,6 +25,9 @@ impl Loaded {
             let what = "some of its clouds are switched off; show all of them or none, and clip or filter the rest";
             return outside.error(text!("{input}: not saved: {what}", input, what));
         }
+        if let (Export::Ask | Export::To(_), Err(error)) = (&step, self.check_unchanged()) {
+            return outside.say(Level::Error, error);
+        }
         match step {
             Export::Stop => self.writing.iter().for_each(|writing| writing.progress.cancel()),
             Export::Ask | Export::To(_) if self.writing.is_some() => {
@@ -46,6 +49,15 @@ impl Loaded {
                 outside.work(Work::Export { inputs, own, test, added, path, settings, progress });
             }
         }
+    }
+
+    /// Says which file of a cloud in memory is another one than it was, and so are its points where it is read again.
+    ///
+    /// # Errors
+    /// If there is one.
+    pub fn check_unchanged(&self) -> Result<(), String> {
+        let mut sources = self.clouds.iter().filter(|entry| entry.is_visible).filter_map(|entry| entry.source.as_ref());
+        sources.try_for_each(|source| source.bytes().check_unchanged()).map_err(|error| error.to_string())
     }
 
     /// The input of which some clouds are switched on and others off, if there is one: a folder has several.

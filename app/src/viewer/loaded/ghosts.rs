@@ -61,6 +61,7 @@ impl Loaded {
     }
 
     fn looking(&self, beside: &Beside<'_>) -> Result<GhostTask, String> {
+        self.check_unchanged()?;
         let mut inputs: Vec<String> = Vec::new();
         for entry in self.clouds.iter().filter(|entry| entry.is_visible) {
             if entry.is_built_in() {
