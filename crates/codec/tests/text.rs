@@ -161,6 +161,20 @@ fn columns_are_told_by_names_separators_and_values() {
     let unsure = open("1 2 3 4 5\n4 5 6 7 8\n").unwrap().remove(0);
     let warning = &unsure.info().warnings[0];
     assert!(warning.contains("taken for x,y,z,column_4,column_5; --columns names others"), "{warning}");
+    // Times are no intensities, and intensities of many digits are kept.
+    let timed = open("1 2 3 1600000001\n4 5 7 1600000002\n").unwrap().remove(0);
+    assert_eq!((names(&timed).as_str(), values(&timed, "column_4")[1]), ("x y z column_4", 1_600_000_002.0));
+    assert!(timed.info().warnings[0].contains("taken for x,y,z,column_4"), "{:?}", timed.info().warnings);
+    let fine = open("x,y,z,intensity\n1,2,3,1600000001.25\n4,5,6,0.1\n").unwrap().remove(0);
+    assert_eq!(values(&fine, "intensity"), [1_600_000_001.25, 0.1]);
+    // A first column that counts is no coordinate, unless the lines are those of a grid.
+    let counted = "1 482002.6 5462003.8 101.9 7 5\n2 482003.1 5462003.7 101.7 8 5\n3 482003.5 5462003.9 101.8 9 5\n";
+    let counted = open(counted).unwrap().remove(0);
+    assert_eq!((names(&counted).as_str(), places(&counted)[1].x), ("number x y z column_5 column_6", 482_003.1));
+    let warning = &counted.info().warnings[0];
+    assert!(warning.contains("taken for number,x,y,z,column_5,column_6; --columns names others"), "{warning}");
+    let grid = open("1 5 9.5 3\n2 5 9.4 4\n3 5 9.7 3\n4 5 9.6 1\n").unwrap().remove(0);
+    assert_eq!((names(&grid).as_str(), places(&grid)[3].x), ("x y z intensity", 4.0));
 }
 
 #[test]

@@ -221,8 +221,10 @@ impl Table {
         // The channels of a colour have one type.
         let mut channels = std::iter::zip(&names, &head.samples).filter(|(name, _)| is_color(name));
         let are_whole = channels.all(|(_, values)| values.iter().all(|value| is_word(*value)));
-        let column = |name: &String| (name != SKIP).then(|| (name.clone(), column_type(name, are_whole)));
-        let columns = names.iter().take(head.samples.len()).map(column).collect();
+        let column = |(name, values): (&String, &Vec<f64>)| {
+            (name != SKIP).then(|| (name.clone(), column_type(name, values, are_whole)))
+        };
+        let columns = std::iter::zip(&names, &head.samples).map(column).collect();
         Some(Ok(Self { style: head.style, columns, start: head.start as u64, warning }))
     }
 
@@ -397,8 +399,31 @@ struct Guess {
     is_sure: bool,
 }
 
+/// Whether the first column counts the lines, and no axis of the place behind it stands still, as that of a grid would.
+fn has_numbers_of_points(samples: &[Vec<f64>]) -> bool {
+    let counts = |column: &[f64]| column.len() > 2 && column.windows(2).all(|pair| pair[1] == pair[0] + 1.0);
+    let moves = |column: &Vec<f64>| column.iter().any(|value| *value != column[0]);
+    samples.len() > 3 && counts(&samples[0]) && samples[0][0].fract() == 0.0 && samples[1..3].iter().all(moves)
+}
+
+/// Larger numbers are no intensities, but times.
+const MOST_INTENSE: f64 = 1e6;
+
 /// What columns without names mean, by the values of some lines.
 fn guessed(samples: &[Vec<f64>]) -> Guess {
+    if has_numbers_of_points(samples) {
+        let Guess { names, .. } = guessed(&samples[1..]);
+        let next = names.into_iter().enumerate().map(|(place, name)| match name.starts_with("column_") {
+            true => format!("column_{}", place + 2),
+            false => name,
+        });
+        let names = std::iter::once("number".to_owned()).chain(next).collect();
+        return Guess {
+            names,
+            by: "the number of each point, as the first column counts, and what follows",
+            is_sure: false,
+        };
+    }
     let count = samples.len();
     let is_color = |columns: &[usize]| {
         let mut all = columns.iter().flat_map(|column| &samples[*column]).peekable();
@@ -428,7 +453,7 @@ fn guessed(samples: &[Vec<f64>]) -> Guess {
     name(&mut names, &[0, 1, 2], &["x", "y", "z"]);
     let (by, is_sure) = match count {
         3 => ("a place by the order of its three columns", true),
-        4 => {
+        4 if samples[3].iter().all(|value| value.abs() <= MOST_INTENSE) => {
             name(&mut names, &[3], &["intensity"]);
             ("a place and an intensity, as most files of four columns have", true)
         }
@@ -485,11 +510,15 @@ fn is_word(value: f64) -> bool {
     value.fract() == 0.0 && (0.0..=65_535.0).contains(&value)
 }
 
-/// The type of a column: doubles, but floats for what has few digits, and whole numbers for colours that are whole.
-fn column_type(name: &str, has_whole_colors: bool) -> ColumnType {
+/// The type of a column with these values: doubles, but floats for what has few digits, and whole numbers for colours that
+/// are whole.
+fn column_type(name: &str, values: &[f64], has_whole_colors: bool) -> ColumnType {
+    // Floats are written with as few digits as name them.
+    let is_float = |value: &f64| (*value as f32).to_string().parse() == Ok(*value);
     match name {
         name if is_color(name) && has_whole_colors => ColumnType::U16,
-        "red" | "green" | "blue" | "nx" | "ny" | "nz" | "intensity" => ColumnType::F32,
+        "red" | "green" | "blue" | "nx" | "ny" | "nz" => ColumnType::F32,
+        "intensity" if values.iter().all(is_float) => ColumnType::F32,
         // Digits that a float does not hold would be lost.
         _ => ColumnType::F64,
     }
