@@ -89,12 +89,12 @@ struct ImageReport {
     position: Option<[f64; 3]>,
 }
 
-/// The units of coordinates as they are written, such as `m` and `ftUS`, where the file names them.
+/// The units of coordinates by their short names, such as `m`, `ftUS` and `deg`, where the file names them.
 #[derive(Debug, PartialEq, Serialize)]
 struct UnitsReport {
-    level: Option<String>,
+    horizontal: Option<String>,
     /// The unit of the heights, if the file names one.
-    height: Option<String>,
+    vertical: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -396,8 +396,8 @@ pub fn bounds_report(bounds: Bounds) -> Option<BoundsReport> {
 }
 
 fn units(units: &Units) -> UnitsReport {
-    let written = |unit: Option<Unit>| unit.map(|unit| unit.to_string());
-    UnitsReport { level: written(units.level), height: written(units.height) }
+    let written = |unit: Option<Unit>| unit.map(Unit::short_name);
+    UnitsReport { horizontal: written(units.level), vertical: written(units.height) }
 }
 
 /// How many decimals a multiple of `scale` needs: 2 for 0.01 and for 0.05.

@@ -8,7 +8,7 @@ fn units(name: &str) -> Option<(Value, Value, String)> {
     let path = crate::folder()?.join(name);
     let report = Folder::new().glint(["info".as_ref(), "--json".as_ref(), path.as_os_str()]).json();
     let entry = &report["inputs"][0];
-    Some((entry["units"]["level"].clone(), entry["units"]["height"].clone(), entry["warnings"].to_string()))
+    Some((entry["units"]["horizontal"].clone(), entry["units"]["vertical"].clone(), entry["warnings"].to_string()))
 }
 
 fn assert_units(name: &str, level: &str, height: Option<&str>) {
@@ -18,7 +18,7 @@ fn assert_units(name: &str, level: &str, height: Option<&str>) {
 
 #[test]
 fn wkt_2_of_a_geodetic_system_says_degrees() {
-    assert_units("13_las_wkt2_2015_geodcrs_degrees.las", "°", None);
+    assert_units("13_las_wkt2_2015_geodcrs_degrees.las", "deg", None);
 }
 
 #[test]
@@ -45,7 +45,7 @@ fn the_wkt_bit_says_which_of_two_systems_counts() {
     let path = folder.write("set.las", bytes);
     let report = folder.glint(["info".as_ref(), "--json".as_ref(), path.as_os_str()]).json();
     let entry = &report["inputs"][0];
-    assert_eq!(entry["units"]["level"], "ftUS");
+    assert_eq!(entry["units"]["horizontal"], "ftUS");
     assert!(entry["warnings"].to_string().contains("the WKT bit is set: WKT counts"), "{entry}");
 }
 
