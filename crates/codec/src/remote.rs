@@ -275,7 +275,7 @@ impl Remote {
         match read {
             Ok(()) => Ok(()),
             // What is missing is asked for again when it is read.
-            Err(request::Failure::Again(_)) => Ok(()),
+            Err(request::Failure::Again(_) | request::Failure::Silent) => Ok(()),
             Err(request::Failure::Final(problem)) => {
                 (network().watch)(&self.path, total, total);
                 Err(io::Error::other(problem))

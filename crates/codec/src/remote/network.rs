@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Duration;
 
 use crate::address::Address;
 
@@ -11,6 +12,9 @@ const LIMIT: u64 = 10 << 30;
 
 /// The waits before a request is made again, in milliseconds.
 const WAITS: [u64; 4] = [200, 400, 800, 1600];
+
+/// The time without a byte after which a server is given up.
+const SILENCE: Duration = Duration::from_secs(20);
 
 /// Called while a whole file is fetched: its address, bytes so far, bytes in all. The last call says that all are there, even
 /// where the fetch has failed. Returns whether to go on.
@@ -27,11 +31,14 @@ pub struct Network {
     pub watch: Watch,
     /// The waits before a request that may only have failed for a moment is made again, in milliseconds.
     pub waits: &'static [u64],
+    /// The time without a byte after which a server is given up.
+    pub silence: Duration,
 }
 
 impl Default for Network {
     fn default() -> Self {
-        Self { folder: None, limit: LIMIT, authorization: None, watch: Box::new(|_, _, _| true), waits: &WAITS }
+        let watch = Box::new(|_: &Path, _, _| true);
+        Self { folder: None, limit: LIMIT, authorization: None, watch, waits: &WAITS, silence: SILENCE }
     }
 }
 

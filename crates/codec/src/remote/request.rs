@@ -1,11 +1,12 @@
 //! Asks servers for parts of files. A server may be slow, cut connections, lie about ranges, send without end or send
 //! elsewhere: every answer is checked against what was asked for, and no more is read than that.
 
+use std::collections::BTreeMap;
 use std::io::{self, Read as _};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::ops::Range;
-use std::sync::OnceLock;
-use std::time::Duration;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 use ureq::config::Config;
 use ureq::http::{HeaderMap, Response, Uri};
@@ -20,9 +21,12 @@ use crate::address::Address;
 pub const CHANGED: &str = "the file on the server has changed since it was opened; open it again";
 /// The number of addresses that one request may be sent on to.
 const MOST_REDIRECTS: usize = 5;
-/// The time without a byte after which a server is given up, and the rate in bytes a second that an answer needs at least.
-const SILENCE: Duration = Duration::from_secs(20);
+/// The rate in bytes a second that an answer needs at least.
 const LEAST_RATE: u64 = 8 << 10;
+/// How often a server that is silent is asked for a part, and how long it is left alone after that: many parts are asked
+/// for, and each would wait anew.
+const MOST_SILENCES: u32 = 2;
+const LEFT_ALONE: Duration = Duration::from_secs(15);
 /// The most bytes of an answer's head.
 const MOST_HEAD: usize = 32 << 10;
 
@@ -59,6 +63,8 @@ pub enum First {
 /// Why a request has failed: again may help, or not.
 pub enum Failure {
     Again(String),
+    /// Nothing has come for a long time.
+    Silent,
     Final(String),
 }
 
@@ -83,7 +89,7 @@ impl Answer {
                     at += count as u64;
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(Failure::Again(reason(&error))),
+                Err(error) => return Err(of_reading(&error)),
             }
         }
         match reader.read(&mut piece[..1]) {
@@ -98,7 +104,7 @@ impl Answer {
 /// # Errors
 /// Says why there is no answer that can be used.
 pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Result<First, String> {
-    repeated(|| {
+    repeated(address, || {
         let mut headers: Vec<(&str, String)> = Vec::new();
         headers.extend(most.map(|most| ("range", format!("bytes=0-{}", most.max(1) - 1))));
         if let Some(known) = known {
@@ -128,7 +134,7 @@ pub fn part(
     stamp: &Stamp,
     give: &mut dyn FnMut(u64, &[u8]) -> io::Result<()>,
 ) -> Result<(), String> {
-    repeated(|| {
+    repeated(address, || {
         let headers = [("range", format!("bytes={}-{}", range.start, range.end - 1))];
         let answer = sent(address, &headers, range.end - range.start)?;
         let answer = checked(answer, Some(range.clone()), Some(stamp))?;
@@ -140,19 +146,33 @@ pub fn part(
 }
 
 /// Tries again, each time after a longer wait, what may only have failed for a moment.
-pub fn repeated<T>(mut work: impl FnMut() -> Result<T, Failure>) -> Result<T, String> {
+fn repeated<T>(address: &Address, mut work: impl FnMut() -> Result<T, Failure>) -> Result<T, String> {
+    // When servers that have been silent may be asked again.
+    static SILENT: Mutex<BTreeMap<String, Instant>> = Mutex::new(BTreeMap::new());
+    let silent = || SILENT.lock().unwrap_or_else(PoisonError::into_inner);
+    let server = &address.authority;
+    if silent().get(server).is_some_and(|until| Instant::now() < *until) {
+        return Err("the server was silent a moment ago, and is not asked yet".into());
+    }
     let waits = network().waits;
-    for wait in waits {
-        match work() {
-            Ok(done) => return Ok(done),
-            Err(Failure::Final(problem)) => return Err(problem),
-            Err(Failure::Again(_)) => std::thread::sleep(Duration::from_millis(*wait)),
+    let mut silences = 0;
+    for wait in waits.iter().map(Some).chain([None]) {
+        match (work(), wait) {
+            (Ok(done), _) => {
+                silent().remove(server);
+                return Ok(done);
+            }
+            (Err(Failure::Final(problem)), _) => return Err(problem),
+            (Err(Failure::Again(problem)), None) => return Err(format!("{problem} (tried {} times)", waits.len() + 1)),
+            (Err(Failure::Again(_)), Some(wait)) => std::thread::sleep(Duration::from_millis(*wait)),
+            (Err(Failure::Silent), _) => silences += 1,
+        }
+        if silences == MOST_SILENCES {
+            silent().insert(server.clone(), Instant::now() + LEFT_ALONE);
+            break;
         }
     }
-    work().map_err(|failure| match failure {
-        Failure::Final(problem) => problem,
-        Failure::Again(problem) => format!("{problem} (tried {} times)", waits.len() + 1),
-    })
+    Err(format!("the server is silent, or too slow (waited {silences} times for {} s)", network().silence.as_secs()))
 }
 
 /// Sends a request and follows where it is sent on to.
@@ -259,8 +279,8 @@ fn failure(error: &ureq::Error) -> Failure {
     match error {
         ureq::Error::HostNotFound => Failure::Again("no such server, or no connection to the network".into()),
         ureq::Error::Io(error) if error.kind() == io::ErrorKind::PermissionDenied => Failure::Final(error.to_string()),
-        ureq::Error::Io(error) => Failure::Again(reason(error)),
-        ureq::Error::Timeout(_) => Failure::Again("the server is too slow".into()),
+        ureq::Error::Io(error) => of_reading(error),
+        ureq::Error::Timeout(_) => Failure::Silent,
         ureq::Error::ConnectionFailed => Failure::Again("no connection to the server".into()),
         ureq::Error::BadUri(_) | ureq::Error::Http(_) => Failure::Final("not an address".into()),
         error => Failure::Final(crate::brief::message(error)),
@@ -268,19 +288,19 @@ fn failure(error: &ureq::Error) -> Failure {
 }
 
 /// Why reading has failed.
-fn reason(error: &io::Error) -> String {
+fn of_reading(error: &io::Error) -> Failure {
     if let Some(ureq::Error::Timeout(_)) = error.get_ref().and_then(|inner| inner.downcast_ref::<ureq::Error>()) {
-        return "the server is too slow".into();
+        return Failure::Silent;
     }
-    match error.kind() {
+    Failure::Again(match error.kind() {
         io::ErrorKind::ConnectionRefused => "no server answers there".into(),
         io::ErrorKind::ConnectionReset | io::ErrorKind::ConnectionAborted | io::ErrorKind::UnexpectedEof => {
             "the connection was cut".into()
         }
-        io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => "the server is too slow".into(),
+        io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => return Failure::Silent,
         io::ErrorKind::NetworkUnreachable | io::ErrorKind::HostUnreachable => "no connection to the network".into(),
         _ => crate::brief::message(error),
-    }
+    })
 }
 
 /// The connections of this process; the first request makes them.
@@ -295,10 +315,10 @@ fn agent() -> &'static Agent {
             .accept_encoding("identity")
             .max_response_header_size(MOST_HEAD)
             .max_idle_connections_per_host(8)
-            .timeout_resolve(Some(SILENCE))
-            .timeout_connect(Some(SILENCE))
-            .timeout_recv_response(Some(SILENCE))
-            .timeout_per_read(Some(SILENCE))
+            .timeout_resolve(Some(network().silence))
+            .timeout_connect(Some(network().silence))
+            .timeout_recv_response(Some(network().silence))
+            .timeout_per_read(Some(network().silence))
             .build();
         Agent::with_parts(config, DefaultConnector::default(), PublicResolver)
     })
