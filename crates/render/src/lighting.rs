@@ -174,8 +174,8 @@ impl MappedLight {
         let along = -settings.sun.direction(camera.up);
         // In front of the scene, splats included.
         let start = center - along * (radius * 1.1);
-        let map = |center: DVec3, radius: f64| {
-            let (eye, per_unit) = (center - along * (center - start).dot(along), HALF_TEXELS / radius);
+        let map = |center: DVec3, radius: f64, skipped: f64| {
+            let (eye, per_unit) = (center - along * ((center - start).dot(along) - skipped), HALF_TEXELS / radius);
             // What lies behind the eye, far before the scene, casts shadows as if it lay at the eye.
             let near = -0.01 / per_unit;
             Self {
@@ -185,7 +185,7 @@ impl MappedLight {
                 outer: 0.0,
             }
         };
-        let whole = map(center, radius);
+        let whole = map(center, radius, 0.0);
         let seen = radius_seen(camera, settings, size);
         // The radius makes up for snapping, and changes in steps, so that it stays the same over small moves.
         let seen = (seen * HALF_TEXELS / (HALF_TEXELS - SNAP)).max(f64::MIN_POSITIVE);
@@ -197,7 +197,10 @@ impl MappedLight {
         let [right, up] = [0, 1].map(|row| whole.camera.view_from_world.row(row));
         // Whole steps away from a place that does not move with the camera.
         let snapped = |axis: DVec3| axis * (((camera.pivot - center).dot(axis) / step).round() * step);
-        vec![whole, map(center + snapped(right) + snapped(up), seen)]
+        // Single precision would be too coarse for depths from far before the view.
+        let depth = ((camera.pivot - start).dot(along) / seen).round() * seen;
+        let skipped = (depth - FARTHEST * seen).max(0.0);
+        vec![whole, map(center + snapped(right) + snapped(up), seen, skipped)]
     }
 
     fn to_gpu(self, eye: DVec3) -> LightSource {
@@ -215,6 +218,9 @@ impl MappedLight {
 
 /// The sun gets a map of the view if it is at most this fraction of the size of the scene's map.
 const FINER: f64 = 0.7;
+/// The most radii of the map of the view from which it is drawn before the camera's pivot; a step of a depth in single
+/// precision is a sixteenth of a texel there.
+const FARTHEST: f64 = 1000.0;
 /// The step in texels by which the map of the view moves: an eighth of half of it, so that it is seldom drawn anew
 /// while the camera moves.
 const SNAP: f64 = 64.0;
@@ -262,6 +268,19 @@ mod tests {
         let toward_sun = Settings::default().sun.direction(DVec3::Z);
         assert!(whole.sees(BOUNDS.center() + toward_sun * 1e5, 0.0, 0.0));
         assert!(!whole.sees(BOUNDS.center() + toward_sun.any_orthonormal_vector() * 1e5, 0.0, 0.0));
+    }
+
+    #[test]
+    fn the_map_of_the_view_is_drawn_from_near_it_in_a_scene_that_is_far_larger() {
+        let camera = camera(20.0);
+        let wide = Bounds { max: BOUNDS.max + DVec3::new(5e6, 3e6, 0.0), ..BOUNDS };
+        let view = MappedLight::sun(&Settings::default(), &camera, [800, 600], wide)[1].camera;
+        let depth = (view.view_from_world * (camera.pivot - view.eye)).z;
+        let step = f64::from(f32::from_bits((depth as f32).to_bits() + 1) - depth as f32);
+        assert!(depth > 0.0 && step * view.focal_pixels < 0.1, "{depth}: {} texels", step * view.focal_pixels);
+        // What stands farther before it casts shadows all the same.
+        let toward_sun = Settings::default().sun.direction(DVec3::Z);
+        assert!(view.sees(camera.pivot + toward_sun * 1e5, 0.0, 0.0));
     }
 
     #[test]

@@ -231,9 +231,13 @@ fn by_sun(more: &[(&str, &str)]) -> Settings {
 #[test]
 fn a_sun_lights_a_plane_evenly_but_for_the_shadow_of_what_is_above_it() {
     let mut stage = stage_or_skip!();
-    // The view is a small part of the larger floor: there the sun has a map of the view.
-    for half in [1.2, 8.0] {
-        let store = floor_with_blocker(&stage, half);
+    // The view is a small part of the larger floor: there the sun has a map of the view. Another cloud may lie far away.
+    for (half, is_alone) in [(1.2, true), (8.0, true), (8.0, false)] {
+        let mut store = floor_with_blocker(&stage, half);
+        if !is_alone {
+            let cloud = store.add_cloud(Material::default());
+            store.add_chunk(cloud, &Chunk { origin: DVec3::new(4e6, 3e6, 0.0), ..square(0.0, half) }, None).unwrap();
+        }
         let camera = slanted_camera();
         let settings = by_sun(&[]);
         stage.renderer.render(&store, &Frame::new(&camera, &settings, Objects::default(), SIZE)).unwrap();
