@@ -38,6 +38,7 @@ use header::{Element, Encoding, Header, Kind, MAX_HEADER_BYTES};
 use maker::RowMaker;
 use packed_splats::PackedSplats;
 use reader::Reader;
+use row_columns::placeless_points;
 use rows::{Block, Packing, Rows};
 
 /// Faces are counted on opening if at most this many bytes follow the vertices: a tenth of a second from memory.
@@ -224,17 +225,20 @@ impl RowSource {
         let plan = RowDecoder::new(&self.scalars, &self.roles, selection, &packing);
 
         progress.set_total(self.rows.count);
-        let totals = Mutex::new(Totals { points: 0, bounds: Bounds::EMPTY, damaged: 0, unread: 0, error: None });
+        let totals =
+            Mutex::new(Totals { points: 0, bounds: Bounds::EMPTY, placeless: 0, damaged: 0, unread: 0, error: None });
         spread_order(self.rows.blocks.len()).into_par_iter().with_max_len(1).for_each(|index| {
             if progress.is_cancelled() {
                 return;
             }
             let block = self.rows.blocks[index];
             let read = read_block(&self.file, (block, most), &packing, &plan, |chunk, rows, bounds| {
+                let placeless = placeless_points(&chunk);
                 emit(chunk);
                 progress.add(rows);
                 let mut totals = lock(&totals);
                 totals.points += rows;
+                totals.placeless += placeless;
                 totals.bounds = totals.bounds.union(bounds);
             });
             let mut totals = lock(&totals);
@@ -255,6 +259,7 @@ impl RowSource {
         if totals.damaged > 0 {
             warnings.push(format!("{} of {} {noun} {}", totals.damaged, totals.points, self.damage()));
         }
+        warnings.extend(self.placeless_warning(totals.placeless, totals.damaged));
         match totals.error {
             Some(error) if totals.points == 0 => return Err(Error::io(&self.info.path, error)),
             Some(error) => warnings.push(format!("{} {noun} could not be read: {error}", totals.unread)),
@@ -318,6 +323,7 @@ impl RowSource {
 struct Totals {
     points: u64,
     bounds: Bounds,
+    placeless: u64,
     damaged: u64,
     unread: u64,
     error: Option<std::io::Error>,

@@ -1,8 +1,9 @@
 //! The scalars of vertices as columns, for a file that is written of them.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Column, ColumnType, Progress};
+use cloud::{Chunk, Column, ColumnType, Progress};
 use glam::Vec3;
 use param::shown;
 
@@ -69,6 +70,12 @@ impl RowSource {
         colors.iter().position(|color| *color == index)
     }
 
+    /// Says how many points have no place, besides those that are damaged.
+    pub(super) fn placeless_warning(&self, points: u64, damaged: u64) -> Option<String> {
+        let points = points.saturating_sub(damaged);
+        (points > 0).then(|| format!("{points} {} have no finite coordinates and are left out", self.noun()))
+    }
+
     /// Passes the columns of `column_fields` to `rows_of`; the rows that it makes of the points that are shown go to
     /// `order`, in the order of the file. Points without a place are not shown. Returns what could not be read.
     pub fn read_columns_in_order(
@@ -85,6 +92,7 @@ impl RowSource {
         let selection = Selection { positions: true, colors: false, normals: false, attributes };
         let plan = RowDecoder::new(&self.scalars, &self.roles, &selection, &packing);
         let test = test.of(&layout);
+        let placeless = AtomicU64::new(0);
         let piece_of = |first_point: u64, rows: &[u8]| {
             let points = rows.len() / packing.stride;
             let mut builder = ChunkBuilder::new(&plan, 0, points);
@@ -94,6 +102,7 @@ impl RowSource {
                 chunk = chunk.placed(placement, None);
                 bounds = chunk.bounds();
             }
+            placeless.fetch_add(placeless_points(&chunk), Ordering::Relaxed);
             let shown = test.shown(&chunk, bounds);
             let has_place = |index: &usize| Vec3::from(chunk.positions[*index]).is_finite();
             let kept: Vec<u32> = shown.indices(points).filter(has_place).map(|index| index as u32).collect();
@@ -158,8 +167,15 @@ impl RowSource {
         if damaged > 0 {
             problems.push(format!("{}: {damaged} {} {}", shown(&self.info.path), self.noun(), self.damage()));
         }
+        let warning = self.placeless_warning(placeless.into_inner(), damaged);
+        problems.extend(warning.map(|warning| format!("{}: {warning}", shown(&self.info.path))));
         problems
     }
+}
+
+/// The points whose coordinates are not all finite.
+pub fn placeless_points(chunk: &Chunk) -> u64 {
+    chunk.positions.iter().filter(|place| !Vec3::from(**place).is_finite()).count() as u64
 }
 
 /// The size in bytes of the rows that are made into columns at once.
