@@ -65,6 +65,8 @@ pub struct Document {
     saved: Option<State>,
     /// The words that would open all clouds of the scene, also of those that are still to come or cannot be read.
     inputs: Vec<String>,
+    /// The words that were restored: one whose disk is missing today stays in the work.
+    restored_inputs: Vec<String>,
     saving: Option<(PathBuf, State)>,
     /// What waits for the person's decision about unsaved work.
     pub asked: Option<Leaving>,
@@ -91,6 +93,7 @@ impl Default for Document {
             place: None,
             saved: Some(State::default()),
             inputs: Vec::new(),
+            restored_inputs: Vec::new(),
             saving: None,
             asked: None,
             then: None,
@@ -148,17 +151,21 @@ impl Document {
     pub fn closed(&mut self, input: &str, loaded: &Loaded) {
         if loaded.clouds.iter().all(|entry| entry.input != input) {
             self.inputs.retain(|known| known != input);
+            self.restored_inputs.retain(|known| known != input);
         }
         if loaded.is_empty() {
             (self.place, self.saved) = (None, Some(State::default()));
             self.inputs.clear();
+            self.restored_inputs.clear();
         }
     }
 
-    /// Forgets an input that could not be opened. A scene file goes on naming it: its disk may be back tomorrow.
+    /// Forgets an input that could not be opened. A scene file, and work that was restored, go on naming it: its disk may
+    /// be back tomorrow.
     pub fn on_event(&mut self, event: &Event, loaded: &Loaded) {
         let Event::Failed { input, .. } = event else { return };
-        if self.place.is_none() && loaded.clouds.iter().all(|entry| entry.input != *input) {
+        let is_known = self.place.is_some() || self.restored_inputs.contains(input);
+        if !is_known && loaded.clouds.iter().all(|entry| entry.input != *input) {
             self.inputs.retain(|known| known != input);
         }
     }
@@ -309,6 +316,7 @@ impl Document {
     pub fn forget(&mut self) {
         (self.place, self.saved, self.saving, self.then) = (None, Some(State::default()), None, None);
         self.inputs.clear();
+        self.restored_inputs.clear();
     }
 
     // ---- unsaved work on disk ----
@@ -428,7 +436,7 @@ impl Document {
 
     /// Notes that what is open was restored: nothing of it is saved at `place`.
     pub fn on_restored(&mut self, place: Option<PathBuf>) {
-        (self.place, self.saved) = (place, None);
+        (self.place, self.saved, self.restored_inputs) = (place, None, self.inputs.clone());
     }
 }
 

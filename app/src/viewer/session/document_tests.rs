@@ -324,6 +324,34 @@ fn left(folder: &Path) -> usize {
 }
 
 #[test]
+fn restored_work_goes_on_naming_a_cloud_that_is_missing_today() {
+    let (folder, _) = session();
+    let [here, away] = ["three.ply", "four.ply"].map(|name| folder.path().join(name));
+    std::fs::copy(&here, &away).unwrap();
+    let kept = folder.path().join("unsaved");
+    let mut crashed = Session::new(Preferences::default());
+    crashed.document.keeper = Some(Keeper::new(kept.clone()));
+    assert!(crashed.open(&[&here, &away]));
+    settle(&mut crashed);
+    crashed.act(Action::AddMirror(Shape::Sphere));
+    settle(&mut crashed);
+    drop(crashed);
+    std::fs::rename(&away, folder.path().join("elsewhere")).unwrap();
+
+    let restored = || {
+        let mut session = Session::new(Preferences::default());
+        session.document.keeper = Some(Keeper::new(kept.clone()));
+        session.document.abandoned = autosave::abandoned(&kept);
+        session.act(Action::File(Filing::Restore));
+        settle(&mut session);
+        session
+    };
+    assert_eq!(restored().loaded.clouds.len(), 1);
+    std::fs::rename(folder.path().join("elsewhere"), &away).unwrap();
+    assert_eq!(restored().loaded.clouds.len(), 2, "the work was written anew without the cloud");
+}
+
+#[test]
 fn unsaved_work_is_kept_restored_after_a_crash_and_gone_when_it_is_saved() {
     let (folder, mut crashed) = session();
     let kept = folder.path().join("unsaved");
