@@ -10,7 +10,7 @@ use anyhow::Context as _;
 use cloud::{Bounds, Chunk, Cloud, Column, PointTest, Progress, ShownPoints};
 use codec::{Runs, Selection, Source, Units, Wanted};
 use glam::{DVec3, I64Vec3};
-use measure::{Change, DistanceFigures, M3c2, PointTree, nearest_distances};
+use measure::{Change, DistanceFigures, M3c2, PointTree, TriangleTree, nearest_distances};
 use param::Bytes;
 use rayon::prelude::*;
 use scene::{Settings, shown};
@@ -26,6 +26,9 @@ const CORES_AT_ONCE: usize = 1 << 14;
 /// The bytes that a point takes in a tree: its place, and its share of the planes and boxes, of which there are at most
 /// two for twelve points.
 const TREE_BYTES: u64 = 31;
+/// The bytes that a triangle of a mesh takes in a tree and beside it, and those of a vertex.
+const TRIANGLE_BYTES: u64 = 124;
+const VERTEX_BYTES: u64 = 48;
 /// The bytes of a distance or a level of detection, which every point of the first cloud gets, and those more of a double.
 const VALUE_BYTES: u64 = 4;
 const MORE_BYTES: u64 = 4;
@@ -57,7 +60,7 @@ pub enum Points {
 /// What is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Method {
-    /// The distance to the nearest point.
+    /// The distance to the nearest point, or to the nearest face of a mesh.
     #[default]
     Nearest,
     /// The distance along the normal.
@@ -204,6 +207,59 @@ impl Side {
         let tree = PointTree::new(places);
         if tree.is_empty() { Err(usage(format!("the {which} cloud shows no points"))) } else { Ok(Some(tree)) }
     }
+
+    /// The names of its meshes.
+    fn meshes(&self) -> Vec<String> {
+        match &self.points {
+            Points::Files(sources) => {
+                let meshes = sources.iter().filter(|source| source.is_mesh());
+                meshes.map(|source| shown(&source.info().path)).collect()
+            }
+            Points::Memory(cloud) => {
+                let is_mesh = cloud.chunks.iter().any(|chunk| chunk.corners.is_some());
+                is_mesh.then(|| cloud.name.clone()).into_iter().collect()
+            }
+        }
+    }
+
+    /// The faces of the meshes among its files, all of whose vertices are shown.
+    fn faces(&self, progress: &Progress, room: &Room, warnings: &mut Vec<String>) -> anyhow::Result<TriangleTree> {
+        let mut triangles = Vec::new();
+        for (number, source) in self.sources().iter().enumerate().filter(|(_, source)| source.is_mesh()) {
+            let info = source.info();
+            if !room.take(info.faces.saturating_mul(TRIANGLE_BYTES) + info.points.saturating_mul(VERTEX_BYTES)) {
+                break;
+            }
+            let faces = match source.triangles() {
+                Ok(faces) => faces,
+                Err(error) => {
+                    warnings.push(format!("{error}: distances are those to its vertices"));
+                    continue;
+                }
+            };
+            let left_out = self.left_out.get(number).cloned().into_iter().collect();
+            let (points, test) = (Points::Files(vec![source.clone()]), self.test.clone());
+            let alone =
+                Self { points, test, left_out, up: self.up, units: self.units, settings: self.settings.clone() };
+            progress.set_total(progress.total() + info.points);
+            let found = Mutex::new(Vec::new());
+            alone.read(progress, room, |_, cloud, chunk, shown| {
+                let mut places = vec![DVec3::NAN; chunk.len()];
+                shown.indices(chunk.len()).for_each(|index| places[index] = cloud.world_position(chunk, index));
+                found.lock().unwrap_or_else(PoisonError::into_inner).push((chunk.first_point, places));
+            })?;
+            let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+            found.sort_unstable_by_key(|(first_point, _)| *first_point);
+            let mut vertices: Vec<DVec3> = Vec::new();
+            for (first_point, mut places) in found {
+                vertices.resize(first_point as usize, DVec3::NAN);
+                vertices.append(&mut places);
+            }
+            let place = |index: u32| vertices.get(index as usize).copied().unwrap_or(DVec3::NAN);
+            triangles.extend(faces.into_iter().map(|corners| corners.map(place)));
+        }
+        Ok(TriangleTree::new(triangles))
+    }
 }
 
 /// The memory for points and their distances that is left.
@@ -308,9 +364,23 @@ pub fn compare(
         Method::Nearest => None,
         Method::M3c2(scales) => Some(m3c2(scales, first, &first_tree).map_err(|error| usage(error.to_string()))?),
     };
+    let faces = match method {
+        Method::Nearest => second.faces(progress, &room, &mut warnings)?,
+        Method::M3c2(_) => {
+            let meshes = first.meshes().into_iter().chain(second.meshes());
+            warnings.extend(meshes.map(|name| format!("{name}: M3C2 takes the vertices of a mesh, and not its faces")));
+            TriangleTree::default()
+        }
+    };
+    room.check()?;
     let values = |places: &[DVec3]| -> Vec<Value> {
         let Some(method) = &m3c2 else {
-            return nearest_distances(&second_tree, places).into_iter().map(|distance| [distance, f64::NAN]).collect();
+            let to_points = places.iter().zip(nearest_distances(&second_tree, places));
+            let nearest = |(place, distance): (&DVec3, f64)| match faces.is_empty() {
+                true => distance,
+                false => distance.min(faces.distance(*place)),
+            };
+            return to_points.map(|pair| [nearest(pair), f64::NAN]).collect();
         };
         let value = |change: Option<Change>| {
             change.map_or([f64::NAN; 2], |change| [change.distance, change.level.unwrap_or(f64::NAN)])
@@ -376,7 +446,7 @@ pub fn compare(
     let of_systems = "more than ten times the size of the larger one: do they have one coordinate system?";
     warnings.extend(apart.iter().map(|apart| format!("{apart}, {of_systems}")));
     warnings.extend(read.into_iter().filter(|_| !has_tree && core.is_none()));
-    drop((first_tree, second_tree));
+    drop((first_tree, second_tree, faces));
     let (distances, levels) = lists.into_inner().unwrap_or_else(PoisonError::into_inner);
     let measured: Vec<Value> = match cores {
         Some(cores) => cores.in_order(),
@@ -486,7 +556,7 @@ pub fn free_name(sources: &[Arc<Source>], name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use cloud::{Random, Volume, VolumeShape};
+    use cloud::{Filter, Random, Volume, VolumeShape};
     use glam::DQuat;
 
     use super::*;
@@ -527,6 +597,30 @@ mod tests {
         let is_same = |a: &Measured, b: &Measured| a.distances == b.distances && a.figures == b.figures;
         assert!(is_same(&some, &of(Method::M3c2(scales), Some(0.5))));
         assert!(of(Method::Nearest, Some(1.0)).levels.is_none());
+    }
+
+    #[test]
+    fn distances_to_a_mesh_are_those_to_its_faces_as_far_as_all_corners_are_shown() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("square.ply");
+        let corners = "599990 4999990 10 1\n600010 4999990 10 1\n600010 5000010 10 1\n599990 5000010 10 0";
+        let header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+            property uchar kept\nelement face 1\nproperty list uchar int vertex_indices\nend_header";
+        std::fs::write(&path, format!("{header}\n{corners}\n4 0 1 2 3\n")).unwrap();
+        let first = side(2000, 1, 10.25);
+        let mut second = side(0, 1, 0.0);
+        second.points = Points::Files(vec![Arc::new(codec::open(&path).unwrap())]);
+        let (measured, warnings) =
+            compare(&first, &second, Method::Nearest, None, &Progress::default()).unwrap().unwrap();
+        assert!((measured.figures.mean - 0.26).abs() < 1e-3 && measured.figures.max < 0.2701, "{:?}", measured.figures);
+        assert!(!warnings.iter().any(|warning| warning.contains("vertices of a mesh")), "{warnings:?}");
+        // One of the two triangles has a hidden corner; the points lie about the edge between them.
+        second.test = PointTest::new([], vec![Filter { attribute: "kept".into(), low: 1.0, high: 1.0 }], Vec::new());
+        let (half, _) = compare(&first, &second, Method::Nearest, None, &Progress::default()).unwrap().unwrap();
+        assert!(half.figures.max > 1.0 && half.figures.mean < 2.0, "{:?}", half.figures);
+        let m3c2 = Method::M3c2(Scales { reach: Some(40.0), cylinder: Some(40.0), ..Scales::default() });
+        let (_, warnings) = compare(&first, &second, m3c2, None, &Progress::default()).unwrap().unwrap();
+        assert!(warnings.iter().any(|warning| warning.contains("takes the vertices of a mesh")), "{warnings:?}");
     }
 
     #[test]

@@ -12,6 +12,7 @@ mod nearest;
 mod scatter;
 mod section;
 mod tree;
+mod triangles;
 mod volume;
 
 pub use compare::{Change, DistanceFigures, M3c2, nearest_distances, spacing};
@@ -22,4 +23,5 @@ pub use nearest::Nearest;
 pub use scatter::{IN_95_PERCENT, Scatter, spread};
 pub use section::{Placed, Section};
 pub use tree::{Cylinder, PointTree};
+pub use triangles::TriangleTree;
 pub use volume::{Volume, VolumeGrid};

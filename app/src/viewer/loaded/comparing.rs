@@ -58,6 +58,7 @@ impl Loaded {
     }
 
     fn comparing(&self, beside: &Beside<'_>) -> Result<Comparing, String> {
+        self.check_unchanged()?;
         let CompareDraft { is_m3c2, scales, core, output, .. } = &self.comparisons.draft;
         let first = self.compared_first().ok_or(text!("There is no cloud to compare yet"))?;
         let (second, to) = match &self.compared_second() {
@@ -70,7 +71,12 @@ impl Loaded {
                         cloud = first.cloud.name
                     ));
                 }
-                (ends(entry)?, entry.cloud.name.clone())
+                let end = match entry.source.as_ref().filter(|source| source.is_mesh() && !is_m3c2) {
+                    // The faces of a mesh are in its file.
+                    Some(source) => Ends::Files(vec![source.info().path.display().to_string()]),
+                    None => ends(entry)?,
+                };
+                (end, entry.cloud.name.clone())
             }
             Second::Other => return Err(text!("Choose a second cloud, or a file, to measure the distances to").into()),
             Second::File(path) if path.trim().is_empty() => {
