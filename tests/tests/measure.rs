@@ -345,3 +345,20 @@ fn every_tool_of_the_window_measures_a_scan_as_the_command_line_does_from_the_sa
         .wait_for_event("history", undone, |event| event["what"].as_str().is_some_and(|what| what.starts_with("note")));
     assert!(window.is_open() && seen <= undone, "{}", window.messages());
 }
+
+#[test]
+fn a_mesh_is_measured_on_its_faces_as_the_window_shows_it() {
+    let folder = Folder::new();
+    let header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    folder.write("square.ply", format!("{header}0 0 2\n10 0 2\n10 10 2\n0 10 2\n4 0 1 2 3\n"));
+    let plane = measurement("plane", "plane", &["[5.0, 5.0, 2.0]".into()], "reach = 1.0");
+    let points = "\"surface.mesh_points\" = 40000\n";
+    folder.write("scene.toml", format!("clouds = [\"square.ply\"]\n{plane}[parameters]\n{points}"));
+    let report = folder.glint(["measure", "scene.toml", "--json"]).json();
+    // Even by area: of a hundred square units, those within one of the middle.
+    let points = value(&report, "plane", "points").0;
+    assert!((points / (400.0 * std::f64::consts::PI) - 1.0).abs() < 0.1, "{report}");
+    let across = value(&report, "plane", "normal z").0.abs();
+    assert!((across - 1.0).abs() < 1e-6 && value(&report, "plane", "rms").0 < 1e-5, "{report}");
+}

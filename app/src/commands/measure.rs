@@ -196,7 +196,11 @@ impl Job<'_> {
         let left_out =
             self.left_out.get(&(info.path.clone(), info.scan_number())).map(std::slice::from_ref).unwrap_or_default();
         let wanted = Wanted { test: &self.test, left_out };
+        let vertices = Mutex::new(Vec::new());
         let gather = |chunk: Chunk| {
+            if source.is_mesh() && chunk.corners.is_none() {
+                vertices.lock().unwrap_or_else(PoisonError::into_inner).push(chunk.clone());
+            }
             let bounds = chunk.bounds();
             let left_out = wanted.left_out(0, chunk.first_point, chunk.len());
             for gathering in &*gatherings {
@@ -215,6 +219,11 @@ impl Job<'_> {
         let progress = Progress::default();
         let summary = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &gather));
         let summary = summary.with_context(|| shown(path))?;
+        let mut chunks = std::mem::take(&mut *vertices.lock().unwrap_or_else(PoisonError::into_inner));
+        chunks.sort_by_key(|chunk| chunk.first_point);
+        // A mesh is measured as the window shows it.
+        let on_faces = world::points_on_faces(source, &chunks, &self.settings);
+        on_faces.into_iter().flat_map(|points| points.chunks).for_each(gather);
         if tells {
             let of_points = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path)));
             terminal::warn(world::file_warnings(info).chain(of_points));

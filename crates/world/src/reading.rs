@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use cloud::{Attribute, Bounds, Chunk, MeshPoints};
 use glam::DVec3;
-use scene::{SceneSettings, five_mirrors, shown};
+use scene::{SceneSettings, Settings, five_mirrors, shown};
 use stream::{KeptSurfels, SurfelPlace};
 
 use crate::budget::half_of;
@@ -33,6 +33,19 @@ pub(crate) struct Loading {
     pub(crate) place: Option<SurfelPlace>,
     /// Whether all chunks were sent with the normals and radii that the cache had.
     pub(crate) has_kept_surfels: bool,
+}
+
+/// The points between the vertices of a mesh, if it shows any: a face list that cannot be parsed has none. `vertices` are
+/// all chunks of the file in order.
+pub fn points_on_faces(source: &codec::Source, vertices: &[Chunk], settings: &Settings) -> Option<MeshPoints> {
+    let count = settings.surface.mesh_points;
+    if !source.is_mesh() || u64::from(count) <= source.info().points {
+        return None;
+    }
+    let start = Instant::now();
+    let points = MeshPoints::new(vertices, &source.triangles().ok()?, count as usize, MESH_SEED);
+    tracing::debug!(seconds = start.elapsed().as_secs_f64(), is_surface = points.is_some(), "points of a mesh");
+    points
 }
 
 impl Loading {
@@ -220,7 +233,7 @@ impl Loader {
         let mut chunks = chunks.into_inner().unwrap_or_else(PoisonError::into_inner);
         chunks.sort_by_key(|chunk| chunk.first_point);
         let is_whole = read.as_ref().is_ok_and(|summary| !summary.cancelled);
-        let on_faces = if is_whole { self.spread_over_faces(loading, &chunks) } else { None };
+        let on_faces = if is_whole { points_on_faces(source, &chunks, &self.settings) } else { None };
         if let Ok(summary) = &mut read {
             if is_damaged {
                 let warning = "the normals and radii kept in the cache are damaged, and are estimated anew";
@@ -237,18 +250,6 @@ impl Loader {
             }
         }
         self.end(loading, read)
-    }
-
-    /// The points between the vertices of a mesh, if it shows any: a face list that cannot be parsed has none.
-    fn spread_over_faces(&self, loading: &Loading, vertices: &[Chunk]) -> Option<MeshPoints> {
-        let (source, count) = (&loading.source, self.settings.surface.mesh_points);
-        if !source.is_mesh() || u64::from(count) <= source.info().points {
-            return None;
-        }
-        let start = Instant::now();
-        let points = MeshPoints::new(vertices, &source.triangles().ok()?, count as usize, MESH_SEED);
-        tracing::debug!(seconds = start.elapsed().as_secs_f64(), is_surface = points.is_some(), "points of a mesh");
-        points
     }
 
     /// The place in the cache for the normals and radii of a file, if they are worth keeping.
