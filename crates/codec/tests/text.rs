@@ -161,6 +161,19 @@ fn columns_are_told_by_names_separators_and_values() {
     let unsure = open("1 2 3 4 5\n4 5 6 7 8\n").unwrap().remove(0);
     let warning = &unsure.info().warnings[0];
     assert!(warning.contains("taken for x,y,z,column_4,column_5; --columns names others"), "{warning}");
+    // An empty cell between tabs stays one.
+    let tabs = "X\tY\tZ\tIntensity\tClass\n1\t2\t3\t\t7\n4\t5\t6\t8\t9\n";
+    let tabs = open(tabs).unwrap().remove(0);
+    assert_eq!((names(&tabs).as_str(), values(&tabs, "Class")), ("x y z intensity Class", vec![7.0, 9.0]));
+    assert!(values(&tabs, "intensity")[0].is_nan() && values(&tabs, "intensity")[1] == 8.0);
+    let edges = open("Class\tX\tY\tZ\tI\n\t1\t2\t3\t\n7\t4\t5\t6\t8\n").unwrap().remove(0);
+    assert_eq!((places(&edges)[0], values(&edges, "Class")[1]), (DVec3::new(1.0, 2.0, 3.0), 7.0));
+    assert!(values(&edges, "Class")[0].is_nan() && values(&edges, "intensity")[0].is_nan());
+    // Columns may be aligned by several tabs, and commas may stand before them.
+    for aligned in ["1.5\t\t2.5\t\t3.5\n4\t\t5\t\t6\n", "1.5,\t2.5,\t3.5\n4,\t5,\t6\n"] {
+        let aligned = open(aligned).unwrap().remove(0);
+        assert_eq!((names(&aligned).as_str(), places(&aligned)[0]), ("x y z", DVec3::new(1.5, 2.5, 3.5)));
+    }
     // Times are no intensities, and intensities of many digits are kept.
     let timed = open("1 2 3 1600000001\n4 5 7 1600000002\n").unwrap().remove(0);
     assert_eq!((names(&timed).as_str(), values(&timed, "column_4")[1]), ("x y z column_4", 1_600_000_002.0));

@@ -108,6 +108,20 @@ impl Style {
         if of_all(&|line| line.contains(&b';')) {
             return plain(Some(b';'));
         }
+        // Where nothing but tabs divides a line, two of them stand about an empty cell, unless they do in all lines.
+        let by_tabs = plain(Some(b'\t'));
+        let has_cells = |line: &[u8]| {
+            let is_cell = |token: &[u8]| {
+                !token.iter().any(|byte| byte.is_ascii_whitespace() || *byte == b',' && !by_tabs.has_decimal_comma)
+            };
+            by_tabs.tokens(line).count() >= 3 && by_tabs.tokens(line).all(is_cell)
+        };
+        let columns = lines.iter().map(|line| by_tabs.tokens(line).count()).max().unwrap_or(0);
+        let is_empty =
+            |column: usize| lines.iter().all(|line| by_tabs.tokens(line).nth(column).is_none_or(<[u8]>::is_empty));
+        if of_all(&has_cells) && !(0..columns).any(is_empty) {
+            return by_tabs;
+        }
         let words = |line: &[u8]| Self::BLANKS.tokens(line).count();
         if of_all(&|line| words(line) >= 3) && (commas(None) || !of_all(&|line| line.contains(&b','))) {
             return plain(None);
@@ -120,7 +134,11 @@ impl Style {
 
     /// The columns of a line, without blanks and quotes around them.
     pub fn tokens(self, line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
-        let line = line.trim_ascii();
+        // A tab at the beginning of a line divides an empty cell from the next one.
+        let is_edge = |byte: &u8| byte.is_ascii_whitespace() && (*byte != b'\t' || self.separator != Some(b'\t'));
+        let start = line.iter().position(|byte| !is_edge(byte)).unwrap_or(line.len());
+        let end = line.iter().rposition(|byte| !is_edge(byte)).map_or(start, |last| last + 1);
+        let line = &line[start..end];
         // At the end of a line a separator may stand after the last column.
         let line = self.separator.and_then(|separator| line.strip_suffix(&[separator])).unwrap_or(line);
         let is_end = move |byte: &u8| match self.separator {
@@ -301,7 +319,9 @@ impl<'a> Head<'a> {
         let first = first.or_else(|| lines.iter().take(MOST_BEFORE).position(|(_, line)| mixed(line)))?;
         let numbers: Vec<&[u8]> = lines[first..].iter().take(LOOKED_AT).map(|(_, line)| *line).collect();
         let style = Style::of(&numbers);
-        let count = style.tokens(numbers[0]).count();
+        // The first line may end with an empty cell between tabs.
+        let some = if style.separator == Some(b'\t') { &numbers[..] } else { &numbers[..1] };
+        let count = some.iter().map(|line| style.tokens(line).count()).max()?;
         if !(3..=MOST_COLUMNS).contains(&count) {
             return None;
         }
@@ -412,7 +432,7 @@ const MOST_INTENSE: f64 = 1e6;
 /// What columns without names mean, by the values of some lines.
 fn guessed(samples: &[Vec<f64>]) -> Guess {
     if has_numbers_of_points(samples) {
-        let Guess { names, .. } = guessed(&samples[1..]);
+        let Guess { names, .. } = guessed_columns(&samples[1..]);
         let next = names.into_iter().enumerate().map(|(place, name)| match name.starts_with("column_") {
             true => format!("column_{}", place + 2),
             false => name,
@@ -424,6 +444,11 @@ fn guessed(samples: &[Vec<f64>]) -> Guess {
             is_sure: false,
         };
     }
+    guessed_columns(samples)
+}
+
+/// What columns without names mean, none of which holds the numbers of the points.
+fn guessed_columns(samples: &[Vec<f64>]) -> Guess {
     let count = samples.len();
     let is_color = |columns: &[usize]| {
         let mut all = columns.iter().flat_map(|column| &samples[*column]).peekable();
@@ -513,7 +538,7 @@ fn is_word(value: f64) -> bool {
 /// The type of a column with these values: doubles, but floats for what has few digits, and whole numbers for colours that
 /// are whole.
 fn column_type(name: &str, values: &[f64], has_whole_colors: bool) -> ColumnType {
-    // Floats are written with as few digits as name them.
+    // A float is written with as few digits as tell it from others, so a number that comes back needs no double.
     let is_float = |value: &f64| (*value as f32).to_string().parse() == Ok(*value);
     match name {
         name if is_color(name) && has_whole_colors => ColumnType::U16,
