@@ -460,6 +460,9 @@ fn volume(grid: Option<Result<VolumeGrid, String>>, up: DVec3) -> Outcome {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::{BTreeMap, HashMap, HashSet};
+    use std::sync::{Arc, Mutex};
+
     use scene::{Tripod, solid, tripod};
 
     use super::*;
@@ -473,9 +476,24 @@ mod tests {
         Measurement { name, kind, on, color, points, reach: None, level: None }
     }
 
-    /// The places and the exact places of the points of a made scan, with the unit directions of their rays: the station
-    /// is that whose ray ends nearest to the surface.
-    pub fn scanned(scan: Tripod, rays: u64, seed: u64) -> (Cloud, Vec<[DVec3; 3]>) {
+    /// A made scan, and the places and the exact places of its points, with the unit directions of their rays.
+    pub type Scanned = (Cloud, Vec<[DVec3; 3]>);
+
+    /// A made scan; the station of a point is that whose ray ends nearest to the surface. Each is made once.
+    pub fn scanned(scan: Tripod, rays: u64, seed: u64) -> Arc<Scanned> {
+        type Made = ((Tripod, u64, u64), Arc<Scanned>);
+        static MADE: Mutex<Vec<Made>> = Mutex::new(Vec::new());
+        let made = || MADE.lock().unwrap();
+        let key = (scan, rays, seed);
+        let known = made().iter().find(|(of, _)| *of == key).map(|(_, scanned)| scanned.clone());
+        known.unwrap_or_else(|| {
+            let scanned = Arc::new(made_anew(scan, rays, seed));
+            made().push((key, scanned.clone()));
+            scanned
+        })
+    }
+
+    fn made_anew(scan: Tripod, rays: u64, seed: u64) -> Scanned {
         let (solids, stations) = (scan.solids(), scan.stations());
         let chunks = tripod::scan(scan, rays, seed);
         let known = |place: DVec3| {
@@ -493,31 +511,48 @@ mod tests {
     }
 
     /// A scan of which one point of each cube of this width is left, as the upper levels of an index have it.
-    fn thinned((cloud, points): (Cloud, Vec<[DVec3; 3]>), width: f64) -> (Cloud, Vec<[DVec3; 3]>) {
-        let (mut taken, mut chunks) = (std::collections::HashSet::new(), Vec::new());
+    fn thinned((cloud, points): &Scanned, width: f64) -> Scanned {
+        let (mut taken, mut chunks) = (HashSet::new(), Vec::new());
         let cube = |place: DVec3| (place / width).floor().as_i64vec3();
         for chunk in &cloud.chunks {
             let indices = (0..chunk.len()).filter(|index| taken.insert(cube(chunk.position(*index))));
             chunks.push(chunk.select(&indices.map(|index| index as u32).collect::<Vec<u32>>()));
         }
         taken.clear();
-        let points = points.into_iter().filter(|point| taken.insert(cube(point[0]))).collect();
-        (Cloud { chunks, ..cloud }, points)
+        let points = points.iter().filter(|point| taken.insert(cube(point[0]))).copied().collect();
+        (Cloud { chunks, ..cloud.clone() }, points)
+    }
+
+    /// The chunks of a scan, each cut into cubes of two metres, so that a measurement passes over those that are far away.
+    fn in_cubes(cloud: &Cloud) -> Cloud {
+        let cut = |chunk: &cloud::Chunk| {
+            let mut cubes = BTreeMap::<[i64; 3], Vec<u32>>::new();
+            for index in 0..chunk.len() {
+                let cube = (chunk.position(index) / 2.0).floor().as_i64vec3().to_array();
+                cubes.entry(cube).or_default().push(index as u32);
+            }
+            cubes.into_values().map(|indices| chunk.select(&indices)).collect::<Vec<_>>()
+        };
+        Cloud { chunks: cloud.chunks.iter().flat_map(cut).collect(), ..cloud.clone() }
     }
 
     /// How many of the points and of the distances lie within their intervals, by one point of each cube of this width.
     fn held(scan: Tripod, seed: u64, width: Option<f64>) -> [usize; 2] {
         let all = scanned(scan, RAYS, seed);
-        let (cloud, points) = width.map_or_else(|| all.clone(), |width| thinned(all.clone(), width));
+        let all = width.map_or(all.clone(), |width| Arc::new(thinned(&all, width)));
+        let (cloud, points) = (in_cubes(&all.0), &all.1);
         // With another number of rays, their rows are elsewhere.
-        let (_, meant) = scanned(scan, RAYS * 2 / 7, seed + 1);
+        let other = scanned(scan, RAYS * 2 / 7, seed + 1);
+        let meant = &other.1;
         let bounds: Vec<Bounds> = cloud.chunks.iter().map(cloud::Chunk::bounds).collect();
         // A person means a place on the surface, and clicks snap to the nearest point.
         let mut random = cloud::Random(seed + 4);
+        let key = |place: DVec3| place.to_array().map(f64::to_bits);
+        let by_place: HashMap<_, _> = points.iter().map(|point| (key(point[0]), *point)).collect();
+        let tree = measure::PointTree::new(points.iter().map(|point| point[0]).collect());
         let mut pick = || {
             let [_, place, _] = meant[random.below(meant.len() as u64) as usize];
-            let near = points.iter().min_by(|a, b| a[0].distance(place).total_cmp(&b[0].distance(place)));
-            (place, *near.unwrap())
+            (place, by_place[&key(tree.nearest_points(place, 1)[0])])
         };
         let clouds = [(cloud, bounds)];
         let mut count = [0; 2];

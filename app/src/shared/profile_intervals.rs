@@ -90,9 +90,9 @@ mod tests {
     /// Of so many readings in profiles of a width: how many have intervals, and how many distances along, heights and
     /// lengths between two of them lie within.
     fn held(scan: Tripod, seed: u64, width: f64) -> [usize; 4] {
-        let (_, points) = scanned(scan, RAYS, seed);
-        let places: Vec<DVec3> = points.iter().map(|point| point[0]).collect();
-        let (_, meant) = scanned(scan, RAYS * 2 / 7, seed + 1);
+        let places: Vec<DVec3> = scanned(scan, RAYS, seed).1.iter().map(|point| point[0]).collect();
+        let other = scanned(scan, RAYS * 2 / 7, seed + 1);
+        let meant = &other.1;
         let (tree, mut random) = (PointTree::new(places.clone()), cloud::Random(seed + 4));
         let (mut count, mut measured) = ([0; 4], 0);
         while measured < MEASURED {
