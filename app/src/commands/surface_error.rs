@@ -117,21 +117,17 @@ impl SurfaceErrors {
 #[cfg(test)]
 mod tests {
     use glam::DVec2;
-    use render::Gpu;
     use scene::Tripod;
 
     use super::*;
     use crate::commands::subject::{self, LoadedSubject};
+    use crate::viewer::bench::devices;
 
     const SIZE: [u32; 2] = [80, 60];
 
     #[test]
     fn each_pixel_states_what_its_point_does_along_its_ray() {
-        let gpu = match Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => return eprintln!("skipped: {error}"),
-        };
+        let Some([_, gpu]) = devices() else { return };
         let mut settings = Tripod::Mixed.settings();
         settings.scene.points = 60_000;
         settings.reflection.method = scene::Method::None;

@@ -2,6 +2,7 @@
 //! asks for on the test's own thread.
 
 use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
 use egui::Ui;
@@ -35,6 +36,25 @@ pub struct Bench {
 /// The longest wait for a report. Software Vulkan compiles for a minute on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
 
+/// The window's device and the one that draws, which tests share, so that each pass is compiled once for all of them. A
+/// test that loses its device, is refused something by it, or waits while it compiles, opens one with `own_device`.
+pub fn devices() -> Option<[Arc<Gpu>; 2]> {
+    static SHARED: LazyLock<Option<[Arc<Gpu>; 2]>> = LazyLock::new(|| Some([own_device()?, own_device()?]));
+    SHARED.clone()
+}
+
+/// A device of a test's own. Without an adapter a test is skipped, with a note, or fails where `GLINT_REQUIRE_GPU` is set.
+pub fn own_device() -> Option<Arc<Gpu>> {
+    match Gpu::headless(None) {
+        Ok(gpu) => Some(gpu),
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => {
+            println!("skipped: {error}");
+            None
+        }
+    }
+}
+
 impl Bench {
     /// Opens the built-in scene of a mirror ball.
     pub fn with_sphere() -> Option<Self> {
@@ -44,17 +64,10 @@ impl Bench {
     /// Opens a built-in scene with few points and a small picture. Returns `None`, and prints a note, if there is no
     /// adapter.
     pub fn with_scene(name: &str) -> Option<Self> {
-        let gpu = match Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => {
-                eprintln!("skipped: {error}");
-                return None;
-            }
-        };
+        let [window_gpu, gpu] = devices()?;
         let is_processor = gpu.is_processor();
         let (sender, reports) = channel();
-        let thread = RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap();
+        let thread = RenderThread::start(window_gpu, |_| Ok(gpu), move |report| drop(sender.send(report))).unwrap();
         let mut session = Session::new(Preferences::default());
         (session.scene.settings.scene.points, session.scene.settings.trace.samples) = (3000, 4);
         // Few lights and bounces leave few passes to compile.

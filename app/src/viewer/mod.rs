@@ -9,7 +9,7 @@
 #[cfg(test)]
 mod assistive_tests;
 #[cfg(test)]
-mod bench;
+pub mod bench;
 mod filming;
 mod frames;
 mod headless;

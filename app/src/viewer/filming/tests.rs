@@ -10,7 +10,7 @@ use super::*;
 use crate::commands::recording::{PathChoice, Recorder};
 use crate::shared::command_line::{Command, CommandLine};
 use crate::system::progress_bar::Bar;
-use crate::viewer::bench::Bench;
+use crate::viewer::bench::{Bench, devices};
 use crate::viewer::interface;
 use crate::viewer::jobs::process::Ended;
 use crate::viewer::look::tab::Tab;
@@ -354,11 +354,7 @@ fn a_method_tour_names_each_method_and_tells_what_was_measured_of_this_view_and_
 
 #[test]
 fn the_window_records_the_pictures_of_the_scene_that_it_saves_to_the_bit() {
-    let gpu = match render::Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => return eprintln!("skipped: {error}"),
-    };
+    let Some([_, gpu]) = devices() else { return };
     let Some(mut bench) = Bench::with_sphere() else { return };
     let [work, home] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let grid: String = (0..400).map(|i| format!("{} {} 0.1\n", i % 20, i / 20)).collect();
@@ -444,7 +440,7 @@ fn the_window_shows_the_states_of_a_wipe_as_a_recording_has_them() {
 
     let request = world::resolve(std::slice::from_ref(&file));
     let choice = PathChoice::new(None, &request, &file).unwrap();
-    let gpu = render::Gpu::headless(None).unwrap();
+    let Some([_, gpu]) = devices() else { return };
     let mut recorder = Recorder::open(gpu, None, [64, 48], request, &choice).unwrap().unwrap();
     let bar = Bar::pictures("recording");
     let mut differing = |time: f64, shown: &[u8]| {

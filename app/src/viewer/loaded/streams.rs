@@ -280,6 +280,7 @@ mod tests {
     use world::{Event, Opened};
 
     use super::*;
+    use crate::viewer::bench::devices;
     use crate::viewer::objects::Marking;
     use crate::viewer::picture::messages::{Command, PickPurpose, PickedPoint, Report};
     use crate::viewer::requests::outside::Effect;
@@ -418,11 +419,7 @@ mod tests {
 
     #[test]
     fn points_take_no_more_of_the_gpu_than_they_may() {
-        let gpu = match render::Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => return eprintln!("skipped: {error}"),
-        };
+        let Some([_, gpu]) = devices() else { return };
         let mut settings = Settings::default();
         settings.stream.gpu_bytes.0 = 96 << 20;
         let points = most_points(&settings.view, &settings.stream);

@@ -158,6 +158,7 @@ mod tests {
     use world::{CloudKey, Part};
 
     use super::*;
+    use crate::viewer::bench::own_device;
     use crate::viewer::picture::messages::PickPurpose;
     use crate::viewer::picture::pace::Spared;
 
@@ -195,7 +196,7 @@ mod tests {
 
     #[test]
     fn points_are_shown_and_picked_before_the_shaders_are_compiled_and_what_needs_them_waits_in_order() {
-        let Ok(gpu) = Gpu::headless(None) else { return eprintln!("skipped: no adapter") };
+        let Some(gpu) = own_device() else { return };
         if !gpu.is_processor() {
             return eprintln!("skipped: the adapter is no processor");
         }
@@ -239,7 +240,7 @@ mod tests {
 
     #[test]
     fn nothing_is_compiled_before_the_first_points_are_shown() {
-        let Ok(gpu) = Gpu::headless(None) else { return eprintln!("skipped: no adapter") };
+        let Some(gpu) = own_device() else { return };
         if !gpu.is_processor() {
             return eprintln!("skipped: the adapter is no processor");
         }

@@ -338,6 +338,7 @@ fn merged(rects: impl Iterator<Item = [u32; 4]>) -> Vec<[u32; 4]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::viewer::bench::{devices, own_device};
     use crate::viewer::picture::window_texture::tests::Refusal;
 
     const SIZE: [u32; 2] = [320, 240];
@@ -374,11 +375,7 @@ mod tests {
 
     #[test]
     fn what_is_painted_in_parts_equals_what_is_painted_whole() {
-        let gpu = match Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => return eprintln!("skipped: {error}"),
-        };
+        let Some([gpu, _]) = devices() else { return };
         let mut canvas = Canvas::new(gpu.clone(), FORMAT, SIZE).unwrap();
         let context = egui::Context::default();
         let pictures = [1, 2].map(|seed| colorful(&canvas, [100, 80], seed));
@@ -440,11 +437,7 @@ mod tests {
 
     #[test]
     fn a_window_for_which_there_is_no_memory_goes_on_in_the_size_that_it_had() {
-        let gpu = match Gpu::headless(None) {
-            Ok(gpu) => gpu,
-            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-            Err(error) => return eprintln!("skipped: {error}"),
-        };
+        let Some(gpu) = own_device() else { return };
         let mut canvas = Canvas::new(gpu.clone(), FORMAT, SIZE).unwrap();
         let context = egui::Context::default();
         let input = egui::RawInput {

@@ -47,14 +47,14 @@ const MOST_SAMPLES: u32 = 16;
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 
 impl RenderThread {
-    /// Starts the thread. `window_gpu` is the device that shows the pictures; `wanted` is as in `Gpu::headless`. `report`
-    /// is called on another thread.
+    /// Starts the thread. `window_gpu` is the device that shows the pictures; `open` opens the one that draws them, on the
+    /// thread. `report` is called on another thread.
     ///
     /// # Errors
     /// No thread can be started.
     pub fn start(
         window_gpu: Arc<Gpu>,
-        wanted: Option<String>,
+        open: impl FnOnce(&Gpu) -> render::Result<Arc<Gpu>> + Send + 'static,
         report: impl Fn(Report) + Send + 'static,
     ) -> std::io::Result<Self> {
         let (commands, receiver) = channel();
@@ -67,7 +67,11 @@ impl RenderThread {
         let work = move || {
             // The writer ends early only after it has reported the reason.
             let finish = |done| drop(finished.send(done));
-            let draw = || match Worker::new(window_gpu, wanted.as_deref(), compiled, &receiver, &finish) {
+            let opened = || {
+                let gpu = open(&window_gpu)?;
+                Worker::new(gpu, window_gpu, compiled, &receiver, &finish)
+            };
+            let draw = || match opened() {
                 Ok((mut worker, first)) => {
                     finish(Finished::Told(Report::Ready { adapter: worker.gpu.info.name.clone() }));
                     worker.run(first, &receiver, &urgent, &waiting, &finish);
@@ -133,19 +137,14 @@ struct Worker {
 const LOST_AGAIN: Duration = Duration::from_secs(60);
 
 impl Worker {
-    /// Opens the device and compiles what every picture needs. Returns the commands that came meanwhile and were not
-    /// carried out, too.
+    /// Compiles what every picture needs. Returns the commands that came meanwhile and were not carried out, too.
     fn new(
+        gpu: Arc<Gpu>,
         window_gpu: Arc<Gpu>,
-        wanted: Option<&str>,
         shaders: Arc<Progress>,
         commands: &Receiver<Command>,
         finish: &impl Fn(Finished),
     ) -> render::Result<(Self, VecDeque<Command>)> {
-        // Takes the window's adapter, unless another is wanted: the adapter that presents is the one that has the
-        // screen.
-        let gpu =
-            wanted.map_or_else(|| Gpu::on_same_adapter(&window_gpu.info), |wanted| Gpu::headless(Some(wanted)))?;
         let mut beginning = Beginning::new(gpu, window_gpu);
         let renderer = beginning.compile(commands, &shaders, finish)?;
         let Beginning { gpu, window_gpu, resident, moving, on_screen, waiting, .. } = beginning;

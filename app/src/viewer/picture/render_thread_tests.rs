@@ -5,6 +5,7 @@ use glam::DVec3;
 use scene::{Camera, LightClues, Mirror, MirrorSurface, Quality, Reflection, Shape};
 
 use super::*;
+use crate::viewer::bench::{devices, own_device};
 use crate::viewer::picture::frame_request::hurried;
 use crate::viewer::picture::pace::Spared;
 use crate::viewer::picture::window_texture::tests::Refusal;
@@ -12,18 +13,17 @@ use crate::viewer::picture::window_texture::tests::Refusal;
 /// Software Vulkan compiles for a minute on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
 
-/// A render thread and its reports; `None`, with a note, if there is no adapter.
-fn start() -> Option<(RenderThread, Receiver<Report>)> {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            eprintln!("skipped: {error}");
-            return None;
-        }
-    };
+/// A render thread that draws on a device, and its reports. The window has a device of its own.
+fn start_on(gpu: Arc<Gpu>) -> Option<(RenderThread, Receiver<Report>)> {
     let (sender, reports) = channel();
-    Some((RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap(), reports))
+    let thread = RenderThread::start(own_device()?, |_| Ok(gpu), move |report| drop(sender.send(report)));
+    Some((thread.unwrap(), reports))
+}
+
+/// A render thread on the device that tests share; `None`, with a note, if there is no adapter.
+fn start() -> Option<(RenderThread, Receiver<Report>)> {
+    let [_, gpu] = devices()?;
+    start_on(gpu)
 }
 
 /// A frame that shows only a mirror ball.
@@ -45,7 +45,7 @@ fn request(size: [u32; 2]) -> Box<FrameRequest> {
 
 #[test]
 fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_thread() {
-    let Some((thread, reports)) = start() else { return };
+    let Some((thread, reports)) = own_device().and_then(start_on) else { return };
     // The frames wait while the shaders are compiled.
     for size in [[32, 24], [40, 30], [48, 36]] {
         thread.send(Command::Frame(request(size)));
@@ -95,9 +95,9 @@ fn the_picture_is_drawn_again_for_another_device_of_the_window() {
     let Some((thread, reports)) = start() else { return };
     let report = || reports.recv_timeout(PATIENCE).expect("a report");
     assert!(matches!(report(), Report::Ready { .. }));
-    let another = Gpu::headless(None).unwrap();
+    let another = own_device().unwrap();
     // Before there is a picture, there is nothing to draw again.
-    thread.send(Command::ShowOn(Gpu::headless(None).unwrap()));
+    thread.send(Command::ShowOn(own_device().unwrap()));
     thread.send(Command::Frame(request([48, 36])));
     let Report::Frame(first) = report() else { panic!("no frame") };
     thread.send(Command::ShowOn(another.clone()));
@@ -130,7 +130,7 @@ fn mirrors_reflect_in_quick_pictures_once_their_passes_are_compiled_and_say_what
     let Some((thread, reports)) = start() else { return };
     let report = || reports.recv_timeout(PATIENCE).expect("a report");
     assert!(matches!(report(), Report::Ready { .. }));
-    if !Gpu::headless(None).unwrap().is_processor() {
+    if !devices().unwrap()[1].is_processor() {
         return eprintln!("skipped: the adapter is no processor");
     }
     let still = request([60, 48]);
@@ -187,7 +187,7 @@ fn samples_of_glossy_mirrors_come_in_steps_and_end_in_the_picture_of_all() {
     assert_eq!([0; 4].map(|_| samples()), [([1, 7], false), ([2, 7], false), ([4, 7], false), ([7, 7], true)]);
     thread.send(Command::Capture { request: glossy.clone(), origin: DVec3::ZERO });
     let Report::Captured(captured) = report() else { panic!("no images") };
-    let gpu = Gpu::headless(None).unwrap();
+    let [_, gpu] = devices().unwrap();
     let mut renderer = Renderer::new(gpu.clone()).unwrap();
     let objects = Objects { mirrors: &glossy.mirrors, ..Objects::default() };
     let store = render::PointStore::new(gpu);
@@ -216,12 +216,8 @@ fn samples_of_glossy_mirrors_come_in_steps_and_end_in_the_picture_of_all() {
 
 #[test]
 fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_points() {
-    let window_gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => return println!("skipped: {error}"),
-    };
-    let mut worker = Worker::new(window_gpu, None, Arc::default(), &channel().1, &|_| {}).unwrap().0;
+    let (Some(window_gpu), Some(gpu)) = (own_device(), own_device()) else { return };
+    let mut worker = Worker::new(gpu, window_gpu, Arc::default(), &channel().1, &|_| {}).unwrap().0;
     let cloud = world::CloudKey(0);
     let points: Vec<[f32; 3]> =
         (0..4096).map(|i| [(i % 64) as f32 / 32.0 - 1.0, 0.0, (i / 64) as f32 / 32.0]).collect();

@@ -41,14 +41,21 @@ impl Effects {
         Self { tell, start, render_thread: None, under_way: Arc::default() }
     }
 
-    /// Starts drawing points; the arguments are those of `RenderThread::start`. Returns `RenderThread::shaders`.
+    /// Starts drawing points for the window of a device, on the adapter that `wanted` names as in `Gpu::headless`. Returns
+    /// `RenderThread::shaders`.
     ///
     /// # Errors
     /// No thread can be started.
     pub fn draw_for(&mut self, window_gpu: Arc<Gpu>, wanted: Option<String>) -> std::io::Result<Arc<Progress>> {
         let tell = self.tell.clone();
+        // Takes the window's adapter, unless another is wanted: the adapter that presents is the one that has the
+        // screen.
+        let open = move |window_gpu: &Gpu| match wanted {
+            Some(wanted) => Gpu::headless(Some(&wanted)),
+            None => Gpu::on_same_adapter(&window_gpu.info),
+        };
         // A closed window needs no reports.
-        let thread = RenderThread::start(window_gpu, wanted, move |report| {
+        let thread = RenderThread::start(window_gpu, open, move |report| {
             let _ = tell(News::Report(report));
         })?;
         let shaders = thread.shaders.clone();
