@@ -14,6 +14,8 @@ fn text(path: &Path) -> String {
 
 /// Maps of the default number of virtual lights take longer than all else of a small picture.
 const FEW_LIGHTS: [&str; 2] = ["--set", "gi.vpls=16"];
+/// A fifth of the points of the largest cloud: nodes of several levels, and others that are left out.
+const FEW_POINTS: [&str; 2] = ["--set", "view.point_budget=100000"];
 
 /// The picture of a cloud, and what the program said.
 fn picture(folder: &Folder, name: &str, input: &str, more: &[&str]) -> (Vec<u8>, String) {
@@ -49,8 +51,8 @@ fn pictures_by_address_are_those_of_files_to_the_bit() {
     let folder = Folder::new();
     let server = Server::of_folder(&data, Habits { fails: 10, ..Habits::default() });
     for name in ["copc/lone_star_las14_pf6.copc.laz", "ept/lone-star-laszip/ept.json", "ept/1.2-with-color/ept.json"] {
-        let (of_file, _) = picture(&folder, "file.png", &text(&data.join(name)), &[]);
-        let (of_address, messages) = picture(&folder, "address.png", &text(&server.path(name)), &[]);
+        let (of_file, _) = picture(&folder, "file.png", &text(&data.join(name)), &FEW_POINTS);
+        let (of_address, messages) = picture(&folder, "address.png", &text(&server.path(name)), &FEW_POINTS);
         assert!(of_file == of_address, "{name}: {messages}");
     }
 }
@@ -89,8 +91,8 @@ fn lists_of_nodes_that_are_read_page_by_page_give_the_picture_of_whole_ones_to_t
     }
     let told = std::fs::read_to_string(from.join("ept.json")).expect("text").replace("518862", "1000000000000");
     std::fs::write(to.join("ept.json"), told).expect("a copy");
-    let (whole, _) = picture(&folder, "whole.png", &text(&from.join("ept.json")), &[]);
-    let (paged, messages) = picture(&folder, "paged.png", &text(&to.join("ept.json")), &[]);
+    let (whole, _) = picture(&folder, "whole.png", &text(&from.join("ept.json")), &FEW_POINTS);
+    let (paged, messages) = picture(&folder, "paged.png", &text(&to.join("ept.json")), &FEW_POINTS);
     assert!(whole == paged && messages.is_empty(), "{messages}");
 }
 
@@ -106,10 +108,11 @@ fn a_page_of_a_list_of_nodes_that_cannot_be_used_is_told_and_the_rest_is_shown()
     // The page is said to lie where no page can.
     listed.bytes[at..at + 32].copy_from_slice(&copc_lists::entry(link, 375, 64, -1));
     let damaged = folder.write("damaged.copc.laz", &listed.bytes);
-    let (of_whole, _) = picture(&folder, "whole.png", &text(&whole), &LITTLE_MEMORY);
+    let more = [LITTLE_MEMORY, FEW_POINTS].concat();
+    let (of_whole, _) = picture(&folder, "whole.png", &text(&whole), &more);
     let output = text(&folder.path("damaged.png"));
     let arguments = ["render", &text(&damaged), "--size", "200x150", "--set", "stream.pages=always", "-o", &output];
-    let outcome = folder.glint([&arguments[..], &LITTLE_MEMORY, &FEW_LIGHTS].concat());
+    let outcome = folder.glint([&arguments[..], &more, &FEW_LIGHTS].concat());
     let told = &outcome.messages;
     assert!(told.contains("outside the record of pages") && told.contains("below that node are missing"), "{outcome}");
     let shown = std::fs::read(output).expect("what is there is shown");
