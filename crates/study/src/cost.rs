@@ -344,6 +344,12 @@ impl CostModel {
         passes.for_each(|sums| sums.fade(share));
     }
 
+    /// Lets all passes take so many times what they took.
+    pub fn scale(&mut self, factor: f64) {
+        let passes = self.stages.values_mut().flat_map(BTreeMap::values_mut).flat_map(BTreeMap::values_mut);
+        passes.flat_map(|sums| &mut sums.times).for_each(|time| *time *= factor);
+    }
+
     /// Learns from a frame that was drawn from scratch, of `size` pixels. A frame for which passes were compiled says
     /// nothing: do not hand it over.
     pub fn learn(&mut self, stats: &FrameStats, settings: &Settings, size: [u32; 2]) {
