@@ -179,6 +179,9 @@ impl Auto {
         (self.is_asked, self.still) = (false, None);
         self.renew(model);
         let Some(choice) = choice.transpose() else { return };
+        if let Err(error) = self.save() {
+            outside.warning(text!("times are not kept: {error}", error = format_args!("{error:#}")));
+        }
         let Some(target) = target_of(&request) else { return };
         match &choice {
             Ok(choice) => {
