@@ -98,7 +98,7 @@ impl Identity {
             hash.add(&since.map_or(0, |since| since.as_nanos()).to_le_bytes());
             match input.bytes().remote_identity() {
                 Some(identity) => hash.add(identity.as_bytes()),
-                None => add_samples(&mut hash, input.bytes(), sample).map_err(|error| Error::io(path, error))?,
+                None => add_samples(&mut hash, input.bytes(), sample),
             }
             stamps.push(stamp);
         }
@@ -126,15 +126,15 @@ impl Identity {
 
 /// Samples of `length` bytes of the file that is open: of one that has taken its name since, an index would be of other
 /// points than its name says.
-fn add_samples(hash: &mut Fnv, bytes: &codec::Bytes, length: usize) -> std::io::Result<()> {
+fn add_samples(hash: &mut Fnv, bytes: &codec::Bytes, length: usize) {
     let last = bytes.length().saturating_sub(length as u64);
     let mut buffer = vec![0; length];
     for sample in 0..INNER_SAMPLES + 2 {
         let start = (u128::from(last) * u128::from(sample) / u128::from(INNER_SAMPLES + 1)) as u64;
-        let count = bytes.read_at(start, &mut buffer)?;
+        // What cannot be read is left out of an index, which is that of other contents once it can.
+        let count = bytes.read_at(start, &mut buffer).unwrap_or(0);
         hash.add(&buffer[..count]);
     }
-    Ok(())
 }
 
 /// FNV-1a with 128 bits. Nobody gains by a collision in their own cache.
