@@ -87,16 +87,18 @@ struct Record {
 }
 
 impl Renderer {
-    /// Compiles the passes that every picture needs: for seconds on software Vulkan, so call this off the window's
-    /// thread. Others are compiled by `prepare`, or when they are first needed.
+    /// Compiles the passes that every picture needs on a GPU. Others, and all where the adapter is a processor, are
+    /// compiled by `prepare`, or when they are first needed.
     ///
     /// # Errors
     /// A shader is refused, or the device is lost.
     pub fn new(gpu: Arc<Gpu>) -> Result<Self> {
-        Self::with_progress(gpu, &Arc::default())
+        // A single picture has one of two qualities, and compiling the other's passes takes a processor 0.2 s.
+        if gpu.is_processor() { Ok(Self::bare(gpu)) } else { Self::with_progress(gpu, &Arc::default()) }
     }
 
-    /// Compiles the passes that every picture needs, with the progress that `prepare` counts.
+    /// Compiles the passes that every picture needs, for seconds on software Vulkan, so call this off the window's
+    /// thread; `progress` is that which `prepare` counts.
     ///
     /// # Errors
     /// Those of `new`.
