@@ -116,10 +116,12 @@ impl Style {
             };
             by_tabs.tokens(line).count() >= 3 && by_tabs.tokens(line).all(is_cell)
         };
-        let columns = lines.iter().map(|line| by_tabs.tokens(line).count()).max().unwrap_or(0);
-        let is_empty =
-            |column: usize| lines.iter().all(|line| by_tabs.tokens(line).nth(column).is_none_or(<[u8]>::is_empty));
-        if of_all(&has_cells) && !(0..columns).any(is_empty) {
+        let mut filled: Vec<bool> = Vec::new();
+        for (column, token) in lines.iter().flat_map(|line| by_tabs.tokens(line).enumerate()) {
+            filled.resize(filled.len().max(column + 1), false);
+            filled[column] |= !token.is_empty();
+        }
+        if of_all(&has_cells) && !filled.contains(&false) {
             return by_tabs;
         }
         let words = |line: &[u8]| Self::BLANKS.tokens(line).count();
