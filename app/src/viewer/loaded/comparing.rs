@@ -58,7 +58,6 @@ impl Loaded {
     }
 
     fn comparing(&self, beside: &Beside<'_>) -> Result<Comparing, String> {
-        self.check_unchanged()?;
         let CompareDraft { is_m3c2, scales, core, output, .. } = &self.comparisons.draft;
         let first = self.compared_first().ok_or(text!("There is no cloud to compare yet"))?;
         let (second, to) = match &self.compared_second() {
@@ -73,7 +72,10 @@ impl Loaded {
                 }
                 let end = match entry.source.as_ref().filter(|source| source.is_mesh() && !is_m3c2) {
                     // The faces of a mesh are in its file.
-                    Some(source) => Ends::Files(vec![source.info().path.display().to_string()]),
+                    Some(source) => {
+                        source.bytes().check_unchanged().map_err(|error| error.to_string())?;
+                        Ends::Files(vec![source.info().path.display().to_string()])
+                    }
                     None => ends(entry)?,
                 };
                 (end, entry.cloud.name.clone())
