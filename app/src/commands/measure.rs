@@ -196,9 +196,10 @@ impl Job<'_> {
         let left_out =
             self.left_out.get(&(info.path.clone(), info.scan_number())).map(std::slice::from_ref).unwrap_or_default();
         let wanted = Wanted { test: &self.test, left_out };
+        let shows_faces = world::shows_faces(source, &self.settings);
         let vertices = Mutex::new(Vec::new());
         let gather = |chunk: Chunk| {
-            if source.is_mesh() && chunk.corners.is_none() {
+            if shows_faces && chunk.corners.is_none() {
                 vertices.lock().unwrap_or_else(PoisonError::into_inner).push(chunk.clone());
             }
             let bounds = chunk.bounds();

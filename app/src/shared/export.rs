@@ -49,8 +49,7 @@ pub fn strays(
     // The points that are shown, and the file and the indices of those of each chunk.
     let (mut chunks, mut places) = (Vec::new(), Vec::new());
     for (file, source) in sources.iter().enumerate() {
-        let is_spread = source.is_mesh() && u64::from(settings.surface.mesh_points) > source.info().points;
-        if is_spread {
+        if world::shows_faces(source, settings) {
             // Pictures show points on the faces, and none of those is stray.
             continue;
         }

@@ -46,7 +46,7 @@ pub use light::AutoLight;
 pub use mailbox::{IndexRequest, Mailbox, StreamView};
 pub use meshes::with_mesh;
 pub use opening::{Extent, first_camera, first_outline, own_settings, shining};
-pub use reading::points_on_faces;
+pub use reading::{points_on_faces, shows_faces};
 pub use resident::Resident;
 pub use source::{
     asked_attributes, file_warnings, open_file, open_placed, options_for, other_systems, parts, radii_of_shown,

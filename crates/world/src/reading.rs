@@ -35,15 +35,20 @@ pub(crate) struct Loading {
     pub(crate) has_kept_surfels: bool,
 }
 
+/// Whether a file is a mesh that shows points on its faces, besides its vertices.
+pub fn shows_faces(source: &codec::Source, settings: &Settings) -> bool {
+    source.is_mesh() && u64::from(settings.surface.mesh_points) > source.info().points
+}
+
 /// The points between the vertices of a mesh, if it shows any: a face list that cannot be parsed has none. `vertices` are
 /// all chunks of the file in order.
 pub fn points_on_faces(source: &codec::Source, vertices: &[Chunk], settings: &Settings) -> Option<MeshPoints> {
-    let count = settings.surface.mesh_points;
-    if !source.is_mesh() || u64::from(count) <= source.info().points {
+    if !shows_faces(source, settings) {
         return None;
     }
     let start = Instant::now();
-    let points = MeshPoints::new(vertices, &source.triangles().ok()?, count as usize, MESH_SEED);
+    let count = settings.surface.mesh_points as usize;
+    let points = MeshPoints::new(vertices, &source.triangles().ok()?, count, MESH_SEED);
     tracing::debug!(seconds = start.elapsed().as_secs_f64(), is_surface = points.is_some(), "points of a mesh");
     points
 }
