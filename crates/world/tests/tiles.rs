@@ -48,7 +48,8 @@ fn tiles_that_were_missing_come_while_the_scene_is_open() {
     settings.stream.pages = Paging::Always;
     let job = world::start(vec![Input::File(address)], &settings, BTreeSet::new());
     let (mut shown, mut missing, mut mended) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
-    let is_of_seven = |problem: &String| problem.contains("/7.copc.laz: no such file");
+    // The first request for it may be one of those that fail.
+    let is_of_seven = |problem: &String| problem.contains("/7.copc.laz");
     let deadline = Instant::now() + Duration::from_secs(60);
     loop {
         let event = job.events.recv_timeout(deadline.saturating_duration_since(Instant::now()));
@@ -67,7 +68,7 @@ fn tiles_that_were_missing_come_while_the_scene_is_open() {
             Event::Failed { error, .. } => vec![error],
             _ => Vec::new(),
         };
-        if problems.iter().any(is_of_seven) {
+        if away.exists() && problems.iter().any(is_of_seven) {
             std::fs::rename(&away, &paths[7]).unwrap();
         }
         missing.extend(problems);
