@@ -18,6 +18,8 @@ pub struct Request {
     pub path: String,
     /// Names in lower case, and values.
     pub headers: Vec<(String, String)>,
+    /// The number of this request among all, the first being 1.
+    pub number: u64,
 }
 
 impl Request {
@@ -96,8 +98,8 @@ impl Server {
                     let Ok(copy) = stream.try_clone() else { return };
                     let (mut reader, mut stream) = (BufReader::new(copy), stream);
                     let _ = stream.set_nodelay(true);
-                    while let Some(request) = request(&mut reader) {
-                        own.requests.fetch_add(1, Ordering::Relaxed);
+                    while let Some(mut request) = request(&mut reader) {
+                        request.number = own.requests.fetch_add(1, Ordering::Relaxed) + 1;
                         let mut asked = own.asked.lock().unwrap_or_else(PoisonError::into_inner);
                         if asked.len() < MOST_KEPT {
                             asked.push(request.clone());
@@ -146,7 +148,9 @@ fn request(reader: &mut BufReader<TcpStream>) -> Option<Request> {
     loop {
         let mut line = String::new();
         reader.read_line(&mut line).ok().filter(|count| *count > 0)?;
-        let Some((name, value)) = line.trim().split_once(':') else { return Some(Request { path, headers }) };
+        let Some((name, value)) = line.trim().split_once(':') else {
+            return Some(Request { path, headers, number: 0 });
+        };
         headers.push((name.to_ascii_lowercase(), value.trim().to_owned()));
     }
 }
@@ -159,9 +163,8 @@ fn serve(
     stream: &mut TcpStream,
 ) -> std::io::Result<()> {
     std::thread::sleep(habits.latency);
-    let number = counts.requests.load(Ordering::Relaxed);
-    let fails = habits.fails > 0 && number.is_multiple_of(habits.fails);
-    if fails && number.is_multiple_of(2 * habits.fails) {
+    let fails = habits.fails > 0 && request.number.is_multiple_of(habits.fails);
+    if fails && request.number.is_multiple_of(2 * habits.fails) {
         return write!(stream, "HTTP/1.1 503 Busy\r\ncontent-length: 0\r\n\r\n");
     }
     let path = request.path.split('?').next().unwrap_or_default().trim_start_matches('/');
