@@ -179,6 +179,25 @@ fn an_export_that_cannot_be_made_is_refused() {
 }
 
 #[test]
+fn an_export_of_a_source_that_breaks_off_fails_and_writes_the_points_that_there_are() {
+    let folder = Folder::new();
+    let header = "property float x\nproperty float y\nproperty float z\nend_header\n";
+    let rows: String = (0..70).map(|at| format!("{} {} 0\n", at % 9, at / 9)).collect();
+    folder.write("short.ply", format!("ply\nformat ascii 1.0\nelement vertex 1100\n{header}{rows}"));
+    let lack = |name: &str| format!("glint: {name}: lacks 1,030 points of its sources, which cannot be read\n");
+    for name in ["a.laz", "a.ply", "a.csv"] {
+        let outcome = folder.glint(["export", "short.ply", "-o", name]);
+        assert_eq!(outcome.status, Some(2), "{outcome}");
+        assert!(outcome.messages.contains(&lack(name)), "{outcome}");
+        assert_eq!(outcome.text(), format!("{name}: 70 of 70 points\n"));
+    }
+    assert_eq!(information(&folder, "a.laz")["points"], 70);
+    let section = ["--line", "0,0,0:9,0,0", "--width", "0.5"];
+    let outcome = folder.glint(["profile", "short.ply", "-o", "b.ply"].iter().chain(&section));
+    assert!(outcome.status == Some(2) && outcome.messages.contains(&lack("b.ply")), "{outcome}");
+}
+
+#[test]
 fn a_made_scan_is_exported_with_its_colours_and_read_back() {
     let folder = Folder::new();
     let few = ["--set", "scene.points=5000"];

@@ -12,12 +12,13 @@ use world::{Input, half_of};
 
 use crate::commands::info::{attributes_report, bounds_report};
 use crate::shared::command_line::ExportArguments;
-use crate::shared::export::{open, strays};
+use crate::shared::export::{lack, open, strays};
 use crate::system::failure::{UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 use crate::system::{picture_file, progress_bar};
 
-/// Writes the file. Returns exit status 2 if one of several inputs cannot be read, and says so on standard error.
+/// Writes the file. Returns exit status 2 if one of several inputs, or a part of an input, cannot be read, and says so on
+/// standard error.
 ///
 /// # Errors
 /// Bad usage, no input can be read, no point is shown, the file cannot be written, or Ctrl-C.
@@ -53,7 +54,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     terminal::warn(request.check_filters(&settings)?);
     let mut failed = Few::of("that cannot be read");
     let inputs = open(&request, memory, &mut failed);
-    let status = if failed.count() > 0 { UNUSABLE } else { 0 };
+    let mut status = if failed.count() > 0 { UNUSABLE } else { 0 };
     failed.end();
     let (test, progress) = (request.test(), Progress::default());
     let mut left_out = Vec::new();
@@ -69,9 +70,14 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     let (wanted, progress) = (Wanted { test: &test, left_out: &left_out }, Progress::default());
     let write = || codec::export(&sources, wanted, &[], output, memory, &progress);
     let written = progress_bar::watch("exporting", &progress, write)?;
-    let Exported { points, bounds, attributes, changes, warnings } = written.ok_or(stream::Error::Cancelled)?;
+    let Exported { points, missing, bounds, attributes, changes, warnings } =
+        written.ok_or(stream::Error::Cancelled)?;
     terminal::warn(changes);
     terminal::warn(param::few(warnings, "warnings"));
+    if let Some(lack) = lack(output, missing) {
+        terminal::complain(&lack);
+        status = UNUSABLE;
+    }
     let all: u64 = sources.iter().map(|source| source.info().points).sum();
     if arguments.json {
         terminal::print_json(&json!({

@@ -140,7 +140,7 @@ fn export_points(request: &Request, asked: &Asked, output: &Path, is_json: bool)
     let memory = world::half_of(asked.settings.stream.host_bytes);
     let mut failed = Few::of("that cannot be read");
     let inputs = export::open(request, memory, &mut failed);
-    let status = if failed.count() > 0 { UNUSABLE } else { 0 };
+    let mut status = if failed.count() > 0 { UNUSABLE } else { 0 };
     failed.end();
     let left_out: Vec<Vec<u64>> =
         inputs.iter().map(|sources| asked.strays(sources)).collect::<anyhow::Result<Vec<_>>>()?.concat();
@@ -150,9 +150,13 @@ fn export_points(request: &Request, asked: &Asked, output: &Path, is_json: bool)
     let (wanted, progress) = (Wanted { test: &test, left_out: &left_out }, Progress::default());
     let write = || codec::export(&sources, wanted, &[], output, memory, &progress);
     let written = progress_bar::watch("exporting", &progress, write)?;
-    let Exported { points, changes, warnings, .. } = written.ok_or(stream::Error::Cancelled)?;
+    let Exported { points, missing, changes, warnings, .. } = written.ok_or(stream::Error::Cancelled)?;
     terminal::warn(changes);
     terminal::warn(param::few(warnings, "warnings"));
+    if let Some(lack) = export::lack(output, missing) {
+        terminal::complain(&lack);
+        status = UNUSABLE;
+    }
     if is_json {
         // The files are read once more: the new one no longer shows which points are in which section.
         let mut table = Table::new(asked);

@@ -11,6 +11,7 @@ use scene::five_mirrors::Variant;
 use scene::{CloudSettings, Settings, Strays, SurfaceRadii, shown};
 use world::{Input, Request, half_of};
 
+use crate::shared::numbers::grouped;
 use crate::system::terminal::Few;
 
 /// The memory in bytes that a point takes while strays are looked for: its place and columns as they are read, another
@@ -142,6 +143,12 @@ pub fn write(
     let wanted = Wanted { test, left_out: &left_out };
     codec::export(&sources, wanted, &columns(&sources, added), path, memory, progress)
         .map_err(|error| error.to_string())
+}
+
+/// Says that a new file lacks points that could not be read, if there are any.
+pub fn lack(output: &Path, missing: u64) -> Option<String> {
+    let missing = Some(missing).filter(|missing| *missing > 0)?;
+    Some(format!("{}: lacks {} points of its sources, which cannot be read", shown(output), grouped(missing)))
 }
 
 /// A file, and the number of a scan in it.

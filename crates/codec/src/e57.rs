@@ -97,7 +97,8 @@ fn open_scan(
     let (packets, rows) = Packets::find(file, scan.file_offset, scan.records, widths, block_points)?;
     if rows.count < scan.records {
         let reason = rows.problem.as_deref().unwrap_or("the file ends early");
-        info.warnings.push(format!("{} of {} points are missing: {reason}", scan.records - rows.count, scan.records));
+        info.missing = scan.records - rows.count;
+        info.warnings.push(format!("{} of {} points are missing: {reason}", info.missing, scan.records));
     }
     // Coordinates of a scan count from its scanner. Clouds that were put together have neither a pose nor a grid.
     let is_of_scanner = scan.transform.is_some() || layout.is_spherical || scan.has_row_column();

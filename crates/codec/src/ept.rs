@@ -139,6 +139,7 @@ impl EptSource {
         info.epsg = info.crs.as_deref().and_then(wkt::level_code);
         info.units = info.crs.as_deref().map(wkt::units).unwrap_or_default();
         info.warnings = warnings;
+        info.missing = told.points.saturating_sub(info.points);
         if told.points != info.points {
             info.warnings.push(format!("it says {} points, its hierarchy has {}", told.points, info.points));
         }

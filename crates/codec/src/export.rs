@@ -61,6 +61,8 @@ pub enum ExportFormat {
 #[derive(Clone, Debug)]
 pub struct Exported {
     pub points: u64,
+    /// The number of points that the sources announce and that could not be read.
+    pub missing: u64,
     /// The bounds of the points as they are in the new file.
     pub bounds: Bounds,
     /// Everything that the new file holds of each point, in its order.
@@ -118,7 +120,8 @@ pub fn export<'a>(
         source.check_whole()?;
     }
     let all: Option<Vec<&LasSource>> = sources.iter().map(|source| las(source)).collect();
-    let job = Job { sources, wanted, added, output, memory, progress, bounds: Mutex::new(Bounds::EMPTY) };
+    let unread = AtomicU64::new(0);
+    let job = Job { sources, wanted, added, output, memory, progress, unread, bounds: Mutex::new(Bounds::EMPTY) };
     // Formats without a place for a coordinate system have one all the same.
     job.crs()?;
     let written = match (format, &all) {
@@ -126,7 +129,11 @@ pub fn export<'a>(
         (ExportFormat::E57, _) => job.write_e57(file)?,
         (ExportFormat::Csv, _) => job.write_csv(file)?,
         (_, Some(all)) if !all.is_empty() && have_same_extra_dimensions(all) => {
-            export_records(all, wanted, added, (file, output), format != ExportFormat::Las, memory, progress)?
+            let before = progress.done();
+            let is_compressed = format != ExportFormat::Las;
+            let written = export_records(all, wanted, added, (file, output), is_compressed, memory, progress)?;
+            job.count_unread(job.most_points(), before);
+            written
         }
         _ => job.write_las(file, format != ExportFormat::Las)?,
     };
@@ -166,8 +173,10 @@ pub fn export<'a>(
             written.info().properties.clone()
         }
     };
+    let add = |all: u64, source: &Arc<Source>| all.saturating_add(source.info().missing);
+    let missing = sources.iter().fold(job.unread.into_inner(), add);
     let bounds = job.bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(Some(Exported { points, bounds, attributes, changes, warnings }))
+    Ok(Some(Exported { points, missing, bounds, attributes, changes, warnings }))
 }
 
 /// Writes the places and the colours of points that no file holds to a new PLY file.
@@ -224,6 +233,8 @@ struct Job<'a> {
     output: &'a Path,
     memory: u64,
     progress: &'a Progress,
+    /// The number of points that could not be read.
+    unread: AtomicU64,
     /// The bounds of the points that are written.
     bounds: Mutex<Bounds>,
 }
@@ -232,6 +243,11 @@ impl Job<'_> {
     fn widen(&self, more: Bounds) {
         let mut bounds = self.bounds.lock().unwrap_or_else(PoisonError::into_inner);
         *bounds = bounds.union(more);
+    }
+
+    /// Counts those of so many points that were not read since the progress was at `before`.
+    fn count_unread(&self, points: u64, before: u64) {
+        self.unread.fetch_add(points.saturating_sub(self.progress.done() - before), Ordering::Relaxed);
     }
 
     /// Widens the bounds by the places of a piece.
@@ -348,7 +364,8 @@ impl Job<'_> {
             rows_of(&piece)
         };
         let reading = Reading { test: self.wanted.test, colors, needed };
-        match &*self.sources[number] {
+        let before = self.progress.done();
+        let problems = match &*self.sources[number] {
             Source::Las(source) => {
                 // A file that cannot be read whole was refused before.
                 let whole = source.whole().unwrap_or(source);
@@ -356,7 +373,11 @@ impl Job<'_> {
             }
             Source::Rows(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
             Source::Ept(source) => source.read_columns_in_order(&reading, self.progress, order, &rows_of),
+        };
+        if needed.is_none() {
+            self.count_unread(self.sources[number].info().points, before);
         }
+        problems
     }
 
     /// What is wrong with the files, and what no column has of them.

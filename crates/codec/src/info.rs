@@ -23,6 +23,8 @@ pub struct Info {
     /// The number of points that a full read yields: the header's count, less the points that the file is too short
     /// for.
     pub points: u64,
+    /// The number of points that the file announces, and that it is too short or too damaged for.
+    pub missing: u64,
     /// The world bounds from the header, if they are believable.
     pub bounds: Option<Bounds>,
     /// All properties of a point in the file, coordinates and colours included, in file order and file types.
@@ -107,6 +109,7 @@ impl Info {
             version,
             point_format: None,
             points: 0,
+            missing: 0,
             bounds: None,
             properties: Vec::new(),
             attributes: Vec::new(),

@@ -166,6 +166,7 @@ impl LasSource {
         let info = Info {
             point_format: Some(header.point_format),
             points,
+            missing: header.points.saturating_sub(points),
             bounds: header.bounds.filter(|_| points > 0),
             properties: layout.property_attributes(),
             attributes: layout.column_attributes(),

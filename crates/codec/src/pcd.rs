@@ -202,8 +202,8 @@ pub fn open(file: &Arc<Bytes>) -> Result<RowSource> {
     let rows = maker.rows(file).map_err(io_error)?;
     let header = &maker.header;
     if rows.count < header.points {
-        let lost = header.points - rows.count;
-        info.warnings.push(format!("{lost} of {} points are missing: the file ends early", header.points));
+        info.missing = header.points - rows.count;
+        info.warnings.push(format!("{} of {} points are missing: the file ends early", info.missing, header.points));
     }
     let name = "scan 1".to_owned();
     info.scan =

@@ -277,8 +277,8 @@ fn made(file: &Arc<Bytes>, format: Format, newline: u8, scans: Vec<Found>) -> Re
         let mut info = Info::of_rows(file.path(), format, String::new());
         if rows.count < declared {
             let what = if cells.is_some() { "cells" } else { "points" };
-            let lost = declared - rows.count;
-            info.warnings.push(format!("{lost} of {declared} {what} are missing: the file ends early"));
+            info.missing = declared - rows.count;
+            info.warnings.push(format!("{} of {declared} {what} are missing: the file ends early", info.missing));
         }
         let first = match rows.blocks.first() {
             Some(block) => Lines::new(file, block.offset, newline).next()?,

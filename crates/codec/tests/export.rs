@@ -191,6 +191,37 @@ fn extra_bytes_without_a_type_keep_their_length() {
 }
 
 #[test]
+fn points_that_a_broken_off_or_damaged_file_announces_are_counted_as_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let las = las_file((1, 2), 1, &points(1, 4_000), &[]);
+    let length = 28;
+    let mut damaged = compress(&las_file((1, 4), 6, &points(6, 4_000), &[]), &Chunks::Fixed(1_000));
+    let start = u32::from_le_bytes(damaged[96..100].try_into().unwrap()) as usize;
+    // The lengths of the first chunk's layers, after the place of the chunk table, a point and the number of points.
+    damaged[start + 8 + 30 + 4..][..36].fill(0xff);
+    let rows: String = (0..100).map(|at| format!("{at} {at} 0\n")).collect();
+    let declared = "property float x\nproperty float y\nproperty float z\nend_header\n";
+    let ply = format!("ply\nformat ascii 1.0\nelement vertex 130\n{declared}{rows}");
+    for (name, bytes, expected) in [
+        ("whole.las", las.clone(), Some(0)),
+        ("short.las", las[..las.len() - 500 * length].to_vec(), Some(500)),
+        ("damaged.laz", damaged, None),
+        ("short.ply", ply.into_bytes(), Some(30)),
+        ("short.pts", format!("150\n{rows}").into_bytes(), Some(50)),
+    ] {
+        let input = file(&folder, name, bytes);
+        for ending in ["las", "ply", "e57", "csv", "copc.laz"] {
+            let output = folder.path().join(format!("{name}.{ending}"));
+            let exported =
+                export(&sources(&[&input]), &PointTest::default(), &[], &output, MEMORY, &Progress::default());
+            let Exported { points, missing, .. } = exported.unwrap().unwrap();
+            assert_eq!(missing, expected.unwrap_or(4_000 - points), "{}", output.display());
+            assert_eq!(missing > 0, name != "whole.las", "{}", output.display());
+        }
+    }
+}
+
+#[test]
 fn files_whose_heights_are_in_other_systems_do_not_become_one() {
     let folder = tempfile::tempdir().unwrap();
     let with_keys = |name: &str, keys: &[[u16; 4]]| {

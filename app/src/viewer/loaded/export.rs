@@ -8,6 +8,7 @@ use cloud::Progress;
 use codec::Exported;
 use serde_json::json;
 
+use crate::shared::export::lack;
 use crate::shared::language::text;
 use crate::shared::numbers::grouped;
 use crate::viewer::loaded::{Loaded, Writing};
@@ -71,11 +72,11 @@ impl Loaded {
     pub fn on_exported(&mut self, path: &Path, result: Result<Option<Exported>, String>, outside: &mut Outside) {
         self.writing = None;
         match result {
-            Ok(Some(Exported { points, changes, warnings, .. })) => {
+            Ok(Some(Exported { points, missing, changes, warnings, .. })) => {
                 outside.log(json!({ "event": "exported", "path": path, "points": points }));
                 outside.note(text!("{points} points saved: {path}", points = grouped(points), path = whole(path)));
                 let lines = changes.into_iter().chain(param::few(warnings, "warnings"));
-                lines.for_each(|warning| outside.warning(warning));
+                lines.chain(lack(path, missing)).for_each(|warning| outside.warning(warning));
             }
             Ok(None) => outside.note(text!("Not saved: {path}", path = path.display())),
             Err(error) => outside.say(Level::Error, error),
