@@ -266,7 +266,7 @@ impl Maker {
         let Header { length: start, points, data, .. } = self.header;
         let stride = self.header.stride() as u64;
         let there = match data {
-            Data::Ascii => return locate_lines(file, (start, file.length()), b'\n', points, true),
+            Data::Ascii => return locate_lines(file, (start, file.length()), b'\n', points, (true, false)),
             Data::Binary => (file.length() - start) / stride,
             Data::Compressed => points,
         };

@@ -89,10 +89,12 @@ pub fn open(file: &Arc<Bytes>) -> Option<Result<Vec<RowSource>>> {
         Kind::Table => Table::of(&start.bytes, newline, table::named(path))?,
     };
     Some(table.map_err(|problem| Error::malformed(path, "columns", problem)).and_then(|table| {
-        let rows = lines_of(file, mark + table.start, newline, u64::MAX).map_err(|error| Error::io(path, error))?;
+        let lines = (mark + table.start, file.length());
+        let rows = locate_lines(file, lines, newline, u64::MAX, (true, table.has_comments));
+        let rows = rows.map_err(|error| Error::io(path, error))?;
         let mut info = Info::of_rows(path, Format::Xyz, table.names());
         info.warnings.extend(table.warning.clone());
-        let maker = Box::new(TextRows::new(table.style, &table.columns, newline, None));
+        let maker = Box::new(TextRows::new(table.style, &table.columns, newline, table.has_comments, None));
         let made = Made { maker, rows, is_text: true, newline, color_scale: None, info };
         Ok(vec![RowSource::made(file.clone(), made)?])
     }))
@@ -130,7 +132,7 @@ fn whole(line: &[u8]) -> Option<u64> {
 /// The rows of `count` lines from an offset on.
 fn lines_of(file: &Bytes, start: u64, newline: u8, count: u64) -> std::io::Result<Rows> {
     if count > FEW_LINES {
-        return locate_lines(file, (start, file.length()), newline, count, true);
+        return locate_lines(file, (start, file.length()), newline, count, (true, false));
     }
     let mut reader = Reader::new(file, start, file.length());
     let rows = reader.skip_lines(count, newline)?;
@@ -292,7 +294,7 @@ fn made(file: &Arc<Bytes>, format: Format, newline: u8, scans: Vec<Found>) -> Re
         })?;
         let turn = cells.and_then(|cells| turn_of(cells.pose.matrix3)).unwrap_or(DQuat::IDENTITY);
         info.scan = Some(Scan { name: format!("scan {}", number + 1), number, of, position, turn });
-        let maker = Box::new(TextRows::new(Style::BLANKS, &columns, newline, cells));
+        let maker = Box::new(TextRows::new(Style::BLANKS, &columns, newline, false, cells));
         RowSource::made(file.clone(), Made { maker, rows, is_text: true, newline, color_scale: None, info })
     };
     scans.into_iter().enumerate().map(source).collect()

@@ -201,6 +201,34 @@ fn the_last_line_counts_without_an_end_and_odd_lines_are_counted() {
 }
 
 #[test]
+fn comments_among_the_lines_of_a_table_are_no_points() {
+    for (text, columns) in [
+        ("x,y,z\n1,2,3\n# a pause of the scanner\n  // 4,5,6\n7,8,9\n%\n! the end", "x y z"),
+        ("1 2 3\n# a pause\n7 8 9\n", "x y z"),
+        ("1;2;3;5\n//\n7;8;9;6\n", "x y z intensity"),
+        ("1\t2\t3\t5\n#\n7\t8\t9\t6", "x y z intensity"),
+        ("# a comment\r\n# x y z\r\n1 2 3\r\n# another\r\n7 8 9\r\n", "x y z"),
+    ] {
+        let source = open(text).unwrap_or_else(|error| panic!("{text}: {error}")).remove(0);
+        assert_eq!((names(&source).as_str(), source.info().points), (columns, 2), "{text}");
+        assert_eq!(places(&source), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(7.0, 8.0, 9.0)], "{text}");
+        assert!(read(&source).1.warnings.is_empty(), "{text}: {:?}", read(&source).1.warnings);
+        assert_eq!(source.record(1).unwrap()[0], ("x".to_owned(), "7".to_owned()));
+    }
+    // Comments between blocks, and so many that the points of a block are few.
+    let line = |at: usize| match at % 3 {
+        0 => format!("# line {at}, {at}, {at}\n"),
+        _ => format!("{at},{},0\n", at % 7),
+    };
+    let source = open("x,y,z\n".to_owned() + &(0..300_000).map(line).collect::<String>()).unwrap().remove(0);
+    assert_eq!(source.info().points, 200_000);
+    assert!((0..300_000).filter(|at| at % 3 > 0).eq(places(&source).iter().map(|place| place.x as usize)));
+    // Points whose names look like comments are points.
+    let named = unnamed("#1 1 2 3\n#2 4 5 6\n").unwrap();
+    assert_eq!((named.names.join(",").as_str(), named.lines.len()), ("skip,y,z,intensity", 2));
+}
+
+#[test]
 fn long_tables_are_read_in_blocks_and_in_the_order_of_their_lines() {
     let count = 300_000;
     let text: String = (0..count).map(|at| format!("{at},{},{}\n", at * 2, at % 7)).collect();

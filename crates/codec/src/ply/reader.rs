@@ -25,12 +25,20 @@ pub struct Reader<'a> {
     piece: usize,
     /// Whether the remainder of a cut line has still to be skipped.
     in_cut_line: bool,
+    has_comments: bool,
 }
 
 impl<'a> Reader<'a> {
     /// Reads `offset..end` of the file.
     pub fn new(file: &'a Bytes, offset: u64, end: u64) -> Self {
-        Self { file, buffer: Vec::new(), at: 0, filled: 0, next: offset, end, piece: PIECE_BYTES, in_cut_line: false }
+        let piece = PIECE_BYTES;
+        let (in_cut_line, has_comments) = (false, false);
+        Self { file, buffer: Vec::new(), at: 0, filled: 0, next: offset, end, piece, in_cut_line, has_comments }
+    }
+
+    /// Skips comments as it skips blank lines, if the text has comments.
+    pub fn with_comments(self, has_comments: bool) -> Self {
+        Self { has_comments, ..self }
     }
 
     /// Reads `offset..end` of the file 4 KiB at a time, for those who need a few bytes.
@@ -154,15 +162,15 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Skips `count` lines that are not blank; returns how many there were.
+    /// Skips `count` lines of content; returns how many there were.
     pub fn skip_lines(&mut self, count: u64, newline: u8) -> io::Result<u64> {
-        let mut skipped = 0;
+        let (mut skipped, has_comments) = (0, self.has_comments);
         while skipped < count {
             let run = self.lines(newline)?;
             if run.is_empty() {
                 break;
             }
-            let in_run = count_lines(run, newline);
+            let in_run = count_lines(run, newline, has_comments);
             if skipped + in_run <= count {
                 skipped += in_run;
                 continue;
@@ -172,7 +180,7 @@ impl<'a> Reader<'a> {
                 if skipped == count {
                     break;
                 }
-                skipped += u64::from(!is_blank(line));
+                skipped += u64::from(has_content(line, has_comments));
                 unused -= line.len();
             }
             self.at -= unused;
@@ -181,18 +189,20 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The number of lines of a run that are not blank.
-pub fn count_lines(run: &[u8], newline: u8) -> u64 {
+/// The number of lines of content of a run.
+pub fn count_lines(run: &[u8], newline: u8, has_comments: bool) -> u64 {
     let Some(&first) = run.first() else { return 0 };
     // Nearly always each line begins with its content; then two counts are enough, in runs of 255 so that a vector of
-    // bytes holds the counts.
-    let (mut lines, mut begun) = (1, u64::from(first > b' '));
+    // bytes holds the counts. No comment begins with a byte above the comma other than the slash.
+    let least = if has_comments { b',' } else { b' ' };
+    let begins = |byte: u8| byte > least && !(has_comments && byte == b'/');
+    let (mut lines, mut begun) = (1, u64::from(begins(first)));
     for (bytes, followers) in run.chunks(255).zip(run[1..].chunks(255)) {
         let (mut ends, mut starts) = (0_u8, 0_u8);
         for (&byte, &follower) in bytes.iter().zip(followers) {
             let is_end = u8::from(byte == newline);
             ends += is_end;
-            starts += is_end & u8::from(follower > b' ');
+            starts += is_end & u8::from(begins(follower));
         }
         lines += u64::from(ends);
         begun += u64::from(starts);
@@ -200,10 +210,21 @@ pub fn count_lines(run: &[u8], newline: u8) -> u64 {
     if begun == lines {
         return lines;
     }
-    run.split(|&byte| byte == newline).filter(|line| !is_blank(line)).count() as u64
+    run.split(|&byte| byte == newline).filter(|line| has_content(line, has_comments)).count() as u64
 }
 
 /// Whether a line is blank. Control characters count as white space: no number has them.
 pub fn is_blank(line: &[u8]) -> bool {
     line.iter().all(|&byte| byte <= b' ')
+}
+
+/// Whether a line of a table is a comment.
+pub fn is_comment(line: &[u8]) -> bool {
+    let line = line.trim_ascii_start();
+    [&b"#"[..], b"//", b"%", b"!"].iter().any(|mark| line.starts_with(mark))
+}
+
+/// Whether a line is neither blank nor, in a text that has comments, one of these.
+pub fn has_content(line: &[u8], has_comments: bool) -> bool {
+    !(is_blank(line) || has_comments && is_comment(line))
 }

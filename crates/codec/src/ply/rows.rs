@@ -63,7 +63,9 @@ pub fn locate(file: &Bytes, header: &Header, index: usize) -> io::Result<Rows> {
         return Ok(Rows { end: start, problem, ..Rows::default() });
     }
     match (header.encoding, element.stride()) {
-        (Encoding::Ascii, _) => locate_lines(file, (start, file.length()), header.newline, element.count, false),
+        (Encoding::Ascii, _) => {
+            locate_lines(file, (start, file.length()), header.newline, element.count, (false, false))
+        }
         (_, Some(stride)) => Ok(locate_strided(start, file.length(), stride, element.count, chunk_points(element))),
         (encoding, None) => {
             let mut rows = Rows::default();
@@ -102,13 +104,14 @@ fn locate_strided(start: u64, file_length: u64, stride: u64, count: u64, block_r
 }
 
 /// Cuts text at line ends into blocks of about a chunk each, and counts their lines in parallel. It begins at byte
-/// `start` and stops after `count` lines. `keeps_last` says whether a last line without an end counts as whole.
+/// `start` and stops after `count` lines. `keeps_last` says whether a last line without an end counts as whole, and
+/// `has_comments` whether comments count as nothing.
 pub fn locate_lines(
     file: &Bytes,
     (start, length): (u64, u64),
     newline: u8,
     count: u64,
-    keeps_last: bool,
+    (keeps_last, has_comments): (bool, bool),
 ) -> io::Result<Rows> {
     if count == 0 {
         return Ok(Rows { end: start, ..Rows::default() });
@@ -118,7 +121,7 @@ pub fn locate_lines(
     let (head, head_lines) = {
         let mut reader = Reader::new(file, start, length);
         let head = reader.lines(newline)?;
-        (head.len() as u64, count_lines(head, newline).max(1))
+        (head.len() as u64, count_lines(head, newline, has_comments).max(1))
     };
     let block_bytes = (head * (CHUNK_POINTS as u64 * 15 / 16) / head_lines).clamp(64 << 10, 16 << 20);
     // The number of blocks counted at a time: enough for all threads, few enough to stop soon after the last vertex.
@@ -134,7 +137,7 @@ pub fn locate_lines(
         }
         let counts: Vec<u64> = cuts
             .par_windows(2)
-            .map(|cut| Reader::new(file, cut[0], cut[1]).skip_lines(u64::MAX, newline))
+            .map(|cut| Reader::new(file, cut[0], cut[1]).with_comments(has_comments).skip_lines(u64::MAX, newline))
             .collect::<io::Result<_>>()?;
         for (cut, &lines) in cuts.windows(2).zip(&counts) {
             let wanted = lines.min(count - rows.count);
@@ -148,7 +151,7 @@ pub fn locate_lines(
     if let Some(last) = rows.blocks.last_mut() {
         if rows.count == count {
             // The last block may extend into the data after the vertices.
-            let mut reader = Reader::new(file, last.offset, last.end);
+            let mut reader = Reader::new(file, last.offset, last.end).with_comments(has_comments);
             reader.skip_lines(last.rows, newline)?;
             last.end = reader.position();
             rows.end = last.end;

@@ -9,7 +9,7 @@ use super::table::Style;
 use crate::bytes::Bytes;
 use crate::ply::header::{Element, Kind, Property};
 use crate::ply::maker::{RowMaker, put_integer, put_number};
-use crate::ply::reader::{Reader, is_blank};
+use crate::ply::reader::{Reader, has_content};
 use crate::ply::rows::Block;
 
 /// Packed rows are passed on when they have this many bytes.
@@ -31,12 +31,19 @@ pub struct TextRows {
     /// For each column of a line the property that it is.
     columns: Vec<Option<usize>>,
     newline: u8,
+    has_comments: bool,
     cells: Option<Cells>,
 }
 
 impl TextRows {
     /// `columns` are the names and types of a line's columns; the first of these names are those of the place.
-    pub fn new(style: Style, columns: &[Option<(String, ColumnType)>], newline: u8, cells: Option<Cells>) -> Self {
+    pub fn new(
+        style: Style,
+        columns: &[Option<(String, ColumnType)>],
+        newline: u8,
+        has_comments: bool,
+        cells: Option<Cells>,
+    ) -> Self {
         let property = |(name, column_type): &(String, ColumnType)| Property {
             name: name.clone(),
             kind: Kind::Scalar(*column_type),
@@ -49,7 +56,7 @@ impl TextRows {
             properties.extend(["row_index", "column_index"].map(index));
         }
         let element = Element { name: "points".into(), count: 0, properties };
-        Self { element, style, columns, newline, cells }
+        Self { element, style, columns, newline, has_comments, cells }
     }
 
     /// The values of a line, NaN for those that are missing. Returns whether all that are `wanted` are there.
@@ -114,7 +121,8 @@ impl RowMaker for TextRows {
             if run.is_empty() {
                 break;
             }
-            for line in run.split(|byte| *byte == self.newline).filter(|line| !is_blank(line)) {
+            let lines = run.split(|byte| *byte == self.newline);
+            for line in lines.filter(|line| has_content(line, self.has_comments)) {
                 if rows == block.rows {
                     break;
                 }

@@ -9,6 +9,7 @@ use cloud::ColumnType;
 
 use crate::brief::brief;
 use crate::ply::number;
+use crate::ply::reader::is_comment;
 
 /// A name that stands for a column which is not read.
 pub const SKIP: &str = "skip";
@@ -182,6 +183,8 @@ pub struct Table {
     pub columns: Vec<Option<(String, ColumnType)>>,
     /// The offset of the first line of numbers.
     pub start: u64,
+    /// Whether lines that look like comments are none of its rows.
+    pub has_comments: bool,
     /// A doubt about what columns mean.
     pub warning: Option<String>,
 }
@@ -191,6 +194,7 @@ struct Head<'a> {
     style: Style,
     /// The offset of the first line of numbers, and the first lines.
     start: usize,
+    has_comments: bool,
     numbers: Vec<&'a [u8]>,
     /// The values of each column in these lines, as far as they are numbers.
     samples: Vec<Vec<f64>>,
@@ -245,7 +249,8 @@ impl Table {
             (name != SKIP).then(|| (name.clone(), column_type(name, values, are_whole)))
         };
         let columns = std::iter::zip(&names, &head.samples).map(column).collect();
-        Some(Ok(Self { style: head.style, columns, start: head.start as u64, warning }))
+        let (start, has_comments) = (head.start as u64, head.has_comments);
+        Some(Ok(Self { style: head.style, columns, start, has_comments, warning }))
     }
 
     /// The names of its columns, as `--columns` gives them.
@@ -319,7 +324,11 @@ impl<'a> Head<'a> {
         let first = lines.iter().take(MOST_BEFORE).position(|(_, line)| is_of_numbers(line));
         let is_mixed = first.is_none();
         let first = first.or_else(|| lines.iter().take(MOST_BEFORE).position(|(_, line)| mixed(line)))?;
-        let numbers: Vec<&[u8]> = lines[first..].iter().take(LOOKED_AT).map(|(_, line)| *line).collect();
+        // Names of points may look like comments.
+        let of_first = Style::of(&[lines[first].1]);
+        let has_comments = of_first.tokens(lines[first].1).next().is_some_and(|token| of_first.number(token).is_some());
+        let rows = lines[first..].iter().map(|(_, line)| *line).filter(|line| !(has_comments && is_comment(line)));
+        let numbers: Vec<&[u8]> = rows.take(LOOKED_AT).collect();
         let style = Style::of(&numbers);
         // The first line may end with an empty cell between tabs.
         let some = if style.separator == Some(b'\t') { &numbers[..] } else { &numbers[..1] };
@@ -347,7 +356,7 @@ impl<'a> Head<'a> {
             }
             None => Names::Nothing(None),
         };
-        Some(Self { style, start: lines[first].0, numbers, samples, names })
+        Some(Self { style, start: lines[first].0, has_comments, numbers, samples, names })
     }
 }
 
@@ -355,11 +364,6 @@ impl<'a> Head<'a> {
 const LONG: usize = 60 << 10;
 /// The most lines before the first one of numbers.
 const MOST_BEFORE: usize = 50;
-
-fn is_comment(line: &[u8]) -> bool {
-    let line = line.trim_ascii_start();
-    [&b"#"[..], b"//", b"%", b"!"].iter().any(|mark| line.starts_with(mark))
-}
 
 /// The names in a line, if it names each column.
 fn names_of(line: &[u8], style: Style, count: usize) -> Option<Vec<String>> {
