@@ -168,6 +168,21 @@ end_header
 ";
 
 #[test]
+fn info_lists_columns_of_the_same_name_each_with_its_values() {
+    let folder = Folder::new();
+    let columns = "property float x\nproperty float y\nproperty float z\nproperty uchar q\nproperty short q\n";
+    let rows = "0 0 0 1 -5\n1 2 3 2 -6\n";
+    folder.write("two.ply", format!("ply\nformat ascii 1.0\nelement vertex 2\n{columns}end_header\n{rows}"));
+    let outcome = folder.glint(["info", "--json", "two.ply"]);
+    let info = &outcome.json()["inputs"][0];
+    let all = info["attributes"].as_array().into_iter().flatten().filter(|each| each["name"] == "q");
+    let found: Vec<_> = all.map(|each| json!([each["type"], each["min"], each["max"]])).collect();
+    assert_eq!(found, [json!(["u8", 1.0, 2.0]), json!(["i16", -6.0, -5.0])], "{outcome}");
+    let text = folder.glint(["info", "two.ply"]);
+    assert!(text.text().contains("x f32, y f32, z f32, q u8, q i16\n"), "{text}");
+}
+
+#[test]
 fn info_tells_what_a_file_holds_in_full_precision() {
     let folder = Folder::new();
     folder.write("cloud.ply", THREE_POINTS);

@@ -1,7 +1,7 @@
 //! `glint info`: reports what files hold, for people or as JSON. An input that cannot be read gets an error in its
 //! place.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
@@ -134,6 +134,9 @@ pub struct AttributeReport {
     /// The least and the greatest value that the sensor gives, if the file gives them.
     #[serde(skip_serializing_if = "Option::is_none")]
     limits: Option<[f64; 2]>,
+    /// How many attributes of this name follow it.
+    #[serde(skip)]
+    followers: usize,
 }
 
 /// Reports all inputs. Returns exit status 2 if one of them cannot be read, and says so on standard error, too.
@@ -228,8 +231,8 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
             }
         }
     }
-    for (name, range) in found.ranges.iter().filter(|_| points > 1) {
-        if let Some(reported) = report.attributes.iter_mut().find(|reported| reported.name == *name) {
+    for reported in report.attributes.iter_mut().filter(|_| points > 1) {
+        if let Some(range) = found.ranges.get(&(reported.name.clone(), reported.followers)) {
             range.report(reported);
         }
     }
@@ -248,7 +251,7 @@ fn header_report(path: &Path, sources: &[Source]) -> FileReport {
     for info in infos() {
         for mut own in attributes_report(&info.properties) {
             own.limits = info.limits.iter().find(|(name, _)| *name == own.name).map(|(_, limits)| *limits);
-            if !attributes.iter().any(|known| known.name == own.name) {
+            if !attributes.iter().any(|known| known.name == own.name && known.followers == own.followers) {
                 attributes.push(own);
             }
         }
@@ -297,7 +300,8 @@ fn told(info: &Info, warning: String) -> String {
 /// What is known of the points of a file.
 #[derive(Default)]
 struct Found {
-    ranges: BTreeMap<String, Range>,
+    /// By the name of an attribute, and how many of this name follow it.
+    ranges: BTreeMap<(String, usize), Range>,
     colors: ColorCount,
     places: Vec<Chunk>,
 }
@@ -309,6 +313,8 @@ impl Found {
         // The bounds show the range of the coordinates.
         let is_place = |name: &str| ["x", "y", "z"].iter().any(|axis| name.eq_ignore_ascii_case(axis));
         let attributes = info.attributes.iter().map(|attribute| !is_place(&attribute.name)).collect();
+        let keys: Vec<(String, usize)> =
+            info.attributes.iter().map(|own| own.name.clone()).zip(followers(&info.attributes)).collect();
         let selection = codec::Selection { positions: true, colors: true, attributes, ..Default::default() };
         let progress = Progress::default();
         let mut places = Vec::new();
@@ -324,9 +330,9 @@ impl Found {
                 let bare = Chunk::new(chunk.first_point, chunk.origin, Vec::new());
                 found.1.push(Chunk { positions: chunk.positions.clone(), ..bare });
             }
-            for (attribute, range) in info.attributes.iter().zip(ranges) {
+            for (key, range) in keys.iter().zip(ranges) {
                 let Some(range) = range else { continue };
-                let known = found.0.ranges.entry(attribute.name.clone()).or_insert(Range::NONE);
+                let known = found.0.ranges.entry(key.clone()).or_insert(Range::NONE);
                 *known = known.with(range);
             }
         };
@@ -379,7 +385,7 @@ impl Range {
 }
 
 pub fn attributes_report(attributes: &[Attribute]) -> Vec<AttributeReport> {
-    let report = |attribute: &Attribute| AttributeReport {
+    let report = |(attribute, followers): (&Attribute, usize)| AttributeReport {
         name: attribute.name.clone(),
         type_name: attribute.column_type.name(),
         constant: None,
@@ -387,8 +393,22 @@ pub fn attributes_report(attributes: &[Attribute]) -> Vec<AttributeReport> {
         max: None,
         without_value: None,
         limits: None,
+        followers,
     };
-    attributes.iter().map(report).collect()
+    attributes.iter().zip(followers(attributes)).map(report).collect()
+}
+
+/// For each attribute, how many of its name follow it. Places and colours, which some lists of attributes lack, are the
+/// first ones of their names.
+fn followers(attributes: &[Attribute]) -> Vec<usize> {
+    let mut seen: HashMap<&str, usize> = HashMap::new();
+    let mut all = vec![0; attributes.len()];
+    for (count, attribute) in all.iter_mut().zip(attributes).rev() {
+        let seen = seen.entry(&attribute.name).or_default();
+        *count = *seen;
+        *seen += 1;
+    }
+    all
 }
 
 pub fn bounds_report(bounds: Bounds) -> Option<BoundsReport> {
