@@ -581,9 +581,7 @@ impl Viewer {
         if let Err(error) = preferences::save(&self.session.preferences) {
             self.session.outside.warning(text!("settings are not kept: {error}", error = format_args!("{error:#}")));
         }
-        if let Err(error) = self.session.auto.save() {
-            self.session.outside.warning(text!("times are not kept: {error}", error = format_args!("{error:#}")));
-        }
+        self.session.auto.keep(&mut self.session.outside);
     }
 
     fn begin_capture(&mut self, name: &Path, format: CaptureFormat, dropped: Arc<AtomicU64>) {

@@ -28,6 +28,8 @@ const MUCH_LONGER: f64 = 1.5;
 pub struct Auto {
     /// Whether the model is kept in a file, beside the preferences.
     pub is_kept: bool,
+    /// Whether it was said that the model cannot be kept.
+    has_warned: bool,
     /// The name of the adapter, once it is known.
     adapter: Option<String>,
     model: CostModel,
@@ -80,13 +82,18 @@ impl Auto {
     }
 
     /// Keeps what was learned.
-    ///
-    /// # Errors
-    /// If the folder or file cannot be written; names it.
-    pub fn save(&self) -> anyhow::Result<()> {
-        match &self.adapter {
-            Some(adapter) if self.is_kept && !self.model.is_empty() => costs::save(adapter, &self.model),
-            _ => Ok(()),
+    pub fn keep(&mut self, outside: &mut Outside) {
+        if let Some(adapter) = self.adapter.as_ref().filter(|_| self.is_kept && !self.model.is_empty()) {
+            let saved = costs::save(adapter, &self.model);
+            self.on_saved(saved, outside);
+        }
+    }
+
+    /// Says the first time that what was learned cannot be kept.
+    fn on_saved(&mut self, saved: anyhow::Result<()>, outside: &mut Outside) {
+        if let Some(error) = saved.err().filter(|_| !self.has_warned) {
+            self.has_warned = true;
+            outside.warning(text!("times are not kept: {error}", error = format_args!("{error:#}")));
         }
     }
 
@@ -179,9 +186,7 @@ impl Auto {
         (self.is_asked, self.still) = (false, None);
         self.renew(model);
         let Some(choice) = choice.transpose() else { return };
-        if let Err(error) = self.save() {
-            outside.warning(text!("times are not kept: {error}", error = format_args!("{error:#}")));
-        }
+        self.keep(outside);
         let Some(target) = target_of(&request) else { return };
         match &choice {
             Ok(choice) => {
@@ -219,6 +224,7 @@ pub fn slowest_text(slowest: &Slowest) -> String {
 mod tests {
     use super::*;
     use crate::viewer::bench::Bench;
+    use crate::viewer::requests::messages::Messages;
 
     /// The view for which settings were chosen, and the picture's settings.
     fn chosen(bench: &Bench) -> (FrameRequest, scene::Settings) {
@@ -231,6 +237,19 @@ mod tests {
     fn choices(bench: &Bench) -> Vec<bool> {
         let choices = bench.log.iter().filter(|event| event["event"] == "auto");
         choices.map(|event| event["measured"].as_bool().expect("a choice")).collect()
+    }
+
+    #[test]
+    fn times_that_cannot_be_kept_are_told_once() {
+        let (mut auto, mut outside) = (Auto::default(), Outside::new(Messages::default()));
+        auto.on_saved(Ok(()), &mut outside);
+        for choice in 0..3 {
+            auto.on_saved(Err(anyhow::anyhow!("costs: its disk can only be read")), &mut outside);
+            // So many that the message is none of those on the screen.
+            (0..4).for_each(|note| outside.note(format!("choice {choice}, note {note}")));
+        }
+        let told = outside.messages.all.iter().filter(|message| message.text.starts_with("times are not kept: costs"));
+        assert_eq!(told.count(), 1);
     }
 
     #[test]
