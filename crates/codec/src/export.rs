@@ -443,8 +443,9 @@ impl Job<'_> {
     fn crs(&self) -> Result<Option<&str>> {
         let mut with_system = self.sources.iter().map(|source| source.info()).filter(|info| info.crs.is_some());
         let Some(first) = with_system.next() else { return Ok(None) };
-        if let Some(other) = with_system.find(|info| info.has_other_system(first)) {
-            let problem = format!("is in another coordinate system than {}", shown(&first.path));
+        let other = with_system.find_map(|info| Some((info, info.system_difference(first)?)));
+        if let Some((other, difference)) = other {
+            let problem = format!("is in {difference} than {}", shown(&first.path));
             return Err(Error::unsuitable(&other.path, problem));
         }
         Ok(first.crs.as_deref())

@@ -82,18 +82,29 @@ pub struct Image {
 
 /// Whether two names, or texts, are of different coordinate systems. One that names the system of the heights, too, as in
 /// `EPSG:26910+5703`, is that of one that does not.
-pub fn are_other_systems(one: &str, other: &str) -> bool {
+pub(crate) fn are_other_systems(one: &str, other: &str) -> bool {
     let (one, other) = (one.trim(), other.trim());
     let adds_heights =
         |long: &str, short: &str| long.strip_prefix(short).is_some_and(|end| end.trim().starts_with('+'));
     one != other && !adds_heights(one, other) && !adds_heights(other, one)
 }
 
+/// How a coordinate system, of which the name and the units may be known, differs from another one, in words that `than`
+/// can follow.
+pub fn system_difference(
+    (own, units): (Option<&str>, &Units),
+    (other, other_units): (Option<&str>, &Units),
+) -> Option<String> {
+    match own.zip(other) {
+        Some((own, other)) if are_other_systems(own, other) => Some("another coordinate system".into()),
+        _ => units.difference(other_units),
+    }
+}
+
 impl Info {
-    /// Whether both name a coordinate system, or units, and not the same.
-    pub fn has_other_system(&self, other: &Self) -> bool {
-        let named = self.crs.as_deref().zip(other.crs.as_deref());
-        named.is_some_and(|(own, other)| are_other_systems(own, other)) || self.units.contradict(&other.units)
+    /// How its coordinate system differs from that of another file, in words that `than` can follow.
+    pub fn system_difference(&self, other: &Self) -> Option<String> {
+        system_difference((self.crs.as_deref(), &self.units), (other.crs.as_deref(), &other.units))
     }
 
     /// Where the scanner stood, if the file says so.

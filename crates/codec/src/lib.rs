@@ -34,7 +34,7 @@ pub use catalogue::{Entry as CatalogueEntry, Tile as CatalogueTile, entry_of, ti
 pub use error::{Error, Result, why_unwritten};
 pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chunks, short_file_name};
 pub use format::Format;
-pub use info::{Image, Info, Scan, Selection, Summary, are_other_systems};
+pub use info::{Image, Info, Scan, Selection, Summary, system_difference};
 pub use las::copc_writer::{CopcSummary, write_copc};
 pub use las::{Copc, CopcNode, CopcPage, PageNodes};
 pub use remote::{Network, trust_address, use_network};

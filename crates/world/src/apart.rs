@@ -30,7 +30,7 @@ impl Apart {
         let is_near: Vec<bool> = groups.iter().map(|group| *group == groups[largest]).collect();
         let mut warnings = Vec::new();
         for (place, is_near) in places.iter().zip(&is_near).filter(|(place, _)| !place.bounds.is_empty()) {
-            let differs = place.differs_from(shown);
+            let difference = place.difference(shown);
             if !is_near {
                 let unit = shown.units.length().map_or("units".into(), |unit| unit.to_string());
                 warnings.push(format!(
@@ -38,10 +38,10 @@ impl Apart {
                     place.name,
                     rounded(gap(shown.bounds, place.bounds)),
                     shown.name,
-                    if differs { "; they have different coordinate systems" } else { "" }
+                    difference.map_or(String::new(), |difference| format!("; it has {difference}"))
                 ));
-            } else if differs {
-                warnings.push(format!("{} has another coordinate system than {}", place.name, shown.name));
+            } else if let Some(difference) = difference {
+                warnings.push(format!("{} has {difference} than {}", place.name, shown.name));
             }
         }
         // Clouds with the same units are reported once.
@@ -89,9 +89,9 @@ pub struct Place<'a> {
 }
 
 impl Place<'_> {
-    fn differs_from(&self, other: &Self) -> bool {
-        let named = self.system.zip(other.system);
-        named.is_some_and(|(own, other)| codec::are_other_systems(own, other)) || self.units.contradict(&other.units)
+    /// How its coordinate system differs from another one.
+    fn difference(&self, other: &Self) -> Option<String> {
+        codec::system_difference((self.system, &self.units), (other.system, &other.units))
     }
 }
 
@@ -147,7 +147,7 @@ mod tests {
             apart.warnings,
             [
                 "small lies 899,800 units away from large",
-                "other lies 4,999,800 units away from large; they have different coordinate systems"
+                "other lies 4,999,800 units away from large; it has another coordinate system"
             ]
         );
     }
@@ -176,6 +176,10 @@ mod tests {
         let apart = Apart::of(&[place("a", 0.0, 2, Some("A")), place("b", 50.0, 1, Some("B"))]);
         assert_eq!(apart.is_near, [true, true]);
         assert_eq!(apart.warnings, ["b has another coordinate system than a"]);
+        let mut places = [place("a", 0.0, 2, Some("A")), place("b", 50.0, 1, Some("A"))];
+        places[0].units.level = Some(codec::Unit::Metre);
+        places[1].units.level = Some(codec::Unit::Foot);
+        assert_eq!(Apart::of(&places).warnings, ["b has another unit of x and y (ft, not m) than a"]);
         let empty = Place { name: "c", bounds: Bounds::EMPTY, points: 0, system: None, units: Units::default() };
         assert_eq!(Apart::of(&[empty]), Apart { is_near: vec![true], warnings: Vec::new() });
     }

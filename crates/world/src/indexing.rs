@@ -219,11 +219,10 @@ impl Loader {
             _ => file_name(&path),
         };
         let first = infos().next();
-        if let Some(other) = infos().find(|info| first.is_some_and(|first| info.has_other_system(first))) {
-            warnings.push(format!(
-                "{} has another coordinate system than the first file of {name}",
-                scene::shown(&other.path)
-            ));
+        let other = infos().find_map(|info| Some((info, info.system_difference(first?)?)));
+        if let Some((other, difference)) = other {
+            let other = scene::shown(&other.path);
+            warnings.push(format!("{other} has {difference} than the first file of {name}"));
         }
         let mut offered: Vec<Attribute> = Vec::new();
         for attribute in infos().flat_map(|info| &info.attributes) {

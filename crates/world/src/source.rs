@@ -65,14 +65,15 @@ pub fn system_warnings<'a>(files: impl IntoIterator<Item = &'a codec::Info> + Cl
     warnings
 }
 
-/// Warns of files in another coordinate system than the first one that names its own: their coordinates are taken as they
-/// are.
+/// Warns of files in another coordinate system, or other units, than the first one that names its system: their coordinates
+/// are taken as they are.
 pub fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Vec<String> {
     let mut with_system = files.into_iter().filter(|info| info.crs.is_some());
     let Some(first) = with_system.next() else { return Vec::new() };
-    let others = with_system.filter(|other| other.has_other_system(first)).map(|other| {
+    let others = with_system.filter_map(|other| {
+        let difference = other.system_difference(first)?;
         let [other, first] = [&other.path, &first.path].map(scene::shown);
-        format!("{other} has another coordinate system than {first}; coordinates are taken as they are")
+        Some(format!("{other} has {difference} than {first}; coordinates are taken as they are"))
     });
     others.collect()
 }

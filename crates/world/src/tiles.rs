@@ -569,9 +569,9 @@ impl Tiles {
             tile.bounds = own;
         }
         let model = self.model.info();
-        if info.has_other_system(model) {
+        if let Some(difference) = info.system_difference(model) {
             let first = shown(&model.path);
-            self.problems.push(format!("{name} has another coordinate system than {first}"));
+            self.problems.push(format!("{name} has {difference} than {first}"));
         }
     }
 

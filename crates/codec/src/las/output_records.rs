@@ -270,8 +270,10 @@ pub fn check_alike(sources: &[&LasSource], words: &mut Words) -> Result<()> {
             return refuse("has other extra dimensions");
         }
         match (&source.info.crs, &first.info.crs) {
-            (Some(_), Some(_)) if source.info.has_other_system(&first.info) => {
-                return refuse("is in another coordinate system");
+            (Some(_), Some(_)) => {
+                if let Some(difference) = source.info.system_difference(&first.info) {
+                    return refuse(&format!("is in {difference}"));
+                }
             }
             (None, Some(_)) => {
                 let of = shown(&first.info.path);

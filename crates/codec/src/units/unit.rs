@@ -176,8 +176,23 @@ impl Units {
 
     /// Whether both say something of the same coordinate, and not the same.
     pub fn contradict(&self, other: &Self) -> bool {
-        let differ = |own: Option<Unit>, other: Option<Unit>| own.zip(other).is_some_and(|(own, other)| own != other);
-        differ(self.level, other.level) || differ(self.height, other.height)
+        self.difference(other).is_some()
+    }
+
+    /// How they contradict others, in words that `than` can follow: `another unit of heights (ft, not m)`.
+    pub fn difference(&self, other: &Self) -> Option<String> {
+        let differing = |own: Option<Unit>, other: Option<Unit>| own.zip(other).filter(|(own, other)| own != other);
+        let pairs = (differing(self.level, other.level), differing(self.height, other.height));
+        let told = |of: &str, (own, other): (Unit, Unit)| {
+            format!("another unit{of} ({}, not {})", own.short_name(), other.short_name())
+        };
+        match pairs {
+            (Some(level), Some(height)) if level == height => Some(told("", level)),
+            (Some(level), Some(height)) => Some(told(" of x and y", level) + " and " + &told(" of heights", height)),
+            (Some(level), None) => Some(told(" of x and y", level)),
+            (None, Some(height)) => Some(told(" of heights", height)),
+            (None, None) => None,
+        }
     }
 }
 
@@ -213,6 +228,20 @@ mod tests {
             assert_eq!(even.warning(), None);
         }
         assert_eq!(units(feet, None).rise(), feet);
+    }
+
+    #[test]
+    fn units_that_contradict_others_are_named_with_those() {
+        let difference = |[level, height]: [Option<Unit>; 2], [other, other_height]: [Option<Unit>; 2]| {
+            Units { level, height }.difference(&Units { level: other, height: other_height }).unwrap_or_default()
+        };
+        let (metre, foot, degree) = (Some(Unit::Metre), Some(Unit::SurveyFoot), Some(Unit::Degree));
+        assert_eq!(difference([foot, foot], [metre, metre]), "another unit (ftUS, not m)");
+        assert_eq!(difference([degree, None], [metre, metre]), "another unit of x and y (deg, not m)");
+        assert_eq!(difference([metre, metre], [metre, foot]), "another unit of heights (m, not ftUS)");
+        let both = "another unit of x and y (deg, not ftUS) and another unit of heights (m, not ftUS)";
+        assert_eq!(difference([degree, metre], [foot, foot]), both);
+        assert_eq!([difference([metre, None], [metre, foot]), difference([None, foot], [metre, foot])], ["", ""]);
     }
 
     #[test]
