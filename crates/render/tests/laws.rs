@@ -18,7 +18,8 @@ use glam::{DMat3, DQuat, DVec3};
 use param::{Field, Group, Kind, Value};
 use render::{Aov, CloudId, ColorPlan, Frame, FrameStats, Material, Objects, PointStore, ReflectionStats};
 use scene::{
-    Camera, METHODS, Method, MethodRow, Mirror, MirrorSurface, Settings, Shape, SpotLight, Supply, Tripod, five_mirrors,
+    Camera, IndirectBy, METHODS, Method, MethodRow, Mirror, MirrorSurface, Settings, Shape, SpotLight, Supply, Tripod,
+    five_mirrors,
 };
 
 use stage::Stage;
@@ -293,6 +294,8 @@ fn finite_at_every_end_of_every_parameter() {
                     // Photons are followed 65,536 at a time: a million is more of the same.
                     let end = match end {
                         Value::U32(most) if key == "light.photons" => Value::U32(most.min(70_000)),
+                        // Rays of a pixel are summed one after the other.
+                        Value::U32(most) if key == "gi.rays_per_pixel" => Value::U32(most.min(64)),
                         end => end,
                     };
                     let text = field.format(&end);
@@ -306,6 +309,11 @@ fn finite_at_every_end_of_every_parameter() {
                         (settings.gi.bounces, settings.gi.vpls, settings.gi.sky_lights) = (1, 16, 4);
                         (settings.gi.shadow_points, settings.gi.shadow_size) = (256, 16);
                         settings.gi.rays_per_pixel = 8;
+                    }
+                    let has_rays = group.name == "gi" && field.name.starts_with("ray");
+                    if has_rays {
+                        // Where virtual lights shine, rays count for nothing; no ray goes on for more bounces than light.
+                        (settings.gi.by, settings.gi.bounces) = (IndirectBy::Rays, 4);
                     }
                     if group.name == "gloss" {
                         settings.gloss.samples = 2;
@@ -328,7 +336,8 @@ fn finite_at_every_end_of_every_parameter() {
                         continue;
                     }
                     drawn_before.push(drawing);
-                    scene.render(&mut stage, &settings, size);
+                    let stats = scene.render(&mut stage, &settings, size);
+                    assert!(!has_rays || stats.light_rays == [settings.gi.rays_per_pixel; 2], "{what}: {stats:?}");
                     let [drawn, mirrors, found, _] = assert_finite(&stage, &what);
                     let least = (size[0] * size[1] / 6) as usize;
                     assert!(drawn > least && mirrors > 10, "{what}: {drawn} pixels, {mirrors} mirror pixels");
