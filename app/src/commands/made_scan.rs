@@ -47,8 +47,9 @@ pub fn run(arguments: &ScanArguments) -> anyhow::Result<u8> {
     let stations = if arguments.station.is_empty() { tripod.stations() } else { arguments.station.clone() };
     let disturbance = Disturbance { noise: *noise, mixed: *mixed, strays: *strays };
     let exact = Exact::of_mirrors(&mirrors).with_solids(tripod.solids());
-    let scan =
-        |(number, station): (usize, &DVec3)| scan::scan(&exact, &disturbance, *station, *rays as f64, *seed, number);
+    let scan = |(number, station): (usize, &DVec3)| {
+        scan::scan(&exact, &disturbance, *station, f64::from(*rays), *seed, number)
+    };
     let scans: Vec<Vec<Measured<Echo>>> = stations.iter().enumerate().map(scan).collect();
     if scans.iter().any(Vec::is_empty) {
         return Err(usage("a station measures nothing: is it inside of a wall?"));

@@ -12,7 +12,7 @@ use scene::{CameraPath, Preset};
 use study::Target;
 
 use crate::shared::ghost_arguments::{GhostsArguments, ScanArguments};
-use crate::shared::numbers::parse_place;
+use crate::shared::numbers::{parse_place, parse_seed};
 use crate::system::film::Codec;
 use crate::system::terminal::escaped;
 
@@ -115,7 +115,7 @@ pub struct RenderArguments {
     #[arg(short, long, value_name = "OUT.png")]
     pub output: PathBuf,
     /// Width and height of the picture, pixels
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "800x600", value_parser = parse_size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", allow_hyphen_values = true, default_value = "800x600", value_parser = parse_size)]
     pub size: [u32; 2],
     /// Take the values of screen-space curved reflections that belong together: published (by the shape of the mirror), fast
     /// or accurate. Other parameters are set after it
@@ -134,11 +134,11 @@ pub struct RenderArguments {
     #[arg(long, value_name = "NAME", requires = "time")]
     pub path: Option<String>,
     /// Write the picture of a path at this time, which is the frame that `glint record` has then
-    #[arg(long, value_name = "SECONDS", value_parser = parse_time,
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = parse_time,
         conflicts_with_all = ["camera", "stats", "frames", "budget", "error"])]
     pub time: Option<f64>,
     /// Reflections that are followed, one after the other. Short for --set reflection.bounces=N
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub bounces: Option<u32>,
     /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, indirect, color, mirror_position,
     /// mirror_albedo, mirror_normal, specular_intensity, specular_power, refraction, regions, curvature, uncertain; surface_error,
@@ -158,10 +158,10 @@ pub struct RenderArguments {
     #[arg(long, requires = "stats")]
     pub estimate: bool,
     /// Frames whose times --stats takes the median of, after one to warm up; 1 if not given
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub frames: Option<u32>,
     /// Seed of the built-in scenes' points; short for --set scene.seed=N
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u32>,
     #[command(flatten)]
     pub target: TargetArguments,
@@ -174,12 +174,12 @@ pub struct RenderArguments {
 pub struct TargetArguments {
     /// Let `auto` choose method, light, points and resolution for a frame of this time, as in 50ms or 1.5s, with the
     /// smallest error; parameters that are named stay as they are
-    #[arg(long, value_name = "TIME", value_parser = parse_budget, conflicts_with = "error")]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = parse_budget, conflicts_with = "error")]
     pub budget: Option<Target>,
     /// Let `auto` choose them for this error, as in 1px of reflections or 2dE of colours (CIEDE2000, of mirrors and of the
     /// rest alike), with the smallest time; the error is that against the picture at full resolution with all points, 1024
     /// virtual lights and surfel_trace
-    #[arg(long, value_name = "ERROR", value_parser = parse_error)]
+    #[arg(long, value_name = "ERROR", allow_hyphen_values = true, value_parser = parse_error)]
     pub error: Option<Target>,
 }
 
@@ -195,22 +195,22 @@ pub struct RecordArguments {
     #[arg(short, long, value_name = "OUT.mp4|OUT.gif|DIR")]
     pub output: PathBuf,
     /// Width and height of the pictures, pixels
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1280x720", value_parser = parse_size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", allow_hyphen_values = true, default_value = "1280x720", value_parser = parse_size)]
     pub size: [u32; 2],
     /// Pictures a second of the path
-    #[arg(long, value_name = "N", default_value = "30", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "30", value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub fps: u32,
     /// Frames of the path to record, from A to before B; all if not given
-    #[arg(long, value_name = "A..B", value_parser = parse_frames)]
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true, value_parser = parse_frames)]
     pub frames: Option<Range<u32>>,
     /// Average so many pictures over the time that the shutter is open: motion blur
-    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=256))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub subframes: u32,
     /// Share of a frame's time for which the shutter of --subframes is open, from the time of the frame on
-    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = parse_shutter)]
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "0.5", value_parser = parse_shutter)]
     pub shutter: f64,
     /// Draw pictures with so many times as many pixels in each direction, and average them
-    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=8))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1", value_parser = clap::value_parser!(u32).range(1..=8))]
     pub supersample: u32,
     /// Write float images of each frame, too, as frame-000000.NAME.exr: depth, normal and others that `glint render` makes
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
@@ -222,7 +222,7 @@ pub struct RecordArguments {
     #[arg(long, value_name = "NAME")]
     pub codec: Option<Codec>,
     /// Record every N-th frame, from the K-th, into the same folder as the other shards
-    #[arg(long, value_name = "K/N")]
+    #[arg(long, value_name = "K/N", allow_hyphen_values = true)]
     pub shard: Option<study::Shard>,
     /// Add pictures to a folder whose pictures another adapter or driver has drawn, which rounds otherwise
     #[arg(long)]
@@ -275,10 +275,10 @@ pub struct StudyArguments {
     #[arg(long)]
     pub list: bool,
     /// Width and height of the pictures in place of the plan's, pixels
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse_size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", allow_hyphen_values = true, value_parser = parse_size)]
     pub size: Option<[u32; 2]>,
     /// Timed frames of each setting in place of the plan's
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub repeats: Option<u32>,
     /// Preset of screen-space curved reflections in place of the plan's: published, fast or accurate
     #[arg(long, value_name = "NAME", value_parser = parse_preset)]
@@ -290,7 +290,7 @@ pub struct StudyArguments {
     #[arg(long, value_name = "FILE", num_args = 1..)]
     pub input: Vec<OsString>,
     /// Run every N-th setting, from the K-th; `glint study merge` joins the shards
-    #[arg(long, value_name = "K/N")]
+    #[arg(long, value_name = "K/N", allow_hyphen_values = true)]
     pub shard: Option<study::Shard>,
     #[command(flatten)]
     pub gpu: GpuArgument,
@@ -326,7 +326,7 @@ pub struct SurfacesArguments {
     #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = parse_share, allow_hyphen_values = true)]
     pub holdout: f64,
     /// Seed by which points are held out
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1", value_parser = parse_seed)]
     pub seed: u64,
     /// Write JSON
     #[arg(long)]
@@ -350,7 +350,7 @@ pub struct ProfileArguments {
     #[arg(long, value_name = "WIDTH", allow_hyphen_values = true, requires = "line")]
     pub width: Option<f64>,
     /// Take so many parallel sections more, each farther to the left of the line
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=100), requires = "spacing")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=100), requires = "spacing")]
     pub copies: u32,
     /// How far each of the copies is from the one before, world units
     #[arg(long, value_name = "DISTANCE", allow_hyphen_values = true, requires_all = ["line", "copies"])]
@@ -586,115 +586,5 @@ pub fn quoted(word: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use clap::CommandFactory as _;
-
-    use super::*;
-
-    fn message(words: &[&str]) -> String {
-        brief(CommandLine::try_parse_from(words).unwrap_err())
-    }
-
-    #[test]
-    fn the_definition_is_consistent() {
-        CommandLine::command().debug_assert();
-    }
-
-    #[test]
-    fn words_without_a_command_are_inputs_of_the_viewer() {
-        let line = CommandLine::try_parse_from(["glint", "a.laz", "five-mirrors/sphere", "--gpu", "cpu"]).unwrap();
-        assert!(line.command.is_none());
-        assert_eq!(line.view.inputs, ["a.laz", "five-mirrors/sphere"]);
-        assert_eq!(line.view.gpu.gpu.as_deref(), Some("cpu"));
-    }
-
-    #[test]
-    fn sizes_are_two_numbers_of_pixels() {
-        assert_eq!(parse_size("1280x720"), Ok([1280, 720]));
-        for wrong in ["", "x", "800", "800x", "800x0", "-1x5", "800x600x2", "1e3x4", "99999x10", "800*600"] {
-            assert!(parse_size(wrong).is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn frames_are_from_a_number_to_before_another() {
-        assert_eq!(parse_frames("10..12"), Ok(10..12));
-        for wrong in ["", "5", "..", "5..", "..5", "5..5", "6..5", "-1..5", "1...5", "1..=5", "0..99999999999"] {
-            assert!(parse_frames(wrong).is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn pairs_are_split_at_the_first_equals_sign() {
-        assert_eq!(parse_pair("color.attribute=a=b"), Ok(("color.attribute".into(), "a=b".into())));
-        assert_eq!(parse_pair("color.attribute="), Ok(("color.attribute".into(), String::new())));
-        assert!(parse_pair("splat.size").is_err());
-        assert!(parse_pair("=2").is_err());
-    }
-
-    #[test]
-    fn words_that_are_quoted_are_escaped() {
-        let evil = "--\u{1b}[31mx\nglint: done\u{7}";
-        let text = message(&["glint", "info", "a.laz", evil]);
-        assert!(text.contains(r"--\u{1b}[31mx\nglint: done\u{7}"), "{text}");
-        let text = message(&["glint", "render", "a.laz", "-o", "a.png", "--size", "8\u{202e}\nx"]);
-        assert!(text.contains(r"8\u{202e}\nx"), "{text}");
-    }
-
-    #[test]
-    fn images_are_a_name_and_a_path() {
-        assert_eq!(parse_image("depth=a=b.exr".into()), Ok(("depth".into(), "a=b.exr".into())));
-        assert!(parse_image("depth".into()).is_err() && parse_image("=a.exr".into()).is_err());
-    }
-
-    #[test]
-    fn usage_errors_are_one_line() {
-        for words in [
-            &["glint", "render"][..],
-            &["glint", "render", "a.laz", "-o", "a.png", "--size", "big"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--sise", "8x8"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--frames", "0"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--truth", "exact"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--estimate"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--stats", "a.json", "--truth", "no"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--time", "-1"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--time", "1e300"],
-            &["glint", "render", "a.laz", "-o", "a.png", "--preset", "publshed"],
-            &["glint", "info"],
-            &["glint", "record", "a.toml"],
-            &["glint", "record", "a.toml", "-o", "a", "--frames", "3..3"],
-            &["glint", "record", "a.toml", "-o", "a", "--fps", "0"],
-            &["glint", "index"],
-            &["glint", "study"],
-            &["glint", "study", "methods"],
-            &["glint", "study", "methods", "-o", "a", "--shard", "3/2"],
-            &["glint", "study", "methods", "-o", "a", "--repeats", "0"],
-            &["glint", "study", "merge", "-o", "a"],
-            &["glint", "export", "a.laz"],
-            &["glint", "surfaces"],
-            &["glint", "measure"],
-            &["glint", "measure", "a.toml", "b.toml"],
-            &["glint", "surfaces", "a.laz", "--holdout", "0"],
-            &["glint", "surfaces", "a.laz", "--holdout", "1"],
-            &["glint", "surfaces", "a.laz", "--holdout", "-0.5"],
-            &["glint", "surfaces", "a.laz", "--holdout", "NaN"],
-            &["glint", "surfaces", "a.laz", "--scanner", "1,2"],
-            &["glint", "surfaces", "a.laz", "--scanner", "-1,nan,2"],
-            &["glint", "--nonsense"],
-        ] {
-            let message = message(words);
-            assert_eq!(message.lines().count(), 1, "{words:?}: {message}");
-            assert!(message.split("; ").all(|part| !part.trim().is_empty()), "{words:?}: {message}");
-        }
-        assert!(message(&["glint", "render", "a.laz", "-o", "a.png", "--sise", "8x8"]).contains("--size"));
-    }
-
-    #[test]
-    fn names_with_blanks_and_quotes_survive_the_shell() {
-        assert_eq!(quoted("a/b.laz"), "a/b.laz");
-        assert_eq!(quoted("my scan.laz"), "'my scan.laz'");
-        assert_eq!(quoted("it's"), r"'it'\''s'");
-        assert_eq!(quoted("view.background=#ffffff"), "'view.background=#ffffff'");
-    }
-}
+#[path = "command_line_tests.rs"]
+mod tests;

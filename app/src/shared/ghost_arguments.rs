@@ -7,7 +7,7 @@ use clap::Args;
 use glam::DVec3;
 
 use crate::shared::command_line::parse_pair;
-use crate::shared::numbers::parse_place;
+use crate::shared::numbers::{parse_place, parse_seed};
 
 #[derive(Debug, Args)]
 pub struct GhostsArguments {
@@ -54,21 +54,31 @@ pub struct ScanArguments {
     #[arg(short, long, value_name = "OUT.laz")]
     pub output: PathBuf,
     /// Standard deviation of ranges, metres
-    #[arg(long, value_name = "LENGTH", default_value = "0.002")]
+    #[arg(long, value_name = "LENGTH", default_value = "0.002", allow_negative_numbers = true, value_parser = parse_noise)]
     pub noise: f64,
     /// Share of the rays that are mixed pixels, split by an edge
-    #[arg(long, value_name = "SHARE", default_value = "0.001")]
+    #[arg(long, value_name = "SHARE", default_value = "0.001", allow_negative_numbers = true, value_parser = parse_part)]
     pub mixed: f64,
     /// Share of the rays that measure nothing that is there
-    #[arg(long, value_name = "SHARE", default_value = "0")]
+    #[arg(long, value_name = "SHARE", default_value = "0", allow_negative_numbers = true, value_parser = parse_part)]
     pub strays: f64,
     /// Rays of each station
-    #[arg(long, value_name = "N", default_value = "1350000", value_parser = clap::value_parser!(u64).range(1000..=100_000_000))]
-    pub rays: u64,
+    #[arg(long, value_name = "N", default_value = "1350000", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1000..=100_000_000))]
+    pub rays: u32,
     /// Seed of the noise and all other draws
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_name = "N", default_value = "1", allow_negative_numbers = true, value_parser = parse_seed)]
     pub seed: u64,
     /// Write JSON
     #[arg(long)]
     pub json: bool,
+}
+
+fn parse_noise(text: &str) -> Result<f64, String> {
+    let noise = text.parse().ok().filter(|noise: &f64| noise.is_finite() && *noise >= 0.0);
+    noise.ok_or_else(|| "expected a length of at least 0, as in 0.002".into())
+}
+
+fn parse_part(text: &str) -> Result<f64, String> {
+    let part = text.parse().ok().filter(|part: &f64| (0.0..=1.0).contains(part));
+    part.ok_or_else(|| "expected a share from 0 to 1".into())
 }
