@@ -25,7 +25,7 @@ const MOST_REDIRECTS: usize = 5;
 const LEAST_RATE: u64 = 8 << 10;
 /// How often a server that is silent is asked for a part, and how long it is left alone after that: many parts are asked
 /// for, and each would wait anew.
-const MOST_SILENCES: u32 = 2;
+const MOST_SILENCES: usize = 2;
 const LEFT_ALONE: Duration = Duration::from_secs(15);
 /// The most bytes of an answer's head.
 const MOST_HEAD: usize = 32 << 10;
@@ -163,7 +163,9 @@ fn repeated<T>(address: &Address, mut work: impl FnMut() -> Result<T, Failure>) 
                 return Ok(done);
             }
             (Err(Failure::Final(problem)), _) => return Err(problem),
-            (Err(Failure::Again(problem)), None) => return Err(format!("{problem} (tried {} times)", waits.len() + 1)),
+            (Err(Failure::Again(problem)), None) => {
+                return Err(format!("{problem} (tried {})", times(waits.len() + 1)));
+            }
             (Err(Failure::Again(_)), Some(wait)) => std::thread::sleep(Duration::from_millis(*wait)),
             (Err(Failure::Silent), _) => silences += 1,
         }
@@ -172,7 +174,13 @@ fn repeated<T>(address: &Address, mut work: impl FnMut() -> Result<T, Failure>) 
             break;
         }
     }
-    Err(format!("the server is silent, or too slow (waited {silences} times for {} s)", network().silence.as_secs()))
+    let (waited, seconds) = (times(silences), network().silence.as_secs());
+    Err(format!("the server is silent, or too slow (waited {waited} for {seconds} s)"))
+}
+
+/// How often something was done.
+fn times(count: usize) -> String {
+    if count == 1 { "once".into() } else { format!("{count} times") }
 }
 
 /// Sends a request and follows where it is sent on to.
@@ -404,6 +412,11 @@ mod tests {
         for text in ["1.1.1.1", "172.32.0.1", "100.128.0.1", "2606:4700::1111", "::ffff:1.1.1.1"] {
             assert!(!is(text), "{text}");
         }
+    }
+
+    #[test]
+    fn one_try_is_told_as_one() {
+        assert_eq!([1, 2, 5].map(times), ["once", "2 times", "5 times"]);
     }
 
     #[test]
