@@ -369,6 +369,33 @@ fn an_export_to_e57_keeps_scans_with_their_names_places_and_values() {
 }
 
 #[test]
+fn colours_of_any_limits_fill_the_range_of_16_bits_in_an_export() {
+    let limits = [[0, 1023], [0, 4095], [100, 1123]];
+    let mut prototype = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
+    let names = [RecordName::ColorRed, RecordName::ColorGreen, RecordName::ColorBlue];
+    let channels = names.into_iter().zip(limits);
+    prototype.extend(channels.map(|(name, [min, max])| record(name, RecordDataType::Integer { min, max })));
+    let point = |at: i64| {
+        let mut point = numbers([at as f64, 0.0, 0.0]);
+        point.extend(limits.map(|[min, max]| RecordValue::Integer(min + (max - min) * at / 100)));
+        point
+    };
+    let (folder, path) = place(&written(prototype, None, &(0..=100).map(point).collect::<Vec<_>>()));
+    let output = folder.path().join("wide.las");
+    let sources = [std::sync::Arc::new(codec::open(&path).unwrap())];
+    codec::export(&sources, &cloud::PointTest::default(), &[], &output, MEMORY, &Progress::default()).unwrap().unwrap();
+    let points = las::Reader::from_path(&output).unwrap().read_all().unwrap();
+    let colors: Vec<_> = points.points().map(|point| point.unwrap().color.unwrap()).collect();
+    assert_eq!(colors.len(), 101);
+    for (at, color) in (0..).zip(colors) {
+        for ([min, max], found) in limits.into_iter().zip([color.red, color.green, color.blue]) {
+            let share = ((max - min) * at / 100) as f64 / (max - min) as f64;
+            assert!((f64::from(found) - share * 65_535.0).abs() <= 1.0, "{found} of {min} to {max} at {at}");
+        }
+    }
+}
+
+#[test]
 fn colours_that_are_zero_everywhere_are_none() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

@@ -129,9 +129,14 @@ impl Scale {
     /// A value as a channel of colour of 16 bits.
     fn apply_wide(self, value: f64) -> u16 {
         match self {
-            // Floats are rounded; of integers, full brightness stays full.
-            Self::Linear { factor, bias: 0.0 } => (value * f64::from(factor) * (65_535.0 / 255.0)) as u16,
-            Self::Linear { factor, .. } => (value * f64::from(factor) * 257.0 + 0.5) as u16,
+            // Of integers, a byte is the upper bits of the range: `factor` is 256 / (full + 1).
+            Self::Linear { factor, bias: 0.0 } => {
+                let full = 256.0 / f64::from(factor) - 1.0;
+                (value * (65_535.0 / full) + 0.5) as u16
+            }
+            Self::Linear { factor, bias } => {
+                (value * (f64::from(factor) * 257.0) + (f64::from(bias) - 0.5) * 257.0 + 0.5) as u16
+            }
             Self::Logistic => u16::from(self.apply(value)) * 257,
         }
     }
@@ -540,12 +545,5 @@ pub fn column(rows: &[u8], scalar: &Scalar, packing: &Packing) -> Column {
 /// All values of a channel of colour among packed rows, with 16 bits.
 pub fn color_column(rows: &[u8], scalar: &Scalar, packing: &Packing, scale: Scale) -> Column {
     let values = column(rows, scalar, packing);
-    // Values of 16 bits are those that lose eight of them on the screen.
-    let is_wide = matches!(scale, Scale::Linear { factor, .. } if factor == 1.0 / 256.0);
-    let wide = |index| match &values {
-        Column::U16(values) if is_wide => values[index],
-        Column::U8(values) => u16::from(values[index]) * 257,
-        values => scale.apply_wide(values.value(index)),
-    };
-    Column::U16((0..values.len()).map(wide).collect())
+    Column::U16((0..values.len()).map(|index| scale.apply_wide(values.value(index))).collect())
 }

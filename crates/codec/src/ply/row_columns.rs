@@ -118,16 +118,7 @@ impl RowSource {
                         }
                     }
                     (Some(channel), Some(scales)) if wish.colors == Colors::Words => {
-                        match (column(rows, scalar, &packing), scales[channel]) {
-                            // All 16 bits of a float.
-                            (values @ (Column::F32(_) | Column::F64(_)), Scale::Linear { factor, .. }) => {
-                                let factor = f64::from(factor) * 257.0;
-                                let words =
-                                    (0..values.len()).map(|index| (values.value(index) * factor).round() as u16);
-                                Column::U16(words.collect())
-                            }
-                            (_, scale) => color_column(rows, scalar, &packing, scale),
-                        }
+                        color_column(rows, scalar, &packing, scales[channel])
                     }
                     _ => column(rows, scalar, &packing),
                 }
