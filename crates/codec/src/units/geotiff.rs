@@ -47,12 +47,16 @@ impl GeoTiff<'_> {
     }
 
     /// The name of the system: a citation, or else the code of the EPSG; behind it the code of the system of the heights,
-    /// as in `EPSG:26910+5703`, unless the citation names that.
+    /// as in `EPSG:26910+5703`, unless the citation ends with that.
     pub fn name(&self) -> Option<String> {
         // The citations of the projected, the whole, the geographic system.
         let citation = [3073, 1026, 2049].into_iter().find_map(|id| self.citation(id));
+        let last_number =
+            |text: &str| -> Option<u32> { text.rsplit(|letter: char| !letter.is_ascii_digit()).next()?.parse().ok() };
         match (citation, self.system(4096)) {
-            (Some(citation), Some(heights)) if !citation.contains('+') => Some(format!("{citation} + EPSG:{heights}")),
+            (Some(citation), Some(heights)) if last_number(&citation) != Some(heights) => {
+                Some(format!("{citation} + EPSG:{heights}"))
+            }
             (Some(citation), _) => Some(citation),
             (None, heights) => {
                 let heights = heights.map_or(String::new(), |heights| format!("+{heights}"));
@@ -205,6 +209,18 @@ mod tests {
         assert_eq!(height("NAVD88 height (ftUS)"), SURVEY);
         assert_eq!(height("NAVD88 - Geoid12B (Meters)|"), METRE);
         assert_eq!(height("NAVD88"), None);
+    }
+
+    #[test]
+    fn the_code_of_the_heights_stands_behind_any_citation_that_does_not_end_with_it() {
+        let name = |text: &str| {
+            let keys = [[1026, ASCII, text.len() as u16, 0], [4096, 0, 1, 5703]];
+            GeoTiff { keys: keys.to_vec(), doubles: Vec::new(), text: text.as_bytes() }.name().unwrap()
+        };
+        assert_eq!(name("NAD83 / UTM zone 10N|"), "NAD83 / UTM zone 10N + EPSG:5703");
+        assert_eq!(name("GDA94+Zone 55|"), "GDA94+Zone 55 + EPSG:5703");
+        assert_eq!(name("a grid + a height|"), "a grid + a height + EPSG:5703");
+        assert_eq!(name("EPSG:26910+5703|"), "EPSG:26910+5703");
     }
 
     #[test]
