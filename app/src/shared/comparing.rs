@@ -95,6 +95,9 @@ pub struct Measured {
 /// A distance and its level of detection; NaN where there is none.
 type Value = [f64; 2];
 
+/// The places of the vertices of meshes, NaN for hidden ones, by the number of the mesh's file.
+type Vertices = HashMap<usize, Vec<DVec3>>;
+
 impl Side {
     fn files(&self) -> usize {
         match &self.points {
@@ -180,32 +183,47 @@ impl Side {
         Ok(warnings)
     }
 
-    /// The points that are shown. The tree does not depend on the order in which chunks come.
+    /// The points that are shown, and the vertices of meshes if these are kept. The tree does not depend on the order in
+    /// which chunks come.
     fn tree(
         &self,
         which: &str,
+        keeps_vertices: bool,
         progress: &Progress,
         room: &Room,
         warnings: &mut Vec<String>,
-    ) -> anyhow::Result<Option<PointTree>> {
+    ) -> anyhow::Result<Option<(PointTree, Vertices)>> {
         let found = Mutex::new(Vec::new());
         warnings.append(&mut self.read(progress, room, |number, cloud, chunk, shown| {
             let places = places_of(cloud, chunk, shown.indices(chunk.len()));
-            if !room.take(places.len() as u64 * TREE_BYTES) {
+            let is_mesh = keeps_vertices && self.sources().get(number).is_some_and(|source| source.is_mesh());
+            let kept = if is_mesh { chunk.len() } else { 0 };
+            if !room.take(places.len() as u64 * TREE_BYTES + kept as u64 * VERTEX_BYTES) {
                 return;
             }
-            found.lock().unwrap_or_else(PoisonError::into_inner).push(((number, chunk.first_point), places));
+            let mut own = vec![DVec3::NAN; kept];
+            shown.indices(kept).zip(&places).for_each(|(index, place)| own[index] = *place);
+            found.lock().unwrap_or_else(PoisonError::into_inner).push(((number, chunk.first_point), places, own));
         })?);
         room.check()?;
         if progress.is_cancelled() {
             return Ok(None);
         }
         let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
-        found.sort_unstable_by_key(|(place, _)| *place);
-        let mut places = Vec::with_capacity(found.iter().map(|(_, places)| places.len()).sum());
-        found.into_iter().for_each(|(_, mut part)| places.append(&mut part));
+        found.sort_unstable_by_key(|(place, ..)| *place);
+        let mut places = Vec::with_capacity(found.iter().map(|(_, places, _)| places.len()).sum());
+        let mut vertices = Vertices::new();
+        for ((number, first_point), mut part, mut own) in found {
+            places.append(&mut part);
+            if !own.is_empty() {
+                let all = vertices.entry(number).or_default();
+                all.resize(first_point as usize, DVec3::NAN);
+                all.append(&mut own);
+            }
+        }
         let tree = PointTree::new(places);
-        if tree.is_empty() { Err(usage(format!("the {which} cloud shows no points"))) } else { Ok(Some(tree)) }
+        let filled = (!tree.is_empty()).then_some((tree, vertices));
+        filled.map(Some).ok_or_else(|| usage(format!("the {which} cloud shows no points")))
     }
 
     /// The names of its meshes.
@@ -223,11 +241,10 @@ impl Side {
     }
 
     /// The faces of the meshes among its files, all of whose vertices are shown.
-    fn faces(&self, progress: &Progress, room: &Room, warnings: &mut Vec<String>) -> anyhow::Result<TriangleTree> {
+    fn faces(&self, vertices: &Vertices, room: &Room, warnings: &mut Vec<String>) -> TriangleTree {
         let mut triangles = Vec::new();
         for (number, source) in self.sources().iter().enumerate().filter(|(_, source)| source.is_mesh()) {
-            let info = source.info();
-            if !room.take(info.faces.saturating_mul(TRIANGLE_BYTES) + info.points.saturating_mul(VERTEX_BYTES)) {
+            if !room.take(source.info().faces.saturating_mul(TRIANGLE_BYTES)) {
                 break;
             }
             let faces = match source.triangles() {
@@ -237,28 +254,11 @@ impl Side {
                     continue;
                 }
             };
-            let left_out = self.left_out.get(number).cloned().into_iter().collect();
-            let (points, test) = (Points::Files(vec![source.clone()]), self.test.clone());
-            let alone =
-                Self { points, test, left_out, up: self.up, units: self.units, settings: self.settings.clone() };
-            progress.set_total(progress.total() + info.points);
-            let found = Mutex::new(Vec::new());
-            alone.read(progress, room, |_, cloud, chunk, shown| {
-                let mut places = vec![DVec3::NAN; chunk.len()];
-                shown.indices(chunk.len()).for_each(|index| places[index] = cloud.world_position(chunk, index));
-                found.lock().unwrap_or_else(PoisonError::into_inner).push((chunk.first_point, places));
-            })?;
-            let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
-            found.sort_unstable_by_key(|(first_point, _)| *first_point);
-            let mut vertices: Vec<DVec3> = Vec::new();
-            for (first_point, mut places) in found {
-                vertices.resize(first_point as usize, DVec3::NAN);
-                vertices.append(&mut places);
-            }
-            let place = |index: u32| vertices.get(index as usize).copied().unwrap_or(DVec3::NAN);
+            let own = vertices.get(&number).map(Vec::as_slice).unwrap_or_default();
+            let place = |index: u32| own.get(index as usize).copied().unwrap_or(DVec3::NAN);
             triangles.extend(faces.into_iter().map(|corners| corners.map(place)));
         }
-        Ok(TriangleTree::new(triangles))
+        TriangleTree::new(triangles)
     }
 }
 
@@ -354,10 +354,12 @@ pub fn compare(
     room.take(own.saturating_mul(value_bytes));
     room.check()?;
     let mut warnings = Vec::new();
-    let Some(second_tree) = second.tree("second", progress, &room, &mut warnings)? else { return Ok(None) };
-    let first_tree = match has_tree.then(|| first.tree("first", progress, &room, &mut warnings)).transpose()? {
+    let Some((second_tree, vertices)) = second.tree("second", !has_tree, progress, &room, &mut warnings)? else {
+        return Ok(None);
+    };
+    let first_tree = match has_tree.then(|| first.tree("first", false, progress, &room, &mut warnings)).transpose()? {
         Some(None) => return Ok(None),
-        Some(Some(tree)) => tree,
+        Some(Some((tree, _))) => tree,
         None => PointTree::default(),
     };
     let m3c2 = match method {
@@ -365,7 +367,7 @@ pub fn compare(
         Method::M3c2(scales) => Some(m3c2(scales, first, &first_tree).map_err(|error| usage(error.to_string()))?),
     };
     let faces = match method {
-        Method::Nearest => second.faces(progress, &room, &mut warnings)?,
+        Method::Nearest => second.faces(&vertices, &room, &mut warnings),
         Method::M3c2(_) => {
             let meshes = first.meshes().into_iter().chain(second.meshes());
             warnings.extend(meshes.map(|name| format!("{name}: M3C2 takes the vertices of a mesh, and not its faces")));
@@ -610,8 +612,9 @@ mod tests {
         let first = side(2000, 1, 10.25);
         let mut second = side(0, 1, 0.0);
         second.points = Points::Files(vec![Arc::new(codec::open(&path).unwrap())]);
-        let (measured, warnings) =
-            compare(&first, &second, Method::Nearest, None, &Progress::default()).unwrap().unwrap();
+        let progress = Progress::default();
+        let (measured, warnings) = compare(&first, &second, Method::Nearest, None, &progress).unwrap().unwrap();
+        assert_eq!((progress.done(), progress.total()), (2004, 2004), "each point of both is read once");
         assert!((measured.figures.mean - 0.26).abs() < 1e-3 && measured.figures.max < 0.2701, "{:?}", measured.figures);
         assert!(!warnings.iter().any(|warning| warning.contains("vertices of a mesh")), "{warnings:?}");
         // One of the two triangles has a hidden corner; the points lie about the edge between them.
