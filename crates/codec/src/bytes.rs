@@ -19,6 +19,25 @@ pub struct Bytes {
     place: Place,
 }
 
+/// A file of the disk that was opened, to be opened again by its name.
+#[derive(Clone, Debug)]
+pub struct NamedFile {
+    path: PathBuf,
+    opened: State,
+}
+
+impl NamedFile {
+    /// Says what is wrong if the file with the name is another one than it was.
+    ///
+    /// # Errors
+    /// If the file was written to, or another one has taken its place.
+    pub fn check_unchanged(&self) -> Result<()> {
+        let failed = |error| Error::io(&self.path, error);
+        let now = State::of(&std::fs::metadata(&self.path).map_err(failed)?);
+        check_same(self.opened, now).map_err(failed)
+    }
+}
+
 enum Place {
     /// A file, and its state when it was opened.
     Disk(Disk, State),
@@ -141,18 +160,11 @@ impl Bytes {
         }
     }
 
-    /// Says what is wrong if the file with its name, which is opened again, is another one than it was.
-    ///
-    /// # Errors
-    /// If the file was written to, or another one has taken its place.
-    pub fn check_unchanged(&self) -> Result<()> {
-        let Place::Disk(_, opened) = &self.place else { return Ok(()) };
-        if self.path == Path::new(Self::STANDARD_INPUT) {
-            return Ok(());
-        }
-        let failed = |error| Error::io(&self.path, error);
-        let now = State::of(&std::fs::metadata(&self.path).map_err(failed)?);
-        check_same(*opened, now).map_err(failed)
+    /// The file as it was opened; `None` for what is no file of the disk with a name.
+    pub fn named_file(&self) -> Option<NamedFile> {
+        let Place::Disk(_, opened) = &self.place else { return None };
+        let has_name = self.path != Path::new(Self::STANDARD_INPUT);
+        has_name.then(|| NamedFile { path: self.path.clone(), opened: *opened })
     }
 
     /// Checks that nobody has written to the file since it was opened; what was read may be of both files.

@@ -29,7 +29,7 @@ mod text;
 mod units;
 
 pub use address::{beside, is_address, last_part};
-pub use bytes::Bytes;
+pub use bytes::{Bytes, NamedFile};
 pub use catalogue::{Entry as CatalogueEntry, Tile as CatalogueTile, entry_of, tiles_of, write_catalogue};
 pub use error::{Error, Result, why_unwritten};
 pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chunks, short_file_name};

@@ -258,7 +258,8 @@ fn a_file_that_was_written_to_is_not_read_further() {
     let folder = tempfile::tempdir().unwrap();
     let path = file(&folder, "first.las", las_file((1, 2), 1, &points(1, 500), &[]));
     let source = sources(&[&path]);
-    source[0].bytes().check_unchanged().unwrap();
+    let named = source[0].bytes().named_file().unwrap();
+    named.check_unchanged().unwrap();
     let later = std::fs::metadata(&path).unwrap().modified().unwrap() + std::time::Duration::from_secs(2);
     std::fs::write(&path, las_file((1, 2), 1, &points(1, 500), &[])).unwrap();
     std::fs::File::options().write(true).open(&path).unwrap().set_modified(later).unwrap();
@@ -266,7 +267,7 @@ fn a_file_that_was_written_to_is_not_read_further() {
     let error = export(&source, &PointTest::default(), &[], &output, MEMORY, &Progress::default()).unwrap_err();
     assert!(error.to_string().contains("changed since it was opened"), "{error}");
     assert!(!output.exists());
-    assert!(source[0].bytes().check_unchanged().unwrap_err().to_string().contains("changed since it was opened"));
+    assert!(named.check_unchanged().unwrap_err().to_string().contains("changed since it was opened"));
 }
 
 #[test]

@@ -33,6 +33,7 @@ pub struct Assembly {
     pub input: String,
     /// The file, if all of its points are in memory.
     pub source: Option<Arc<codec::Source>>,
+    files: Arc<Vec<codec::NamedFile>>,
     /// The attributes that the files have.
     offered: Vec<Attribute>,
     /// The coordinate system, as the file names it.
@@ -66,12 +67,21 @@ pub struct Assembly {
 }
 
 impl Assembly {
+    /// Says which of its files is another one than it was, and so are its points where it is read again by its name.
+    ///
+    /// # Errors
+    /// If there is one.
+    pub fn check_unchanged(&self) -> codec::Result<()> {
+        self.files.iter().try_for_each(codec::NamedFile::check_unchanged)
+    }
+
     /// A cloud without points yet. The caller shows `opened.warnings`.
     pub fn open(key: CloudKey, opened: Opened) -> (Self, Change) {
         let Opened {
             name,
             input,
             source,
+            files,
             attributes,
             offered,
             grid,
@@ -92,6 +102,7 @@ impl Assembly {
             placement: None,
             input,
             source,
+            files,
             offered,
             crs,
             units,

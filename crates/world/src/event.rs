@@ -18,6 +18,8 @@ pub struct Opened {
     /// The input as on the command line or in the scene file.
     pub input: String,
     pub source: Option<Arc<codec::Source>>,
+    /// The files of the cloud that were opened by their names. Those of catalogues come later.
+    pub files: Arc<Vec<codec::NamedFile>>,
     pub attributes: Vec<Attribute>,
     /// The attributes that the files have. A streamed cloud has some of them, and more when it is asked for them
     /// (`StreamView::asked`).

@@ -235,6 +235,7 @@ impl Loader {
             input: scene::shown(&path),
             // Points come in the order of pages: looking up a point's number in a file would give another point.
             source: None,
+            files: Arc::new(sources.iter().filter_map(|source| source.bytes().named_file()).collect()),
             attributes,
             offered,
             grid,

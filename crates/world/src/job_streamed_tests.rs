@@ -209,6 +209,26 @@ fn clouds_of_one_folder_are_named_by_their_first_files() {
 }
 
 #[test]
+fn files_of_a_streamed_cloud_are_known_as_they_were_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let input = hills(&path, 3_000, [0.0; 2]);
+    let settings = settings(scene::Paging::Always, 5_000_000);
+    let cache = Ok(Cache::new(folder.path().join("cache"), u64::MAX));
+    let job = start_with(vec![input], &settings, BTreeSet::new(), true, cache);
+    let opened = loop {
+        if let Event::Opened { opened, .. } = job.events.recv_timeout(PATIENCE).expect("the cloud is opened") {
+            break opened;
+        }
+    };
+    let (entry, _) = crate::Assembly::open(crate::CloudKey(0), opened);
+    assert!(entry.source.is_none() && entry.check_unchanged().is_ok());
+    std::fs::write(&path, "another file").unwrap();
+    let told = entry.check_unchanged().unwrap_err().to_string();
+    assert!(told.ends_with("it has been changed since it was opened; open it again"), "{told}");
+}
+
+#[test]
 fn a_preview_keeps_what_the_gpu_may_hold() {
     let folder = tempfile::tempdir().unwrap();
     let input = hills(&folder.path().join("a.ply"), 150_000, [0.0; 2]);

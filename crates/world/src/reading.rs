@@ -144,6 +144,7 @@ impl Loader {
             name: info.name(),
             input: shown(path),
             source: Some(source.clone()),
+            files: Arc::new(source.bytes().named_file().into_iter().collect()),
             attributes: info.attributes.clone(),
             offered: info.attributes.clone(),
             grid: info.grid,

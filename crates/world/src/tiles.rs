@@ -278,6 +278,7 @@ impl Tiles {
             name: self.name.clone(),
             input: self.input.clone(),
             source: None,
+            files: Arc::default(),
             attributes: self.attributes.clone(),
             offered: info.attributes.clone(),
             grid: info.grid,

@@ -73,7 +73,7 @@ impl Loaded {
                 let end = match entry.source.as_ref().filter(|source| source.is_mesh() && !is_m3c2) {
                     // The faces of a mesh are in its file.
                     Some(source) => {
-                        source.bytes().check_unchanged().map_err(|error| error.to_string())?;
+                        entry.check_unchanged().map_err(|error| error.to_string())?;
                         Ends::Files(vec![source.info().path.display().to_string()])
                     }
                     None => ends(entry)?,
@@ -214,6 +214,7 @@ impl Loaded {
 /// Where the points of an open cloud come from.
 fn ends(entry: &CloudEntry) -> Result<Ends, String> {
     if entry.streamed.is_some() {
+        entry.check_unchanged().map_err(|error| error.to_string())?;
         return Ok(Ends::Files(vec![entry.input.clone()]));
     }
     if !entry.is_read {

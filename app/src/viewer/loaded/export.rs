@@ -52,13 +52,13 @@ impl Loaded {
         }
     }
 
-    /// Says which file of a cloud in memory is another one than it was, and so are its points where it is read again.
+    /// Says which file of the shown clouds is another one than it was, and so are its points where it is read again.
     ///
     /// # Errors
     /// If there is one.
     pub fn check_unchanged(&self) -> Result<(), String> {
-        let mut sources = self.clouds.iter().filter(|entry| entry.is_visible).filter_map(|entry| entry.source.as_ref());
-        sources.try_for_each(|source| source.bytes().check_unchanged()).map_err(|error| error.to_string())
+        let mut shown = self.clouds.iter().filter(|entry| entry.is_visible);
+        shown.try_for_each(|entry| entry.check_unchanged()).map_err(|error| error.to_string())
     }
 
     /// The input of which some clouds are switched on and others off, if there is one: a folder has several.
@@ -114,5 +114,24 @@ mod tests {
         assert!(told.starts_with("cloud.ply: not saved: some of its clouds are switched off"), "{told}");
         session.act(Action::ShowCloud(key, true));
         assert!(begins(&mut session));
+    }
+
+    #[test]
+    fn a_streamed_cloud_whose_file_was_written_to_is_not_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("b.xyz");
+        std::fs::write(&path, "1 2 3\n4 5 6\n").unwrap();
+        let files = Arc::new(vec![codec::open(&path).unwrap().bytes().named_file().unwrap()]);
+        let mut session = Session::with_two_points();
+        let job = session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
+        let opened = Opened { name: "b".into(), files, expected_points: 2, up: DVec3::Z, ..Opened::default() };
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud: 0, opened }, beside));
+        assert_eq!(session.loaded.check_unchanged(), Ok(()));
+        std::fs::write(&path, "1 2 3\n").unwrap();
+        session.outside.effects.clear();
+        session.act(Action::Export(Export::To("a.laz".into())));
+        assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(_))));
+        let told = session.outside.messages.all.last().map(|message| message.text.clone()).unwrap_or_default();
+        assert!(told.ends_with("b.xyz: it has been changed since it was opened; open it again"), "{told}");
     }
 }
