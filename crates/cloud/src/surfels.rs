@@ -31,7 +31,7 @@ use crate::{
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 8;
+pub const ESTIMATOR: u32 = 9;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
@@ -491,11 +491,17 @@ fn orient(normal: Vec3, position: DVec3, orientation: Orientation) -> Vec3 {
     if along < 0.0 { -normal } else { normal }
 }
 
+/// The most columns along each horizontal axis in which what is below a ceiling is looked for, and the points that each has
+/// in the mean.
+const MOST_COLUMNS: usize = 64;
+const COLUMN_POINTS: usize = 16;
+
 /// Guesses from its shape which side of a cloud was scanned: the inside of a room, the top of a landscape, or the
 /// outside of an object. `up` is the vertical axis.
 ///
 /// - A room has a floor and a ceiling: the lowest and the highest tenth of its height hold an eighth of the points each
-///   (a sphere, a cylinder or a box without lids has a tenth there, terrain next to nothing at the top).
+///   (a sphere, a cylinder or a box without lids has a tenth there, terrain next to nothing at the top), and under most of
+///   the ceiling there are points of the lower half (not under a field with a pit in it, or a terrace).
 /// - A landscape is less high than a third of its width.
 /// - Anything else is an object. The outside of a box or a can with both lids looks like a room and is taken for one.
 pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
@@ -509,16 +515,27 @@ pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
     let size = bounds.size();
     let height = size[vertical];
     let width = (0..3).filter(|&axis| axis != vertical).map(|axis| size[axis]).fold(f64::INFINITY, f64::min);
+    // Whether each of a grid of columns has points of the lower half, and of a ceiling.
+    let across = (sample.len() / COLUMN_POINTS).isqrt().clamp(4, MOST_COLUMNS);
+    let mut columns = vec![[false; 2]; across * across];
     let (mut total, mut lowest, mut highest) = (0, 0, 0);
     for position in sample.into_iter().filter(|position| bounds.contains(*position)) {
-        let share = (position - bounds.min)[vertical] / height;
+        let share = (position - bounds.min) / size;
+        let [column, row] =
+            [1, 2].map(|next| ((share[(vertical + next) % 3] * across as f64) as usize).min(across - 1));
+        let (is_lowest, is_highest) = (share[vertical] < 0.1, share[vertical] > 0.9);
+        let [is_below, has_ceiling] = &mut columns[row * across + column];
+        *is_below |= share[vertical] < 0.5;
+        *has_ceiling |= is_highest;
         total += 1;
-        lowest += usize::from(share < 0.1);
-        highest += usize::from(share > 0.9);
+        lowest += usize::from(is_lowest);
+        highest += usize::from(is_highest);
     }
+    let ceiling = columns.iter().filter(|[_, has_ceiling]| *has_ceiling);
+    let above = ceiling.clone().filter(|[is_below, _]| *is_below).count();
     // A level field is not a room, whatever its noise looks like.
-    let room = 8 * lowest >= total && 8 * highest >= total && height > 0.02 * width;
-    if room {
+    let has_lids = 8 * lowest >= total && 8 * highest >= total && height > 0.02 * width;
+    if has_lids && 2 * above > ceiling.count() {
         Orientation::Toward(bounds.center())
     } else if height < 0.35 * width {
         Orientation::Up(up)

@@ -432,6 +432,52 @@ fn orientation_is_guessed_from_the_shape() {
 }
 
 #[test]
+fn scanned_rooms_tilted_ones_and_few_points_of_one_are_seen_from_within() {
+    let is_room = |points: &[[f32; 3]]| {
+        let guess = guess_orientation(&chunked(points, 8192), Vec3::Z);
+        assert!(matches!(guess, Orientation::Toward(_)), "{guess:?} of {} points", points.len());
+    };
+    // A scanner turns in even steps in the middle of a room of 8 x 8 x 2.4, and sees nothing steep below itself.
+    let ray = |index: u32| {
+        let [turn, tilt] = [f64::from(index % 360), f64::from(index / 360) - 60.0].map(f64::to_radians);
+        let toward = DVec3::new(turn.cos() * tilt.cos(), turn.sin() * tilt.cos(), tilt.sin());
+        let wall = 4.0 / toward.x.abs().max(toward.y.abs());
+        let lid = if toward.z > 0.0 { 0.65 } else { 1.75 } / toward.z.abs();
+        (toward * wall.min(lid)).as_vec3().to_array()
+    };
+    is_room(&(0..360 * 150).map(ray).collect::<Vec<_>>());
+    // Floor and ceiling of a room of 10 x 10 x 2.5 that rise together by 4 degrees, and its walls.
+    let tilted = |i: u64| {
+        let mut p = [10.0 * random(3 * i + 1), 10.0 * random(3 * i + 2), 2.5 * random(3 * i + 3)];
+        match i % 6 {
+            side @ (0 | 1) => p[0] = 10.0 * side as f64,
+            lid => p[2] = 2.5 * (lid % 2) as f64,
+        }
+        p[2] += p[0] * 4_f64.to_radians().tan();
+        p.map(|v| v as f32)
+    };
+    is_room(&(0..50_000).map(tilted).collect::<Vec<_>>());
+    is_room(&(0..300).map(tilted).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_field_with_a_pit_and_a_terrace_are_seen_from_above() {
+    let up = Vec3::Z;
+    // 20 by 20, on two levels, with a noise of some centimetres.
+    let levels = |is_low: fn(f64, f64) -> bool| -> Vec<[f32; 3]> {
+        let place = |i: u64| {
+            let [x, y] = [20.0 * random(3 * i + 1), 20.0 * random(3 * i + 2)];
+            let level = if is_low(x, y) { -1.5 } else { 0.0 };
+            [x, y, level + 0.05 * random(3 * i + 3)].map(|v| v as f32)
+        };
+        (0..40_000).map(place).collect()
+    };
+    for is_low in [|x: f64, y: f64| (x - 10.0).abs() < 5.0 && (y - 10.0).abs() < 5.0, |x, _| x < 10.0] {
+        assert_eq!(guess_orientation(&chunked(&levels(is_low), 8192), up), Orientation::Up(up));
+    }
+}
+
+#[test]
 fn mesh_normals_are_weighted_by_area_and_bad_triangles_are_counted() {
     // A flat square of two triangles, and a small steep one at its first corner; chunks split the vertices.
     let vertices = [
