@@ -52,7 +52,7 @@ pub use progress::Progress;
 pub use random::{Random, hash, unit};
 pub use robust::{
     Scalar, constant, histogram, percentile_range, robust_bounds, robust_extent, robust_range, scene_fence,
-    spread_sample,
+    spread_sample, value_range,
 };
 pub use shape::smallest_eigenvector;
 pub use shown_radii::radii_among;

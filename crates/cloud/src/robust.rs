@@ -296,6 +296,18 @@ pub fn percentile_range(chunks: &[Chunk], scalar: Scalar, low: f64, high: f64) -
     Some((at(low), at(high)))
 }
 
+/// The least and the greatest finite value of all points; `None` if there are none.
+pub fn value_range(chunks: &[Chunk], scalar: Scalar) -> Option<(f64, f64)> {
+    let of_chunk = |chunk: &Chunk| {
+        let values = (0..chunk.len()).map(|index| scalar.value(chunk, index)).filter(|value| value.is_finite());
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+    };
+    let widest = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
+    let all = chunks.par_iter().filter(|chunk| scalar.is_in(chunk)).map(of_chunk);
+    let (low, high) = all.reduce(|| (f64::INFINITY, f64::NEG_INFINITY), widest);
+    (low <= high).then_some((low, high))
+}
+
 /// The number of points whose value is in each of `bins` equal steps from `low` to `high` inclusive. Values outside and
 /// NaN are not counted; a range of one value puts that value in the first bin.
 pub fn histogram(chunks: &[Chunk], scalar: Scalar, (low, high): (f64, f64), bins: usize) -> Vec<u32> {

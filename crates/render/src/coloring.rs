@@ -2,7 +2,9 @@
 
 use std::sync::{Arc, LazyLock};
 
-use cloud::{Chunk, Cloud, ColorCount, Column, STRAY, SURFACE_ERROR, Scalar, constant, histogram, percentile_range};
+use cloud::{
+    Chunk, Cloud, ColorCount, Column, STRAY, SURFACE_ERROR, Scalar, constant, histogram, percentile_range, value_range,
+};
 use glam::DVec3;
 use param::Choice as _;
 
@@ -133,8 +135,12 @@ impl ColorPlan {
         };
         let range =
             |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&cloud.chunks, scalar, low, high));
-        let (low, high) = range(f64::from(color.low), f64::from(color.high)).unwrap_or((0.0, 1.0));
-        let full_range = range(0.001, 0.999).unwrap_or((0.0, 1.0));
+        let is_wide = |(low, high): &(f64, f64)| low < high;
+        // Where few points differ from all others, the percentiles are one value, and the ramp would show none of them.
+        let all = || scalar_of(source, up).and_then(|scalar| value_range(&cloud.chunks, scalar)).unwrap_or((0.0, 1.0));
+        let full_range = range(0.001, 0.999).filter(is_wide).unwrap_or_else(all);
+        let [least, most] = [color.low.min(color.high), color.low.max(color.high)].map(f64::from);
+        let (low, high) = range(least, most).filter(is_wide).unwrap_or(full_range);
         let is_verdict = source.column().is_some_and(|index| is_verdict(&cloud.attributes[index].name));
         let (ramp, low, high) = if is_verdict { (Ramp::Marks, 0.0, 2.0) } else { (color.ramp, low, high) };
         let label = match source {
@@ -507,6 +513,18 @@ mod tests {
         values[50] = 8;
         let (plan, warning) = ColorPlan::new(&cloud(values), &color, DVec3::Z);
         assert_eq!((plan.label.as_str(), warning), ("intensity", None));
+        // Nearly all values are one, and the ramp has room for the other.
+        assert_eq!((plan.low, plan.high, plan.full_range), (7.0, 8.0, (7.0, 8.0)));
+    }
+
+    #[test]
+    fn the_ends_of_the_ramp_may_be_given_the_wrong_way_round() {
+        let ends = |low, high| {
+            let color = Color { by: ColorBy::Intensity, low, high, ..Color::default() };
+            let (plan, _) = ColorPlan::new(&cloud((0..1000).collect()), &color, DVec3::Z);
+            (plan.low, plan.high)
+        };
+        assert_eq!(ends(0.9, 0.1), ends(0.1, 0.9));
     }
 
     #[test]
