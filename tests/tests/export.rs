@@ -195,6 +195,12 @@ fn an_export_of_a_source_that_breaks_off_fails_and_writes_the_points_that_there_
     let section = ["--line", "0,0,0:9,0,0", "--width", "0.5"];
     let outcome = folder.glint(["profile", "short.ply", "-o", "b.ply"].iter().chain(&section));
     assert!(outcome.status == Some(2) && outcome.messages.contains(&lack("b.ply")), "{outcome}");
+    let outcome = folder.glint(["compare", "short.ply", "a.ply", "-o", "c.ply"]);
+    let of_parts = "glint: the distances are those of parts: 1,030 points of the clouds cannot be read\n";
+    assert!(outcome.status == Some(2) && outcome.messages.contains(of_parts), "{outcome}");
+    assert!(outcome.messages.contains(&lack("c.ply")) && outcome.text().contains("points       70"), "{outcome}");
+    let outcome = folder.glint(["compare", "a.ply", "a.ply"]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
 }
 
 #[test]

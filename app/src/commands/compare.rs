@@ -15,11 +15,13 @@ use world::half_of;
 use crate::shared::command_line::CompareArguments;
 use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
 use crate::shared::export;
-use crate::system::failure::usage;
+use crate::shared::numbers::grouped;
+use crate::system::failure::{UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 use crate::system::{picture_file, progress_bar};
 
-/// Measures the distances, prints what they amount to, and writes them if a file is named. Returns the exit status.
+/// Measures the distances, prints what they amount to, and writes them if a file is named. Returns exit status 2 if a part
+/// of a cloud cannot be read.
 ///
 /// # Errors
 /// Bad usage, a cloud that cannot be read or has no points, no distances, the file cannot be written, or Ctrl-C.
@@ -35,6 +37,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     let first = open(&arguments.first, &arguments.set)?;
     let second = open(&arguments.second, &arguments.set)?;
     let all = first.sources().iter().chain(second.sources());
+    let missing = codec::missing_points(all.clone());
     terminal::warn(param::few(world::system_warnings(all.map(|source| source.info())), "warnings"));
     let CompareArguments { normal_scale: normal, cylinder_scale: cylinder, reach, registration, core, .. } = *arguments;
     let method = match arguments.method.as_str() {
@@ -46,6 +49,12 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     let (measured, warnings) = progress_bar::watch("comparing", &progress, compare)?.ok_or(stream::Error::Cancelled)?;
     terminal::warn(param::few(warnings, "warnings"));
     report(arguments, &measured, &first.units)?;
+    let mut status = 0;
+    if missing > 0 {
+        let points = grouped(missing);
+        terminal::complain(&format!("the distances are those of parts: {points} points of the clouds cannot be read"));
+        status = UNUSABLE;
+    }
     if let Some(output) = &arguments.output {
         let [distance, level] = COMPARED.map(|name| free_name(first.sources(), name));
         let mut added = vec![Added::new(distance, measured.distances)];
@@ -56,8 +65,12 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
         let exported = progress_bar::watch("writing", &progress, write)?.ok_or(stream::Error::Cancelled)?;
         terminal::warn(exported.changes);
         terminal::warn(param::few(exported.warnings, "warnings"));
+        if let Some(lack) = export::lack(output, exported.missing) {
+            terminal::complain(&lack);
+            status = UNUSABLE;
+        }
     }
-    Ok(0)
+    Ok(status)
 }
 
 /// Opens the cloud that a word names.

@@ -80,8 +80,10 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     }
     let all: u64 = sources.iter().map(|source| source.info().points).sum();
     if arguments.json {
+        let announced = all.saturating_add(codec::missing_points(&sources));
         terminal::print_json(&json!({
-            "path": shown(output), "points": points, "left_out": all.saturating_sub(points),
+            "path": shown(output), "points": points, "missing": missing,
+            "left_out": announced.saturating_sub(points).saturating_sub(missing),
             "bounds": bounds_report(bounds), "attributes": attributes_report(&attributes),
         }))?;
     } else {

@@ -39,10 +39,15 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
     let memory = half_of(settings.stream.host_bytes);
     let mut failed = Few::of("that cannot be read");
     let sources = export::open(&request, memory, &mut failed).concat();
-    let status = if failed.count() > 0 { UNUSABLE } else { 0 };
+    let mut status = if failed.count() > 0 { UNUSABLE } else { 0 };
     failed.end();
     if sources.is_empty() {
         return Ok(status);
+    }
+    let missing = codec::missing_points(&sources);
+    if missing > 0 {
+        terminal::complain(&format!("ghosts are looked for in parts: {} points cannot be read", grouped(missing)));
+        status = UNUSABLE;
     }
     let (progress, finds) = (Progress::default(), given.is_empty());
     let given = given.into_iter().map(Found::given).collect();
@@ -54,7 +59,12 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
     if let Some(output) = &arguments.output {
         let progress = Progress::default();
         let write = || ghosts::write(&sources, &verdicts, output, arguments.put_back, memory, &progress);
-        terminal::warn(progress_bar::watch("writing", &progress, write)?.ok_or(stream::Error::Cancelled)?);
+        let (warnings, missing) = progress_bar::watch("writing", &progress, write)?.ok_or(stream::Error::Cancelled)?;
+        terminal::warn(warnings);
+        if let Some(lack) = export::lack(output, missing) {
+            terminal::complain(&lack);
+            status = UNUSABLE;
+        }
     }
     report(arguments, &stations, &found, &verdicts, put_back)?;
     Ok(status)

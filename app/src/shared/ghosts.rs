@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use cloud::{Chunk, Cloud, Column, PointTest, Progress};
-use codec::{Added, Runs, Selection, Source, Wanted};
+use codec::{Added, Exported, Runs, Selection, Source, Wanted};
 use ghost::{Block, Extent, Found, Gauge, Kind, Mirrors, Points, Suspect, Verdicts};
 use glam::DVec3;
 use scene::shown;
@@ -133,8 +133,8 @@ impl Points for Files<'_> {
     }
 }
 
-/// Writes all points with their verdicts, and if wanted the ghosts again after them, where they are. Returns warnings,
-/// `None` when cancelled.
+/// Writes all points with their verdicts, and if wanted the ghosts again after them, where they are. Returns warnings and
+/// the number of points that could not be read, `None` when cancelled.
 ///
 /// # Errors
 /// A file that cannot be read or written.
@@ -145,7 +145,7 @@ pub fn write(
     puts_back: bool,
     memory: u64,
     progress: &Progress,
-) -> anyhow::Result<Option<Vec<String>>> {
+) -> anyhow::Result<Option<(Vec<String>, u64)>> {
     let names = [KIND, MIRROR, PROBABILITY, "ghost_error"].map(|name| free_name(sources, name));
     let test = PointTest::default();
     let (mut all, mut columns): (_, [Vec<Runs>; 4]) = (sources.to_vec(), Default::default());
@@ -195,7 +195,9 @@ pub fn write(
         (true, false) => 4,
     });
     let exported = codec::export(&all, &test, &added, output, memory, progress)?;
-    Ok(exported.map(|exported| exported.changes.into_iter().chain(param::few(exported.warnings, "warnings")).collect()))
+    Ok(exported.map(|Exported { changes, warnings, missing, .. }| {
+        (changes.into_iter().chain(param::few(warnings, "warnings")).collect(), missing)
+    }))
 }
 
 /// Files that are removed in the end.

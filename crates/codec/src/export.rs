@@ -173,8 +173,7 @@ pub fn export<'a>(
             written.info().properties.clone()
         }
     };
-    let add = |all: u64, source: &Arc<Source>| all.saturating_add(source.info().missing);
-    let missing = sources.iter().fold(job.unread.into_inner(), add);
+    let missing = job.unread.into_inner().saturating_add(missing_points(sources));
     let bounds = job.bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok(Some(Exported { points, missing, bounds, attributes, changes, warnings }))
 }
@@ -237,6 +236,11 @@ struct Job<'a> {
     unread: AtomicU64,
     /// The bounds of the points that are written.
     bounds: Mutex<Bounds>,
+}
+
+/// The number of points that the files announce and do not have.
+pub fn missing_points<'a>(sources: impl IntoIterator<Item = &'a Arc<Source>>) -> u64 {
+    sources.into_iter().fold(0, |all, source| all.saturating_add(source.info().missing))
 }
 
 impl Job<'_> {

@@ -32,7 +32,7 @@ pub use address::{beside, is_address, last_part};
 pub use bytes::{Bytes, NamedFile};
 pub use catalogue::{Entry as CatalogueEntry, Tile as CatalogueTile, entry_of, tiles_of, write_catalogue};
 pub use error::{Error, Result, why_unwritten};
-pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chunks, short_file_name};
+pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chunks, missing_points, short_file_name};
 pub use format::Format;
 pub use info::{Image, Info, Scan, Selection, Summary, system_difference};
 pub use las::copc_writer::{CopcSummary, write_copc};

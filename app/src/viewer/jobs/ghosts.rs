@@ -11,7 +11,7 @@ use glam::DVec3;
 use scene::{CloudSettings, Mirror, Settings};
 use world::{Request, half_of};
 
-use crate::shared::export::Place;
+use crate::shared::export::{Place, lack};
 use crate::shared::ghosts::{self, Looked};
 use crate::viewer::objects::ObjectId;
 
@@ -177,7 +177,10 @@ impl GhostWork {
             }
             GhostTask::PutBack { sources, verdicts, output } => {
                 let result = ghosts::write(&sources, &verdicts, &output, true, memory, &progress);
-                let result = result.map_err(|error| format!("{error:#}"));
+                let told = |(warnings, missing): (Vec<String>, u64)| {
+                    warnings.into_iter().chain(lack(&output, missing)).collect::<Vec<_>>()
+                };
+                let result = result.map(|written| written.map(told)).map_err(|error| format!("{error:#}"));
                 // Whoever waits for the end of the work waits for the file to be gone, or whole.
                 drop(progress);
                 GhostOutcome::PutBack { output, result }
