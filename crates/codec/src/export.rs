@@ -31,9 +31,11 @@ use crate::las::record_export::{Written, export_records, write_rows_to};
 use crate::las::systems::System;
 use crate::las::{LasSource, coordinate_decimals};
 use crate::ply::RowSource;
+use crate::units::Units;
 use crate::{Format, Info, Source, brief};
 pub use columns::{Added, Runs, Wanted};
 use columns::{Colors, Field, HAS_COLOR, Meaning, Piece, Reading};
+use e57_file::{scale_lengths, scale_of};
 use merging::{Merged, Origin};
 use names::Names;
 pub use names::short_file_name;
@@ -121,9 +123,13 @@ pub fn export<'a>(
     }
     let all: Option<Vec<&LasSource>> = sources.iter().map(|source| las(source)).collect();
     let unread = AtomicU64::new(0);
-    let job = Job { sources, wanted, added, output, memory, progress, unread, bounds: Mutex::new(Bounds::EMPTY) };
+    let bounds = Mutex::new(Bounds::EMPTY);
+    let mut job = Job { sources, wanted, added, output, memory, progress, unread, bounds, scale: None };
     // Formats without a place for a coordinate system have one all the same.
     job.crs()?;
+    if format == ExportFormat::E57 {
+        job.scale = job.metres()?;
+    }
     let written = match (format, &all) {
         (ExportFormat::Ply, _) => job.write_ply(file)?,
         (ExportFormat::E57, _) => job.write_e57(file)?,
@@ -236,6 +242,8 @@ struct Job<'a> {
     unread: AtomicU64,
     /// The bounds of the points that are written.
     bounds: Mutex<Bounds>,
+    /// What x, y and z are multiplied by, where the new file has another unit than its files.
+    scale: Option<DVec3>,
 }
 
 /// The number of points that the files announce and do not have.
@@ -280,6 +288,11 @@ impl Job<'_> {
             fields.iter_mut().for_each(|field| field.attribute.name = names.take(field.name(), usize::MAX));
             let added = self.added.iter().map(|added| Field { attribute: added.field(), meaning: Meaning::Other });
             fields.extend(added);
+            // Whole numbers of feet are no whole numbers of metres.
+            let scaled = |field: &&mut Field| {
+                field.column_type().is_whole() && self.scale.is_some_and(|scale| scale_of(field, scale).is_some())
+            };
+            fields.iter_mut().filter(scaled).for_each(|field| field.attribute.column_type = ColumnType::F64);
             OwnFields { fields, constants: Vec::new() }
         };
         let mut all: Vec<OwnFields> = self.sources.iter().map(fields).collect();
@@ -365,6 +378,9 @@ impl Job<'_> {
                 ColumnType::U8 => Column::U8(vec![*value as u8; piece.points]),
                 _ => Column::U16(vec![*value; piece.points]),
             }));
+            if let Some(scale) = self.scale {
+                scale_lengths(&own.fields, &mut piece.columns, scale);
+            }
             rows_of(&piece)
         };
         let reading = Reading { test: self.wanted.test, colors, needed };
@@ -443,16 +459,23 @@ impl Job<'_> {
         }
     }
 
-    /// The coordinate system of all files that have one.
+    /// The coordinate system of all files that have one. A file without a system may be known to have other units.
     fn crs(&self) -> Result<Option<&str>> {
-        let mut with_system = self.sources.iter().map(|source| source.info()).filter(|info| info.crs.is_some());
-        let Some(first) = with_system.next() else { return Ok(None) };
-        let other = with_system.find_map(|info| Some((info, info.system_difference(first)?)));
+        let infos = || self.sources.iter().map(|source| source.info());
+        let has_units = |info: &&Info| info.units != Units::default();
+        let first = infos().find(|info| info.crs.is_some()).or_else(|| infos().find(has_units));
+        let Some(first) = first else { return Ok(None) };
+        let other = infos().find_map(|info| Some((info, info.system_difference(first)?)));
         if let Some((other, difference)) = other {
             let problem = format!("is in {difference} than {}", shown(&first.path));
             return Err(Error::unsuitable(&other.path, problem));
         }
         Ok(first.crs.as_deref())
+    }
+
+    /// The units of the coordinates of all files, which contradict no other, as far as some file names them.
+    fn units(&self) -> Units {
+        self.sources.iter().fold(Units::default(), |units, source| units.or(source.info().units))
     }
 
     fn most_points(&self) -> u64 {

@@ -7,8 +7,8 @@ mod las_files;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use cloud::{Chunk, ClipVolume, Cloud, Filter, Placement, PointTest, Progress, Volume, VolumeShape};
-use codec::{Exported, Selection, Source, export};
+use cloud::{Chunk, ClipVolume, Cloud, Column, Filter, Placement, PointTest, Progress, Volume, VolumeShape};
+use codec::{Added, Exported, Runs, Selection, Source, export};
 use glam::{DQuat, DVec3};
 use las::Point;
 use las_files::{Chunks, OFFSETS, SCALE, compress, descriptor, las_file, points, terrain};
@@ -221,15 +221,18 @@ fn points_that_a_broken_off_or_damaged_file_announces_are_counted_as_missing() {
     }
 }
 
+/// A file of 100 points whose system is given by keys of GeoTIFF.
+fn file_with_keys(folder: &TempDir, name: &str, keys: &[[u16; 4]]) -> PathBuf {
+    let head = [1, 1, 0, keys.len() as u16];
+    let keys = [head].iter().chain(keys).flatten().flat_map(|number| number.to_le_bytes()).collect();
+    let vlrs = [("LASF_Projection", 34735, keys)];
+    file(folder, name, las_file((1, 2), 1, &points(1, 100), &vlrs))
+}
+
 #[test]
 fn files_whose_heights_are_in_other_systems_do_not_become_one() {
     let folder = tempfile::tempdir().unwrap();
-    let with_keys = |name: &str, keys: &[[u16; 4]]| {
-        let head = [1, 1, 0, keys.len() as u16];
-        let keys = [head].iter().chain(keys).flatten().flat_map(|number| number.to_le_bytes()).collect();
-        let vlrs = [("LASF_Projection", 34735, keys)];
-        file(&folder, name, las_file((1, 2), 1, &points(1, 100), &vlrs))
-    };
+    let with_keys = |name: &str, keys: &[[u16; 4]]| file_with_keys(&folder, name, keys);
     let on_map = [3072, 0, 1, 26910];
     let heights = |code: u16| [4096, 0, 1, code];
     let plain = with_keys("plain.las", &[on_map]);
@@ -389,6 +392,60 @@ fn a_clip_becomes_copc() {
     };
     let trees = las_points(&original).into_iter().filter(|point| u8::from(point.classification) != 2).collect();
     assert!(sorted(las_points(&output)) == sorted(trees) && told.points > 10_000);
+}
+
+#[test]
+fn feet_become_metres_in_e57_and_degrees_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let foot = 1200.0 / 3937.0;
+    let feet = file_with_keys(&folder, "feet.las", &[[3072, 0, 1, 2229]]);
+    let mixed = file_with_keys(&folder, "mixed.las", &[[3072, 0, 1, 2229], [4099, 0, 1, 9001]]);
+    for (input, of_heights, told) in
+        [(&feet, foot, "in ftUS became metres"), (&mixed, 1.0, "in ftUS, heights in m bec")]
+    {
+        let output = input.with_extension("e57");
+        let exported = written(&[input], &PointTest::default(), &output);
+        let word = exported.changes.iter().find(|word| word.contains("became metres"));
+        assert!(word.is_some_and(|word| word.contains(told) && word.contains("coordinate system")), "{exported:?}");
+        let source = codec::open(&output).unwrap();
+        assert_eq!((source.info().crs.as_deref(), source.info().units.text()), (None, "m".into()));
+        let scale = DVec3::new(foot, foot, of_heights);
+        let found: Vec<DVec3> = values(&read_points(&source), "point_source_id").iter().map(|value| value.0).collect();
+        let expected: Vec<DVec3> =
+            las_points(input).iter().map(|point| DVec3::new(point.x, point.y, point.z) * scale).collect();
+        assert!(found.len() == 100 && found.iter().zip(&expected).all(|(a, b)| (*a - *b).length() < 1e-6));
+        let bounds = expected.iter().fold(cloud::Bounds::EMPTY, |mut bounds, place| {
+            bounds.include(*place);
+            bounds
+        });
+        assert!((exported.bounds.max - bounds.max).length() < 1e-6, "{:?}", exported.bounds);
+    }
+    // Lengths of a comparison are in feet, too.
+    let output = folder.path().join("distances.e57");
+    let ones = Runs::from([(0, Arc::new(Column::F32(vec![1.0; 100])))]);
+    let added =
+        [("distance", ones.clone()), ("confidence", ones)].map(|(name, ones)| Added::new(name.into(), vec![ones]));
+    let progress = Progress::default();
+    let exported = export(&sources(&[&feet]), &PointTest::default(), &added, &output, MEMORY, &progress);
+    let told = exported.unwrap().unwrap().changes;
+    assert!(told.iter().any(|word| word.contains("coordinates, distance in ftUS became metres")), "{told:?}");
+    let source = codec::open(&output).unwrap();
+    for (name, expected) in [("distance", foot), ("confidence", 1.0)] {
+        assert!(values(&read_points(&source), name).iter().all(|value| (value.2 - expected).abs() < 1e-6));
+    }
+    let degrees = file_with_keys(&folder, "degrees.las", &[[1024, 0, 1, 2], [2048, 0, 1, 4326]]);
+    let export_to = |inputs: &[&Path], name: &str| {
+        let (output, progress) = (folder.path().join(name), Progress::default());
+        export(&sources(inputs), &PointTest::default(), &[], &output, MEMORY, &progress).unwrap_err().to_string()
+    };
+    let error = export_to(&[&degrees], "degrees.e57");
+    assert!(error.contains("degrees.las: x and y are in deg, and E57 has metres alone"), "{error}");
+    // The E57 file has no system, and is in metres all the same.
+    let metres = feet.with_extension("e57");
+    for name in ["both.las", "both.e57", "both.csv"] {
+        let error = export_to(&[&feet, &metres], name);
+        assert!(error.contains("feet.e57: is in another unit of x and y (m, not ftUS) than"), "{error}");
+    }
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! Writes E57 files: each input is a scan of its own, at the place of its scanner where that is known.
 
+use std::collections::BTreeSet;
 use std::io::{self, Read, Seek, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use cloud::ColumnType;
+use cloud::{Column, ColumnType, SURFACE_ERROR};
 use e57::{E57Writer, Extension, PointCloudWriter, Quaternion, Record, RecordDataType, RecordName, RecordValue};
 use e57::{Transform, Translation};
 use glam::{DQuat, DVec3};
@@ -21,6 +22,7 @@ use crate::error::{Error, Result};
 use crate::format::{E57_NORMALS, E57_OTHERS};
 use crate::in_order::InOrder;
 use crate::las::record_export::Written;
+use crate::units::Unit;
 
 /// The columns of a scan.
 struct ScanFormat {
@@ -181,13 +183,49 @@ fn failed(error: e57::Error) -> io::Error {
 }
 
 impl Job<'_> {
+    /// What makes metres of x, y and z, which E57 has alone; `None` if they are metres, or nobody knows.
+    ///
+    /// # Errors
+    /// Angles, which are no lengths.
+    pub(super) fn metres(&self) -> Result<Option<DVec3>> {
+        for info in self.sources.iter().map(|source| source.info()) {
+            if let Some(unit) = info.units.level.filter(|unit| unit.is_angle()) {
+                let unit = unit.short_name();
+                let problem = format!(
+                    "x and y are in {unit}, and E57 has metres alone: bring the file to a system in metres first, or write \
+                     .laz"
+                );
+                return Err(Error::unsuitable(&info.path, problem));
+            }
+        }
+        let units = self.units();
+        let metres = |unit: Option<Unit>| unit.and_then(Unit::metres).unwrap_or(1.0);
+        let (level, rise) = (metres(units.level), metres(units.rise()));
+        let scale = DVec3::new(level, level, rise);
+        Ok((scale != DVec3::ONE).then_some(scale))
+    }
+
     pub(super) fn write_e57(&self, mut file: NamedTempFile) -> Result<Option<Written>> {
         let unwritten = |error: io::Error| Error::not_written(self.output, error);
-        let crs = self.crs()?.map(str::to_owned);
+        let mut crs = self.crs()?.map(str::to_owned);
         let is_wide = self.sources.iter().any(|source| source.has_wide_colors());
         let own = self.fields(if is_wide { Colors::Words } else { Colors::Bytes }, false);
         let mut words = Words::default();
         self.say_left_out(&mut words);
+        if self.scale.is_some() {
+            let lost =
+                if crs.take().is_some() { "; the coordinate system, which has other units, is left out" } else { "" };
+            let scaled = |field: &&Field| {
+                let scale = self.scale.and_then(|scale| scale_of(field, scale));
+                field.meaning != Meaning::Coordinate && scale.is_some()
+            };
+            let lengths: BTreeSet<&str> =
+                own.iter().flat_map(|own| &own.fields).filter(scaled).map(Field::name).collect();
+            let what: Vec<&str> = std::iter::once("coordinates").chain(lengths).collect();
+            let (what, units) = (what.join(", "), self.units().text());
+            let word = format!("{what} in {units} became metres, which E57 has alone{lost}");
+            words.say(self.output, word);
+        }
         let mut warnings = self.warnings();
         let mut points = 0;
         let mut writer = E57Writer::new(&mut file, "glint").map_err(failed).map_err(unwritten)?;
@@ -197,7 +235,10 @@ impl Job<'_> {
         writer.set_coordinate_metadata(crs);
         for (number, own) in own.iter().enumerate() {
             let info = self.sources[number].info();
-            let pose = info.scan.as_ref().and_then(|scan| Some((scan.position?, scan.turn)));
+            let pose = info
+                .scan
+                .as_ref()
+                .and_then(|scan| Some((scan.position? * self.scale.unwrap_or(DVec3::ONE), scan.turn)));
             // Colours that are zero everywhere are none: other programs would show black points.
             let has_place = |field: &Field| field.meaning != Meaning::Color || info.has_colors;
             let fields: Vec<Field> = own.fields.iter().filter(|field| has_place(field)).cloned().collect();
@@ -260,5 +301,27 @@ impl Job<'_> {
         warnings.append(&mut self.read_one(number, own, colors, None, &order, &rows_of));
         order.finish()?;
         Ok(points.into_inner().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// Columns of glint that are lengths; further ones of a name have a number.
+const LENGTHS: [&str; 4] = ["distance", "level_of_detection", "ghost_error", SURFACE_ERROR];
+
+/// What a column is multiplied by, if coordinates are; `None` for one that is no length. Lengths of places whose heights
+/// have another unit have none.
+pub(super) fn scale_of(field: &Field, scale: DVec3) -> Option<f64> {
+    if field.meaning == Meaning::Coordinate {
+        return ["x", "y", "z"].iter().position(|axis| *axis == field.name()).map(|axis| scale[axis]);
+    }
+    let name = field.name().trim_end_matches(|end: char| end.is_ascii_digit()).trim_end_matches('_');
+    (LENGTHS.contains(&name) && scale.x == scale.z).then_some(scale.x)
+}
+
+/// Multiplies coordinates and lengths among the columns of a file, which become doubles.
+pub(super) fn scale_lengths(fields: &[Field], columns: &mut [Column], scale: DVec3) {
+    for (field, column) in fields.iter().zip(columns) {
+        if let Some(scale) = scale_of(field, scale) {
+            *column = Column::F64((0..column.len()).map(|index| column.value(index) * scale).collect());
+        }
     }
 }
