@@ -651,7 +651,10 @@ impl Job<'_> {
         // The records of a file that has the coordinate system, if one has.
         let first = all.iter().copied().find(|source| crs.is_none() || source.info().crs.as_deref() == crs);
         let unwritten = |error| Error::not_written(self.output, error);
-        let system = System::new(first, format.target.format).map_err(unwritten)?;
+        let system = match (first, crs) {
+            (None, Some(text)) => System::of_text(text, &self.units()),
+            _ => System::new(first, format.target.format).map_err(unwritten)?,
+        };
         system.word.iter().for_each(|word| words.say(self.output, word));
         let mut timed = all.iter().filter(|source| source.has_time());
         let head = Head {

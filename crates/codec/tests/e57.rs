@@ -368,6 +368,54 @@ fn an_export_to_e57_keeps_scans_with_their_names_places_and_values() {
     assert_eq!(values(&all[1], &read(&all[1]).0, "odd_name"), [0.5, 0.25]);
 }
 
+/// A file of one point with a text for its coordinate system.
+fn with_system(folder: &tempfile::TempDir, name: &str, system: &str) -> PathBuf {
+    let mut bytes = Cursor::new(Vec::new());
+    let mut writer = E57Writer::new(&mut bytes, "a file").unwrap();
+    writer.set_coordinate_metadata(Some(system.into()));
+    let prototype = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
+    let mut scan = writer.add_pointcloud("a scan", prototype).unwrap();
+    scan.add_point(numbers([500_000.0, 5_400_000.0, 300.0])).unwrap();
+    scan.finalize().unwrap();
+    writer.finalize().unwrap();
+    drop(writer);
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes.into_inner()).unwrap();
+    path
+}
+
+#[test]
+fn the_coordinate_system_of_an_e57_file_goes_on_to_las_or_is_said_to_be_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |unit: &str| {
+        format!(
+            "PROJCS[\"a grid\",GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563]],\
+             PRIMEM[\"Greenwich\",0],UNIT[\"degree\",0.0174532925199433]],PROJECTION[\"Transverse_Mercator\"],{unit}]"
+        )
+    };
+    let (metres, feet) = (of("UNIT[\"metre\",1]"), of("UNIT[\"US survey foot\",0.304800609601219]"));
+    let long = metres.replace("a grid", &"long ".repeat(14_000));
+    for (name, text, lost) in [
+        ("metres.e57", &metres, None),
+        ("feet.e57", &feet, Some("has other units than the coordinates: it is left out")),
+        ("name.e57", &"WGS 84 / UTM 32N".to_owned(), Some("is no WKT, which LAS asks for: it is left out")),
+        ("long.e57", &long, Some("is longer than a record of LAS: it is left out")),
+    ] {
+        let input = with_system(&folder, name, text);
+        let sources = [std::sync::Arc::new(codec::open(&input).unwrap())];
+        for ending in ["las", "laz", "copc.laz"] {
+            let (output, test) = (input.with_extension(ending), cloud::PointTest::default());
+            let exported = codec::export(&sources, &test, &[], &output, MEMORY, &Progress::default()).unwrap().unwrap();
+            let info = codec::open(&output).unwrap().info().clone();
+            let told = exported.changes.concat();
+            match lost {
+                None => assert!(info.crs.as_ref() == Some(text) && !told.contains("system"), "{info:?} {told}"),
+                Some(lost) => assert!(info.crs.is_none() && told.contains(lost), "{info:?} {told}"),
+            }
+        }
+    }
+}
+
 #[test]
 fn colours_of_any_limits_fill_the_range_of_16_bits_in_an_export() {
     let limits = [[0, 1023], [0, 4095], [100, 1123]];

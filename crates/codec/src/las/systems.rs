@@ -13,6 +13,8 @@ use crate::units::{Unit, Units, wkt};
 pub const WKT: u16 = 16;
 /// The most bytes of a record of keys.
 const MOST_BYTES: u64 = 1 << 20;
+/// The most bytes of a text in a record, which ends with a zero.
+const MOST_TEXT: usize = u16::MAX as usize - 1;
 const PROJECTION: &str = "LASF_Projection";
 /// The identifiers of the records of GeoTIFF, and of well-known text.
 const KEYS: u16 = 34735;
@@ -89,6 +91,17 @@ impl System {
                 Self { keeps_keys: true, word: Some(word), ..Self::default() }
             }
         })
+    }
+
+    /// The system of points of other formats, whose coordinates have these units, by its text.
+    pub fn of_text(text: &str, units: &Units) -> Self {
+        let refusal = match () {
+            () if !wkt::is_text(text) => "is no WKT, which LAS asks for",
+            () if text.len() > MOST_TEXT => "is longer than a record of LAS",
+            () if wkt::units(text).contradict(units) => "has other units than the coordinates",
+            () => return Self { added: Some(text.into()), ..Self::default() },
+        };
+        Self { word: Some(format!("the coordinate system {refusal}: it is left out")), ..Self::default() }
     }
 
     /// Whether a record of the other file goes on to this one.
