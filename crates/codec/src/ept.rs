@@ -265,6 +265,13 @@ impl EptSource {
         self.model.as_ref().is_some_and(Tile::has_wide_colors)
     }
 
+    pub fn standard_time(&self) -> Option<bool> {
+        match self.model.as_ref()? {
+            Tile::Las(model) => model.standard_time(),
+            Tile::Rows(_) => None,
+        }
+    }
+
     /// The tiles that have points, the coarse ones first.
     fn filled(&self) -> Vec<usize> {
         (0..self.octree.nodes.len()).filter(|node| self.octree.nodes[*node].points > 0).collect()

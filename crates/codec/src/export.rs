@@ -25,7 +25,7 @@ use crate::error::{Error, Result};
 use crate::in_order::InOrder;
 use crate::las::column_records::RecordFormat;
 use crate::las::copc_writer::write_copc;
-use crate::las::output_records::{check_items, check_times, have_same_extra_dimensions};
+use crate::las::output_records::{check_items, common_time, have_same_extra_dimensions};
 use crate::las::plain_writer::Head;
 use crate::las::record_export::{Written, export_records, write_rows_to};
 use crate::las::systems::System;
@@ -127,6 +127,7 @@ pub fn export<'a>(
     let mut job = Job { sources, wanted, added, output, memory, progress, unread, bounds, scale: None };
     // Formats without a place for a coordinate system have one all the same.
     job.crs()?;
+    common_time(sources.iter().filter_map(|source| Some((source.info(), source.standard_time()?))))?;
     if format == ExportFormat::E57 {
         job.scale = job.metres()?;
     }
@@ -611,14 +612,34 @@ impl Job<'_> {
         Ok(Some(Written { file, points: points.into_inner(), changes: words.lines(), warnings }))
     }
 
+    /// Whether times are standard time in a new LAS file: as files say of theirs, or else by the values of some. Says which
+    /// files have values of the other kind.
+    fn time_of_all(&self, by_values: &[Option<bool>], words: &mut Words) -> Option<bool> {
+        let told = self.sources.iter().find_map(|source| source.standard_time());
+        let seen = by_values.iter().copied().flatten().max();
+        let is_standard = told.or(seen)?;
+        for (source, by_values) in self.sources.iter().zip(by_values) {
+            if source.standard_time().is_none() && by_values.is_some_and(|own| own != is_standard) {
+                let [own, new] = [!is_standard, is_standard]
+                    .map(|is_standard| if is_standard { "standard time" } else { "seconds of a week" });
+                let word = format!("gps_time is {own} by its values, and stays so: the new file is marked as {new}");
+                words.say(&source.info().path, word);
+            }
+        }
+        if told.is_none() && is_standard {
+            words.say(self.output, "gps_time is beyond the seconds of a week: marked as standard time");
+        }
+        Some(is_standard)
+    }
+
     fn write_las(&self, file: NamedTempFile, is_compressed: bool) -> Result<Option<Written>> {
         let crs = self.crs()?;
         let all: Vec<&LasSource> = self.sources.iter().filter_map(|source| las(source)).collect();
-        check_times(&all)?;
         let mut own = self.fields(Colors::Words, true);
         let mut words = Words::default();
         self.number_scans(&mut own, &mut words);
         let Some(survey) = self.survey(&own)? else { return Ok(None) };
+        let has_standard_time = self.time_of_all(&survey.standard_times, &mut words);
         self.say_left_out(&mut words);
         let columns: Vec<Vec<Field>> = own.iter().map(|own| own.fields.clone()).collect();
         let mut say = |file: usize, word: String| words.say(&self.sources[file].info().path, word);
@@ -634,9 +655,6 @@ impl Job<'_> {
             if !self.has_one_kind_of_colors() {
                 words.say(self.output, "colours of different scales became numbers from 0 to 65535");
             }
-        }
-        if all.is_empty() && survey.has_standard_time {
-            words.say(self.output, "gps_time is beyond the seconds of a week: marked as standard time");
         }
         let format = RecordFormat::new(merged.fields.clone(), survey.grid);
         let length = format.target.record_length();
@@ -656,7 +674,6 @@ impl Job<'_> {
             _ => System::new(first, format.target.format).map_err(unwritten)?,
         };
         system.word.iter().for_each(|word| words.say(self.output, word));
-        let mut timed = all.iter().filter(|source| source.has_time());
         let head = Head {
             first,
             target: format.target,
@@ -664,7 +681,7 @@ impl Job<'_> {
             items,
             descriptors: format.descriptors.clone(),
             most_points: self.most_points(),
-            has_standard_time: Some(timed.next().map_or(survey.has_standard_time, |source| source.has_standard_time())),
+            has_standard_time: has_standard_time.or(Some(false)),
             system,
         };
         let mut warnings = self.warnings();

@@ -188,6 +188,15 @@ impl Source {
         }
     }
 
+    /// Whether its GPS times are standard time rather than seconds of a week; `None` if it has none, or does not say.
+    pub(crate) fn standard_time(&self) -> Option<bool> {
+        match self {
+            Self::Las(source) => source.standard_time(),
+            Self::Rows(_) => None,
+            Self::Ept(source) => source.standard_time(),
+        }
+    }
+
     /// What the points are decoded from.
     pub fn bytes(&self) -> &Bytes {
         match self {

@@ -449,6 +449,68 @@ fn feet_become_metres_in_e57_and_degrees_are_refused() {
 }
 
 #[test]
+fn times_are_marked_as_what_they_are_and_two_kinds_do_not_become_one_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |name: &str, format: u8, is_standard: bool| {
+        let mut bytes = las_file((1, 2), format, &points(format, 50), &[]);
+        bytes[6] |= u8::from(is_standard);
+        file(&folder, name, bytes)
+    };
+    let (week, standard) = (of("week.las", 1, false), of("standard.las", 1, true));
+    let (without, odd) = (of("without.las", 0, false), of("odd.las", 0, true));
+    let table = |name: &str, times: [f64; 2]| {
+        let [first, second] = times;
+        file(&folder, name, format!("x,y,z,gps_time\n600000,5000000,100,{first}\n600001,5000001,101,{second}\n"))
+    };
+    let (late, early) = (table("late.csv", [2.5e8, 2.5e8 + 1.0]), table("early.csv", [-1.5e8, 3.0]));
+    let (of_week, zeros) = (table("of_week.csv", [1.5, 604_800.0]), table("zeros.csv", [0.0, 0.0]));
+    let test = PointTest::default();
+    for (number, (inputs, is_standard)) in [
+        (vec![&without, &standard], true),
+        (vec![&odd, &week], false),
+        (vec![&late], true),
+        (vec![&early], true),
+        (vec![&of_week], false),
+        (vec![&late, &standard], true),
+        (vec![&without, &late], true),
+        (vec![&odd, &of_week, &week], false),
+        (vec![&zeros, &standard], true),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let inputs: Vec<&Path> = inputs.into_iter().map(PathBuf::as_path).collect();
+        for ending in ["las", "laz", "copc.laz"] {
+            let output = folder.path().join(format!("{number}.{ending}"));
+            written(&inputs, &test, &output);
+            assert_eq!(header(&output).global_encoding & 1 == 1, is_standard, "{inputs:?} {ending}");
+        }
+    }
+    let refused = |inputs: [&PathBuf; 2], ending: &str| {
+        let (output, progress) = (folder.path().join("both").with_extension(ending), Progress::default());
+        let inputs = sources(&inputs.map(PathBuf::as_path));
+        let error = export(&inputs, &test, &[], &output, MEMORY, &progress).unwrap_err().to_string();
+        assert!(error.contains("counts GPS time in another way"), "{error}");
+    };
+    for ending in ["las", "copc.laz", "csv", "ply", "e57"] {
+        refused([&week, &standard], ending);
+    }
+    for (number, (inputs, odd_one, is_standard)) in [
+        ([&week, &late], "late.csv: gps_time is standard time by", false),
+        ([&of_week, &standard], "of_week.csv: gps_time is seconds of a week by", true),
+        ([&of_week, &late], "of_week.csv: gps_time is seconds of a week by", true),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let output = folder.path().join(format!("odd {number}.laz"));
+        let told = written(&inputs.map(PathBuf::as_path), &test, &output).changes.concat();
+        assert!(told.contains(odd_one), "{told}");
+        assert_eq!(header(&output).global_encoding & 1 == 1, is_standard, "{inputs:?}");
+    }
+}
+
+#[test]
 fn coordinates_of_a_table_have_the_digits_of_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let original = file(&folder, "original.las", las_file((1, 2), 0, &points(0, 500), &[]));

@@ -9,6 +9,9 @@ const MOST: f64 = 0.99;
 /// The ends of the scales of brightness, and the factors that bring them to 16 bits.
 const BRIGHTNESS: [(f64, f64); 3] = [(1.0, 65535.0), (255.0, 257.0), (65535.0, 1.0)];
 
+/// The number of seconds in a week.
+const WEEK: f64 = 604_800.0;
+
 /// The values that a field takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Takes {
@@ -155,6 +158,13 @@ impl Values {
     /// Takes the scale of these values and others.
     pub fn share_scale(&mut self, all: &Self) {
         (self.points, self.broken, self.within) = (all.points - all.none, all.broken, all.within);
+    }
+
+    /// Whether times are standard time, as those beyond the seconds of a week are; `None` if nothing but zeros, or less, is
+    /// there.
+    pub fn is_standard_time(&self) -> Option<bool> {
+        let is_known = self.none == 0 && self.points > 0 && (self.least, self.greatest) != (0.0, 0.0);
+        is_known.then_some(self.least < 0.0 || self.greatest > WEEK)
     }
 
     pub fn merge(&mut self, other: &Self) {

@@ -21,8 +21,8 @@ pub struct Survey {
     pub grid: Grid,
     /// For each file and column what its values are like, where that was looked at.
     pub values: Vec<Vec<Option<Values>>>,
-    /// Whether times are greater than any second of a week.
-    pub has_standard_time: bool,
+    /// For each file whether its times are standard time, by their values; `None` if these do not say.
+    pub standard_times: Vec<Option<bool>>,
     /// The extent of most of the points that are on no grid.
     bulk: f64,
 }
@@ -33,9 +33,6 @@ impl Survey {
         moved.max_element() > self.bulk * UNSEEN
     }
 }
-
-/// The number of seconds in a week.
-const WEEK: f64 = 604_800.0;
 
 /// Gives a brightness one scale in all scans of a file: a scan that is dark would get its own else.
 fn share_scales(sources: &[Arc<Source>], own: &[OwnFields], values: &mut [Vec<Option<Values>>]) {
@@ -116,10 +113,13 @@ impl Job<'_> {
             bounds = bounds.union(own_bounds);
         }
         let bounds = if bounds.is_empty() { Bounds { min: DVec3::ZERO, max: DVec3::ZERO } } else { bounds };
-        let times = own.iter().zip(&values).flat_map(|(own, values)| own.fields.iter().zip(values));
-        let mut times = times.filter(|(field, _)| standard(field.name()).is_some_and(|own| own.name == "gps_time"));
-        let has_standard_time = times.any(|(_, values)| values.as_ref().is_some_and(|values| values.greatest > WEEK));
+        let is_time = |field: &Field| standard(field.name()).is_some_and(|own| own.name == "gps_time");
+        let standard_time = |(own, values): (&OwnFields, &Vec<Option<Values>>)| {
+            let mut times = own.fields.iter().zip(values).filter(|(field, _)| is_time(field));
+            times.find_map(|(_, values)| values.as_ref()?.is_standard_time())
+        };
+        let standard_times = own.iter().zip(&values).map(standard_time).collect();
         let (grid, bulk) = grid_of(axes, bounds, grid);
-        Ok(Some(Survey { grid, values, has_standard_time, bulk }))
+        Ok(Some(Survey { grid, values, standard_times, bulk }))
     }
 }

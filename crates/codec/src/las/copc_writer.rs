@@ -196,13 +196,15 @@ struct OutputFormat {
     /// A lock for threads that compress one after the other because several at a time would take too much memory.
     turn: Option<Mutex<()>>,
     system: System,
+    /// Whether GPS time is standard time; `None` if there is none.
+    has_standard_time: Option<bool>,
 }
 
 impl OutputFormat {
     /// Chooses the format. `memory` bounds what compressing takes, in bytes.
     fn new(sources: &[&LasSource], memory: u64, words: &mut Words) -> Result<Self> {
         let first = sources[0];
-        check_alike(sources, words)?;
+        let has_standard_time = check_alike(sources, words)?;
         leave_out_waves(sources, "COPC cannot have wave packets", words);
         say_black(sources, "", words);
         let formats = sources.iter().filter_map(|source| source.info.point_format);
@@ -214,7 +216,7 @@ impl OutputFormat {
         let vlr = LazVlrBuilder::new(items).with_variable_chunk_size().build();
         let system = System::new(Some(first), target.format).map_err(|error| Error::io(&first.info.path, error))?;
         system.word.iter().for_each(|word| words.say(&first.info.path, word));
-        Ok(Self { target, grid, upgrades, vlr, turn, system })
+        Ok(Self { target, grid, upgrades, vlr, turn, system, has_standard_time })
     }
 }
 

@@ -19,11 +19,12 @@ use crate::error::{Error, Result};
 use crate::export::grid;
 use crate::export::standard::ANGLE_STEPS;
 use crate::export::words::Words;
+use crate::info::Info;
 
 /// The size in bytes of a record of formats 6 to 8 before its colours.
 const BASE_LENGTH: usize = 30;
 /// The header's bit that says that GPS time is standard time.
-pub const STANDARD_TIME: u16 = 1;
+const STANDARD_TIME: u16 = 1;
 /// The angles of formats 0 to 5 that are multiples of a step of later ones, in degrees.
 const WHOLE_ANGLES: i8 = 3;
 /// The class that means "overlap" in formats 0 to 5; later ones have a flag for it.
@@ -262,10 +263,11 @@ pub fn leading<'a>(sources: &[&'a LasSource]) -> Vec<&'a LasSource> {
 }
 
 /// Checks that the points of all files can be in one file; says which files have no coordinate system where others have.
-pub fn check_alike(sources: &[&LasSource], words: &mut Words) -> Result<()> {
+/// Returns whether their times are standard time, if they have times.
+pub fn check_alike(sources: &[&LasSource], words: &mut Words) -> Result<Option<bool>> {
     let first = sources[0];
     for source in sources {
-        let refuse = |problem: &str| Err(unlike(source, problem, first));
+        let refuse = |problem: &str| Err(unlike(&source.info, problem, &first.info));
         if extra_dimensions(source) != extra_dimensions(first) {
             return refuse("has other extra dimensions");
         }
@@ -282,21 +284,29 @@ pub fn check_alike(sources: &[&LasSource], words: &mut Words) -> Result<()> {
             _ => {}
         }
     }
-    check_times(sources)
+    common_time(sources.iter().filter_map(|source| Some((&source.info, source.standard_time()?))))
 }
 
-fn unlike(source: &LasSource, problem: &str, first: &LasSource) -> Error {
-    let problem = format!("{problem} than {}; files of one kind can become one file", shown(&first.info.path));
-    Error::unsuitable(&source.info.path, problem)
+fn unlike(other: &Info, problem: &str, first: &Info) -> Error {
+    let problem = format!("{problem} than {}; files of one kind can become one file", shown(&first.path));
+    Error::unsuitable(&other.path, problem)
 }
 
-/// Checks that all files count time in one way.
-pub fn check_times(sources: &[&LasSource]) -> Result<()> {
-    let mut timed = sources.iter().filter(|source| source.has_time());
-    let Some(first) = timed.next() else { return Ok(()) };
-    match timed.find(|source| source.standard_time != first.standard_time) {
-        Some(other) => Err(unlike(other, "counts GPS time in another way (weeks or standard time)", first)),
-        None => Ok(()),
+/// Whether the times of all files are standard time; `None` if no file has times. Checks that all count time in one way.
+pub fn common_time<'a>(mut times: impl Iterator<Item = (&'a Info, bool)>) -> Result<Option<bool>> {
+    let Some((first, is_standard)) = times.next() else { return Ok(None) };
+    match times.find(|(_, other)| *other != is_standard) {
+        Some((other, _)) => Err(unlike(other, "counts GPS time in another way (weeks or standard time)", first)),
+        None => Ok(Some(is_standard)),
+    }
+}
+
+/// The header's bits of a file whose times are standard time or not; as they were if that is not known.
+pub fn with_time(global_encoding: u16, is_standard: Option<bool>) -> u16 {
+    match is_standard {
+        Some(true) => global_encoding | STANDARD_TIME,
+        Some(false) => global_encoding & !STANDARD_TIME,
+        None => global_encoding,
     }
 }
 
@@ -448,7 +458,8 @@ impl LasSource {
         self.info.point_format.and_then(Layout::wave_packet).is_some()
     }
 
-    pub fn has_standard_time(&self) -> bool {
-        self.standard_time
+    /// Whether its times are standard time rather than seconds of a week; `None` if it has none.
+    pub fn standard_time(&self) -> Option<bool> {
+        self.has_time().then_some(self.standard_time)
     }
 }

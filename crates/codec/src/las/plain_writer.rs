@@ -13,7 +13,7 @@ use tempfile::NamedTempFile;
 use super::LasSource;
 use super::layout::Layout;
 use super::output_head::{WAVE_PACKETS, copy_record, is_extra_bytes, is_kept, padded, write_record, write_system};
-use super::output_records::{STANDARD_TIME, Statistics, Target, forget_range};
+use super::output_records::{Statistics, Target, forget_range, with_time};
 use super::systems::{System, WKT};
 
 /// The number of points of a compressed chunk, as LASzip has it.
@@ -35,7 +35,7 @@ pub struct Head<'a> {
     pub descriptors: Vec<u8>,
     /// The most points that it may have.
     pub most_points: u64,
-    /// Whether GPS time is standard time; `None` if it is as in the first file.
+    /// Whether GPS time is standard time; `None` if there is none.
     pub has_standard_time: Option<bool>,
     /// What it says of the coordinate system.
     pub system: System,
@@ -211,9 +211,7 @@ impl<'a> PlainFile<'a> {
         if target.format >= 6 {
             global_encoding |= WKT;
         }
-        if let Some(is_standard) = has_standard_time {
-            global_encoding = global_encoding & !STANDARD_TIME | if *is_standard { STANDARD_TIME } else { 0 };
-        }
+        global_encoding = with_time(global_encoding, *has_standard_time);
         // The old counts are those of the old formats.
         let is_old = target.format < 6;
         let old = |count: u64| u32::try_from(count).unwrap_or(0);

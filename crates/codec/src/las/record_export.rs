@@ -50,7 +50,7 @@ pub fn export_records(
 ) -> Result<Option<Written>> {
     let first = leading(sources)[0];
     let (mut warnings, mut words) = (Vec::new(), Words::default());
-    check_alike(&leading(sources), &mut words)?;
+    let has_standard_time = check_alike(&leading(sources), &mut words)?;
     warn_of(sources, &mut warnings);
     let colored = sources.iter().filter(|source| source.has_colors()).count();
     let is_known = first.layout.properties.iter().any(|property| property.name == HAS_COLOR);
@@ -90,7 +90,7 @@ pub fn export_records(
         items: items.clone(),
         descriptors: descriptors(first, added, is_marked),
         most_points,
-        has_standard_time: None,
+        has_standard_time,
         system,
     };
     let mut write_rows = |order: &InOrder<'_>| {

@@ -14,7 +14,7 @@ use crate::las::LasSource;
 use crate::las::output_head::{
     HEAD_LENGTH, WAVE_PACKETS, copy_record, is_extra_bytes, is_kept, padded, write_record, write_system,
 };
-use crate::las::output_records::{Statistics, forget_range};
+use crate::las::output_records::{Statistics, forget_range, with_time};
 use crate::las::systems::WKT;
 
 const HEADER_LENGTH: u16 = 375;
@@ -183,7 +183,7 @@ impl CopcFile {
         let bounds = statistics.bounds(plan.grid);
         let header = of_first.map_err(io::Error::other)?;
         Ok(raw::Header {
-            global_encoding: header.global_encoding & !WAVE_PACKETS | WKT,
+            global_encoding: with_time(header.global_encoding & !WAVE_PACKETS | WKT, plan.has_standard_time),
             version: ::las::Version::new(1, 4),
             generating_software: padded(concat!("glint ", env!("CARGO_PKG_VERSION"))),
             header_size: HEADER_LENGTH,
