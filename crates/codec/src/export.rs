@@ -426,6 +426,11 @@ impl Job<'_> {
             if rows(source).is_some_and(RowSource::has_lists) {
                 words.say(&info.path, "lists of a vertex are left out");
             }
+            match info.images.len() {
+                0 => {}
+                1 => words.say(&info.path, "its picture is left out: points are exported"),
+                many => words.say(&info.path, format!("its {many} pictures are left out: points are exported")),
+            }
             let opaque = las(source).map_or(0, LasSource::opaque_bytes);
             if opaque > 0 {
                 words.say(&info.path, format!("{opaque} bytes of each point, which have no type, are left out"));

@@ -368,6 +368,49 @@ fn an_export_to_e57_keeps_scans_with_their_names_places_and_values() {
     assert_eq!(values(&all[1], &read(&all[1]).0, "odd_name"), [0.5, 0.25]);
 }
 
+#[test]
+fn exported_scans_have_guids_of_their_own_and_pictures_that_are_left_out_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bytes = Cursor::new(Vec::new());
+    let mut writer = E57Writer::new(&mut bytes, "a file").unwrap();
+    let prototype = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
+    for name in ["one", "two"] {
+        let mut scan = writer.add_pointcloud(name, prototype.clone()).unwrap();
+        scan.add_point(numbers([1.0, 2.0, 3.0])).unwrap();
+        scan.finalize().unwrap();
+        let mut image = writer.add_image(name).unwrap();
+        let size = e57::VisualReferenceImageProperties { width: 2, height: 2 };
+        image.add_visual_reference(e57::ImageFormat::Png, &mut &b"no picture"[..], size, None).unwrap();
+        image.finalize().unwrap();
+    }
+    writer.finalize().unwrap();
+    drop(writer);
+    let input = folder.path().join("pictures.e57");
+    std::fs::write(&input, bytes.into_inner()).unwrap();
+    let sources: Vec<_> = scans(&input).into_iter().map(std::sync::Arc::new).collect();
+    let mut guids = Vec::new();
+    for name in ["a.e57", "b.e57", "c.las"] {
+        let output = folder.path().join(name);
+        let exported =
+            codec::export(&sources, &cloud::PointTest::default(), &[], &output, MEMORY, &Progress::default());
+        let told = exported.unwrap().unwrap().changes;
+        assert!(told.iter().any(|word| word.contains("pictures.e57: its 2 pictures are left out")), "{told:?}");
+        if name.ends_with("e57") {
+            let reader = e57::E57Reader::from_file(&output).unwrap();
+            guids.push(reader.guid().to_owned());
+            guids.extend(reader.pointclouds().into_iter().map(|scan| scan.guid.unwrap()));
+        }
+    }
+    assert_eq!(guids.len(), 6);
+    for (number, guid) in guids.iter().enumerate() {
+        assert!(!guids[..number].contains(guid), "{guids:?}");
+        let parts: Vec<&str> = guid.strip_prefix('{').unwrap().strip_suffix('}').unwrap().split('-').collect();
+        assert_eq!(parts.iter().map(|part| part.len()).collect::<Vec<_>>(), [8, 4, 4, 4, 12]);
+        assert!(guid.chars().all(|letter| letter.is_ascii_hexdigit() || "{}-".contains(letter)), "{guid}");
+        assert!(parts[2].starts_with('4') && parts[3].starts_with(['8', '9', 'A', 'B']), "{guid}");
+    }
+}
+
 /// A file of one point with a text for its coordinate system.
 fn with_system(folder: &tempfile::TempDir, name: &str, system: &str) -> PathBuf {
     let mut bytes = Cursor::new(Vec::new());

@@ -165,6 +165,16 @@ fn number_of(bytes: &[u8], column_type: ColumnType) -> f64 {
     }
 }
 
+/// A name that nothing else has: a random UUID of version 4.
+fn new_guid() -> io::Result<String> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes)?;
+    let random = u128::from_be_bytes(bytes) & !(0xf << 76 | 3 << 62) | 4 << 76 | 2 << 62;
+    let digits = format!("{random:032X}");
+    let parts = [&digits[..8], &digits[8..12], &digits[12..16], &digits[16..20], &digits[20..]];
+    Ok(format!("{{{}}}", parts.join("-")))
+}
+
 /// A name that XML allows.
 fn xml_name(name: &str) -> String {
     let own: String = name.chars().map(|c| if c.is_ascii_alphanumeric() || c == '_' { c } else { '_' }).collect();
@@ -228,7 +238,8 @@ impl Job<'_> {
         }
         let mut warnings = self.warnings();
         let mut points = 0;
-        let mut writer = E57Writer::new(&mut file, "glint").map_err(failed).map_err(unwritten)?;
+        let guid = new_guid().map_err(unwritten)?;
+        let mut writer = E57Writer::new(&mut file, &guid).map_err(failed).map_err(unwritten)?;
         for (name, url) in [E57_NORMALS, E57_OTHERS] {
             writer.register_extension(Extension::new(name, url)).map_err(failed).map_err(unwritten)?;
         }
@@ -243,7 +254,7 @@ impl Job<'_> {
             let has_place = |field: &Field| field.meaning != Meaning::Color || info.has_colors;
             let fields: Vec<Field> = own.fields.iter().filter(|field| has_place(field)).cloned().collect();
             let format = ScanFormat::new(&fields, pose);
-            let guid = format!("glint scan {}", number + 1);
+            let guid = new_guid().map_err(unwritten)?;
             let mut scan = writer.add_pointcloud(&guid, format.records.clone()).map_err(failed).map_err(unwritten)?;
             let name = info.scan.as_ref().map_or_else(|| info.name(), |scan| scan.name.clone());
             scan.set_name(Some(name.replace("]]>", "]] >")));
