@@ -349,7 +349,10 @@ fn an_export_to_e57_keeps_scans_with_their_names_places_and_values() {
     let sources: Vec<_> = sources.into_iter().map(std::sync::Arc::new).collect();
     let test = cloud::PointTest::default();
     let exported = codec::export(&sources, &test, &[], &path("both.e57"), MEMORY, &Progress::default());
-    assert_eq!(exported.unwrap().unwrap().points, 902);
+    let exported = exported.unwrap().unwrap();
+    assert_eq!(exported.points, 902);
+    let told = exported.changes.iter().find(|word| word.contains("odd name"));
+    assert!(told.is_some_and(|word| word.ends_with("table.csv: odd name became the column odd_name")), "{exported:?}");
 
     let all = scans(&path("both.e57"));
     let positions: Vec<_> = all.iter().map(|scan| scan.info().scan.clone().unwrap()).collect();

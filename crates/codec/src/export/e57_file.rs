@@ -37,6 +37,8 @@ struct ScanFormat {
     /// The column that counts returns from 1, where the file counts from 0, and whether a point had 0.
     returns: Option<usize>,
     has_no_return: AtomicBool,
+    /// The names that XML does not allow, and what stands for them.
+    renamed: Vec<[String; 2]>,
 }
 
 impl ScanFormat {
@@ -45,7 +47,7 @@ impl ScanFormat {
         let has = |name: &str| fields.iter().any(|field| field.name() == name && field.column_type().is_whole());
         let has_returns = has("return_number") && has("number_of_returns");
         let has_normals = ["nx", "ny", "nz"].iter().all(|axis| fields.iter().any(|field| field.name() == *axis));
-        let (mut names, mut taken) = (Names::with_case(), Vec::new());
+        let (mut names, mut taken, mut renamed) = (Names::with_case(), Vec::new(), Vec::new());
         let mut records = Vec::new();
         for (field, own) in fields.iter().zip(&rows.fields) {
             let is_whole = own.column_type.is_whole();
@@ -70,6 +72,9 @@ impl ScanFormat {
             let known = known.filter(|name| !taken.contains(name));
             let name = known.unwrap_or_else(|| {
                 let name = names.take(&xml_name(field.name()), usize::MAX);
+                if name != field.name() {
+                    renamed.push([field.name().to_owned(), name.clone()]);
+                }
                 RecordName::Unknown { namespace: E57_OTHERS.0.into(), name }
             });
             taken.push(name.clone());
@@ -97,7 +102,7 @@ impl ScanFormat {
         let normals = || Some([normal("nx")?, normal("ny")?, normal("nz")?]);
         let normals = normals();
         let returns = records.iter().position(|record| record.name == RecordName::ReturnIndex);
-        Self { rows, records, pose, places, normals, returns, has_no_return: AtomicBool::new(false) }
+        Self { rows, records, pose, places, normals, returns, has_no_return: AtomicBool::new(false), renamed }
     }
 
     /// The values of a packed row.
@@ -254,6 +259,9 @@ impl Job<'_> {
             let has_place = |field: &Field| field.meaning != Meaning::Color || info.has_colors;
             let fields: Vec<Field> = own.fields.iter().filter(|field| has_place(field)).cloned().collect();
             let format = ScanFormat::new(&fields, pose);
+            for [before, after] in &format.renamed {
+                words.say(&info.path, format!("{before} became the column {after}"));
+            }
             let guid = new_guid().map_err(unwritten)?;
             let mut scan = writer.add_pointcloud(&guid, format.records.clone()).map_err(failed).map_err(unwritten)?;
             let name = info.scan.as_ref().map_or_else(|| info.name(), |scan| scan.name.clone());
