@@ -93,7 +93,7 @@ pub fn open(file: &Arc<Bytes>) -> Option<Result<Vec<RowSource>>> {
         let rows = locate_lines(file, lines, newline, u64::MAX, (true, table.has_comments));
         let rows = rows.map_err(|error| Error::io(path, error))?;
         let mut info = Info::of_rows(path, Format::Xyz, table.names());
-        info.warnings.extend(table.warning.clone());
+        info.warnings.extend(table.warnings.clone());
         let maker = Box::new(TextRows::new(table.style, &table.columns, newline, table.has_comments, None));
         let made = Made { maker, rows, is_text: true, newline, color_scale: None, info };
         Ok(vec![RowSource::made(file.clone(), made)?])

@@ -526,6 +526,40 @@ fn coordinates_of_a_table_have_the_digits_of_the_file() {
     }
 }
 
+#[test]
+fn whole_numbers_of_a_table_keep_all_their_digits() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = "1,2,3,9007199254740993,18446744073709551615,9007199254740993\n\
+        4,5,6,-9223372036854775807,9007199254740995,\n";
+    let input = file(&folder, "ids.csv", format!("x,y,z,id,hash,sparse\n{rows}"));
+    let source = codec::open(&input).unwrap();
+    assert_eq!(source.info().warnings, ["sparse: whole numbers beyond 2^53 lose digits as doubles"]);
+    let cells = |source: &Source| {
+        let record = |point: u64| source.record(point).unwrap();
+        let of = |point: u64, name: &str| record(point).into_iter().find(|(own, _)| own == name).unwrap().1;
+        [0, 1].map(|point| [of(point, "id"), of(point, "hash")])
+    };
+    let exact = [["9007199254740993", "18446744073709551615"], ["-9223372036854775807", "9007199254740995"]];
+    assert_eq!(cells(&source), exact);
+    for name in ["new.csv", "new.las"] {
+        let output = folder.path().join(name);
+        written(&[&input], &PointTest::default(), &output);
+        assert_eq!(cells(&codec::open(&output).unwrap()), exact, "{name}");
+    }
+    for name in ["new.ply", "new.e57"] {
+        let told = written(&[&input], &PointTest::default(), &folder.path().join(name)).changes.concat();
+        assert!(told.contains("id, hash: whole numbers beyond 2^53 lost digits as doubles"), "{told}");
+    }
+    // What is no whole number of 64 bits among them is counted.
+    let text =
+        format!("x,y,z,id\n{}1,2,3,1.5\n1,2,3,1e17\n1,2,3,9e18\n1,2,3,9e19\n", "1,2,3,9007199254740993\n".repeat(500));
+    let source = codec::open(&file(&folder, "later.csv", text)).unwrap();
+    let attributes = vec![true; source.info().attributes.len()];
+    let selection = Selection { positions: true, attributes, ..Selection::default() };
+    let warnings = source.read(&selection, &Progress::default(), &|_| {}).unwrap().warnings.concat();
+    assert!(warnings.contains("2 of 504") || warnings.contains("2 points"), "{warnings}");
+}
+
 /// The coordinates of a point, and the point without them.
 fn apart(point: &Point) -> (DVec3, Point) {
     (DVec3::new(point.x, point.y, point.z), Point { x: 0.0, y: 0.0, z: 0.0, ..point.clone() })

@@ -33,6 +33,28 @@ pub struct TextRows {
     newline: u8,
     has_comments: bool,
     cells: Option<Cells>,
+    /// The types of properties that are whole numbers of 64 bits, which a double does not hold.
+    long: Vec<Option<ColumnType>>,
+}
+
+/// The bits of a whole number of 64, and whether its text is one.
+fn long_number(token: &[u8], value: f64, column_type: ColumnType) -> (u64, bool) {
+    let text = std::str::from_utf8(token).unwrap_or_default();
+    let (exact, rounded, is_exact) = match column_type {
+        ColumnType::U64 => {
+            let rounded = value.round() as u64;
+            (text.parse().ok(), rounded, rounded as f64 == value && rounded < u64::MAX)
+        }
+        _ => {
+            let rounded = value.round() as i64;
+            (
+                text.parse::<i64>().ok().map(i64::cast_unsigned),
+                rounded.cast_unsigned(),
+                rounded as f64 == value && rounded < i64::MAX,
+            )
+        }
+    };
+    exact.map_or((rounded, is_exact), |exact| (exact, true))
 }
 
 impl TextRows {
@@ -55,13 +77,20 @@ impl TextRows {
             let index = |name: &str| property(&(name.to_owned(), ColumnType::U32));
             properties.extend(["row_index", "column_index"].map(index));
         }
+        let long = properties.iter().map(|property| match property.kind {
+            Kind::Scalar(own @ (ColumnType::I64 | ColumnType::U64)) => Some(own),
+            _ => None,
+        });
+        let long = long.collect();
         let element = Element { name: "points".into(), count: 0, properties };
-        Self { element, style, columns, newline, has_comments, cells }
+        Self { element, style, columns, newline, has_comments, cells, long }
     }
 
-    /// The values of a line, NaN for those that are missing. Returns whether all that are `wanted` are there.
-    fn values(&self, line: &[u8], number: u64, wanted: &[bool], values: &mut [f64]) -> bool {
+    /// The values of a line, NaN for those that are missing, and the bits of those that are whole numbers of 64. Returns
+    /// whether all that are `wanted` are there.
+    fn values(&self, line: &[u8], number: u64, wanted: &[bool], (values, long): (&mut [f64], &mut [u64])) -> bool {
         values.fill(f64::NAN);
+        long.fill(0);
         let mut is_whole = true;
         let mut found = 0;
         for (column, token) in std::iter::zip(&self.columns, self.style.tokens(line)) {
@@ -70,6 +99,11 @@ impl TextRows {
                 let value = self.style.number(token);
                 is_whole &= value.is_some();
                 values[property] = value.unwrap_or(f64::NAN);
+                if let Some(column_type) = self.long[property] {
+                    let (bits, is_exact) = long_number(token, values[property], column_type);
+                    long[property] = bits;
+                    is_whole &= is_exact;
+                }
             }
         }
         is_whole &= self.columns[found..].iter().flatten().all(|property| !wanted[*property]);
@@ -95,6 +129,10 @@ impl RowMaker for TextRows {
     fn damage(&self) -> &'static str {
         match self.cells {
             Some(_) => "are empty cells of the scanner's grid, or have no number, and are left out",
+            None if self.long.iter().any(Option::is_some) => {
+                "have text that is not a number, too few numbers, or a broken number among long whole ones; NaN, 0 or the \
+                 nearest whole number stands for it"
+            }
             None => "have text that is not a number, or too few numbers; NaN or 0 stands for it",
         }
     }
@@ -113,6 +151,7 @@ impl RowMaker for TextRows {
             wanted[..3].fill(true);
         }
         let mut values = vec![f64::NAN; self.element.properties.len()];
+        let mut long = vec![0; values.len()];
         let mut reader = Reader::new(file, block.offset, block.end);
         let (mut rows, mut damaged) = (0, 0);
         let mut packed: Vec<u8> = Vec::new();
@@ -126,12 +165,14 @@ impl RowMaker for TextRows {
                 if rows == block.rows {
                     break;
                 }
-                damaged += u64::from(!self.values(line, block.first_row + rows, &wanted, &mut values));
+                let row = block.first_row + rows;
+                damaged += u64::from(!self.values(line, row, &wanted, (&mut values, &mut long)));
                 rows += 1;
                 for (index, column_type) in &kept {
                     let (at, value) = (packed.len(), values[*index]);
                     packed.resize(at + column_type.size(), 0);
                     match column_type {
+                        ColumnType::I64 | ColumnType::U64 => packed[at..].copy_from_slice(&long[*index].to_le_bytes()),
                         ColumnType::U16 => put_integer(&mut packed[at..], *column_type, value.round() as i64),
                         _ => put_number(&mut packed[at..], *column_type, value),
                     }

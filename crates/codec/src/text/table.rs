@@ -185,8 +185,8 @@ pub struct Table {
     pub start: u64,
     /// Whether lines that look like comments are none of its rows.
     pub has_comments: bool,
-    /// A doubt about what columns mean.
-    pub warning: Option<String>,
+    /// A doubt about what columns mean, and what is lost of their numbers.
+    pub warnings: Vec<String>,
 }
 
 /// What is found at the start of a table: how its lines are divided, and what says the names of the columns.
@@ -228,7 +228,7 @@ impl Table {
     /// numbers; the error says, in words, why the columns are not known.
     pub fn of(start: &[u8], newline: u8, named: Option<Vec<String>>) -> Option<Result<Self, String>> {
         let head = Head::of(start, newline, named.is_some())?;
-        let (names, warning) = match (named, head.names) {
+        let (names, doubt) = match (named, head.names) {
             (Some(named), _) => (named, None),
             (None, Names::Line(names)) => match check_names(&names) {
                 Ok(()) => (names, None),
@@ -245,12 +245,21 @@ impl Table {
         // The channels of a colour have one type.
         let mut channels = std::iter::zip(&names, &head.samples).filter(|(name, _)| is_color(name));
         let are_whole = channels.all(|(_, values)| values.iter().all(|value| is_word(*value)));
+        let mut warnings: Vec<String> = doubt.into_iter().collect();
         let column = |(name, values): (&String, &Vec<f64>)| {
-            (name != SKIP).then(|| (name.clone(), column_type(name, values, are_whole)))
+            let own = column_type(name, values, are_whole);
+            // A whole number has no value that stands for a missing one.
+            let (long, is_full) = (long_type(values), values.len() == head.numbers.len());
+            let own = long.filter(|_| own == ColumnType::F64 && is_full && !is_place(name)).unwrap_or(own);
+            // Beyond 64 bits are numbers that stand for no value.
+            if name != SKIP && long.is_some() && !matches!(own, ColumnType::I64 | ColumnType::U64) {
+                warnings.push(format!("{}: whole numbers beyond 2^53 lose digits as doubles", brief(name)));
+            }
+            (name != SKIP).then(|| (name.clone(), own))
         };
         let columns = std::iter::zip(&names, &head.samples).map(column).collect();
         let (start, has_comments) = (head.start as u64, head.has_comments);
-        Some(Ok(Self { style: head.style, columns, start, has_comments, warning }))
+        Some(Ok(Self { style: head.style, columns, start, has_comments, warnings }))
     }
 
     /// The names of its columns, as `--columns` gives them.
@@ -539,6 +548,27 @@ fn is_color(name: &str) -> bool {
 /// Whether a value is a whole number of 16 bits.
 fn is_word(value: f64) -> bool {
     value.fract() == 0.0 && (0.0..=65_535.0).contains(&value)
+}
+
+fn is_place(name: &str) -> bool {
+    matches!(name, "x" | "y" | "z")
+}
+
+/// Whether values are whole numbers of which a double does not hold all.
+fn are_long(values: &[f64]) -> bool {
+    values.iter().all(|value| value.fract() == 0.0) && values.iter().any(|value| value.abs() >= 2_f64.powi(53))
+}
+
+/// The type of whole numbers of which a double does not hold all; `None` for other numbers, and beyond 64 bits.
+fn long_type(values: &[f64]) -> Option<ColumnType> {
+    // The greatest numbers of a type become the double behind them.
+    let within = |least: f64, most: f64| values.iter().all(|value| (least..=most).contains(value));
+    match () {
+        () if !are_long(values) => None,
+        () if within(-(2_f64.powi(63)), 2_f64.powi(63)) => Some(ColumnType::I64),
+        () if within(0.0, 2_f64.powi(64)) => Some(ColumnType::U64),
+        () => None,
+    }
 }
 
 /// The type of a column with these values: doubles, but floats for what has few digits, and whole numbers for colours that
