@@ -197,6 +197,21 @@ impl<'a> Lines<'a> {
         Ok(Some(count))
     }
 
+    /// Skips lines of as many numbers as a point may have; returns how many there were.
+    fn skip_points(&mut self) -> Result<u64> {
+        let mut skipped = 0;
+        loop {
+            let before = self.reader.position();
+            match self.next()? {
+                Some(line) if count_of(&line).is_some_and(|count| (3..=7).contains(&count)) => skipped += 1,
+                _ => {
+                    self.reader = Reader::short(self.file, before, self.file.length());
+                    return Ok(skipped);
+                }
+            }
+        }
+    }
+
     /// `N` finite numbers.
     fn numbers<const N: usize>(&mut self, what: &str) -> Result<[f64; N]> {
         let line = self.next()?.unwrap_or_default();
@@ -212,6 +227,8 @@ impl<'a> Lines<'a> {
 struct Found {
     rows: Rows,
     declared: u64,
+    /// The number of points behind those that are declared.
+    more: u64,
     cells: Option<Cells>,
     position: Option<DVec3>,
 }
@@ -224,7 +241,11 @@ fn open_pts(file: &Arc<Bytes>, mut at: u64, newline: u8) -> Result<Vec<RowSource
         let rows = lines_of(file, lines.reader.position(), newline, declared);
         let rows = rows.map_err(|error| Error::io(file.path(), error))?;
         at = rows.end.max(lines.reader.position());
-        scans.push(Found { rows, declared, cells: None, position: None });
+        let mut rest = Lines::new(file, at, newline);
+        // A number that no point follows is no count.
+        let more = if rows.count > 0 { rest.skip_points()? } else { 0 };
+        at = rest.reader.position();
+        scans.push(Found { rows, declared, more, cells: None, position: None });
         check_scans(file, scans.len())?;
     }
     made(file, Format::Pts, newline, scans)
@@ -253,7 +274,7 @@ fn open_ptx(file: &Arc<Bytes>, mut at: u64, newline: u8) -> Result<Vec<RowSource
         let rows = rows.map_err(|error| Error::io(file.path(), error))?;
         at = rows.end.max(lines.reader.position());
         let cells = Some(Cells { rows: grid_rows, pose });
-        scans.push(Found { rows, declared, cells, position: Some(pose.translation) });
+        scans.push(Found { rows, declared, more: 0, cells, position: Some(pose.translation) });
         check_scans(file, scans.len())?;
     }
     made(file, Format::Ptx, newline, scans)
@@ -275,12 +296,15 @@ fn check_scans(file: &Bytes, count: usize) -> Result<()> {
 fn made(file: &Arc<Bytes>, format: Format, newline: u8, scans: Vec<Found>) -> Result<Vec<RowSource>> {
     let of = scans.len();
     let source = |(number, found): (usize, Found)| {
-        let Found { rows, declared, cells, position } = found;
+        let Found { rows, declared, more, cells, position } = found;
         let mut info = Info::of_rows(file.path(), format, String::new());
         if rows.count < declared {
             let what = if cells.is_some() { "cells" } else { "points" };
             info.missing = declared - rows.count;
             info.warnings.push(format!("{} of {declared} {what} are missing: the file ends early", info.missing));
+        }
+        if more > 0 {
+            info.warnings.push(format!("{more} points behind the {declared} of its count are left out"));
         }
         let first = match rows.blocks.first() {
             Some(block) => Lines::new(file, block.offset, newline).next()?,

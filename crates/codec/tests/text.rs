@@ -134,6 +134,23 @@ fn several_scans_in_one_text_are_clouds_of_their_own() {
 }
 
 #[test]
+fn points_behind_the_count_of_a_pts_file_are_left_out_and_counted() {
+    let first = "2\n1 2 3 10\n4 5 6 20\n7 8 9 30\n\n1 1 1 40\n";
+    for (text, points, warned) in
+        [(first.to_owned(), vec![2], vec![true]), (format!("{first}1\n9 9 9 50\n"), vec![2, 1], vec![true, false])]
+    {
+        let all = open(text).unwrap();
+        assert_eq!(all.iter().map(|scan| scan.info().points).collect::<Vec<_>>(), points);
+        assert_eq!(all.iter().map(|scan| scan.info().missing).collect::<Vec<_>>(), vec![0; points.len()]);
+        let warnings = all.iter().map(|scan| scan.info().warnings.concat());
+        let expected = warned.iter().map(|is| if *is { "2 points behind the 2 of its count are left out" } else { "" });
+        assert_eq!(warnings.collect::<Vec<_>>(), expected.collect::<Vec<_>>());
+        assert_eq!(values(&all[0], "intensity"), [10.0, 20.0]);
+    }
+    assert!(error("1\n1 2 3\na word\n").contains("`a word`, expected the number of points"));
+}
+
+#[test]
 fn columns_are_told_by_names_separators_and_values() {
     let cases: [(&str, &str, [f64; 3]); 13] = [
         ("1 2 3\n4 5 6\n", "x y z", [1.0, 2.0, 3.0]),
