@@ -12,6 +12,7 @@ use serde_json::json;
 use stream::COMPARED;
 use world::half_of;
 
+use crate::commands::recording;
 use crate::shared::command_line::CompareArguments;
 use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
 use crate::shared::export;
@@ -82,6 +83,7 @@ fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
     for (key, value) in set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
+    recording::settings(&mut request).clone_from(&settings);
     terminal::warn(&request.warnings);
     let memory = half_of(settings.stream.host_bytes);
     terminal::warn(request.check_filters(&settings)?);

@@ -11,6 +11,7 @@ use serde_json::json;
 use world::{Input, half_of};
 
 use crate::commands::info::{attributes_report, bounds_report};
+use crate::commands::recording;
 use crate::shared::command_line::ExportArguments;
 use crate::shared::export::{lack, open, strays};
 use crate::system::failure::{UNUSABLE, usage};
@@ -40,12 +41,13 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
         }
         request.visibility.hide(&file.visibility);
         request.clips.extend(file.clips);
-        request.cloud_settings.extend(file.cloud_settings);
+        request.take_cloud_settings(&file.cloud_settings);
     }
     request.leave_out_hidden()?;
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
+    recording::settings(&mut request).clone_from(&settings);
     terminal::warn(&request.warnings);
     if let [Input::BuiltIn { variant: Variant::Tripod(scan), .. }] = request.inputs.as_slice() {
         return write_made(*scan, &settings, arguments);

@@ -8,6 +8,7 @@ use codec::{Exported, Wanted};
 use scene::{Profile, shown};
 use world::Request;
 
+use crate::commands::recording;
 use crate::shared::command_line::ProfileArguments;
 use crate::shared::export;
 use crate::shared::numbers::grouped;
@@ -44,6 +45,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         return Err(usage(format!("no profile is asked for, expected {expected}")));
     }
     let test = request.test();
+    recording::settings(&mut request).clone_from(&settings);
     terminal::warn(&request.warnings);
     terminal::warn(request.check_filters(&settings)?);
     let stack = (arguments.copies, arguments.spacing.unwrap_or_default());

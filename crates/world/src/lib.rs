@@ -53,4 +53,4 @@ pub use source::{
     read_cloud, read_column, surfel_options, system_warnings, up_of,
 };
 pub use task::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
-pub use words::{Input, Request, built_in_name, built_in_names, first_scene, resolve};
+pub use words::{Input, Request, built_in_name, built_in_names, first_scene, no_cloud, resolve};

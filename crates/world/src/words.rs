@@ -1,6 +1,6 @@
 //! Finds what the words of a command line or of a scene file name: files, folders of tiles, built-in scenes.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,12 +9,12 @@ use cloud::PointTest;
 use cloud::sampling::Surface;
 use glam::DVec3;
 use scene::{
-    Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Object, Profile, SceneFile,
+    Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Object, Paging, Profile, SceneFile,
     SpotLight, View, Visibility, five_mirrors, shown,
 };
 
 use crate::error::{Error, Result};
-use crate::source::{file_name, open_placed};
+use crate::source::{file_name, open_file, open_placed, parts};
 
 /// An input that a person named.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,6 +54,15 @@ impl Input {
             Self::File(path) => std::slice::from_ref(path),
             Self::Tiles { files, .. } => files,
             Self::BuiltIn { .. } | Self::Unknown { .. } => &[],
+        }
+    }
+
+    /// Whether its files are one cloud, unless some lie apart: a folder or a catalogue.
+    fn has_tiles(&self) -> bool {
+        match self {
+            Self::File(path) => path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vpc")),
+            Self::Tiles { .. } => true,
+            Self::BuiltIn { .. } | Self::Unknown { .. } => false,
         }
     }
 }
@@ -156,14 +165,55 @@ impl Request {
     }
 
     /// What the cloud that came from `input` and has the name `name` has of its own.
-    pub fn settings_of(&self, input: &str, name: &str) -> Option<&CloudSettings> {
+    fn settings_of(&self, input: &str, name: &str) -> Option<&CloudSettings> {
         self.cloud_settings.iter().find(|own| own.is_of(input, name))
     }
 
-    /// What a file of an input, or one of its scans, has of its own.
-    fn own_of(&self, input: &Input, file: &Path, scan: Option<&codec::Info>) -> Option<&CloudSettings> {
-        let names = [scan.map(codec::Info::name), Some(input.name()), Some(shown(file)), Some(file_name(file))];
-        names.iter().flatten().find_map(|name| self.cloud_settings.iter().find(|own| own.cloud == *name))
+    /// What the cloud has of its own that a scan of an input is in.
+    fn own_of(&self, input: &Input, scan: &codec::Info, memory: u64) -> Option<&CloudSettings> {
+        let alone = self.settings_of(&shown(&scan.path), &scan.name());
+        let is_cloud = |_: &&CloudSettings| !input.has_tiles() || self.is_apart(input, &scan.path, memory);
+        let whole = || self.settings_of(&input.name(), &file_name(Path::new(&input.name())));
+        alone.filter(is_cloud).or_else(whole)
+    }
+
+    /// Whether a file of a folder or catalogue is a cloud of its own, as when pictures are made: nothing lies near it, or
+    /// the scene streams no clouds.
+    fn is_apart(&self, input: &Input, path: &Path, memory: u64) -> bool {
+        let settings = self.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
+        if settings.stream.pages == Paging::Never {
+            return true;
+        }
+        let files = input.files().iter().flat_map(|file| open_file(file, memory).unwrap_or_default());
+        let files: Vec<Arc<codec::Source>> = files.collect();
+        // COPC tiles are one cloud wherever they lie.
+        let is_copc = |file: &Arc<codec::Source>| codec::last_part(&file.info().path).ends_with(".copc.laz");
+        if files.iter().all(is_copc) {
+            return false;
+        }
+        let clouds = parts(files, &BTreeSet::new());
+        clouds.iter().any(|(files, _)| matches!(files.as_slice(), [one] if one.info().path == path))
+    }
+
+    /// Warns of settings that no cloud has. Files are opened only if some settings are of none of the inputs.
+    pub fn settings_without_cloud(&self, memory: u64) -> Vec<String> {
+        let names = |input: &Input| (input.name(), file_name(Path::new(&input.name())));
+        let inputs: Vec<(String, String)> = self.inputs.iter().map(names).collect();
+        let is_of_input = |own: &&CloudSettings| inputs.iter().any(|(input, name)| own.is_of(input, name));
+        let mut left: Vec<&CloudSettings> = self.cloud_settings.iter().filter(|own| !is_of_input(own)).collect();
+        for (input, file) in self.files() {
+            if left.is_empty() {
+                break;
+            }
+            for source in open_file(&file, memory).unwrap_or_default() {
+                let (path, name) = (&source.info().path, source.info().name());
+                let is_named = left.iter().any(|own| own.is_of(&shown(path), &name));
+                if is_named && (!input.has_tiles() || self.is_apart(&input, path, memory)) {
+                    left.retain(|own| !own.is_of(&shown(path), &name));
+                }
+            }
+        }
+        param::few(left.into_iter().map(no_cloud).collect(), "cloud settings without a cloud")
     }
 
     /// Opens the scans of a file of an input, moved as scenes say. Scans that are switched off are left out.
@@ -171,10 +221,10 @@ impl Request {
     /// # Errors
     /// Says why nothing of the file can be shown.
     pub fn open(&self, input: &Input, file: &Path, memory: u64) -> Result<Vec<Arc<codec::Source>>, String> {
-        let placement = |info: &codec::Info| self.own_of(input, file, Some(info))?.placement();
+        let placement = |info: &codec::Info| self.own_of(input, info, memory)?.placement();
         let mut sources = open_placed(file, memory, placement)?;
         if sources.len() > 1 {
-            let is_on = |info: &codec::Info| self.own_of(input, file, Some(info)).is_none_or(|own| own.on);
+            let is_on = |info: &codec::Info| self.own_of(input, info, memory).is_none_or(|own| own.on);
             sources.retain(|source| is_on(source.info()));
         }
         Ok(sources)
@@ -191,13 +241,15 @@ impl Request {
     /// # Errors
     /// If none is left; it names the first few.
     pub fn leave_out_hidden(&mut self) -> Result<()> {
-        let is_on = |input: &Input| self.cloud_settings.iter().all(|own| own.on || own.cloud != input.name());
+        let is_of = |own: &CloudSettings, input: &Input| own.is_of(&input.name(), &file_name(Path::new(&input.name())));
+        let is_on = |input: &Input| self.cloud_settings.iter().all(|own| own.on || !is_of(own, input));
         let (on, off): (Vec<Input>, Vec<Input>) = std::mem::take(&mut self.inputs).into_iter().partition(is_on);
         self.inputs = on;
         if self.inputs.is_empty() && !off.is_empty() {
             let names = off.iter().map(Input::name).collect();
             return Err(Error::AllHidden(param::few(names, "clouds").join(", ")));
         }
+        self.cloud_settings.retain(|own| off.iter().all(|input| !is_of(own, input)));
         Ok(())
     }
 
@@ -220,7 +272,8 @@ impl Request {
         }
         let is_same = |a: &Mirror, b: &Mirror| a == b || (!a.name.is_empty() && a.name == b.name);
         self.mirrors.retain(|known| !file.mirrors.iter().any(|mirror| is_same(known, mirror)));
-        self.mirror_points.retain(|known| !file.mirror_points.contains(known));
+        let again = self.mirror_points_of(file);
+        self.mirror_points.retain(|known| !again.contains(known));
         self.furnish(file);
     }
 
@@ -229,10 +282,8 @@ impl Request {
         self.paths.retain(|known| !file.paths.iter().any(|path| path.name == known.name));
         self.paths.extend(file.paths.iter().cloned());
         self.mirrors.extend(file.mirrors.iter().cloned());
-        self.mirror_points.extend(file.mirror_points.iter().cloned());
-        self.name_columns(&file.cloud_settings);
-        self.cloud_settings.retain(|known| !file.cloud_settings.iter().any(|own| own.cloud == known.cloud));
-        self.cloud_settings.extend(file.cloud_settings.iter().cloned());
+        self.mirror_points.extend(self.mirror_points_of(file));
+        self.take_cloud_settings(&file.cloud_settings);
         self.lights.extend(file.lights.iter().copied());
         self.visibility.hide(&file.visibility);
         self.clips.extend(file.clips.iter().cloned());
@@ -247,6 +298,29 @@ impl Request {
 }
 
 impl Request {
+    /// Takes over what a scene file says of single clouds.
+    pub fn take_cloud_settings(&mut self, own: &[CloudSettings]) {
+        let named = |own: &CloudSettings| CloudSettings { cloud: self.input_called(&own.cloud), ..own.clone() };
+        let own: Vec<CloudSettings> = own.iter().map(named).collect();
+        self.name_columns(&own);
+        self.cloud_settings.retain(|known| !own.iter().any(|own| own.cloud == known.cloud));
+        self.cloud_settings.extend(own);
+    }
+
+    fn mirror_points_of(&self, file: &SceneFile) -> Vec<MirrorPoints> {
+        let named = |of: &MirrorPoints| MirrorPoints { cloud: self.input_called(&of.cloud), ..of.clone() };
+        file.mirror_points.iter().map(named).collect()
+    }
+
+    /// The name of the input that `cloud` names. It is another word where a folder stands for the one file of it that is
+    /// opened.
+    fn input_called(&self, cloud: &str) -> String {
+        let path = Path::new(cloud);
+        let is_folder = path.is_dir() || codec::is_address(path) && cloud.ends_with('/');
+        let name = if is_folder { input(cloud.as_ref(), false).ok().map(|input| input.name()) } else { None };
+        name.filter(|name| self.inputs.iter().any(|input| input.name() == *name)).unwrap_or_else(|| cloud.to_owned())
+    }
+
     /// Has tables read with the names that a scene gives to their columns, unless the command line names those of all tables.
     fn name_columns(&mut self, own: &[CloudSettings]) {
         for (own, columns) in own.iter().filter_map(|own| Some((own, own.columns.as_ref()?))) {
@@ -434,6 +508,11 @@ fn files_beside(path: &Path) -> Vec<String> {
     entries.map(|entry| folder.join(entry.file_name()).to_string_lossy().into_owned()).collect()
 }
 
+/// Says that settings are of no cloud.
+pub fn no_cloud(own: &CloudSettings) -> String {
+    format!("cloud settings: no cloud is called `{}`", own.cloud)
+}
+
 pub fn built_in_name(mirror: five_mirrors::Variant) -> String {
     format!("{}/{}", mirror.family(), mirror.name())
 }
@@ -448,241 +527,5 @@ pub fn built_in_names() -> Vec<String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::event::Event;
-    use crate::job::start;
-
-    const THREE_POINTS: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
-        property float z\nproperty uchar intensity\nend_header\n0 0 0 7\n1 0 0 8\n0 1 0 9\n";
-
-    fn words(words: &[&str]) -> Vec<String> {
-        words.iter().map(|word| (*word).to_owned()).collect()
-    }
-
-    fn message(word: &str) -> String {
-        resolve(&words(&[word])).check().unwrap_err().to_string()
-    }
-
-    #[test]
-    fn words_name_files_scenes_and_built_in_scenes() {
-        let folder = tempfile::tempdir().unwrap();
-        let cloud = folder.path().join("cloud.ply");
-        let scene = folder.path().join("scene.toml");
-        std::fs::write(&cloud, THREE_POINTS).unwrap();
-        std::fs::write(
-            &scene,
-            "clouds = [\"cloud.ply\", \"five-mirrors/torus\"]\n[parameters]\n\"splat.size\" = 2.0\n\"splat.nope\" = 1\n",
-        )
-        .unwrap();
-        let request = resolve(&words(&[scene.to_str().unwrap()]));
-        let torus = Input::BuiltIn { variant: five_mirrors::Variant::Torus, without: Vec::new() };
-        assert_eq!(request.inputs, [Input::File(cloud), torus.clone()]);
-        let view = request.view.unwrap();
-        assert_eq!((view.settings.splat.size, view.camera), (2.0, None));
-        assert!(request.warnings.len() == 1 && request.warnings[0].contains("splat.nope"), "{:?}", request.warnings);
-
-        let alone = resolve(&words(&["five-mirrors/torus"]));
-        assert_eq!(alone.inputs, [torus]);
-        assert_eq!(alone.view.unwrap().camera, Some(five_mirrors::camera()));
-        let nothing = resolve::<&str>(&[]);
-        assert!(nothing.inputs.is_empty() && nothing.check().is_ok());
-    }
-
-    #[test]
-    fn a_folder_names_the_clouds_in_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let write = |name: &str| {
-            std::fs::write(folder.path().join(name), THREE_POINTS).unwrap();
-            folder.path().join(name)
-        };
-        let word = words(&[folder.path().to_str().unwrap()]);
-        write("notes.txt");
-        let last = write("b.LAZ");
-        assert_eq!(resolve(&word).inputs, [Input::File(last.clone())]);
-        let first = write("a.ply");
-        std::fs::create_dir(folder.path().join("c.las")).unwrap();
-        let tiles = Input::Tiles { folder: folder.path().to_owned(), files: vec![first, last] };
-        assert_eq!(resolve(&word).inputs, [tiles]);
-    }
-
-    #[test]
-    fn a_view_of_a_scene_brings_none_of_its_objects_twice() {
-        let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
-                     inner_degrees = 20\nouter_degrees = 30\n";
-        let mirror =
-            |line: &str| format!("[[mirrors]]\nshape = \"sphere\"\nposition = [0, 0, 0]\nsize = 0.2\n{line}\n");
-        let points = "[[mirror_points]]\ncloud = \"a.laz\"\n";
-        let text = |line: &str| format!("{light}{}{}{points}", mirror(""), mirror(line));
-        let mut request = Request::default();
-        request.furnish(&SceneFile::parse(&text("name = \"ball\"")).unwrap());
-        let view = SceneFile::parse(&text("name = \"ball\"\nas_points = true")).unwrap();
-        request.refurnish(&view);
-        assert_eq!((request.lights.len(), request.mirror_points.len()), (1, 1));
-        assert_eq!(request.mirrors, view.mirrors);
-        request.refurnish(&SceneFile::default());
-        assert_eq!(request.lights.len(), 1, "a view without lights leaves those that are there");
-    }
-
-    #[test]
-    fn scene_files_hide_classes_together_and_a_view_hides_its_own() {
-        let hiding = |classes: &str| SceneFile::parse(&format!("[visibility]\nhidden_classes = {classes}\n")).unwrap();
-        let mut request = Request::default();
-        request.furnish(&hiding("[7, 18]"));
-        request.furnish(&hiding("[2]"));
-        assert_eq!(request.visibility.hidden_classes, [2, 7, 18].into());
-        request.refurnish(&hiding("[]"));
-        assert_eq!(request.visibility.hidden_classes, [2, 7, 18].into());
-        request.refurnish(&hiding("[6]"));
-        assert_eq!(request.visibility.hidden_classes, [6].into());
-    }
-
-    #[test]
-    fn mirrors_and_lights_of_a_scene_file_take_the_place_of_a_built_in_scenes_own() {
-        let folder = tempfile::tempdir().unwrap();
-        let scene = folder.path().join("scene.toml");
-        let text = "clouds = [\"five-mirrors/all\"]\n[[mirrors]]\nname = \"torus\"\nshape = \"sphere\"\n\
-                    position = [0, 0, 0]\nsize = 0.2\n";
-        std::fs::write(&scene, text).unwrap();
-        let request = resolve(&words(&[scene.to_str().unwrap()]));
-        assert_eq!((request.mirrors.len(), request.lights.len()), (1, 0));
-        assert_eq!(request.built_in_light(), Some(five_mirrors::light()));
-        let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
-                     inner_degrees = 20\nouter_degrees = 30\n";
-        std::fs::write(&scene, format!("{text}{light}")).unwrap();
-        let lit = resolve(&words(&[scene.to_str().unwrap()]));
-        assert_eq!((lit.lights.len(), lit.built_in_light()), (1, None));
-        let mut settings = scene::Settings::default();
-        settings.scene.points = 10_000;
-        let job = start(request.inputs, &settings, Default::default());
-        let brought = job.events.iter().filter_map(|event| match event {
-            Event::Mirror { mirror, .. } => Some(mirror.name),
-            _ => None,
-        });
-        assert_eq!(brought.collect::<Vec<_>>(), ["sphere", "parabolic", "blob", "coral"]);
-    }
-
-    #[test]
-    fn a_word_that_names_nothing_leaves_the_others() {
-        let folder = tempfile::tempdir().unwrap();
-        let scene = folder.path().join("scene.toml");
-        std::fs::write(&scene, "clouds = [\"gone.ply\", \"five-mirrors/torus\"]\n").unwrap();
-        let request = resolve(&words(&["no_such.laz", scene.to_str().unwrap(), "no_such.toml"]));
-        assert!(request.check().is_ok());
-        let unknown = request.inputs.iter().map(|input| matches!(input, Input::Unknown { .. }));
-        assert_eq!(unknown.collect::<Vec<_>>(), [true, true, false, true]);
-        let beside = folder.path().join("scenes.toml");
-        let missing = resolve(&words(&[beside.to_str().unwrap()])).check().unwrap_err().to_string();
-        assert!(missing.contains("no such file or built-in scene; did you mean") && missing.contains("scene.toml"));
-        let both = resolve(&words(&["no_such.laz", "no_such.ply"])).check().unwrap_err().to_string();
-        assert!(both.contains("no_such.laz") && both.contains("no_such.ply"), "{both}");
-    }
-
-    #[test]
-    fn the_columns_of_a_table_are_named_as_the_scene_says() {
-        let folder = tempfile::tempdir().unwrap();
-        for name in ["a.xyz", "b.xyz", "c.xyz"] {
-            std::fs::write(folder.path().join(name), "1 2 3 4\n5 6 7 8\n").unwrap();
-        }
-        let scene = folder.path().join("scene.toml");
-        let own =
-            |name: &str, columns: &str| format!("[[cloud_settings]]\ncloud = \"{name}\"\ncolumns = \"{columns}\"\n");
-        let (a, b) = (own("a.xyz", "intensity, x,y,z"), own("b.xyz", "x,y,intensity"));
-        std::fs::write(&scene, format!("clouds = [\"a.xyz\", \"b.xyz\"]\n{a}{b}")).unwrap();
-        let request = resolve(&[&scene]);
-        let columns = |file: &str| {
-            let source = codec::open(&folder.path().join(file)).unwrap();
-            source.info().properties.iter().map(|property| property.name.clone()).collect::<Vec<_>>()
-        };
-        assert_eq!(columns("a.xyz"), ["intensity", "x", "y", "z"]);
-        assert_eq!(columns("b.xyz"), columns("c.xyz"), "names without a place are left out");
-        assert_eq!(request.warnings.len(), 1);
-        assert!(request.warnings[0].contains("b.xyz: columns are not those of the scene: no column z"));
-    }
-
-    #[test]
-    fn files_are_moved_as_the_scene_says_of_their_path_or_their_name() {
-        let folder = tempfile::tempdir().unwrap();
-        for name in ["a.ply", "b.ply", "c.ply"] {
-            std::fs::write(folder.path().join(name), THREE_POINTS).unwrap();
-        }
-        let scene = folder.path().join("scene.toml");
-        let own = |name: &str, x: u32| format!("[[cloud_settings]]\ncloud = \"{name}\"\nmove = [{x}, 0, 0]\n");
-        let (a, b) = (own("a.ply", 1), own("b.ply", 2));
-        std::fs::write(&scene, format!("clouds = [\"a.ply\", \"b.ply\", \"c.ply\"]\n{a}{b}")).unwrap();
-        let mut request = resolve(&[&scene]);
-        let moved = |request: &Request| -> Vec<Option<f64>> {
-            let scans =
-                request.files().into_iter().flat_map(|(input, file)| request.open(&input, &file, 1 << 30).unwrap());
-            scans.map(|scan| Some(scan.info().placement?.point(glam::DVec3::ZERO).x)).collect()
-        };
-        assert_eq!(moved(&request), [Some(1.0), Some(2.0), None]);
-        // The tiles of a folder are told apart by their names.
-        request.inputs = vec![Input::Tiles {
-            folder: folder.path().to_owned(),
-            files: ["b.ply", "c.ply"].map(|name| folder.path().join(name)).into(),
-        }];
-        request.cloud_settings = vec![CloudSettings { shift: glam::DVec3::X, ..CloudSettings::of("c.ply".into()) }];
-        assert_eq!(moved(&request), [None, Some(1.0)]);
-        request.cloud_settings[0].cloud = shown(folder.path());
-        assert_eq!(moved(&request), [Some(1.0), Some(1.0)]);
-    }
-
-    #[test]
-    fn what_is_named_again_is_opened_once() {
-        let folder = tempfile::tempdir().unwrap();
-        let (cloud, scene) = (folder.path().join("cloud.ply"), folder.path().join("scene.toml"));
-        std::fs::write(&cloud, THREE_POINTS).unwrap();
-        let many = "\"cloud.ply\", \"five-mirrors/torus\", ".repeat(450);
-        std::fs::write(&scene, format!("clouds = [{many}]")).unwrap();
-        let request = resolve(&[scene.as_os_str(), cloud.as_os_str()]);
-        let torus = Input::BuiltIn { variant: five_mirrors::Variant::Torus, without: Vec::new() };
-        assert_eq!(request.inputs, [Input::File(cloud), torus]);
-        assert_eq!(request.warnings.len(), 2, "{:?}", request.warnings);
-        assert!(request.warnings[0].ends_with("cloud.ply: named more than once, and opened once"));
-    }
-
-    #[test]
-    fn many_words_that_name_nothing_are_counted() {
-        let folder = tempfile::tempdir().unwrap();
-        let scene = folder.path().join("scene.toml");
-        let missing: String = (0..900).map(|index| format!("\"gone-{index}.laz\", ")).collect();
-        std::fs::write(&scene, format!("clouds = [{missing}]")).unwrap();
-        let request = resolve(&[&scene]);
-        assert_eq!(request.inputs.len(), 900);
-        let message = request.check().unwrap_err().to_string();
-        assert!(message.contains("gone-0.laz") && message.contains("and 897 more that name nothing"), "{message}");
-        assert!(message.len() < 1000, "{message}");
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn names_that_are_no_text_are_opened() {
-        use std::os::unix::ffi::OsStrExt as _;
-        let folder = tempfile::tempdir().unwrap();
-        let place = folder.path().join(OsStr::from_bytes(b"sc\xe4ns"));
-        std::fs::create_dir(&place).unwrap();
-        let (cloud, scene) = (place.join(OsStr::from_bytes(b"w\xe4ld.ply")), place.join("scene.toml"));
-        std::fs::write(&cloud, THREE_POINTS).unwrap();
-        std::fs::write(place.join("plain.ply"), THREE_POINTS).unwrap();
-        std::fs::write(&scene, "clouds = [\"plain.ply\"]").unwrap();
-        assert_eq!(resolve(&[&cloud]).inputs, [Input::File(cloud)]);
-        assert_eq!(resolve(&[&scene]).inputs, [Input::File(place.join("plain.ply"))]);
-    }
-
-    #[test]
-    fn words_that_name_nothing_are_refused_with_the_nearest_name() {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("office.laz"), "").unwrap();
-        let typo = folder.path().join("ofice.laz").display().to_string();
-        assert!(message(&typo).contains("office.laz`?"), "{}", message(&typo));
-        assert!(message("ftp://a/b.laz").ends_with("not an address of http or https"));
-        assert!(message("five-mirrors/sphre").contains("did you mean `five-mirrors/sphere`?"));
-        assert!(message("sphere").contains("did you mean `five-mirrors/sphere`?"));
-        assert!(message("five-mirrors/teapot").contains("glint scenes"));
-        std::fs::create_dir(folder.path().join("empty")).unwrap();
-        let empty = message(folder.path().join("empty").to_str().unwrap());
-        assert!(empty.ends_with("empty: a folder without files of points"), "{empty}");
-        assert!(message("no_such_scene.toml").contains("no_such_scene.toml"));
-    }
-}
+#[path = "words_tests.rs"]
+mod tests;
