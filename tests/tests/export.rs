@@ -228,3 +228,50 @@ fn a_made_scan_replaces_no_file() {
     assert!(outcome.status == Some(1) && outcome.messages.contains("is not replaced"), "{outcome}");
     assert_eq!(std::fs::read_to_string(folder.path("there.ply")).expect("the file"), "kept");
 }
+
+#[test]
+fn every_command_warns_of_settings_of_no_cloud_and_none_moves_a_tile_of_a_folder() {
+    let folder = Folder::new();
+    let header = "ply\nformat ascii 1.0\nelement vertex 64\nproperty float x\nproperty float y\nproperty float z\n";
+    let tile = |shift: u32| {
+        let rows: String = (0..64).map(|at| format!("{} {} 0\n", at % 8 + shift, at / 8)).collect();
+        format!("{header}end_header\n{rows}")
+    };
+    folder.write("one.ply", tile(0));
+    std::fs::create_dir(folder.path("tiles")).expect("a folder");
+    folder.write("two.ply", tile(8));
+    for (from, to) in [("one.ply", "tiles/a.las"), ("two.ply", "tiles/b.las")] {
+        assert_eq!(folder.glint(["export", from, "-o", to]).status, Some(0), "{to}");
+    }
+    let scene = |clouds: &str, own: &str| {
+        let line = "[[0.0, 3.0, 0.0], [15.0, 3.0, 0.0]]";
+        format!(
+            "clouds = ['{clouds}']\n{own}[[measurements]]\nkind = 'distance'\npoints = {line}\n\
+             [[profiles]]\nname = 'a'\nline = {line}\nwidth = 1.0\n"
+        )
+    };
+    let typo = "[[cloud_settings]]\ncloud = 'oen.ply'\non = false\nmove = [0.0, 0.0, 7.0]\n";
+    folder.write("typo.toml", scene("one.ply", typo));
+    folder.write("tile.toml", scene("tiles", "[[cloud_settings]]\ncloud = 'tiles/a.las'\nmove = [0.0, 0.0, 7.0]\n"));
+    for (file, name) in [("typo.toml", "oen.ply"), ("tile.toml", "tiles/a.las")] {
+        let commands = [
+            format!("export {file} -o {file}.csv"),
+            format!("measure {file}"),
+            format!("profile {file} --json"),
+            format!("compare {file} tiles --json"),
+            format!("render {file} -o a.png --size 64x48"),
+        ];
+        for command in commands {
+            let outcome = folder.glint(command.split(' '));
+            if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+                println!("skipped: no adapter: {}", outcome.messages.trim());
+                continue;
+            }
+            assert_eq!(outcome.status, Some(0), "{outcome}");
+            let told = outcome.messages.lines().filter(|line| line.contains("cloud settings: no cloud is called `"));
+            assert!(told.clone().count() == 1 && told.clone().all(|line| line.contains(name)), "{command}: {outcome}");
+        }
+        let table = std::fs::read_to_string(folder.path(&format!("{file}.csv"))).expect("the points");
+        assert!(table.lines().skip(1).all(|row| row.split(',').nth(2).and_then(|z| z.parse().ok()) == Some(0.0)));
+    }
+}

@@ -87,6 +87,7 @@ fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
     terminal::warn(&request.warnings);
     let memory = half_of(settings.stream.host_bytes);
     terminal::warn(request.check_filters(&settings)?);
+    terminal::warn(request.settings_without_cloud(memory));
     let mut failed = Few::of("that cannot be read");
     let inputs = export::open(&request, memory, &mut failed);
     let is_whole = failed.count() == 0 && inputs.iter().any(|sources| !sources.is_empty());

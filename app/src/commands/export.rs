@@ -54,6 +54,7 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
     }
     let memory = half_of(settings.stream.host_bytes);
     terminal::warn(request.check_filters(&settings)?);
+    terminal::warn(request.settings_without_cloud(memory));
     let mut failed = Few::of("that cannot be read");
     let inputs = open(&request, memory, &mut failed);
     let mut status = if failed.count() > 0 { UNUSABLE } else { 0 };

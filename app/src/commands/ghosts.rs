@@ -9,6 +9,7 @@ use scene::{Mirror, SceneFile, Shape, shown};
 use serde_json::json;
 use world::half_of;
 
+use crate::commands::recording;
 use crate::shared::export;
 use crate::shared::ghost_arguments::GhostsArguments;
 use crate::shared::ghosts::{self, Looked};
@@ -36,7 +37,9 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
         given.extend(file.mirrors);
     }
     terminal::warn(&request.warnings);
+    recording::settings(&mut request).clone_from(&settings);
     let memory = half_of(settings.stream.host_bytes);
+    terminal::warn(request.settings_without_cloud(memory));
     let mut failed = Few::of("that cannot be read");
     let sources = export::open(&request, memory, &mut failed).concat();
     let mut status = if failed.count() > 0 { UNUSABLE } else { 0 };

@@ -61,6 +61,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let memory = world::half_of(settings.stream.host_bytes);
     terminal::warn(request.check_filters(&settings)?);
+    terminal::warn(request.settings_without_cloud(memory));
     let files = request.files();
     let failed = Few::of("that cannot be measured");
     let (read, test) = (Vec::new(), request.test());

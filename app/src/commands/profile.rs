@@ -48,6 +48,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     recording::settings(&mut request).clone_from(&settings);
     terminal::warn(&request.warnings);
     terminal::warn(request.check_filters(&settings)?);
+    terminal::warn(request.settings_without_cloud(world::half_of(settings.stream.host_bytes)));
     let stack = (arguments.copies, arguments.spacing.unwrap_or_default());
     if !stack.1.is_finite() {
         return Err(usage(format!("--spacing {}: expected a finite distance", stack.1)));

@@ -49,6 +49,7 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     // The session warns of what some clouds lack.
     let settings = recording::settings(&mut request).clone();
     request.check_filters(&settings)?;
+    terminal::warn(request.settings_without_cloud(world::half_of(settings.stream.host_bytes)));
     let averaging = Averaging::new(arguments.subframes, arguments.shutter, arguments.supersample);
     let images = images(arguments, recording::settings(&mut request))?;
     path.check_images(images.len())?;

@@ -146,6 +146,9 @@ pub fn open(
     drop(job);
     let status = loads.status();
     let Loads { mut clouds, mirrors: mut placed, stream, .. } = loads;
+    let is_of_cloud = |own: &&CloudSettings| clouds.iter().any(|cloud| own.is_of(&cloud.input, &cloud.cloud.name));
+    let strange = request.cloud_settings.iter().filter(|own| !is_of_cloud(own)).map(world::no_cloud);
+    terminal::warn(param::few(strange.collect(), "cloud settings without a cloud"));
     clouds.retain(|loaded| world::own_settings(&request.cloud_settings, loaded).is_none_or(|own| own.on));
     let area = mirrors::area_per_point(clouds.iter().map(|loaded| &loaded.cloud), &test);
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
@@ -189,11 +192,6 @@ pub fn open(
             facts.add_legend(&part.plan, &loaded.units, shown_classes(&loaded.cloud, &request.visibility));
         }
         parts.extend(shown);
-    }
-    for own in request.cloud_settings.iter().filter(|own| own.on) {
-        if !clouds.iter().any(|loaded| own.is_of(&loaded.input, &loaded.cloud.name)) {
-            terminal::warn([format!("cloud settings: no cloud is called `{}`", own.cloud)]);
-        }
     }
     for points in &request.mirror_points {
         if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
