@@ -392,7 +392,8 @@ pub struct Run {
 
 impl Run {
     fn stage_ms(&self, stage: PassStage) -> f64 {
-        self.passes.iter().filter(|pass| pass.stage == stage).map(|pass| pass.ms).sum()
+        // The sum of nothing begins with a negative zero.
+        self.passes.iter().filter(|pass| pass.stage == stage).fold(0.0, |sum, pass| sum + pass.ms)
     }
 }
 

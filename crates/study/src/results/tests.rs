@@ -179,3 +179,11 @@ fn every_figure_has_a_name_of_its_own() {
     names.dedup();
     assert_eq!(names.len(), figures().len());
 }
+
+#[test]
+fn a_setting_without_passes_of_its_method_takes_no_time_and_not_less() {
+    let plan = plan();
+    let runs = [1, 2, 3].map(|round| Run { passes: Vec::new(), ..timed(0, round, 10.0) });
+    let rows = rows(&plan, &plan.cases(), &[&[judged(0)][..], &runs].concat());
+    assert_eq!(rows[0].value(METHOD_MS).map(f64::to_bits), Some(0.0_f64.to_bits()));
+}
