@@ -266,3 +266,34 @@ fn a_plan_moves_the_camera_sums_passes_shows_each_picture_and_judges_by_all_poin
     assert_eq!(pictures, 4, "one a setting");
     assert!(read(&folder, "parts/stacked-distances.svg").contains("<svg"));
 }
+
+#[test]
+fn a_study_does_not_go_on_with_a_scene_that_has_changed() {
+    let plan = "title = \"a\"\nsize = \"64x48\"\nrepeats = 1\n[set]\n\"gi.bounces\" = 0\n\"scene.points\" = 5000\n\
+                [[group]]\nscenes = [\"ball.toml\"]\nmethods = [\"none\"]";
+    let folder = with_plan(plan);
+    let ball = |size: &str| {
+        let text = format!(
+            "clouds = [\"five-mirrors/none\"]\n[[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\n\
+             position = [0.0, 0.0, 0.0]\nsize = {size}\n"
+        );
+        folder.write("ball.toml", text)
+    };
+    ball("0.4");
+    let Some(outcome) = study(&folder, &["plan.toml", "-o", "out"]) else { return };
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let table = read(&folder, "out/results.csv");
+    assert!(!table.contains(",-0,"), "{table}");
+    ball("0.2");
+    let changed = study(&folder, &["plan.toml", "-o", "out"]).expect("an adapter");
+    assert!(changed.status == Some(2), "{changed}");
+    assert!(changed.messages.contains("ball.toml has changed since the scene was measured"), "{changed}");
+    assert_eq!(read(&folder, "out/results.csv"), table);
+    let other = study(&folder, &["plan.toml", "-o", "other"]).expect("an adapter");
+    assert_eq!(other.status, Some(0), "{other}");
+    let joined = study(&folder, &["merge", "out", "other", "-o", "joined"]).expect("no adapter is needed");
+    assert!(joined.status == Some(2) && joined.messages.contains("ball.toml was another one in"), "{joined}");
+    ball("0.4");
+    let again = study(&folder, &["plan.toml", "-o", "out"]).expect("an adapter");
+    assert!(again.status == Some(0) && again.text().contains("nothing was left"), "{again}");
+}

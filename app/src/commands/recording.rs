@@ -3,7 +3,7 @@
 //! depends on its own time alone, and not on which pictures were made before it.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -155,6 +155,25 @@ impl PathChoice {
         }
         format!("{:08x}", sum.finalize())
     }
+}
+
+/// Checksums of the files that a scene is read from, by their names without folders: of scene files, and of samples of
+/// clouds and meshes.
+pub fn checksums(request: &Request) -> BTreeMap<String, String> {
+    let mut sums = BTreeMap::<String, crc32fast::Hasher>::new();
+    let name = |path: &Path| path.file_name().map_or_else(|| scene::shown(path), scene::shown);
+    for path in &request.scene_files {
+        let text = scene::whole_file::read(path).unwrap_or_default();
+        sums.entry(name(path)).or_default().update(text.as_bytes());
+    }
+    let meshes = request.mirrors.iter().filter_map(|mirror| match &mirror.shape {
+        Shape::Mesh(mesh) if mesh.is_file() => Some(Path::new(&mesh.name)),
+        _ => None,
+    });
+    for path in request.inputs.iter().flat_map(Input::files).map(PathBuf::as_path).chain(meshes) {
+        add_samples(sums.entry(name(path)).or_default(), path);
+    }
+    sums.into_iter().map(|(name, sum)| (name, format!("{:08x}", sum.finalize()))).collect()
 }
 
 /// Adds the length of a file and samples of it. Nothing of a file that cannot be read, which nothing will be drawn of.

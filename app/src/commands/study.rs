@@ -1,6 +1,7 @@
 //! `glint study`: measures the settings of a plan against one another. The crate `study` has the plans, runs and
 //! charts; this file adds the command line, the scenes and the progress.
 
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -11,10 +12,10 @@ use cloud::Progress;
 use render::Gpu;
 use scene::{Camera, Preset, Settings, StandardView};
 use study::runner::{self, State};
-use study::{Folder, HoldOut, Plan, Ruler, Scenes, Shard, Subject, stability};
+use study::{Folder, HoldOut, Plan, Ruler, SceneFiles, Scenes, Shard, Subject, stability};
 
 use crate::commands::subject::{self, LoadedSubject};
-use crate::commands::{made_scan, scans, truth};
+use crate::commands::{made_scan, recording, scans, truth};
 use crate::shared::command_line::{MergeArguments, StudyArguments, StudyCommand, quoted};
 use crate::system::failure::usage;
 use crate::system::interrupt;
@@ -42,6 +43,7 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
     runner::check_scenes(&plan, &Inputs)?;
     let about = format!("To measure this again: {}", command(name, arguments));
     let mut folder = Folder::open(output, plan, &about)?;
+    folder.keep_scenes(scene_files(&folder.plan))?;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     let bar = Bar::counted();
     let mut show = |state: State<'_>| {
@@ -64,6 +66,14 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
     let made = if outcome.runs == 0 { ", nothing was left to do" } else { "" };
     print([format!("{} settings in {}{made}", outcome.settings, scene::shown(page))])?;
     Ok(status(&folder, outcome.failed))
+}
+
+/// The checksums of the files that the scenes of a plan are read from.
+fn scene_files(plan: &Plan) -> SceneFiles {
+    let scenes: BTreeSet<String> = plan.cases().into_iter().map(|case| case.scene).collect();
+    let of_files = scenes.into_iter().filter(|scene| !stability::is_case(scene));
+    let files = of_files.map(|scene| (recording::checksums(&world::resolve(std::slice::from_ref(&scene))), scene));
+    files.filter(|(files, _)| !files.is_empty()).map(|(files, scene)| (scene, files)).collect()
 }
 
 /// Reports settings that failed, and returns the exit status.

@@ -1,7 +1,7 @@
 //! A study's folder: the plan that is measured there and the journal of its runs, so that a stopped study can continue,
 //! and shards of one plan can be merged.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
@@ -11,6 +11,8 @@ use crate::results::{Machine, Run, counted};
 
 const PLAN: &str = "plan.toml";
 const JOURNAL: &str = "runs.jsonl";
+/// What the scenes were read from when they were measured.
+const SCENES: &str = "scenes.json";
 /// Locked by the process that writes to the folder. Not the journal itself: Windows lets nobody else read a locked file.
 const LOCK: &str = ".lock";
 
@@ -31,9 +33,21 @@ pub enum FolderError {
     InUse { folder: PathBuf },
     #[error("{folder}: its plan differs from that of {first}; only shards of one plan can be joined")]
     PlansDiffer { folder: PathBuf, first: PathBuf },
+    #[error(
+        "{folder}: {file} of the scene {scene} has changed since the scene was measured there; name another folder, or \
+         delete that one to begin anew"
+    )]
+    SceneChanged { folder: PathBuf, scene: String, file: String },
+    #[error(
+        "{folder}: {file} of the scene {scene} was another one in {other}; only shards of the same scenes can be joined"
+    )]
+    ScenesDiffer { folder: PathBuf, other: PathBuf, scene: String, file: String },
     #[error("{place}: {problem}; expected what a study of this plan wrote; delete the folder to begin anew")]
     Malformed { place: String, problem: String },
 }
+
+/// For each scene the checksums of the files that it is read from, by their names.
+pub type SceneFiles = BTreeMap<String, BTreeMap<String, String>>;
 
 /// A plan and its runs so far.
 pub struct Folder {
@@ -87,7 +101,15 @@ impl Folder {
     pub fn merge(folders: &[PathBuf], into: &Path, about: &str) -> Result<Self, FolderError> {
         let mut plan: Option<Plan> = None;
         let mut runs: Vec<Run> = Vec::new();
+        let mut scenes: BTreeMap<String, (PathBuf, BTreeMap<String, String>)> = BTreeMap::new();
         for folder in folders {
+            for (scene, files) in kept_scenes(folder)? {
+                let (other, known) = scenes.entry(scene.clone()).or_insert_with(|| (folder.clone(), files.clone()));
+                if let Some(file) = difference(known, &files) {
+                    let (folder, other) = (folder.clone(), other.clone());
+                    return Err(FolderError::ScenesDiffer { folder, other, scene, file });
+                }
+            }
             let own = kept_plan(folder)?.ok_or_else(|| FolderError::NoStudy { folder: folder.clone() })?;
             let own_runs = read_journal(&folder.join(JOURNAL), own.cases().len())?;
             match &plan {
@@ -100,6 +122,7 @@ impl Folder {
         }
         let plan = plan.ok_or_else(|| FolderError::NoStudy { folder: into.to_owned() })?;
         let mut joined = Self::open(into, plan, about)?;
+        joined.keep_scenes(scenes.into_iter().map(|(scene, (_, files))| (scene, files)).collect())?;
         let key = |run: &Run| (run.case, run.round, run.machine.clone(), run.error.clone());
         let mut known: HashSet<_> = joined.runs.iter().map(key).collect();
         for run in runs {
@@ -123,6 +146,28 @@ impl Folder {
             }
         }
         done
+    }
+
+    /// Keeps what the scenes are read from now. A scene that has changed and of which nothing is measured yet is taken
+    /// anew.
+    ///
+    /// # Errors
+    /// A scene that was measured has changed; or the folder cannot be read or written.
+    pub fn keep_scenes(&self, now: SceneFiles) -> Result<(), FolderError> {
+        let mut kept = kept_scenes(&self.path)?;
+        let is_measured = |scene: &str| {
+            let of_run = |run: &Run| self.cases.get(run.case).is_some_and(|case| case.scene == scene);
+            self.runs.iter().any(|run| run.error.is_none() && of_run(run))
+        };
+        for (scene, files) in now {
+            if let Some(file) = kept.get(&scene).and_then(|known| difference(known, &files))
+                && is_measured(&scene)
+            {
+                return Err(FolderError::SceneChanged { folder: self.path.clone(), scene, file });
+            }
+            kept.insert(scene, files);
+        }
+        self.write(SCENES, (serde_json::to_string_pretty(&kept).unwrap_or_default() + "\n").as_bytes())
     }
 
     /// Appends a run to the journal.
@@ -170,6 +215,27 @@ fn kept_plan(folder: &Path) -> Result<Option<Plan>, FolderError> {
     };
     let plan = Plan::parse(&path.display().to_string(), &text);
     plan.map(Some).map_err(|error| FolderError::Malformed { place: error.place, problem: error.problem })
+}
+
+/// What the scenes of a folder were read from; nothing in a folder that an older version has made.
+fn kept_scenes(folder: &Path) -> Result<SceneFiles, FolderError> {
+    let path = folder.join(SCENES);
+    let text = match scene::whole_file::read(&path) {
+        Ok(text) => text,
+        Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => return Ok(SceneFiles::new()),
+        Err(error) => return Err(error.into()),
+    };
+    let malformed = |error: serde_json::Error| FolderError::Malformed {
+        place: path.display().to_string(),
+        problem: error.to_string(),
+    };
+    serde_json::from_str(&text).map_err(malformed)
+}
+
+/// The name of the first file that one scene has and another one lacks or has otherwise.
+fn difference(known: &BTreeMap<String, String>, now: &BTreeMap<String, String>) -> Option<String> {
+    let mut names = known.keys().chain(now.keys());
+    names.find(|name| known.get(*name) != now.get(*name)).cloned()
 }
 
 fn read_journal(path: &Path, cases: usize) -> Result<Vec<Run>, FolderError> {
@@ -287,6 +353,30 @@ mod tests {
         std::fs::write(folder.path().join(JOURNAL), "{\"case\":7}\n{\"case\":0}\n").unwrap();
         let error = Folder::open(folder.path(), plan("one"), "").err().unwrap().to_string();
         assert!(error.contains("runs.jsonl:1") && error.contains("setting 7 of 3"), "{error}");
+    }
+
+    #[test]
+    fn a_scene_that_has_changed_since_it_was_measured_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b, all] = ["a", "b", "all"].map(|name| folder.path().join(name));
+        let files = |sum: &str| {
+            let files = [("a.toml".to_owned(), "1".to_owned()), ("a.laz".to_owned(), sum.to_owned())].into();
+            SceneFiles::from([("five-mirrors/sphere".to_owned(), files)])
+        };
+        let mut study = Folder::open(&a, plan("one"), "").unwrap();
+        study.keep_scenes(files("old")).unwrap();
+        study.add(Run { error: Some("unread".into()), ..run(0, 0) }).unwrap();
+        study.keep_scenes(files("mended")).unwrap();
+        study.add(run(0, 0)).unwrap();
+        study.keep_scenes(files("mended")).unwrap();
+        let error = study.keep_scenes(files("other")).unwrap_err().to_string();
+        assert!(error.contains("a.laz of the scene five-mirrors/sphere has changed") && error.contains("name another"));
+        Folder::open(&b, plan("one"), "").unwrap().keep_scenes(files("other")).unwrap();
+        drop(study);
+        let error = Folder::merge(&[a.clone(), b], &all, "").err().unwrap().to_string();
+        assert!(error.contains("a.laz of the scene five-mirrors/sphere was another one in"), "{error}");
+        Folder::merge(&[a], &all, "").unwrap();
+        assert_eq!(kept_scenes(&all).unwrap(), files("mended"));
     }
 
     #[test]
