@@ -722,9 +722,14 @@ fn empty_pixels_are_not_a_number() {
     assert!(
         empty.iter().all(|pixel| depth.value(*pixel).is_nan() && position.vector(*pixel).iter().all(|x| x.is_nan()))
     );
-    // World coordinates of seven digits, in the quarter of a unit that a 32-bit float has there.
+    // World coordinates of seven digits are relative to a place that the file names.
+    let file = read_first_flat_layer_from_file(folder.path("position.exr")).expect("a float image");
+    let origin = file.layer_data.attributes.other.get(&exr::prelude::Text::from("origin"));
+    let Some(exr::prelude::AttributeValue::Text(origin)) = origin else { panic!("no origin: {origin:?}") };
+    let origin: Vec<f64> = origin.to_string().split(' ').map(|part| part.parse().expect("a number")).collect();
     for pixel in full {
-        let [x, y, z] = position.vector(pixel);
+        let near = position.vector(pixel).map(f64::from);
+        let [x, y, z] = [0, 1, 2].map(|axis| origin[axis] + near[axis]);
         let inside = (2499998.0..=2500003.5).contains(&x) && (1199998.0..=1200003.5).contains(&y);
         assert!(inside && (99.0..=103.0).contains(&z), "{pixel:?} is at {:?}", [x, y, z]);
     }

@@ -329,3 +329,68 @@ fn the_window_hides_what_a_scene_file_hides_and_saves_it() {
     let text = std::fs::read_to_string(session.folder.path(scene)).expect("the saved scene");
     assert!(text.contains("hidden_classes = [7, 18]"), "{text}");
 }
+
+/// The values of a channel of a float image, and the origin that it names.
+fn channel(file: &std::path::Path, name: &str) -> (Vec<f64>, String) {
+    use exr::prelude::{AttributeValue, FlatSamples, Text, read_first_flat_layer_from_file};
+    let layer = read_first_flat_layer_from_file(file).expect("a float image").layer_data;
+    let channel = layer.channel_data.list.iter().find(|channel| channel.name.eq(name)).expect("the channel");
+    let FlatSamples::F32(values) = &channel.sample_data else { panic!("not float32") };
+    let origin = match layer.attributes.other.get(&Text::from("origin")) {
+        Some(AttributeValue::Text(text)) => text.to_string(),
+        other => panic!("no origin: {other:?}"),
+    };
+    (values.iter().map(|value| f64::from(*value)).collect(), origin)
+}
+
+#[test]
+fn positions_in_the_coordinates_of_a_survey_keep_their_millimetres() {
+    let folder = Folder::new();
+    for (name, [east, north]) in [("near", [0.0, 0.0]), ("far", [500_000.25, 4_600_000.75])] {
+        let point = |at: u32| {
+            let [x, y] = [at % 80, at / 80].map(|step| f64::from(step) * 0.05 - 2.0);
+            format!("{} {} 100.125\n", east + x, north + y)
+        };
+        let rows: String = (0..6400).map(point).collect();
+        let axes: String = ["x", "y", "z"].map(|axis| format!("property double {axis}\n")).concat();
+        folder.write("plane.ply", format!("ply\nformat ascii 1.0\nelement vertex 6400\n{axes}end_header\n{rows}"));
+        folder.write(
+            "plane.toml",
+            format!(
+                "clouds = [\"plane.ply\"]\n[camera]\neye = [{east}, {north}, 103.125]\n\
+                 pivot = [{east}, {north}, 100.125]\nup = [0.0, 1.0, 0.0]\n[[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\n\
+                 position = [{}, {north}, 100.6]\nsize = 0.4\n",
+                east + 0.8
+            ),
+        );
+        let aovs = ["position", "mirror_position", "reference_position"].map(|aov| format!("{aov}={aov}.exr"));
+        let aovs = aovs.iter().flat_map(|aov| ["--aov", aov]);
+        let words = "render plane.toml -o a.png --size 96x72 --method sscr_hierarchical".split(' ');
+        let outcome = folder.glint(words.chain(aovs));
+        if lacks_adapter(&outcome) {
+            return;
+        }
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        assert_eq!(outcome.messages.contains("relative to 500000 4600001 100"), name == "far", "{outcome}");
+        let origin = if name == "far" { [500_000.0, 4_600_001.0, 100.0] } else { [0.0; 3] };
+        for aov in ["position", "mirror_position", "reference_position"] {
+            let file = folder.path(&format!("{aov}.exr"));
+            let [x, y, z] = ["X", "Y", "Z"].map(|name| channel(&file, name));
+            assert_eq!(x.1, format!("{} {} {}", origin[0], origin[1], origin[2]), "{aov}");
+            let places =
+                x.0.iter().zip(&y.0).zip(&z.0).map(|((x, y), z)| [origin[0] + x, origin[1] + y, origin[2] + z]);
+            // What the plane shows, and not the ball.
+            let on_plane = |place: &[f64; 3]| (place[2] - 100.125).abs() < 2e-3;
+            let places: Vec<[f64; 3]> = places.filter(on_plane).collect();
+            assert!(places.len() > 40, "{aov}: {}", places.len());
+            assert!(
+                places.iter().all(|place| (place[0] - east).abs() < 2.1 && (place[1] - north).abs() < 2.1),
+                "{aov}"
+            );
+            // Rounded to half a metre there would be nine of them.
+            let rows: std::collections::BTreeSet<i64> =
+                places.iter().map(|place| ((place[1] - north) * 1e3).round() as i64).collect();
+            assert!(rows.len() > 20, "{aov}: {}", rows.len());
+        }
+    }
+}

@@ -324,8 +324,13 @@ impl Recording<'_> {
             bar.set(done as u64, frames.len() as u64);
             let (time, fps) = (self.time(*frame), self.arguments.fps);
             let picture = recorder.frame(time, fps, size, averaging, &self.images, &bar)?;
+            if done == 0 {
+                let names = self.images.iter().map(|image| image.name());
+                bar.suspend(|| picture_file::warn_of_origin(names, &picture.camera));
+            }
             for (image, values) in self.images.iter().zip(&picture.images) {
-                picture_file::write_exr(&self.folder.image(*frame, image.name()), values)?;
+                let origin = picture_file::origin_of(image.name(), &picture.camera);
+                picture_file::write_exr(&self.folder.image(*frame, image.name()), values, origin)?;
             }
             if self.arguments.stats {
                 let stats = FrameStats { adapter: &description.adapter, picture: recorder.stats(time) };

@@ -119,17 +119,23 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let mut picture = study::picture::enlarged(&renderer.read_picture()?, &depth, size, arguments.size);
     overlays::draw(&mut picture, arguments.size, &subject.camera, &settings, &facts);
     picture_file::write_png(&arguments.output, arguments.size, &picture, Some(&picture_file::adapter(&gpu)))?;
+    let camera = &subject.camera;
+    picture_file::warn_of_origin(arguments.aov.iter().map(|(name, _)| name.as_str()), camera);
     for (aov, path) in &images {
+        let origin = picture_file::origin_of(aov.name(), camera);
         match traced.image(*aov) {
-            Some(image) => picture_file::write_exr(path, image)?,
-            None => picture_file::write_exr(path, &renderer.read_aov(*aov)?)?,
+            Some(image) => picture_file::write_exr(path, image, origin)?,
+            None => {
+                let image = renderer.read_aov_from(*aov, picture_file::origin(camera))?;
+                picture_file::write_exr(path, &image, origin)?;
+            }
         }
     }
     if let Some((path, errors)) = error.as_ref().zip(errors) {
-        picture_file::write_exr(path, &errors.image(&renderer, &subject, &settings)?)?;
+        picture_file::write_exr(path, &errors.image(&renderer, &subject, &settings)?, None)?;
     }
-    for (path, image) in &traced.references {
-        picture_file::write_exr(path, image)?;
+    for (reference, path, image) in &traced.references {
+        picture_file::write_exr(path, image, picture_file::origin_of(reference.name(), camera))?;
     }
     if let Some(path) = &arguments.stats {
         let mut stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?).with(traced);
@@ -174,8 +180,9 @@ fn at_time(
         terminal::warn(["the picture is empty, the camera looks past all points"]);
     }
     picture_file::write_png(&arguments.output, arguments.size, &picture.rgba, Some(&adapter))?;
-    for ((_, path), image) in images.iter().zip(&picture.images) {
-        picture_file::write_exr(path, image)?;
+    picture_file::warn_of_origin(aovs.iter().map(|aov| aov.name()), &picture.camera);
+    for ((aov, path), image) in images.iter().zip(&picture.images) {
+        picture_file::write_exr(path, image, picture_file::origin_of(aov.name(), &picture.camera))?;
     }
     Ok(recorder.status())
 }

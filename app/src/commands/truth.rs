@@ -20,7 +20,7 @@ use world::{Input, Request};
 
 use crate::shared::command_line::RenderArguments;
 use crate::system::failure::usage;
-use crate::system::progress_bar;
+use crate::system::{picture_file, progress_bar};
 
 /// An image that the ray tracer makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,7 +155,7 @@ fn has_own_colors(settings: &Settings) -> bool {
 /// The results of the ray tracer.
 #[derive(Default)]
 pub struct Outcome {
-    pub references: Vec<(PathBuf, AovImage)>,
+    pub references: Vec<(Reference, PathBuf, AovImage)>,
     /// The images of the method, which replace the renderer's.
     images: Vec<(Aov, AovImage)>,
     pub accuracy: Option<Accuracy>,
@@ -204,6 +204,7 @@ pub fn trace(
         progress_bar::watch(task, &progress, || work(&progress))
     };
     let mut outcome = Outcome::default();
+    let origin = picture_file::origin(&subject.camera);
     let first = if asked.is_method {
         let progress = Progress::default();
         let traced = progress_bar::watch("tracing", &progress, || tracer.ray_trace(&mut drawn, &progress))?;
@@ -213,7 +214,7 @@ pub fn trace(
         let coverage = (bounces > 0).then_some(coverage);
         outcome.method = Some(MethodFigures { milliseconds: traced.milliseconds, coverage, bounces });
         let images = [Aov::MirrorPosition, Aov::MirrorAlbedo, Aov::MirrorNormal];
-        let images = images.into_iter().filter_map(|aov| Some((aov, tracer.mirror_image(aov, &traced.first)?)));
+        let images = images.into_iter().filter_map(|aov| Some((aov, tracer.mirror_image(aov, &traced.first, origin)?)));
         outcome.images = images.collect();
         let color = AovImage { size, channels: Aov::Color.channels(), data: drawn.color.as_flattened().to_vec() };
         outcome.images.push((Aov::Color, color));
@@ -267,7 +268,7 @@ pub fn trace(
                         &progress_bar::watch("tracing", &progress, || tracer.first_hits(&own, &progress))?
                     }
                 };
-                tracer.mirror_image(Aov::MirrorPosition, first)
+                tracer.mirror_image(Aov::MirrorPosition, first, origin)
             }
             Reference::Color => {
                 Some(AovImage { size, channels: Aov::Color.channels(), data: color.as_flattened().to_vec() })
@@ -276,7 +277,7 @@ pub fn trace(
                 Some(AovImage { size, channels: Aov::Color.channels(), data: indirect.as_flattened().to_vec() })
             }
         };
-        outcome.references.extend(image.map(|image| (path.clone(), image)));
+        outcome.references.extend(image.map(|image| (*wanted, path.clone(), image)));
     }
     Ok(outcome)
 }

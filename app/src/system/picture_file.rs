@@ -7,11 +7,15 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use codec::Error;
-use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, WritableImage as _};
+use exr::prelude::{AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, Text, WritableImage as _};
+use glam::DVec3;
 use image::ImageEncoder as _;
 use image::codecs::png::PngEncoder;
 use record::Adapter;
 use render::Gpu;
+use scene::Camera;
+
+use crate::system::terminal;
 
 /// Writes an 8-bit RGB PNG. `rgba` holds sRGB rows of red, green, blue and opacity, the top row first. The opacity is
 /// left out: it is 255 throughout a rendered picture. The file names the adapter that has drawn the picture.
@@ -39,11 +43,40 @@ pub fn adapter(gpu: &Gpu) -> Adapter {
     }
 }
 
-/// Writes 32-bit float scan lines, ZIP-compressed. NaN and values above 1 stay as they are.
+/// Coordinates up to here are kept by float32 to less than a thousandth.
+const FARTHEST: f64 = 32_768.0;
+
+/// What the positions of float images are relative to, which float32 would round to coarser steps than a thousandth
+/// where coordinates are large: the camera's pivot in whole units. Else they are absolute.
+pub fn origin(camera: &Camera) -> DVec3 {
+    let is_far = [camera.eye, camera.pivot].iter().any(|place| place.abs().max_element() >= FARTHEST);
+    if is_far { camera.pivot.round() } else { DVec3::ZERO }
+}
+
+/// The origin of a float image of this name; `None` if it has no positions.
+pub fn origin_of(name: &str, camera: &Camera) -> Option<DVec3> {
+    name.ends_with("position").then(|| origin(camera))
+}
+
+/// Warns of positions that are not absolute.
+pub fn warn_of_origin<'a>(mut names: impl Iterator<Item = &'a str>, camera: &Camera) {
+    if let Some((name, origin)) = names.find_map(|name| Some((name, origin_of(name, camera)?)))
+        && origin != DVec3::ZERO
+    {
+        terminal::warn([format!(
+            "--aov: {name} is relative to {} {} {}, as the file's attribute `origin` says: float32 would round such \
+             coordinates to more than a millimetre",
+            origin.x, origin.y, origin.z
+        )]);
+    }
+}
+
+/// Writes 32-bit float scan lines, ZIP-compressed. NaN and values above 1 stay as they are. The file names the origin of
+/// an image of positions in its attribute `origin`.
 ///
 /// # Errors
 /// If the file cannot be written; the error names it.
-pub fn write_exr(path: &Path, picture: &render::AovImage) -> anyhow::Result<()> {
+pub fn write_exr(path: &Path, picture: &render::AovImage, origin: Option<DVec3>) -> anyhow::Result<()> {
     let count = picture.channels.len();
     let channels = picture.channels.iter().enumerate().map(|(index, name)| {
         let samples = picture.data.iter().skip(index).step_by(count).copied().collect();
@@ -51,7 +84,11 @@ pub fn write_exr(path: &Path, picture: &render::AovImage) -> anyhow::Result<()> 
     });
     let channels = AnyChannels::sort(channels.collect());
     let size = (picture.size[0] as usize, picture.size[1] as usize);
-    let image = Image::from_encoded_channels(size, Encoding::SMALL_LOSSLESS, channels);
+    let mut image = Image::from_encoded_channels(size, Encoding::SMALL_LOSSLESS, channels);
+    if let Some(DVec3 { x, y, z }) = origin {
+        let text = AttributeValue::Text(Text::from(format!("{x} {y} {z}").as_str()));
+        image.layer_data.attributes.other.insert(Text::from("origin"), text);
+    }
     // The EXR writer needs to seek, so it writes to memory. The compressed file is much smaller than the picture.
     let mut bytes = std::io::Cursor::new(Vec::new());
     image.write().to_buffered(&mut bytes)?;
@@ -183,9 +220,12 @@ mod tests {
         let path = folder.path().join("position.exr");
         let data = vec![1.0, -2.5, 1e30, f32::NAN, f32::NAN, f32::NAN, 635_619.1, 0.1, -0.0, 4.0, 5.0, 6.0];
         let picture = render::AovImage { size: [2, 2], channels: &["R", "G", "B"], data };
-        write_exr(&path, &picture).unwrap();
+        let origin = DVec3::new(635_619.0, -4_100_000.5, 0.0);
+        write_exr(&path, &picture, Some(origin)).unwrap();
         let back = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
         assert_eq!(back.layer_data.size, exr::prelude::Vec2(2, 2));
+        let kept = back.layer_data.attributes.other.get(&Text::from("origin"));
+        assert_eq!(kept, Some(&AttributeValue::Text(Text::from("635619 -4100000.5 0"))));
         for (index, name) in picture.channels.iter().enumerate() {
             let channel = back.layer_data.channel_data.list.iter().find(|channel| channel.name.eq(name)).unwrap();
             let FlatSamples::F32(samples) = &channel.sample_data else { panic!("not float32") };

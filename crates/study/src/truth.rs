@@ -305,13 +305,13 @@ impl<'a> Tracer<'a> {
     }
 
     /// The images of the first bounce that a method leaves behind, in the form of the renderer's images of the same
-    /// names.
-    pub fn mirror_image(&self, aov: Aov, first: &[Option<Hit>]) -> Option<AovImage> {
+    /// names, with positions relative to `origin`.
+    pub fn mirror_image(&self, aov: Aov, first: &[Option<Hit>], origin: DVec3) -> Option<AovImage> {
         let vectors = |vector: fn(&Hit) -> DVec3| -> Vec<f32> {
             first.iter().flat_map(|hit| hit.as_ref().map_or(DVec3::NAN, vector).as_vec3().to_array()).collect()
         };
         let data = match aov {
-            Aov::MirrorPosition => self.positions(first, self.scene.origin),
+            Aov::MirrorPosition => self.positions(first, self.scene.origin - origin),
             Aov::MirrorAlbedo => vectors(|hit| hit.albedo),
             Aov::MirrorNormal => vectors(|hit| hit.normal),
             _ => return None,

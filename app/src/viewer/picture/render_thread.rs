@@ -362,7 +362,9 @@ impl Worker {
             Command::Read { request, images } => {
                 self.hold(&request, true)?;
                 let rgba = self.renderer.read_picture()?;
-                let images = images.into_iter().map(|image| self.renderer.read_aov(image)).collect::<Result<_, _>>()?;
+                let origin = picture_file::origin(&request.camera);
+                let read = |image| self.renderer.read_aov_from(image, origin);
+                let images = images.into_iter().map(read).collect::<Result<_, _>>()?;
                 report(Report::Read(Box::new(Picture {
                     camera: request.camera,
                     revision: request.revision,
