@@ -600,6 +600,44 @@ fn sub_frames_average_the_light_of_the_pictures_while_the_shutter_is_open() {
     assert!(refused.messages.contains("record.json: its pictures have 4 sub-frames"), "{refused}");
 }
 
+/// A track that changes nothing of the picture changes a caption from one sub-frame to the next.
+#[test]
+fn captions_and_overlays_are_drawn_once_over_an_average_and_keep_their_size() {
+    let folder = crossing_ball();
+    let ball = std::fs::read_to_string(folder.path("ball.toml")).expect("the scene");
+    let (still, _) = ball.split_once("[[paths.tracks]]").expect("a track");
+    folder.write(
+        "still.toml",
+        still.replace("[parameters]\n", "[parameters]\n\"overlay.axes\" = true\n").to_owned()
+            + "[[paths.tracks]]\nkey = \"sscr.seed_attempts\"\ntimes = [0.0, 1.0]\nvalues = [0, 16]\nease = \"linear\"\n\
+               [[paths.captions]]\ntext = \"{sscr.seed_attempts}\"\nstart = 0.0\nsize = 0.1\n",
+    );
+    let record = |output: &str, more: &str| {
+        let words = format!("record still.toml -o {output} --size 160x120 --fps 2 --frames 1..2 {more}");
+        folder.glint_within(PATIENCE, words.split_whitespace())
+    };
+    let sharp = record("sharp", "");
+    if lacks_adapter(&sharp) {
+        return;
+    }
+    assert_eq!(sharp.status, Some(0), "{sharp}");
+    for (output, more) in [("blurred", "--subframes 4"), ("smooth", "--supersample 2")] {
+        let outcome = record(output, more);
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+    }
+    let picture =
+        |name: &str| image::open(folder.path(&format!("{name}/frame-000001.png"))).expect("a picture").into_rgb8();
+    let (sharp, blurred, smooth) = (picture("sharp"), picture("blurred"), picture("smooth"));
+    assert!(sharp == blurred, "the caption is that of the frame's own time");
+    // The axis that points up is as long and as wide in both, and where it was.
+    let axis = *sharp.get_pixel(54, 50);
+    let of_axis = |of: &image::RgbImage| -> Vec<[u32; 2]> {
+        of.enumerate_pixels().filter(|(_, _, pixel)| **pixel == axis).map(|(x, y, _)| [x, y]).collect()
+    };
+    assert!((50..150).contains(&of_axis(&sharp).len()), "{axis:?}: {}", of_axis(&sharp).len());
+    assert_eq!(of_axis(&sharp), of_axis(&smooth));
+}
+
 /// How the window runs a recording: with lines of progress, until its end of a pipe closes.
 #[test]
 fn a_reported_recording_makes_the_same_pictures_and_stops_when_its_input_ends() {

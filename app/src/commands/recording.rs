@@ -16,7 +16,7 @@ use world::{Input, Request};
 use crate::system::failure::usage;
 use crate::system::progress_bar::Bar;
 use crate::system::terminal;
-use crate::viewer::{Headless, Picture, PictureStats};
+use crate::viewer::{Headless, Over, Picture, PictureStats};
 
 /// The time between opening a scene, which moves the camera, and the beginning of the path. By then the camera rests.
 const REST: Duration = Duration::from_secs(1);
@@ -259,6 +259,13 @@ impl Recorder {
     /// # Errors
     /// It cannot be drawn, or somebody pressed Ctrl-C.
     pub fn picture(&mut self, time: f64, images: &[Aov], bar: &Bar) -> anyhow::Result<Picture> {
+        let (mut picture, over) = self.bare(time, images, bar)?;
+        over.draw(&mut picture.rgba, self.size);
+        Ok(picture)
+    }
+
+    /// The picture at a time of the path without what is to be drawn over it, and that.
+    fn bare(&mut self, time: f64, images: &[Aov], bar: &Bar) -> anyhow::Result<(Picture, Over)> {
         self.expose(time, bar)?;
         let (camera, now) = (self.motion.camera(time), self.now(time));
         let parts = self.path.parts(time, self.size[0]);
@@ -270,8 +277,8 @@ impl Recorder {
     }
 
     /// The picture of a frame at a time of the path, averaged from those that are drawn, of which each has
-    /// `averaging.supersample` times as many pixels in each direction as `size`. The float images are those of the
-    /// first.
+    /// `averaging.supersample` times as many pixels in each direction as `size`. The float images and what is drawn over
+    /// the average are those of the first.
     ///
     /// # Errors
     /// Those of `picture`.
@@ -284,16 +291,19 @@ impl Recorder {
         images: &[Aov],
         bar: &Bar,
     ) -> anyhow::Result<Picture> {
-        let first = self.picture(time, images, bar)?;
         if averaging.is_none() {
-            return Ok(first);
+            return self.picture(time, images, bar);
         }
+        self.viewer.supersample = averaging.supersample;
+        let (first, over) = self.bare(time, images, bar)?;
         let mut average = Average::new(size, averaging.supersample);
         average.add(&first.rgba);
         for time in averaging.times(time, fps).skip(1) {
-            average.add(&self.picture(time, &[], bar)?.rgba);
+            average.add(&self.bare(time, &[], bar)?.0.rgba);
         }
-        Ok(Picture { rgba: average.end(), ..first })
+        let mut rgba = average.end();
+        over.draw(&mut rgba, size);
+        Ok(Picture { rgba, ..first })
     }
 
     /// What the picture that was made last was drawn from; `time` is that of its frame. With sub-frames, it is the

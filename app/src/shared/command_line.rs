@@ -210,7 +210,7 @@ pub struct RecordArguments {
     /// Share of a frame's time for which the shutter of --subframes is open, from the time of the frame on
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "0.5", value_parser = parse_shutter)]
     pub shutter: f64,
-    /// Draw pictures with so many times as many pixels in each direction, and average them
+    /// Draw pictures with so many times as many pixels in each direction, and average them; overlays keep their size
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1", value_parser = clap::value_parser!(u32).range(1..=8))]
     pub supersample: u32,
     /// Write float images of each frame, too, as frame-000000.NAME.exr: depth, normal and others that `glint render` makes

@@ -40,7 +40,7 @@ use std::time::{Duration, Instant};
 use ::scene::{CaptureFormat, Settings, StandardView, View};
 use anyhow::Context as _;
 use egui_winit::accesskit_winit;
-pub use headless::{Headless, PictureStats};
+pub use headless::{Headless, Over, PictureStats};
 use picture::capture::{self, Capture, Captured};
 use picture::event_log::EventLog;
 pub use picture::messages::Picture;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use cloud::Bounds;
 use render::{Aov, FrameStats, Gpu};
-use scene::{Camera, CameraPath, ExposureFit, PathPlace, StandardView, Strays, Tone};
+use scene::{Camera, CameraPath, ExposureFit, PathPlace, Settings, StandardView, Strays, Tone};
 use serde::Serialize;
 use study::TracedScene;
 use world::{Event, Request, StreamStats};
@@ -50,6 +50,22 @@ pub struct Headless {
     states: Vec<PictureStats>,
     /// The pictures of these states.
     made: Vec<StatePicture>,
+    /// How many pixels across are drawn for one of the final picture.
+    pub supersample: u32,
+}
+
+/// What is drawn over a picture.
+pub struct Over {
+    camera: Camera,
+    settings: Settings,
+    facts: Facts,
+}
+
+impl Over {
+    /// Draws it over a picture of `size`: rows of sRGB red, green, blue and opacity.
+    pub fn draw(&self, rgba: &mut [u8], size: [u32; 2]) {
+        overlays::draw(rgba, size, &self.camera, &self.settings, &self.facts);
+    }
 }
 
 /// What a picture was drawn from, as `frame-000000.json`.
@@ -116,6 +132,7 @@ impl Headless {
             traced: None,
             states: Vec::new(),
             made: Vec::new(),
+            supersample: 1,
         };
         headless.do_effects();
         Ok(headless)
@@ -126,8 +143,8 @@ impl Headless {
         self.status
     }
 
-    /// Returns the final picture that the camera sees, with its overlays, and these float images of it; `None` if there is nothing to
-    /// show. `now` and `bar` have the meaning of those of `settle`.
+    /// Returns the picture that the camera sees with these float images of it, and what is to be drawn over it; `None` if
+    /// there is nothing to show. `now` and `bar` have the meaning of those of `settle`.
     ///
     /// # Errors
     /// Somebody pressed Ctrl-C, or the picture cannot be drawn.
@@ -137,11 +154,12 @@ impl Headless {
         now: Instant,
         images: &[Aov],
         bar: &Bar,
-    ) -> anyhow::Result<Option<Picture>> {
+    ) -> anyhow::Result<Option<(Picture, Over)>> {
         self.states.clear();
-        let Some(mut picture) = self.drawn(camera, now, images, bar)? else { return Ok(None) };
-        self.draw_over(&mut picture.rgba, &self.facts());
-        Ok(Some(picture))
+        let Some(picture) = self.drawn(camera, now, images, bar)? else { return Ok(None) };
+        let scene = &self.session.scene;
+        let over = Over { camera: scene.camera, settings: scene.settings.clone(), facts: self.facts() };
+        Ok(Some((picture, over)))
     }
 
     /// Returns the picture without overlays, and float images of it. The arguments are those of `picture`.
@@ -171,11 +189,6 @@ impl Headless {
     fn facts(&self) -> Facts {
         let Session { scene, loaded, tools, .. } = &self.session;
         facts(scene, loaded, &tools.measurements)
-    }
-
-    fn draw_over(&self, rgba: &mut [u8], facts: &Facts) {
-        let scene = &self.session.scene;
-        overlays::draw(rgba, scene.view_size, &scene.camera, &scene.settings, facts);
     }
 
     /// The number of points in the picture that was drawn last.

@@ -11,7 +11,7 @@ use cloud::{PointTest, Progress};
 use scene::{Camera, Mirror, Profile, RAY_TRACE, Settings, SpotLight, WipeState};
 use study::TracedScene;
 
-use super::{Headless, PictureStats};
+use super::{Headless, Over, PictureStats};
 use crate::overlays;
 use crate::system::interrupt;
 use crate::system::progress_bar::{self, Bar};
@@ -23,8 +23,8 @@ use crate::viewer::truth::traced_points;
 use crate::viewer::truth::view::{MOST_POINTS, too_many_points};
 
 impl Headless {
-    /// Returns the picture in which each state has its columns, with the overlays of each state in its part, and
-    /// captions, lines and names over all. States differ from the settings that the scene has now. `camera`, `now` and
+    /// Returns the picture in which each state has its columns, with the overlays of each state in its part, and the
+    /// captions, lines and names that are to be drawn over all. States differ from the settings that the scene has now. `camera`, `now` and
     /// `bar` have the meaning of those of `picture`.
     ///
     /// # Errors
@@ -36,10 +36,10 @@ impl Headless {
         camera: Camera,
         now: Instant,
         bar: &Bar,
-    ) -> anyhow::Result<Option<Picture>> {
+    ) -> anyhow::Result<Option<(Picture, Over)>> {
         self.states.clear();
         let own = self.session.scene.settings.clone();
-        let size @ [width, height] = self.session.scene.view_size;
+        let [width, height] = self.session.scene.view_size;
         let mut rgba = vec![0; width as usize * height as usize * 4];
         let (mut revision, mut made) = (0, Vec::new());
         for (index, columns) in parts {
@@ -55,9 +55,8 @@ impl Headless {
         self.made = made;
         self.session.scene.settings = own;
         // Overlays that are switched on lie in the states' pictures already.
-        let titles = self.facts().take_titles();
-        overlays::draw(&mut rgba, size, &camera, &Settings::default(), &titles);
-        Ok(Some(Picture { camera, revision, rgba, images: Vec::new() }))
+        let over = Over { camera, settings: Settings::default(), facts: self.facts().take_titles() };
+        Ok(Some((Picture { camera, revision, rgba, images: Vec::new() }, over)))
     }
 
     /// Returns the picture of a state with its overlays, whose settings the scene has: drawn anew unless the last
@@ -86,7 +85,9 @@ impl Headless {
         let Some(mut picture) = drawn else { return Ok(None) };
         let mut facts = self.facts();
         drop(facts.take_titles());
-        self.draw_over(&mut picture.rgba, &facts);
+        let (scene, mut settings) = (&self.session.scene, view.settings.clone());
+        settings.overlay.text *= self.supersample as f32;
+        overlays::draw(&mut picture.rgba, scene.view_size, &scene.camera, &settings, &facts);
         let mut stats = self.stats_of_drawn(0.0);
         if state.is_traced() {
             stats.method = RAY_TRACE.into();
