@@ -159,6 +159,9 @@ fn what_cannot_be_compared_is_refused() {
     refused(&["a.ply", "b.ply", "--method", "icp"], 2, "nearest, m3c2");
     refused(&["a.ply", "b.ply", "--method", "m3c2", "--reach", "0"], 2, "a scale of 0");
     refused(&["a.ply", "b.ply", "--method", "m3c2", "--registration", "-1"], 2, "a registration off by -1");
+    for scale in ["--normal-scale", "--cylinder-scale", "--reach", "--registration"] {
+        refused(&["a.ply", "b.ply", scale, "0.1"], 2, &format!("{scale}: only --method m3c2 has it"));
+    }
     refused(&["a.ply", "b.ply", "--core", "0"], 2, "core points 0 apart");
     refused(&["a.ply", "b.ply", "-o", "a.txt"], 2, ".csv");
     refused(&["a.ply", "b.ply", "-o", "b.ply"], 1, "is not replaced");

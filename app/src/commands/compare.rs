@@ -35,6 +35,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
         }
         picture_file::check_place(output)?;
     }
+    check_scales(arguments)?;
     let first = open(&arguments.first, &arguments.set)?;
     let second = open(&arguments.second, &arguments.set)?;
     let all = first.sources().iter().chain(second.sources());
@@ -42,7 +43,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     terminal::warn(param::few(world::system_warnings(all.map(|source| source.info())), "warnings"));
     let CompareArguments { normal_scale: normal, cylinder_scale: cylinder, reach, registration, core, .. } = *arguments;
     let method = match arguments.method.as_str() {
-        "m3c2" => Method::M3c2(Scales { normal, cylinder, reach, registration }),
+        "m3c2" => Method::M3c2(Scales { normal, cylinder, reach, registration: registration.unwrap_or_default() }),
         _ => Method::Nearest,
     };
     let progress = Progress::default();
@@ -72,6 +73,21 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
         }
     }
     Ok(status)
+}
+
+/// Refuses arguments of a method that is not asked for, as bad usage.
+fn check_scales(arguments: &CompareArguments) -> anyhow::Result<()> {
+    let CompareArguments { method, normal_scale, cylinder_scale, reach, registration, .. } = arguments;
+    let scales = [
+        ("--normal-scale", normal_scale),
+        ("--cylinder-scale", cylinder_scale),
+        ("--reach", reach),
+        ("--registration", registration),
+    ];
+    match scales.into_iter().find(|(_, value)| value.is_some()) {
+        Some((name, _)) if method != "m3c2" => Err(usage(format!("{name}: only --method m3c2 has it"))),
+        _ => Ok(()),
+    }
 }
 
 /// Opens the cloud that a word names.

@@ -422,10 +422,9 @@ pub struct CompareArguments {
     /// How far the cylinder reaches to either side, for m3c2; 10 of its diameters if not given
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     pub reach: Option<f64>,
-    /// Standard deviation of how far the clouds are off as a whole, for m3c2: 1.96 times as much is added to every level of
-    /// detection
-    #[arg(long, value_name = "LENGTH", default_value_t = 0.0, allow_hyphen_values = true)]
-    pub registration: f64,
+    /// Standard deviation of how far the clouds are off as a whole, for m3c2: each level of detection gets 1.96 times as much
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
+    pub registration: Option<f64>,
     /// Measure one point only of those in each cube with edges of this length, the one nearest to its middle; the others in the
     /// cube get its distance, and the figures are those of the points that are measured
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
