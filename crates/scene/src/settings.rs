@@ -593,12 +593,9 @@ impl Reflection {
 
     /// The point of `reflection.point`; `None` if that is not three numbers.
     pub fn shown_point(&self) -> Option<DVec3> {
-        let numbers: Vec<f64> = self
-            .point
-            .split(|sign: char| sign == ',' || sign.is_whitespace())
-            .filter(|part| !part.is_empty())
-            .map(|part| part.parse().ok().filter(|number: &f64| number.is_finite()))
-            .collect::<Option<_>>()?;
+        let parts = self.point.split(|sign: char| sign == ',' || sign.is_whitespace()).filter(|part| !part.is_empty());
+        let number = |part: &str| part.parse().ok().filter(|number: &f64| number.is_finite());
+        let numbers: Vec<f64> = parts.map(number).collect::<Option<_>>()?;
         <[f64; 3]>::try_from(numbers).ok().map(DVec3::from)
     }
 }
@@ -639,7 +636,13 @@ impl Settings {
             return Err(unknown(Some(new)));
         }
         let names: Vec<&str> = self.groups().iter().map(|group| group.group().name).collect();
+        let is_point = || Reflection { point: text.into(), ..Reflection::default() }.shown_point().is_some();
         match self.groups_mut().into_iter().find(|group| group.group().name == group_name) {
+            Some(_) if key == "reflection.point" && !text.trim().is_empty() && !is_point() => {
+                let problem =
+                    format!("{} is no point, expected three numbers", param::shortened(text, param::MOST_QUOTED));
+                Err(param::Error::Value { key: key.into(), problem })
+            }
             Some(group) if !name.is_empty() => group.set_text(name, text),
             Some(_) => Err(unknown(None)),
             None => {

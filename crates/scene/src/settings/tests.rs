@@ -10,8 +10,12 @@ fn a_shown_point_is_three_numbers() {
         settings.reflection.shown_point()
     };
     assert_eq!(shown("635619.123456, -1 2e3"), Some(DVec3::new(635_619.123_456, -1.0, 2e3)));
-    for odd in ["", "1, 2", "1, 2, 3, 4", "a, b, c", "nan, 0, 0"] {
-        assert_eq!(shown(odd), None, "{odd}");
+    assert_eq!(shown(""), None);
+    for odd in ["1, 2", "1, 2, 3, 4", "a, b, c", "nan, 0, 0"] {
+        let mut settings = Settings::default();
+        let refusal = settings.set_text("reflection.point", odd).unwrap_err().to_string();
+        assert!(refusal.contains(&format!("reflection.point: {odd} is no point, expected three numbers")), "{refusal}");
+        assert!(settings.reflection.point.is_empty());
     }
 }
 
