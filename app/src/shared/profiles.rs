@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use cloud::{Chunk, Cloud, PointTest, Progress, Volume};
-use codec::{ExportFormat, Info, Selection, Source, Unit, Units, Wanted};
+use codec::{ExportFormat, Exported, Info, Selection, Source, Unit, Units, Wanted};
 use glam::DVec3;
 use measure::{Placed, PointTree, Section};
 use render::ColorPlan;
@@ -14,7 +14,7 @@ use scene::{CloudSettings, Profile, Settings, shown};
 use serde_json::json;
 use world::Request;
 
-use crate::shared::export;
+use crate::shared::export::{self, lack};
 use crate::shared::numbers::grouped;
 use crate::shared::profile_chart::{self, AxisUnits, Dot, Series, axis_units, colors_of};
 use crate::shared::profile_intervals::{Around, Intervals, intervals};
@@ -121,7 +121,7 @@ pub fn write(
     test: &PointTest,
     settings: &Settings,
     path: &Path,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<Vec<String>> {
     let (stack, is_watched, keeps_points) = ((0, 0.0), false, true);
     let asked = Asked { profiles, stack, test, settings, is_watched, keeps_points, has_intervals: true };
     let request = Request { cloud_settings: own, ..world::resolve(inputs) };
@@ -137,14 +137,17 @@ pub fn write(
     if Kind::of(path) == Some(Kind::Points) {
         let test = test.within(asked.volumes(sources[0].info())?);
         let wanted = Wanted { test: &test, left_out: &left_out };
-        codec::export(&sources, wanted, &[], path, memory, &Progress::default())?;
-        return Ok(());
+        let written = codec::export(&sources, wanted, &[], path, memory, &Progress::default())?;
+        return Ok(written.map_or_else(Vec::new, |Exported { changes, warnings, missing, .. }| {
+            changes.into_iter().chain(warnings).chain(lack(path, missing)).collect()
+        }));
     }
     let mut table = Table::new(&asked);
     for (number, source) in sources.iter().enumerate() {
         read(source, &left_out[number..=number], &asked, &mut table)?;
     }
-    picture_file::write_text(path, &table.into_csv()?)
+    picture_file::write_text(path, &table.into_csv()?)?;
+    Ok(Vec::new())
 }
 
 impl Asked<'_> {

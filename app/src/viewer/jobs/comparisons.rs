@@ -12,7 +12,7 @@ use stream::COMPARED;
 use world::{CloudKey, half_of};
 
 use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
-use crate::shared::export;
+use crate::shared::export::{self, lack};
 
 /// What a person has chosen to compare.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -170,7 +170,7 @@ impl Comparing {
             let memory = half_of(settings.stream.host_bytes);
             let written = codec::export(first.sources(), first.wanted(), &added, path, memory, &progress);
             let Some(written) = written.map_err(|error| error.to_string())? else { return Ok(None) };
-            warnings.extend(written.warnings);
+            warnings.extend(written.changes.into_iter().chain(written.warnings).chain(lack(path, written.missing)));
         }
         let output = output.map(|path| Written { path, attribute: distance });
         Ok(Some(Outcome { measured, output, warnings }))

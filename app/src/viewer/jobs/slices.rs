@@ -75,7 +75,7 @@ pub struct SlicePoint {
 /// What came of work on a profile.
 pub enum ProfileFound {
     Cut { id: ObjectId, slice: Result<Slice, String>, others: Vec<(String, Slice)> },
-    Saved { path: PathBuf, result: Result<(), String> },
+    Saved { path: PathBuf, result: Result<Vec<String>, String> },
 }
 
 impl ProfileWork {
@@ -95,6 +95,7 @@ impl ProfileWork {
                 let behind = others.iter().map(|(name, slice)| series(name, slice));
                 let all: Vec<Series> = std::iter::once(series(&name, &slice)).chain(behind).collect();
                 let result = profile_chart::write(&path, &all, units);
+                let result = result.map(|()| Vec::new());
                 ProfileFound::Saved { path, result: result.map_err(|error| format!("{error:#}")) }
             }
             Self::Write { path, inputs, own, profiles, test, settings } => {

@@ -230,8 +230,9 @@ impl Profiles {
             ProfileFound::Saved { path, result } => {
                 self.is_writing = false;
                 match result {
-                    Ok(()) => {
+                    Ok(warnings) => {
                         outside.note(text!("Saved {path}", path = path.display()));
+                        warnings.into_iter().for_each(|warning| outside.warning(warning));
                         outside.log(json!({ "event": "profile_saved", "path": path.display().to_string() }));
                     }
                     Err(error) => outside.error(error),
