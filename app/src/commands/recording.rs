@@ -15,7 +15,7 @@ use world::{Input, Request};
 
 use crate::system::failure::usage;
 use crate::system::progress_bar::Bar;
-use crate::system::terminal;
+use crate::system::{interrupt, terminal};
 use crate::viewer::{Headless, Over, Picture, PictureStats};
 
 /// The time between opening a scene, which moves the camera, and the beginning of the path. By then the camera rests.
@@ -146,7 +146,9 @@ impl PathChoice {
         file.cloud_settings.iter_mut().for_each(|own| own.cloud = name(&own.cloud));
         let mut sum = crc32fast::Hasher::new();
         sum.update(file.to_text().as_bytes());
-        meshes.iter().for_each(|mesh| add_samples(&mut sum, Path::new(mesh)));
+        for mesh in &meshes {
+            add_samples(&mut sum, Path::new(mesh));
+        }
         for input in &inputs {
             sum.update(name(&input.name()).as_bytes());
             for path in input.files() {
@@ -158,35 +160,45 @@ impl PathChoice {
 }
 
 /// Checksums of the files that a scene is read from, by their names without folders: of scene files, and of samples of
-/// clouds and meshes.
-pub fn checksums(request: &Request) -> BTreeMap<String, String> {
-    let mut sums = BTreeMap::<String, crc32fast::Hasher>::new();
+/// clouds and meshes. Those of files that cannot be read now are empty. Of catalogues, tiles are not looked at.
+///
+/// # Errors
+/// Ctrl-C.
+pub fn checksums(request: &Request) -> anyhow::Result<BTreeMap<String, String>> {
+    let mut sums = BTreeMap::<String, Option<crc32fast::Hasher>>::new();
     let name = |path: &Path| path.file_name().map_or_else(|| scene::shown(path), scene::shown);
     for path in &request.scene_files {
         let text = scene::whole_file::read(path).unwrap_or_default();
-        sums.entry(name(path)).or_default().update(text.as_bytes());
+        let sum = sums.entry(name(path)).or_insert_with(|| Some(crc32fast::Hasher::new()));
+        sum.iter_mut().for_each(|sum| sum.update(text.as_bytes()));
     }
     let meshes = request.mirrors.iter().filter_map(|mirror| match &mirror.shape {
         Shape::Mesh(mesh) if mesh.is_file() => Some(Path::new(&mesh.name)),
         _ => None,
     });
     for path in request.inputs.iter().flat_map(Input::files).map(PathBuf::as_path).chain(meshes) {
-        add_samples(sums.entry(name(path)).or_default(), path);
+        interrupt::check()?;
+        let sum = sums.entry(name(path)).or_insert_with(|| Some(crc32fast::Hasher::new()));
+        if !sum.as_mut().is_some_and(|sum| add_samples(sum, path)) {
+            *sum = None;
+        }
     }
-    sums.into_iter().map(|(name, sum)| (name, format!("{:08x}", sum.finalize()))).collect()
+    let text = |sum: Option<crc32fast::Hasher>| sum.map_or_else(String::new, |sum| format!("{:08x}", sum.finalize()));
+    Ok(sums.into_iter().map(|(name, sum)| (name, text(sum))).collect())
 }
 
-/// Adds the length of a file and samples of it. Nothing of a file that cannot be read, which nothing will be drawn of.
-fn add_samples(sum: &mut crc32fast::Hasher, path: &Path) {
-    let Ok(bytes) = codec::Bytes::open(path) else { return };
+/// Adds the length of a file and samples of it. Returns whether it can be read; of one that cannot, nothing is drawn.
+fn add_samples(sum: &mut crc32fast::Hasher, path: &Path) -> bool {
+    let Ok(bytes) = codec::Bytes::open(path) else { return false };
     sum.update(&bytes.length().to_le_bytes());
     let last = bytes.length().saturating_sub(SAMPLE_BYTES as u64);
     let mut sample = vec![0; SAMPLE_BYTES];
     for index in 0..SAMPLES {
         let start = (u128::from(last) * u128::from(index) / u128::from(SAMPLES - 1)) as u64;
-        let count = bytes.read_at(start, &mut sample).unwrap_or(0);
+        let Ok(count) = bytes.read_at(start, &mut sample) else { return false };
         sum.update(&sample[..count]);
     }
+    true
 }
 
 /// The settings of a request, which may be changed before it is opened.

@@ -43,7 +43,7 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
     runner::check_scenes(&plan, &Inputs)?;
     let about = format!("To measure this again: {}", command(name, arguments));
     let mut folder = Folder::open(output, plan, &about)?;
-    folder.keep_scenes(scene_files(&folder.plan))?;
+    folder.keep_scenes(scene_files(&folder.plan)?)?;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     let bar = Bar::counted();
     let mut show = |state: State<'_>| {
@@ -69,11 +69,17 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
 }
 
 /// The checksums of the files that the scenes of a plan are read from.
-fn scene_files(plan: &Plan) -> SceneFiles {
+///
+/// # Errors
+/// Ctrl-C.
+fn scene_files(plan: &Plan) -> anyhow::Result<SceneFiles> {
     let scenes: BTreeSet<String> = plan.cases().into_iter().map(|case| case.scene).collect();
     let of_files = scenes.into_iter().filter(|scene| !stability::is_case(scene));
-    let files = of_files.map(|scene| (recording::checksums(&world::resolve(std::slice::from_ref(&scene))), scene));
-    files.filter(|(files, _)| !files.is_empty()).map(|(files, scene)| (scene, files)).collect()
+    let files = of_files.map(|scene| {
+        let files = recording::checksums(&world::resolve(std::slice::from_ref(&scene)))?;
+        Ok((scene, files))
+    });
+    files.filter(|found| !found.as_ref().is_ok_and(|(_, files)| files.is_empty())).collect()
 }
 
 /// Reports settings that failed, and returns the exit status.

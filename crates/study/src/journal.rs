@@ -165,7 +165,12 @@ impl Folder {
             {
                 return Err(FolderError::SceneChanged { folder: self.path.clone(), scene, file });
             }
-            kept.insert(scene, files);
+            // What is known of a file that cannot be read now stays.
+            let known = kept.entry(scene).or_default();
+            let (unread, read): (BTreeMap<_, _>, _) = files.into_iter().partition(|(_, sum)| sum.is_empty());
+            let mut all = read;
+            all.extend(unread.into_keys().map(|name| (name.clone(), known.remove(&name).unwrap_or_default())));
+            *known = all;
         }
         self.write(SCENES, (serde_json::to_string_pretty(&kept).unwrap_or_default() + "\n").as_bytes())
     }
@@ -232,10 +237,15 @@ fn kept_scenes(folder: &Path) -> Result<SceneFiles, FolderError> {
     serde_json::from_str(&text).map_err(malformed)
 }
 
-/// The name of the first file that one scene has and another one lacks or has otherwise.
+/// The name of the first file that one scene has and another one lacks or has otherwise. Nothing is known of files without
+/// a sum, which could not be read.
 fn difference(known: &BTreeMap<String, String>, now: &BTreeMap<String, String>) -> Option<String> {
-    let mut names = known.keys().chain(now.keys());
-    names.find(|name| known.get(*name) != now.get(*name)).cloned()
+    let is_unknown = |sum: Option<&String>| sum.is_some_and(String::is_empty);
+    let is_other = |name: &&String| {
+        let [known, now] = [known, now].map(|files| files.get(*name));
+        known != now && !is_unknown(known) && !is_unknown(now)
+    };
+    known.keys().chain(now.keys()).find(is_other).cloned()
 }
 
 fn read_journal(path: &Path, cases: usize) -> Result<Vec<Run>, FolderError> {
@@ -369,6 +379,8 @@ mod tests {
         study.keep_scenes(files("mended")).unwrap();
         study.add(run(0, 0)).unwrap();
         study.keep_scenes(files("mended")).unwrap();
+        // Nothing is known of a file that cannot be read, and what was known of it stays.
+        study.keep_scenes(files("")).unwrap();
         let error = study.keep_scenes(files("other")).unwrap_err().to_string();
         assert!(error.contains("a.laz of the scene five-mirrors/sphere has changed") && error.contains("name another"));
         Folder::open(&b, plan("one"), "").unwrap().keep_scenes(files("other")).unwrap();
