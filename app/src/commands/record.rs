@@ -324,13 +324,15 @@ impl Recording<'_> {
             bar.set(done as u64, frames.len() as u64);
             let (time, fps) = (self.time(*frame), self.arguments.fps);
             let picture = recorder.frame(time, fps, size, averaging, &self.images, &bar)?;
+            let origin = recorder.origin();
             if done == 0 {
                 let names = self.images.iter().map(|image| image.name());
-                bar.suspend(|| picture_file::warn_of_origin(names, &picture.camera));
+                bar.suspend(|| picture_file::warn_of_origin(names, origin));
             }
-            for (image, values) in self.images.iter().zip(&picture.images) {
-                let origin = picture_file::origin_of(image.name(), &picture.camera);
-                picture_file::write_exr(&self.folder.image(*frame, image.name()), values, origin)?;
+            for (image, mut values) in self.images.iter().zip(picture.images) {
+                let own = picture_file::origin_of(image.name(), &picture.camera);
+                own.iter().for_each(|own| picture_file::move_places(&mut values, *own - origin));
+                picture_file::write_exr(&self.folder.image(*frame, image.name()), &values, own.map(|_| origin))?;
             }
             if self.arguments.stats {
                 let stats = FrameStats { adapter: &description.adapter, picture: recorder.stats(time) };

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use glam::DVec3;
 use record::{Average, Averaging};
 use render::{Aov, Gpu};
 use scene::{BuiltInPath, Camera, CameraPath, ExposureFit, Motion, PathPlace, SceneFile, Settings, Shape, View};
@@ -15,7 +16,7 @@ use world::{Input, Request};
 
 use crate::system::failure::usage;
 use crate::system::progress_bar::Bar;
-use crate::system::{interrupt, terminal};
+use crate::system::{interrupt, picture_file, terminal};
 use crate::viewer::{Headless, Over, Picture, PictureStats};
 
 /// The time between opening a scene, which moves the camera, and the beginning of the path. By then the camera rests.
@@ -259,6 +260,11 @@ impl Recorder {
                 Ok(Ok(recorder))
             }
         }
+    }
+
+    /// What the float images of positions of all frames are relative to.
+    pub fn origin(&self) -> DVec3 {
+        picture_file::origin(&self.motion.camera(0.0))
     }
 
     /// The exit status for inputs that failed; 0 if none did.

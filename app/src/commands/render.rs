@@ -120,7 +120,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     overlays::draw(&mut picture, arguments.size, &subject.camera, &settings, &facts);
     picture_file::write_png(&arguments.output, arguments.size, &picture, Some(&picture_file::adapter(&gpu)))?;
     let camera = &subject.camera;
-    picture_file::warn_of_origin(arguments.aov.iter().map(|(name, _)| name.as_str()), camera);
+    picture_file::warn_of_origin(arguments.aov.iter().map(|(name, _)| name.as_str()), picture_file::origin(camera));
     for (aov, path) in &images {
         let origin = picture_file::origin_of(aov.name(), camera);
         match traced.image(*aov) {
@@ -180,7 +180,7 @@ fn at_time(
         terminal::warn(["the picture is empty, the camera looks past all points"]);
     }
     picture_file::write_png(&arguments.output, arguments.size, &picture.rgba, Some(&adapter))?;
-    picture_file::warn_of_origin(aovs.iter().map(|aov| aov.name()), &picture.camera);
+    picture_file::warn_of_origin(aovs.iter().map(|aov| aov.name()), picture_file::origin(&picture.camera));
     for ((aov, path), image) in images.iter().zip(&picture.images) {
         picture_file::write_exr(path, image, picture_file::origin_of(aov.name(), &picture.camera))?;
     }

@@ -58,11 +58,16 @@ pub fn origin_of(name: &str, camera: &Camera) -> Option<DVec3> {
     name.ends_with("position").then(|| origin(camera))
 }
 
-/// Warns of positions that are not absolute.
-pub fn warn_of_origin<'a>(mut names: impl Iterator<Item = &'a str>, camera: &Camera) {
-    if let Some((name, origin)) = names.find_map(|name| Some((name, origin_of(name, camera)?)))
-        && origin != DVec3::ZERO
-    {
+/// Moves the positions of a float image.
+pub fn move_places(image: &mut render::AovImage, by: DVec3) {
+    for place in image.data.chunks_exact_mut(image.channels.len().max(3)).filter(|_| by != DVec3::ZERO) {
+        (0..3).for_each(|axis| place[axis] = (f64::from(place[axis]) + by[axis]) as f32);
+    }
+}
+
+/// Warns of positions that are relative to an origin.
+pub fn warn_of_origin<'a>(mut names: impl Iterator<Item = &'a str>, origin: DVec3) {
+    if let Some(name) = names.find(|name| name.ends_with("position")).filter(|_| origin != DVec3::ZERO) {
         terminal::warn([format!(
             "--aov: {name} is relative to {} {} {}, as the file's attribute `origin` says: float32 would round such \
              coordinates to more than a millimetre",
