@@ -24,8 +24,8 @@ use crate::viewer::truth::view::{MOST_POINTS, too_many_points};
 
 impl Headless {
     /// Returns the picture in which each state has its columns, with the overlays of each state in its part, and the
-    /// captions, lines and names that are to be drawn over all. States differ from the settings that the scene has now. `camera`, `now` and
-    /// `bar` have the meaning of those of `picture`.
+    /// captions, lines and names that are to be drawn over all. States differ from the settings that the scene has now.
+    /// `camera`, `now` and `bar` have the meaning of those of `picture`.
     ///
     /// # Errors
     /// Somebody pressed Ctrl-C, the picture cannot be drawn, or there are more points than can be traced.
